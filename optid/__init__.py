@@ -1,0 +1,1 @@
+"""optid: from recordings of a servo-pneumatic axis to a model you can trust."""

@@ -1,0 +1,1 @@
+"""Recordings, parameters, sheets, models and their simulation."""

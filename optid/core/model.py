@@ -1,0 +1,83 @@
+"""A frozen model: named states, inputs, outputs and parameters with CasADi functions over them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from optid.core.parameter import Parameter
+from optid.errors import PlantError, nearest
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class State:
+    """A state variable; `scale` is its usual size in `unit`."""
+
+    name: str
+    unit: str
+    scale: float
+
+
+@dataclass(frozen=True)
+class Port:
+    """An input or output: the role a recording's channel can take, and its SI unit."""
+
+    role: str
+    unit: str
+
+
+@dataclass(frozen=True)
+class Model:
+    """Equations of a plant in SI units.
+
+    Attributes:
+        rates: (x, u, p) -> dx/dt.
+        sensors: (x, u, p) -> y.
+        start: p -> (mean, spread): what is known of the state at a record's start without data.
+    """
+
+    name: str
+    states: tuple[State, ...]
+    inputs: tuple[Port, ...]
+    outputs: tuple[Port, ...]
+    parameters: tuple[Parameter, ...]
+    sites: tuple[str, ...]
+    effects: tuple[str, ...]
+    rates: ca.Function
+    sensors: ca.Function
+    start: ca.Function
+
+    @property
+    def scales(self) -> Array:
+        """Usual sizes of the states, shape (states,)."""
+        return np.array([state.scale for state in self.states])
+
+    def index(self, name: str) -> int:
+        """Position of a parameter in the vector p.
+
+        Raises:
+            PlantError: no such parameter; names the nearest one.
+        """
+        names = [parameter.name for parameter in self.parameters]
+        if name not in names:
+            raise PlantError(f'no parameter "{name}"', where=self.name, hint=nearest(name, names))
+        return names.index(name)
+
+    def vector(self, values: Mapping[str, float]) -> Array:
+        """The parameter vector p from named SI values, with defaults where `values` is silent.
+
+        Raises:
+            PlantError: an unknown name, or a required parameter without a value.
+        """
+        for name in values:
+            self.index(name)
+        absent = [q.name for q in self.parameters if q.name not in values and q.default is None]
+        if absent:
+            raise PlantError(f"no value for {', '.join(absent)}", where=self.name)
+        return np.array([float(values.get(q.name, q.default)) for q in self.parameters])  # type: ignore[arg-type]

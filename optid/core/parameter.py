@@ -1,0 +1,42 @@
+"""A physical parameter: its name, unit, typical size and the bounds outside which it has no meaning."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A named physical constant of a plant or an effect; every number is in SI units.
+
+    Attributes:
+        name: as it stands in a rig file.
+        unit: SI unit in pint's notation (``"N s/m"``, ``"1"`` for a pure number).
+        typical: a usual size (> 0), which scales the fit; no start value.
+        about: one line for people.
+        source: equation, table, standard or data sheet the number comes from.
+        default: value when a rig file is silent; ``None`` makes it required.
+        bounds: the closed interval outside which the value is meaningless.
+        logarithmic: the fit moves log(value): for widths and rates known to a factor.
+    """
+
+    name: str
+    unit: str
+    typical: float
+    about: str
+    source: str
+    default: float | None = None
+    bounds: tuple[float, float] = (-math.inf, math.inf)
+    logarithmic: bool = False
+
+    def __post_init__(self) -> None:
+        low, high = self.bounds
+        if not self.typical > 0:
+            raise ValueError(f"{self.name}: typical size must be positive, not {self.typical}")
+        if not low < high:
+            raise ValueError(f"{self.name}: bounds {self.bounds} are empty")
+        if self.logarithmic and not low > 0:
+            raise ValueError(f"{self.name}: a logarithmic parameter needs a positive lower bound")
+        if self.default is not None and not low <= self.default <= high:
+            raise ValueError(f"{self.name}: default {self.default} lies outside {self.bounds}")

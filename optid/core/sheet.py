@@ -1,0 +1,198 @@
+"""The sheet a plant writes its equations on, and `build`, which freezes it into a `Model`.
+
+A plant is a plain function ``plant(sheet, *, option=default)``. It declares states, inputs and parameters,
+writes one rate for each state and one expression for each output, and offers *sites*: named signals where an
+effect may insert missing physics. With nothing inserted a site returns its argument.
+"""
+
+from __future__ import annotations
+
+import inspect
+import typing
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Protocol
+
+import casadi as ca
+
+from optid.core.model import Model, Port, State
+from optid.core.parameter import Parameter
+from optid.errors import PlantError, nearest
+
+Plant = Callable[..., None]
+Expression = Any  # casadi.SX or a number: CasADi's operators are not typed
+
+
+class Effect(Protocol):
+    """Physics that a plant may have left out: acts on the signal of one site.
+
+    ``apply`` receives the nominal signal, the signals the plant declared near the site, and the sheet
+    (for parameters and states of its own); at its null parameter values it returns the nominal signal.
+    """
+
+    name: str
+    site: str
+
+    def apply(self, nominal: Expression, near: Mapping[str, Expression], sheet: Sheet) -> Expression: ...
+
+
+class Sheet:
+    """Collects a plant's equations in the order in which it writes them."""
+
+    def __init__(self, name: str, effects: Sequence[Effect] = ()) -> None:
+        self.name = name
+        self._effects = tuple(effects)
+        self._states: dict[str, State] = {}
+        self._state_symbols: dict[str, ca.SX] = {}
+        self._rates: dict[str, Expression] = {}
+        self._starts: dict[str, tuple[Expression, Expression]] = {}
+        self._inputs: dict[str, tuple[Port, ca.SX]] = {}
+        self._outputs: dict[str, tuple[Port, Expression]] = {}
+        self._parameters: dict[str, tuple[Parameter, ca.SX]] = {}
+        self._sites: list[str] = []
+
+    def state(
+        self,
+        name: str,
+        unit: str,
+        scale: float,
+        *,
+        start: Expression = 0.0,
+        spread: Expression | None = None,
+    ) -> ca.SX:
+        """Declare a state; `scale` is its usual size, `start` and `spread` its mean and sd at a record's start."""
+        self._fresh(name, self._states)
+        self._states[name] = State(name, unit, float(scale))
+        self._starts[name] = (start, 10.0 * scale if spread is None else spread)
+        self._state_symbols[name] = ca.SX.sym(name)
+        return self._state_symbols[name]
+
+    def input(self, role: str, unit: str) -> ca.SX:
+        """Declare a recorded input; with unit "1" a channel in volts needs a `full_scale`."""
+        self._fresh(role, self._inputs)
+        self._inputs[role] = (Port(role, unit), ca.SX.sym(role))
+        return self._inputs[role][1]
+
+    def param(self, parameter: Parameter) -> ca.SX:
+        """Use a parameter; the same object may be used again."""
+        if parameter.name in self._parameters:
+            known, symbol = self._parameters[parameter.name]
+            if known != parameter:
+                raise PlantError(
+                    f'parameter "{parameter.name}" is declared twice with different contents',
+                    where=self.name,
+                )
+            return symbol
+        self._parameters[parameter.name] = (parameter, ca.SX.sym(parameter.name))
+        return self._parameters[parameter.name][1]
+
+    def site(self, name: str, nominal: Expression, **near: Expression) -> Expression:
+        """Offer a signal to effects; returns it unchanged when none acts here."""
+        self._sites.append(name)
+        for effect in self._effects:
+            if effect.site == name:
+                nominal = effect.apply(nominal, near, self)
+        return nominal
+
+    def rate(self, state: ca.SX, expression: Expression) -> None:
+        """Write d(state)/dt."""
+        name = state.name()
+        if name not in self._states:
+            raise PlantError(
+                f'rate of "{name}", which is no state; {nearest(name, self._states)}',
+                where=self.name,
+            )
+        self._fresh(name, self._rates)
+        self._rates[name] = expression
+
+    def output(self, role: str, unit: str, expression: Expression) -> None:
+        """Write what a sensor shows."""
+        self._fresh(role, self._outputs)
+        self._outputs[role] = (Port(role, unit), expression)
+
+    def _fresh(self, name: str, known: Mapping[str, object]) -> None:
+        if name in known:
+            raise PlantError(f'"{name}" is declared twice', where=self.name)
+
+    def freeze(self) -> Model:
+        """Check that the equations close and freeze them.
+
+        Raises:
+            PlantError: a state has no rate, nothing is measured, or an effect names a site that does not exist.
+        """
+        missing = [name for name in self._states if name not in self._rates]
+        if missing or not self._states:
+            raise PlantError(
+                f"no rate for {', '.join(missing) or 'any state: there is none'}", where=self.name
+            )
+        if not self._outputs:
+            raise PlantError("the plant declares no output", where=self.name)
+        for effect in self._effects:
+            if effect.site not in self._sites:
+                raise PlantError(
+                    f'effect "{effect.name}" acts at site "{effect.site}", which the plant does not offer',
+                    where=self.name,
+                    hint=nearest(effect.site, self._sites),
+                )
+        x = ca.vertcat(*self._state_symbols.values())
+        u = ca.vertcat(*(symbol for _, symbol in self._inputs.values()))
+        p = ca.vertcat(*(symbol for _, symbol in self._parameters.values()))
+        names = (["x", "u", "p"], ["xdot"])
+        rates = ca.vertcat(*(self._rates[name] for name in self._states))
+        outputs = ca.vertcat(*(expression for _, expression in self._outputs.values()))
+        mean, spread = (ca.vertcat(*column) for column in zip(*self._starts.values(), strict=True))
+        try:
+            return Model(
+                name=self.name,
+                states=tuple(self._states.values()),
+                inputs=tuple(port for port, _ in self._inputs.values()),
+                outputs=tuple(port for port, _ in self._outputs.values()),
+                parameters=tuple(parameter for parameter, _ in self._parameters.values()),
+                sites=tuple(dict.fromkeys(self._sites)),
+                effects=tuple(effect.name for effect in self._effects),
+                rates=ca.Function("rates", [x, u, p], [ca.cse(rates)], *names),
+                sensors=ca.Function("sensors", [x, u, p], [ca.cse(outputs)], names[0], ["y"]),
+                start=ca.Function("start", [p], [mean, spread], ["p"], ["mean", "spread"]),
+            )
+        except RuntimeError as error:  # CasADi: an expression holds a symbol that was never declared
+            raise PlantError(
+                f"the equations use a symbol that is no state, input or parameter ({error})",
+                where=self.name,
+            ) from error
+
+
+def build(plant: Plant, effects: Sequence[Effect] = (), **options: object) -> Model:
+    """Read a plant's equations once and freeze them into a `Model`.
+
+    Args:
+        plant: function that writes on a `Sheet`; keyword arguments with defaults are its options.
+        effects: missing physics to insert at the plant's sites, in this order.
+        **options: choices the plant offers, such as ``rod_force=False``.
+
+    Raises:
+        PlantError: an unknown option or value, or equations that do not close.
+    """
+    name = getattr(plant, "__name__", "plant").replace("_", "-")
+    _check_options(name, plant, options)
+    sheet = Sheet(name, effects)
+    plant(sheet, **options)
+    return sheet.freeze()
+
+
+def _check_options(name: str, plant: Plant, options: Mapping[str, object]) -> None:
+    known = {
+        key: parameter
+        for key, parameter in inspect.signature(plant).parameters.items()
+        if parameter.kind is inspect.Parameter.KEYWORD_ONLY
+    }
+    hints = typing.get_type_hints(plant)
+    for key, value in options.items():
+        if key not in known:
+            raise PlantError(f'no option "{key}"', where=name, hint=nearest(key, known))
+        allowed = typing.get_args(hints.get(key)) or ((True, False) if hints.get(key) is bool else ())
+        if allowed and not any(value is a or (value == a and type(value) is type(a)) for a in allowed):
+            raise PlantError(
+                f"{value!r}",
+                where=name,
+                field=f"option {key}",
+                expected=" or ".join(repr(a) for a in allowed),
+            )

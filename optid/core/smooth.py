@@ -1,0 +1,21 @@
+"""Smooth forms of laws whose slope is infinite or jumps; each width is a parameter whose error is stated."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+
+
+def signed_root(q: Any, width: Any) -> Any:
+    """sign(q) sqrt(|q|) with a finite slope 1/sqrt(width) at q = 0 (the idea of Modelica's regRoot).
+
+    The relative error is (width/q)^2 / 4 for |q| >> width: at width = 2e-3, 0.01 % at q = 0.1.
+    """
+    return q / ca.sqrt(ca.sqrt(q * q + width * width))
+
+
+def soft_floor(value: Any, floor: Any, width: Any) -> Any:
+    """max(value, floor) with one continuous derivative: exact outside floor +- width, at most width/4 above inside."""
+    inside = (value - floor + width) ** 2 / (4 * width) + floor
+    return ca.if_else(value > floor + width, value, ca.if_else(value < floor - width, floor, inside))

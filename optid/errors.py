@@ -1,0 +1,74 @@
+"""What can go wrong, as exceptions a user can act on.
+
+OptidError
+├── InputError          the call or an input file is wrong            -> exit status 2
+│   ├── RigError        a rig file: which field, what was found, what was expected
+│   ├── RecordingError  a recording: which column or row
+│   └── PlantError      a plant's equations do not close
+└── JobError            a job ran and failed; says what was kept       -> exit status 1
+    ├── SolveError      the numbers went wrong (divergence, non-finite values)
+    └── NotIdentifiable the data cannot determine what was asked for
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+
+class OptidError(Exception):
+    """The root of everything optid raises on purpose."""
+
+
+class InputError(OptidError):
+    """The call or an input file is wrong.
+
+    The message is one line: ``where: field: what was found; expected ...; hint``.
+    """
+
+    def __init__(
+        self,
+        message: str,
+        *,
+        where: object = None,
+        field: str | None = None,
+        expected: str | None = None,
+        hint: str | None = None,
+    ) -> None:
+        self.where, self.field, self.expected, self.hint = where, field, expected, hint
+        head = ": ".join(str(part) for part in (where, field) if part is not None)
+        tail = "; ".join(part for part in (message, expected and f"expected {expected}", hint) if part)
+        super().__init__(" ".join((f"{head}: {tail}" if head else tail).split()))
+
+
+class RigError(InputError):
+    """A rig file says something that cannot be."""
+
+
+class RecordingError(InputError):
+    """A recording cannot be read or does not hold what the rig file maps."""
+
+
+class PlantError(InputError):
+    """A plant's equations do not close: a state without a rate, an unknown site, a wrong option."""
+
+
+class JobError(OptidError):
+    """A job ran and failed."""
+
+
+class SolveError(JobError):
+    """The numbers went wrong: a diverging simulation, a singular system."""
+
+
+class NotIdentifiable(JobError):
+    """The data cannot determine what was asked for."""
+
+
+def nearest(name: str, valid: Iterable[str]) -> str:
+    """Say which of the valid names was probably meant, or list them all."""
+    names = sorted(valid)
+    close = difflib.get_close_matches(name, names, n=1, cutoff=0.6)
+    if close:
+        return f'did you mean "{close[0]}"?'
+    return f"valid names: {', '.join(names)}" if names else "there are none"

@@ -1,0 +1,1 @@
+"""Batch fit of a plant to recordings."""

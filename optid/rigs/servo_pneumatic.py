@@ -1,0 +1,256 @@
+"""The servo-pneumatic axis: equations 1 to 11 of the paper, in the corrected reading.
+
+What differs from the print, and why, stands beside each equation. Where a choice is physical the plant keeps
+it as an option: `rod_force`, `reversed_flow`, `friction`.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Literal
+
+import casadi as ca
+
+from optid.core.parameter import Parameter
+from optid.core.sheet import Sheet
+from optid.core.smooth import signed_root, soft_floor
+
+TABLE_1 = "paper, table 1"
+POSITIVE = (1e-12, math.inf)
+
+SUPPLY_PRESSURE = Parameter(
+    "supply_pressure", "Pa", 7e5, "absolute supply pressure", TABLE_1, bounds=(1e4, 1e8)
+)
+EXHAUST_PRESSURE = Parameter(
+    "exhaust_pressure", "Pa", 1e5, "absolute pressure behind the exhaust port", TABLE_1, bounds=(1e3, 1e8)
+)
+ATMOSPHERIC_PRESSURE = Parameter(
+    "atmospheric_pressure", "Pa", 1e5, "absolute ambient pressure on the rod", TABLE_1, bounds=(1e3, 1e7)
+)
+SUPPLY_TEMPERATURE = Parameter(
+    "supply_temperature", "K", 293.0, "temperature of the supplied air", TABLE_1, 293.0, (100.0, 2000.0)
+)
+CHAMBER_TEMPERATURE = Parameter(
+    "chamber_temperature",
+    "K",
+    293.0,
+    "temperature of the air in both chambers",
+    TABLE_1,
+    293.0,
+    (100.0, 2000.0),
+)
+SPECIFIC_HEAT_RATIO = Parameter(
+    "specific_heat_ratio", "1", 1.4, "ratio K of specific heats", TABLE_1, 1.4, (1.0001, 1.7)
+)
+GAS_CONSTANT = Parameter(
+    "gas_constant", "J/(kg K)", 287.0, "specific gas constant R", TABLE_1, 287.0, (1.0, 5000.0)
+)
+PORT_WIDTH = Parameter("port_width", "m", 6e-3, "width W of the valve's ports", TABLE_1, bounds=POSITIVE)
+SPOOL_TRAVEL = Parameter(
+    "spool_travel", "m", 4e-3, "spool displacement X at full command", TABLE_1, bounds=POSITIVE
+)
+DISCHARGE_COEFFICIENT = Parameter(
+    "discharge_coefficient", "1", 0.8, "discharge coefficient C_d", TABLE_1, bounds=(1e-6, 10.0)
+)
+BORE_DIAMETER = Parameter("bore_diameter", "m", 40e-3, "cylinder bore D", TABLE_1, bounds=POSITIVE)
+ROD_DIAMETER = Parameter("rod_diameter", "m", 16e-3, "rod diameter d", TABLE_1, bounds=(0.0, math.inf))
+STROKE = Parameter("stroke", "m", 0.26, "stroke L", TABLE_1, bounds=POSITIVE)
+RESIDUAL_LENGTH = Parameter(
+    "residual_length",
+    "m",
+    10e-3,
+    "dead volume of each chamber as a length, Delta of eqs. 9 and 10",
+    "table 1 prints 0, which makes eq. 9 singular at the end of the stroke",
+    bounds=(0.0, 10.0),
+)
+PAYLOAD_MASS = Parameter("payload_mass", "kg", 2.0, "moving mass M", TABLE_1, bounds=POSITIVE)
+VISCOUS_FRICTION = Parameter(
+    "viscous_friction", "N s/m", 80.0, "dynamic friction coefficient K_f", TABLE_1, bounds=(-1e5, 1e6)
+)
+COULOMB_FRICTION = Parameter(
+    "coulomb_friction", "N", 80.0, "dry friction F_r, called static in table 1", TABLE_1, bounds=(0.0, 1e6)
+)
+
+# Settings: how rest, small pressure differences and the stroke's ends are made smooth.
+PRESLIDING_LENGTH = Parameter(
+    "presliding_length",
+    "m",
+    2e-5,
+    "elastic motion before dry friction slips",
+    "seals slide after 0.01 to 1 mm; Dahl's law",
+    2e-5,
+    (1e-7, 5e-3),
+    logarithmic=True,
+)
+BRISTLE_LAG = Parameter(
+    "bristle_lag",
+    "s",
+    2e-4,
+    "shortest time in which dry friction builds up at speed; keeps the equations from becoming stiff",
+    "numerical; studies/smoothing.py states its error",
+    2e-4,
+    (1e-7, 1.0),
+)
+BRISTLE_DAMPING = Parameter(
+    "bristle_damping",
+    "s",
+    2e-4,
+    "damping of the elastic motion at rest as a time: sigma_1 / sigma_0 of the LuGre law",
+    "numerical; studies/smoothing.py states its error",
+    2e-4,
+    (0.0, 1.0),
+)
+FRICTION_WIDTH = Parameter(
+    "friction_width",
+    "m/s",
+    3e-3,
+    "speed over which smooth dry friction changes sign",
+    "numerical; studies/smoothing.py states its error",
+    3e-3,
+    (1e-6, 1.0),
+    logarithmic=True,
+)
+FLOW_WIDTH = Parameter(
+    "flow_width",
+    "1",
+    2e-3,
+    "width of the laminar region in the squared flow function, eq. 7",
+    "numerical; studies/smoothing.py states its error",
+    2e-3,
+    (1e-9, 0.5),
+)
+STOP_STIFFNESS = Parameter(
+    "stop_stiffness",
+    "N/m**1.5",
+    1e8,
+    "Hunt-Crossley stiffness of the stroke's ends",
+    "steel on a rubber buffer: 0.3 mm under 500 N",
+    1e8,
+    (1e3, 1e13),
+)
+STOP_DAMPING = Parameter(
+    "stop_damping",
+    "s/m",
+    2.0,
+    "Hunt-Crossley damping of the stroke's ends",
+    "restitution of about 0.2",
+    2.0,
+    (0.0, 1e3),
+)
+LENGTH_FLOOR = Parameter(
+    "length_floor", "m", 5e-4, "no chamber is shorter than this", "numerical", 5e-4, (1e-6, 0.1)
+)
+
+
+def servo_pneumatic(
+    s: Sheet,
+    *,
+    rod_force: bool = True,
+    reversed_flow: bool = True,
+    friction: Literal["bristle", "smooth", "constant"] = "bristle",
+) -> None:
+    """Command -> spool -> mass flows -> chamber pressures -> piston.
+
+    Args:
+        rod_force: ambient pressure acts on the rod's area. The print omits it (20.1 N on its rig).
+        reversed_flow: ports pass air back when a chamber stands above supply or below exhaust. The print
+            lists the four forward cases only, and so lets nothing pass then.
+        friction: "bristle" (Dahl's law: sticks, slides after `presliding_length`), "smooth" (tanh over
+            `friction_width`: creeps instead of sticking), "constant" (the print's F_r taken to the letter: a
+            force that does not know the direction of motion and pushes the piston).
+    """
+    P_s, P_e, P_atm = s.param(SUPPLY_PRESSURE), s.param(EXHAUST_PRESSURE), s.param(ATMOSPHERIC_PRESSURE)
+    K, R, T_s = s.param(SPECIFIC_HEAT_RATIO), s.param(GAS_CONSTANT), s.param(SUPPLY_TEMPERATURE)
+    L, Delta, M = s.param(STROKE), s.param(RESIDUAL_LENGTH), s.param(PAYLOAD_MASS)
+    A_a = math.pi / 4 * s.param(BORE_DIAMETER) ** 2
+    A_rod = math.pi / 4 * s.param(ROD_DIAMETER) ** 2
+    A_b = A_a - A_rod
+
+    x, v = s.state("position", "m", 0.01), s.state("velocity", "m/s", 0.5)
+    middle, spread = (P_s + P_e) / 2, (P_s - P_e) / 4
+    P_a = s.state("pressure_a", "Pa", 1e5, start=middle, spread=spread)
+    P_b = s.state("pressure_b", "Pa", 1e5, start=middle, spread=spread)
+
+    # Spool. A positive command opens A to supply and B to exhaust, a negative one the reverse (eqs. 3 to 6).
+    command = s.site("valve.command", s.input("command", "1"))
+    X = s.site("valve.spool", command * s.param(SPOOL_TRAVEL), command=command)
+    port_a, port_b = ca.if_else(X > 0, P_s, P_e), ca.if_else(X > 0, P_e, P_s)
+    area = s.site("valve.area", s.param(PORT_WIDTH) * ca.fabs(X), spool=X)
+
+    # Mass flows into the chambers, eqs. 1 and 2; eq. 10 counts m_b out of the chamber, here both go in.
+    m_a = s.site("flow.chamber_a", mass_flow(s, area, port_a, P_a, X > 0, reversed_flow), P=P_a, x=x, spool=X)
+    m_b = s.site("flow.chamber_b", mass_flow(s, area, port_b, P_b, X < 0, reversed_flow), P=P_b, x=x, spool=X)
+
+    # Chamber pressures, eqs. 9 and 10.
+    floor = s.param(LENGTH_FLOOR)
+    length_a = soft_floor(L / 2 + x + Delta, floor, floor / 2)
+    length_b = soft_floor(L / 2 - x + Delta, floor, floor / 2)
+    s.rate(P_a, K / length_a * (-P_a * v + R * T_s / A_a * m_a))
+    s.rate(P_b, K / length_b * (+P_b * v + R * T_s / A_b * m_b))
+
+    # Piston, eq. 11, with the ambient pressure on the rod's area that the print leaves out.
+    drive = A_a * P_a - A_b * P_b - (A_rod * P_atm if rod_force else 0)
+    drag = s.site(
+        "force.friction",
+        s.param(VISCOUS_FRICTION) * v + dry_friction(s, v, friction),
+        x=x,
+        v=v,
+        P_a=P_a,
+        P_b=P_b,
+    )
+    external = s.site("force.external", end_stops(s, x, v, L), x=x, v=v)
+    s.rate(x, v)
+    s.rate(v, (drive - drag + external) / M)
+
+    s.output("position", "m", s.site("sensor.position", x, v=v))
+    s.output("pressure_a", "Pa", s.site("sensor.pressure_a", P_a))
+    s.output("pressure_b", "Pa", s.site("sensor.pressure_b", P_b))
+
+
+def mass_flow(s: Sheet, area: Any, P_port: Any, P: Any, from_supply: Any, reversed_flow: bool) -> Any:
+    """Flow through a port into its chamber, kg/s: eqs. 1 to 8 with C_0, C_k and C_r computed from K.
+
+    The upstream side is the one with the higher pressure, whichever that is; its temperature counts. Table 1's
+    C_k = 3.864 and C_r = 0.528 follow from K = 1.4; C_0 (missing in table 1) makes eq. 7's f, which is 1 when
+    choked, give kg/s. With x = max(P_r, C_r) one expression serves both branches of eq. 7 and has a continuous
+    slope at C_r. Its infinite slope at P_r = 1 is replaced by a laminar region of `flow_width`.
+    """
+    K, R = s.param(SPECIFIC_HEAT_RATIO), s.param(GAS_CONSTANT)
+    C_0 = ca.sqrt(K / R * (2 / (K + 1)) ** ((K + 1) / (K - 1)))
+    C_k2 = 2 / (K - 1) * ((K + 1) / 2) ** ((K + 1) / (K - 1))  # C_k squared
+    C_r = (2 / (K + 1)) ** (K / (K - 1))  # eq. 8
+
+    P_u, P_d = ca.fmax(P_port, P), ca.fmin(P_port, P)
+    log_ratio = ca.log(ca.fmax(P_d / P_u, C_r))
+    f2 = C_k2 * (ca.exp(2 / K * log_ratio) - ca.exp((K + 1) / K * log_ratio))  # eq. 7, squared
+    inwards = P_port > P
+    if reversed_flow:
+        f2 = ca.if_else(inwards, f2, -f2)
+    else:
+        f2 = ca.if_else(from_supply, ca.if_else(inwards, f2, 0), ca.if_else(inwards, 0, -f2))
+    T_u = ca.if_else(inwards, s.param(SUPPLY_TEMPERATURE), s.param(CHAMBER_TEMPERATURE))
+    f = signed_root(f2, s.param(FLOW_WIDTH))
+    return s.param(DISCHARGE_COEFFICIENT) * C_0 * area * P_u / ca.sqrt(T_u) * f
+
+
+def dry_friction(s: Sheet, v: Any, kind: str) -> Any:
+    """F_r of eq. 11, N. See `servo_pneumatic` for the kinds."""
+    F_r = s.param(COULOMB_FRICTION)
+    if kind == "constant":
+        return F_r
+    if kind == "smooth":
+        return F_r * ca.tanh(v / s.param(FRICTION_WIDTH))
+    # Dahl's law for the bristles' deflection z = F/F_r, with bounded build-up rate at speed.
+    z = s.state("bristle", "1", 1.0, spread=1.0)
+    z_dot = (v - ca.fabs(v) * z) / (s.param(PRESLIDING_LENGTH) + s.param(BRISTLE_LAG) * ca.fabs(v))
+    s.rate(z, z_dot)
+    return F_r * (z + s.param(BRISTLE_DAMPING) * z_dot)
+
+
+def end_stops(s: Sheet, x: Any, v: Any, L: Any) -> Any:
+    """Contact force of the stroke's ends, N: Hunt and Crossley's law with exponent 3/2, never adhesive."""
+    depth_low, depth_high = ca.fmax(-L / 2 - x, 0), ca.fmax(x - L / 2, 0)
+    k, c = s.param(STOP_STIFFNESS), s.param(STOP_DAMPING)
+    push_low = k * depth_low * ca.sqrt(depth_low + 1e-12) * ca.fmax(1 - c * v, 0)
+    push_high = k * depth_high * ca.sqrt(depth_high + 1e-12) * ca.fmax(1 + c * v, 0)
+    return push_low - push_high
