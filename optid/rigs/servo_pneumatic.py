@@ -14,6 +14,7 @@ import casadi as ca
 from optid.core.parameter import Parameter
 from optid.core.sheet import Sheet
 from optid.core.smooth import signed_root, soft_floor
+from optid.rigs.friction import dry_friction
 
 TABLE_1 = "paper, table 1"
 POSITIVE = (1e-12, math.inf)
@@ -67,49 +68,8 @@ PAYLOAD_MASS = Parameter("payload_mass", "kg", 2.0, "moving mass M", TABLE_1, bo
 VISCOUS_FRICTION = Parameter(
     "viscous_friction", "N s/m", 80.0, "dynamic friction coefficient K_f", TABLE_1, bounds=(-1e5, 1e6)
 )
-COULOMB_FRICTION = Parameter(
-    "coulomb_friction", "N", 80.0, "dry friction F_r, called static in table 1", TABLE_1, bounds=(0.0, 1e6)
-)
 
-# Settings: how rest, small pressure differences and the stroke's ends are made smooth.
-PRESLIDING_LENGTH = Parameter(
-    "presliding_length",
-    "m",
-    2e-5,
-    "elastic motion before dry friction slips",
-    "seals slide after 0.01 to 1 mm; Dahl's law",
-    2e-5,
-    (1e-7, 5e-3),
-    logarithmic=True,
-)
-BRISTLE_LAG = Parameter(
-    "bristle_lag",
-    "s",
-    2e-4,
-    "shortest time in which dry friction builds up at speed; keeps the equations from becoming stiff",
-    "numerical; studies/smoothing.py states its error",
-    2e-4,
-    (1e-7, 1.0),
-)
-BRISTLE_DAMPING = Parameter(
-    "bristle_damping",
-    "s",
-    2e-4,
-    "damping of the elastic motion at rest as a time: sigma_1 / sigma_0 of the LuGre law",
-    "numerical; studies/smoothing.py states its error",
-    2e-4,
-    (0.0, 1.0),
-)
-FRICTION_WIDTH = Parameter(
-    "friction_width",
-    "m/s",
-    3e-3,
-    "speed over which smooth dry friction changes sign",
-    "numerical; studies/smoothing.py states its error",
-    3e-3,
-    (1e-6, 1.0),
-    logarithmic=True,
-)
+# Settings: how small pressure differences and the stroke's ends are made smooth.
 FLOW_WIDTH = Parameter(
     "flow_width",
     "1",
@@ -210,10 +170,10 @@ def servo_pneumatic(
 def mass_flow(s: Sheet, area: Any, P_port: Any, P: Any, from_supply: Any, reversed_flow: bool) -> Any:
     """Flow through a port into its chamber, kg/s: eqs. 1 to 8 with C_0, C_k and C_r computed from K.
 
-    The upstream side is the one with the higher pressure, whichever that is; its temperature counts. Table 1's
-    C_k = 3.864 and C_r = 0.528 follow from K = 1.4; C_0 (missing in table 1) makes eq. 7's f, which is 1 when
-    choked, give kg/s. With x = max(P_r, C_r) one expression serves both branches of eq. 7 and has a continuous
-    slope at C_r. Its infinite slope at P_r = 1 is replaced by a laminar region of `flow_width`.
+    The upstream side is the one with the higher pressure, whichever that is; its temperature counts.
+    C_k = 3.864 and C_r = 0.528 of table 1 follow from K = 1.4; C_0 (not in table 1) makes eq. 7's f, which
+    is 1 when choked, give kg/s. With P_r = max(P_r, C_r) one expression serves both branches of eq. 7, with a
+    continuous slope at C_r. Its infinite slope at P_r = 1 is replaced by a laminar region of `flow_width`.
     """
     K, R = s.param(SPECIFIC_HEAT_RATIO), s.param(GAS_CONSTANT)
     C_0 = ca.sqrt(K / R * (2 / (K + 1)) ** ((K + 1) / (K - 1)))
@@ -221,8 +181,10 @@ def mass_flow(s: Sheet, area: Any, P_port: Any, P: Any, from_supply: Any, revers
     C_r = (2 / (K + 1)) ** (K / (K - 1))  # eq. 8
 
     P_u, P_d = ca.fmax(P_port, P), ca.fmin(P_port, P)
-    log_ratio = ca.log(ca.fmax(P_d / P_u, C_r))
-    f2 = C_k2 * (ca.exp(2 / K * log_ratio) - ca.exp((K + 1) / K * log_ratio))  # eq. 7, squared
+    ratio = ca.fmax(P_d / P_u, C_r)
+    a = ca.exp((K - 1) / K * ca.log(ratio))
+    # eq. 7 squared, P_r^(2/K) - P_r^((K+1)/K), with one power instead of two
+    f2 = C_k2 * (ratio / a) ** 2 * (1 - a)
     inwards = P_port > P
     if reversed_flow:
         f2 = ca.if_else(inwards, f2, -f2)
@@ -231,20 +193,6 @@ def mass_flow(s: Sheet, area: Any, P_port: Any, P: Any, from_supply: Any, revers
     T_u = ca.if_else(inwards, s.param(SUPPLY_TEMPERATURE), s.param(CHAMBER_TEMPERATURE))
     f = signed_root(f2, s.param(FLOW_WIDTH))
     return s.param(DISCHARGE_COEFFICIENT) * C_0 * area * P_u / ca.sqrt(T_u) * f
-
-
-def dry_friction(s: Sheet, v: Any, kind: str) -> Any:
-    """F_r of eq. 11, N. See `servo_pneumatic` for the kinds."""
-    F_r = s.param(COULOMB_FRICTION)
-    if kind == "constant":
-        return F_r
-    if kind == "smooth":
-        return F_r * ca.tanh(v / s.param(FRICTION_WIDTH))
-    # Dahl's law for the bristles' deflection z = F/F_r, with bounded build-up rate at speed.
-    z = s.state("bristle", "1", 1.0, spread=1.0)
-    z_dot = (v - ca.fabs(v) * z) / (s.param(PRESLIDING_LENGTH) + s.param(BRISTLE_LAG) * ca.fabs(v))
-    s.rate(z, z_dot)
-    return F_r * (z + s.param(BRISTLE_DAMPING) * z_dot)
 
 
 def end_stops(s: Sheet, x: Any, v: Any, L: Any) -> Any:

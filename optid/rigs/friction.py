@@ -1,0 +1,85 @@
+"""Dry friction of an axis: one law for every plant that slides.
+
+Two smooth stand-ins for the jump of Coulomb's law at rest. "bristle" sticks: Dahl's law lets the contact move
+elastically by `presliding_length` before it slides. "smooth" creeps: tanh over `friction_width`.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+
+from optid.core.parameter import Parameter
+from optid.core.sheet import Sheet
+
+COULOMB_FRICTION = Parameter(
+    "coulomb_friction",
+    "N",
+    80.0,
+    "dry friction F_r, called static in table 1",
+    "paper, table 1",
+    bounds=(0.0, 1e6),
+)
+PRESLIDING_LENGTH = Parameter(
+    "presliding_length",
+    "m",
+    2e-5,
+    "elastic motion before dry friction slips",
+    "seals slide after 0.01 to 1 mm; Dahl's law",
+    2e-5,
+    (1e-7, 5e-3),
+    logarithmic=True,
+)
+BRISTLE_LAG = Parameter(
+    "bristle_lag",
+    "s",
+    2e-4,
+    "shortest time in which dry friction builds up at speed; keeps the equations from becoming stiff",
+    "numerical; studies/smoothing.py states its error",
+    2e-4,
+    (1e-7, 1.0),
+)
+BRISTLE_DAMPING = Parameter(
+    "bristle_damping",
+    "s",
+    2e-4,
+    "damping of the elastic motion at rest as a time: sigma_1 / sigma_0 of the LuGre law",
+    "numerical; studies/smoothing.py states its error",
+    2e-4,
+    (0.0, 1.0),
+)
+FRICTION_WIDTH = Parameter(
+    "friction_width",
+    "m/s",
+    3e-3,
+    "speed over which smooth dry friction changes sign",
+    "numerical; studies/smoothing.py states its error",
+    3e-3,
+    (1e-6, 1.0),
+    logarithmic=True,
+)
+
+
+def sliding(s: Sheet, v: Any, kind: str) -> Any:
+    """Dry friction at speed v (m/s) as a share of its full value: -1 to 1, dimensionless.
+
+    Args:
+        s: sheet that receives the bristle's state and the settings of the chosen kind.
+        v: speed of the contact, m/s.
+        kind: "bristle", "smooth" or "constant" (1 always, whatever the direction of motion).
+    """
+    if kind == "constant":
+        return 1.0
+    if kind == "smooth":
+        return ca.tanh(v / s.param(FRICTION_WIDTH))
+    # Dahl's law for the bristles' deflection z = F/F_r, with bounded build-up rate at speed.
+    z = s.state("bristle", "1", 1.0, spread=1.0)
+    z_dot = (v - ca.fabs(v) * z) / (s.param(PRESLIDING_LENGTH) + s.param(BRISTLE_LAG) * ca.fabs(v))
+    s.rate(z, z_dot)
+    return z + s.param(BRISTLE_DAMPING) * z_dot
+
+
+def dry_friction(s: Sheet, v: Any, kind: str) -> Any:
+    """F_r of eq. 11, N: `coulomb_friction` times `sliding`."""
+    return s.param(COULOMB_FRICTION) * sliding(s, v, kind)
