@@ -1,0 +1,414 @@
+"""Recursive identification, one sample at a time as a rig would, or over a whole recording."""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from optid.armax import layout as at
+from optid.armax.forgetting import Constant, Forgetting
+from optid.armax.model import Armax, from_theta
+from optid.armax.prediction import ahead
+from optid.armax.signals import Signals, check_orders, signals, usable
+from optid.armax.structure import Orders
+from optid.core.model import Array
+from optid.errors import InputError, NotIdentifiable
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+class Method(enum.Enum):
+    """What the gradient of the innovation is taken to be."""
+
+    EXTENDED_LEAST_SQUARES = (
+        "extended least squares: simple and quick, consistent where 1/C - 1/2 is positive real"
+    )
+    MAXIMUM_LIKELIHOOD = "recursive maximum likelihood: exact gradient, tends to the batch estimate"
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How the recursion learns.
+
+    Attributes:
+        method: the gradient; without C both are recursive least squares.
+        forgetting: how old samples fade.
+        start_variance: of each parameter of the scaled signals, in units of the noise variance.
+        variance_limit: trace of P above which nothing is forgotten; None is the start's own trace.
+        outliers: standard deviations of the innovation beyond which its step grows no more; None: no bound.
+        warm: how far below its value the forgetting factor starts, and the factor by which that fades; lets
+            early gradients, taken with a wrong C, be forgotten (Ljung and Söderström 1983, sec. 5.6). None is
+            (0.05, 0.99) where there is a C and (0, 0) where there is none.
+        ease: maximum likelihood begins with the gradient of extended least squares and goes over to its own,
+            C(q) drawn towards 1 by a share that fades by this factor a sample; None starts with its own.
+        radius: the roots of C stay inside this circle.
+        at_rest: the signals were zero before the first sample; otherwise learning waits until lags are real.
+    """
+
+    method: Method = Method.MAXIMUM_LIKELIHOOD
+    forgetting: Forgetting = field(default_factory=Constant)
+    start_variance: float = 1e4
+    variance_limit: float | None = None
+    outliers: float | None = None
+    warm: tuple[float, float] | None = None
+    ease: float | None = 0.998
+    radius: float = 0.995
+    at_rest: bool = False
+
+    def __post_init__(self) -> None:
+        for name, value, low, high in (
+            ("start_variance", self.start_variance, 1e-12, 1e20),
+            ("variance_limit", 1.0 if self.variance_limit is None else self.variance_limit, 1e-12, 1e30),
+            ("outliers", 3.0 if self.outliers is None else self.outliers, 0.1, 1e6),
+            ("warm", 0.0 if self.warm is None else self.warm[0], 0.0, 0.5),
+            ("warm", 0.0 if self.warm is None else self.warm[1], 0.0, 0.9999),
+            ("ease", 0.0 if self.ease is None else self.ease, 0.0, 0.999999),
+            ("radius", self.radius, 0.1, 1.0),
+        ):
+            if not low <= value <= high:
+                raise InputError(f"{value}", field=name, expected=f"{low:g} to {high:g}")
+
+
+@dataclass(frozen=True)
+class Counts:
+    """What happened to the samples."""
+
+    samples: int
+    learnt_from: int
+    missing: int
+    outliers: int
+    projections: int
+
+
+class Identifier:
+    """A recursive ARMAX identifier whose whole memory is one array.
+
+    Args:
+        orders: of eq. 12.
+        sample_time: seconds.
+        settings: how it learns.
+        scales: usual sizes of the output and of each input, in the units `step` receives them in. They make
+            the start variance and the limits mean the same in any units.
+    """
+
+    def __init__(
+        self,
+        orders: Orders,
+        sample_time: float = 1.0,
+        settings: Settings | None = None,
+        scales: tuple[float, ArrayLike] | None = None,
+    ) -> None:
+        self.orders, self.sample_time, self.settings = orders, float(sample_time), settings or Settings()
+        output, inputs = (1.0, np.ones(orders.inputs)) if scales is None else scales
+        self._state = fresh_state(
+            orders, self.settings, float(output), np.atleast_1d(np.asarray(inputs, float))
+        )
+        self._ready()
+
+    def _ready(self) -> None:
+        from optid.armax.recursion import step_many, step_single
+
+        single = self.orders.inputs == 1
+        self._kernel: Callable[[Array, float, Any], float] = step_single if single else step_many
+        # Compile (or load) now, on a copy: the first sample of a rig must not wait for it.
+        self._kernel(self._state.copy(), 0.0, 0.0 if single else np.zeros(self.orders.inputs))
+
+    def step(self, y: float, u: Any = 0.0) -> float:
+        """Learn from one sample and return its innovation, the error of the one-step prediction.
+
+        Args:
+            y: output; NaN where it is missing.
+            u: input, or an array of float64 with one entry for each input; NaN where it is missing.
+        """
+        return self._kernel(self._state, y, u)
+
+    def run(self, y: ArrayLike, u: ArrayLike | None = None, every: int = 0) -> tuple[Array, Array]:
+        """Learn from a whole recording: the same samples through the same recursion.
+
+        Returns:
+            innovations, shape (N,), and theta after every so many samples, shape (N // every, parameters).
+        """
+        from optid.armax.recursion import run
+
+        record = signals(y, u)
+        if record.u.shape[1] != self.orders.inputs:
+            raise InputError(f"{record.u.shape[1]} inputs", field="u", expected=f"{self.orders.inputs}")
+        innovations = np.empty(record.y.size)
+        track = np.empty((record.y.size // every if every else 0, self.orders.parameters))
+        run(self._state, record.y, record.u, innovations, track, every)
+        return innovations, track * self._unscale()
+
+    # What it knows.
+
+    @property
+    def theta(self) -> Array:
+        """The parameter vector [a_1.., b.., c_1..] in the signals' units."""
+        return self._part(at.theta_at(self.orders), self.orders.parameters) * self._unscale()
+
+    @property
+    def covariance(self) -> Array:
+        """Of `theta`: noise variance times P, shape (parameters, parameters)."""
+        unscale = self._unscale()
+        scaled: Array = np.outer(unscale, unscale) * self.scaled_covariance
+        return scaled * max(self.noise_variance, 0.0) / float(self._state[at.SCALE]) ** 2
+
+    @property
+    def scaled_covariance(self) -> Array:
+        """P of the scaled problem, shape (parameters, parameters); positive definite."""
+        n = self.orders.parameters
+        start = at.theta_at(self.orders) + n
+        D = self._part(start, n)
+        U = np.triu(self._part(start + n, n * n).reshape(n, n).T, 1) + np.eye(n)
+        P: Array = (U * D) @ U.T
+        return P
+
+    @property
+    def noise_variance(self) -> float:
+        """Of e, in the output's unit squared; 0 before there are more samples than parameters."""
+        updates, n = self._state[at.UPDATES], self.orders.parameters
+        if updates <= n or self._state[at.WEIGHT] <= 0:
+            return 0.0
+        mean = self._state[at.SQUARES] / self._state[at.WEIGHT] * updates / (updates - n)
+        return float(mean * self._state[at.SCALE] ** 2)
+
+    @property
+    def model(self) -> Armax:
+        """What has been learnt so far, as a frozen model."""
+        return from_theta(self.theta, self.orders, self.sample_time, self.noise_variance, self.covariance)
+
+    @property
+    def counts(self) -> Counts:
+        """What happened to the samples so far."""
+        fields = (at.SAMPLES, at.UPDATES, at.MISSING, at.BOUNDED, at.PROJECTED)
+        return Counts(*(int(self._state[i]) for i in fields))
+
+    def predict(self, steps: int, u: ArrayLike | None = None) -> Array:
+        """The next `steps` outputs, future noise being zero, shape (steps,).
+
+        Args:
+            steps: how many.
+            u: the inputs of those samples, (steps,) or (steps, inputs); without them the last ones are held.
+        """
+        y, past, e = self._histories()
+        future = np.repeat(past[-1:], steps, axis=0)
+        if u is not None:
+            future = np.asarray(u, dtype=float).reshape(-1, self.orders.inputs)
+            if future.shape[0] != steps:
+                raise InputError(f"{future.shape[0]} rows", field="u", expected=f"{steps}, one per step")
+        return ahead(self.model, y, np.concatenate([past, future]), e, steps)
+
+    # Its memory.
+
+    @property
+    def state(self) -> Array:
+        """A copy of the whole memory, from which `restored` goes on exactly."""
+        return self._state.copy()
+
+    def restored(self, state: ArrayLike) -> Self:
+        """An identifier with the same orders and settings that goes on from a saved memory.
+
+        Raises:
+            InputError: the memory belongs to other orders or to another version.
+        """
+        memory = np.array(state, dtype=np.float64)
+        expected = fresh_state(self.orders, self.settings, 1.0, np.ones(self.orders.inputs))
+        fixed = [at.FORMAT, at.NA, at.NC, at.PARAMETERS, at.INPUTS]
+        table = [at.table_at() + 3 * i + j for i in range(self.orders.inputs) for j in (0, 1)]
+        if memory.shape != expected.shape or np.any(memory[fixed + table] != expected[fixed + table]):
+            raise InputError(
+                "another model's memory", field="state", expected=f"one saved from orders {self.orders}"
+            )
+        other = object.__new__(type(self))
+        other.orders, other.sample_time, other.settings = self.orders, self.sample_time, self.settings
+        other._state = memory
+        other._kernel = self._kernel
+        return other
+
+    def _part(self, start: int, length: int) -> Array:
+        return self._state[start : start + length].copy()
+
+    def _unscale(self) -> Array:
+        factors = np.ones(self.orders.parameters)
+        for i, block in enumerate(self.orders.blocks()):
+            factors[block] = self._state[at.SCALE] * self._state[at.table_at() + 3 * i + 2]
+        return factors
+
+    def _histories(self) -> tuple[Array, Array, Array]:
+        """Past outputs, inputs (oldest first; as many rows as the model reaches back) and residuals."""
+        o, n, nc = self.orders, self.orders.parameters, self.orders.nc
+        start = at.theta_at(o) + 2 * n + n * n + 4 * n + 2 * nc
+        scale = self._state[at.SCALE]
+        e = self._part(start, nc)[::-1] * scale
+        start += 2 * nc
+        y = self._part(start, o.na)[::-1] * scale
+        start += o.na + max(o.na, nc)
+        rows = max([1, *(nb + nk for nb, nk in zip(o.nb, o.nk, strict=True))])
+        u = np.zeros((rows, o.inputs))
+        for i, (nb, nk) in enumerate(zip(o.nb, o.nk, strict=True)):
+            past = self._part(start, nb + nk)[::-1] / self._state[at.table_at() + 3 * i + 2]
+            u[rows - past.size :, i] = past
+            start += nb + nk + max(nb + nk, nc)
+        return y, u, e
+
+
+def fresh_state(orders: Orders, settings: Settings, output_scale: float, input_scales: Array) -> Array:
+    """The packed memory before the first sample; see `optid.armax.layout`."""
+    if input_scales.size != orders.inputs:
+        raise InputError(f"{input_scales.size} input scales", field="scales", expected=f"{orders.inputs}")
+    if not (np.all(np.isfinite(input_scales)) and np.all(input_scales > 0) and 0 < output_scale < np.inf):
+        raise InputError(f"{output_scale}, {input_scales}", field="scales", expected="positive sizes")
+    n = orders.parameters
+    s = np.zeros(at.size(orders))
+    s[at.FORMAT] = at.CURRENT_FORMAT
+    s[at.NA], s[at.NC], s[at.PARAMETERS], s[at.INPUTS] = orders.na, orders.nc, n, orders.inputs
+    s[at.FILTERED] = float(settings.method is Method.MAXIMUM_LIKELIHOOD and orders.nc > 0)
+    settings.forgetting.write(s)
+    s[at.OUTLIER] = settings.outliers or 0.0
+    s[at.LIMIT] = settings.variance_limit or n * settings.start_variance
+    s[at.RADIUS], s[at.SCALE] = settings.radius, output_scale
+    warm = settings.warm if settings.warm is not None else ((0.05, 0.99) if orders.nc else (0.0, 0.0))
+    s[at.WARM], s[at.WARM_RATE] = warm
+    s[at.EASE], s[at.EASE_RATE] = (0.0, 0.0) if settings.ease is None else (1.0, settings.ease)
+    s[at.HOLD] = 0.0 if settings.at_rest else orders.reach
+    s[at.TRACE] = n * settings.start_variance
+    for i, (nb, nk) in enumerate(zip(orders.nb, orders.nk, strict=True)):
+        s[at.table_at() + 3 * i : at.table_at() + 3 * i + 3] = nb, nk, 1.0 / input_scales[i]
+    start = at.theta_at(orders) + n
+    s[start : start + n] = settings.start_variance
+    s[start + n : start + n + n * n] = np.eye(n).ravel()
+    return s
+
+
+def exact_start(identifier: Identifier, y: ArrayLike, u: ArrayLike | None, rows: int | None = None) -> int:
+    """Let a fresh identifier begin with the least-squares fit of the first samples instead of a guess.
+
+    With lambda = 1 an ARX identifier then gives the batch least-squares estimate of all samples it has seen.
+    The coefficients of C begin at zero with the start variance.
+
+    Args:
+        identifier: before its first sample.
+        y, u: the recording.
+        rows: complete samples to fit; as few as possible where None.
+
+    Returns:
+        how many samples of the recording have been used up: go on with the next one.
+
+    Raises:
+        NotIdentifiable: the recording does not determine the parameters of A and B.
+    """
+    from optid.armax.regression import arx_rows
+
+    record = signals(y, u)
+    orders, state = identifier.orders, identifier._state
+    check_orders([record], orders)
+    plain = Orders(orders.na, orders.nb, 0, orders.nk)
+    where = np.flatnonzero(usable(record, plain))
+    scaled = Signals(record.y / state[at.SCALE], record.u * _input_factors(identifier))
+    p, n = plain.parameters, orders.parameters
+    count = rows or p
+    while True:
+        if count > where.size:
+            raise NotIdentifiable(f"the recording never determines the {p} parameters of A and B")
+        used = int(where[count - 1]) + 1
+        Phi, target = arx_rows(scaled.part(0, used), plain)
+        Q, R = np.linalg.qr(Phi)
+        diagonal = np.abs(np.diag(R))
+        if diagonal.min() > 1e-9 * diagonal.max():
+            break
+        count += max(1, count // 4)
+    theta = np.linalg.solve(R, Q.T @ target)
+    T = np.linalg.inv(R)  # upper triangular, P = T T' = U D U' with U = T / diag(T)
+    identifier.run(record.y[:used], record.u[:used])  # fills the histories
+    start = at.theta_at(orders)
+    state[start : start + n] = 0.0
+    state[start : start + p] = theta
+    D = np.full(n, identifier.settings.start_variance)
+    D[:p] = np.diag(T) ** 2
+    U = np.eye(n)
+    U[:p, :p] = T / np.diag(T)
+    state[start + n : start + 2 * n] = D
+    state[start + 2 * n : start + 2 * n + n * n] = U.T.ravel()
+    state[at.TRACE] = float(np.sum((U * D) * U))
+    state[at.UPDATES] = state[at.WEIGHT] = Phi.shape[0]
+    state[at.SQUARES] = float(np.sum((target - Phi @ theta) ** 2))
+    residuals = start + 6 * n + n * n + 2 * orders.nc
+    state[residuals : residuals + 2 * orders.nc] = 0.0
+    return used
+
+
+def _input_factors(identifier: Identifier) -> Array:
+    table = identifier._state[at.table_at() : at.table_at() + 3 * identifier.orders.inputs]
+    return table[2::3]
+
+
+@dataclass(frozen=True)
+class Identification:
+    """What a whole recording has taught.
+
+    Attributes:
+        model: the last estimate.
+        innovations: error of each one-step prediction before the sample was learnt, shape (N,).
+        track: theta after every so many samples, shape (rows, parameters).
+        every: samples between two rows of `track`.
+        counts: what happened to the samples.
+        state: the identifier's memory after the last sample.
+    """
+
+    model: Armax
+    innovations: Array
+    track: Array
+    every: int
+    counts: Counts
+    state: Array
+
+    def frame(self) -> pd.DataFrame:
+        """The track of the parameters as a table, indexed by time in seconds."""
+        import pandas as pd
+
+        times = (np.arange(self.track.shape[0]) + 1) * self.every * self.model.sample_time
+        return pd.DataFrame(self.track, columns=names(self.model.orders), index=pd.Index(times, name="time"))
+
+
+def names(orders: Orders) -> list[str]:
+    """Names of the entries of theta: a1.., b0.. (b1_0 with several inputs), c1.."""
+    several = orders.inputs > 1
+    out = [f"a{i + 1}" for i in range(orders.na)]
+    for k, nb in enumerate(orders.nb):
+        out += [f"b{k + 1}_{i}" if several else f"b{i}" for i in range(nb)]
+    return out + [f"c{i + 1}" for i in range(orders.nc)]
+
+
+def identify(
+    y: ArrayLike,
+    u: ArrayLike | None,
+    orders: Orders,
+    sample_time: float = 1.0,
+    settings: Settings | None = None,
+    every: int = 0,
+) -> Identification:
+    """Run the recursion over a whole recording.
+
+    Args:
+        y: output, shape (N,); NaN where it is missing.
+        u: input, shape (N,) or (N, inputs), None for an ARMA model.
+        orders: of eq. 12.
+        sample_time: seconds.
+        settings: how it learns.
+        every: keep theta after every so many samples; 0 keeps about a thousand rows.
+
+    Raises:
+        RecordingError: arrays of shapes that do not fit.
+        NotIdentifiable: fewer complete samples than parameters.
+    """
+    record = signals(y, u)
+    check_orders([record], orders)
+    identifier = Identifier(orders, sample_time, settings, record.scales)
+    every = every or max(1, record.y.size // 1000)
+    innovations, track = identifier.run(record.y, record.u, every)
+    return Identification(identifier.model, innovations, track, every, identifier.counts, identifier.state)
