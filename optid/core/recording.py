@@ -1,0 +1,295 @@
+"""A recording: what was measured, in SI units, with where every number came from."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optid.errors import RecordingError, nearest
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Array = NDArray[np.float64]
+Interval = tuple[float, float]
+
+GAP = 1.5  # median sampling intervals: beyond, at least one sample is missing from the table
+LONG_GAP = 10.0  # median sampling intervals: beyond, the held command can no longer be trusted
+
+
+@dataclass(frozen=True)
+class ChannelMap:
+    """How a column becomes a channel: ``model value = factor * recorded + shift``.
+
+    Attributes:
+        role: what the channel is to the model: "time", an input, an output, or "reference".
+        column: name of the column; empty for a time that is given by `rate`.
+        unit: unit as measured, as the rig file states it.
+        model_unit: SI unit the model wants ("1" for a command divided by its full scale).
+        factor: recorded to model value, with `shift`; they hold unit, full scale, offset and gauge zero.
+        shift: see `factor`, in `model_unit`.
+        sd: standard deviation of the noise in `model_unit`, where known.
+        full_scale: largest value the channel can show, in `model_unit`, where known.
+        per_unit: size of one `model_unit` in `recorded_unit`: the full scale that was divided by, else 1.
+        recorded_unit: SI unit of the recorded quantity, "V" for a valve command.
+        rate: samples per second, for a time without a column.
+    """
+
+    role: str
+    column: str
+    unit: str
+    model_unit: str
+    factor: float = 1.0
+    shift: float = 0.0
+    sd: float | None = None
+    full_scale: float | None = None
+    per_unit: float = 1.0
+    recorded_unit: str = "1"
+    rate: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Channel:
+    """One measured signal.
+
+    Attributes:
+        role: what it is to the model.
+        column: the column it was read from.
+        unit: SI unit of `values`, the one the model wants.
+        values: shape (samples,), read-only float64; NaN marks a missing sample.
+        sd: standard deviation of the noise in `unit`, where known.
+        full_scale: largest value the channel can show, in `unit`, where known.
+        per_unit: size of one `unit` in `recorded_unit` (5 for a command of +-1 that was +-5 V).
+        recorded_unit: SI unit of what was recorded, "V" for a valve command.
+    """
+
+    role: str
+    column: str
+    unit: str
+    values: Array
+    sd: float | None = None
+    full_scale: float | None = None
+    per_unit: float = 1.0
+    recorded_unit: str = "1"
+
+    @property
+    def recorded(self) -> Array:
+        """The values in `recorded_unit`, before the division by a full scale, shape (samples,)."""
+        return self.values * self.per_unit
+
+    @property
+    def missing(self) -> int:
+        """Number of missing samples."""
+        return int(np.isnan(self.values).sum())
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """Where a recording came from and what was done to it.
+
+    Attributes:
+        path: the file.
+        sha256: of the file's bytes.
+        reader: the format it was read as.
+        columns: role -> column.
+        rows_read: rows of data in the file.
+        notes: everything that was left out or repaired, in words; empty when nothing was.
+    """
+
+    path: Path
+    sha256: str
+    reader: str
+    columns: Mapping[str, str]
+    rows_read: int
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """Channels over one time axis.
+
+    Attributes:
+        name: the file's name; how findings speak of it.
+        time: s, shape (samples,), strictly increasing, read-only.
+        channels: role -> channel, every one with `len(time)` values.
+        provenance: the file behind it; ``None`` for a recording made in memory.
+
+    Raises:
+        RecordingError: fewer than two samples, times that do not increase, or lengths that differ.
+    """
+
+    name: str
+    time: Array
+    channels: Mapping[str, Channel]
+    provenance: Provenance | None = None
+
+    def __post_init__(self) -> None:
+        time = frozen(self.time)
+        object.__setattr__(self, "time", time)
+        if time.ndim != 1 or len(time) < 2:
+            raise RecordingError(f"{time.size} samples", where=self.name, expected="at least two")
+        if not (np.isfinite(time).all() and (np.diff(time) > 0).all()):
+            raise RecordingError("the times do not increase strictly", where=self.name, field="time")
+        channels = {}
+        for role, channel in self.channels.items():
+            values = frozen(channel.values)
+            if values.shape != time.shape:
+                raise RecordingError(
+                    f"{values.size} values", where=self.name, field=role, expected=f"{time.size}"
+                )
+            channels[role] = dataclasses.replace(channel, values=values)
+        object.__setattr__(self, "channels", channels)
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    def __contains__(self, role: object) -> bool:
+        return role in self.channels
+
+    def __getitem__(self, role: str) -> Channel:
+        if role not in self.channels:
+            raise RecordingError(f'no channel "{role}"', where=self.name, hint=nearest(role, self.channels))
+        return self.channels[role]
+
+    @cached_property
+    def interval(self) -> float:
+        """Median time between samples, s."""
+        return float(np.median(np.diff(self.time)))
+
+    @property
+    def rate(self) -> float:
+        """Median sampling rate, Hz."""
+        return 1.0 / self.interval
+
+    @property
+    def duration(self) -> float:
+        """Time from the first to the last sample, s."""
+        return float(self.time[-1] - self.time[0])
+
+    @property
+    def missing(self) -> dict[str, int]:
+        """Role -> number of missing samples, for every channel that has some."""
+        return {role: channel.missing for role, channel in self.channels.items() if channel.missing}
+
+    def gaps(self, longer_than: float = GAP) -> tuple[Interval, ...]:
+        """Times (s) between neighbouring samples that lie further apart than so many median intervals."""
+        after = np.flatnonzero(np.diff(self.time) > longer_than * self.interval)
+        return tuple((float(self.time[i]), float(self.time[i + 1])) for i in after)
+
+    def slice(self, start: float = -math.inf, stop: float = math.inf) -> Recording:
+        """The samples with ``start <= time < stop``, both in seconds of this recording's own clock.
+
+        Raises:
+            RecordingError: fewer than two samples lie there.
+        """
+        first, last = np.searchsorted(self.time, (start, stop))
+        if last - first < 2:
+            span = f"{self.time[0]:g} to {self.time[-1]:g} s"
+            raise RecordingError(
+                f"{max(last - first, 0)} samples from {start:g} to {stop:g} s", where=self.name,
+                expected=f"at least two; the recording runs from {span}",
+            )  # fmt: skip
+        return self._rows(int(first), int(last))
+
+    def segments(self, longer_than: float = LONG_GAP) -> tuple[Recording, ...]:
+        """Stretches between gaps longer than so many median intervals, so that none is simulated across.
+
+        A shorter gap stays inside a stretch: the command held before it is taken to hold through it.
+        Stretches of a single sample carry no motion and are left out.
+        """
+        cuts = np.flatnonzero(np.diff(self.time) > longer_than * self.interval) + 1
+        edges = [0, *map(int, cuts), len(self)]
+        return tuple(self._rows(a, b) for a, b in itertools.pairwise(edges) if b - a > 1)
+
+    def to_frame(self) -> pd.DataFrame:
+        """Columns "time" and one for every role, in SI units, one row per sample."""
+        import pandas as pd
+
+        return pd.DataFrame({"time": self.time, **{r: c.values for r, c in self.channels.items()}})  # noqa: PD011
+
+    def _rows(self, first: int, last: int) -> Recording:
+        channels = {
+            role: dataclasses.replace(channel, values=channel.values[first:last])  # noqa: PD011
+            for role, channel in self.channels.items()
+        }
+        return dataclasses.replace(self, time=self.time[first:last], channels=channels)
+
+
+@dataclass(frozen=True, eq=False)
+class Experiments:
+    """Recordings of one rig, told apart by unique names.
+
+    Build it with `Experiments.of`, which gives two files of the same name names of their own.
+    """
+
+    recordings: tuple[Recording, ...]
+
+    @classmethod
+    def of(cls, recordings: Iterable[Recording]) -> Experiments:
+        """Collect recordings: equal file names get their folder in front, and a number if that does not help.
+
+        Raises:
+            RecordingError: the same samples twice (same columns of the same bytes, overlapping times).
+        """
+        given = tuple(recordings)
+        for i, recording in enumerate(given):
+            for other in given[:i]:
+                if _same_samples(recording, other):
+                    raise RecordingError(
+                        "these samples are given twice, and would count twice", where=recording.name
+                    )
+        names = _told_apart(given)
+        return cls(tuple(dataclasses.replace(r, name=n) for r, n in zip(given, names, strict=True)))
+
+    def __len__(self) -> int:
+        return len(self.recordings)
+
+    def __iter__(self) -> Iterator[Recording]:
+        return iter(self.recordings)
+
+    def __getitem__(self, name: str) -> Recording:
+        for recording in self.recordings:
+            if recording.name == name:
+                return recording
+        raise RecordingError(f'no recording "{name}"', hint=nearest(name, (r.name for r in self)))
+
+
+def _same_samples(a: Recording, b: Recording) -> bool:
+    """The same columns of the same bytes over times that overlap."""
+    if a.provenance is None or b.provenance is None or a.provenance.sha256 != b.provenance.sha256:
+        return False
+    overlap = a.time[0] <= b.time[-1] and b.time[0] <= a.time[-1]
+    return bool(overlap) and dict(a.provenance.columns) == dict(b.provenance.columns)
+
+
+def _told_apart(recordings: tuple[Recording, ...]) -> list[str]:
+    names = [recording.name for recording in recordings]
+    count = Counter(names)
+    for i, recording in enumerate(recordings):
+        if count[names[i]] > 1 and recording.provenance is not None:
+            names[i] = f"{recording.provenance.path.resolve().parent.name}/{names[i]}"
+    used: Counter[str] = Counter()
+    for i, name in enumerate(names):
+        used[name] += 1
+        if used[name] > 1:
+            names[i] = f"{name} ({used[name]})"
+    return names
+
+
+def frozen(values: Array) -> Array:
+    """A read-only float64 array of the same values; copies only what is writable or of another type."""
+    array = np.asarray(values, dtype=np.float64)
+    if array.flags.writeable:
+        array = array.copy()
+        array.flags.writeable = False
+    return array
