@@ -1,0 +1,303 @@
+"""Rig files: TOML in, a model with values, bounds and channels out; and back without losing a comment."""
+
+from __future__ import annotations
+
+import os
+import re
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from optid.core.model import Model
+from optid.core.parameter import Parameter
+from optid.core.recording import ChannelMap
+from optid.core.sheet import build
+from optid.core.units import GAUGE, conversion, shown, split, to_si
+from optid.errors import InputError, PlantError, RigError, nearest
+from optid.rigs import blame, find_plant
+from optid.rigs.channels import read_channels
+from optid.rigs.fields import Table, known_keys, subtable, text
+
+TABLES = ("name", "model", "options", "parameters", "fit", "channels", "effects")
+ATMOSPHERE = "atmospheric_pressure"  # what gauge pressures count from
+_ON_BOUND = (
+    1e-9  # relative: a fitted value that stands on its bound may miss it by rounding on the way to text
+)
+
+
+@dataclass(frozen=True)
+class Freed:
+    """A parameter a fit may move: SI bounds, and the standard deviation of what was known before, if any."""
+
+    name: str
+    low: float
+    high: float
+    sd: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Rig:
+    """A rig file, understood.
+
+    Attributes:
+        name: the rig's.
+        model_name: the plant as the file names it.
+        options: choices of the plant the file states.
+        model: the plant's equations.
+        parameters: SI values of those the file states; `model.vector(rig.parameters)` adds the defaults.
+        freed: what a fit may move.
+        channels: role -> how a recording's column is read; "time" is among them.
+        path: the file.
+        source: its text.
+    """
+
+    name: str
+    model_name: str
+    options: Mapping[str, object]
+    model: Model
+    parameters: Mapping[str, float]
+    freed: tuple[Freed, ...]
+    channels: Mapping[str, ChannelMap]
+    path: Path
+    source: str = field(repr=False)
+
+
+def read_rig(path: str | Path) -> Rig:
+    """Read a rig file and build its model.
+
+    Raises:
+        RigError: cannot be read, is no TOML, or says something that cannot be; names file and field, what was
+            found and what was expected.
+    """
+    path = Path(path)
+    return _parse(_text(path), path)
+
+
+def write_rig(rig: Rig, path: str | Path, parameters: Mapping[str, float] | None = None) -> None:
+    """Write a rig file with new values, keeping its comments, units and layout.
+
+    The file appears whole or not at all, and reads back to the same values within 1e-12. A plant's file is
+    named relative to the new place.
+
+    Args:
+        rig: as read.
+        path: file to write; its folder must exist.
+        parameters: SI values by name; the others stay as they stand. A parameter the file did not state is
+            added in its SI unit.
+
+    Raises:
+        RigError: an unknown name, a value outside its bounds, or a place that cannot be written.
+    """
+    import tomlkit
+
+    path, new = Path(path), dict(parameters or {})
+    for name in new:
+        if name not in _by_name(rig.model):
+            raise RigError(f'unknown parameter "{name}"', where=path, hint=nearest(name, _by_name(rig.model)))
+    document = tomlkit.parse(rig.source)
+    document["model"] = _model_seen_from(rig, path.parent)
+    table: Any = document.setdefault("parameters", tomlkit.table())
+    values = {**rig.parameters, **new}
+    air = values.get(ATMOSPHERE, _default(rig.model, ATMOSPHERE))
+    for name, value in values.items():
+        old = table.get(name)
+        # A gauge value counts from the atmospheric pressure, so it is rewritten when that one moves.
+        gauge = ATMOSPHERE in new and isinstance(old, str) and old.rstrip().endswith(GAUGE)
+        if (name in new and value != rig.parameters.get(name)) or gauge:
+            table[name] = _written(float(value), old, _by_name(rig.model)[name].unit, air)
+    _rewrite_gauge_bounds(document, rig, air)
+    written = tomlkit.dumps(document)
+    again = _parse(written, path)
+    for name, value in values.items():
+        if abs(again.parameters[name] - value) > 1e-12 * abs(value):
+            raise RigError(f"{value!r} does not read back", where=path, field=f"parameters.{name}")
+    _replace(path, written)
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_bytes().decode("utf-8-sig")
+    except FileNotFoundError:
+        near = sorted(p.name for p in path.parent.glob("*.toml")) if path.parent.is_dir() else []
+        raise RigError("no such file", where=path, hint=nearest(path.name, near) if near else None) from None
+    except UnicodeDecodeError as error:
+        raise RigError(f"byte {error.start} is not UTF-8", where=path, expected="a TOML text file") from None
+    except (IsADirectoryError, PermissionError):
+        what = "this is a directory" if path.is_dir() else "no permission to read it"
+        raise RigError(what, where=path, expected="a readable rig file") from None
+    except (OSError, ValueError) as error:
+        raise RigError(f"cannot be read ({error})", where=path) from None
+
+
+def _parse(source: str, path: Path) -> Rig:
+    try:
+        document = tomllib.loads(source)
+    except (tomllib.TOMLDecodeError, RecursionError, ValueError) as error:
+        raise RigError(f"not valid TOML: {error}", where=path) from None
+    known_keys(document, TABLES, path, kind="table" if document else "key")
+    if "effects" in document:
+        raise RigError("effects in a rig file are not supported yet", where=path, field="effects")
+    model_name = text(document, "model", path, "model", 'a plant such as model = "servo-pneumatic"')
+    name = text(document, "name", path, "name", "a text") if "name" in document else path.stem
+    options = subtable(document, "options", path, "options", "a table of the plant's options")
+    model = _model(model_name, options, path)
+    parameters = _parameters(subtable(document, "parameters", path, "parameters", "a table"), model, path)
+    air = parameters.get(ATMOSPHERE, _default(model, ATMOSPHERE))
+    freed = _freed(subtable(document, "fit", path, "fit", "a table"), model, parameters, path)
+    channels = read_channels(
+        subtable(document, "channels", path, "channels", "a table of roles"), model, air, path
+    )
+    return Rig(name, model_name, dict(options), model, parameters, freed, channels, path, source)
+
+
+def _model(name: str, options: Table, path: Path) -> Model:
+    try:
+        plant = find_plant(name, path.parent)
+    except InputError as error:
+        raise RigError(str(error), where=path, field="model") from error
+    except ImportError as error:
+        raise RigError(f'"{name}" cannot be imported ({error})', where=path, field="model") from error
+    try:
+        return build(plant, **options)
+    except PlantError as error:
+        about_option = "option" in (error.field or "") or "no option" in str(error)
+        raise RigError(str(error), where=path, field="options" if about_option else "model") from error
+    except Exception as error:  # a user's equations can raise anything
+        file = path.parent / name.rpartition(":")[0]
+        raise RigError(f'"{name}" raised {blame(error, file)}', where=path, field="model") from error
+
+
+def _by_name(model: Model) -> dict[str, Parameter]:
+    return {parameter.name: parameter for parameter in model.parameters}
+
+
+def _default(model: Model, name: str) -> float | None:
+    parameter = _by_name(model).get(name)
+    return parameter.default if parameter else None
+
+
+def _parameters(table: Table, model: Model, path: Path) -> dict[str, float]:
+    known = _by_name(model)
+    known_keys(table, known, path, "parameters.", "parameter")
+    values: dict[str, float] = {}
+    # The atmospheric pressure first: gauge pressures count from it, and it cannot count from itself.
+    for name in sorted(table, key=lambda name: name != ATMOSPHERE):
+        air = values.get(ATMOSPHERE, _default(model, ATMOSPHERE)) if name != ATMOSPHERE else None
+        at = f"parameters.{name}"
+        value = to_si(table[name], known[name].unit, atmospheric=air, where=path, field=at)
+        low, high = known[name].bounds
+        if not low <= value <= high:
+            raise RigError(
+                f"{shown(table[name])} is outside what is physical", where=path, field=at,
+                expected=f"{low:g} to {high:g} {_plain(known[name].unit)}".rstrip(),
+            )  # fmt: skip
+        values[name] = value
+    absent = [name for name, parameter in known.items() if name not in table and parameter.default is None]
+    if absent:
+        extra = [name for name, parameter in known.items() if name not in table and name not in absent]
+        raise RigError(
+            f"no value for {', '.join(absent)}", where=path, field="parameters",
+            hint=f"with defaults, so optional: {', '.join(extra)}" if extra else None,
+        )  # fmt: skip
+    return {name: values[name] for name in table}
+
+
+def _freed(table: Table, model: Model, values: dict[str, float], path: Path) -> tuple[Freed, ...]:
+    """The `[fit]` entries; moves a value in `values` onto a bound it misses by rounding alone."""
+    known = _by_name(model)
+    known_keys(table, known, path, "fit.", "parameter")
+    return tuple(_freed_one(known[name], entry, values, path) for name, entry in table.items())
+
+
+def _freed_one(parameter: Parameter, entry: object, values: dict[str, float], path: Path) -> Freed:
+    name, unit, at = parameter.name, parameter.unit, f"fit.{parameter.name}"
+    air = values.get(ATMOSPHERE) if name != ATMOSPHERE else None
+    one = "" if unit == "1" else f" {unit}"
+    example = f'{{ bounds = ["1{one}", "2{one}"] }}'
+    if not isinstance(entry, dict):
+        raise RigError(f"found {shown(entry)}", where=path, field=at, expected=f"{name} = {example}")
+    known_keys(entry, ("bounds", "sd"), path, f"{at}.")
+    pair = entry.get("bounds")
+    if not isinstance(pair, list) or len(pair) != 2:
+        found = "no bounds" if pair is None else f"found {shown(pair)}"
+        raise RigError(found, where=path, field=f"{at}.bounds", expected=f"{name} = {example}")
+    low, high = (to_si(bound, unit, atmospheric=air, where=path, field=f"{at}.bounds") for bound in pair)
+    if low >= high:
+        raise RigError(
+            f"{shown(pair)}: the low bound is not below the high one", where=path, field=f"{at}.bounds"
+        )
+    least, most = parameter.bounds
+    if low < least or high > most:
+        raise RigError(
+            f"{shown(pair)} reaches beyond what is physical", where=path, field=f"{at}.bounds",
+            expected=f"bounds within {least:g} to {most:g}{one}",
+        )  # fmt: skip
+    start = values.get(name, parameter.default)
+    if start is not None and not low <= start <= high:
+        nearest_bound = min(max(start, low), high)
+        if abs(start - nearest_bound) > _ON_BOUND * abs(nearest_bound):
+            raise RigError(
+                f"its start {start:g}{one} lies outside the bounds", where=path, field=at,
+                expected=f"a value from {low:g} to {high:g}{one}",
+            )  # fmt: skip
+        values[name] = nearest_bound
+    sd = to_si(entry["sd"], unit, difference=True, where=path, field=f"{at}.sd") if "sd" in entry else None
+    if sd is not None and sd <= 0:
+        raise RigError(f"{sd:g}{one}", where=path, field=f"{at}.sd", expected="a positive standard deviation")
+    return Freed(name, low, high, sd)
+
+
+def _plain(unit: str) -> str:
+    return "" if unit == "1" else unit
+
+
+def _model_seen_from(rig: Rig, folder: Path) -> str:
+    """The model's name for a rig file in `folder`: a plant's file is found relative to its rig file."""
+    file, colon, function = rig.model_name.rpartition(":")
+    if not colon or Path(file).is_absolute() or folder.resolve() == rig.path.parent.resolve():
+        return rig.model_name
+    target = (rig.path.parent / file).resolve()
+    try:
+        relative = Path(os.path.relpath(target, folder.resolve()))
+    except ValueError:  # another drive
+        relative = target
+    return f"{relative.as_posix()}:{function}"
+
+
+def _written(value: float, old: object, unit: str, air: float | None) -> float | str:
+    """An SI value as the file states such values: in the unit of the old entry."""
+    if old is None or not isinstance(old, str):
+        return value if unit == "1" else f"{value!r} {unit}"
+    _, own = split(old, unit)
+    number = repr(conversion(own, unit, atmospheric=air).back(value))
+    # What follows the number in the old entry, blanks included, stays.
+    return number + re.sub(r"^\s*[-+\d.]+(?:[eE][-+]?\d+)?", "", old)
+
+
+def _rewrite_gauge_bounds(document: Any, rig: Rig, air: float | None) -> None:
+    """Keep the absolute bounds of `[fit]` where they are stated as gauge pressures and the air moved."""
+    before = rig.parameters.get(ATMOSPHERE, _default(rig.model, ATMOSPHERE))
+    if before == air:
+        return
+    freed = {entry.name: entry for entry in rig.freed}
+    for name, entry in document.get("fit", {}).items():
+        for i, bound in enumerate((freed[name].low, freed[name].high)):
+            old = entry["bounds"][i]
+            if isinstance(old, str) and old.rstrip().endswith(GAUGE):
+                entry["bounds"][i] = _written(bound, old, "Pa", air)
+
+
+def _replace(path: Path, content: str) -> None:
+    """Write beside the target and move into place, so that no half file is ever seen."""
+    beside = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        with beside.open("w", encoding="utf-8", newline="") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        beside.replace(path)
+    except OSError as error:
+        beside.unlink(missing_ok=True)
+        raise RigError(f"cannot be written ({error})", where=path) from None
