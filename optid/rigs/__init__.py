@@ -52,7 +52,7 @@ def _function(module: ModuleType, function: str, name: str) -> Plant:
     plant = getattr(module, function)
     if not callable(plant) or isinstance(plant, type):
         raise RigError(
-            f'"{name}": "{function}" is a {type(plant).__name__}' if not isinstance(plant, type) else
+            f'"{name}": "{function}" is of type {type(plant).__name__}' if not isinstance(plant, type) else
             f'"{name}": "{function}" is a class',
             expected="a function plant(sheet, *, option=default)",
         )  # fmt: skip

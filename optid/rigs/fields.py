@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -12,18 +13,29 @@ from optid.errors import RigError, nearest
 Table = Mapping[str, Any]
 
 
-def known_keys(table: Table, valid: Iterable[str], where: Path, prefix: str = "", kind: str = "key") -> None:
+def known_keys(
+    table: Table, valid: Iterable[str], where: Path, prefix: str = "", kind: str | None = None
+) -> None:
     """Refuse keys that mean nothing here.
 
     Raises:
         RigError: names the first unknown key and the nearest valid one.
     """
     names = list(valid)
-    for key in table:
+    for key, value in table.items():
         if key not in names:
+            what = kind or ("table" if isinstance(value, dict) else "key")
             raise RigError(
-                f'unknown {kind} "{key}"', where=where, field=prefix + key, hint=nearest(key, names)
+                f'unknown {what} "{key}"', where=where, field=prefix + key, hint=nearest(key, names)
             )
+
+
+def span(low: float, high: float, unit: str) -> str:
+    """An interval in words: "0.1 to 0.5 m", "at least 0 N"."""
+    one = "" if unit == "1" else f" {unit}"
+    if math.isinf(high):
+        return f"at least {low:g}{one}" if math.isfinite(low) else "any value"
+    return f"{low:g} to {high:g}{one}" if math.isfinite(low) else f"at most {high:g}{one}"
 
 
 def subtable(table: Table, key: str, where: Path, field: str, expected: str) -> Table:
@@ -46,6 +58,6 @@ def text(table: Table, key: str, where: Path, field: str, expected: str) -> str:
     """
     value = table.get(key)
     if not isinstance(value, str) or not value.strip():
-        found = f'"{key}" is missing' if value is None else f"found {shown(value)}"
+        found = "missing" if value is None else f"found {shown(value)}"
         raise RigError(found, where=where, field=field, expected=expected)
     return value

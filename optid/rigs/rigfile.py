@@ -18,7 +18,7 @@ from optid.core.units import GAUGE, conversion, shown, split, to_si
 from optid.errors import InputError, PlantError, RigError, nearest
 from optid.rigs import blame, find_plant
 from optid.rigs.channels import read_channels
-from optid.rigs.fields import Table, known_keys, subtable, text
+from optid.rigs.fields import Table, known_keys, span, subtable, text
 
 TABLES = ("name", "model", "options", "parameters", "fit", "channels", "effects")
 ATMOSPHERE = "atmospheric_pressure"  # what gauge pressures count from
@@ -136,7 +136,7 @@ def _parse(source: str, path: Path) -> Rig:
         document = tomllib.loads(source)
     except (tomllib.TOMLDecodeError, RecursionError, ValueError) as error:
         raise RigError(f"not valid TOML: {error}", where=path) from None
-    known_keys(document, TABLES, path, kind="table" if document else "key")
+    known_keys(document, TABLES, path)
     if "effects" in document:
         raise RigError("effects in a rig file are not supported yet", where=path, field="effects")
     model_name = text(document, "model", path, "model", 'a plant such as model = "servo-pneumatic"')
@@ -191,7 +191,7 @@ def _parameters(table: Table, model: Model, path: Path) -> dict[str, float]:
         if not low <= value <= high:
             raise RigError(
                 f"{shown(table[name])} is outside what is physical", where=path, field=at,
-                expected=f"{low:g} to {high:g} {_plain(known[name].unit)}".rstrip(),
+                expected=span(low, high, known[name].unit),
             )  # fmt: skip
         values[name] = value
     absent = [name for name, parameter in known.items() if name not in table and parameter.default is None]
@@ -215,7 +215,7 @@ def _freed_one(parameter: Parameter, entry: object, values: dict[str, float], pa
     name, unit, at = parameter.name, parameter.unit, f"fit.{parameter.name}"
     air = values.get(ATMOSPHERE) if name != ATMOSPHERE else None
     one = "" if unit == "1" else f" {unit}"
-    example = f'{{ bounds = ["1{one}", "2{one}"] }}'
+    example = "{ bounds = [1, 2] }" if unit == "1" else f'{{ bounds = ["1{one}", "2{one}"] }}'
     if not isinstance(entry, dict):
         raise RigError(f"found {shown(entry)}", where=path, field=at, expected=f"{name} = {example}")
     known_keys(entry, ("bounds", "sd"), path, f"{at}.")
@@ -232,7 +232,7 @@ def _freed_one(parameter: Parameter, entry: object, values: dict[str, float], pa
     if low < least or high > most:
         raise RigError(
             f"{shown(pair)} reaches beyond what is physical", where=path, field=f"{at}.bounds",
-            expected=f"bounds within {least:g} to {most:g}{one}",
+            expected=f"bounds within {span(least, most, unit)}",
         )  # fmt: skip
     start = values.get(name, parameter.default)
     if start is not None and not low <= start <= high:
@@ -240,17 +240,13 @@ def _freed_one(parameter: Parameter, entry: object, values: dict[str, float], pa
         if abs(start - nearest_bound) > _ON_BOUND * abs(nearest_bound):
             raise RigError(
                 f"its start {start:g}{one} lies outside the bounds", where=path, field=at,
-                expected=f"a value from {low:g} to {high:g}{one}",
+                expected=span(low, high, unit),
             )  # fmt: skip
         values[name] = nearest_bound
     sd = to_si(entry["sd"], unit, difference=True, where=path, field=f"{at}.sd") if "sd" in entry else None
     if sd is not None and sd <= 0:
         raise RigError(f"{sd:g}{one}", where=path, field=f"{at}.sd", expected="a positive standard deviation")
     return Freed(name, low, high, sd)
-
-
-def _plain(unit: str) -> str:
-    return "" if unit == "1" else unit
 
 
 def _model_seen_from(rig: Rig, folder: Path) -> str:

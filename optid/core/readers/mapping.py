@@ -54,12 +54,12 @@ def _check_columns(table: Table, maps: Mapping[str, ChannelMap], path: Path) -> 
         if not channel.column or channel.column in names:
             continue
         why = table.left_out.get(channel.column)
-        message = f'column "{channel.column}": {why}' if why else f'no column "{channel.column}"'
+        message = f'column "{channel.column}" {why}' if why else f'no column "{channel.column}"'
         raise RecordingError(
             message, where=path, field=role, hint=None if why else nearest(channel.column, names)
         )
     if len(table.frame) < 2:
-        raise RecordingError(f"{len(table.frame)} rows of data", where=path, expected="at least two")
+        raise RecordingError("fewer than two rows of data", where=path)
 
 
 def _numbers(table: Table, channel: ChannelMap, path: Path) -> Array:

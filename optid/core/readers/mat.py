@@ -92,7 +92,7 @@ def _signals(variables: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[s
             yield from _signals(value, f"{prefix}{name}.")
             continue
         array = np.asarray(value)
-        if array.dtype.kind not in "biuf" or array.ndim > 2 or array.size < 2:
+        if array.dtype.kind not in "biufc" or array.ndim > 2 or array.size < 2:
             continue
         array = np.atleast_2d(array)
         yield prefix + name, array.T if array.shape[0] == 1 else array

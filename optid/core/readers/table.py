@@ -132,9 +132,9 @@ def tabulate(vectors: Mapping[str, NDArray[np.generic]], path: Path, reader: str
     rows = max(lengths, key=lambda length: (lengths[length], length))
     kept = {name: vector for name, vector in vectors.items() if len(vector) == rows}
     left_out = {
-        name: f"it has {len(vector)} values where {len(kept)} others have {rows}"
+        name: f"has {len(vector)} values where most columns have {rows}"
         for name, vector in vectors.items()
         if name not in kept
     }
-    notes = tuple(f'"{name}" is left out: {why}' for name, why in left_out.items())
+    notes = tuple(f'"{name}" is left out: it {why}' for name, why in left_out.items())
     return Table(pd.DataFrame(kept), reader, left_out=left_out, notes=notes)

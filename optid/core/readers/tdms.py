@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import logging
 from collections import Counter
 from pathlib import Path
 
@@ -20,6 +21,7 @@ def read(data: bytes, path: Path) -> Table:
         import nptdms
     except ImportError:
         raise RecordingError("TDMS files need npTDMS", where=path, hint=EXTRA) from None
+    _quiet()
     try:
         file = nptdms.TdmsFile.read(io.BytesIO(data))
         channels = [
@@ -40,3 +42,10 @@ def read(data: bytes, path: Path) -> Table:
         if len(values)
     }
     return tabulate(vectors, path, "tdms")
+
+
+def _quiet() -> None:
+    """Keep npTDMS from writing its own warnings to the terminal: what matters of them is raised above."""
+    for name in list(logging.root.manager.loggerDict):
+        if name.startswith("nptdms."):
+            logging.getLogger(name).setLevel(logging.ERROR)

@@ -146,10 +146,6 @@ def _names(cells: list[str], line: int, path: Path) -> list[str]:
 
 def _width(body: Sequence[str], numbers: Sequence[int], width: int, delimiter: str, path: Path) -> int:
     """Fields a row has: as many as the header, or one more where every row ends in a delimiter."""
-    if width == 1:
-        delimiter = (
-            "\t" if delimiter == ";" and not any(";" in line for line in body[:_SAMPLE]) else delimiter
-        )
     counts = [_count(line, delimiter) for line in body]
     if (
         delimiter != " "
