@@ -1,1 +1,22 @@
-"""Recursive ARMAX."""
+"""ARMAX models of eq. 12: identified recursively or in batch, predicted, compared, audited, exported."""
+
+from optid.armax.forgetting import Constant, Directional, Variable
+from optid.armax.identifier import Identification, Identifier, Method, Settings, exact_start, identify
+from optid.armax.model import Armax, from_transfer_function
+from optid.armax.structure import Orders, orders
+
+__all__ = [
+    "Armax",
+    "Constant",
+    "Directional",
+    "Identification",
+    "Identifier",
+    "Method",
+    "Orders",
+    "Settings",
+    "Variable",
+    "exact_start",
+    "from_transfer_function",
+    "identify",
+    "orders",
+]

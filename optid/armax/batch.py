@@ -26,7 +26,7 @@ from optid.core.model import Array
 from optid.errors import NotIdentifiable
 
 MOST_STEPS = 200
-SMALLEST_GAIN = 1e-14  # relative decrease of V below which the search has arrived
+SMALLEST_GAIN = 1e-10  # relative decrease of V below which the search has arrived
 STABLE_RADIUS = 0.9999
 
 
@@ -89,6 +89,15 @@ def _residuals(y, u, keep, theta, na, nbs, nks, nc, e, Psi):  # type: ignore[no-
             share = theta[n - nc + k]
             for j in range(n):
                 Psi[t, j] -= share * Psi[t - 1 - k, j]
+
+
+def residuals_of(model: Armax, y: ArrayLike, u: ArrayLike | None) -> tuple[Array, Array]:
+    """e, shape (N,), and its gradient psi = -de/dtheta, shape (N, parameters), zero where a lag is lost."""
+    record, o = signals(y, u), model.orders
+    e, Psi = np.empty(record.y.size), np.empty((record.y.size, o.parameters))
+    nbs, nks = np.array(o.nb, dtype=np.int64), np.array(o.nk, dtype=np.int64)
+    _residuals(record.y, record.u, usable(record, o), model.theta, o.na, nbs, nks, o.nc, e, Psi)
+    return e, Psi
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import enum
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Self, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -115,7 +115,7 @@ class Identifier:
         from optid.armax.recursion import step_many, step_single
 
         single = self.orders.inputs == 1
-        self._kernel: Callable[[Array, float, Any], float] = step_single if single else step_many
+        self._kernel = cast("Callable[[Array, float, Any], float]", step_single if single else step_many)
         # Compile (or load) now, on a copy: the first sample of a rig must not wait for it.
         self._kernel(self._state.copy(), 0.0, 0.0 if single else np.zeros(self.orders.inputs))
 
@@ -143,6 +143,22 @@ class Identifier:
         track = np.empty((record.y.size // every if every else 0, self.orders.parameters))
         run(self._state, record.y, record.u, innovations, track, every)
         return innovations, track * self._unscale()
+
+    def start_at(self, theta: ArrayLike) -> None:
+        """Begin from a parameter vector in the signals' units; C is brought to stability.
+
+        Args:
+            theta: [a_1.., b.., c_1..], from a regression or an earlier model.
+        """
+        from optid.armax.recursion import stabilise
+
+        values = np.asarray(theta, dtype=float)
+        if values.shape != (self.orders.parameters,) or not np.all(np.isfinite(values)):
+            raise InputError("no finite vector", field="theta", expected=f"{self.orders.parameters} numbers")
+        start, nc = at.theta_at(self.orders), self.orders.nc
+        part = self._state[start : start + values.size]
+        part[:] = values / self._unscale()
+        stabilise(part[self.orders.c_block], nc, self.settings.radius, np.empty(2 * nc))
 
     # What it knows.
 
@@ -391,6 +407,7 @@ def identify(
     sample_time: float = 1.0,
     settings: Settings | None = None,
     every: int = 0,
+    start: ArrayLike | None = None,
 ) -> Identification:
     """Run the recursion over a whole recording.
 
@@ -401,6 +418,7 @@ def identify(
         sample_time: seconds.
         settings: how it learns.
         every: keep theta after every so many samples; 0 keeps about a thousand rows.
+        start: theta to begin with; zeros where None.
 
     Raises:
         RecordingError: arrays of shapes that do not fit.
@@ -409,6 +427,8 @@ def identify(
     record = signals(y, u)
     check_orders([record], orders)
     identifier = Identifier(orders, sample_time, settings, record.scales)
+    if start is not None:
+        identifier.start_at(start)
     every = every or max(1, record.y.size // 1000)
     innovations, track = identifier.run(record.y, record.u, every)
     return Identification(identifier.model, innovations, track, every, identifier.counts, identifier.state)

@@ -11,9 +11,9 @@ Identification, MIT Press 1983, ch. 3; Söderström and Stoica, System Identific
     residual = y(t) - phi(t)' theta(t), which enters phi(t+1) in the place of the unknown noise
 
 P is kept as U D U' and updated by Bierman's algorithm (Factorization Methods for Discrete Sequential
-Estimation, 1977, ch. V), here written with beta = 1 + w psi' P psi so that the weight w of a sample may be zero or, for
-directional forgetting, negative. D stays positive whatever the data, so P stays positive definite; updating P
-itself loses symmetry and then positivity.
+Estimation, 1977, ch. V), here written with beta = 1 + w psi' P psi so that the weight w of a sample may be
+zero or, for directional forgetting, negative. D stays positive whatever the data, and so P positive definite;
+updating P itself loses symmetry and then positivity.
 
 These functions keep to a small language (floats, whole numbers, ranges, parts of one array) because
 `optid.armax.translate` writes the same functions in C.
@@ -89,7 +89,7 @@ def project(U: Array, D: Array, psi: Array, F: Array, n: int) -> float:
 
 @folded
 def update(U: Array, D: Array, F: Array, G: Array, n: int, w: float, forget: float) -> float:
-    """P <- (P - w G G' / (1 + w psi' P psi)) / forget and G = P psi, from F = U' psi; returns the trace lost."""
+    """P <- (P - w G G' / (1 + w psi' P psi)) / forget, G = P psi, from F = U' psi; returns the trace lost."""
     beta = 1.0
     inverse = 1.0
     fade = 1.0 / forget
@@ -298,13 +298,19 @@ def advance(s: Array, y: float) -> float:
     e = measured - prediction
 
     if hold > 0.0:
+        # After a gap the residuals start again from zero, the filtered output as if it had been constant.
         hold -= 1.0
-        if s[UPDATES] > 0.0:
-            residual = e
+        dc = 1.0
+        factor = 1.0
+        for k in range(nc):
+            factor = factor * share
+            dc += factor * c[k]
+        for k in range(nf):
+            yf[k] = measured / dc
     else:
         news = project(U, D, psi, F, n)
         if news < LARGEST_NEWS:
-            learn(s, theta, U, D, psi, F, G, n, e, news)
+            learn(s, theta, U, D, F, G, n, e, news)
             if nc > 0:
                 s[PROJECTED] += stabilise(c, nc, s[RADIUS], work)
         residual = measured
@@ -334,7 +340,7 @@ def advance(s: Array, y: float) -> float:
 
 @folded
 def learn(
-    s: Array, theta: Array, U: Array, D: Array, psi: Array, F: Array, G: Array, n: int, e: float, news: float
+    s: Array, theta: Array, U: Array, D: Array, F: Array, G: Array, n: int, e: float, news: float
 ) -> float:
     """Move theta and P by one innovation."""
     updates = s[UPDATES]

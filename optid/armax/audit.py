@@ -1,0 +1,230 @@
+"""What a discrete model really contains: said without being asked."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from optid.armax.loop import Gains, Loop, close_loop
+from optid.armax.model import Armax, from_transfer_function
+from optid.armax.residuals import ResidualTests, residual_tests
+from optid.core.model import Array
+
+Roots = NDArray[np.complex128]
+
+NEAR = 0.05  # a pole and a zero whose removal changes no frequency by more than this share cancel
+CLOSE = 0.1  # and whose distance is at most this share of the pole's modulus
+STATIC = 0.01  # share of the impulse response's energy outside its first sample that a static gain may have
+SETTLED = 0.01  # share of the impulse response's peak
+LONGEST = 100_000  # samples of impulse response looked at
+
+
+@dataclass(frozen=True)
+class Cancellation:
+    """A pole that a zero nearly cancels; `effect` is the largest relative change of response if both go."""
+
+    pole: complex
+    zero: complex
+    effect: float
+
+    @property
+    def poles(self) -> int:
+        """How many poles go: two for a complex pair."""
+        return 2 if self.pole.imag else 1
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing worth knowing: a fixed name, a grave one or not, and a sentence."""
+
+    name: str
+    grave: bool
+    text: str
+
+
+@dataclass(frozen=True)
+class Audit:
+    """What one input's path of a model contains.
+
+    Attributes:
+        order: number of poles as written.
+        poles, zeros: in z.
+        pole_errors: standard error of each pole's modulus, from the model's covariance; NaN where unknown.
+        stable: every pole lies inside the unit circle.
+        cancellations: poles a zero nearly cancels.
+        effective_order: poles that remain when those are gone.
+        static_gain: response to a constant, infinite for an integrator; formal where the model is unstable.
+        first: coefficient of the first sample that answers.
+        static_share: share of the impulse response's energy in that sample (cancelled pairs removed).
+        settles: samples until the impulse response stays below 1 % of its peak, None where it never does.
+        time_constants: of the poles inside the unit circle, in samples, slowest first.
+        residuals: tests on a recording, where one was given.
+        loop: the loop closed with given gains, where some were given.
+        findings: all of it in words, grave ones first.
+    """
+
+    order: int
+    poles: tuple[complex, ...]
+    zeros: tuple[complex, ...]
+    pole_errors: tuple[float, ...]
+    stable: bool
+    cancellations: tuple[Cancellation, ...]
+    effective_order: int
+    static_gain: float
+    first: float
+    static_share: float
+    settles: int | None
+    time_constants: tuple[float, ...]
+    residuals: ResidualTests | None
+    loop: Loop | None
+    findings: tuple[Finding, ...]
+
+    @property
+    def only_static(self) -> bool:
+        """The model holds no more than a static gain and its delay."""
+        return self.static_share >= 1.0 - STATIC
+
+
+def audit(
+    model: Any,
+    y: ArrayLike | None = None,
+    u: ArrayLike | None = None,
+    *,
+    gains: Gains | None = None,
+    input: int = 0,
+    fitted: bool = True,
+    error_rate: float = 0.01,
+) -> Audit:
+    """Look into a discrete model.
+
+    Args:
+        model: `Armax`, a discrete `control.TransferFunction`, or (numerator, denominator) in powers of z.
+        y, u: a recording to test its residuals on.
+        gains: a PID controller to close its loop with.
+        input: whose path to look into.
+        fitted: the model was fitted to this recording.
+        error_rate: at which a right model's residuals are refused.
+    """
+    if not isinstance(model, Armax):
+        model = from_transfer_function(model)
+    numerator, denominator = (np.trim_zeros(p, "b") for p in model.powers_of_z(input))
+    poles = np.roots(denominator).astype(complex)
+    zeros = np.roots(np.trim_zeros(numerator, "f")).astype(complex)
+    pairs = cancellations(poles, zeros)
+    gone = sum(pair.poles for pair in pairs)
+    response = impulse_response(_reduced(model, pairs, input))
+    energy = float(np.sum((response / max(np.max(np.abs(response)), 1e-300)) ** 2))
+    peak = float(np.max(np.abs(response)))
+    first = float(np.trim_zeros(np.array(model.b[input]), "f")[0]) if np.any(model.b[input]) else 0.0
+    tests = None
+    if y is not None:
+        tests = residual_tests(model, y, u, error_rate=error_rate, fitted=fitted)
+    inside = sorted((abs(p) for p in poles if 0.0 < abs(p) < 1.0), reverse=True)
+    at_one = float(np.polyval(denominator, 1.0))
+    gain = float(np.polyval(numerator, 1.0)) / at_one if abs(at_one) > 1e-12 else math.inf
+    large = np.flatnonzero(np.abs(response) > SETTLED * peak)
+    settles = int(large[-1]) + 1 if large.size and large[-1] + 1 < response.size else None
+    result = Audit(
+        order=int(poles.size),
+        poles=tuple(complex(p) for p in poles),
+        zeros=tuple(complex(z) for z in zeros),
+        pole_errors=pole_errors(model, poles),
+        stable=bool(np.all(np.abs(poles) < 1.0)),
+        cancellations=pairs,
+        effective_order=int(poles.size) - gone,
+        static_gain=gain,
+        first=first,
+        static_share=float((first / peak) ** 2 / energy) if peak > 0 else 1.0,
+        settles=settles,
+        time_constants=tuple(float(-1.0 / math.log(r)) for r in inside),
+        residuals=tests,
+        loop=None if gains is None else close_loop(model, gains, input),
+        findings=(),
+    )
+    return _with_words(result)
+
+
+def cancellations(poles: Roots, zeros: Roots) -> tuple[Cancellation, ...]:
+    """Pairs of a pole and a zero that nearly cancel, nearest first; a complex pole stands for its pair.
+
+    Without both the response changes on the unit circle by at most |pole - zero| / |1 - |pole|| of itself.
+    Near the origin all is close in that sense, so they must also lie within a tenth of the pole's modulus.
+    """
+    candidates = [
+        Cancellation(complex(p), complex(z), float(abs(p - z) / max(abs(1.0 - abs(p)), 1e-12)))
+        for p in poles
+        for z in zeros
+        if p.imag >= 0.0 and z.imag >= 0.0 and (p.imag > 0.0) == (z.imag > 0.0)
+    ]
+    taken: list[Cancellation] = []
+    for pair in sorted(candidates, key=lambda c: c.effect):
+        free = all(pair.pole != t.pole and pair.zero != t.zero for t in taken)
+        if pair.effect <= NEAR and free and abs(pair.pole - pair.zero) <= CLOSE * abs(pair.pole):
+            taken.append(pair)
+    return tuple(taken)
+
+
+def pole_errors(model: Armax, poles: Roots) -> tuple[float, ...]:
+    """Standard error of each pole's modulus to first order: dp/da_k = -p^(n-k) / A'(p), A in powers of z."""
+    n = len(model.a) - 1
+    if model.covariance is None or n == 0:
+        return (math.nan,) * poles.size
+    spread = np.array(model.covariance)[:n, :n]
+    slope = np.polyder(np.array(model.a))
+    errors = []
+    for p in poles:
+        steepness = complex(np.polyval(slope, p))
+        if abs(p) == 0.0 or steepness == 0.0:
+            errors.append(math.nan)
+            continue
+        change = np.array([-(p ** (n - k)) for k in range(1, n + 1)]) / steepness
+        outwards = np.real(change * np.conj(p)) / abs(p)
+        errors.append(float(np.sqrt(max(outwards @ spread @ outwards, 0.0))))
+    return tuple(errors)
+
+
+def impulse_response(model: Armax, input: int = 0) -> Array:
+    """From the first sample that answers until it has settled or a limit is reached, shape (samples,)."""
+    from scipy.signal import lfilter
+
+    a = np.array(model.a)
+    slowest = float(np.max(np.abs(np.roots(a)), initial=0.0))
+    length = LONGEST
+    if slowest < 1.0:
+        length = min(LONGEST, int(30.0 / -math.log(slowest)) + 50) if slowest > 1e-9 else 50
+    elif slowest > 1.0:
+        length = min(LONGEST, int(50.0 / math.log(slowest)) + 2)
+    pulse = np.zeros(length + len(model.b[input]) + len(a))
+    pulse[0] = 1.0
+    return np.asarray(lfilter(model.b[input], a, pulse))
+
+
+def _reduced(model: Armax, pairs: Sequence[Cancellation], input: int) -> Armax:
+    """The path of one input without its cancelled pairs, first coefficient and delay unchanged."""
+    numerator, denominator = np.trim_zeros(np.array(model.b[input]), "f"), np.array(model.a)
+    if not numerator.size:
+        return Armax(a=model.a, b=(model.b[input],), nk=(0,))
+    for pair in pairs:
+        for polynomial, root in (("n", pair.zero), ("d", pair.pole)):
+            factor = np.real(np.poly([root, np.conj(root)] if root.imag else [root]))
+            if polynomial == "n":
+                numerator = np.polydiv(numerator, factor)[0]
+            else:
+                denominator = np.polydiv(denominator, factor)[0]
+    lead = denominator[0]
+    return Armax(
+        a=tuple(float(x) for x in denominator / lead), b=(tuple(float(x) for x in numerator / lead),), nk=(0,)
+    )
+
+
+def _with_words(result: Audit) -> Audit:
+    from dataclasses import replace
+
+    from optid.armax.words import findings
+
+    return replace(result, findings=findings(result))

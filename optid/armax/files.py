@@ -1,0 +1,171 @@
+"""armax.json: written by a survey, read back bit for bit."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from optid.armax.audit import Finding
+from optid.armax.model import Armax
+from optid.armax.survey import Survey
+from optid.errors import InputError
+
+SCHEMA = "optid.armax/1"
+
+
+@dataclass(frozen=True)
+class SavedModel:
+    """A model and what its audit found."""
+
+    model: Armax
+    audit: tuple[Finding, ...] = ()
+
+
+@dataclass(frozen=True)
+class ArmaxFile:
+    """Contents of armax.json.
+
+    Attributes:
+        input, output: roles of the signals.
+        recommended: order na of the model to take.
+        words: why.
+        models: all of them.
+    """
+
+    input: str
+    output: str
+    recommended: int
+    models: tuple[SavedModel, ...]
+    words: str = ""
+
+    @property
+    def chosen(self) -> Armax:
+        """The recommended model."""
+        return next(saved.model for saved in self.models if saved.model.orders.na == self.recommended)
+
+
+def from_survey(survey: Survey) -> ArmaxFile:
+    """What of a survey goes into armax.json."""
+    models = tuple(SavedModel(c.model, c.audit.findings) for c in survey.candidates)
+    return ArmaxFile(survey.input, survey.output, survey.recommended, models, survey.words)
+
+
+def to_json(contents: ArmaxFile) -> str:
+    """As text; numbers are written so that they read back to the same bits."""
+    document = {
+        "schema": SCHEMA,
+        "input": contents.input,
+        "output": contents.output,
+        "recommended": contents.recommended,
+        "words": contents.words,
+        "models": [_model_out(saved) for saved in contents.models],
+    }
+    return json.dumps(document, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+
+
+def save(path: Path, contents: ArmaxFile) -> None:
+    """Write armax.json."""
+    path.write_text(to_json(contents), encoding="utf-8")
+
+
+def load(path: Path) -> ArmaxFile:
+    """Read armax.json.
+
+    Raises:
+        InputError: no such file, no JSON, another schema, or a field that is missing or of the wrong kind.
+    """
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError as error:
+        raise InputError("no such file", where=path) from error
+    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
+        raise InputError(
+            f"cannot be read ({error})", where=path, expected="a file of `optid identify`"
+        ) from error
+    return from_document(document, path)
+
+
+def from_document(document: Any, where: object = None) -> ArmaxFile:
+    """From parsed JSON."""
+    if not isinstance(document, dict) or document.get("schema") != SCHEMA:
+        found = document.get("schema") if isinstance(document, dict) else type(document).__name__
+        raise InputError(f"{found}", where=where, field="schema", expected=SCHEMA)
+    try:
+        models = tuple(
+            _model_in(entry, f"models[{i}]", where) for i, entry in enumerate(_list(document, "models"))
+        )
+        contents = ArmaxFile(
+            str(document["input"]),
+            str(document["output"]),
+            int(document["recommended"]),
+            models,
+            str(document.get("words", "")),
+        )
+    except KeyError as error:
+        raise InputError("missing", where=where, field=str(error.args[0])) from error
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{error}", where=where, expected="an optid.armax/1 document") from error
+    if all(saved.model.orders.na != contents.recommended for saved in models):
+        raise InputError(
+            f"{contents.recommended}", where=where, field="recommended", expected="na of a model"
+        )
+    return contents
+
+
+def _list(document: dict[str, Any], field: str) -> list[Any]:
+    value = document[field]
+    if not isinstance(value, list) or not value:
+        raise ValueError(f"{field} is no list with entries")
+    return value
+
+
+def _model_out(saved: SavedModel) -> dict[str, Any]:
+    model, o = saved.model, saved.model.orders
+    single = o.inputs == 1
+    return {
+        "na": o.na,
+        "nb": o.nb[0] if single else list(o.nb),
+        "nc": o.nc,
+        "nk": o.nk[0] if single else list(o.nk),
+        "a": list(model.a),
+        "b": list(model.b[0]) if single else [list(b) for b in model.b],
+        "c": list(model.c),
+        "sample_time": model.sample_time,
+        "noise_variance": model.noise_variance,
+        "covariance": _covariance_out(model),
+        "audit": [{"name": f.name, "grave": f.grave, "text": f.text} for f in saved.audit],
+    }
+
+
+def _covariance_out(model: Armax) -> list[list[float]] | None:
+    if model.covariance is None or not all(math.isfinite(x) for row in model.covariance for x in row):
+        return None
+    return [list(row) for row in model.covariance]
+
+
+def _model_in(entry: dict[str, Any], field: str, where: object) -> SavedModel:
+    nk, b = entry["nk"], entry["b"]
+    single = not isinstance(nk, list)
+    covariance = entry.get("covariance")
+    model = Armax(
+        a=tuple(float(x) for x in entry["a"]),
+        b=tuple(tuple(float(x) for x in row) for row in ([b] if single else b)),
+        c=tuple(float(x) for x in entry["c"]),
+        nk=(int(nk),) if single else tuple(int(k) for k in nk),
+        sample_time=float(entry["sample_time"]),
+        noise_variance=float(entry["noise_variance"]),
+        covariance=None if covariance is None else tuple(tuple(float(x) for x in row) for row in covariance),
+    )
+    o = model.orders
+    said = (entry["na"], entry["nb"], entry["nc"])
+    if said != (o.na, o.nb[0] if single else list(o.nb), o.nc):
+        raise InputError(
+            f"na, nb, nc = {said}", where=where, field=field, expected="the lengths of its a, b and c"
+        )
+    findings = tuple(
+        Finding(str(f["name"]), bool(f["grave"]), str(f["text"])) for f in entry.get("audit", [])
+    )
+    return SavedModel(model, findings)

@@ -1,0 +1,192 @@
+"""Which orders and delay: a table with criteria and validation, and one recommendation in words."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from optid.armax.batch import BatchFit, fit_batch
+from optid.armax.prediction import fit_percent, innovations, predict, simulate
+from optid.armax.signals import Signals, signals
+from optid.armax.structure import Orders
+from optid.core.model import Array
+from optid.errors import InputError, NotIdentifiable
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+BLOCKS = 20  # of the held-out part, over which the spread of a difference in loss is taken
+SURE = 2.0  # standard errors by which a larger model must forecast better to be worth its parameters
+
+
+@dataclass(frozen=True)
+class Row:
+    """One candidate, fitted to the first part of the recording and validated on the rest.
+
+    Attributes:
+        orders, fit: what was fitted, and how.
+        aic, bic, fpe: N ln V + 2 p, N ln V + p ln N, V (1 + p/N)/(1 - p/N) with V the mean squared residual
+            (Ljung, System Identification, 2nd ed. 1999, sec. 16.4).
+        validated_loss: mean squared one-step error on the held-out part, output unit squared.
+        fit_one_step, fit_ten_steps, fit_simulated: percent, on the held-out part.
+        block_losses: the validated loss block by block.
+    """
+
+    orders: Orders
+    fit: BatchFit
+    aic: float
+    bic: float
+    fpe: float
+    validated_loss: float
+    fit_one_step: float
+    fit_ten_steps: float
+    fit_simulated: float
+    block_losses: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class OrderTable:
+    """All candidates and the one to take.
+
+    Attributes:
+        rows: in the order they were asked for.
+        recommended: the one with fewest parameters that no other forecasts significantly better than.
+        words: the recommendation and its reason.
+        refused: candidates that could not be fitted, and why.
+    """
+
+    rows: tuple[Row, ...]
+    recommended: Orders
+    words: str
+    refused: tuple[tuple[Orders, str], ...]
+
+    def frame(self) -> pd.DataFrame:
+        """The table, one row per candidate."""
+        import pandas as pd
+
+        return pd.DataFrame(
+            [
+                {
+                    "na": row.orders.na,
+                    "nb": ",".join(map(str, row.orders.nb)),
+                    "nc": row.orders.nc,
+                    "nk": ",".join(map(str, row.orders.nk)),
+                    "parameters": row.orders.parameters,
+                    "loss": row.fit.loss,
+                    "aic": row.aic,
+                    "bic": row.bic,
+                    "fpe": row.fpe,
+                    "validated_loss": row.validated_loss,
+                    "fit_one_step": row.fit_one_step,
+                    "fit_ten_steps": row.fit_ten_steps,
+                    "fit_simulated": row.fit_simulated,
+                    "recommended": row.orders == self.recommended,
+                }
+                for row in self.rows
+            ]
+        )
+
+
+def compare_orders(
+    y: ArrayLike,
+    u: ArrayLike | None,
+    candidates: Iterable[Orders],
+    sample_time: float = 1.0,
+    held_out: float = 0.3,
+) -> OrderTable:
+    """Fit each candidate by batch prediction errors and validate it on the last part of the recording.
+
+    Args:
+        y, u: the recording.
+        candidates: orders and delays to compare.
+        sample_time: seconds.
+        held_out: share of the recording kept for validation.
+
+    Raises:
+        NotIdentifiable: no candidate could be fitted.
+    """
+    if not 0.05 <= held_out <= 0.9:
+        raise InputError(f"{held_out}", field="held_out", expected="a share from 0.05 to 0.9")
+    record = signals(y, u)
+    cut = round(record.y.size * (1.0 - held_out))
+    rows, refused = [], []
+    for orders in candidates:
+        try:
+            fit = fit_batch([(record.y[:cut], record.u[:cut])], orders, sample_time)
+        except NotIdentifiable as error:
+            refused.append((orders, str(error)))
+        else:
+            rows.append(_row(orders, fit, record, cut))
+    if not rows:
+        raise NotIdentifiable("; ".join(why for _, why in refused) or "no candidates")
+    recommended, words = recommend(rows)
+    return OrderTable(tuple(rows), recommended, words, tuple(refused))
+
+
+def _row(orders: Orders, fit: BatchFit, record: Signals, cut: int) -> Row:
+    N, p, V = fit.samples, orders.parameters, max(fit.loss, 1e-300)
+    # The residuals run on from the training part: no transient is validated.
+    e = innovations(fit.model, record.y, record.u)[cut:]
+    rest = record.part(cut)
+    ten = predict(fit.model, record.y, record.u, 10)[cut:]
+    start = np.nan_to_num(rest.y[: max(1, orders.reach)])
+    with np.errstate(all="ignore"):
+        free = simulate(fit.model, rest.u, start, rest.y.size)
+        simulated = fit_percent(rest.y, free) if np.all(np.abs(free) < 1e150) else -np.inf
+    blocks = [float(np.nanmean(b**2)) for b in np.array_split(e, BLOCKS) if np.isfinite(b).any()]
+    return Row(
+        orders,
+        fit,
+        aic=N * np.log(V) + 2 * p,
+        bic=N * np.log(V) + p * np.log(N),
+        fpe=V * (1 + p / N) / (1 - p / N),
+        validated_loss=float(np.nanmean(e**2)),
+        fit_one_step=fit_percent(rest.y, rest.y - e),
+        fit_ten_steps=fit_percent(rest.y, ten),
+        fit_simulated=simulated,
+        block_losses=tuple(blocks),
+    )
+
+
+def recommend(rows: list[Row]) -> tuple[Orders, str]:
+    """The smallest candidate that the best forecaster does not beat by more than chance, and why in words."""
+    best = min(rows, key=lambda row: row.validated_loss)
+    alike = [row for row in rows if row is best or not _beats(best, row)]
+    chosen = min(alike, key=lambda row: (row.orders.parameters, row.validated_loss))
+    by_bic = min(rows, key=lambda row: row.bic)
+    words = f"Take {chosen.orders}"
+    if chosen is best:
+        words += ": it forecasts the held-out part best"
+        if len(alike) > 1:
+            words += ", and nothing smaller does as well"
+    else:
+        gain = 100 * (1 - best.validated_loss / chosen.validated_loss)
+        words += (
+            f": the best forecaster of the held-out part ({best.orders}) gains {gain:.2g} % in mean square, "
+            "which is within chance, and needs "
+            f"{best.orders.parameters - chosen.orders.parameters} more parameters"
+        )
+    if by_bic is chosen:
+        words += "; BIC agrees."
+    else:
+        words += f"; BIC would take {by_bic.orders}."
+    return chosen.orders, words
+
+
+def _beats(better: Row, other: Row) -> bool:
+    """The mean difference of block losses exceeds its standard error by more than chance does."""
+    pairs = zip(better.block_losses, other.block_losses, strict=False)
+    difference: Array = np.array([b - a for a, b in pairs])
+    if difference.size < 3:
+        return bool(better.validated_loss < other.validated_loss)
+    error = float(np.std(difference, ddof=1)) / np.sqrt(difference.size)
+    return bool(np.mean(difference) > SURE * error)
+
+
+def grid(orders: Iterable[int], delays: Iterable[int], inputs: int = 1) -> list[Orders]:
+    """Candidates with na = nb = nc for each order and each delay."""
+    return [Orders(n, (n,) * inputs, n, (nk,) * inputs) for n in orders for nk in delays]
