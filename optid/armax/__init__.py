@@ -1,9 +1,10 @@
 """ARMAX models of eq. 12: identified recursively or in batch, predicted, compared, audited, exported."""
 
 from optid.armax.forgetting import Constant, Directional, Variable
-from optid.armax.identifier import Identification, Identifier, Method, Settings, exact_start, identify
+from optid.armax.identifier import Identifier, Method, Settings
 from optid.armax.model import Armax, from_transfer_function
 from optid.armax.structure import Orders, orders
+from optid.armax.whole import Identification, exact_start, identify
 
 __all__ = [
     "Armax",

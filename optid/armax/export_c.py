@@ -19,6 +19,7 @@ _KERNELS = (
     recursion.roots_inside,
     recursion.stabilise,
     recursion.filtered,
+    recursion.newest,
     recursion.push,
     recursion.learn,
     recursion.advance,

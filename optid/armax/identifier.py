@@ -5,7 +5,7 @@ from __future__ import annotations
 import enum
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Self, cast
+from typing import Any, Self, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,13 +14,10 @@ from optid.armax import layout as at
 from optid.armax.forgetting import Constant, Forgetting
 from optid.armax.model import Armax, from_theta
 from optid.armax.prediction import ahead
-from optid.armax.signals import Signals, check_orders, signals, usable
+from optid.armax.signals import signals
 from optid.armax.structure import Orders
 from optid.core.model import Array
-from optid.errors import InputError, NotIdentifiable
-
-if TYPE_CHECKING:
-    import pandas as pd
+from optid.errors import InputError
 
 
 class Method(enum.Enum):
@@ -269,8 +266,11 @@ class Identifier:
         for i, (nb, nk) in enumerate(zip(o.nb, o.nk, strict=True)):
             past = self._part(start, nb + nk)[::-1] / self._state[at.table_at() + 3 * i + 2]
             u[rows - past.size :, i] = past
+            for t in range(1, rows):  # a lost command is taken to hold
+                if np.isnan(u[t, i]):
+                    u[t, i] = u[t - 1, i]
             start += nb + nk + max(nb + nk, nc)
-        return y, u, e
+        return y, np.nan_to_num(u), e
 
 
 def fresh_state(orders: Orders, settings: Settings, output_scale: float, input_scales: Array) -> Array:
@@ -299,136 +299,3 @@ def fresh_state(orders: Orders, settings: Settings, output_scale: float, input_s
     s[start : start + n] = settings.start_variance
     s[start + n : start + n + n * n] = np.eye(n).ravel()
     return s
-
-
-def exact_start(identifier: Identifier, y: ArrayLike, u: ArrayLike | None, rows: int | None = None) -> int:
-    """Let a fresh identifier begin with the least-squares fit of the first samples instead of a guess.
-
-    With lambda = 1 an ARX identifier then gives the batch least-squares estimate of all samples it has seen.
-    The coefficients of C begin at zero with the start variance.
-
-    Args:
-        identifier: before its first sample.
-        y, u: the recording.
-        rows: complete samples to fit; as few as possible where None.
-
-    Returns:
-        how many samples of the recording have been used up: go on with the next one.
-
-    Raises:
-        NotIdentifiable: the recording does not determine the parameters of A and B.
-    """
-    from optid.armax.regression import arx_rows
-
-    record = signals(y, u)
-    orders, state = identifier.orders, identifier._state
-    check_orders([record], orders)
-    plain = Orders(orders.na, orders.nb, 0, orders.nk)
-    where = np.flatnonzero(usable(record, plain))
-    scaled = Signals(record.y / state[at.SCALE], record.u * _input_factors(identifier))
-    p, n = plain.parameters, orders.parameters
-    count = rows or p
-    while True:
-        if count > where.size:
-            raise NotIdentifiable(f"the recording never determines the {p} parameters of A and B")
-        used = int(where[count - 1]) + 1
-        Phi, target = arx_rows(scaled.part(0, used), plain)
-        Q, R = np.linalg.qr(Phi)
-        diagonal = np.abs(np.diag(R))
-        if diagonal.min() > 1e-9 * diagonal.max():
-            break
-        count += max(1, count // 4)
-    theta = np.linalg.solve(R, Q.T @ target)
-    T = np.linalg.inv(R)  # upper triangular, P = T T' = U D U' with U = T / diag(T)
-    identifier.run(record.y[:used], record.u[:used])  # fills the histories
-    start = at.theta_at(orders)
-    state[start : start + n] = 0.0
-    state[start : start + p] = theta
-    D = np.full(n, identifier.settings.start_variance)
-    D[:p] = np.diag(T) ** 2
-    U = np.eye(n)
-    U[:p, :p] = T / np.diag(T)
-    state[start + n : start + 2 * n] = D
-    state[start + 2 * n : start + 2 * n + n * n] = U.T.ravel()
-    state[at.TRACE] = float(np.sum((U * D) * U))
-    state[at.UPDATES] = state[at.WEIGHT] = Phi.shape[0]
-    state[at.SQUARES] = float(np.sum((target - Phi @ theta) ** 2))
-    residuals = start + 6 * n + n * n + 2 * orders.nc
-    state[residuals : residuals + 2 * orders.nc] = 0.0
-    return used
-
-
-def _input_factors(identifier: Identifier) -> Array:
-    table = identifier._state[at.table_at() : at.table_at() + 3 * identifier.orders.inputs]
-    return table[2::3]
-
-
-@dataclass(frozen=True)
-class Identification:
-    """What a whole recording has taught.
-
-    Attributes:
-        model: the last estimate.
-        innovations: error of each one-step prediction before the sample was learnt, shape (N,).
-        track: theta after every so many samples, shape (rows, parameters).
-        every: samples between two rows of `track`.
-        counts: what happened to the samples.
-        state: the identifier's memory after the last sample.
-    """
-
-    model: Armax
-    innovations: Array
-    track: Array
-    every: int
-    counts: Counts
-    state: Array
-
-    def frame(self) -> pd.DataFrame:
-        """The track of the parameters as a table, indexed by time in seconds."""
-        import pandas as pd
-
-        times = (np.arange(self.track.shape[0]) + 1) * self.every * self.model.sample_time
-        return pd.DataFrame(self.track, columns=names(self.model.orders), index=pd.Index(times, name="time"))
-
-
-def names(orders: Orders) -> list[str]:
-    """Names of the entries of theta: a1.., b0.. (b1_0 with several inputs), c1.."""
-    several = orders.inputs > 1
-    out = [f"a{i + 1}" for i in range(orders.na)]
-    for k, nb in enumerate(orders.nb):
-        out += [f"b{k + 1}_{i}" if several else f"b{i}" for i in range(nb)]
-    return out + [f"c{i + 1}" for i in range(orders.nc)]
-
-
-def identify(
-    y: ArrayLike,
-    u: ArrayLike | None,
-    orders: Orders,
-    sample_time: float = 1.0,
-    settings: Settings | None = None,
-    every: int = 0,
-    start: ArrayLike | None = None,
-) -> Identification:
-    """Run the recursion over a whole recording.
-
-    Args:
-        y: output, shape (N,); NaN where it is missing.
-        u: input, shape (N,) or (N, inputs), None for an ARMA model.
-        orders: of eq. 12.
-        sample_time: seconds.
-        settings: how it learns.
-        every: keep theta after every so many samples; 0 keeps about a thousand rows.
-        start: theta to begin with; zeros where None.
-
-    Raises:
-        RecordingError: arrays of shapes that do not fit.
-        NotIdentifiable: fewer complete samples than parameters.
-    """
-    record = signals(y, u)
-    check_orders([record], orders)
-    identifier = Identifier(orders, sample_time, settings, record.scales)
-    if start is not None:
-        identifier.start_at(start)
-    every = every or max(1, record.y.size // 1000)
-    innovations, track = identifier.run(record.y, record.u, every)
-    return Identification(identifier.model, innovations, track, every, identifier.counts, identifier.state)

@@ -15,7 +15,8 @@ Estimation, 1977, ch. V), here written with beta = 1 + w psi' P psi so that the 
 zero or, for directional forgetting, negative. D stays positive whatever the data, and so P positive definite;
 updating P itself loses symmetry and then positivity.
 
-These functions keep to a small language (floats, whole numbers, ranges, parts of one array) because
+All kernels stand in this one file because numba's cache looks at the file of the outermost function alone.
+They keep to a small language (floats, whole numbers, ranges, parts of one array) because
 `optid.armax.translate` writes the same functions in C.
 """
 
@@ -188,6 +189,17 @@ def filtered(x: float, c: Array, past: Array, order: int, share: float) -> float
 
 
 @folded
+def newest(past: Array, first: int, length: int) -> float:
+    """The last measured value at or before an entry: a lost command is taken to hold."""
+    x = 0.0
+    for back in range(length - first):
+        value = past[length - 1 - back]
+        if abs(value) < LARGEST_SIGNAL:
+            x = value
+    return x
+
+
+@folded
 def push(past: Array, length: int, x: float) -> float:
     """The newest value moves in front."""
     for back in range(1, length):
@@ -260,16 +272,21 @@ def advance(s: Array, y: float) -> float:
         uf = s[at : at + flength]
         at += flength
         x = now[i] * table[3 * i + 2]
-        if not abs(x) < LARGEST_SIGNAL:
-            x = uh[0]
-            if hold < length:
-                hold = length * 1.0
+        if abs(x) < LARGEST_SIGNAL:
+            push(uh, length, x)
+        else:
+            push(uh, length, math.nan)
+            x = newest(uh, 0, length)
             s[MISSING] += 1.0
-        push(uh, length, x)
         if likelihood:
             push(uf, flength, filtered(x, c, uf, nc, share))
         for k in range(nb):
-            phi[column + k] = uh[nk + k]
+            x = uh[nk + k]
+            if not abs(x) < LARGEST_SIGNAL:
+                x = newest(uh, nk + k, length)
+                if hold < 1.0:
+                    hold = 1.0
+            phi[column + k] = x
             psi[column + k] = uf[nk + k]
         column += nb
     for k in range(nc):

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from optid.armax.audit import Audit, Finding, audit
 from optid.armax.batch import BatchFit, fit_batch
-from optid.armax.identifier import Identification, Settings, identify
+from optid.armax.identifier import Settings
 from optid.armax.loop import Gains
 from optid.armax.model import Armax
 from optid.armax.orders import OrderTable, compare_orders, grid
@@ -19,6 +19,7 @@ from optid.armax.regression import hannan_rissanen
 from optid.armax.signals import Signals, signals
 from optid.armax.structure import Orders
 from optid.armax.table2 import Entry, Table2, table2
+from optid.armax.whole import Identification, identify
 from optid.core.model import Array
 from optid.errors import InputError
 
