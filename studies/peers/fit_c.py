@@ -17,8 +17,8 @@ from studies.peers.axis import FREE, TRUE, Array
 
 HERE = Path(__file__).parent
 # No -ffast-math: with -shared it sets flush-to-zero for the whole process. -fno-math-errno and
-# -fno-trapping-math change no result.
-FLAGS = ("-O3", "-march=native", "-fno-math-errno", "-fno-trapping-math", "-shared", "-fPIC")
+# -fno-trapping-math change no result; -Wno-psabi is for processors without AVX.
+FLAGS = ("-O3", "-march=native", "-fno-math-errno", "-fno-trapping-math", "-Wno-psabi", "-shared", "-fPIC")
 _build = tempfile.TemporaryDirectory(prefix="axis-peer-")
 _doubles = np.ctypeslib.ndpointer(np.float64, flags="C_CONTIGUOUS")
 
