@@ -3,7 +3,7 @@
 from optid.armax.forgetting import Constant, Directional, Variable
 from optid.armax.identifier import Identifier, Method, Settings
 from optid.armax.model import Armax, from_transfer_function
-from optid.armax.structure import Orders, orders
+from optid.armax.structure import Orders
 from optid.armax.whole import Identification, exact_start, identify
 
 __all__ = [
@@ -19,5 +19,4 @@ __all__ = [
     "exact_start",
     "from_transfer_function",
     "identify",
-    "orders",
 ]

@@ -82,7 +82,7 @@ def residual_tests(
     Args:
         model: to test.
         y, u: the recording.
-        lags: how many of the past, and of each input from its delay on.
+        lags: how many of the past, and of each input.
         error_rate: at which a right model fails any of the tests (shared equally among them).
         fitted: the model was fitted to this recording; False for a recording it has not seen.
     """
@@ -94,8 +94,10 @@ def residual_tests(
     level = error_rate / (1 + record.u.shape[1])
     suspects = [(f"past residuals, 1 to {lags} samples", [lagged(e, k) for k in range(1, lags + 1)], 1)]
     for i, nk in enumerate(model.nk):
-        name = f"input {i + 1}, {nk} to {nk + lags - 1} samples"
-        suspects.append((name, [lagged(record.u[:, i], k) for k in range(nk, nk + lags)], nk))
+        # A lag of 0 is a suspect only where the model lets the input act at once: a controller acts so too.
+        first = min(nk, 1)
+        name = f"input {i + 1}, {first} to {first + lags - 1} samples"
+        suspects.append((name, [lagged(record.u[:, i], k) for k in range(first, first + lags)], first))
     tests = [
         _score(name, e, Psi if fitted else None, np.column_stack(w), level, first)
         for name, w, first in suspects

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Self
 
 from optid.errors import InputError
 
@@ -47,6 +48,13 @@ class Orders:
                 f"{self.parameters} parameters", field="orders", expected=f"between 1 and {MOST_PARAMETERS}"
             )
 
+    @classmethod
+    def of(cls, na: int, nb: int | tuple[int, ...], nc: int, nk: int | tuple[int, ...] = 1) -> Self:
+        """Orders from plain numbers; one number of `nb` or `nk` serves every input."""
+        inputs = max(len(n) if isinstance(n, tuple) else 1 for n in (nb, nk))
+        full = [n if isinstance(n, tuple) else (n,) * inputs for n in (nb, nk)]
+        return cls(na, full[0], nc, full[1])
+
     @property
     def inputs(self) -> int:
         """Number of inputs."""
@@ -79,10 +87,3 @@ class Orders:
             return ",".join(str(number) for number in numbers) or "-"
 
         return f"na {self.na}, nb {text(self.nb)}, nc {self.nc}, nk {text(self.nk)}"
-
-
-def orders(na: int, nb: int | tuple[int, ...], nc: int, nk: int | tuple[int, ...] = 1) -> Orders:
-    """Orders from plain numbers; one number of `nb` or `nk` serves every input."""
-    inputs = max(len(n) if isinstance(n, tuple) else 1 for n in (nb, nk))
-    full = [n if isinstance(n, tuple) else (n,) * inputs for n in (nb, nk)]
-    return Orders(na, full[0], nc, full[1])

@@ -17,7 +17,6 @@ from optid.armax import (
     Variable,
     exact_start,
     identify,
-    orders,
 )
 from optid.armax.batch import fit_batch
 from optid.armax.prediction import predict
@@ -132,7 +131,7 @@ def test_many_inputs_step(simulated):
 
 def test_saved_memory_of_another_model_is_refused(truth):
     with pytest.raises(InputError, match="another model's memory"):
-        Identifier(truth.orders).restored(Identifier(orders(2, 2, 1)).state)
+        Identifier(truth.orders).restored(Identifier(Orders.of(2, 2, 1)).state)
 
 
 @pytest.mark.parametrize("law", LAWS, ids=lambda law: type(law).__name__)
@@ -150,7 +149,7 @@ def test_forgetting_follows_a_change(simulated, law):
 @pytest.mark.parametrize("law", LAWS, ids=lambda law: type(law).__name__)
 @pytest.mark.parametrize("idle", ["rest", "held", "hum"])
 def test_idling_does_not_wind_up(law, idle):
-    """The full length of 10^7 idle samples is run by studies/benchmark_armax.py; the trace settles long before."""
+    """All of the 10^7 idle samples run in studies/benchmark_armax.py; the trace settles long before."""
     system = Armax(a=(1.0, -1.5, 0.7), b=((1.0, 0.5),), nk=(1,))
     first, N, last = 2000, 100_000, 50
     rng = np.random.default_rng(0)
@@ -170,7 +169,7 @@ def test_idling_does_not_wind_up(law, idle):
 
 def test_without_the_guard_it_would_wind_up():
     settings = Settings(forgetting=Constant(0.99), variance_limit=1e30)
-    identifier = Identifier(orders(2, 2, 0), settings=settings)
+    identifier = Identifier(Orders.of(2, 2, 0), settings=settings)
     identifier.run(np.zeros(5000), np.zeros(5000))
     assert np.trace(identifier.scaled_covariance) > 1e20
 
@@ -229,16 +228,16 @@ def test_frame_of_the_track(truth, simulated):
 
 def test_errors_say_what_to_do():
     with pytest.raises(InputError, match="nk: -1"):
-        orders(2, 2, 0, -1)
+        Orders.of(2, 2, 0, -1)
     with pytest.raises(InputError, match="forgetting factor"):
-        Identifier(orders(1, 1, 0), settings=Settings(forgetting=Constant(1.5)))
+        Identifier(Orders.of(1, 1, 0), settings=Settings(forgetting=Constant(1.5)))
     with pytest.raises(InputError, match="radius"):
         Settings(radius=2.0)
     with pytest.raises(RecordingError, match="2 inputs"):
-        identify(np.zeros(100), np.zeros((100, 2)), orders(1, 1, 0))
+        identify(np.zeros(100), np.zeros((100, 2)), Orders.of(1, 1, 0))
     with pytest.raises(RecordingError, match="shapes"):
-        identify(np.zeros(100), np.zeros(99), orders(1, 1, 0))
+        identify(np.zeros(100), np.zeros(99), Orders.of(1, 1, 0))
     with pytest.raises(NotIdentifiable, match="cannot determine"):
-        identify(np.zeros(5), np.zeros(5), orders(4, 4, 4))
+        identify(np.zeros(5), np.zeros(5), Orders.of(4, 4, 4))
     with pytest.raises(InputError, match="scales"):
-        Identifier(orders(1, 1, 0), scales=(0.0, [1.0]))
+        Identifier(Orders.of(1, 1, 0), scales=(0.0, [1.0]))
