@@ -1,0 +1,1 @@
+"""Checks of data before a solve and of models after it."""
