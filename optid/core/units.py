@@ -63,9 +63,15 @@ class Conversion:
         product = Decimal(number) * Decimal(repr(self.factor))
         return float(product if difference else product + Decimal(repr(self.offset)))
 
-    def back(self, value: float) -> float:
-        """An SI number in `unit`."""
-        return float((Decimal(repr(value)) - Decimal(repr(self.offset))) / Decimal(repr(self.factor)))
+    def text(self, value: float) -> str:
+        """An SI number as a decimal text in `unit` that `exact` reads back.
+
+        Near the zero of a shifted scale (an absolute pressure far below the ambient one, as gauge) a float in
+        `unit` is too coarse; the text then carries the digits it takes.
+        """
+        number = (Decimal(repr(value)) - Decimal(repr(self.offset))) / Decimal(repr(self.factor))
+        short = repr(float(number))
+        return short if not self.offset or self.exact(short) == value else f"{number:f}"
 
 
 def conversion(

@@ -267,7 +267,7 @@ def _written(value: float, old: object, unit: str, air: float | None) -> float |
     if old is None or not isinstance(old, str):
         return value if unit == "1" else f"{value!r} {unit}"
     _, own = split(old, unit)
-    number = repr(conversion(own, unit, atmospheric=air).back(value))
+    number = conversion(own, unit, atmospheric=air).text(value)
     # What follows the number in the old entry, blanks included, stays.
     return number + re.sub(r"^\s*[-+\d.]+(?:[eE][-+]?\d+)?", "", old)
 
