@@ -29,6 +29,9 @@ class Method(enum.Enum):
     MAXIMUM_LIKELIHOOD = "recursive maximum likelihood: exact gradient, tends to the batch estimate"
 
 
+NOISE = 0.01  # share of the output's scale that the innovation is taken to have where nothing is said
+
+
 @dataclass(frozen=True)
 class Settings:
     """How the recursion learns.
@@ -36,7 +39,10 @@ class Settings:
     Attributes:
         method: the gradient; without C both are recursive least squares.
         forgetting: how old samples fade.
-        start_variance: of each parameter of the scaled signals, in units of the noise variance.
+        start_sd: how far, a priori, coefficients of A and B of the scaled signals lie from zero.
+        start_sd_c: the same for C. A loose C winds up before A and B are known, so it is held tighter.
+        noise: expected standard deviation of the innovation as a share of the output's scale, on which P's
+            start rests; None is 0.01 for an `Identifier` and a quick regression in `identify`.
         variance_limit: trace of P above which nothing is forgotten; None is the start's own trace.
         outliers: standard deviations of the innovation beyond which its step grows no more; None: no bound.
         warm: how far below its value the forgetting factor starts, and the factor by which that fades; lets
@@ -50,7 +56,9 @@ class Settings:
 
     method: Method = Method.MAXIMUM_LIKELIHOOD
     forgetting: Forgetting = field(default_factory=Constant)
-    start_variance: float = 1e4
+    start_sd: float = 3.0
+    start_sd_c: float = 0.3
+    noise: float | None = None
     variance_limit: float | None = None
     outliers: float | None = None
     warm: tuple[float, float] | None = None
@@ -60,7 +68,9 @@ class Settings:
 
     def __post_init__(self) -> None:
         for name, value, low, high in (
-            ("start_variance", self.start_variance, 1e-12, 1e20),
+            ("start_sd", self.start_sd, 1e-9, 1e9),
+            ("start_sd_c", self.start_sd_c, 1e-9, 1e9),
+            ("noise", NOISE if self.noise is None else self.noise, 1e-9, 1e3),
             ("variance_limit", 1.0 if self.variance_limit is None else self.variance_limit, 1e-12, 1e30),
             ("outliers", 3.0 if self.outliers is None else self.outliers, 0.1, 1e6),
             ("warm", 0.0 if self.warm is None else self.warm[0], 0.0, 0.5),
@@ -70,6 +80,13 @@ class Settings:
         ):
             if not low <= value <= high:
                 raise InputError(f"{value}", field=name, expected=f"{low:g} to {high:g}")
+
+    def start_variances(self, orders: Orders) -> Array:
+        """The diagonal of P before the first sample, shape (parameters,)."""
+        sd = np.full(orders.parameters, self.start_sd)
+        sd[orders.c_block] = self.start_sd_c
+        variances: Array = (sd / (NOISE if self.noise is None else self.noise)) ** 2
+        return variances
 
 
 @dataclass(frozen=True)
@@ -286,16 +303,17 @@ def fresh_state(orders: Orders, settings: Settings, output_scale: float, input_s
     s[at.FILTERED] = float(settings.method is Method.MAXIMUM_LIKELIHOOD and orders.nc > 0)
     settings.forgetting.write(s)
     s[at.OUTLIER] = settings.outliers or 0.0
-    s[at.LIMIT] = settings.variance_limit or n * settings.start_variance
+    variances = settings.start_variances(orders)
+    s[at.LIMIT] = settings.variance_limit or float(np.sum(variances))
     s[at.RADIUS], s[at.SCALE] = settings.radius, output_scale
     warm = settings.warm if settings.warm is not None else ((0.05, 0.99) if orders.nc else (0.0, 0.0))
     s[at.WARM], s[at.WARM_RATE] = warm
     s[at.EASE], s[at.EASE_RATE] = (0.0, 0.0) if settings.ease is None else (1.0, settings.ease)
     s[at.HOLD] = 0.0 if settings.at_rest else orders.reach
-    s[at.TRACE] = n * settings.start_variance
+    s[at.TRACE] = float(np.sum(variances))
     for i, (nb, nk) in enumerate(zip(orders.nb, orders.nk, strict=True)):
         s[at.table_at() + 3 * i : at.table_at() + 3 * i + 3] = nb, nk, 1.0 / input_scales[i]
     start = at.theta_at(orders) + n
-    s[start : start + n] = settings.start_variance
+    s[start : start + n] = variances
     s[start + n : start + n + n * n] = np.eye(n).ravel()
     return s

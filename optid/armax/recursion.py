@@ -379,11 +379,18 @@ def learn(
             forget = 1.0 - weight * e * e / ((1.0 + news) * s[MEMORY] * s[SLOW])
         if forget < s[FACTOR]:
             forget = s[FACTOR]
-        if updates >= n:
-            span = updates - n + 1.0
+        if updates >= n and news * s[MEMORY] > 1.5:  # at rest errors say nothing about their usual size
+            span = 0.25 * (updates - n) + 1.0  # early, and large, errors fade from the average
             if span > 10.0 * s[MEMORY]:
                 span = 10.0 * s[MEMORY]
             s[SLOW] += (weight * e * e / (1.0 + news) - s[SLOW]) / span
+    elif s[FORGETTING] == 0.0:
+        # A sample that brings less news than forgetting costs is no reason to forget: at rest nothing fades.
+        worth = 1.5
+        if n < 3:
+            worth = 0.5 * n
+        if news < worth * (1.0 - forget):
+            forget = 1.0
     if s[WARM] > 0.0:
         forget = forget * (1.0 - s[WARM])
         s[WARM] = s[WARM] * s[WARM_RATE]
@@ -400,7 +407,7 @@ def learn(
     if forget < least:
         forget = least
 
-    if s[FORGETTING] > 0.0:
+    if s[FORGETTING] > 0.0 and s[WARM] == 0.0:
         # Only the direction of psi forgets (Kulhavý and Kárný, IFAC World Congress 1984).
         w = weight * forget
         if news > SMALLEST_NEWS:

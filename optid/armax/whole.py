@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from optid.armax import layout as at
-from optid.armax.identifier import Counts, Identifier, Settings
+from optid.armax.identifier import NOISE, Counts, Identifier, Settings
 from optid.armax.model import Armax
-from optid.armax.regression import arx_rows
+from optid.armax.regression import arx_rows, solve
 from optid.armax.signals import Signals, check_orders, signals, usable
 from optid.armax.structure import Orders
 from optid.core.model import Array
@@ -19,6 +19,9 @@ from optid.errors import NotIdentifiable
 
 if TYPE_CHECKING:
     import pandas as pd
+
+HEAD = 4  # the noise is looked up in one sample of so many, the first ones
+LONG = 10  # coefficients of the long ARX model that does it
 
 
 def exact_start(identifier: Identifier, y: ArrayLike, u: ArrayLike | None, rows: int | None = None) -> int:
@@ -62,7 +65,7 @@ def exact_start(identifier: Identifier, y: ArrayLike, u: ArrayLike | None, rows:
     start = at.theta_at(orders)
     state[start : start + n] = 0.0
     state[start : start + p] = theta
-    D = np.full(n, identifier.settings.start_variance)
+    D = identifier.settings.start_variances(orders)
     D[:p] = np.diag(T) ** 2
     U = np.eye(n)
     U[:p, :p] = T / np.diag(T)
@@ -118,6 +121,19 @@ def names(orders: Orders) -> list[str]:
     return out + [f"c{i + 1}" for i in range(orders.nc)]
 
 
+def noise_share(record: Signals, orders: Orders) -> float:
+    """Standard deviation of the innovation as a share of the output's scale, by a long ARX model."""
+    scale, inputs = record.scales
+    head = record.part(0, max(record.y.size // HEAD, 20 * (LONG + orders.parameters)))
+    scaled = Signals(head.y / scale, head.u / inputs)
+    long = Orders(max(LONG, orders.na), tuple(max(LONG, nb) for nb in orders.nb), 0, orders.nk)
+    Phi, y = arx_rows(scaled, long)
+    if y.size <= long.parameters:
+        return NOISE
+    squares = float(np.sum((y - Phi @ solve(Phi, y)) ** 2))
+    return float(np.clip(np.sqrt(squares / (y.size - long.parameters)), 1e-6, 1.0))
+
+
 def identify(
     y: ArrayLike,
     u: ArrayLike | None,
@@ -144,6 +160,9 @@ def identify(
     """
     record = signals(y, u)
     check_orders([record], orders)
+    settings = settings or Settings()
+    if settings.noise is None:
+        settings = replace(settings, noise=noise_share(record, orders))
     identifier = Identifier(orders, sample_time, settings, record.scales)
     if start is not None:
         identifier.start_at(start)

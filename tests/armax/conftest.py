@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
 from optid.armax import Armax
+
+sys.path.insert(0, str(Path(__file__).parents[2]))  # the studies are scripts beside the package
 
 # The case of the issue "Recursive ARMAX, k-step prediction, Table 2": delay 11, noise variance 0.01.
 TRUTH = Armax(

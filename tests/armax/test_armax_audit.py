@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import control
@@ -12,8 +13,8 @@ from optid.armax import Armax
 from optid.armax.audit import audit
 from optid.armax.batch import fit_batch
 from optid.armax.loop import Gains, close_loop
-from optid.armax.paper import GAINS, TRANSFER_FUNCTIONS, printed_table, published
 from optid.errors import InputError
+from studies.table2 import PAPER_GAINS, printed_table, published
 
 # paper/notes.md: static gain, pole moduli, cancelled poles, and whether it is stable.
 KNOWN = {
@@ -28,7 +29,7 @@ EFFECTIVE = {(3, 1): 2, (4, 1): 2, (5, 1): 3, (4, 10): 2}
 @pytest.mark.parametrize("which", list(KNOWN), ids=str)
 def test_the_paper_s_models(which):
     gain, moduli, cancelled, stable = KNOWN[which]
-    found = audit(published(*which), gains=GAINS)
+    found = audit(published()[which], gains=PAPER_GAINS)
     assert found.static_gain == pytest.approx(gain, abs=5e-5)
     assert sorted(map(abs, found.poles), reverse=True) == pytest.approx(moduli, abs=0.006)
     pairs = sorted((c.pole for c in found.cancellations), key=abs)
@@ -48,13 +49,14 @@ def test_the_paper_s_models(which):
 
 @pytest.mark.parametrize("sample_time", [1 / 250e3, 1e-3, 0.1])
 def test_the_paper_s_gains_fail_at_any_rate(sample_time):
-    loop = close_loop(published(4, 1, sample_time), GAINS)
+    model = dataclasses.replace(published()[4, 1], sample_time=sample_time)
+    loop = close_loop(model, PAPER_GAINS)
     assert not loop.stable
     assert loop.first_sample_kp == pytest.approx(16 * 1.5265)
 
 
 def test_kp_alone_puts_a_pole_near_minus_24():
-    poles = close_loop(published(4, 1), Gains(kp=16.0)).poles
+    poles = close_loop(published()[4, 1], Gains(kp=16.0)).poles
     assert min(p.real for p in poles) == pytest.approx(-24.5, abs=0.6)
 
 
@@ -70,7 +72,7 @@ def test_a_healthy_model_raises_no_alarm():
 
 
 def test_largest_factor_is_the_gain_margin():
-    model = published(4, 1)
+    model = published()[4, 1]
     factor = close_loop(model, Gains(kp=0.1, ki=0.2)).largest_factor
     for share, stable in ((0.9999, True), (1.0001, False)):
         assert close_loop(model, Gains(kp=0.1 * factor * share, ki=0.2 * factor * share)).stable is stable
@@ -117,10 +119,11 @@ def test_continuous_and_improper_models_are_refused():
 
 def test_the_printed_table_knows_what_does_not_agree():
     frame = printed_table()
-    assert frame.loc[(4, 5, "error"), "square_error_over_sd2"] == pytest.approx(11.2, abs=0.1)
+    assert frame.loc[(4, 5, "error"), "over_sd_squared"] == pytest.approx(11.2, abs=0.1)
     others = [
-        frame.loc[key, "square_error_over_sd2"]
+        frame.loc[key, "over_sd_squared"]
         for key in [(3, 1, "error"), (4, 1, "error"), (5, 1, "error"), (4, 10, "error")]
     ]
     assert others == pytest.approx([3.98] * 4, abs=0.01)
-    assert len(TRANSFER_FUNCTIONS) == 4
+    assert "repeats" in frame.loc[(4, 5, "error"), "remark"]
+    assert len(published()) == 4

@@ -159,19 +159,35 @@ def test_idling_does_not_wind_up(law, idle):
     if idle != "hum":
         e[first : first + N] = 0.0
     y = lfilter([0.0, *system.b[0]], system.a, u) + lfilter([1.0], system.a, e)
-    identifier = Identifier(system.orders, settings=Settings(forgetting=law))
+    chosen = Settings(forgetting=law, noise=1e-3)
+    identifier = Identifier(system.orders, settings=chosen)
     identifier.run(y[: first + N], u[: first + N])
-    limit = identifier.settings.start_variance * system.orders.parameters
+    limit = chosen.start_variances(system.orders).sum()
     assert np.trace(identifier.scaled_covariance) <= limit * 1.0001
     identifier.run(y[first + N :], u[first + N :])
     assert identifier.theta == pytest.approx(system.theta, rel=0.05)
 
 
-def test_without_the_guard_it_would_wind_up():
-    settings = Settings(forgetting=Constant(0.99), variance_limit=1e30)
-    identifier = Identifier(Orders.of(2, 2, 0), settings=settings)
-    identifier.run(np.zeros(5000), np.zeros(5000))
-    assert np.trace(identifier.scaled_covariance) > 1e20
+def test_without_the_limit_it_would_wind_up():
+    """A noisy output at rest keeps the forgetting going, and the input's coefficients have no news."""
+    y = 1e-3 * np.random.default_rng(0).standard_normal(20_000)
+    traces = []
+    for limit in (None, 1e30):
+        settings = Settings(forgetting=Constant(0.99), variance_limit=limit)
+        identifier = Identifier(Orders.of(4, 2, 0), settings=settings)
+        identifier.run(y, np.zeros(y.size))
+        traces.append(np.trace(identifier.scaled_covariance))
+    assert traces[0] < 1e7
+    assert traces[1] > 1e20
+
+
+def test_at_rest_nothing_fades(simulated):
+    identifier = Identifier(ARX.orders, settings=Settings(forgetting=Constant(0.99)))
+    identifier.run(*simulated(ARX, 1000, 0))
+    identifier.run(np.zeros(10), np.zeros(10))
+    before = np.trace(identifier.scaled_covariance)
+    identifier.run(np.zeros(100_000), np.zeros(100_000))
+    assert np.trace(identifier.scaled_covariance) <= before
 
 
 def test_an_outlier_moves_little(simulated):
@@ -211,7 +227,7 @@ def test_missing_samples_are_skipped(truth, simulated):
 
 def test_prediction_of_the_identifier_is_the_model_s(truth, simulated):
     y, u = simulated(truth, 3000, 1)
-    identifier = Identifier(truth.orders, settings=Settings(start_variance=1e-12))
+    identifier = Identifier(truth.orders, settings=Settings(start_sd=1e-9, start_sd_c=1e-9))
     identifier.start_at(truth.theta)
     identifier.run(y[:2990], u[:2990])
     ahead = identifier.predict(10, u[2990:])
