@@ -1,0 +1,56 @@
+"""The house keeps its floors: a file imports only from floors below its own, and only `cli` prints."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).resolve().parents[1] / "optid"
+FLOORS = {
+    "errors": 0,
+    "core": 1,
+    "rigs": 2, "effects": 2,
+    "fit": 3, "armax": 3, "pid": 3, "check": 3,
+    "diagnose": 4, "tune": 4, "live": 4,
+    "report": 5, "plot": 5,
+    "cli": 6,
+}  # fmt: skip
+NEIGHBOURS = {("fit", "check")}
+FILES = sorted(path for path in PACKAGE.rglob("*.py") if path != PACKAGE / "__init__.py")
+
+
+def house(path):
+    return path.relative_to(PACKAGE).parts[0].removesuffix(".py")
+
+
+def imported(path):
+    """Dotted names of the package's modules that a file imports, wherever in it."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"line {node.lineno}: a relative import"
+            names = [node.module]
+        else:
+            continue
+        yield from (name for name in names if name.split(".")[0] == "optid")
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.relative_to(PACKAGE).as_posix())
+def test_imports_point_down(path):
+    own = house(path)
+    assert own in FLOORS, f"{own} has no floor"
+    for name in imported(path):
+        assert name != "optid", "imports the package root"
+        other = name.split(".")[1]
+        below = FLOORS[other] < FLOORS[own]
+        assert other == own or below or (own, other) in NEIGHBOURS, f"{own} imports {name}"
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.relative_to(PACKAGE).as_posix())
+def test_only_the_command_line_prints(path):
+    calls = (
+        node for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))) if isinstance(node, ast.Call)
+    )
+    printed = [call.lineno for call in calls if isinstance(call.func, ast.Name) and call.func.id == "print"]
+    assert house(path) == "cli" or not printed
