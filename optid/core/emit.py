@@ -69,7 +69,7 @@ import math
 from numba import njit
 
 # IEEE division instead of Python's check for zero, fused multiply-add allowed; NaN and infinity stay what they are.
-compiled = njit(nogil=True, error_model="numpy", fastmath={{"contract", "nsz", "arcp"}})
+compiled = njit(nogil=True, cache=True, error_model="numpy", fastmath={{"contract", "nsz", "arcp"}})
 NX, NU, NY, NP, NC, NF, ND = {sizes}
 
 
@@ -177,10 +177,10 @@ def _push(name: str, jacobian: ca.SX, nx: int) -> str:
     body = ["for d in range(ND):"]
     for i in range(jacobian.size1()):
         terms = [
-            f"J[{k}] * S[{j}, d]" for k, (r, j) in enumerate(zip(rows, columns, strict=True)) if r == i and j < nx
+            f"J[{k}] * S[{j}, d]"
+            for k, (r, j) in enumerate(zip(rows, columns, strict=True))
+            if r == i and j < nx
         ]
         body.append(f"    T[{i}, d] = {' + '.join(terms) or '0.0'}")
-    body += [
-        f"T[{r}, {j}] += J[{k}]" for k, (r, j) in enumerate(zip(rows, columns, strict=True)) if j >= nx
-    ]
+    body += [f"T[{r}, {j}] += J[{k}]" for k, (r, j) in enumerate(zip(rows, columns, strict=True)) if j >= nx]
     return "\n".join(["@compiled", f"def {name}(J, S, T):", *(f"    {line}" for line in body)])

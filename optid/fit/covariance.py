@@ -1,0 +1,135 @@
+"""Covariance of fitted parameters that stays honest when residuals are coloured.
+
+Near the optimum theta moves by the sum over samples of (influence x residual). The influence follows from the
+factored normal equations, with all node states eliminated. Two estimates of that sum's variance are made, and
+the larger one counts for each parameter:
+
+- *stationary*: residuals as an autoregression (order by AIC, Yule-Walker), its spectrum against the influences';
+- *blocks*: products of the contributions themselves over neighbouring windows (Newey and West 1987 with
+  Bartlett weights), which needs no stationarity: mismatch in a few windows counts where it stands.
+
+The reference is Student's t with one degree of freedom per window less one.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.linalg import toeplitz
+
+from optid.core.compiled import compiled, spread
+from optid.core.model import Array
+from optid.fit.problem import Problem
+from optid.fit.smoother import Objective, Point, Terms, solve_schur, system
+
+HIGHEST_ORDER = 20  # of the autoregression; the noise of a sensor chain is short
+
+
+def covariance(o: Objective, at: Point, t: Terms, q: Array, held: np.ndarray) -> Array:
+    """Covariance of the free parameters, (free, free), in SI units; zero for the `held` ones."""
+    s = system(o, at, t, q, 0.0, held)
+    schur = s.schur + np.diag(held.astype(float))
+    s = type(s)(s.factor, s.Z, schur, s.rhs_x, s.rhs_theta, s.step_x)
+    influence, residual, owner = _influence(o, at, s, held)
+    contributions = np.zeros((len(o.problem.begins), len(o.free)))
+    stationary = np.zeros((len(o.free), len(o.free)))
+    for j in range(residual.shape[1]):
+        known = np.isfinite(residual[:, j])
+        if not known.any():
+            continue
+        a = np.where(known[:, None], influence[:, j, :], 0.0)
+        r = np.where(known, residual[:, j], 0.0)
+        np.add.at(contributions, owner, a * r[:, None])
+        stationary += _stationary(a, r, known, o.problem)
+    jumps = _defect_influence(o, t, s, q, held)
+    contributions += jumps
+    stationary += jumps.T @ jumps
+    blocks = _newey_west(contributions, o.problem)
+    prior = solve_schur(s, np.diag((o.typical * ~held / o.prior_sd) ** 2))
+    prior = solve_schur(s, prior.T)  # what the prior adds: S^-1 (1/sd^2) S^-1
+    sd = np.sqrt(np.maximum(np.diag(stationary), np.diag(blocks)))
+    correlation = stationary / np.maximum(np.sqrt(np.outer(np.diag(stationary), np.diag(stationary))), 1e-300)
+    total = correlation * np.outer(sd, sd) + prior
+    scale = o.typical * ~held
+    return np.asarray(total * np.outer(scale, scale))
+
+
+def _influence(o: Objective, at: Point, s: object, held: np.ndarray) -> tuple[Array, Array, np.ndarray]:
+    """d theta / d (residual in sd): (samples, outputs, free); the residuals; each sample's window."""
+    from optid.fit.smoother import System
+
+    assert isinstance(s, System)
+    b, nx = o.problem, len(o.model.states)
+    n, ny, nd = len(b.time), len(o.model.outputs), nx + len(o.free)
+    X, Y, G = np.full((n, nx), np.nan), np.full((n, ny), np.nan), np.zeros((n, ny, nd))
+    kernel, sizes = compiled(o.model, o.free), o.tolerance * o.model.scales
+    arguments = (b.begins, b.counts, b.closed, at.X, at.p, b.dt, b.inputs, sizes, X, Y, G)
+    spread(len(b.begins), lambda i, j: kernel.trace(i, j, *arguments))
+    owner = np.searchsorted(b.begins, np.arange(n), side="right") - 1
+    Z = s.Z.reshape(len(b.begins), nx, -1)
+    towards = G[:, :, nx:] * (o.typical * ~held)
+    towards = towards - np.einsum("noi,nif->nof", G[:, :, :nx] * o.model.scales, Z[owner])
+    residual = (b.measured - Y) * o.weight
+    factor = np.minimum(1.0, o.huber / np.maximum(np.abs(residual), 1e-300))
+    influence = solve_schur(s, (towards * o.weight[:, :, None]).reshape(-1, len(o.free)).T).T
+    return influence.reshape(n, ny, -1), residual * factor, owner
+
+
+def _defect_influence(o: Objective, t: Terms, s: object, q: Array, held: np.ndarray) -> Array:
+    """What each node's defect adds to theta, (windows, free)."""
+    from optid.fit.smoother import System
+
+    assert isinstance(s, System)
+    nx, D = len(o.model.states), o.model.scales
+    Z = s.Z.reshape(len(t.end), nx, -1)
+    F = t.slope[:, :, :nx] * D
+    following = np.vstack([Z[1:], np.zeros((1, *Z.shape[1:]))])
+    towards = -t.slope[:, :, nx:] * (o.typical * ~held) + np.einsum("wij,wjf->wif", F, Z)
+    towards -= D[:, None] * following
+    pull = np.einsum("wif,wi->wf", towards, -t.defect / q**2) * o.problem.linked[:, None]
+    return np.asarray(solve_schur(s, pull.T).T)
+
+
+def _stationary(a: Array, r: Array, known: np.ndarray, b: Problem) -> Array:
+    """Variance of sum(a r) with the residuals' spectrum from an autoregression; segments are independent."""
+    edges = np.r_[0, b.begins[1:][b.closed[:-1]], len(r)]
+    total = np.zeros((a.shape[1], a.shape[1]))
+    pairs = list(zip(edges[:-1], edges[1:], strict=True))
+    coefficients, variance = autoregression([r[i:j] for i, j in pairs], int(known.sum()))
+    for i, j in pairs:
+        size = 1 << int(np.ceil(np.log2(2 * max(j - i, 2))))
+        A = np.fft.rfft(a[i:j], size, axis=0)
+        spectrum = variance / np.abs(np.fft.rfft(np.r_[1.0, -coefficients], size)) ** 2
+        twice = np.full(len(A), 2.0)
+        twice[0] = twice[-1] = 1.0
+        total += np.real(np.einsum("k,ki,kj->ij", twice * spectrum, A, A.conj())) / size
+    return total
+
+
+def autoregression(pieces: list[Array], known: int) -> tuple[Array, float]:
+    """Coefficients and innovation variance of an autoregression, its order chosen by AIC."""
+    order = min(HIGHEST_ORDER, max(1, min(len(p) for p in pieces) // 4))
+    lags = np.array([sum(float(p[k:] @ p[: len(p) - k]) for p in pieces) for k in range(order + 1)])
+    lags /= max(known, 1)
+    best = (known * np.log(max(lags[0], 1e-300)), np.zeros(0), float(lags[0]))
+    for m in range(1, order + 1):
+        coefficients = np.linalg.lstsq(toeplitz(lags[:m]), lags[1 : m + 1], rcond=None)[0]
+        variance = float(lags[0] - coefficients @ lags[1 : m + 1])
+        if variance <= 0:
+            break
+        score = known * np.log(variance) + 2 * m
+        if score < best[0]:
+            best = (score, coefficients, variance)
+    return best[1], best[2]
+
+
+def _newey_west(contributions: Array, b: Problem) -> Array:
+    """Sum of products over windows and their neighbours within a segment, Bartlett weights."""
+    windows = len(contributions)
+    segment = np.cumsum(np.r_[0, b.closed[:-1]])
+    reach = max(1, int(4 * (windows / 100) ** (2 / 9)))
+    total = contributions.T @ contributions
+    for lag in range(1, min(reach, windows - 1) + 1):
+        same = (segment[lag:] == segment[:-lag])[:, None]
+        cross = (contributions[lag:] * same).T @ contributions[:-lag]
+        total += (1 - lag / (reach + 1)) * (cross + cross.T)
+    return np.asarray(total * windows / max(windows - 1, 1))

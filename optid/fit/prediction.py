@@ -1,0 +1,181 @@
+"""Prediction as the contract defines it: free run, and 0.5 s windows whose start is known from the past alone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.linalg import LinAlgError
+
+from optid.core.model import Array
+from optid.core.recording import Recording
+from optid.core.simulation import simulate
+from optid.errors import SolveError
+from optid.fit.batch import FitOptions, _objective
+from optid.fit.problem import Problem, pose
+from optid.fit.result import Score
+from optid.fit.smoother import Objective, Point, descend, evaluate, system
+from optid.fit.start import guess
+from optid.rigs.rigfile import Rig
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+HORIZON = 0.5  # s, of a window
+MEMORY = 4  # windows of the past that are estimated anew; what lies before them is a Gaussian prior
+PROCESS_NOISE = 3e-3  # per window as a share of each state's size, when no fit says better
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """`frame`: time, then NAME, NAME_free_run, NAME_window per measured output; `scores`: kind -> role -> Score."""
+
+    frame: pd.DataFrame
+    scores: Mapping[str, Mapping[str, Score]]
+
+
+def predict(
+    rig: Rig,
+    recording: Recording,
+    values: Mapping[str, float] | None = None,
+    process_noise: Array | None = None,
+) -> Prediction:
+    """Predict a recording with fixed parameters.
+
+    The free run starts from the state that the recording's first window shows and follows the command to the
+    end. A window's start state is estimated from data before the window only (moving horizon), so the first
+    0.5 s have no window prediction: NaN.
+
+    Args:
+        rig: model and channels.
+        recording: what to predict.
+        values: SI parameters; the rig's own when absent.
+        process_noise: sd per window and state, SI; from the fit where there is one.
+
+    Raises:
+        SolveError: the simulation leaves the numbers.
+    """
+    import pandas as pd
+
+    model = rig.model
+    p = model.vector(dict(values) if values is not None else rig.parameters)
+    problem = pose(model, [recording], HORIZON)
+    objective, _ = _objective(rig, (), problem, FitOptions())
+    q = PROCESS_NOISE * model.scales if process_noise is None else np.asarray(process_noise)
+    free_run, windows = _predict(objective, p, q)
+    frame: dict[str, Array] = {"time": problem.time}
+    scores: dict[str, dict[str, Score]] = {"free_run": {}, "window": {}}
+    for j, port in enumerate(model.outputs):
+        y = problem.measured[:, j]
+        if port.role not in recording:
+            continue
+        frame |= {port.role: y, f"{port.role}_free_run": free_run[:, j], f"{port.role}_window": windows[:, j]}
+        scores["free_run"][port.role] = Score.of(y, free_run[:, j], port.unit)
+        scores["window"][port.role] = Score.of(y, windows[:, j], port.unit)
+    return Prediction(pd.DataFrame(frame), scores)
+
+
+def _predict(o: Objective, p: Array, q: Array) -> tuple[Array, Array]:
+    b = o.problem
+    free_run, windows = np.full_like(b.measured, np.nan), np.full_like(b.measured, np.nan)
+    heads = np.flatnonzero(o.heads)
+    for head, stop in zip(heads, [*heads[1:], len(b.begins)], strict=True):
+        part = _segment(o, int(head), int(stop))
+        at = Point(guess(part.model, part.problem, p), p)
+        offset = int(b.begins[head])
+        total = int(part.problem.begins[-1] + part.problem.counts[-1])
+        start = _first_state(part, at, q)
+        run = simulate(o.model, p, start, part.problem.dt, part.problem.inputs)
+        free_run[offset : offset + total + 1] = run.outputs[0]
+        for w, begin, count, outputs in _windows(part, at, q):
+            keep = count + 1 if w == len(part.problem.begins) - 1 else count
+            windows[offset + begin : offset + begin + keep] = outputs[:keep]
+    return free_run, windows
+
+
+def _segment(o: Objective, head: int, stop: int) -> Objective:
+    """Windows head..stop-1 as a problem of their own."""
+    b = o.problem
+    first, last = int(b.begins[head]), int(b.begins[stop - 1] + b.counts[stop - 1]) + 1
+    rows, pick = slice(first, last), slice(head, stop)
+    part = Problem(
+        b.time[rows], np.ascontiguousarray(b.dt[rows]), np.ascontiguousarray(b.inputs[rows]),
+        np.ascontiguousarray(b.measured[rows]), b.begins[pick] - first, b.counts[pick], b.closed[pick],
+        b.linked[pick], b.recording[pick],
+    )  # fmt: skip
+    return replace(o, problem=part, weight=np.ascontiguousarray(o.weight[rows]))
+
+
+def _past(o: Objective, first: int, stop: int, mean: Array, spread: Array) -> Objective:
+    """Windows first..stop-1 up to, not including, the sample at which window `stop` begins."""
+    b = o.problem
+    part = _segment(o, first, stop)
+    closed = np.zeros(stop - first, dtype=bool)
+    linked = np.ones(stop - first, dtype=bool)
+    linked[-1] = False
+    assert len(b.begins) >= stop
+    return replace(
+        part, problem=replace(part.problem, closed=closed, linked=linked), start=mean, spread=spread
+    )
+
+
+def _first_state(o: Objective, at: Point, q: Array) -> Array:
+    stop = min(MEMORY, len(o.problem.begins))
+    past = _past(o, 0, stop, o.start, o.spread)
+    found, _, _ = descend(past, Point(at.X[:stop], at.p), q, iterations=40, precision=1e-6)
+    return found.X[0]
+
+
+def _windows(o: Objective, at: Point, q: Array) -> list[tuple[int, int, int, Array]]:
+    """For every window after the first: its number, first sample, intervals and predicted outputs."""
+    b, out = o.problem, []
+    mean, spread, first = o.start, o.spread, 0
+    X = at.X.copy()
+    # Node states come from the guess, which looks at measurements around a node: the newest one is replaced by
+    # what the model carries there, so that nothing of the window itself is used.
+    for w in range(1, len(b.begins)):
+        past = _past(o, first, w, mean, spread)
+        begin = Point(X[first:w], at.p)
+        try:
+            found, terms, _ = descend(past, begin, q, iterations=30, precision=1e-6)
+            X[first:w] = found.X
+            terms = evaluate(past, found, q, slopes=True)
+            start = terms.end[-1]
+        except SolveError:
+            start = X[w]
+        X[w] = start
+        run = simulate(
+            o.model, at.p, start, b.dt, b.inputs, first=b.begins[w : w + 1], intervals=int(b.counts[w])
+        )
+        out.append((w, int(b.begins[w]), int(b.counts[w]), run.outputs[0]))
+        if w - first >= MEMORY:
+            mean, spread = _arrival(past, found, q)
+            first += 1
+    return out
+
+
+def _arrival(past: Objective, found: Point, q: Array) -> tuple[Array, Array]:
+    """What the window that leaves the horizon says of the next node: mean and sd, with the process noise added."""
+    head = _segment(past, 0, 1)
+    head = replace(
+        head,
+        problem=replace(head.problem, linked=np.zeros(1, dtype=bool)),
+        start=past.start,
+        spread=past.spread,
+    )
+    alone, terms, _ = descend(head, Point(found.X[:1], found.p), q, iterations=20, precision=1e-6)
+    try:
+        s = system(head, alone, terms, q, 0.0, np.zeros(0, dtype=bool))
+    except LinAlgError:
+        return past.start, past.spread
+    nx, D = len(q), past.model.scales
+    factor = np.zeros((nx, nx))
+    for i in range(nx):
+        for j in range(i + 1):
+            factor[i, j] = s.factor[i - j, j]
+    inverse = np.linalg.solve(factor @ factor.T, np.eye(nx)) * np.outer(D, D)
+    slope = terms.slope[0][:, :nx]
+    spread = np.sqrt(np.maximum(np.diag(slope @ inverse @ slope.T), 0.0) + q**2)
+    return terms.end[0], spread

@@ -1,0 +1,228 @@
+"""Multiple shooting with soft continuity: the states at all nodes and the free parameters, together.
+
+Minimises  sum ((y - h) / sd)^2 + sum ((X_next - F(X)) / q)^2 + priors  by Gauss-Newton with Levenberg-Marquardt
+damping. q, the process noise a node allows, is annealed by the caller from loose to tight. The normal matrix is
+block tridiagonal in the states with a border for the parameters: a banded Cholesky factor and a small Schur
+complement solve it in time linear in the record (Ribeiro et al. 2020 on why shooting must be multiple).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.linalg import LinAlgError, cho_solve, cho_solve_banded, cholesky_banded
+
+from optid.core.compiled import compiled, spread
+from optid.core.model import Array, Model
+from optid.errors import SolveError
+from optid.fit.problem import Problem
+
+
+@dataclass(frozen=True, eq=False)
+class Objective:
+    """What is minimised, apart from the process noise.
+
+    Attributes:
+        free: indices of the fitted parameters in p.
+        low, high: their bounds; `typical`: their sizes; `prior`: means; `prior_sd`: infinity for none.
+        weight: 1/sd of each sample, (samples, outputs).
+        start, spread: mean and sd of the state at the head of every segment.
+        huber: residual (in sd) beyond which the loss grows linearly.
+    """
+
+    model: Model
+    problem: Problem
+    free: tuple[int, ...]
+    low: Array
+    high: Array
+    typical: Array
+    prior: Array
+    prior_sd: Array
+    weight: Array
+    start: Array
+    spread: Array
+    huber: float
+    tolerance: float
+
+    @property
+    def heads(self) -> Array:
+        """Windows at which a segment begins, as 1.0, else 0.0; shape (windows,)."""
+        return np.r_[1.0, self.problem.closed[:-1]].astype(float)
+
+
+@dataclass(frozen=True, eq=False)
+class Terms:
+    """One linearisation: window ends, slopes, normal matrices, and the parts of the cost."""
+
+    end: Array
+    slope: Array
+    H: Array
+    g: Array
+    misfit: Array  # (windows, 2): loss and number of samples
+    defect: Array  # (windows, states): next node minus end of window; 0 where nothing is linked
+    cost: float
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """Where the iteration stands: node states (windows, states) and the whole parameter vector."""
+
+    X: Array
+    p: Array
+
+
+@dataclass(frozen=True, eq=False)
+class System:
+    """The factored normal equations in scaled variables: Z = A_xx^-1 B and the Schur complement of theta."""
+
+    factor: Array
+    Z: Array
+    schur: Array
+    rhs_x: Array
+    rhs_theta: Array
+    step_x: Array  # A_xx^-1 rhs_x
+
+
+def evaluate(o: Objective, at: Point, q: Array, slopes: bool) -> Terms:
+    """Cost at a point with process noise `q` (states,), with the normal equations' terms on request."""
+    kernel: Any = compiled(o.model, o.free)
+    w, nx, nd = len(o.problem.begins), len(o.model.states), len(o.model.states) + len(o.free)
+    b = o.problem
+    end, slope = np.empty((w, nx)), np.empty((w, nx, nd))
+    H, g, misfit = np.empty((w, nd, nd)), np.empty((w, nd)), np.empty((w, 2))
+    common = (b.begins, b.counts, b.closed, at.X, at.p, b.dt, b.inputs, b.measured, o.weight, o.huber)
+    sizes = o.tolerance * o.model.scales
+    if slopes:
+        spread(w, lambda i, j: kernel.normal_equations(i, j, *common, sizes, end, slope, H, g, misfit))
+    else:
+        spread(w, lambda i, j: kernel.objective(i, j, *common, sizes, end, misfit))
+    defect = np.zeros((w, nx))
+    defect[:-1] = (at.X[1:] - end[:-1]) * b.linked[:-1, None]
+    theta = at.p[list(o.free)]
+    cost = (
+        float(misfit[:, 0].sum())
+        + float(((defect / q) ** 2).sum())
+        + float((((at.X - o.start) / o.spread) ** 2).sum(axis=1) @ o.heads)
+        + float((((theta - o.prior) / o.prior_sd) ** 2).sum())
+    )
+    return Terms(end, slope, H, g, misfit, defect, cost if math.isfinite(cost) else math.inf)
+
+
+def system(o: Objective, at: Point, t: Terms, q: Array, damping: float, held: Array) -> System:
+    """Assemble and factor the normal equations; `held` parameters (bool) stay where they are.
+
+    Raises:
+        LinAlgError: not positive definite (damping too small).
+    """
+    nx, nf = len(o.model.states), len(o.free)
+    w = len(t.end)
+    D, theta_scale = o.model.scales, o.typical * ~held
+    linked = o.problem.linked.astype(float)
+    Q = 1.0 / q**2
+    Fx, Ft = t.slope[:, :, :nx], t.slope[:, :, nx:]
+    QFx = Q[:, None] * Fx * linked[:, None, None]
+    QFt = Q[:, None] * Ft * linked[:, None, None]
+    diagonal = t.H[:, :nx, :nx] + np.einsum("wki,wkj->wij", Fx, QFx)
+    index = np.arange(nx)
+    diagonal[1:, index, index] += Q * linked[:-1, None]
+    diagonal[:, index, index] += o.heads[:, None] / o.spread**2
+    border = t.H[:, :nx, nx:] + np.einsum("wki,wkj->wij", Fx, QFt)
+    border[1:] -= QFt[:-1]
+    corner = t.H[:, nx:, nx:].sum(axis=0) + np.einsum("wki,wkj->ij", Ft, QFt) + np.diag(1 / o.prior_sd**2)
+    Qd = Q * t.defect
+    rhs_x = t.g[:, :nx] + np.einsum("wki,wk->wi", Fx, Qd)
+    rhs_x[1:] -= Qd[:-1]
+    rhs_x -= o.heads[:, None] * (at.X - o.start) / o.spread**2
+    rhs_t = t.g[:, nx:].sum(axis=0) + np.einsum("wki,wk->i", Ft, Qd)
+    rhs_t -= (at.p[list(o.free)] - o.prior) / o.prior_sd**2
+
+    diagonal *= D[:, None] * D
+    off = -QFx[:-1] * D[:, None] * D
+    bands = np.zeros((2 * nx, w * nx))
+    for i in range(nx):
+        for j in range(nx):
+            if i >= j:
+                bands[i - j, j::nx] = diagonal[:, i, j]
+            bands[nx + i - j, j : (w - 1) * nx : nx] = off[:, i, j]
+    bands[0] *= 1.0 + damping
+    factor = cholesky_banded(bands, lower=True)
+    B = (border * D[:, None] * theta_scale).reshape(w * nx, nf)
+    b = (rhs_x * D).ravel()
+    solved = cho_solve_banded((factor, True), np.column_stack([B, b]))
+    Z, step_x = solved[:, :nf], solved[:, nf]
+    C = corner * np.outer(theta_scale, theta_scale)
+    C[np.diag_indices(nf)] *= 1.0 + damping
+    return System(factor, Z, C - B.T @ Z, b, rhs_t * theta_scale - B.T @ step_x, step_x)
+
+
+def _step(o: Objective, at: Point, t: Terms, q: Array, damping: float) -> tuple[Point, float]:
+    """The damped Gauss-Newton point within bounds, and the largest scaled movement of parameters."""
+    theta = at.p[list(o.free)]
+    held = np.zeros(len(o.free), dtype=bool)
+    delta = np.zeros(len(o.free))
+    for _ in range(len(o.free) + 1):
+        s = system(o, at, t, q, damping, held)
+        schur = s.schur + np.diag(held.astype(float))
+        delta = np.linalg.solve(schur, s.rhs_theta) * o.typical * ~held if len(o.free) else delta
+        outward = ((theta <= o.low) & (delta < 0)) | ((theta >= o.high) & (delta > 0))
+        if not (outward & ~held).any():
+            break
+        held |= outward
+    moved = np.clip(theta + delta, o.low, o.high)
+    p = at.p.copy()
+    p[list(o.free)] = moved
+    share = (moved - theta) / o.typical
+    dX = (s.step_x - s.Z @ share).reshape(at.X.shape) * o.model.scales
+    return Point(at.X + dX, p), float(np.abs(np.r_[share, 0.0]).max())
+
+
+Watch = Callable[[int, float, Array], None]
+
+
+def descend(
+    o: Objective, at: Point, q: Array, *, iterations: int, precision: float, watch: Watch | None = None
+) -> tuple[Point, Terms, bool]:
+    """Minimise at one level of process noise.
+
+    Returns the point, its linearisation and whether the relative decrease of the cost fell below `precision`.
+
+    Raises:
+        SolveError: the model cannot be simulated at the start.
+    """
+    terms = evaluate(o, at, q, slopes=True)
+    if not math.isfinite(terms.cost):
+        raise SolveError("the simulation leaves the numbers at the start values; check them and their units")
+    damping = 1e-6
+    for number in range(iterations):
+        settled = stuck = False
+        while True:
+            try:
+                trial, moved = _step(o, at, terms, q, damping)
+                cost = evaluate(o, trial, q, slopes=False).cost
+            except LinAlgError:
+                cost, moved, trial = math.inf, math.inf, at
+            if cost <= terms.cost * (1 + 1e-12):
+                settled = terms.cost - cost <= precision * max(terms.cost, 1.0) and moved < 1e-2
+                break
+            if damping > 1e8 or moved < 1e-12:
+                stuck = True
+                break
+            damping = max(damping * 10, 1e-4)
+        if stuck:
+            return at, terms, True  # no smaller cost within rounding
+        at, damping = trial, max(damping / 10, 1e-9)
+        terms = evaluate(o, at, q, slopes=True)
+        if watch is not None:
+            watch(number, terms.cost, at.p)
+        if settled:
+            return at, terms, True
+    return at, terms, False
+
+
+def solve_schur(s: System, right: Array) -> Array:
+    """S^-1 right for a positive definite Schur complement."""
+    return np.asarray(cho_solve((np.linalg.cholesky(s.schur), True), right))
