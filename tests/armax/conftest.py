@@ -39,6 +39,6 @@ def truth() -> Armax:
     return TRUTH
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def simulated() -> Callable[..., tuple[np.ndarray, np.ndarray]]:
     return record

@@ -33,10 +33,8 @@ SYSTEM = Armax(
 
 
 @pytest.fixture(scope="module")
-def result():
-    from conftest import record
-
-    y, u = record(SYSTEM, 1500, 0, switch=0.3)
+def result(simulated):
+    y, u = simulated(SYSTEM, 1500, 0, switch=0.3)
     return survey(y, u, 0.01, Plan(orders=(1, 2, 3), steps=(1, 5, 10), unit="mm")), y, u
 
 
