@@ -1,0 +1,157 @@
+"""One HTML file that stands alone: what was fitted, how well it predicts, and what it does not know."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import jinja2
+import numpy as np
+from markupsafe import Markup
+
+from optid.check.remark import Remark
+from optid.core.recording import Recording
+from optid.fit.prediction import Prediction
+from optid.fit.result import Estimate, Fit
+from optid.report import figures
+from optid.report.scores import KINDS, friendly, pooled, residual, score_rows
+from optid.rigs.rigfile import Rig
+
+_WHITE = 0.1  # share of lags outside the 95 % band above which residuals are called coloured
+
+
+@dataclass(frozen=True, eq=False)
+class Exhibit:
+    """One recording as a report shows it.
+
+    Attributes:
+        use: "training", "held out" or "simulated".
+        recording: as read.
+        prediction: of that recording.
+        remarks: of the check.
+    """
+
+    use: str
+    recording: Recording
+    prediction: Prediction
+    remarks: tuple[Remark, ...]
+
+
+def simulation_page(rig: Rig, exhibit: Exhibit) -> str:
+    """The report of `optid simulate`."""
+    return _render(
+        rig, f"{rig.name}: simulation of {exhibit.recording.name}", [exhibit],
+        unknowns=_about_data([exhibit], rig), lead="The numbers are the rig file's: nothing was fitted.",
+    )  # fmt: skip
+
+
+def fit_page(rig: Rig, fit: Fit, exhibits: Sequence[Exhibit]) -> str:
+    """The report of `optid fit`."""
+    frame = fit.certificate.frame
+    return _render(
+        rig, f"{rig.name}: fit", exhibits,
+        lead=f"Outcome: {fit.outcome.name.lower().replace('_', ' ')}. {fit.outcome.value}",
+        fit=fit, parameters=[_row(estimate) for estimate in fit.parameters],
+        certificate=Markup(figures.certificate(frame)) if len(frame) else None,
+        nodes=len(frame), sound=int(np.asarray(frame["sound"], dtype=bool).sum()),
+        unknowns=[*_about_fit(fit, exhibits), *_about_data(exhibits, rig)],
+    )  # fmt: skip
+
+
+def _render(rig: Rig, title: str, exhibits: Sequence[Exhibit], **more: Any) -> str:
+    fit: Fit | None = more.get("fit")
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(Path(__file__).parent), autoescape=True, trim_blocks=True,
+        lstrip_blocks=True, undefined=jinja2.ChainableUndefined,
+    )  # fmt: skip
+    shown = [_exhibit(one, rig, fit) for one in exhibits]
+    tables = []
+    for use in dict.fromkeys(one.use for one in exhibits):
+        predictions = [one.prediction for one in exhibits if one.use == use]
+        scores = {kind: score_rows(pooled(predictions, kind)) for kind in KINDS}
+        rows = [
+            (a[0], a[1], a[2], b[1], b[2]) for a, b in zip(scores["window"], scores["free_run"], strict=True)
+        ]
+        tables.append((use, rows))
+    return environment.get_template("report.html.j2").render(
+        title=title, rig=rig, exhibits=shown, tables=tables, **more
+    )
+
+
+def _exhibit(one: Exhibit, rig: Rig, fit: Fit | None) -> dict[str, Any]:
+    roles = list(one.prediction.scores["window"])
+    inputs = [port.role for port in rig.model.inputs if port.role in one.recording]
+    source = one.recording.provenance
+    return {
+        "name": one.recording.name, "use": one.use, "remarks": one.remarks,
+        "samples": len(one.recording), "duration": one.recording.duration, "rate": one.recording.rate,
+        "sha256": source.sha256 if source else None, "notes": source.notes if source else (),
+        "channels": [
+            {
+                "role": role,
+                "overlay": Markup(figures.overlay(one.recording, one.prediction, role, inputs)),
+                "residuals": Markup(figures.residuals(
+                    one.recording, one.prediction, role,
+                    fit.noise.get(role) if fit else one.recording[role].sd,
+                )),
+            }
+            for role in roles
+        ],
+    }  # fmt: skip
+
+
+def _row(estimate: Estimate) -> dict[str, str]:
+    state = "not identifiable" if not estimate.identifiable else "at its bound" if estimate.at_bound else ""
+    unit = "" if estimate.unit == "1" else estimate.unit
+    factor, shown = friendly(estimate.unit) if estimate.unit in ("m", "Pa") else (1.0, unit)
+    return {
+        "name": estimate.name.replace("_", " "), "unit": shown, "state": state,
+        "value": f"{estimate.value * factor:.5g}", "start": f"{estimate.start * factor:.5g}",
+        "interval": f"{estimate.low * factor:.5g} to {estimate.high * factor:.5g}"
+        if np.isfinite([estimate.low, estimate.high]).all() else "unbounded",
+    }  # fmt: skip
+
+
+def _about_fit(fit: Fit, exhibits: Sequence[Exhibit]) -> list[str]:
+    said = []
+    if fit.outcome.name.lower() != "converged":
+        said.append(f"Whether better values exist: the fit did not converge. {fit.outcome.value}")
+    for p in fit.parameters:
+        if not p.identifiable:
+            said.append(f"{p.name}: these recordings do not determine it; the value is as good as its start.")
+        elif p.at_bound:
+            said.append(
+                f"{p.name}: it stands at its bound; the data ask for more, or the model is wrong there."
+            )
+    said.extend(fit.ties)
+    if not any(one.use == "held out" for one in exhibits):
+        said.append("How it predicts what it has not seen: no recording was held out.")
+    return said
+
+
+def _about_data(exhibits: Sequence[Exhibit], rig: Rig) -> list[str]:
+    said = []
+    for one in exhibits:
+        for role in one.prediction.scores["window"]:
+            _, values, band = figures.autocorrelation(residual(one.prediction, role, "window"))
+            share = float(np.mean(np.abs(values) > band)) if values.size else 0.0
+            if share > _WHITE:
+                said.append(
+                    f"Why the window residuals of {role} in {one.recording.name} are not white: "
+                    f"{100 * share:.0f} % of their autocorrelation lies outside the 95 % band. The model lacks something, or the "
+                    "windows start from a state that is a little off."
+                )
+    seen = [one for one in exhibits if one.use != "held out"]
+    for role in [*(port.role for port in rig.model.outputs), *(port.role for port in rig.model.inputs)]:
+        holders = [one.recording[role] for one in seen if role in one.recording]
+        if holders:
+            low = min(float(np.nanmin(c.recorded)) for c in holders)
+            high = max(float(np.nanmax(c.recorded)) for c in holders)
+            factor, unit = friendly(holders[0].recorded_unit)
+            said.append(f"Anything outside the {role} these recordings visit: "
+                        f"{low * factor:.4g} to {high * factor:.4g} {unit}".rstrip() + ".")  # fmt: skip
+        elif role in {port.role for port in rig.model.outputs}:
+            said.append(f"{role}: it was not measured, so the model's idea of it is untested.")
+    return said

@@ -1,0 +1,116 @@
+"""Scores over one or several recordings, and the machine-readable files made of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from optid.core.recording import Array
+from optid.fit.prediction import Prediction
+from optid.fit.result import Fit
+
+KINDS = ("window", "free_run")
+SCHEMA = "optid.fit/1"
+
+
+def residual(prediction: Prediction, role: str, kind: str) -> Array:
+    """Measured minus predicted, SI, shape (samples,); NaN where either is missing."""
+    frame = prediction.frame
+    return np.asarray(frame[role] - frame[f"{role}_{kind}"], dtype=np.float64)
+
+
+def pooled(predictions: Sequence[Prediction], kind: str) -> dict[str, dict[str, Any]]:
+    """Score of every channel over all recordings: squared errors add up, means are each recording's own.
+
+    Args:
+        predictions: one a recording; empty gives an empty result.
+        kind: "window" or "free_run".
+
+    Returns:
+        Role -> fit_percent, rmse, unit (SI). A number that does not exist is None.
+    """
+    found: dict[str, dict[str, Any]] = {}
+    for role in dict.fromkeys(role for one in predictions for role in one.scores[kind]):
+        holders = [one for one in predictions if role in one.scores[kind]]
+        if len(holders) == 1:
+            score = holders[0].scores[kind][role]
+            percent, rmse, unit = score.fit_percent, score.rmse, score.unit
+        else:
+            percent, rmse = _over_all(holders, role, kind)
+            unit = holders[0].scores[kind][role].unit
+        found[role] = {"fit_percent": number(percent), "rmse": number(rmse), "unit": unit}
+    return found
+
+
+def metrics_document(prediction: Prediction) -> dict[str, Any]:
+    """The content of metrics.json: role -> kind -> fit_percent, rmse, unit."""
+    by_kind = {kind: pooled([prediction], kind) for kind in KINDS}
+    return {role: {kind: by_kind[kind][role] for kind in KINDS} for role in by_kind["window"]}
+
+
+def fit_document(fit: Fit, train: Sequence[Prediction], holdout: Sequence[Prediction]) -> dict[str, Any]:
+    """The content of fit.json."""
+    units = {port: score["unit"] for port, score in pooled(train, "window").items()}
+    return {
+        "schema": SCHEMA,
+        "outcome": fit.outcome.name.lower(),
+        "outcome_advice": fit.outcome.value,
+        "parameters": {
+            p.name: {"value": number(p.value), "unit": p.unit, "ci95": [number(p.low), number(p.high)]}
+            for p in fit.parameters
+        },
+        "train": pooled(train, "window"),
+        "holdout": pooled(holdout, "window"),
+        "train_free_run": pooled(train, "free_run"),
+        "holdout_free_run": pooled(holdout, "free_run"),
+        "not_identifiable": [p.name for p in fit.parameters if not p.identifiable],
+        "at_bound": [p.name for p in fit.parameters if p.at_bound],
+        "ties": list(fit.ties),
+        "noise": {role: {"sd": number(sd), "unit": units.get(role)} for role, sd in fit.noise.items()},
+        "certificate_sound": bool(fit.certificate.sound),
+        "seconds": number(fit.seconds),
+    }
+
+
+def number(value: float) -> float | None:
+    """A number JSON can hold: None for one that is not finite."""
+    return float(value) if math.isfinite(value) else None
+
+
+def score_rows(scores: Mapping[str, Mapping[str, Any]]) -> list[tuple[str, str, str]]:
+    """Role, fit and rmse in words, one row a channel."""
+    rows = []
+    for role, score in scores.items():
+        percent, rmse, unit = score["fit_percent"], score["rmse"], score["unit"]
+        factor, shown = friendly(unit)
+        rows.append((
+            role,
+            "–" if percent is None else f"{percent:.2f} %",
+            "–" if rmse is None else f"{rmse * factor:.3g} {shown}".rstrip(),
+        ))  # fmt: skip
+    return rows
+
+
+def friendly(unit: str) -> tuple[float, str]:
+    """Factor from an SI unit to the one people read: millimetres and bar."""
+    return {"m": (1e3, "mm"), "Pa": (1e-5, "bar"), "m/s": (1e3, "mm/s"), "1": (1.0, "")}.get(
+        unit, (1.0, unit)
+    )
+
+
+def _over_all(predictions: Sequence[Prediction], role: str, kind: str) -> tuple[float, float]:
+    errors = spread = count = 0.0
+    for one in predictions:
+        error = residual(one, role, kind)
+        known = np.isfinite(error)
+        if not known.any():
+            continue
+        measured = np.asarray(one.frame[role], dtype=np.float64)[known]
+        errors += float(np.sum(error[known] ** 2))
+        spread += float(np.sum((measured - measured.mean()) ** 2))
+        count += float(known.sum())
+    percent = 100 * (1 - math.sqrt(errors / spread)) if spread > 0 else math.nan
+    return percent, math.sqrt(errors / count) if count else math.nan
