@@ -140,8 +140,8 @@ def _about_data(exhibits: Sequence[Exhibit], rig: Rig) -> list[str]:
             if share > _WHITE:
                 said.append(
                     f"Why the window residuals of {role} in {one.recording.name} are not white: "
-                    f"{100 * share:.0f} % of their autocorrelation lies outside the 95 % band. The model lacks something, or the "
-                    "windows start from a state that is a little off."
+                    f"{100 * share:.0f} % of their autocorrelation lies outside the 95 % band. "
+                    "The model lacks something, or the windows start from a state that is a little off."
                 )
     seen = [one for one in exhibits if one.use != "held out"]
     for role in [*(port.role for port in rig.model.outputs), *(port.role for port in rig.model.inputs)]:
