@@ -49,7 +49,11 @@ def simulation_page(rig: Rig, exhibit: Exhibit) -> str:
 
 def fit_page(rig: Rig, fit: Fit, exhibits: Sequence[Exhibit]) -> str:
     """The report of `optid fit`."""
+    names = [one.recording.name for one in exhibits if one.use == "training"]
     frame = fit.certificate.frame
+    frame = frame.assign(
+        recording=[names[n] if isinstance(n, int) else n for n in frame["recording"].tolist()]
+    )
     return _render(
         rig, f"{rig.name}: fit", exhibits,
         lead=f"Outcome: {fit.outcome.name.lower().replace('_', ' ')}. {fit.outcome.value}",
