@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import importlib
 import importlib.util
+import itertools
 import os
 import shutil
 import sys
@@ -82,7 +83,7 @@ def spread(count: int, work: Callable[[int, int], None]) -> None:
         work(0, count)
         return
     edges = [round(i * count / chunks) for i in range(chunks + 1)]
-    for future in [_pool().submit(work, a, b) for a, b in zip(edges, edges[1:], strict=False)]:
+    for future in [_pool().submit(work, a, b) for a, b in itertools.pairwise(edges)]:
         future.result()
 
 

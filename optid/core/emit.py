@@ -135,7 +135,8 @@ def source(model: Model, free: Sequence[int]) -> str:
     """Python source of a model's equations with slopes to the states and to the `free` parameters.
 
     The functions: ``constants(p, c)``; ``rates(x, u, p, c, dx)``; ``slopes(x, u, p, c, dx, J)`` with the
-    non-zeros of d(rates)/d(x, p_free); ``push(J, S, T)``: T = J_x S + [0, J_p]; ``sensors``, ``sensor_slopes``
+    non-zeros of d(rates)/d(x, p_free); ``fastest(x, u, p, c)``, the largest relaxation rate |d x_i' / d x_i|;
+    ``push(J, S, T)``: T = J_x S + [0, J_p]; ``sensors``, ``sensor_slopes``
     and ``push_sensors`` alike.
     """
     x = ca.SX.sym("x", len(model.states))
@@ -154,6 +155,11 @@ def source(model: Model, free: Sequence[int]) -> str:
         parts.append(_function(writer, plain, name, ("out",)))
         parts.append(_function(writer, both, slopes, ("out", "J")))
         parts.append(_push(push, jacobian, len(model.states)))
+    relaxation = ca.mmax(ca.fabs(ca.diag(ca.jacobian(model.rates(x, u, p), x))))
+    fastest = ca.Function("fastest", [x, u, p], [ca.cse(ca.densify(relaxation))])
+    lines, outputs = writer.body(fastest, "f")
+    body = "\n".join(f"    {line}" for line in [*lines, f"return {outputs[0][0]}"])
+    parts.append(f"@compiled\ndef fastest(x, u, p, c):\n{body}")
     constants = ["@compiled", "def constants(p, c):", *(f"    {line}" for line in writer.constants)]
     constants += [f"    c[{slot}] = {name}" for name, slot in writer.slots.items()] or ["    pass"]
     nx, nf = len(model.states), len(free)

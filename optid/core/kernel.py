@@ -19,6 +19,7 @@ from equations import (
     NY,
     compiled,
     constants,
+    fastest,
     push,
     push_sensors,
     rates,
@@ -41,6 +42,7 @@ A = np.array(
     ]
 )
 E = np.array([71 / 57600, 0.0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40])
+STABLE = 2.5  # largest step times relaxation rate; the method's own limit on the real axis is 3.3
 SMALLEST = 1e-12  # of a hold: below this step the equations are singular, not stiff
 NNZ = NX * ND + NY * ND  # room for the non-zeros of any Jacobian
 
@@ -54,12 +56,23 @@ def next_step(h, error):
 
 
 @compiled
+def bounded(step, x, u, p, c):
+    """The step, kept within the method's stability.
+
+    A state saturated to the last bit (friction in full slip) shows no error at any step, while its sensitivity
+    would be multiplied by the unstable method at every one.
+    """
+    rate = fastest(x, u, p, c)
+    return STABLE / rate if rate * step > STABLE else step
+
+
+@compiled
 def advance(x, u, p, c, span, h, tolerance, k, stage):
     """Integrate x over one hold of length `span` in place; returns the next step size, negative on failure."""
     left = span
     fresh = True
     while left > 0.0:
-        step = min(h, left)
+        step = bounded(min(h, left), x, u, p, c)
         if fresh:
             rates(x, u, p, c, k[0])
         for s in range(1, STAGES):
@@ -97,7 +110,7 @@ def advance_slopes(x, S, u, p, c, span, h, tolerance, k, stage, T, stage_S, J):
     left = span
     fresh = True
     while left > 0.0:
-        step = min(h, left)
+        step = bounded(min(h, left), x, u, p, c)
         if fresh:
             slopes(x, u, p, c, k[0], J)
             push(J, S, T[0])

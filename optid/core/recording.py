@@ -215,11 +215,11 @@ class Recording:
         """Columns "time" and one for every role, in SI units, one row per sample."""
         import pandas as pd
 
-        return pd.DataFrame({"time": self.time, **{r: c.values for r, c in self.channels.items()}})  # noqa: PD011
+        return pd.DataFrame({"time": self.time, **{r: c.values for r, c in self.channels.items()}})
 
     def _rows(self, first: int, last: int) -> Recording:
         channels = {
-            role: dataclasses.replace(channel, values=channel.values[first:last])  # noqa: PD011
+            role: dataclasses.replace(channel, values=channel.values[first:last])
             for role, channel in self.channels.items()
         }
         return dataclasses.replace(self, time=self.time[first:last], channels=channels)

@@ -32,7 +32,8 @@ class Effect(Protocol):
     name: str
     site: str
 
-    def apply(self, nominal: Expression, near: Mapping[str, Expression], sheet: Sheet) -> Expression: ...
+    def apply(self, nominal: Expression, near: Mapping[str, Expression], sheet: Sheet) -> Expression:
+        """The signal as the effect makes it."""
 
 
 class Sheet:

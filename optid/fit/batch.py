@@ -6,7 +6,7 @@ import json
 import math
 import time
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +18,7 @@ from optid.core.recording import Recording
 from optid.errors import InputError, NotIdentifiable, SolveError
 from optid.fit.covariance import covariance
 from optid.fit.identifiability import Ties, find_ties
-from optid.fit.problem import Problem, pose
+from optid.fit.problem import Booleans, Problem, pose
 from optid.fit.result import Certificate, Estimate, Fit, Outcome
 from optid.fit.smoother import Objective, Point, Terms, descend, evaluate, system
 from optid.fit.start import guess
@@ -38,8 +38,8 @@ class FitOptions:
         starts: number of starts; all but the first are drawn within bounds (or a factor 2).
         time_limit: s; the best point so far is returned.
         huber: residuals beyond so many sd count linearly; infinity for least squares.
-        process_noise: share of each state's usual size that a node may jump; ``None`` lets the marginal
-            likelihood choose, 0 makes the model deterministic (simulation error).
+        process_noise: share of each state's usual size that a node may jump in the end; the default is as good
+            as none (simulation error); ``None`` lets the marginal likelihood choose.
         window: s between nodes; ``None`` adapts to sampling.
         seed: of the drawn starts.
         checkpoint: file that keeps the best point; read back when it belongs to the same fit.
@@ -48,7 +48,7 @@ class FitOptions:
     starts: int = 1
     time_limit: float | None = None
     huber: float = math.inf
-    process_noise: float | None = None
+    process_noise: float | None = 1e-5
     window: float | None = None
     seed: int = 0
     checkpoint: Path | None = None
@@ -76,9 +76,11 @@ def freed_with_rest(rig: Rig) -> tuple[Freed, ...]:
     """What the fit moves: the rig's [fit] table, and friction at rest where the file does not state it."""
     freed = list(rig.freed)
     names = {f.name for f in freed}
-    for parameter in rig.model.parameters:
-        if parameter.name in AT_REST and parameter.name not in names | set(rig.parameters):
-            freed.append(Freed(parameter.name, *parameter.bounds))
+    freed += [
+        Freed(parameter.name, *parameter.bounds)
+        for parameter in rig.model.parameters
+        if parameter.name in AT_REST and parameter.name not in names | set(rig.parameters)
+    ]
     return tuple(freed)
 
 
@@ -203,7 +205,7 @@ def _anneal(
 ) -> tuple[Point, Terms, Array, bool, float]:
     """Loose to tight; the level kept is the one the marginal likelihood prefers (or the one asked for)."""
     names = [o.model.parameters[i].name for i in o.free]
-    levels = LEVELS
+    levels: tuple[float, ...] = LEVELS
     if options.process_noise is not None:
         target = max(options.process_noise, HARD)
         levels = (*(level for level in LEVELS if level > target), target)
@@ -268,7 +270,7 @@ def _result(
             f"{', '.join(idle)}: without influence on these recordings; remove it from [fit] or record an "
             "experiment that shows it"
         )
-    cov = covariance(o, at, terms, q, bound | ties.mute)
+    cov = covariance(o, at, terms, q, bound | np.asarray(ties.mute))
     freedom = max(len(o.problem.begins) - len(o.free), 2)
     half = stats.t.ppf(0.975, freedom) * np.sqrt(np.maximum(np.diag(cov), 0.0))
     half = np.where(ties.mute, np.inf, half)
@@ -315,14 +317,14 @@ def _certificate(o: Objective, t: Terms, q: Array) -> Certificate:
     misfit = t.misfit[:, 0] / np.maximum(t.misfit[:, 1], 1.0)
     limit = stats.norm.isf(0.01 / (2 * n))
 
-    def outlying(values: Array) -> Array:
+    def outlying(values: Array) -> Booleans:
         logs = np.log(np.maximum(values, 1e-9))
         middle = np.median(logs)
         scale = max(1.4826 * float(np.median(np.abs(logs - middle))), math.sqrt(2.0 / 50.0))
         return np.asarray((logs - middle) / scale > limit)
 
     big = outlying(defect) & (defect > stats.chi.isf(0.01 / n, len(q)))
-    sound = np.isfinite(misfit) & ~outlying(misfit) & ~big
+    sound = np.isfinite(misfit) & ~(outlying(misfit) | big)
     return Certificate(
         pd.DataFrame(
             {
@@ -365,6 +367,3 @@ def _identity(o: Objective) -> str:
         digest.update(np.ascontiguousarray(array).tobytes())
     digest.update(repr((o.model.name, [q.name for q in o.model.parameters], o.free)).encode())
     return digest.hexdigest()
-
-
-__all__ = ["Fit", "FitOptions", "Progress", "fit", "freed_with_rest", "replace"]

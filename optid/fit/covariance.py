@@ -13,6 +13,8 @@ The reference is Student's t with one degree of freedom per window less one.
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 from scipy.linalg import toeplitz
 
@@ -93,7 +95,7 @@ def _stationary(a: Array, r: Array, known: np.ndarray, b: Problem) -> Array:
     """Variance of sum(a r) with the residuals' spectrum from an autoregression; segments are independent."""
     edges = np.r_[0, b.begins[1:][b.closed[:-1]], len(r)]
     total = np.zeros((a.shape[1], a.shape[1]))
-    pairs = list(zip(edges[:-1], edges[1:], strict=True))
+    pairs = list(itertools.pairwise(edges))
     coefficients, variance = autoregression([r[i:j] for i, j in pairs], int(known.sum()))
     for i, j in pairs:
         size = 1 << int(np.ceil(np.log2(2 * max(j - i, 2))))

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.linalg import LinAlgError
 
 from optid.core.model import Array
 from optid.core.recording import Recording
@@ -16,7 +15,7 @@ from optid.errors import SolveError
 from optid.fit.batch import FitOptions, _objective
 from optid.fit.problem import Problem, pose
 from optid.fit.result import Score
-from optid.fit.smoother import Objective, Point, descend, evaluate, system
+from optid.fit.smoother import Objective, Point, descend, evaluate
 from optid.fit.start import guess
 from optid.rigs.rigfile import Rig
 
@@ -25,6 +24,7 @@ if TYPE_CHECKING:
 
 HORIZON = 0.5  # s, of a window
 MEMORY = 4  # windows of the past that are estimated anew; what lies before them is a Gaussian prior
+LOOSER = (0.3, 0.03, 3e-3)  # shares of each state's size through which the process noise is annealed
 PROCESS_NOISE = 3e-3  # per window as a share of each state's size, when no fit says better
 
 
@@ -124,8 +124,14 @@ def _past(o: Objective, first: int, stop: int, mean: Array, spread: Array) -> Ob
 def _first_state(o: Objective, at: Point, q: Array) -> Array:
     stop = min(MEMORY, len(o.problem.begins))
     past = _past(o, 0, stop, o.start, o.spread)
-    found, _, _ = descend(past, Point(at.X[:stop], at.p), q, iterations=40, precision=1e-6)
-    return found.X[0]
+    return np.asarray(_annealed(past, Point(at.X[:stop], at.p), q).X[0])
+
+
+def _annealed(o: Objective, at: Point, q: Array) -> Point:
+    """Loose to tight: started tight, a node that sticks keeps pressures the data would correct."""
+    for looser in LOOSER:
+        at, _, _ = descend(o, at, np.maximum(q, looser * o.model.scales), iterations=30, precision=1e-4)
+    return descend(o, at, q, iterations=30, precision=1e-6)[0]
 
 
 def _windows(o: Objective, at: Point, q: Array) -> list[tuple[int, int, int, Array]]:
@@ -139,7 +145,7 @@ def _windows(o: Objective, at: Point, q: Array) -> list[tuple[int, int, int, Arr
         past = _past(o, first, w, mean, spread)
         begin = Point(X[first:w], at.p)
         try:
-            found, terms, _ = descend(past, begin, q, iterations=30, precision=1e-6)
+            found = _annealed(past, begin, q)
             X[first:w] = found.X
             terms = evaluate(past, found, q, slopes=True)
             start = terms.end[-1]
@@ -165,17 +171,13 @@ def _arrival(past: Objective, found: Point, q: Array) -> tuple[Array, Array]:
         start=past.start,
         spread=past.spread,
     )
-    alone, terms, _ = descend(head, Point(found.X[:1], found.p), q, iterations=20, precision=1e-6)
-    try:
-        s = system(head, alone, terms, q, 0.0, np.zeros(0, dtype=bool))
-    except LinAlgError:
-        return past.start, past.spread
-    nx, D = len(q), past.model.scales
-    factor = np.zeros((nx, nx))
-    for i in range(nx):
-        for j in range(i + 1):
-            factor[i, j] = s.factor[i - j, j]
-    inverse = np.linalg.solve(factor @ factor.T, np.eye(nx)) * np.outer(D, D)
-    slope = terms.slope[0][:, :nx]
-    spread = np.sqrt(np.maximum(np.diag(slope @ inverse @ slope.T), 0.0) + q**2)
-    return terms.end[0], spread
+    at = Point(found.X[:1], found.p)
+    terms = evaluate(head, at, q, slopes=True)
+    nx = len(q)
+    information = terms.H[0, :nx, :nx] + np.diag(1 / past.spread**2)
+    D = past.model.scales
+    inverse = np.linalg.inv(information * np.outer(D, D)) * np.outer(D, D)
+    slope = terms.slope[0, :, :nx]
+    move = inverse @ (terms.g[0, :nx] - (at.X[0] - past.start) / past.spread**2)
+    spread = np.sqrt(np.diag(slope @ inverse @ slope.T) + q**2)
+    return terms.end[0] + slope @ move, spread

@@ -19,7 +19,7 @@ from scipy.linalg import LinAlgError, cho_solve, cho_solve_banded, cholesky_band
 from optid.core.compiled import compiled, spread
 from optid.core.model import Array, Model
 from optid.errors import SolveError
-from optid.fit.problem import Problem
+from optid.fit.problem import Booleans, Problem
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +51,7 @@ class Objective:
     @property
     def heads(self) -> Array:
         """Windows at which a segment begins, as 1.0, else 0.0; shape (windows,)."""
-        return np.r_[1.0, self.problem.closed[:-1]].astype(float)
+        return np.asarray(np.r_[1.0, self.problem.closed[:-1]], dtype=np.float64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +112,7 @@ def evaluate(o: Objective, at: Point, q: Array, slopes: bool) -> Terms:
     return Terms(end, slope, H, g, misfit, defect, cost if math.isfinite(cost) else math.inf)
 
 
-def system(o: Objective, at: Point, t: Terms, q: Array, damping: float, held: Array) -> System:
+def system(o: Objective, at: Point, t: Terms, q: Array, damping: float, held: Booleans) -> System:
     """Assemble and factor the normal equations; `held` parameters (bool) stay where they are.
 
     Raises:

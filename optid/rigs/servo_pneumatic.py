@@ -129,7 +129,8 @@ def servo_pneumatic(
     x, v = s.state("position", "m", 0.01), s.state("velocity", "m/s", 0.5)
     middle, spread = (P_s + P_e) / 2, (P_s - P_e) / 4
     P_a = s.state("pressure_a", "Pa", 1e5, start=middle, spread=spread)
-    P_b = s.state("pressure_b", "Pa", 1e5, start=middle, spread=spread)
+    balanced = (A_a * middle - A_rod * P_atm) / A_b  # a record usually starts at rest
+    P_b = s.state("pressure_b", "Pa", 1e5, start=balanced, spread=spread)
 
     # Spool. A positive command opens A to supply and B to exhaust, a negative one the reverse (eqs. 3 to 6).
     command = s.site("valve.command", s.input("command", "1"))
