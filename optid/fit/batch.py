@@ -27,7 +27,9 @@ from optid.rigs.rigfile import Freed, Rig
 WINDOW = 0.25  # s between nodes; long against friction's microseconds, short against the pressures' drift
 LEVELS = (0.3, 0.03, 1e-2, 3e-3, 1e-3, 3e-4)  # process noise per node as a share of each state's usual size
 HARD = 1e-6  # the share that stands for none at all
-AT_REST = ("presliding_length", "friction_width")  # nuisance: freed with the rest unless the rig states them
+# Freed with the rest unless the rig file states them, with the sd of what is known before: friction at rest, and
+# the fraction of a sample that lies between a card's channels.
+NUISANCE = {"presliding_length": None, "friction_width": None, "sampling_skew": 2e-4}
 
 
 @dataclass(frozen=True)
@@ -77,9 +79,9 @@ def freed_with_rest(rig: Rig) -> tuple[Freed, ...]:
     freed = list(rig.freed)
     names = {f.name for f in freed}
     freed += [
-        Freed(parameter.name, *parameter.bounds)
+        Freed(parameter.name, *parameter.bounds, NUISANCE[parameter.name])
         for parameter in rig.model.parameters
-        if parameter.name in AT_REST and parameter.name not in names | set(rig.parameters)
+        if parameter.name in NUISANCE and parameter.name not in names | set(rig.parameters)
     ]
     return tuple(freed)
 
@@ -157,7 +159,7 @@ def _objective(
         free,
         np.array([f.low for f in freed]),
         np.array([f.high for f in freed]),
-        np.array([max(abs(p[i]), 1e-3 * model.parameters[i].typical) for i in free]),
+        np.array([abs(p[i]) or model.parameters[i].typical for i in free]),
         p[list(free)],
         sd,
         weight,

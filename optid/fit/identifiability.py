@@ -29,7 +29,8 @@ def information(o: Objective, at: Point, t: Terms, q: Array) -> Array:
     """
     none = np.zeros(len(o.free), dtype=bool)
     s = system(o, at, t, q, 0.0, none)
-    size = np.maximum(np.abs(at.p[list(o.free)]), 1e-3 * o.typical) / o.typical
+    usual = np.array([o.model.parameters[i].typical for i in o.free])
+    size = np.maximum(np.abs(at.p[list(o.free)]), usual) / o.typical
     return np.asarray(s.schur * np.outer(size, size))
 
 

@@ -16,8 +16,8 @@ HALF_WIDTH = 12  # samples on either side of a node that a local parabola smooth
 
 def measured_states(model: Model) -> tuple[Mapping[int, int], Mapping[int, int]]:
     """States an output shows directly (state -> output), and those that are the rate of such a one."""
-    x = ca.SX.sym("x", len(model.states))
-    u, p = ca.SX.sym("u", len(model.inputs)), ca.SX.sym("p", len(model.parameters))
+    x, u = ca.SX.sym("x", len(model.states)), ca.SX.sym("u", len(model.inputs))
+    p = ca.DM([q.typical if q.default is None else q.default for q in model.parameters])
     y, f = model.sensors(x, u, p), model.rates(x, u, p)
     direct = {i: o for o in range(y.numel()) for i in range(x.numel()) if ca.is_equal(y[o], x[i])}
     rates = {j: o for i, o in direct.items() for j in range(x.numel()) if ca.is_equal(f[i], x[j])}

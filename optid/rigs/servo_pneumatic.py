@@ -79,6 +79,15 @@ FLOW_WIDTH = Parameter(
     2e-3,
     (1e-9, 0.5),
 )
+SAMPLING_SKEW = Parameter(
+    "sampling_skew",
+    "s",
+    1e-4,
+    "time by which the position's samples are older than the command's, a fraction of one sample",
+    "no card samples and writes at one instant; longer lags are physics",
+    0.0,
+    (-5e-4, 5e-4),
+)
 STOP_STIFFNESS = Parameter(
     "stop_stiffness",
     "N/m**1.5",
@@ -163,7 +172,7 @@ def servo_pneumatic(
     s.rate(x, v)
     s.rate(v, (drive - drag + external) / M)
 
-    s.output("position", "m", s.site("sensor.position", x, v=v))
+    s.output("position", "m", s.site("sensor.position", x - s.param(SAMPLING_SKEW) * v, v=v))
     s.output("pressure_a", "Pa", s.site("sensor.pressure_a", P_a))
     s.output("pressure_b", "Pa", s.site("sensor.pressure_b", P_b))
 
