@@ -6,7 +6,7 @@ import json
 import math
 import time
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +27,7 @@ from optid.rigs.rigfile import Freed, Rig
 WINDOW = 0.25  # s between nodes; long against friction's microseconds, short against the pressures' drift
 LEVELS = (0.3, 0.03, 1e-2, 3e-3, 1e-3, 3e-4)  # process noise per node as a share of each state's usual size
 HARD = 1e-6  # the share that stands for none at all
+TIGHT = 1e-5  # as good as none, where the iteration still moves easily
 # Freed with the rest unless the rig file states them, with the sd of what is known before: friction at rest, and
 # the fraction of a sample that lies between a card's channels.
 NUISANCE = {"presliding_length": None, "friction_width": None, "sampling_skew": 2e-4}
@@ -40,8 +41,9 @@ class FitOptions:
         starts: number of starts; all but the first are drawn within bounds (or a factor 2).
         time_limit: s; the best point so far is returned.
         huber: residuals beyond so many sd count linearly; infinity for least squares.
-        process_noise: share of each state's usual size that a node may jump in the end; the default is as good
-            as none (simulation error); ``None`` lets the marginal likelihood choose.
+        process_noise: share of each state's usual size that a node may jump in the end; 0 is simulation error;
+            ``None`` lets the marginal likelihood choose and widens the intervals by what a deterministic fit
+            says otherwise.
         window: s between nodes; ``None`` adapts to sampling.
         seed: of the drawn starts.
         checkpoint: file that keeps the best point; read back when it belongs to the same fit.
@@ -50,7 +52,7 @@ class FitOptions:
     starts: int = 1
     time_limit: float | None = None
     huber: float = math.inf
-    process_noise: float | None = 1e-5
+    process_noise: float | None = None
     window: float | None = None
     seed: int = 0
     checkpoint: Path | None = None
@@ -71,7 +73,18 @@ Report = Callable[[Progress], None]
 
 
 class _OutOfTime(Exception):
-    """Carries the best point out of the iteration."""
+    """Ends an iteration at the time limit."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Solution:
+    """Where one start ended: the point, its linearisation, the process noise, and the marginal score."""
+
+    at: Point
+    terms: Terms
+    q: Array
+    score: float
+    outcome: Outcome
 
 
 def freed_with_rest(rig: Rig) -> tuple[Freed, ...]:
@@ -112,30 +125,28 @@ def fit(
         raise InputError("nothing to fit", where=rig.path, field="[fit]", expected="at least one parameter")
     problem = pose(rig.model, list(recordings), options.window or _window(rig.model, recordings))
     objective, p = _objective(rig, freed, problem, options)
-    best: tuple[Point, Terms, Array, bool, float] | None = None
-    outcome = Outcome.CONVERGED
+    best: _Solution | None = None
+    late = False
     for number, start in enumerate(_starts(objective, p, options)):
         try:
             found = _anneal(objective, start, options, number, began, progress)
         except _OutOfTime:
-            outcome = Outcome.TIME_LIMIT
+            late = True
             break
         except SolveError:
             if number == 0 and options.starts == 1:
                 raise
             continue
-        if best is None or found[4] < best[4]:
+        if best is None or found.score < best.score:
             best = found
+        if found.outcome is Outcome.TIME_LIMIT:
+            break
     if best is None:
-        raise SolveError(
-            "no start led anywhere within the time limit"
-            if outcome is Outcome.TIME_LIMIT
-            else "no start led anywhere"
-        )
-    if outcome is Outcome.CONVERGED and not best[3]:
-        outcome = Outcome.NOT_CONVERGED
-    _save(options.checkpoint, objective, best[0])
-    return _result(rig, objective, best, outcome, p, began)
+        raise SolveError("no start led anywhere within the time limit" if late else "no start led anywhere")
+    if late:
+        best = replace(best, outcome=Outcome.TIME_LIMIT)
+    _save(options.checkpoint, objective, best.at)
+    return _result(rig, objective, best, options.process_noise is None, p, began)
 
 
 def _window(model: Model, recordings: Iterable[Recording]) -> float:
@@ -204,14 +215,15 @@ def _starts(o: Objective, p: Array, options: FitOptions) -> Iterable[Point]:
 
 def _anneal(
     o: Objective, at: Point, options: FitOptions, number: int, began: float, progress: Report | None
-) -> tuple[Point, Terms, Array, bool, float]:
+) -> _Solution:
     """Loose to tight; the level kept is the one the marginal likelihood prefers (or the one asked for)."""
     names = [o.model.parameters[i].name for i in o.free]
     levels: tuple[float, ...] = LEVELS
     if options.process_noise is not None:
         target = max(options.process_noise, HARD)
         levels = (*(level for level in LEVELS if level > target), target)
-    best: tuple[Point, Terms, Array, bool, float] | None = None
+    best: _Solution | None = None
+    late = False
     for step, level in enumerate(levels):
         q = level * o.model.scales
 
@@ -228,16 +240,20 @@ def _anneal(
         except _OutOfTime:
             if best is None:
                 raise
+            late = True
             break
         _save(options.checkpoint, o, at)
         terms = evaluate(o, at, q, slopes=True)
         score = marginal(o, at, terms, q)
-        if best is not None and options.process_noise is None and score > best[4]:
+        if best is not None and options.process_noise is None and score > best.score:
             break  # tighter explains the data less well: the model is not better than this
-        best = (at, terms, q, False, score)
+        best = _Solution(at, terms, q, score, Outcome.TIME_LIMIT)
     assert best is not None
-    at, terms, settled = descend(o, best[0], best[2], iterations=60, precision=1e-9)
-    return at, terms, best[2], settled, marginal(o, at, terms, best[2])
+    if late:
+        return best
+    at, terms, settled = descend(o, best.at, best.q, iterations=60, precision=1e-9)
+    outcome = Outcome.CONVERGED if settled else Outcome.NOT_CONVERGED
+    return _Solution(at, terms, best.q, marginal(o, at, terms, best.q), outcome)
 
 
 def marginal(o: Objective, at: Point, t: Terms, q: Array) -> float:
@@ -255,12 +271,12 @@ def marginal(o: Objective, at: Point, t: Terms, q: Array) -> float:
 def _result(
     rig: Rig,
     o: Objective,
-    best: tuple[Point, Terms, Array, bool, float],
-    outcome: Outcome,
+    best: _Solution,
+    compare: bool,
     p0: Array,
     began: float,
 ) -> Fit:
-    at, terms, q, _, _ = best
+    at, terms, q = best.at, best.terms, best.q
     theta = at.p[list(o.free)]
     span = np.where(np.isfinite(o.high - o.low), o.high - o.low, np.abs(theta) + o.typical)
     bound = (theta - o.low <= 1e-9 * span) | (o.high - theta <= 1e-9 * span)
@@ -272,8 +288,11 @@ def _result(
             f"{', '.join(idle)}: without influence on these recordings; remove it from [fit] or record an "
             "experiment that shows it"
         )
-    cov = covariance(o, at, terms, q, bound | np.asarray(ties.mute))
+    fixed = bound | np.asarray(ties.mute)
+    cov = covariance(o, at, terms, q, fixed)
     freedom = max(len(o.problem.begins) - len(o.free), 2)
+    if compare and best.outcome is Outcome.CONVERGED:
+        cov = cov + np.diag(_imperfection(o, best, cov, fixed))
     half = stats.t.ppf(0.975, freedom) * np.sqrt(np.maximum(np.diag(cov), 0.0))
     half = np.where(ties.mute, np.inf, half)
     estimates = []
@@ -288,9 +307,29 @@ def _result(
         )  # fmt: skip
     values = {q_.name: float(v) for q_, v in zip(o.model.parameters, at.p, strict=True)}
     return Fit(
-        outcome, tuple(estimates), values, cov, _noise(o, terms, at, q), q, at.X, ties.sentences,
+        best.outcome, tuple(estimates), values, cov, _noise(o, terms, at, q), q, at.X, ties.sentences,
         _certificate(o, terms, q), time.monotonic() - began,
     )  # fmt: skip
+
+
+def _imperfection(o: Objective, best: _Solution, cov: Array, fixed: Booleans) -> Array:
+    """Variance added for what the model gets wrong, (free,): Hausman's (1978) comparison of two estimates.
+
+    The deterministic fit is the better estimate of a perfect model and a biased one of an imperfect model; the
+    fit with process noise is less affected. Where they differ by more than their variances allow at 5 %, the
+    excess is the model's fault and widens the interval.
+    """
+    at = best.at
+    try:
+        for level in (level for level in (*LEVELS, 1e-4, TIGHT) if level * o.model.scales[0] < best.q[0]):
+            at, _, _ = descend(o, at, level * o.model.scales, iterations=40, precision=1e-6)
+        q = TIGHT * o.model.scales
+        own = np.diag(covariance(o, at, evaluate(o, at, q, slopes=True), q, fixed))
+    except (SolveError, np.linalg.LinAlgError):
+        return np.zeros(len(o.free))
+    difference = (at.p - best.at.p)[list(o.free)]
+    allowed = stats.chi2.isf(0.05, 1) * np.abs(np.diag(cov) - own)
+    return np.where(fixed, 0.0, np.maximum(difference**2 - allowed, 0.0))
 
 
 def _noise(o: Objective, t: Terms, at: Point, q: Array) -> dict[str, float]:
