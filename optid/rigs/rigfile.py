@@ -111,7 +111,9 @@ def write_rig(rig: Rig, path: str | Path, parameters: Mapping[str, float] | None
     written = tomlkit.dumps(document)
     again = _parse(written, path)
     for name, value in values.items():
-        if abs(again.parameters[name] - value) > 1e-12 * abs(value):
+        if abs(again.parameters[name] - value) > max(
+            1e-12 * abs(value), 1e-300
+        ):  # subnormals have no twelve digits
             raise RigError(f"{value!r} does not read back", where=path, field=f"parameters.{name}")
     _replace(path, written)
 
