@@ -12,25 +12,21 @@ from pathlib import Path
 import numpy as np
 from scipy import stats
 
-from optid.check.noise import noise_sd
-from optid.core.model import Array, Model
+from optid.core.model import Array
 from optid.core.recording import Recording
 from optid.errors import InputError, NotIdentifiable, SolveError
 from optid.fit.covariance import covariance
-from optid.fit.identifiability import Ties, find_ties
-from optid.fit.problem import Booleans, Problem, pose
+from optid.fit.identifiability import Ties, examine, find_ties
+from optid.fit.objective import freed_with_rest, objective_of, window_length
+from optid.fit.problem import Booleans, pose
 from optid.fit.result import Certificate, Estimate, Fit, Outcome
 from optid.fit.smoother import Objective, Point, Terms, descend, evaluate, system
 from optid.fit.start import guess
-from optid.rigs.rigfile import Freed, Rig
+from optid.rigs.rigfile import Rig
 
-WINDOW = 0.25  # s between nodes; long against friction's microseconds, short against the pressures' drift
 LEVELS = (0.3, 0.03, 1e-2, 3e-3, 1e-3, 3e-4)  # process noise per node as a share of each state's usual size
 HARD = 1e-6  # the share that stands for none at all
 TIGHT = 1e-5  # as good as none, where the iteration still moves easily
-# Freed with the rest unless the rig file states them, with the sd of what is known before: friction at rest, and
-# the fraction of a sample that lies between a card's channels.
-NUISANCE = {"presliding_length": None, "friction_width": None, "sampling_skew": 2e-4}
 
 
 @dataclass(frozen=True)
@@ -87,18 +83,6 @@ class _Solution:
     outcome: Outcome
 
 
-def freed_with_rest(rig: Rig) -> tuple[Freed, ...]:
-    """What the fit moves: the rig's [fit] table, and friction at rest where the file does not state it."""
-    freed = list(rig.freed)
-    names = {f.name for f in freed}
-    freed += [
-        Freed(parameter.name, *parameter.bounds, NUISANCE[parameter.name])
-        for parameter in rig.model.parameters
-        if parameter.name in NUISANCE and parameter.name not in names | set(rig.parameters)
-    ]
-    return tuple(freed)
-
-
 def fit(
     rig: Rig,
     recordings: Iterable[Recording],
@@ -123,8 +107,10 @@ def fit(
     freed = freed_with_rest(rig)
     if not rig.freed:
         raise InputError("nothing to fit", where=rig.path, field="[fit]", expected="at least one parameter")
-    problem = pose(rig.model, list(recordings), options.window or _window(rig.model, recordings))
-    objective, p = _objective(rig, freed, problem, options)
+    recordings = list(recordings)
+    _refuse_idle(rig, examine(rig, recordings))
+    problem = pose(rig.model, recordings, options.window or window_length(rig.model, recordings))
+    objective, p = objective_of(rig, freed, problem, options.huber)
     best: _Solution | None = None
     late = False
     for number, start in enumerate(_starts(objective, p, options)):
@@ -149,49 +135,15 @@ def fit(
     return _result(rig, objective, best, options.process_noise is None, p, began)
 
 
-def _window(model: Model, recordings: Iterable[Recording]) -> float:
-    slowest = max(recording.interval for recording in recordings)
-    return max(WINDOW, 25 * slowest)
-
-
-def _objective(
-    rig: Rig, freed: tuple[Freed, ...], problem: Problem, options: FitOptions
-) -> tuple[Objective, Array]:
-    model, p = rig.model, rig.model.vector(rig.parameters)
-    free = tuple(model.index(f.name) for f in freed)
-    weight = np.ones_like(problem.measured)
-    for j, port in enumerate(model.outputs):
-        weight[:, j] = 1.0 / _sd(rig, problem, j, port.role)
-    mean, spread = (np.array(a).ravel() for a in model.start(p))
-    sd = np.array([f.sd if f.sd else math.inf for f in freed])
-    objective = Objective(
-        model,
-        problem,
-        free,
-        np.array([f.low for f in freed]),
-        np.array([f.high for f in freed]),
-        np.array([abs(p[i]) or model.parameters[i].typical for i in free]),
-        p[list(free)],
-        sd,
-        weight,
-        mean,
-        spread,
-        options.huber,
-        1e-5,
-    )
-    return objective, p
-
-
-def _sd(rig: Rig, problem: Problem, output: int, role: str) -> float:
-    stated = rig.channels[role].sd if role in rig.channels else None
-    if stated:
-        return stated
-    y = problem.measured[:, output]
-    if not np.isfinite(y).any():
-        return 1.0
-    floor = 1e-6 * max(float(np.nanstd(y)), 1e-12)
-    found = noise_sd(y[np.isfinite(y)])
-    return max(found, floor) if math.isfinite(found) else floor
+def _refuse_idle(rig: Rig, ties: Ties) -> None:
+    """A parameter the rig file frees and the data do not move is an error, never a silent fit."""
+    stated = {f.name for f in rig.freed}
+    idle = [name for name in ties.idle if name in stated]
+    if idle:
+        raise NotIdentifiable(
+            f"{', '.join(idle)}: without influence on these recordings; remove it from [fit] or record an "
+            "experiment that shows it"
+        )
 
 
 def _starts(o: Objective, p: Array, options: FitOptions) -> Iterable[Point]:
@@ -281,13 +233,7 @@ def _result(
     span = np.where(np.isfinite(o.high - o.low), o.high - o.low, np.abs(theta) + o.typical)
     bound = (theta - o.low <= 1e-9 * span) | (o.high - theta <= 1e-9 * span)
     ties: Ties = find_ties(o, at, terms, q, bound)
-    stated = {f.name for f in rig.freed}
-    idle = [n for n in ties.idle if n in stated]
-    if idle:
-        raise NotIdentifiable(
-            f"{', '.join(idle)}: without influence on these recordings; remove it from [fit] or record an "
-            "experiment that shows it"
-        )
+    _refuse_idle(rig, ties)
     fixed = bound | np.asarray(ties.mute)
     cov = covariance(o, at, terms, q, fixed)
     freedom = max(len(o.problem.begins) - len(o.free), 2)

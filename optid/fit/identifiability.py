@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from optid.core.model import Array
-from optid.fit.smoother import Objective, Point, Terms, system
+from optid.core.recording import Recording
+from optid.fit.objective import freed_with_rest, objective_of, window_length
+from optid.fit.problem import pose
+from optid.fit.smoother import Objective, Point, Terms, descend, evaluate, system
+from optid.fit.start import guess
+from optid.rigs.rigfile import Rig
 
+LOOSE = 0.03  # process noise of the examination, as a share of each state's usual size
 MUTE = 1.0  # relative standard deviation beyond which the data say nothing of a value's size
 
 
@@ -57,6 +64,23 @@ def find_ties(o: Objective, at: Point, t: Terms, q: Array, held: Any) -> Ties:
         else:
             sentences.append(_in_words([names[i] for i in members], vector[members]))
     return Ties(idle, mute & ~np.asarray(held), tuple(sentences))
+
+
+def examine(rig: Rig, recordings: Sequence[Recording]) -> Ties:
+    """What these recordings can say of the rig's free parameters, before any fit: at the rig's own values.
+
+    Only the states are estimated, with much process noise, so that wrong values do not matter yet.
+
+    Raises:
+        SolveError: the model cannot be simulated at the rig's values.
+    """
+    problem = pose(rig.model, recordings, window_length(rig.model, recordings))
+    states_only, p = objective_of(rig, (), problem)
+    at, q = Point(guess(rig.model, problem, p), p), LOOSE * rig.model.scales
+    at, _, _ = descend(states_only, at, q, iterations=20, precision=1e-3)
+    everything, _ = objective_of(rig, freed_with_rest(rig), problem)
+    terms = evaluate(everything, at, q, slopes=True)
+    return find_ties(everything, at, terms, q, np.zeros(len(everything.free), dtype=bool))
 
 
 def _in_words(names: list[str], direction: Array) -> str:

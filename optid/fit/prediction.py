@@ -12,7 +12,7 @@ from optid.core.model import Array
 from optid.core.recording import Recording
 from optid.core.simulation import simulate
 from optid.errors import SolveError
-from optid.fit.batch import FitOptions, _objective
+from optid.fit.objective import objective_of
 from optid.fit.problem import Problem, pose
 from optid.fit.result import Score
 from optid.fit.smoother import Objective, Point, descend, evaluate
@@ -62,7 +62,7 @@ def predict(
     model = rig.model
     p = model.vector(dict(values) if values is not None else rig.parameters)
     problem = pose(model, [recording], HORIZON)
-    objective, _ = _objective(rig, (), problem, FitOptions())
+    objective, _ = objective_of(rig, (), problem)
     q = PROCESS_NOISE * model.scales if process_noise is None else np.asarray(process_noise)
     free_run, windows = _predict(objective, p, q)
     frame: dict[str, Array] = {"time": problem.time}

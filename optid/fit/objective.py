@@ -1,0 +1,82 @@
+"""What a fit of a rig minimises: data, weights, bounds and priors gathered from the rig file and the recordings."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+import numpy as np
+
+from optid.check.noise import noise_sd
+from optid.core.model import Array, Model
+from optid.core.recording import Recording
+from optid.fit.problem import Problem
+from optid.fit.smoother import Objective
+from optid.rigs.rigfile import Freed, Rig
+
+WINDOW = 0.25  # s between nodes; long against friction's microseconds, short against the pressures' drift
+SOLVER = (
+    1e-5  # local error of the integration as a share of each state's usual size: 0.1 micrometre of position
+)
+# Freed with the rest unless the rig file states them, with the sd of what is known before: friction at rest, and
+# the fraction of a sample that lies between a card's channels.
+NUISANCE = {"presliding_length": None, "friction_width": None, "sampling_skew": 2e-4}
+
+
+def freed_with_rest(rig: Rig) -> tuple[Freed, ...]:
+    """What the fit moves: the rig's [fit] table, and friction at rest where the file does not state it."""
+    freed = list(rig.freed)
+    names = {f.name for f in freed}
+    freed += [
+        Freed(parameter.name, *parameter.bounds, NUISANCE[parameter.name])
+        for parameter in rig.model.parameters
+        if parameter.name in NUISANCE and parameter.name not in names | set(rig.parameters)
+    ]
+    return tuple(freed)
+
+
+def window_length(model: Model, recordings: Iterable[Recording]) -> float:
+    """Seconds between nodes: `WINDOW`, or 25 samples where sampling is slow."""
+    slowest = max(recording.interval for recording in recordings)
+    return max(WINDOW, 25 * slowest)
+
+
+def objective_of(
+    rig: Rig, freed: tuple[Freed, ...], problem: Problem, huber: float = math.inf
+) -> tuple[Objective, Array]:
+    """What a fit of `freed` minimises, and the parameter vector of the rig's own values."""
+    model, p = rig.model, rig.model.vector(rig.parameters)
+    free = tuple(model.index(f.name) for f in freed)
+    weight = np.ones_like(problem.measured)
+    for j, port in enumerate(model.outputs):
+        weight[:, j] = 1.0 / _sd(rig, problem, j, port.role)
+    mean, spread = (np.array(a).ravel() for a in model.start(p))
+    sd = np.array([f.sd if f.sd else math.inf for f in freed])
+    objective = Objective(
+        model,
+        problem,
+        free,
+        np.array([f.low for f in freed]),
+        np.array([f.high for f in freed]),
+        np.array([abs(p[i]) or model.parameters[i].typical for i in free]),
+        p[list(free)],
+        sd,
+        weight,
+        mean,
+        spread,
+        huber,
+        SOLVER,
+    )
+    return objective, p
+
+
+def _sd(rig: Rig, problem: Problem, output: int, role: str) -> float:
+    stated = rig.channels[role].sd if role in rig.channels else None
+    if stated:
+        return stated
+    y = problem.measured[:, output]
+    if not np.isfinite(y).any():
+        return 1.0
+    floor = 1e-6 * max(float(np.nanstd(y)), 1e-12)
+    found = noise_sd(y[np.isfinite(y)])
+    return max(found, floor) if math.isfinite(found) else floor
