@@ -11,7 +11,7 @@ from optid.core.compiled import compiled, spread
 from optid.core.model import Array, Model
 
 # Local error of a step as a share of each state's usual size: positions within 0.01 micrometre of Radau (tests).
-TOLERANCE = 1e-7
+TOLERANCE = 2e-8
 
 
 class Runs(NamedTuple):
