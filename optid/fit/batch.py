@@ -20,7 +20,7 @@ from optid.fit.identifiability import Ties, examine, find_ties
 from optid.fit.objective import freed_with_rest, objective_of, window_length
 from optid.fit.problem import Booleans, pose
 from optid.fit.result import Certificate, Estimate, Fit, Outcome
-from optid.fit.smoother import Objective, Point, Terms, descend, evaluate, system
+from optid.fit.smoother import Objective, Point, Terms, descend, evaluate, settled_system
 from optid.fit.start import guess
 from optid.rigs.rigfile import Rig
 
@@ -214,7 +214,7 @@ def marginal(o: Objective, at: Point, t: Terms, q: Array) -> float:
     The states' volume and the process noise's normalisation balance, so that q can be chosen by it, as the
     diffusion in CTSM (Kristensen et al. 2004).
     """
-    s = system(o, at, t, q, 1e-12, np.zeros(len(o.free), dtype=bool))
+    s = settled_system(o, at, t, q, np.zeros(len(o.free), dtype=bool))
     volume = 2.0 * float(np.log(s.factor[0]).sum())
     links = int(o.problem.linked.sum())
     return t.cost + volume + 2.0 * links * float(np.log(q / o.model.scales).sum())

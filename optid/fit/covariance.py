@@ -21,14 +21,14 @@ from scipy.linalg import toeplitz
 from optid.core.compiled import compiled, spread
 from optid.core.model import Array
 from optid.fit.problem import Problem
-from optid.fit.smoother import Objective, Point, Terms, solve_schur, system
+from optid.fit.smoother import Objective, Point, Terms, settled_system, solve_schur
 
 HIGHEST_ORDER = 20  # of the autoregression; the noise of a sensor chain is short
 
 
 def covariance(o: Objective, at: Point, t: Terms, q: Array, held: np.ndarray) -> Array:
     """Covariance of the free parameters, (free, free), in SI units; zero for the `held` ones."""
-    s = system(o, at, t, q, 0.0, held)
+    s = settled_system(o, at, t, q, held)
     schur = s.schur + np.diag(held.astype(float))
     s = type(s)(s.factor, s.Z, schur, s.rhs_x, s.rhs_theta, s.step_x)
     influence, residual, owner = _influence(o, at, s, held)

@@ -12,7 +12,7 @@ from optid.core.model import Array
 from optid.core.recording import Recording
 from optid.fit.objective import freed_with_rest, objective_of, window_length
 from optid.fit.problem import pose
-from optid.fit.smoother import Objective, Point, Terms, descend, evaluate, system
+from optid.fit.smoother import Objective, Point, Terms, descend, evaluate, settled_system
 from optid.fit.start import guess
 from optid.rigs.rigfile import Rig
 
@@ -35,7 +35,7 @@ def information(o: Objective, at: Point, t: Terms, q: Array) -> Array:
     Unit noise sd: an eigenvalue of 1e4 means that its direction is known to 1 %.
     """
     none = np.zeros(len(o.free), dtype=bool)
-    s = system(o, at, t, q, 0.0, none)
+    s = settled_system(o, at, t, q, none)
     usual = np.array([o.model.parameters[i].typical for i in o.free])
     size = np.maximum(np.abs(at.p[list(o.free)]), usual) / o.typical
     return np.asarray(s.schur * np.outer(size, size))

@@ -159,6 +159,22 @@ def system(o: Objective, at: Point, t: Terms, q: Array, damping: float, held: Bo
     return System(factor, Z, C - B.T @ Z, b, rhs_t * theta_scale - B.T @ step_x, step_x)
 
 
+def settled_system(o: Objective, at: Point, t: Terms, q: Array, held: Booleans) -> System:
+    """The undamped normal equations, with no more damping than rounding asks for.
+
+    With little process noise the weights span ten decades and the last pivots drown in rounding.
+
+    Raises:
+        SolveError: even strong damping does not make them positive definite.
+    """
+    for damping in (0.0, 1e-12, 1e-10, 1e-8, 1e-6):
+        try:
+            return system(o, at, t, q, damping, held)
+        except (LinAlgError, ValueError):
+            continue
+    raise SolveError("the normal equations are singular: free fewer parameters")
+
+
 def _step(o: Objective, at: Point, t: Terms, q: Array, damping: float) -> tuple[Point, float]:
     """The damped Gauss-Newton point within bounds, and the largest scaled movement of parameters."""
     theta = at.p[list(o.free)]
@@ -203,7 +219,7 @@ def descend(
             try:
                 trial, moved = _step(o, at, terms, q, damping)
                 cost = evaluate(o, trial, q, slopes=False).cost
-            except LinAlgError:
+            except (LinAlgError, ValueError):  # not positive definite, or not finite
                 cost, moved, trial = math.inf, math.inf, at
             if cost <= terms.cost * (1 + 1e-12):
                 settled = terms.cost - cost <= precision * max(terms.cost, 1.0) and moved < 1e-2
