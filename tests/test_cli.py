@@ -9,7 +9,8 @@ from click.testing import CliRunner
 from malformed import CASES, SOUND_RECORDING, SOUND_RIG, Case, make
 
 from optid import cli
-from optid.errors import SolveError
+from optid.cli.common import deliver
+from optid.errors import JobError, SolveError
 from optid.rigs.rigfile import read_rig
 
 DATA = Path(__file__).resolve().parents[1] / "data"
@@ -145,8 +146,8 @@ def test_half_written_results_never_show(tmp_path):
         (place / "a.json").write_text("{}")
         raise OSError("disk full")
 
-    with pytest.raises(cli.JobError, match="disk full"):
-        cli._deliver(tmp_path / "out", write)
+    with pytest.raises(JobError, match="disk full"):
+        deliver(tmp_path / "out", write)
     assert list(tmp_path.iterdir()) == []
 
 

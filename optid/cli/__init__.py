@@ -1,0 +1,95 @@
+"""The command line: reads arguments, calls one job, prints a short summary and an exit status.
+
+0 done; 1 the job failed, and why; 2 the call or an input file is wrong. Each command is one file; slow imports
+stay inside the commands, so that help is there at once.
+"""
+
+from __future__ import annotations
+
+import importlib.metadata
+import os
+import sys
+from typing import Any, NoReturn
+
+import click
+
+from optid.cli.check import check
+from optid.cli.fit import fit
+from optid.cli.simulate import simulate
+from optid.errors import InputError, JobError
+
+HELP = """From recordings of a servo-pneumatic axis to a model you can trust.
+
+\b
+  optid check bench.toml run1.csv
+      Are the files right, and are the data fit for identification?
+  optid simulate bench.toml run1.csv --out out/sim
+      How far do the rig file's numbers carry?
+  optid fit bench.toml run1.csv run2.csv --holdout run3.csv --out out/fit
+      Fit the parameters of the [fit] table, and judge them on what they have not seen.
+
+A rig file (TOML) names the plant, its parameters with units, what a fit may move, and which column is what.
+Recordings are CSV, Parquet, MATLAB .mat or NI TDMS.
+
+Exit status: 0 done, 1 the job failed (and why), 2 the call or an input file is wrong (which, where, and what
+was expected).
+"""
+
+
+class OneLine(click.Group):
+    """A group whose every failure is one line on stderr and an exit status."""
+
+    def main(self, *args: Any, **kwargs: Any) -> NoReturn:
+        """Run a command and leave with its exit status; `OPTID_TRACEBACK=1` lets exceptions through."""
+        kwargs["standalone_mode"] = False
+        try:
+            status = super().main(*args, **kwargs)
+        except click.ClickException as error:
+            _leave(f"{error.format_message()} (optid --help shows how to call it)", 2)
+        except (click.Abort, KeyboardInterrupt):
+            _leave("interrupted; nothing was written", 1)
+        except BrokenPipeError:
+            sys.stdout = None  # whoever read has gone; nothing is left to say
+            sys.exit(1)
+        except Exception as error:
+            if os.environ.get("OPTID_TRACEBACK") == "1":
+                raise
+            _leave(*_in_words(error))
+        sys.exit(status if isinstance(status, int) else 0)
+
+
+def _in_words(error: Exception) -> tuple[str, int]:
+    if isinstance(error, InputError):
+        return str(error), 2
+    if isinstance(error, JobError):
+        return str(error), 1
+    what = f"{type(error).__name__}: {error}"
+    return f"this is a bug in optid, please report it: {what} (OPTID_TRACEBACK=1 shows where)", 1
+
+
+def _leave(message: str, status: int) -> NoReturn:
+    click.echo("optid: " + " ".join(message.split()), err=True)
+    sys.exit(status)
+
+
+@click.group(
+    cls=OneLine,
+    invoke_without_command=True,
+    help=HELP,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
+)
+@click.version_option(importlib.metadata.version("optid"), prog_name="optid")
+@click.pass_context
+def cli(context: click.Context) -> None:
+    """See HELP."""
+    if context.invoked_subcommand is None:
+        click.echo(context.get_help())
+
+
+for command in (check, simulate, fit):
+    cli.add_command(command)
+
+
+def main() -> None:
+    """Entry point of the `optid` script."""
+    cli()

@@ -1,0 +1,5 @@
+"""`python -m optid.cli`."""
+
+from optid.cli import main
+
+main()

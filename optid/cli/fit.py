@@ -1,0 +1,104 @@
+"""`optid fit`: fit the [fit] parameters to recordings."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from optid.cli.common import (
+    OUT,
+    checkpoint,
+    deliver,
+    progress,
+    read_all,
+    results_folder,
+    say_scores,
+    say_table,
+    waiting,
+    write_json,
+)
+from optid.errors import InputError, JobError, NotIdentifiable
+
+if TYPE_CHECKING:
+    from optid.fit.result import Fit
+
+HUBER = 1.345  # sd: 95 % as efficient as least squares on normal noise (Huber, Robust Statistics, 1981)
+
+
+@click.command()
+@click.argument("rig")
+@click.argument("recordings", metavar="RECORDING...", nargs=-1, required=True)
+@click.option("--holdout", multiple=True, metavar="REC", help="Judge the fit on it; may be repeated.")
+@OUT
+@click.option("--starts", default=1, type=click.IntRange(min=1), help="Number of start points; 1 by default.")
+@click.option("--time-limit", type=click.FloatRange(min=0, min_open=True), metavar="S", help="Seconds.")
+@click.option("--robust", is_flag=True, help="Let outliers count linearly, not squared.")
+@click.option("--resume/--no-resume", default=True, help="Go on from a fit of the same that was cut short.")
+def fit(rig: str, recordings: tuple[str, ...], holdout: tuple[str, ...], out: str, **choices: Any) -> None:
+    """Fit the parameters of the rig file's [fit] table to recordings."""
+    folder = results_folder(out, keeps=Path(rig))
+    if choices["time_limit"] is not None and not math.isfinite(choices["time_limit"]):
+        raise InputError("not finite", where="--time-limit", expected="a number of seconds")
+    understood, train, held_out = read_all(rig, recordings, holdout)
+    for recording, remarks in train:
+        if any(remark.severity == "error" for remark in remarks):
+            grave = next(remark.message for remark in remarks if remark.severity == "error")
+            raise NotIdentifiable(f"{recording.name}: {grave} (nothing was fitted or written)")
+
+    from optid.fit.batch import FitOptions
+    from optid.fit.batch import fit as fit_rig
+    from optid.fit.prediction import predict
+    from optid.fit.result import Outcome
+    from optid.report.page import Exhibit, fit_page
+    from optid.report.scores import fit_document
+    from optid.rigs.rigfile import write_rig
+
+    kept = checkpoint(folder, choices["resume"])
+    options = FitOptions(
+        starts=choices["starts"], time_limit=choices["time_limit"], checkpoint=kept,
+        huber=HUBER if choices["robust"] else math.inf,
+    )  # fmt: skip
+    with progress("fitting") as show:
+        result = fit_rig(
+            understood, [recording for recording, _ in train], options,
+            lambda now: show(now.fraction, f"{now.stage}, cost {now.cost:.5g}"),
+        )  # fmt: skip
+    exhibits = []
+    with waiting("predicting"):
+        for use, group in (("training", train), ("held out", held_out)):
+            for recording, remarks in group:
+                prediction = predict(understood, recording, result.values, result.process_noise)
+                exhibits.append(Exhibit(use, recording, prediction, remarks))
+        page = fit_page(understood, result, exhibits)
+    used = {use: [e.prediction for e in exhibits if e.use == use] for use in ("training", "held out")}
+    document = fit_document(result, used["training"], used["held out"])
+
+    def write(place: Path) -> None:
+        write_json(place / "fit.json", document)
+        write_rig(understood, place / "rig.toml", {p.name: p.value for p in result.parameters})
+        (place / "report.html").write_text(page, encoding="utf-8")
+
+    deliver(folder, write)
+    if result.outcome is Outcome.CONVERGED:
+        kept.unlink(missing_ok=True)
+    _say_fit(result)
+    say_scores("training, 0.5 s windows", document["train"])
+    say_scores("held out, 0.5 s windows", document["holdout"])
+    click.echo(f"written to {out}: fit.json, rig.toml, report.html")
+    if result.outcome is Outcome.NOT_CONVERGED:
+        raise JobError(f"{result.outcome.value} The best found is in {out}.")
+
+
+def _say_fit(result: Fit) -> None:
+    click.echo(f"{result.outcome.value} ({result.seconds:.1f} s)")
+    rows = []
+    for p in result.parameters:
+        unit = "" if p.unit == "1" else p.unit
+        mark = "not identifiable" if not p.identifiable else "at its bound" if p.at_bound else ""
+        rows.append((p.name, f"{p.value:.5g}", f"[{p.low:.5g}, {p.high:.5g}]", unit, mark))
+    say_table(("parameter", "value", "95 % interval", "unit", ""), rows)
+    for tie in result.ties:
+        click.echo(f"  {tie}")

@@ -1,0 +1,38 @@
+"""`optid simulate`: run the model along a recording."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from optid.cli.common import OUT, deliver, read_all, results_folder, say_scores, waiting, write_json
+
+
+@click.command()
+@click.argument("rig")
+@click.argument("recording")
+@OUT
+def simulate(rig: str, recording: str, out: str) -> None:
+    """Run the model along a recording, with the rig file's numbers."""
+    folder = results_folder(out)
+    understood, [(read, remarks)], _ = read_all(rig, (recording,))
+
+    from optid.fit.prediction import predict
+    from optid.report.page import Exhibit, simulation_page
+    from optid.report.scores import metrics_document
+
+    with waiting("simulating"):
+        prediction = predict(understood, read, understood.parameters)
+        page = simulation_page(understood, Exhibit("simulated", read, prediction, remarks))
+    metrics = metrics_document(prediction)
+
+    def write(place: Path) -> None:
+        prediction.frame.to_csv(place / "prediction.csv", index=False)
+        write_json(place / "metrics.json", metrics)
+        (place / "report.html").write_text(page, encoding="utf-8")
+
+    deliver(folder, write)
+    for kind, words in (("window", "0.5 s windows"), ("free_run", "free run")):
+        say_scores(words, {role: kinds[kind] for role, kinds in metrics.items()})
+    click.echo(f"written to {out}: prediction.csv, metrics.json, report.html")
