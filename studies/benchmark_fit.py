@@ -22,7 +22,7 @@ import numpy as np
 import pandas as pd
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
-from optid.core.compiled import WORKERS
+from optid.core.compiled import WORKERS, compiled
 from optid.core.readers import read_recording
 from optid.core.simulation import TOLERANCE, simulate
 from optid.fit.batch import FitOptions, fit
@@ -138,11 +138,16 @@ def simulations(record: Record, short: int = 500) -> None:
     )
     print("and against C at a twentieth of a sample over the whole record")
     print(f"{'':32}{'s per s':>9}{'short, um':>11}{'whole, um':>11}")
+    kernel, start = compiled(model), np.array([record.start_state])
+    first, counts = np.zeros(1, dtype=np.int64), np.array([n - 1], dtype=np.int64)
+    X, Y = np.empty((1, n, 4)), np.empty((1, n, len(model.outputs)))
     for tolerance in (TOLERANCE, 1e-6, 1e-5):
-        simulate(model, p, record.start_state, dt, inputs, tolerance=tolerance)
-        seconds, run = timed(lambda tolerance=tolerance: simulate(
-            model, p, record.start_state, dt, inputs, tolerance=tolerance))  # fmt: skip
-        line(f"optid, tolerance {tolerance:g}", n * record.dt / seconds, run.states[0, :, 0], radau, record)
+        fixed = (first, counts, start, p[None], dt, inputs, tolerance * model.scales, X, Y)
+        kernel.simulate(0, 1, *fixed)
+        seconds, _ = timed(lambda fixed=fixed: kernel.simulate(0, 1, *fixed))
+        line(f"optid, tolerance {tolerance:g}", n * record.dt / seconds, X[0, :, 0].copy(), radau, record)
+    seconds, _ = timed(lambda: simulate(model, p, record.start_state, dt, inputs))
+    print(f"{'optid, simulate() as called':32}{n * record.dt / seconds:9.0f}")
     if fit_c.available():
         for steps in (2, 5):
             seconds, states = timed(
