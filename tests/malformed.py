@@ -208,7 +208,21 @@ RIG_CASES = (
     rig("unknown option", "[parameters]", "[options]\nfrictoin = 'smooth'\n[parameters]", "options",
         '"friction"'),
     rig("option value", "[parameters]", "[options]\nfriction = 'smoth'\n[parameters]", "options", "'smooth'"),
-    rig("effects", "[fit]", "[effects.stribeck_friction]\n[fit]", "effects", "not supported yet"),
+    rig("unknown effect", "[fit]", "[effects.stribek_friction]\n[fit]", "effects.stribek", "stribeck_friction"),
+    rig("effect no table", "[fit]", "[effects]\nvalve_lag = 3\n[fit]", "effects.valve_lag", "found 3"),
+    rig(
+        "unknown effect parameter", "[fit]", "[effects.valve_lag]\ntime_constnat = '3 ms'\n[fit]",
+        "effects.valve_lag.time_constnat", "time_constant",
+    ),
+    rig(
+        "wrong effect unit", "[fit]", "[effects.valve_lag]\ntime_constant = '3 mm'\n[fit]",
+        "effects.valve_lag.time_constant", "wrong dimension",
+    ),
+    rig(
+        "unphysical effect", "[fit]", "[effects.valve_lag]\ntime_constant = '3 s'\n[fit]",
+        "effects.valve_lag.time_constant", "outside what is physical",
+    ),
+    rig("no effect file", "[fit]", "[effects.'my.py:mine']\n[fit]", "effects.my.py:mine", "does not exist"),
     rig("fit of a stranger", FIT, "discharge = { bounds = [0.4, 1.0] }", "fit.discharge",
         '"discharge_coefficient"'),
     rig("fit without bounds", FIT, "discharge_coefficient = {}", "fit.discharge_coefficient", "bounds"),

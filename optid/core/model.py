@@ -24,12 +24,17 @@ class State:
     scale: float
 
 
+# Inputs that no channel holds: the time to the next sample, and the time since the record began.
+INTERVAL, CLOCK = "interval", "clock"
+
+
 @dataclass(frozen=True)
 class Port:
-    """An input or output: the role a recording's channel can take, and its SI unit."""
+    """An input or output: the role a recording's channel can take, its SI unit, and how many samples ago."""
 
     role: str
     unit: str
+    ago: int = 0
 
 
 @dataclass(frozen=True)
@@ -52,6 +57,14 @@ class Model:
     rates: ca.Function
     sensors: ca.Function
     start: ca.Function
+
+    @property
+    def recorded(self) -> tuple[Port, ...]:
+        """The inputs that a recording must hold, each once."""
+        held = {
+            port.role: port for port in self.inputs if port.role not in (INTERVAL, CLOCK) and not port.ago
+        }
+        return tuple(held.values())
 
     @property
     def scales(self) -> Array:

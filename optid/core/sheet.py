@@ -10,11 +10,12 @@ from __future__ import annotations
 import inspect
 import typing
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any, Protocol
 
 import casadi as ca
 
-from optid.core.model import Model, Port, State
+from optid.core.model import CLOCK, INTERVAL, Model, Port, State
 from optid.core.parameter import Parameter
 from optid.errors import PlantError, nearest
 
@@ -23,16 +24,24 @@ Expression = Any  # casadi.SX or a number: CasADi's operators are not typed
 
 
 class Effect(Protocol):
-    """Physics that a plant may have left out: acts on the signal of one site.
+    """Physics that a plant may have left out: acts on the signals of one site or more.
 
-    ``apply`` receives the nominal signal, the signals the plant declared near the site, and the sheet
-    (for parameters and states of its own); at its null parameter values it returns the nominal signal.
+    ``apply`` is called at each of its sites, in the order in which the plant offers them. It receives the
+    nominal signal, the signals the plant declared near the site, and the sheet (for parameters and states of
+    its own, which carry the effect's name in front); at its null parameter values it returns the nominal signal.
     """
 
-    name: str
-    site: str
+    @property
+    def name(self) -> str:
+        """As in a rig file's `[effects.NAME]`."""
 
-    def apply(self, nominal: Expression, near: Mapping[str, Expression], sheet: Sheet) -> Expression:
+    @property
+    def sites(self) -> Sequence[str]:
+        """Sites it acts on; the plant must offer them all."""
+
+    def apply(
+        self, site: str, nominal: Expression, near: Mapping[str, Expression], sheet: Sheet
+    ) -> Expression:
         """The signal as the effect makes it."""
 
 
@@ -50,6 +59,8 @@ class Sheet:
         self._outputs: dict[str, tuple[Port, Expression]] = {}
         self._parameters: dict[str, tuple[Parameter, ca.SX]] = {}
         self._sites: list[str] = []
+        self._notes: dict[str, Expression] = {}
+        self._prefix = ""  # of the effect that is writing
 
     def state(
         self,
@@ -61,6 +72,7 @@ class Sheet:
         spread: Expression | None = None,
     ) -> ca.SX:
         """Declare a state; `scale` is its usual size, `start` and `spread` its mean and sd at a record's start."""
+        name = self._prefix + name
         self._fresh(name, self._states)
         self._states[name] = State(name, unit, float(scale))
         self._starts[name] = (start, 10.0 * scale if spread is None else spread)
@@ -70,11 +82,30 @@ class Sheet:
     def input(self, role: str, unit: str) -> ca.SX:
         """Declare a recorded input; with unit "1" a channel in volts needs a `full_scale`."""
         self._fresh(role, self._inputs)
-        self._inputs[role] = (Port(role, unit), ca.SX.sym(role))
-        return self._inputs[role][1]
+        return self._port(role, Port(role, unit))
+
+    def past(self, role: str, samples: int) -> ca.SX:
+        """A declared input as it was so many samples ago (its first value before the record began)."""
+        port = replace(self._inputs[role][0], ago=samples)
+        return self._port(f"{role}@{samples}", port)
+
+    def interval(self) -> ca.SX:
+        """The time for which the present sample is held, s."""
+        return self._port(INTERVAL, Port(INTERVAL, "s"))
+
+    def clock(self) -> ca.SX:
+        """Time since the record began, s, taken at the middle of the present sample's hold."""
+        return self._port(CLOCK, Port(CLOCK, "s"))
+
+    def _port(self, key: str, port: Port) -> ca.SX:
+        if key not in self._inputs:
+            self._inputs[key] = (port, ca.SX.sym(key))
+        return self._inputs[key][1]
 
     def param(self, parameter: Parameter) -> ca.SX:
-        """Use a parameter; the same object may be used again."""
+        """Use a parameter; the same object may be used again. An effect's carries the effect's name in front."""
+        if self._prefix:
+            parameter = replace(parameter, name=self._prefix + parameter.name)
         if parameter.name in self._parameters:
             known, symbol = self._parameters[parameter.name]
             if known != parameter:
@@ -86,12 +117,34 @@ class Sheet:
         self._parameters[parameter.name] = (parameter, ca.SX.sym(parameter.name))
         return self._parameters[parameter.name][1]
 
+    def plant_param(self, name: str) -> ca.SX:
+        """A parameter that the plant has declared, for an effect that needs it.
+
+        Raises:
+            PlantError: the plant has declared no such parameter so far.
+        """
+        if name not in self._parameters:
+            raise PlantError(
+                f'no parameter "{name}" so far', where=self.name, hint=nearest(name, self._parameters)
+            )
+        return self._parameters[name][1]
+
+    def note(self, name: str, expression: Expression) -> None:
+        """Keep an expression that an effect needs again at a later site."""
+        self._notes[self._prefix + name] = expression
+
+    def noted(self, name: str) -> Expression:
+        """What the same effect noted at an earlier site."""
+        return self._notes[self._prefix + name]
+
     def site(self, name: str, nominal: Expression, **near: Expression) -> Expression:
         """Offer a signal to effects; returns it unchanged when none acts here."""
         self._sites.append(name)
         for effect in self._effects:
-            if effect.site == name:
-                nominal = effect.apply(nominal, near, self)
+            if name in effect.sites:
+                self._prefix = f"{effect.name}."
+                nominal = effect.apply(name, nominal, near, self)
+                self._prefix = ""
         return nominal
 
     def rate(self, state: ca.SX, expression: Expression) -> None:
@@ -128,12 +181,13 @@ class Sheet:
         if not self._outputs:
             raise PlantError("the plant declares no output", where=self.name)
         for effect in self._effects:
-            if effect.site not in self._sites:
-                raise PlantError(
-                    f'effect "{effect.name}" acts at site "{effect.site}", which the plant does not offer',
-                    where=self.name,
-                    hint=nearest(effect.site, self._sites),
-                )
+            for site in effect.sites:
+                if site not in self._sites:
+                    raise PlantError(
+                        f'effect "{effect.name}" acts at site "{site}", which the plant does not offer',
+                        where=self.name,
+                        hint=nearest(site, self._sites),
+                    )
         x = ca.vertcat(*self._state_symbols.values())
         u = ca.vertcat(*(symbol for _, symbol in self._inputs.values()))
         p = ca.vertcat(*(symbol for _, symbol in self._parameters.values()))

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from optid.core.model import Array, Model
+from optid.core.model import CLOCK, INTERVAL, Array, Model
 from optid.core.recording import Recording
 from optid.errors import RecordingError
 
@@ -55,7 +55,7 @@ def pose(model: Model, recordings: Sequence[Recording], window: float) -> Proble
     for number, recording in enumerate(recordings):
         for segment in recording.segments():
             n = len(segment)
-            columns.append(_arrays(model, segment))
+            columns.append(_arrays(model, segment, recording.time[0]))
             pieces = max(1, min(round(segment.duration / window), (n - 1) // 2))
             edges = np.round(np.linspace(0, n - 1, pieces + 1)).astype(int)
             begins += [offset + int(e) for e in edges[:-1]]
@@ -78,11 +78,16 @@ def pose(model: Model, recordings: Sequence[Recording], window: float) -> Proble
     )
 
 
-def _arrays(model: Model, segment: Recording) -> tuple[Array, Array, Array, Array]:
+def _arrays(model: Model, segment: Recording, start: float) -> tuple[Array, Array, Array, Array]:
     n = len(segment)
+    dt = np.diff(segment.time, append=segment.time[-1] + segment.interval)
     inputs = np.empty((n, len(model.inputs)))
     for j, port in enumerate(model.inputs):
-        inputs[:, j] = held(segment[port.role].values)
+        if port.role in (INTERVAL, CLOCK):
+            column = dt if port.role == INTERVAL else segment.time - start + dt / 2
+        else:
+            column = held(segment[port.role].values)
+        inputs[:, j] = np.r_[np.full(port.ago, column[0]), column][:n]
     measured = np.full((n, len(model.outputs)), np.nan)
     present = [j for j, port in enumerate(model.outputs) if port.role in segment]
     if not present:
@@ -93,7 +98,6 @@ def _arrays(model: Model, segment: Recording) -> tuple[Array, Array, Array, Arra
         )
     for j in present:
         measured[:, j] = segment[model.outputs[j].role].values
-    dt = np.diff(segment.time, append=segment.time[-1] + segment.interval)
     return segment.time, dt, inputs, measured
 
 

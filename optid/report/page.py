@@ -86,7 +86,7 @@ def _render(rig: Rig, title: str, exhibits: Sequence[Exhibit], **more: Any) -> s
 
 def _exhibit(one: Exhibit, rig: Rig, fit: Fit | None) -> dict[str, Any]:
     roles = list(one.prediction.scores["window"])
-    inputs = [port.role for port in rig.model.inputs if port.role in one.recording]
+    inputs = [port.role for port in rig.model.recorded if port.role in one.recording]
     source = one.recording.provenance
     return {
         "name": one.recording.name, "use": one.use, "remarks": one.remarks,
@@ -148,7 +148,7 @@ def _about_data(exhibits: Sequence[Exhibit], rig: Rig) -> list[str]:
                     "The model lacks something, or the windows start from a state that is a little off."
                 )
     seen = [one for one in exhibits if one.use != "held out"]
-    for role in [*(port.role for port in rig.model.outputs), *(port.role for port in rig.model.inputs)]:
+    for role in [*(port.role for port in rig.model.outputs), *(port.role for port in rig.model.recorded)]:
         holders = [one.recording[role] for one in seen if role in one.recording]
         if holders:
             low = min(float(np.nanmin(c.recorded)) for c in holders)

@@ -30,7 +30,7 @@ def read_channels(
     Raises:
         RigError: an unknown role or key, a wrong unit, no time, an input or every output without a channel.
     """
-    ports = {port.role: port.unit for port in (*model.inputs, *model.outputs)}
+    ports = {port.role: port.unit for port in (*model.recorded, *model.outputs)}
     known_keys(table, ["time", "rate", *ports, REFERENCE], where, "channels.", "role")
     found = {"time": _time(table, where)}
     for role in table:
@@ -38,7 +38,7 @@ def read_channels(
             entry = subtable(table, role, where, f"channels.{role}", f"a table such as {_EXAMPLE}")
             found[role] = _channel(role, entry, ports.get(role), atmospheric, where)
     outputs = [port.role for port in model.outputs]
-    for absent in (port.role for port in model.inputs if port.role not in found):
+    for absent in (port.role for port in model.recorded if port.role not in found):
         raise RigError(
             "no such channel, and the model needs this input", where=where, field=f"channels.{absent}"
         )

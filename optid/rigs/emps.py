@@ -77,7 +77,7 @@ def emps(
     """
     q, v = s.state("position", "m", 0.01, spread=0.5), s.state("velocity", "m/s", 0.1, spread=0.5)
     u = s.site("drive.command", s.input("command", "V"))
-    drag = viscous_and_dry_friction(s, v, friction, direction)
+    drag = viscous_and_dry_friction(s, q, v, friction, direction)
     drag = s.site("force.friction", drag, x=q, v=v)
     external = s.site("force.external", -s.param(FORCE_OFFSET), x=q, v=v)
     s.rate(q, v)
@@ -85,10 +85,11 @@ def emps(
     s.output("position", "m", s.site("sensor.position", q, v=v))
 
 
-def viscous_and_dry_friction(s: Sheet, v: Any, friction: str, direction: str) -> Any:
+def viscous_and_dry_friction(s: Sheet, q: Any, v: Any, friction: str, direction: str) -> Any:
     """Friction force against positive motion, N, at speed v (m/s). See `emps` for the choices."""
     if direction == "symmetric":
-        return s.param(VISCOUS_FRICTION) * v + dry_friction(s, v, friction)
+        viscous = s.site("force.viscous", s.param(VISCOUS_FRICTION) * v, v=v)
+        return viscous + dry_friction(s, v, friction, x=q)
     share = sliding(s, v, friction)
     forwards = s.param(VISCOUS_FRICTION) * ca.fmax(v, 0) + s.param(COULOMB_FRICTION) * ca.fmax(share, 0)
     backwards = s.param(VISCOUS_FRICTION_NEGATIVE) * ca.fmin(v, 0)

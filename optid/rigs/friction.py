@@ -75,11 +75,16 @@ def sliding(s: Sheet, v: Any, kind: str) -> Any:
         return ca.tanh(v / s.param(FRICTION_WIDTH))
     # Dahl's law for the bristles' deflection z = F/F_r, with bounded build-up rate at speed.
     z = s.state("bristle", "1", 1.0, spread=1.0)
-    z_dot = (v - ca.fabs(v) * z) / (s.param(PRESLIDING_LENGTH) + s.param(BRISTLE_LAG) * ca.fabs(v))
+    length = s.site("force.presliding", s.param(PRESLIDING_LENGTH), v=v)
+    z_dot = (v - ca.fabs(v) * z) / (length + s.param(BRISTLE_LAG) * ca.fabs(v))
     s.rate(z, z_dot)
     return z + s.param(BRISTLE_DAMPING) * z_dot
 
 
-def dry_friction(s: Sheet, v: Any, kind: str) -> Any:
-    """F_r of eq. 11, N: `coulomb_friction` times `sliding`."""
-    return s.param(COULOMB_FRICTION) * sliding(s, v, kind)
+def dry_friction(s: Sheet, v: Any, kind: str, **near: Any) -> Any:
+    """F_r of eq. 11, N: the level of dry friction, `coulomb_friction`, times `sliding`.
+
+    The site `force.coulomb` offers the level, N, with the speed, the share that slides and what `near` adds.
+    """
+    share = sliding(s, v, kind)
+    return s.site("force.coulomb", s.param(COULOMB_FRICTION), v=v, share=share, **near) * share

@@ -5,18 +5,21 @@ from __future__ import annotations
 import os
 import re
 import tomllib
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from optid.core.loading import blame
 from optid.core.model import Model
 from optid.core.parameter import Parameter
 from optid.core.recording import ChannelMap
 from optid.core.sheet import build
 from optid.core.units import GAUGE, conversion, shown, split, to_si
+from optid.effects.effect import Effect
+from optid.effects.library import find_effect
 from optid.errors import InputError, PlantError, RigError, nearest
-from optid.rigs import blame, find_plant
+from optid.rigs import find_plant
 from optid.rigs.channels import read_channels
 from optid.rigs.fields import Table, known_keys, span, subtable, text
 
@@ -45,8 +48,10 @@ class Rig:
         name: the rig's.
         model_name: the plant as the file names it.
         options: choices of the plant the file states.
-        model: the plant's equations.
-        parameters: SI values of those the file states; `model.vector(rig.parameters)` adds the defaults.
+        effects: missing physics inserted into the plant, from `[effects.NAME]`.
+        model: the plant's equations with them.
+        parameters: SI values of those the file states, an effect's as "effect.parameter";
+            `model.vector(rig.parameters)` adds the defaults.
         freed: what a fit may move.
         channels: role -> how a recording's column is read; "time" is among them.
         path: the file.
@@ -56,6 +61,7 @@ class Rig:
     name: str
     model_name: str
     options: Mapping[str, object]
+    effects: tuple[Effect, ...]
     model: Model
     parameters: Mapping[str, float]
     freed: tuple[Freed, ...]
@@ -98,15 +104,23 @@ def write_rig(rig: Rig, path: str | Path, parameters: Mapping[str, float] | None
             raise RigError(f'unknown parameter "{name}"', where=path, hint=nearest(name, _by_name(rig.model)))
     document = tomlkit.parse(rig.source)
     document["model"] = _model_seen_from(rig, path.parent)
-    table: Any = document.setdefault("parameters", tomlkit.table())
+    plant: Any = document.setdefault("parameters", tomlkit.table())
     values = {**rig.parameters, **new}
     air = values.get(ATMOSPHERE, _default(rig.model, ATMOSPHERE))
+    known = _by_name(rig.model)
+    stated = dict(rig.parameters)
+    for effect in rig.effects:  # those the file does not hold yet are written whole
+        if not _key_of(effect, document):
+            for name in effect.qualified(effect.at_null()):
+                values.setdefault(name, float(known[name].default or 0.0))
+                stated.pop(name, None)
     for name, value in values.items():
-        old = table.get(name)
+        table, own = _table_of(name, rig, document, plant), name.rpartition(".")[2]
+        old = table.get(own)
         # A gauge value counts from the atmospheric pressure, so it is rewritten when that one moves.
         gauge = ATMOSPHERE in new and isinstance(old, str) and old.rstrip().endswith(GAUGE)
-        if (name in new and value != rig.parameters.get(name)) or gauge:
-            table[name] = _written(float(value), old, _by_name(rig.model)[name].unit, air)
+        if value != stated.get(name) or gauge:
+            table[own] = _written(float(value), old, known[name].unit, air)
     _rewrite_gauge_bounds(document, rig, air)
     written = tomlkit.dumps(document)
     again = _parse(written, path)
@@ -139,22 +153,24 @@ def _parse(source: str, path: Path) -> Rig:
     except (tomllib.TOMLDecodeError, RecursionError, ValueError) as error:
         raise RigError(f"not valid TOML: {error}", where=path) from None
     known_keys(document, TABLES, path)
-    if "effects" in document:
-        raise RigError("effects in a rig file are not supported yet", where=path, field="effects")
     model_name = text(document, "model", path, "model", 'a plant such as model = "servo-pneumatic"')
     name = text(document, "name", path, "name", "a text") if "name" in document else path.stem
     options = subtable(document, "options", path, "options", "a table of the plant's options")
-    model = _model(model_name, options, path)
+    stated = subtable(document, "effects", path, "effects", "a table for each effect")
+    effects = _effects(stated, path)
+    model = _model(model_name, options, effects, path)
     parameters = _parameters(subtable(document, "parameters", path, "parameters", "a table"), model, path)
+    for effect in effects:
+        parameters |= _effect_parameters(effect, stated, parameters, path)
     air = parameters.get(ATMOSPHERE, _default(model, ATMOSPHERE))
     freed = _freed(subtable(document, "fit", path, "fit", "a table"), model, parameters, path)
     channels = read_channels(
         subtable(document, "channels", path, "channels", "a table of roles"), model, air, path
     )
-    return Rig(name, model_name, dict(options), model, parameters, freed, channels, path, source)
+    return Rig(name, model_name, dict(options), effects, model, parameters, freed, channels, path, source)
 
 
-def _model(name: str, options: Table, path: Path) -> Model:
+def _model(name: str, options: Table, effects: tuple[Effect, ...], path: Path) -> Model:
     try:
         plant = find_plant(name, path.parent)
     except InputError as error:
@@ -162,13 +178,61 @@ def _model(name: str, options: Table, path: Path) -> Model:
     except ImportError as error:
         raise RigError(f'"{name}" cannot be imported ({error})', where=path, field="model") from error
     try:
-        return build(plant, **options)
+        return build(plant, effects, **options)
     except PlantError as error:
         about_option = "option" in (error.field or "") or "no option" in str(error)
         raise RigError(str(error), where=path, field="options" if about_option else "model") from error
     except Exception as error:  # a user's equations can raise anything
         file = path.parent / name.rpartition(":")[0]
         raise RigError(f'"{name}" raised {blame(error, file)}', where=path, field="model") from error
+
+
+def with_effects(rig: Rig, effects: Iterable[Effect], values: Mapping[str, float] | None = None) -> Rig:
+    """The rig with more effects in its plant.
+
+    Args:
+        rig: as read.
+        effects: to insert after those it has.
+        values: SI values of all parameters to change, an effect's as "effect.parameter"; defaults (no effect) else.
+
+    Raises:
+        RigError: the plant does not offer a site of theirs.
+    """
+    every = (*rig.effects, *effects)
+    model = _model(rig.model_name, rig.options, every, rig.path)
+    return replace(rig, effects=every, model=model, parameters={**rig.parameters, **(values or {})})
+
+
+def _effects(table: Table, path: Path) -> tuple[Effect, ...]:
+    found = []
+    for name in table:
+        subtable(table, name, path, f"effects.{name}", "a table of the effect's parameters")
+        try:
+            found.append(find_effect(name, path.parent))
+        except RigError as error:
+            raise RigError(str(error), where=path, field=f"effects.{name}") from error
+    return tuple(found)
+
+
+def _effect_parameters(
+    effect: Effect, stated: Table, air: Mapping[str, float], path: Path
+) -> dict[str, float]:
+    """SI values of an effect's table under their names in the model."""
+    key = next(key for key in stated if key == effect.name or key.endswith(f":{effect.name}"))
+    known = {parameter.name: parameter for parameter in effect.parameters}
+    known_keys(stated[key], known, path, f"effects.{key}.", "parameter")
+    found = {}
+    for name, entry in stated[key].items():
+        value = to_si(
+            entry,
+            known[name].unit,
+            atmospheric=air.get(ATMOSPHERE),
+            where=path,
+            field=f"effects.{key}.{name}",
+        )
+        _within(known[name], value, entry, path, f"effects.{key}.{name}")
+        found[name] = value
+    return effect.qualified(found)
 
 
 def _by_name(model: Model) -> dict[str, Parameter]:
@@ -181,7 +245,7 @@ def _default(model: Model, name: str) -> float | None:
 
 
 def _parameters(table: Table, model: Model, path: Path) -> dict[str, float]:
-    known = _by_name(model)
+    known = {name: parameter for name, parameter in _by_name(model).items() if "." not in name}
     known_keys(table, known, path, "parameters.", "parameter")
     values: dict[str, float] = {}
     # The atmospheric pressure first: gauge pressures count from it, and it cannot count from itself.
@@ -189,12 +253,7 @@ def _parameters(table: Table, model: Model, path: Path) -> dict[str, float]:
         air = values.get(ATMOSPHERE, _default(model, ATMOSPHERE)) if name != ATMOSPHERE else None
         at = f"parameters.{name}"
         value = to_si(table[name], known[name].unit, atmospheric=air, where=path, field=at)
-        low, high = known[name].bounds
-        if not low <= value <= high:
-            raise RigError(
-                f"{shown(table[name])} is outside what is physical", where=path, field=at,
-                expected=span(low, high, known[name].unit),
-            )  # fmt: skip
+        _within(known[name], value, table[name], path, at)
         values[name] = value
     absent = [name for name, parameter in known.items() if name not in table and parameter.default is None]
     if absent:
@@ -204,6 +263,15 @@ def _parameters(table: Table, model: Model, path: Path) -> dict[str, float]:
             hint=f"with defaults, so optional: {', '.join(extra)}" if extra else None,
         )  # fmt: skip
     return {name: values[name] for name in table}
+
+
+def _within(parameter: Parameter, value: float, entry: object, path: Path, at: str) -> None:
+    low, high = parameter.bounds
+    if not low <= value <= high:
+        raise RigError(
+            f"{shown(entry)} is outside what is physical", where=path, field=at,
+            expected=span(low, high, parameter.unit),
+        )  # fmt: skip
 
 
 def _freed(table: Table, model: Model, values: dict[str, float], path: Path) -> tuple[Freed, ...]:
@@ -262,6 +330,23 @@ def _model_seen_from(rig: Rig, folder: Path) -> str:
     except ValueError:  # another drive
         relative = target
     return f"{relative.as_posix()}:{function}"
+
+
+def _key_of(effect: Effect, document: Any) -> str | None:
+    """The effect's key in `[effects]`: its name, or its file with its name."""
+    table = document.get("effects", {})
+    return next((key for key in table if key == effect.name or key.endswith(f":{effect.name}")), None)
+
+
+def _table_of(name: str, rig: Rig, document: Any, plant: Any) -> Any:
+    """The `[effects.NAME]` table that a parameter stands in, made where absent; or the plant's."""
+    import tomlkit
+
+    for effect in rig.effects:
+        if name.startswith(f"{effect.name}."):
+            every: Any = document.setdefault("effects", tomlkit.table(is_super_table=True))
+            return every.setdefault(_key_of(effect, document) or effect.name, tomlkit.table())
+    return plant
 
 
 def _written(value: float, old: object, unit: str, air: float | None) -> float | str:

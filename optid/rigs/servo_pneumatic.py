@@ -144,41 +144,55 @@ def servo_pneumatic(
     # Spool. A positive command opens A to supply and B to exhaust, a negative one the reverse (eqs. 3 to 6).
     command = s.site("valve.command", s.input("command", "1"))
     X = s.site("valve.spool", command * s.param(SPOOL_TRAVEL), command=command)
-    port_a, port_b = ca.if_else(X > 0, P_s, P_e), ca.if_else(X > 0, P_e, P_s)
-    area = s.site("valve.area", s.param(PORT_WIDTH) * ca.fabs(X), spool=X)
+    area = s.param(PORT_WIDTH) * ca.fabs(X)
+    filling = s.site("flow.supply_area", area, spool=X, x=x, v=v)
+    venting = s.site("flow.exhaust_area", area, spool=X, x=x, v=v)
+    supply = s.site("flow.supply", P_s, spool=X, area=filling, P_a=P_a, P_b=P_b)
+    exhaust = s.site("flow.exhaust", P_e, spool=X, area=venting, P_a=P_a, P_b=P_b)
 
-    # Mass flows into the chambers, eqs. 1 and 2; eq. 10 counts m_b out of the chamber, here both go in.
-    m_a = s.site("flow.chamber_a", mass_flow(s, area, port_a, P_a, X > 0, reversed_flow), P=P_a, x=x, spool=X)
-    m_b = s.site("flow.chamber_b", mass_flow(s, area, port_b, P_b, X < 0, reversed_flow), P=P_b, x=x, spool=X)
+    # Mass flows into the chambers, eqs. 1 and 2; eq. 10 counts m_b out of the chamber, here both go in. `near`
+    # holds flows per area, kg/(s m2), into the chamber from wherever a leak may come.
+    def into(P: Any, other: Any, filled: Any, chamber: str) -> Any:
+        P_port = ca.if_else(filled, supply, exhaust)
+        open_area = area if filling is venting else ca.if_else(filled, filling, venting)
+        nominal = open_area * flux(s, P_port, P, filled, reversed_flow)
+        near = {
+            name: flux(s, port, P, True, True)
+            for name, port in (("supply", supply), ("exhaust", exhaust), ("ambient", P_atm), ("other", other))
+        }
+        return s.site(f"flow.chamber_{chamber}", nominal, P=P, other_P=other, x=x, v=v, spool=X, **near)
+
+    m_a, m_b = into(P_a, P_b, X > 0, "a"), into(P_b, P_a, X < 0, "b")
 
     # Chamber pressures, eqs. 9 and 10.
     floor = s.param(LENGTH_FLOOR)
     length_a = soft_floor(L / 2 + x + Delta, floor, floor / 2)
     length_b = soft_floor(L / 2 - x + Delta, floor, floor / 2)
-    s.rate(P_a, K / length_a * (-P_a * v + R * T_s / A_a * m_a))
-    s.rate(P_b, K / length_b * (+P_b * v + R * T_s / A_b * m_b))
+    rate_a = K / length_a * (-P_a * v + R * T_s / A_a * m_a)
+    rate_b = K / length_b * (+P_b * v + R * T_s / A_b * m_b)
+    near_a = {"P": P_a, "v": v, "flow": m_a, "area": A_a, "length": length_a, "widening": v}
+    near_b = {"P": P_b, "v": v, "flow": m_b, "area": A_b, "length": length_b, "widening": -v}
+    s.rate(P_a, s.site("flow.pressure_rate_a", rate_a, **near_a))
+    s.rate(P_b, s.site("flow.pressure_rate_b", rate_b, **near_b))
 
     # Piston, eq. 11, with the ambient pressure on the rod's area that the print leaves out.
     drive = A_a * P_a - A_b * P_b - (A_rod * P_atm if rod_force else 0)
-    drag = s.site(
-        "force.friction",
-        s.param(VISCOUS_FRICTION) * v + dry_friction(s, v, friction),
-        x=x,
-        v=v,
-        P_a=P_a,
-        P_b=P_b,
-    )
-    external = s.site("force.external", end_stops(s, x, v, L), x=x, v=v)
+    viscous = s.site("force.viscous", s.param(VISCOUS_FRICTION) * v, v=v, x=x)
+    drag = viscous + dry_friction(s, v, friction, x=x, P_a=P_a, P_b=P_b, P_atm=P_atm)
+    drag = s.site("force.friction", drag, x=x, v=v, P_a=P_a, P_b=P_b)
+    external = s.site("force.external", end_stops(s, x, v, L), x=x, v=v, L=L)
+    net = drive - drag + external
     s.rate(x, v)
-    s.rate(v, (drive - drag + external) / M)
+    s.rate(v, s.site("force.acceleration", net / M, net=net, mass=M, x=x, v=v))
 
-    s.output("position", "m", s.site("sensor.position", x - s.param(SAMPLING_SKEW) * v, v=v))
+    skewed = x - s.param(SAMPLING_SKEW) * v
+    s.output("position", "m", s.site("sensor.position", skewed, x=x, v=v, L=L))
     s.output("pressure_a", "Pa", s.site("sensor.pressure_a", P_a))
     s.output("pressure_b", "Pa", s.site("sensor.pressure_b", P_b))
 
 
-def mass_flow(s: Sheet, area: Any, P_port: Any, P: Any, from_supply: Any, reversed_flow: bool) -> Any:
-    """Flow through a port into its chamber, kg/s: eqs. 1 to 8 with C_0, C_k and C_r computed from K.
+def flux(s: Sheet, P_port: Any, P: Any, from_supply: Any, reversed_flow: bool) -> Any:
+    """Flow into a chamber per area of its port, kg/(s m2): eqs. 1 to 8 with C_0, C_k and C_r computed from K.
 
     The upstream side is the one with the higher pressure, whichever that is; its temperature counts.
     C_k = 3.864 and C_r = 0.528 of table 1 follow from K = 1.4; C_0 (not in table 1) makes eq. 7's f, which
@@ -195,6 +209,7 @@ def mass_flow(s: Sheet, area: Any, P_port: Any, P: Any, from_supply: Any, revers
     a = ca.exp((K - 1) / K * ca.log(ratio))
     # eq. 7 squared, P_r^(2/K) - P_r^((K+1)/K), with one power instead of two
     f2 = C_k2 * (ratio / a) ** 2 * (1 - a)
+    f2 = s.site("flow.function", f2, ratio=P_d / P_u, critical=C_r)
     inwards = P_port > P
     if reversed_flow:
         f2 = ca.if_else(inwards, f2, -f2)
@@ -202,7 +217,7 @@ def mass_flow(s: Sheet, area: Any, P_port: Any, P: Any, from_supply: Any, revers
         f2 = ca.if_else(from_supply, ca.if_else(inwards, f2, 0), ca.if_else(inwards, 0, -f2))
     T_u = ca.if_else(inwards, s.param(SUPPLY_TEMPERATURE), s.param(CHAMBER_TEMPERATURE))
     f = signed_root(f2, s.param(FLOW_WIDTH))
-    return s.param(DISCHARGE_COEFFICIENT) * C_0 * area * P_u / ca.sqrt(T_u) * f
+    return s.param(DISCHARGE_COEFFICIENT) * C_0 * P_u / ca.sqrt(T_u) * f
 
 
 def end_stops(s: Sheet, x: Any, v: Any, L: Any) -> Any:

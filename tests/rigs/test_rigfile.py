@@ -184,7 +184,7 @@ UNITS = {
         optional={
             "supply_pressure": st.floats(2e5, 1e7),
             "stroke": st.floats(1e-6, 1e3),
-            "viscous_friction": st.floats(0.0, 400.0),
+            "viscous_friction": st.floats(0.0, 400.0, allow_subnormal=False),
             "supply_temperature": st.floats(150.0, 1000.0),
             "specific_heat_ratio": st.floats(1.001, 1.69),
             "coulomb_friction": st.floats(0.0, 1e5),

@@ -1,0 +1,1 @@
+"""Physics that plants leave out: one small file per effect in `catalogue`."""

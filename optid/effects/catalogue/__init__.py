@@ -1,0 +1,1 @@
+"""One file per effect; `optid.effects.library` finds them here."""

@@ -1,0 +1,40 @@
+"""Air that leaks from the chambers to the room: rod seal, fittings, tubes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from optid.core.parameter import Parameter
+from optid.core.sheet import Sheet
+from optid.effects.effect import Effect
+
+LEAK = "physics catalogue A.3: 0 to 0.3 mm2"
+AREA_A = Parameter("area_a", "m**2", 1e-7, "open area from chamber A to the room", LEAK, 0.0, (0.0, 5e-6))
+AREA_B = Parameter("area_b", "m**2", 1e-7, "open area from chamber B to the room", LEAK, 0.0, (0.0, 5e-6))
+
+
+class AmbientLeakage(Effect):
+    """Orifices to the room with the discharge coefficient of the valve."""
+
+    name = "ambient_leakage"
+    sites = ("flow.chamber_a", "flow.chamber_b")
+    equation = "1, 2"
+    parameters = (AREA_A, AREA_B)
+    strength = {"area_a": 5e-9, "area_b": 5e-9}
+    usual = (
+        {"area_a": 1e-7, "area_b": 0.0},
+        {"area_a": 0.0, "area_b": 1e-7},
+        {"area_a": 1e-7, "area_b": 1e-7},
+    )
+    law = "m_leak = C_d area P f(P_atm / P) out of each chamber"
+    says = "air leaks to the room, from chamber A through {area_a}, from chamber B through {area_b}"
+    depends_on = "pressure"
+    look_alikes = ("valve_offset", "cross_leakage", "valve_underlap")
+    experiment = "close the valve under pressure for 20 s and watch both pressures, or soap the fittings"
+    source = "orifice of ISO 6358-1:2013 in the valve's own form"
+
+    def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
+        """The flow into the chamber, kg/s, less what leaks."""
+        area = sheet.param(AREA_A if site.endswith("a") else AREA_B)
+        return nominal + area * near["ambient"]

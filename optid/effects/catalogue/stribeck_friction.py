@@ -1,0 +1,43 @@
+"""Dry friction that is larger at rest than in motion."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import casadi as ca
+
+from optid.core.parameter import Parameter
+from optid.core.sheet import Sheet
+from optid.effects.effect import Effect
+
+RATIO = Parameter(
+    "breakaway_ratio", "1", 0.3, "dry friction at rest over dry friction in motion",
+    "physics catalogue A.1: 5 to 60 N on top of 80 N", 1.0, (1.0, 5.0),
+)  # fmt: skip
+SPEED = Parameter(
+    "stribeck_speed", "m/s", 0.02, "speed over which the excess dies away",
+    "physics catalogue A.1: 5 to 50 mm/s", 0.02, (1e-3, 0.3), logarithmic=True,
+)  # fmt: skip
+
+
+class StribeckFriction(Effect):
+    """F_r (1 + (ratio - 1) exp(-(v/v_s)^2)), the form with Gauss's curve."""
+
+    name = "stribeck_friction"
+    sites = ("force.coulomb",)
+    equation = "11"
+    parameters = (RATIO, SPEED)
+    strength = {"breakaway_ratio": 0.05}
+    usual = tuple({"breakaway_ratio": 1.4, "stribeck_speed": speed} for speed in (0.008, 0.025, 0.07))
+    law = "dry friction grows from F_r in motion to ratio x F_r at rest, over the speed v_s"
+    says = "dry friction at rest is {breakaway_ratio} times that in motion; the excess is gone at {stribeck_speed}"
+    depends_on = "velocity"
+    look_alikes = ("presliding", "valve_deadband", "quadratic_drag", "asymmetric_friction")
+    experiment = "ramps of 2 to 20 mm/s in both directions, at two speeds"
+    source = "Armstrong-Helouvry, Dupont and Canudas de Wit, Automatica 30(7), 1994"
+
+    def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
+        """The level of dry friction at the speed of the contact."""
+        slow = ca.exp(-((near["v"] / sheet.param(SPEED)) ** 2))
+        return nominal * (1 + (sheet.param(RATIO) - 1) * slow)

@@ -1,0 +1,52 @@
+"""A spool that follows its command as a mass on a spring: second order, from a few milliseconds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from optid.core.parameter import Parameter
+from optid.core.sheet import Sheet
+from optid.effects.effect import Effect
+
+TIME = Parameter(
+    "time_constant", "s", 5e-3, "1 / natural frequency of the spool", "physics catalogue A.2: 40 to 150 Hz, 1 to 15 ms",
+    0.0, (0.0, 0.05),
+)  # fmt: skip
+DAMPING = Parameter(
+    "damping_ratio", "1", 0.8, "damping ratio of the spool; large ones make a first-order lag",
+    "physics catalogue A.2: 0.5 to 1", 0.8, (0.2, 3.0), logarithmic=True,
+)  # fmt: skip
+FLOOR = 3e-4  # s: keeps the equations from becoming stiff at the null
+
+
+class ValveLag(Effect):
+    """(1 + 2 z t0 p + (t0 p)^2) / (1 + 2 z t p + (t p)^2) with p = d/dt, t = time constant + t0: 1 at the null."""
+
+    name = "valve_lag"
+    sites = ("valve.command",)
+    equation = "3-6"
+    parameters = (TIME, DAMPING)
+    strength = {"time_constant": 3e-4}
+    usual = (
+        {"time_constant": 2e-3, "damping_ratio": 0.8},
+        {"time_constant": 6e-3, "damping_ratio": 0.8},
+        {"time_constant": 4e-3, "damping_ratio": 2.0},
+    )
+    law = "t^2 s'' + 2 z t s' + s = command"
+    says = "the spool follows its command with a time constant of {time_constant} (damping ratio {damping_ratio})"
+    depends_on = "rate of the command"
+    look_alikes = ("input_delay", "sensor_lag", "valve_hysteresis")
+    experiment = "the spool's position signal, or steps of the command with pressures measured at 5 kHz"
+    source = "Richer and Hurmuzlu, J. Dyn. Sys. Meas. Control 122(3), 2000; valve catalogues"
+
+    def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
+        """The share of full travel at which the spool stands."""
+        t, z = sheet.param(TIME) + FLOOR, sheet.param(DAMPING)
+        s = sheet.state("spool", "1", 0.1, spread=0.3)
+        w = sheet.state("spool_rate", "1", 0.1, spread=0.3)  # t s'
+        pull = (nominal - s - 2 * z * w) / t
+        sheet.rate(s, w / t)
+        sheet.rate(w, pull)
+        share = FLOOR / t
+        return s + 2 * z * share * w + share**2 * t * pull

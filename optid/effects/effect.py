@@ -1,0 +1,72 @@
+"""What an effect is: where it acts, what it does there, how large it usually is, and how it speaks.
+
+An effect is a class in a file of its own. Its parameters carry their null values as defaults, so that a model
+with the effect at its defaults is the model without it, and the two can be compared by statistics.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from optid.core.parameter import Parameter
+from optid.core.sheet import Sheet
+
+
+class Effect:
+    """Missing physics; a subclass states the attributes and writes `apply`.
+
+    Attributes:
+        name: as in `[effects.NAME]` and in a diagnosis.
+        sites: where it acts, in the plant's order; the plant must offer all.
+        equation: of the paper that it changes.
+        parameters: SI; `default` is the null for a strength and a usual value for a shape.
+        strength: names of the parameters that make the effect vanish, each with the smallest size worth a name.
+        usual: points at which to try it (parameter name -> SI value), one for every branch that a descent
+            would not reach from the others: both signs, slow and fast, early and late.
+        law: the equation in words.
+        says: what an engineer would say, with {parameter} to be filled in with value and unit.
+        depends_on: the signal it follows: "velocity", "position", "command", "pressure", "time", ...
+        look_alikes: names of the effects it is easily confused with.
+        experiment: what tells it from these.
+        source: where law and sizes come from.
+    """
+
+    name: str
+    sites: tuple[str, ...]
+    equation: str
+    parameters: tuple[Parameter, ...]
+    strength: Mapping[str, float]
+    usual: Sequence[Mapping[str, float]]
+    law: str
+    says: str
+    depends_on: str
+    look_alikes: tuple[str, ...] = ()
+    experiment: str = ""
+    source: str
+
+    def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
+        """The signal at `site` as the effect makes it; `nominal` at the null."""
+        raise NotImplementedError
+
+    @property
+    def site(self) -> str:
+        """Its kind of site as diagnoses name it: what stands before the dot."""
+        return self.sites[0].partition(".")[0]
+
+    def qualified(self, values: Mapping[str, float]) -> dict[str, float]:
+        """Parameter values under the names they have in a model: "effect.parameter"."""
+        return {f"{self.name}.{name}": value for name, value in values.items()}
+
+    def at_null(self) -> dict[str, float]:
+        """The defaults by own name: no effect."""
+        return {q.name: float(q.default) for q in self.parameters if q.default is not None}
+
+    def size(self, values: Mapping[str, float]) -> float:
+        """How many times the smallest size worth a name, from values by own name; the largest strength counts."""
+        null = self.at_null()
+        return max(abs(values[name] - null[name]) / least for name, least in self.strength.items())
+
+    def __repr__(self) -> str:
+        """Its name."""
+        return f"<effect {self.name}>"
