@@ -10,7 +10,7 @@ import os
 import shutil
 import sys
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
 from pathlib import Path
@@ -25,11 +25,13 @@ _KERNEL = Path(__file__).with_name("kernel.py")
 WORKERS = max(1, len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1)
 
 
-def compiled(model: Model, free: Sequence[int] = ()) -> Any:
+@lru_cache(maxsize=64)
+def compiled(model: Model, free: tuple[int, ...] = ()) -> Any:
     """The kernel module of a model, with slopes to the states and to the `free` parameters.
 
     The first call for a model compiles for some seconds; later ones, in this run or another, load it. The
-    cache is the user's cache folder, or ``OPTID_CACHE``.
+    cache is the user's cache folder, or ``OPTID_CACHE``. Within a run the answer is remembered by model, since
+    writing the equations anew costs as much as a pass over ten seconds of data.
     """
     return _load(source(model, free))
 
