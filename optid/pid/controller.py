@@ -1,0 +1,251 @@
+"""The discrete PID controller as Python code uses it.
+
+    controller = Controller(Gains(kp=60.0, ki=80.0, kd=1.5, derivative_filter=5e-3), Settings(1e-3, low=-5.0, high=5.0))
+    controller.reset(reference, measured, command)    # bumpless start: the first step gives `command` again
+    command = controller.step(reference, measured)    # once a sample: 0.6 microseconds
+    controller.change(new_gains)                      # bumpless: the command at the last sample stays what it was
+    kept = controller.state; controller.restore(kept) # memory as an array of float64, shape (MEMORY,)
+
+Reference and measurement in the model's output unit (m), command in its input unit (V). A NaN stands for a missing
+sample: the last one is used again; how long that may go on is for the caller to say. Inside other compiled code call
+`optid.pid.law.law(settings, memory, reference, measured)` with `controller.vector` and a copy of `controller.state`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from optid.errors import InputError
+from optid.pid import law
+from optid.pid.law import Array
+
+
+@dataclass(frozen=True)
+class Gains:
+    """What a tuning moves; u = kp (b r - y) + integral of ki (r - y) + kd d(c r - y)/dt.
+
+    Attributes:
+        kp: command per output, V/m.
+        ki: of the integral in continuous time, V/(m s).
+        kd: of the derivative, V s/m.
+        derivative_filter: time constant Tf of the derivative's first-order lag, s; 0 for none.
+        setpoint_weight: b, share of the reference in the proportional part.
+        derivative_weight: c, share of the reference in the derivative; 0 puts it on the measurement alone.
+    """
+
+    kp: float
+    ki: float = 0.0
+    kd: float = 0.0
+    derivative_filter: float = 0.0
+    setpoint_weight: float = 1.0
+    derivative_weight: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not math.isfinite(value):
+                raise InputError(f"{value}", field=name, expected="a finite number")
+        if self.derivative_filter < 0:
+            raise InputError(
+                f"{self.derivative_filter}",
+                field="derivative_filter",
+                expected="a time constant, s, not negative",
+            )
+
+    @property
+    def vector(self) -> Array:
+        """In the order of `optid.pid.law`, shape (GAINS,)."""
+        return np.array(
+            [
+                self.kp,
+                self.ki,
+                self.kd,
+                self.derivative_filter,
+                self.setpoint_weight,
+                self.derivative_weight,
+            ]
+        )
+
+
+class AntiWindup(Enum):
+    """What the integral does while the command stands at a limit."""
+
+    NONE = "it goes on integrating"
+    CLAMPING = "it rests while it would push further into the limit"
+    BACK_CALCULATION = "it gives back what the limit took away, over the tracking time"
+
+
+@dataclass(frozen=True)
+class Settings:
+    """All of a controller but its gains, in the command's own unit.
+
+    Attributes:
+        sample_time: s.
+        low, high: limits of the command; infinite for none.
+        rate: largest change per second; infinite for none.
+        deadband_low, deadband_high: edges of the valve's dead band, at most 0 and at least 0; commands jump over it.
+        deadband_onset: size of the command over which that jump comes in.
+        resolution: step of the output converter, counted from 0; 0 for none.
+        anti_windup: see there.
+        tracking_time: of back-calculation, s.
+    """
+
+    sample_time: float
+    low: float = -math.inf
+    high: float = math.inf
+    rate: float = math.inf
+    deadband_low: float = 0.0
+    deadband_high: float = 0.0
+    deadband_onset: float = 0.0
+    resolution: float = 0.0
+    anti_windup: AntiWindup = AntiWindup.CLAMPING
+    tracking_time: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not (0 < self.sample_time < math.inf):
+            raise InputError(f"{self.sample_time}", field="sample_time", expected="seconds, more than 0")
+        if not self.low < self.high:
+            raise InputError(
+                f"low {self.low:g} is not below high {self.high:g}", field="limits", expected="low < high"
+            )
+        if not self.rate > 0:
+            raise InputError(f"{self.rate:g}", field="rate", expected="more than 0 per second")
+        self._check_valve()
+        if self.anti_windup is AntiWindup.BACK_CALCULATION and not self.tracking_time >= self.sample_time:
+            raise InputError(
+                f"{self.tracking_time:g}", field="tracking_time",
+                expected=f"at least one sample, {self.sample_time:g} s",
+            )  # fmt: skip
+
+    def _check_valve(self) -> None:
+        if not (-math.inf < self.deadband_low <= 0.0 <= self.deadband_high < math.inf):
+            raise InputError(
+                f"{self.deadband_low:g} to {self.deadband_high:g}",
+                field="deadband",
+                expected="low <= 0 <= high",
+            )
+        widest = max(-self.deadband_low, self.deadband_high)
+        if widest > 0 and not 0 < self.deadband_onset < math.inf:
+            raise InputError(
+                f"{self.deadband_onset:g}", field="deadband_onset", expected="a command greater than 0",
+                hint="a jump at zero command would make the axis chatter",
+            )  # fmt: skip
+        if widest > 0 and not (self.low <= self.deadband_low and self.deadband_high <= self.high):
+            raise InputError("the dead band reaches beyond the limits", field="deadband")
+        if not 0 <= self.resolution < math.inf:
+            raise InputError(
+                f"{self.resolution:g}", field="resolution", expected="a step of the command or 0"
+            )
+        if not self.resolution <= self.high - self.low:
+            raise InputError(f"{self.resolution:g} is wider than the limits are apart", field="resolution")
+        if self.resolution > 0 and self.rate * self.sample_time < self.resolution * (1 - law.SLACK):
+            raise InputError(
+                f"{self.rate:g} per second is less than one step of {self.resolution:g} a sample: "
+                "the command could never move", field="rate",
+                expected=f"at least {self.resolution / self.sample_time:g} per second",
+            )  # fmt: skip
+
+    @property
+    def vector(self) -> Array:
+        """What follows the gains in the settings of `optid.pid.law`, shape (SETTINGS - GAINS,)."""
+        back = self.anti_windup is AntiWindup.BACK_CALCULATION
+        return np.array(
+            [
+                self.sample_time,
+                self.low,
+                self.high,
+                self.rate * self.sample_time,
+                self.deadband_low,
+                self.deadband_high,
+                1.0 / self.deadband_onset if self.deadband_onset > 0 else 0.0,
+                self.resolution,
+                1.0 / self.resolution if self.resolution > 0 else 0.0,
+                float(self.anti_windup is AntiWindup.CLAMPING),
+                self.sample_time / self.tracking_time if back else 0.0,
+            ]
+        )
+
+
+class Controller:
+    """A running controller; one object a loop, not shared between threads."""
+
+    def __init__(self, gains: Gains, settings: Settings) -> None:
+        self.gains, self.settings = gains, settings
+        self.vector = np.concatenate([gains.vector, settings.vector])
+        self._memory = np.zeros(law.MEMORY)
+        self._memory[law.LAST_COMMAND] = min(max(0.0, settings.low), settings.high)
+
+    def step(self, reference: float, measured: float) -> float:
+        """The command for this sample; the limits hold for it, and the rate from the last one to it."""
+        return law.step(self.vector, self._memory, reference, measured)
+
+    def reset(self, reference: float, measured: float, command: float = 0.0) -> None:
+        """Start, or start again, from a command that is standing: the first step gives it again if nothing moves.
+
+        Without integral action (ki = 0) there is nothing to hold the command with: the first step may jump, as
+        far as the rate limit lets it.
+
+        Raises:
+            InputError: a value that is not finite.
+        """
+        for name, value in (("reference", reference), ("measured", measured), ("command", command)):
+            if not math.isfinite(value):
+                raise InputError(f"{value}", field=name, expected="a finite number")
+        m, gains = self._memory, self.gains
+        m[law.SLOPE] = 0.0
+        m[law.LAST_COMMAND] = min(max(command, self.settings.low), self.settings.high)
+        m[law.LAST_SETPOINT], m[law.LAST_MEASURED] = reference, measured
+        m[law.INTEGRAL] = 0.0
+        if gains.ki != 0.0:
+            growth = gains.ki * self.settings.sample_time * (reference - measured)
+            m[law.INTEGRAL] = self._without_jump(m[law.LAST_COMMAND]) - self._proportional(gains) - growth
+
+    def change(self, gains: Gains) -> None:
+        """Take new gains; the command they would have given at the last sample is the one that was given.
+
+        With ki = 0 the integral part is dropped instead, and the command may jump.
+        """
+        m, old = self._memory, self.gains
+        m[law.INTEGRAL] += self._proportional(old) - self._proportional(gains)
+        m[law.INTEGRAL] += (old.kd - gains.kd) * m[law.SLOPE]
+        if gains.ki == 0.0:
+            m[law.INTEGRAL] = 0.0
+        self.gains = gains
+        self.vector[: law.GAINS] = gains.vector
+
+    @property
+    def command(self) -> float:
+        """The last one."""
+        return float(self._memory[law.LAST_COMMAND])
+
+    @property
+    def state(self) -> Array:
+        """A copy of the memory, shape (MEMORY,): what `restore` takes."""
+        return self._memory.copy()
+
+    def restore(self, state: Array) -> None:
+        """Go on from a memory that `state` gave.
+
+        Raises:
+            InputError: of another shape or not finite.
+        """
+        state = np.asarray(state, dtype=np.float64)
+        if state.shape != (law.MEMORY,) or not np.all(np.isfinite(state)):
+            raise InputError(f"shape {state.shape}", field="state", expected=f"{law.MEMORY} finite numbers")
+        self._memory[:] = state
+
+    def _proportional(self, gains: Gains) -> float:
+        m = self._memory
+        return float(gains.kp * (gains.setpoint_weight * m[law.LAST_SETPOINT] - m[law.LAST_MEASURED]))
+
+    def _without_jump(self, command: float) -> float:
+        """The wish that dead-band compensation turns into this command."""
+        s = self.settings
+        edge = s.deadband_high if command > 0.0 else s.deadband_low
+        if edge == 0.0:
+            return command
+        inside = command / (1.0 + abs(edge) / s.deadband_onset)
+        return inside if abs(inside) <= s.deadband_onset else command - edge
