@@ -23,7 +23,7 @@ from optid.rigs import find_plant
 from optid.rigs.channels import read_channels
 from optid.rigs.fields import Table, known_keys, span, subtable, text
 
-TABLES = ("name", "model", "options", "parameters", "fit", "channels", "effects")
+TABLES = ("name", "model", "options", "parameters", "fit", "channels", "effects", "live")
 ATMOSPHERE = "atmospheric_pressure"  # what gauge pressures count from
 _ON_BOUND = (
     1e-9  # relative: a fitted value that stands on its bound may miss it by rounding on the way to text
@@ -188,7 +188,7 @@ def _model(name: str, options: Table, effects: tuple[Effect, ...], path: Path) -
 
 
 def with_effects(rig: Rig, effects: Iterable[Effect], values: Mapping[str, float] | None = None) -> Rig:
-    """The rig with more effects in its plant.
+    """The rig with more effects in its plant, all their parameters free.
 
     Args:
         rig: as read.
@@ -198,9 +198,12 @@ def with_effects(rig: Rig, effects: Iterable[Effect], values: Mapping[str, float
     Raises:
         RigError: the plant does not offer a site of theirs.
     """
-    every = (*rig.effects, *effects)
+    new = tuple(effects)
+    every = (*rig.effects, *new)
     model = _model(rig.model_name, rig.options, every, rig.path)
-    return replace(rig, effects=every, model=model, parameters={**rig.parameters, **(values or {})})
+    freed = [Freed(f"{effect.name}.{q.name}", *q.bounds) for effect in new for q in effect.parameters]
+    parameters = {**rig.parameters, **(values or {})}
+    return replace(rig, effects=every, model=model, parameters=parameters, freed=(*rig.freed, *freed))
 
 
 def _effects(table: Table, path: Path) -> tuple[Effect, ...]:
