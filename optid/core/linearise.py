@@ -1,0 +1,174 @@
+"""A model near an operating point as a linear state space with named states, inputs and outputs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import casadi as ca
+import numpy as np
+
+from optid.core.model import CLOCK, INTERVAL, Array, Model
+from optid.errors import PlantError, SolveError, nearest
+
+if TYPE_CHECKING:
+    import control
+
+STEADY = 1e-9  # 1/s: largest rate of a state, as a share of its usual size, that counts as none
+STRIDE = 0.5  # usual sizes: the longest step of the search, lest it leap to where no pressure is positive
+PROBE = 1e-6  # of a usual size: the step to either side by which a kink is seen
+KINK = 1e-3  # relative difference of the slopes on both sides that is no curvature
+
+
+@dataclass(frozen=True, eq=False)
+class Linear:
+    """A linearisation; all numbers in SI units, the system's signals being distances from the point.
+
+    Attributes:
+        system: continuous time; states, inputs and outputs carry the model's names. An input taken some
+            samples ago is an input of its own, "command@3".
+        states: where it was taken, by name; `inputs` and `outputs` alike.
+        rates: 1/s times the state's unit; zero but for the states declared `moving`.
+        kinks: names to which the slope jumps at this very point (a valve that is just closed); there the
+            system holds the mean of both sides.
+    """
+
+    system: control.StateSpace
+    states: Mapping[str, float]
+    inputs: Mapping[str, float]
+    outputs: Mapping[str, float]
+    rates: Mapping[str, float]
+    kinks: tuple[str, ...]
+
+
+def linearise(
+    model: Model,
+    parameters: Mapping[str, float],
+    held: Mapping[str, float],
+    moving: Sequence[str] = (),
+    near: Mapping[str, float] | None = None,
+) -> Linear:
+    """Find the operating point nearest to a guess and linearise there.
+
+    A closed pneumatic axis rests anywhere and at any balanced pair of pressures, so a point is asked for by
+    what is `held`; all other states and inputs move as little as possible (in usual sizes) from where they
+    are guessed until no rate is left.
+
+    Args:
+        model: the plant.
+        parameters: SI values by name; the model's defaults where silent (a fit's `values`, a rig's `parameters`).
+        held: states and inputs with a stated value, SI, by name.
+        moving: states whose rate need not vanish: the position of an axis at constant speed.
+        near: guesses for the others; without one a state starts where records start, an input at zero. Where
+            laws change at zero, as a valve's do, the side must be guessed.
+
+    Raises:
+        PlantError: an unknown name, or no value for the sampling interval of a model that uses it.
+        SolveError: no equilibrium was found; names the state that keeps moving.
+    """
+    names = [state.name for state in model.states] + _input_names(model)
+    p = model.vector(parameters)
+    guess = np.r_[np.array(model.start(p)[0]).ravel(), np.zeros(len(model.inputs))]
+    values = {**dict(zip(names, guess.tolist(), strict=True)), **(near or {}), **held}
+    for name in (*values, *moving):
+        if name not in names:
+            raise PlantError(f'no state or input "{name}"', where=model.name, hint=nearest(name, names))
+    if INTERVAL in names and not values[INTERVAL] > 0:
+        raise PlantError("the equations use the sampling interval", where=model.name, field=INTERVAL,
+                         expected="its value in s among `held`")  # fmt: skip
+    at = np.array([values[name] for name in names])
+    given = {*held, INTERVAL, CLOCK}
+    loose = np.array([name not in given for name in names])
+    steady = np.array([state.name not in moving for state in model.states])
+    slopes = _slopes(model)
+    at = _equilibrium(model, slopes, p, at, loose, steady)
+    return _linear(model, names, at, *_kinked(model, slopes, p, at))
+
+
+def _input_names(model: Model) -> list[str]:
+    return [port.role if not port.ago else f"{port.role}@{port.ago}" for port in model.inputs]
+
+
+def _slopes(model: Model) -> ca.Function:
+    """(z, p) -> (rates and outputs, their slopes to z), z being states and inputs in one vector."""
+    nx = len(model.states)
+    z, p = ca.SX.sym("z", nx + len(model.inputs)), ca.SX.sym("p", len(model.parameters))
+    values = ca.vertcat(model.rates(z[:nx], z[nx:], p), model.sensors(z[:nx], z[nx:], p))
+    return ca.Function("slopes", [z, p], [values, ca.jacobian(values, z)])
+
+
+def _evaluated(slopes: ca.Function, at: Array, p: Array) -> tuple[Array, Array]:
+    values, jacobian = slopes(at, p)
+    return np.array(values).ravel(), np.array(jacobian)
+
+
+def _sizes(model: Model) -> Array:
+    return np.asarray(np.r_[model.scales, np.ones(len(model.inputs))])
+
+
+def _kinked(model: Model, slopes: ca.Function, p: Array, at: Array) -> tuple[Array, Array, Array]:
+    """Values and slopes at a point, and to which columns the slope jumps there (the mean of both sides)."""
+    values, jacobian = _evaluated(slopes, at, p)
+    units = np.r_[model.scales, np.maximum(np.abs(values[len(model.states) :]), 1e-300)]
+    jumps = np.zeros(len(at), dtype=bool)
+    for k, size in enumerate(_sizes(model)):
+        probe = np.zeros(len(at))
+        probe[k] = PROBE * size
+        below, above = (_evaluated(slopes, at + sign * probe, p)[1][:, k] for sign in (-1, 1))
+        largest = float((np.maximum(np.abs(above), np.abs(below)) / units).max())
+        jumps[k] = bool((np.abs(above - below) / units > KINK * max(largest, 1e-300)).any())
+        if jumps[k]:
+            jacobian[:, k] = (above + below) / 2
+    return values, jacobian, jumps
+
+
+def _equilibrium(
+    model: Model, slopes: ca.Function, p: Array, at: Array, loose: Array, steady: Array
+) -> Array:
+    """Gauss-Newton with steps of least size, halved while they do not pay."""
+    nx, scales, sizes = len(model.states), model.scales, _sizes(model) * loose
+    rate = _evaluated(slopes, at, p)[0][:nx] / scales * steady
+    for _ in range(200):
+        if np.abs(rate).max() <= STEADY:
+            return at
+        slope = _evaluated(slopes, at, p)[1][:nx] / scales[:, None] * sizes * steady[:, None]
+        move = -np.linalg.lstsq(slope, rate, rcond=1e-12)[0]
+        step, share = move * sizes, min(1.0, STRIDE / max(float(np.abs(move).max()), 1e-300))
+        while share > 1e-6:
+            new = _evaluated(slopes, at + share * step, p)[0][:nx] / scales * steady
+            if np.linalg.norm(new) < np.linalg.norm(rate):
+                break
+            share /= 2
+        else:
+            break
+        at, rate = at + share * step, new
+    worst = int(np.abs(rate).argmax())
+    name = model.states[worst]
+    raise SolveError(
+        f"no operating point: {name.name} still moves by {rate[worst] * scales[worst]:.3g} {name.unit}/s; hold "
+        "less, guess better (`near`), or declare it moving"
+    )
+
+
+def _linear(
+    model: Model, names: list[str], at: Array, values: Array, jacobian: Array, jumps: Array
+) -> Linear:
+    import control
+
+    nx = len(model.states)
+    # The clock and the interval are no signals that anyone could move.
+    real = [j for j, name in enumerate(names) if j >= nx and name not in (INTERVAL, CLOCK)]
+    inputs, outputs = [names[j] for j in real], [port.role for port in model.outputs]
+    system: Any = control.ss(
+        jacobian[:nx, :nx], jacobian[:nx][:, real], jacobian[nx:, :nx], jacobian[nx:][:, real],
+        states=names[:nx], inputs=inputs, outputs=outputs, name=model.name,
+    )  # fmt: skip
+    return Linear(
+        system,
+        dict(zip(names[:nx], at[:nx].tolist(), strict=True)),
+        {names[j]: float(at[j]) for j in real},
+        dict(zip(outputs, values[nx:].tolist(), strict=True)),
+        dict(zip(names[:nx], values[:nx].tolist(), strict=True)),
+        tuple(name for name, jump in zip(names, jumps, strict=True) if jump),
+    )
