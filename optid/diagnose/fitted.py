@@ -77,7 +77,9 @@ def objective_for(rig: Rig, problem: Problem) -> Objective:
     return replace(objective, typical=np.array(typical))
 
 
-def settle(rig: Rig, objective: Objective, at: Point, levels: Sequence[float], iterations: int = 40) -> Fitted:
+def settle(
+    rig: Rig, objective: Objective, at: Point, levels: Sequence[float], iterations: int = 40
+) -> Fitted:
     """Anneal through `levels` (loose to tight) as far as the marginal likelihood grows.
 
     Raises:
@@ -121,7 +123,9 @@ def judged(fitted: Fitted, problem: Problem, at: Point) -> Fitted:
     p = fitted.at.p
     held = replace(objective, prior=p[list(objective.free)], prior_sd=HELD * objective.typical)
     for level in (*(one for one in LEVELS if one > fitted.level), fitted.level):
-        at, _, settled = descend(held, Point(at.X, p), level * fitted.rig.model.scales, iterations=40, precision=1e-5)
+        at, _, settled = descend(
+            held, Point(at.X, p), level * fitted.rig.model.scales, iterations=40, precision=1e-5
+        )
     terms = evaluate(held, at, fitted.q, slopes=True)
     score = marginal(held, at, terms, fitted.q)
     return Fitted(fitted.rig, held, at, terms, fitted.level, score, settled)

@@ -76,7 +76,9 @@ def test_roles_and_sites():
         ("command", "V"),
         ("position", "m"),
     ]
-    assert {"drive.command", "force.coulomb", "force.viscous", "force.friction", "force.external"} <= set(model.sites)
+    assert {"drive.command", "force.coulomb", "force.viscous", "force.friction", "force.external"} <= set(
+        model.sites
+    )
 
 
 def test_slopes_stay_finite_at_rest():
