@@ -1,192 +1,270 @@
-"""Write a model's CasADi functions as Python source that numba compiles: no C compiler is needed.
+"""Write a model as LLVM's intermediate code: no C compiler is needed, and a model takes a fraction of a second.
 
-The scalar instructions of an SX function become assignments in their order. Those that depend on parameters
-alone move to `constants`, which runs once per parameter set instead of once per evaluation.
+The scalar instructions of an SX function become LLVM instructions in their order. Those that depend on parameters
+alone move to `constants`, which runs once per parameter set instead of once per evaluation. Sensitivities
+S = d x / d(start state, free parameters) have one row per state, and a row is one LLVM vector.
+
+Integrator: one step of an explicit Runge-Kutta pair, all stages unrolled; `optid.core.kernel` sets its length.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import casadi as ca
+from llvmlite import ir
 
+from optid.core.instructions import FORMS, REAL, Value, add, div, intrinsic, mul, number
 from optid.core.model import Model
 
-# CasADi's instruction code -> Python expression; {0} and {1} are the operands.
-_FORMS = {
-    ca.OP_ASSIGN: "{0}",
-    ca.OP_ADD: "{0} + {1}",
-    ca.OP_SUB: "{0} - {1}",
-    ca.OP_MUL: "{0} * {1}",
-    ca.OP_DIV: "{0} / {1}",
-    ca.OP_NEG: "-{0}",
-    ca.OP_EXP: "math.exp({0})",
-    ca.OP_LOG: "math.log({0})",
-    ca.OP_LOG1P: "math.log1p({0})",
-    ca.OP_EXPM1: "math.expm1({0})",
-    ca.OP_POW: "{0} ** {1}",
-    ca.OP_CONSTPOW: "{0} ** {1}",
-    ca.OP_SQRT: "math.sqrt({0})",
-    ca.OP_SQ: "{0} * {0}",
-    ca.OP_TWICE: "2.0 * {0}",
-    ca.OP_INV: "1.0 / {0}",
-    ca.OP_SIN: "math.sin({0})",
-    ca.OP_COS: "math.cos({0})",
-    ca.OP_TAN: "math.tan({0})",
-    ca.OP_ASIN: "math.asin({0})",
-    ca.OP_ACOS: "math.acos({0})",
-    ca.OP_ATAN: "math.atan({0})",
-    ca.OP_ATAN2: "math.atan2({0}, {1})",
-    ca.OP_SINH: "math.sinh({0})",
-    ca.OP_COSH: "math.cosh({0})",
-    ca.OP_TANH: "math.tanh({0})",
-    ca.OP_ERF: "math.erf({0})",
-    ca.OP_FABS: "abs({0})",
-    ca.OP_SIGN: "sign({0})",
-    ca.OP_FLOOR: "math.floor({0})",
-    ca.OP_CEIL: "math.ceil({0})",
-    ca.OP_FMOD: "math.fmod({0}, {1})",
-    ca.OP_FMIN: "({0} if {0} < {1} else {1})",
-    ca.OP_FMAX: "({0} if {0} > {1} else {1})",
-    ca.OP_LT: "(1.0 if {0} < {1} else 0.0)",
-    ca.OP_LE: "(1.0 if {0} <= {1} else 0.0)",
-    ca.OP_EQ: "(1.0 if {0} == {1} else 0.0)",
-    ca.OP_NE: "(1.0 if {0} != {1} else 0.0)",
-    ca.OP_NOT: "(1.0 if {0} == 0.0 else 0.0)",
-    ca.OP_AND: "(1.0 if {0} != 0.0 and {1} != 0.0 else 0.0)",
-    ca.OP_OR: "(1.0 if {0} != 0.0 or {1} != 0.0 else 0.0)",
-    # Zero where the condition fails, whatever the other operand is: an unused branch may be NaN.
-    ca.OP_IF_ELSE_ZERO: "({1} if {0} != 0.0 else 0.0)",
-}
-_UNARY = {code for code, form in _FORMS.items() if "{1}" not in form}
+# Dormand and Prince (1980), table 2: stages, and fifth minus fourth order weights.
+A = (
+    (),
+    (1 / 5,),
+    (3 / 40, 9 / 40),
+    (44 / 45, -56 / 15, 32 / 9),
+    (19372 / 6561, -25360 / 2187, 64448 / 6561, -212 / 729),
+    (9017 / 3168, -355 / 33, 46732 / 5247, 49 / 176, -5103 / 18656),
+    (35 / 384, 0.0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84),
+)
+E = (71 / 57600, 0.0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40)
+
+_PLACE = REAL.as_pointer()
 _ARGUMENTS = ("x", "u", "p")
 _PARAMETER = 2  # position of p among the arguments
-
-_HEAD = '''"""Equations of "{name}", written by optid.core.emit; free parameters: {free}."""
-
-import math
-
-from numba import njit
-
-# IEEE division instead of Python's check for zero, fused multiply-add allowed; NaN and infinity stay what they are.
-compiled = njit(nogil=True, cache=True, error_model="numpy", fastmath={{"contract", "nsz", "arcp"}})
-NX, NU, NY, NP, NC, NF, ND = {sizes}
+_LANES = 4  # rows of S are padded to a multiple of so many directions
 
 
-@compiled
-def sign(a):
-    return 1.0 if a > 0.0 else (-1.0 if a < 0.0 else 0.0)
-
-'''
+def width(directions: int) -> int:
+    """Length of a row of S: the number of directions, padded."""
+    return -(-directions // _LANES) * _LANES
 
 
-class _Writer:
-    """Collects the parameter-only instructions of several functions in one `constants`."""
+def source(model: Model, free: Sequence[int]) -> tuple[str, int]:
+    """A model's equations with slopes to the states and to the `free` parameters: LLVM code, length of c.
 
-    def __init__(self) -> None:
-        self.constants: list[str] = []
-        self.slots: dict[str, int] = {}  # variable of `constants` -> its place in c
-        self._named: dict[str, str] = {}  # expression -> the variable that already holds it
+    Every function returns a number and takes places of numbers; rows of S, T and R are padded to `width`:
 
-    def body(self, function: ca.Function, prefix: str) -> tuple[list[str], list[list[str]]]:
-        """Assignments of one function and, per output, the operand of every non-zero."""
-        lines: list[str] = []
-        held: dict[int, tuple[str, bool]] = {}  # work register -> (operand, depends on p alone)
-        outputs = [["0.0"] * function.nnz_out(i) for i in range(function.n_out())]
-        for k in range(function.n_instructions()):
-            code = function.instruction_id(k)
-            into, source = function.instruction_output(k), function.instruction_input(k)
-            if code == ca.OP_CONST:
-                held[into[0]] = (repr(float(function.instruction_constant(k))), True)
-            elif code == ca.OP_INPUT:
-                held[into[0]] = (f"{_ARGUMENTS[source[0]]}[{source[1]}]", source[0] == _PARAMETER)
-            elif code == ca.OP_OUTPUT:
-                outputs[into[0]][into[1]] = self._operand(held[source[0]])
-            else:
-                operands = [held[i] for i in (source[:1] if code in _UNARY else source)]
-                held[into[0]] = self._assign(code, operands, f"{prefix}{k}", lines)
-        return lines, outputs
-
-    def _assign(
-        self, code: int, operands: Sequence[tuple[str, bool]], name: str, lines: list[str]
-    ) -> tuple[str, bool]:
-        if code not in _FORMS:
-            raise NotImplementedError(f"CasADi instruction {code} has no compiled form")
-        constant = all(flag for _, flag in operands)
-        if constant:
-            expression = _FORMS[code].format(*(text for text, _ in operands))
-            if expression in self._named:
-                return self._named[expression], True
-            self._named[expression] = name
-            self.constants.append(f"{name} = {expression}")
-        else:
-            lines.append(f"{name} = {_FORMS[code].format(*map(self._operand, operands))}")
-        return name, constant
-
-    def _operand(self, value: tuple[str, bool]) -> str:
-        """How a function's body reads a value: results of `constants` come from its array."""
-        text, constant = value
-        if not constant or not text.isidentifier() or text in ("inf", "nan"):
-            return text.replace("inf", "math.inf").replace("nan", "math.nan") if constant else text
-        return f"c[{self.slots.setdefault(text, len(self.slots))}]"
-
-
-def source(model: Model, free: Sequence[int]) -> str:
-    """Python source of a model's equations with slopes to the states and to the `free` parameters.
-
-    The functions: ``constants(p, c)``; ``rates(x, u, p, c, dx)``; ``slopes(x, u, p, c, dx, J)`` with the
-    non-zeros of d(rates)/d(x, p_free); ``fastest(x, u, p, c)``, the largest relaxation rate |d x_i' / d x_i|;
-    ``push(J, S, T)``: T = J_x S + [0, J_p]; ``sensors``, ``sensor_slopes``
-    and ``push_sensors`` alike.
+    - ``constants(p, c)``.
+    - ``rates(x, S, u, c, k, T)``: k = dx/dt, with a zero behind it; S and T are not touched.
+    - ``slopes(x, S, u, c, k, T)``: also T = dS/dt, and behind k the largest relaxation rate |d x_i' / d x_i|.
+    - ``step(x, S, u, c, k, T, tolerance, h)`` and ``step_slopes``: from the rates at x one step of length h,
+      taken if the largest error as a share of `tolerance`, which is returned, is at most 1.
+    - ``sensors(x, S, u, c, y, R)`` and ``sensor_slopes``: y, one number behind it, and R = dy/d(start, free).
+    - ``gather(R, H, g, a, b)``: H += a R' R and g += b R for one row R; H is (directions, width).
     """
+    writer = _Writer(model, free)
     x = ca.SX.sym("x", len(model.states))
     u = ca.SX.sym("u", len(model.inputs))
     p = ca.SX.sym("p", len(model.parameters))
-    writer = _Writer()
-    parts: list[str] = []
-    for function, name, slopes, push in (
-        (model.rates, "rates", "slopes", "push"),
-        (model.sensors, "sensors", "sensor_slopes", "push_sensors"),
+    for function, name, sensitive in (
+        (model.rates, "rates", "slopes"),
+        (model.sensors, "sensors", "sensor_slopes"),
     ):
         values = function(x, u, p)
         jacobian = ca.jacobian(values, ca.vertcat(x, p[list(free)]) if free else x)
-        plain = ca.Function(name, [x, u, p], [ca.cse(ca.densify(values))])
-        both = ca.Function(slopes, [x, u, p], ca.cse([ca.densify(values), jacobian]))
-        parts.append(_function(writer, plain, name, ("out",)))
-        parts.append(_function(writer, both, slopes, ("out", "J")))
-        parts.append(_push(push, jacobian, len(model.states)))
-    relaxation = ca.mmax(ca.fabs(ca.diag(ca.jacobian(model.rates(x, u, p), x))))
-    fastest = ca.Function("fastest", [x, u, p], [ca.cse(ca.densify(relaxation))])
-    lines, outputs = writer.body(fastest, "f")
-    body = "\n".join(f"    {line}" for line in [*lines, f"return {outputs[0][0]}"])
-    parts.append(f"@compiled\ndef fastest(x, u, p, c):\n{body}")
-    constants = ["@compiled", "def constants(p, c):", *(f"    {line}" for line in writer.constants)]
-    constants += [f"    c[{slot}] = {name}" for name, slot in writer.slots.items()] or ["    pass"]
-    nx, nf = len(model.states), len(free)
-    sizes = (nx, len(model.inputs), len(model.outputs), len(model.parameters), len(writer.slots), nf, nx + nf)
-    names = ", ".join(model.parameters[i].name for i in free) or "none"
-    head = _HEAD.format(name=model.name, free=names, sizes=", ".join(map(str, sizes)))
-    return head + "\n\n".join(["\n".join(constants), *parts]) + "\n"
+        writer.rates(ca.Function(name, [x, u, p], [ca.cse(ca.densify(values))]), None)
+        both = ca.Function(sensitive, [x, u, p], ca.cse([ca.densify(values), jacobian]))
+        writer.rates(both, jacobian.sparsity())
+    writer.step("step", "rates", False)
+    writer.step("step_slopes", "slopes", True)
+    writer.gather()
+    return writer.finish(), max(len(writer.slots), 1)
 
 
-def _function(writer: _Writer, function: ca.Function, name: str, targets: Sequence[str]) -> str:
-    lines, outputs = writer.body(function, name[0] + ("s" if "slopes" in name else ""))
-    for target, operands in zip(targets, outputs, strict=True):
-        lines += [f"{target}[{i}] = {operand}" for i, operand in enumerate(operands)]
-    head = ["@compiled", f"def {name}(x, u, p, c, {', '.join(targets)}):"]
-    return "\n".join([*head, *(f"    {line}" for line in lines)])
+class _Writer:
+    """Collects functions in one module, and their parameter-only instructions in one `constants`."""
+
+    def __init__(self, model: Model, free: Sequence[int]) -> None:
+        self.module = ir.Module("equations")
+        self.nx, self.nd = len(model.states), len(model.states) + len(free)
+        self.row = ir.VectorType(REAL, width(self.nd))
+        self.slots: dict[int, tuple[int, Value]] = {}  # id of a value of `constants` -> its place in c
+        self._constants, self._of_constants = self._function("constants", ("p", "c"))
+        self._named: dict[tuple[object, ...], Value] = {}  # instruction and operands -> what holds it
+
+    def rates(self, function: ca.Function, pattern: ca.Sparsity | None) -> None:
+        """Values and behind them the largest |J_ii|; with the `pattern` of the Jacobian their slopes along S."""
+        b, at = self._function(function.name(), ("x", "S", "u", "c", "k", "T"))
+        outputs = self._equations(function, b, at)
+        for i, value in enumerate(outputs[0]):
+            _store(b, at["k"], i, value)
+        fastest = number(0.0)
+        if pattern is not None:
+            S = [_load_row(b, at["S"], i, self.row) for i in range(self.nx)]
+            rows: list[Value] = [None] * pattern.size1()
+            for i, j, value in zip(*pattern.get_triplet(), outputs[1], strict=True):
+                if j < self.nx:
+                    term = mul(b, self._splat(b, value), S[j])
+                else:
+                    term = b.insert_element(ir.Constant(self.row, None), value, _index(j))
+                rows[i] = term if rows[i] is None else add(b, rows[i], term)
+                if i == j:
+                    fastest = intrinsic("maxnum")(b, fastest, intrinsic("fabs")(b, value))
+            for i, row in enumerate(rows):
+                _store_row(b, at["T"], i, ir.Constant(self.row, None) if row is None else row)
+        _store(b, at["k"], len(outputs[0]), fastest)
+        b.ret(number(0.0))
+
+    def step(self, name: str, rates: str, sensitive: bool) -> None:
+        """A Runge-Kutta step from the rates k (and slopes T) at x, unrolled; nothing moves when it errs too much."""
+        b, at = self._function(name, ("x", "S", "u", "c", "k", "T", "tolerance"), ("h",))
+        x = [_load(b, at["x"], i) for i in range(self.nx)]
+        k = [[_load(b, at["k"], i) for i in range(self.nx + 1)]]
+        S = [_load_row(b, at["S"], i, self.row) for i in range(self.nx)] if sensitive else []
+        T = [[_load_row(b, at["T"], i, self.row) for i in range(len(S))]]
+        moved, new = x, S
+        stage, slope = (b.alloca(REAL, _index(self.nx + 1)) for _ in range(2))
+        stage_S, slope_S = (b.bitcast(b.alloca(self.row, _index(self.nx)), _PLACE) for _ in range(2))
+        for weights in A[1:]:
+            scaled = [mul(b, at["h"], number(w)) if w else None for w in weights]
+            moved = [_combine(b, x[i], scaled, [r[i] for r in k]) for i in range(self.nx)]
+            spread = [None if w is None else self._splat(b, w) for w in scaled]
+            new = [_combine(b, S[i], spread, [r[i] for r in T]) for i in range(len(S))]
+            for i, value in enumerate(moved):
+                _store(b, stage, i, value)
+            for i, value in enumerate(new):
+                _store_row(b, stage_S, i, value)
+            b.call(self.module.globals[rates], (stage, stage_S, at["u"], at["c"], slope, slope_S))
+            k.append([_load(b, slope, i) for i in range(self.nx + 1)])
+            T.append([_load_row(b, slope_S, i, self.row) for i in range(len(S))])
+        error = number(0.0)
+        for i in range(self.nx):
+            total = _combine(b, number(0.0), [number(w) for w in E], [r[i] for r in k])
+            share = div(b, mul(b, at["h"], total), _load(b, at["tolerance"], i))
+            error = intrinsic("maximum")(b, error, intrinsic("fabs")(b, share))  # NaN stays
+        with b.if_then(b.fcmp_ordered("<=", error, number(1.0))):
+            for i, value in enumerate(moved):
+                _store(b, at["x"], i, value)
+            for i, value in enumerate(k[-1]):
+                _store(b, at["k"], i, value)
+            for i, value in enumerate(new):
+                _store_row(b, at["S"], i, value)
+                _store_row(b, at["T"], i, T[-1][i])
+        b.ret(error)
+
+    def gather(self) -> None:
+        """The rank-one update of the normal equations by one residual."""
+        b, at = self._function("gather", ("R", "H", "g"), ("a", "b"))
+        R = _load_row(b, at["R"], 0, self.row)
+        scaled = mul(b, R, self._splat(b, at["a"]))
+        for i in range(self.nd):
+            one = b.extract_element(scaled, _index(i))
+            H = _load_row(b, at["H"], i, self.row)
+            _store_row(b, at["H"], i, add(b, H, mul(b, self._splat(b, one), R)))
+        g = _load_row(b, at["g"], 0, self.row)
+        _store_row(b, at["g"], 0, add(b, g, mul(b, self._splat(b, at["b"]), R)))
+        b.ret(number(0.0))
+
+    def finish(self) -> str:
+        """Close `constants` and return the module's text."""
+        for slot, value in self.slots.values():
+            _store(self._constants, self._of_constants["c"], slot, value)
+        self._constants.ret(number(0.0))
+        return str(self.module)
+
+    def _function(
+        self, name: str, places: Sequence[str], numbers: Sequence[str] = ()
+    ) -> tuple[Value, dict[str, Value]]:
+        """Begin a function of arrays that do not overlap, and of numbers."""
+        kind = ir.FunctionType(REAL, [_PLACE] * len(places) + [REAL] * len(numbers))
+        function = ir.Function(self.module, kind, name)
+        arguments = dict(zip((*places, *numbers), function.args, strict=True))
+        for place in places:
+            arguments[place].add_attribute("noalias")
+        return ir.IRBuilder(function.append_basic_block()), arguments
+
+    def _equations(self, function: ca.Function, b: Value, at: dict[str, Value]) -> list[list[Value]]:
+        """Continue with a CasADi function's instructions; returns every output's non-zeros."""
+        held: dict[int, tuple[Value, bool]] = {}  # work register -> (value, depends on p alone)
+        loaded: dict[int, Value] = {}
+        outputs = [[number(0.0)] * function.nnz_out(i) for i in range(function.n_out())]
+
+        def operand(register: int) -> Value:
+            value, constant = held[register]
+            if not constant or isinstance(value, ir.Constant):
+                return value
+            slot, _ = self.slots.setdefault(id(value), (len(self.slots), value))
+            if slot not in loaded:
+                loaded[slot] = _load(b, at["c"], slot)
+            return loaded[slot]
+
+        for k in range(function.n_instructions()):
+            code = function.instruction_id(k)
+            into, given = function.instruction_output(k), function.instruction_input(k)
+            if code == ca.OP_CONST:
+                held[into[0]] = (number(float(function.instruction_constant(k))), True)
+            elif code == ca.OP_INPUT and given[0] == _PARAMETER:
+                held[into[0]] = (self._parameter(given[1]), True)
+            elif code == ca.OP_INPUT:
+                held[into[0]] = (_load(b, at[_ARGUMENTS[given[0]]], given[1]), False)
+            elif code == ca.OP_OUTPUT:
+                outputs[into[0]][into[1]] = operand(given[0])
+            else:
+                held[into[0]] = self._value(code, given, held, b, operand)
+        return outputs
+
+    def _value(
+        self,
+        code: int,
+        given: Sequence[int],
+        held: Mapping[int, tuple[Value, bool]],
+        b: Value,
+        operand: Callable[[int], Value],
+    ) -> tuple[Value, bool]:
+        """The value of one instruction, in `constants` when it depends on parameters alone."""
+        if code not in FORMS:
+            raise NotImplementedError(f"CasADi instruction {code} has no compiled form")
+        count, form = FORMS[code]
+        given = given[:count]
+        if not all(held[i][1] for i in given):
+            return form(b, *map(operand, given)), False
+        operands = [held[i][0] for i in given]
+        key = (code, *(o.constant if isinstance(o, ir.Constant) else id(o) for o in operands))
+        return self._once(key, lambda: form(self._constants, *operands)), True
+
+    def _parameter(self, i: int) -> Value:
+        return self._once(("p", i), lambda: _load(self._constants, self._of_constants["p"], i))
+
+    def _once(self, key: tuple[object, ...], make: Callable[[], Value]) -> Value:
+        if key not in self._named:
+            self._named[key] = make()
+        return self._named[key]
+
+    def _splat(self, b: Value, value: Value) -> Value:
+        """A row that holds one number in every lane."""
+        first = b.insert_element(ir.Constant(self.row, ir.Undefined), value, _index(0))
+        lanes = ir.Constant(ir.VectorType(ir.IntType(32), self.row.count), None)
+        return b.shuffle_vector(first, ir.Constant(self.row, ir.Undefined), lanes)
 
 
-def _push(name: str, jacobian: ca.SX, nx: int) -> str:
-    """The sparse product unrolled over the non-zeros, one loop over the directions."""
-    rows, columns = jacobian.sparsity().get_triplet()
-    body = ["for d in range(ND):"]
-    for i in range(jacobian.size1()):
-        terms = [
-            f"J[{k}] * S[{j}, d]"
-            for k, (r, j) in enumerate(zip(rows, columns, strict=True))
-            if r == i and j < nx
-        ]
-        body.append(f"    T[{i}, d] = {' + '.join(terms) or '0.0'}")
-    body += [f"T[{r}, {j}] += J[{k}]" for k, (r, j) in enumerate(zip(rows, columns, strict=True)) if j >= nx]
-    return "\n".join(["@compiled", f"def {name}(J, S, T):", *(f"    {line}" for line in body)])
+def _index(i: int) -> Value:
+    return ir.Constant(ir.IntType(32), i)
+
+
+def _load(b: Value, place: Value, i: int) -> Value:
+    return b.load(b.gep(place, [_index(i)]))
+
+
+def _store(b: Value, place: Value, i: int, value: Value) -> None:
+    b.store(value, b.gep(place, [_index(i)]))
+
+
+def _row(b: Value, place: Value, i: int, row: Value) -> Value:
+    return b.bitcast(b.gep(place, [_index(i * row.count)]), row.as_pointer())
+
+
+def _load_row(b: Value, place: Value, i: int, row: Value) -> Value:
+    return b.load(_row(b, place, i, row), align=8)
+
+
+def _store_row(b: Value, place: Value, i: int, value: Value) -> None:
+    b.store(value, _row(b, place, i, value.type), align=8)
+
+
+def _combine(b: Value, start: Value, weights: Sequence[Value | None], terms: Sequence[Value]) -> Value:
+    """start + sum of weights times terms; None is a weight of zero."""
+    for weight, term in zip(weights, terms, strict=True):
+        if weight is not None:
+            start = add(b, start, mul(b, weight, term))
+    return start

@@ -1,50 +1,65 @@
-"""Compiled loops over samples and windows; a copy of this file stands beside each model's emitted equations.
+"""Compiled loops over samples and windows, the same for every model.
 
-`optid.core.compiled` copies it next to the `equations` written by `optid.core.emit`, so the sizes NX (states),
-NU (inputs), NY (outputs), NC (hoisted constants), NF (free parameters) and ND = NX + NF (directions of
-differentiation) are compile-time constants and the equations are inlined.
+numba compiles this file once per installation. What differs between models, the equations and the step of the
+integrator, is machine code made by `optid.core.compiled` from `optid.core.emit` and called here by its address.
 
-Integrator: the 5(4) pair of Dormand and Prince (1980), restarted at every sample because the held command jumps
-there, with step control on the states. Sensitivities are the exact derivative of the same steps.
+Integrator: an embedded Runge-Kutta pair, restarted at every sample because the held command jumps there, with
+step control on the states. Sensitivities are the exact derivative of the same steps.
 """
 
+from __future__ import annotations
+
 import math
+from typing import Any, NamedTuple
 
 import numpy as np
-from equations import (
-    NC,
-    ND,
-    NU,
-    NX,
-    NY,
-    compiled,
-    constants,
-    fastest,
-    push,
-    push_sensors,
-    rates,
-    sensor_slopes,
-    sensors,
-    slopes,
-)
+from llvmlite import ir
+from numba import njit, types
+from numba.core import cgutils
+from numba.extending import intrinsic
 
-# Dormand and Prince (1980), table 2: stages, and fifth minus fourth order weights.
-STAGES = 7
-A = np.array(
-    [
-        [0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
-        [1 / 5, 0.0, 0.0, 0.0, 0.0, 0.0],
-        [3 / 40, 9 / 40, 0.0, 0.0, 0.0, 0.0],
-        [44 / 45, -56 / 15, 32 / 9, 0.0, 0.0, 0.0],
-        [19372 / 6561, -25360 / 2187, 64448 / 6561, -212 / 729, 0.0, 0.0],
-        [9017 / 3168, -355 / 33, 46732 / 5247, 49 / 176, -5103 / 18656, 0.0],
-        [35 / 384, 0.0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84],
-    ]
-)
-E = np.array([71 / 57600, 0.0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40])
+# IEEE division instead of Python's check for zero, fused multiply-add allowed; NaN and infinity stay what they are.
+compiled = njit(nogil=True, cache=True, error_model="numpy", fastmath={"contract", "nsz", "arcp"})
+
 STABLE = 2.5  # largest step times relaxation rate; the method's own limit on the real axis is 3.3
 SMALLEST = 1e-12  # of a hold: below this step the equations are singular, not stiff
-NNZ = NX * ND + NY * ND  # room for the non-zeros of any Jacobian
+
+
+class Code(NamedTuple):
+    """Addresses of a model's functions, see `optid.core.emit.source`, and the length of its c."""
+
+    constants: int
+    rates: int
+    slopes: int
+    step: int
+    step_slopes: int
+    sensors: int
+    sensor_slopes: int
+    gather: int
+    hoisted: int
+
+
+@intrinsic
+def call(_context: Any, address: Any, arguments: Any) -> Any:
+    """Call the function at an address with a tuple of places (integers) and numbers; it returns a number."""
+
+    def generate(_: Any, builder: Any, __: Any, values: Any) -> Any:
+        real = ir.DoubleType()
+        place = real.as_pointer()
+        given = [
+            builder.inttoptr(v, place) if isinstance(t, types.Integer) else v
+            for t, v in zip(arguments, cgutils.unpack_tuple(builder, values[1]), strict=True)
+        ]
+        kind = ir.FunctionType(real, [v.type for v in given])
+        return builder.call(builder.inttoptr(values[0], kind.as_pointer()), given)
+
+    return types.float64(address, arguments), generate
+
+
+@compiled
+def at(array, i):
+    """Place of the i-th number of a contiguous array."""
+    return array.ctypes.data + 8 * i
 
 
 @compiled
@@ -56,254 +71,164 @@ def next_step(h, error):
 
 
 @compiled
-def bounded(step, x, u, p, c):
-    """The step, kept within the method's stability.
+def advance(begin, step, x, S, u, c, k, T, tolerance, span, h):
+    """Integrate over one hold of length `span` in place; returns the next step size, negative on failure.
 
-    A state saturated to the last bit (friction in full slip) shows no error at any step, while its sensitivity
-    would be multiplied by the unstable method at every one.
+    `begin` and `step` are the functions with or without slopes. Steps stay within the method's stability where
+    the slopes say how fast states relax (behind the rates in k): a state saturated to the last bit (friction in
+    full slip) shows no error at any step, while its sensitivity would be multiplied by the unstable method.
     """
-    rate = fastest(x, u, p, c)
-    return STABLE / rate if rate * step > STABLE else step
-
-
-@compiled
-def advance(x, u, p, c, span, h, tolerance, k, stage):
-    """Integrate x over one hold of length `span` in place; returns the next step size, negative on failure."""
     left = span
-    fresh = True
+    call(begin, (x, S, u, c, at(k, 0), T))
     while left > 0.0:
-        step = bounded(min(h, left), x, u, p, c)
-        if fresh:
-            rates(x, u, p, c, k[0])
-        for s in range(1, STAGES):
-            for i in range(NX):
-                total = 0.0
-                for j in range(s):
-                    total += A[s, j] * k[j, i]
-                stage[i] = x[i] + step * total
-            rates(stage, u, p, c, k[s])
-        error = 0.0
-        for i in range(NX):
-            total = 0.0
-            for s in range(STAGES):
-                total += E[s] * k[s, i]
-            total = abs(step * total) / tolerance[i]
-            error = total if not total <= error else error  # NaN counts as the largest
-        fresh = False
+        length = min(h, left)
+        if k[-1] * length > STABLE:
+            length = STABLE / k[-1]
+        error = call(step, (x, S, u, c, at(k, 0), T, tolerance, length))
         if error <= 1.0:
-            x[:] = stage
-            k[0] = k[6]
-            left -= step
-            h = max(h, next_step(step, error)) if step < h else next_step(step, error)
+            left -= length
+            h = max(h, next_step(length, error)) if length < h else next_step(length, error)
             if left < SMALLEST * span:
                 left = 0.0
         else:
-            h = next_step(step, error) if error < 1e300 else 0.1 * step
+            h = next_step(length, error) if error < 1e300 else 0.1 * length
             if not h > SMALLEST * span:
                 return -1.0
     return h
 
 
 @compiled
-def advance_slopes(x, S, u, p, c, span, h, tolerance, k, stage, T, stage_S, J):
-    """As `advance`, carrying S = d x / d(start state, free parameters), shape (NX, ND), along the same steps."""
-    left = span
-    fresh = True
-    while left > 0.0:
-        step = bounded(min(h, left), x, u, p, c)
-        if fresh:
-            slopes(x, u, p, c, k[0], J)
-            push(J, S, T[0])
-        for s in range(1, STAGES):
-            for i in range(NX):
-                total = 0.0
-                for j in range(s):
-                    total += A[s, j] * k[j, i]
-                stage[i] = x[i] + step * total
-                for d in range(ND):
-                    stage_S[i, d] = S[i, d]
-                for j in range(s):
-                    weight = step * A[s, j]
-                    if weight != 0.0:
-                        for d in range(ND):
-                            stage_S[i, d] += weight * T[j, i, d]
-            slopes(stage, u, p, c, k[s], J)
-            push(J, stage_S, T[s])
-        error = 0.0
-        for i in range(NX):
-            total = 0.0
-            for s in range(STAGES):
-                total += E[s] * k[s, i]
-            total = abs(step * total) / tolerance[i]
-            error = total if not total <= error else error
-        fresh = False
-        if error <= 1.0:
-            x[:] = stage
-            S[:, :] = stage_S
-            k[0] = k[6]
-            T[0] = T[6]
-            left -= step
-            h = max(h, next_step(step, error)) if step < h else next_step(step, error)
-            if left < SMALLEST * span:
-                left = 0.0
-        else:
-            h = next_step(step, error) if error < 1e300 else 0.1 * step
-            if not h > SMALLEST * span:
-                return -1.0
-    return h
-
-
-@compiled
-def simulate(first, last, starts, counts, X0, P, dt, U, tolerance, X, Y):
+def simulate(code, first, last, starts, counts, X0, P, dt, U, tolerance, X, Y):
     """Free runs first..last-1: run w starts in state X0[w] at sample starts[w] and spans counts[w] intervals.
 
     X[w, n] and Y[w, n] receive states and outputs at its samples 0..counts[w]; NaN after a failure.
     """
-    x, stage = np.empty(NX), np.empty(NX)
-    k, c = np.empty((STAGES, NX)), np.empty(max(NC, 1))
+    c, k, y = np.empty(code.hoisted), np.empty(X0.shape[1] + 1), np.empty(Y.shape[2] + 1)
+    x = np.empty(X0.shape[1])
     for w in range(first, last):
-        p = P[w]
-        constants(p, c)
+        call(code.constants, (at(P, w * P.shape[1]), at(c, 0)))
         x[:] = X0[w]
-        begin = starts[w]
-        h = dt[begin] if counts[w] > 0 else 0.0
-        for n in range(counts[w] + 1):
-            m = begin + n
-            X[w, n] = x
-            sensors(x, U[m], p, c, Y[w, n])
-            if n < counts[w]:
-                h = advance(x, U[m], p, c, dt[m], h, tolerance, k, stage)
-                if h < 0.0:
-                    X[w, n + 1 :] = np.nan
-                    Y[w, n + 1 :] = np.nan
-                    break
+        _run(code, starts[w], counts[w], x, c, k, y, dt, U, tolerance, X[w], Y[w])
+
+
+@compiled
+def _run(code, begin, count, x, c, k, y, dt, U, tolerance, X, Y):
+    here, none = at(x, 0), at(k, 0)  # what stands for slopes is never touched
+    h = dt[begin]
+    for n in range(count + 1):
+        u = at(U, (begin + n) * U.shape[1])
+        for i in range(len(x)):
+            X[n, i] = x[i]
+        call(code.sensors, (here, none, u, at(c, 0), at(y, 0), none))
+        for o in range(Y.shape[1]):
+            Y[n, o] = y[o]
+        if n < count:
+            span = dt[begin + n]
+            h = advance(code.rates, code.step, here, none, u, at(c, 0), k, none, at(tolerance, 0), span, h)
+            if h < 0.0:
+                X[n + 1 :] = np.nan
+                Y[n + 1 :] = np.nan
+                break
 
 
 @compiled
 def normal_equations(
-    first, last, starts, counts, closed, X0, p, dt, U, Y, weight, huber, tolerance, end, slope, H, g, cost
-):
+    code, slopes, first, last, starts, counts, closed, X0, p, dt, U, Y, weight, huber, tolerance, end, slope, H, g,
+    cost,
+):  # fmt: skip
     """Gauss-Newton terms of windows first..last-1, all at the parameters p.
 
     Window w: the residuals (Y - y) * weight at its samples 0..counts-1 (also at its last one if closed[w]).
-    Receives end[w] (NX,), slope[w] = d end / d(start, free) (NX, ND), H[w] = sum J'J (ND, ND), g[w] = sum J'r
-    (ND,) with J = d y / d(start, free) * weight, and cost[w] = (sum of the loss, samples). NaN in Y is missing.
-    Residuals beyond `huber` count linearly (Huber's loss; infinity for none). A failed window has cost NaN.
+    Receives end[w] (NX,) and cost[w] = (sum of the loss, samples), and with `slopes` also slope[w] = d end /
+    d(start, free) (NX, width), H[w] = sum J'J (directions, width), g[w] = sum J'r (width,) with J = d y /
+    d(start, free) * weight, all padded. NaN in Y is missing. Residuals beyond `huber` count linearly (Huber's
+    loss; infinity for none). A failed window has cost NaN.
     """
-    x, stage, y = np.empty(NX), np.empty(NX), np.empty(NY)
-    k, c = np.empty((STAGES, NX)), np.empty(max(NC, 1))
-    S, stage_S, T = np.empty((NX, ND)), np.empty((NX, ND)), np.empty((STAGES, NX, ND))
-    R, J = np.empty((NY, ND)), np.empty(NNZ)
-    constants(p, c)
+    nx, ny = X0.shape[1], Y.shape[1]
+    c, k, y = np.empty(code.hoisted), np.empty(nx + 1), np.empty(ny + 1)
+    T, R = np.empty((nx, slope.shape[2])), np.empty((ny, slope.shape[2]))
+    call(code.constants, (at(p, 0), at(c, 0)))
     for w in range(first, last):
-        x[:] = X0[w]
-        S[:, :] = 0.0
-        for i in range(NX):
-            S[i, i] = 1.0
+        end[w] = X0[w]
+        slope[w] = 0.0
+        for i in range(nx):
+            slope[w, i, i] = 1.0
         H[w] = 0.0
         g[w] = 0.0
-        loss = 0.0
-        used = 0.0
-        begin = starts[w]
-        h = dt[begin] if counts[w] > 0 else 0.0
-        for n in range(counts[w] + 1):
-            m = begin + n
-            if n < counts[w] or closed[w]:
-                sensor_slopes(x, U[m], p, c, y, J)
-                push_sensors(J, S, R)
-                for o in range(NY):
-                    r = (Y[m, o] - y[o]) * weight[m, o]
-                    if r != r:  # a missing sample
-                        continue
-                    factor = 1.0
-                    if abs(r) > huber:
-                        factor = huber / abs(r)
-                        loss += huber * (2.0 * abs(r) - huber)
-                    else:
-                        loss += r * r
-                    used += 1.0
+        cost[w, 0], cost[w, 1] = _window(
+            code, slopes, starts[w], counts[w], closed[w], c, k, y, T, R, dt, U, Y, weight, huber, tolerance,
+            end[w], slope[w], H[w], g[w],
+        )  # fmt: skip
+
+
+@compiled
+def _window(
+    code, slopes, begin, count, closed, c, k, y, T, R, dt, U, Y, weight, huber, tolerance, x, S, H, g
+):  # fmt: skip
+    start, step = (code.slopes, code.step_slopes) if slopes else (code.rates, code.step)
+    sensors = code.sensor_slopes if slopes else code.sensors
+    loss, used, h = 0.0, 0.0, dt[begin]
+    for n in range(count + 1):
+        m = begin + n
+        u = at(U, m * U.shape[1])
+        if n < count or closed:
+            call(sensors, (at(x, 0), at(S, 0), u, at(c, 0), at(y, 0), at(R, 0)))
+            for o in range(Y.shape[1]):
+                r = (Y[m, o] - y[o]) * weight[m, o]
+                if r != r:  # a missing sample
+                    continue
+                factor = 1.0
+                if abs(r) > huber:
+                    factor = huber / abs(r)
+                    loss += huber * (2.0 * abs(r) - huber)
+                else:
+                    loss += r * r
+                used += 1.0
+                if slopes:
                     scaled = factor * weight[m, o]
-                    square = scaled * weight[m, o]
-                    for a in range(ND):
-                        g[w, a] += R[o, a] * scaled * r
-                        pivot = R[o, a] * square
-                        if pivot != 0.0:
-                            for b in range(a + 1):
-                                H[w, a, b] += pivot * R[o, b]
-            if n < counts[w]:
-                h = advance_slopes(x, S, U[m], p, c, dt[m], h, tolerance, k, stage, T, stage_S, J)
-                if h < 0.0:
-                    loss = np.nan
-                    break
-        for a in range(ND):
-            for b in range(a):
-                H[w, b, a] = H[w, a, b]
-        end[w] = x
-        slope[w] = S
-        cost[w, 0] = loss
-        cost[w, 1] = used
+                    row = at(R, o * R.shape[1])
+                    call(code.gather, (row, at(H, 0), at(g, 0), scaled * weight[m, o], scaled * r))
+        if n < count:
+            h = advance(start, step, at(x, 0), at(S, 0), u, at(c, 0), k, at(T, 0), at(tolerance, 0), dt[m], h)
+            if h < 0.0:
+                return np.nan, used
+    return loss, used
 
 
 @compiled
-def objective(first, last, starts, counts, closed, X0, p, dt, U, Y, weight, huber, tolerance, end, cost):
-    """The values alone of `normal_equations`: end[w] and cost[w], for judging a trial step."""
-    x, stage, y = np.empty(NX), np.empty(NX), np.empty(NY)
-    k, c = np.empty((STAGES, NX)), np.empty(max(NC, 1))
-    constants(p, c)
-    for w in range(first, last):
-        x[:] = X0[w]
-        loss = 0.0
-        used = 0.0
-        begin = starts[w]
-        h = dt[begin] if counts[w] > 0 else 0.0
-        for n in range(counts[w] + 1):
-            m = begin + n
-            if n < counts[w] or closed[w]:
-                sensors(x, U[m], p, c, y)
-                for o in range(NY):
-                    r = (Y[m, o] - y[o]) * weight[m, o]
-                    if r != r:
-                        continue
-                    loss += huber * (2.0 * abs(r) - huber) if abs(r) > huber else r * r
-                    used += 1.0
-            if n < counts[w]:
-                h = advance(x, U[m], p, c, dt[m], h, tolerance, k, stage)
-                if h < 0.0:
-                    loss = np.nan
-                    break
-        end[w] = x
-        cost[w, 0] = loss
-        cost[w, 1] = used
-
-
-@compiled
-def trace(first, last, starts, counts, closed, X0, p, dt, U, tolerance, X, Y, G):
-    """Outputs with their sensitivities at every sample: X (N, NX), Y (N, NY), G[n] = d y / d(start, free).
+def trace(code, first, last, starts, counts, closed, X0, p, dt, U, tolerance, X, Y, G):
+    """Outputs with their sensitivities at every sample: X (N, NX), Y (N, NY), G[n] = d y / d(start, free), padded.
 
     Sample n belongs to the window that starts at or last before it; rows are those of the recording.
     """
-    x, stage = np.empty(NX), np.empty(NX)
-    k, c = np.empty((STAGES, NX)), np.empty(max(NC, 1))
-    S, stage_S, T = np.empty((NX, ND)), np.empty((NX, ND)), np.empty((STAGES, NX, ND))
-    J = np.empty(NNZ)
-    constants(p, c)
+    nx, ny = X0.shape[1], Y.shape[1]
+    x, c, k, y = np.empty(nx), np.empty(code.hoisted), np.empty(nx + 1), np.empty(ny + 1)
+    S, T = np.empty((nx, G.shape[2])), np.empty((nx, G.shape[2]))
+    call(code.constants, (at(p, 0), at(c, 0)))
     for w in range(first, last):
         x[:] = X0[w]
-        S[:, :] = 0.0
-        for i in range(NX):
+        S[:] = 0.0
+        for i in range(nx):
             S[i, i] = 1.0
-        begin = starts[w]
-        h = dt[begin] if counts[w] > 0 else 0.0
-        for n in range(counts[w] + 1):
-            m = begin + n
-            if n < counts[w] or closed[w]:
-                X[m] = x
-                sensor_slopes(x, U[m], p, c, Y[m], J)
-                push_sensors(J, S, G[m])
-            if n < counts[w]:
-                h = advance_slopes(x, S, U[m], p, c, dt[m], h, tolerance, k, stage, T, stage_S, J)
-                if h < 0.0:
-                    break
+        _trace(code, starts[w], counts[w], closed[w], x, S, c, k, y, T, dt, U, tolerance, X, Y, G)
 
 
-__all__ = ["NU", "normal_equations", "objective", "simulate", "trace"]
+@compiled
+def _trace(code, begin, count, closed, x, S, c, k, y, T, dt, U, tolerance, X, Y, G):
+    h = dt[begin]
+    for n in range(count + 1):
+        m = begin + n
+        u = at(U, m * U.shape[1])
+        if n < count or closed:
+            call(code.sensor_slopes, (at(x, 0), at(S, 0), u, at(c, 0), at(y, 0), at(G, m * G[0].size)))
+            for i in range(len(x)):
+                X[m, i] = x[i]
+            for o in range(Y.shape[1]):
+                Y[m, o] = y[o]
+        if n < count:
+            h = advance(
+                code.slopes, code.step_slopes, at(x, 0), at(S, 0), u, at(c, 0), k, at(T, 0), at(tolerance, 0),
+                dt[m], h,
+            )  # fmt: skip
+            if h < 0.0:
+                break

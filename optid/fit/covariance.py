@@ -61,11 +61,12 @@ def _influence(o: Objective, at: Point, s: object, held: np.ndarray) -> tuple[Ar
 
     assert isinstance(s, System)
     b, nx = o.problem, len(o.model.states)
-    n, ny, nd = len(b.time), len(o.model.outputs), nx + len(o.free)
-    X, Y, G = np.full((n, nx), np.nan), np.full((n, ny), np.nan), np.zeros((n, ny, nd))
-    kernel, sizes = compiled(o.model, o.free), o.tolerance * o.model.scales
+    kernel, n, ny = compiled(o.model, o.free), len(b.time), len(o.model.outputs)
+    X, Y, G = np.full((n, nx), np.nan), np.full((n, ny), np.nan), np.zeros((n, ny, kernel.width))
+    sizes = o.tolerance * o.model.scales
     arguments = (b.begins, b.counts, b.closed, at.X, at.p, b.dt, b.inputs, sizes, X, Y, G)
     spread(len(b.begins), lambda i, j: kernel.trace(i, j, *arguments))
+    G = G[:, :, : kernel.directions]
     owner = np.searchsorted(b.begins, np.arange(n), side="right") - 1
     Z = s.Z.reshape(len(b.begins), nx, -1)
     towards = G[:, :, nx:] * (o.typical * ~held)

@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy.linalg import LinAlgError, cho_solve, cho_solve_banded, cholesky_banded
@@ -89,17 +88,13 @@ class System:
 
 def evaluate(o: Objective, at: Point, q: Array, slopes: bool) -> Terms:
     """Cost at a point with process noise `q` (states,), with the normal equations' terms on request."""
-    kernel: Any = compiled(o.model, o.free)
-    w, nx, nd = len(o.problem.begins), len(o.model.states), len(o.model.states) + len(o.free)
-    b = o.problem
-    end, slope = np.empty((w, nx)), np.empty((w, nx, nd))
-    H, g, misfit = np.empty((w, nd, nd)), np.empty((w, nd)), np.empty((w, 2))
-    common = (b.begins, b.counts, b.closed, at.X, at.p, b.dt, b.inputs, b.measured, o.weight, o.huber)
-    sizes = o.tolerance * o.model.scales
-    if slopes:
-        spread(w, lambda i, j: kernel.normal_equations(i, j, *common, sizes, end, slope, H, g, misfit))
-    else:
-        spread(w, lambda i, j: kernel.objective(i, j, *common, sizes, end, misfit))
+    kernel, b = compiled(o.model, o.free), o.problem
+    w, nx, nd, room = len(b.begins), len(o.model.states), kernel.directions, kernel.width
+    end, slope = np.empty((w, nx)), np.empty((w, nx, room))
+    H, g, misfit = np.empty((w, nd, room)), np.empty((w, room)), np.empty((w, 2))
+    given = (b.begins, b.counts, b.closed, at.X, at.p, b.dt, b.inputs, b.measured, o.weight, o.huber)
+    found = (o.tolerance * o.model.scales, end, slope, H, g, misfit)
+    spread(w, lambda i, j: kernel.normal_equations(slopes, i, j, *given, *found))
     defect = np.zeros((w, nx))
     defect[:-1] = (at.X[1:] - end[:-1]) * b.linked[:-1, None]
     theta = at.p[list(o.free)]
@@ -109,7 +104,15 @@ def evaluate(o: Objective, at: Point, q: Array, slopes: bool) -> Terms:
         + float((((at.X - o.start) / o.spread) ** 2).sum(axis=1) @ o.heads)
         + float((((theta - o.prior) / o.prior_sd) ** 2).sum())
     )
-    return Terms(end, slope, H, g, misfit, defect, cost if math.isfinite(cost) else math.inf)
+    return Terms(
+        end,
+        slope[:, :, :nd],
+        H[:, :, :nd],
+        g[:, :nd],
+        misfit,
+        defect,
+        cost if math.isfinite(cost) else math.inf,
+    )
 
 
 def system(o: Objective, at: Point, t: Terms, q: Array, damping: float, held: Booleans) -> System:

@@ -5,9 +5,11 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 import pytest
+from numba import njit
 from scipy.integrate import solve_ivp
 
 from optid.core.compiled import compiled
+from optid.core.kernel import at, call
 from optid.core.sheet import build
 from optid.core.simulation import simulate
 from optid.rigs.rigfile import read_rig
@@ -64,11 +66,11 @@ def test_slopes_of_a_window_are_those_of_its_end():
     start, scales = np.array(model.start(p)[0]).ravel(), model.scales
 
     def window(x0, q):
-        end, slope = np.empty((1, nx)), np.empty((1, nx, nx + 2))
-        H, g, cost = np.empty((1, nx + 2, nx + 2)), np.empty((1, nx + 2)), np.empty((1, 2))
+        end, slope = np.empty((1, nx)), np.empty((1, nx, kernel.width))
+        H, g, cost = np.empty((1, nx + 2, kernel.width)), np.empty((1, kernel.width)), np.empty((1, 2))
         none = np.full((n, len(model.outputs)), np.nan)
         kernel.normal_equations(
-            0, 1, np.array([0]), np.array([n - 1]), np.array([True]), x0[None], q, dt, u, none,
+            True, 0, 1, np.array([0]), np.array([n - 1]), np.array([True]), x0[None], q, dt, u, none,
             np.ones_like(none), np.inf, 1e-9 * scales, end, slope, H, g, cost,
         )  # fmt: skip
         return end[0], slope[0]
@@ -91,20 +93,22 @@ def _moved(x, p, free, d, by):
     return x, p
 
 
+@njit
+def rates(code, x, u, p, c, out):
+    call(code.constants, (at(p, 0), at(c, 0)))
+    call(code.rates, (at(x, 0), at(x, 0), at(u, 0), at(c, 0), at(out, 0), at(out, 0)))
+
+
 @pytest.mark.parametrize(
     "options", [{}, {"friction": "smooth"}, {"reversed_flow": False, "rod_force": False}]
 )
 def test_emitted_equations_are_casadis(options):
     model = build(servo_pneumatic, **options)
-    kernel = compiled(model)
     p, rng = model.vector(VALUES), np.random.default_rng(1)
-    from importlib import import_module
-
-    equations = import_module(kernel.__name__.replace(".kernel", ".equations"))
-    c, out = np.empty(max(equations.NC, 1)), np.empty(len(model.states))
-    equations.constants(p, c)
+    code = compiled(model).code
+    c, out = np.empty(code.hoisted), np.empty(len(model.states) + 1)
     for _ in range(50):
         x = np.array([*rng.normal(0, [0.05, 0.5]), *rng.uniform(0.8e5, 8e5, 2), *rng.uniform(-1, 1, 1)])
         x, u = x[: len(model.states)], rng.uniform(-1, 1, 1)
-        equations.rates(x, u, p, c, out)
-        assert out == pytest.approx(np.array(ca.DM(model.rates(x, u, p))).ravel(), rel=1e-9, abs=1e-9)
+        rates(code, x, u, p, c, out)
+        assert out[:-1] == pytest.approx(np.array(ca.DM(model.rates(x, u, p))).ravel(), rel=1e-9, abs=1e-9)

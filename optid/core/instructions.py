@@ -1,0 +1,105 @@
+"""CasADi's scalar instructions as LLVM's: what each computes on the values of a function under construction."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import casadi as ca
+from llvmlite import ir
+
+Value = Any  # llvmlite's values and builders are not typed
+Form = Callable[..., Value]
+
+REAL = ir.DoubleType()
+# Fused multiply-add and reciprocals allowed, signed zeros ignored; NaN and infinity stay what they are.
+FLAGS = ("contract", "nsz", "arcp")
+
+
+def number(value: float) -> Value:
+    """A constant."""
+    return ir.Constant(REAL, value)
+
+
+def intrinsic(name: str) -> Form:
+    """One of LLVM's own functions."""
+
+    def call(b: Value, *operands: Value) -> Value:
+        kind = ir.FunctionType(REAL, [REAL] * len(operands))
+        return b.call(b.module.declare_intrinsic(f"llvm.{name}", [REAL], kind), operands, fastmath=FLAGS)
+
+    return call
+
+
+def _plain(name: str) -> Form:
+    return lambda b, *operands: getattr(b, name)(*operands, flags=FLAGS)
+
+
+def _library(name: str) -> Form:
+    """A function of the C library's mathematics, which every Python process has loaded."""
+
+    def call(b: Value, *operands: Value) -> Value:
+        known = b.module.globals.get(name)
+        kind = ir.FunctionType(REAL, [REAL] * len(operands))
+        return b.call(known or ir.Function(b.module, kind, name), operands)
+
+    return call
+
+
+def _comparison(sign: str) -> Form:
+    return lambda b, x, y: b.uitofp(b.fcmp_ordered(sign, x, y), REAL)
+
+
+def _true(b: Value, x: Value) -> Value:
+    return b.fcmp_unordered("!=", x, number(0.0))
+
+
+def _sign(b: Value, x: Value) -> Value:
+    below = b.select(b.fcmp_ordered("<", x, number(0.0)), number(-1.0), number(0.0))
+    return b.select(b.fcmp_ordered(">", x, number(0.0)), number(1.0), below)
+
+
+add, sub, mul, div = (_plain(name) for name in ("fadd", "fsub", "fmul", "fdiv"))
+_UNARY: dict[int, Form] = {
+    ca.OP_ASSIGN: lambda b, x: x,
+    ca.OP_NEG: _plain("fneg"),
+    ca.OP_SQRT: intrinsic("sqrt"),
+    ca.OP_SQ: lambda b, x: mul(b, x, x),
+    ca.OP_TWICE: lambda b, x: add(b, x, x),
+    ca.OP_INV: lambda b, x: div(b, number(1.0), x),
+    ca.OP_FABS: intrinsic("fabs"),
+    ca.OP_SIGN: _sign,
+    ca.OP_FLOOR: intrinsic("floor"),
+    ca.OP_CEIL: intrinsic("ceil"),
+    ca.OP_NOT: lambda b, x: b.uitofp(b.fcmp_ordered("==", x, number(0.0)), REAL),
+} | {
+    getattr(ca, f"OP_{name.upper()}"): _library(name)
+    for name in (
+        "exp", "log", "log1p", "expm1", "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "erf",
+    )
+}  # fmt: skip
+_BINARY: dict[int, Form] = {
+    ca.OP_ADD: add,
+    ca.OP_SUB: sub,
+    ca.OP_MUL: mul,
+    ca.OP_DIV: div,
+    ca.OP_POW: _library("pow"),
+    ca.OP_CONSTPOW: _library("pow"),
+    ca.OP_ATAN2: _library("atan2"),
+    ca.OP_FMOD: _library("fmod"),
+    ca.OP_FMIN: lambda b, x, y: b.select(b.fcmp_ordered("<", x, y), x, y),
+    ca.OP_FMAX: lambda b, x, y: b.select(b.fcmp_ordered(">", x, y), x, y),
+    ca.OP_LT: _comparison("<"),
+    ca.OP_LE: _comparison("<="),
+    ca.OP_EQ: _comparison("=="),
+    ca.OP_NE: lambda b, x, y: b.uitofp(b.fcmp_unordered("!=", x, y), REAL),
+    ca.OP_AND: lambda b, x, y: b.uitofp(b.and_(_true(b, x), _true(b, y)), REAL),
+    ca.OP_OR: lambda b, x, y: b.uitofp(b.or_(_true(b, x), _true(b, y)), REAL),
+    # Zero where the condition fails, whatever the other operand is: an unused branch may be NaN.
+    ca.OP_IF_ELSE_ZERO: lambda b, x, y: b.select(_true(b, x), y, number(0.0)),
+}
+
+# CasADi's instruction code -> number of operands, and what to write for it.
+FORMS = {code: (1, form) for code, form in _UNARY.items()} | {
+    code: (2, form) for code, form in _BINARY.items()
+}
