@@ -19,3 +19,11 @@ def soft_floor(value: Any, floor: Any, width: Any) -> Any:
     """max(value, floor) with one continuous derivative: exact outside floor +- width, at most width/4 above inside."""
     inside = (value - floor + width) ** 2 / (4 * width) + floor
     return ca.if_else(value > floor + width, value, ca.if_else(value < floor - width, floor, inside))
+
+
+def dead_zone(value: Any, half_width: Any) -> Any:
+    """What of a value lies beyond +- half_width; the value itself at a half width of zero.
+
+    Not rounded: its slopes are bounded, and a rounded one would forget at half width 0 on which side the value is.
+    """
+    return ca.fmax(value - half_width, 0) + ca.fmin(value + half_width, 0)

@@ -21,6 +21,8 @@ from optid.rigs.friction import COULOMB_FRICTION, dry_friction, sliding
 
 EMPS = "Janot, Gautier and Brunot, EMPS benchmark, 2019"
 POSITIVE = (1e-12, math.inf)
+# What an effect that follows the position counts from, m: the records of the benchmark span 0 to 0.246 m.
+MIDDLE, TRAVEL = 0.125, 0.25
 
 MASS = Parameter("mass", "kg", 100.0, "moving mass M, with the motor's inertia", EMPS, bounds=POSITIVE)
 DRIVE_GAIN = Parameter(
@@ -78,18 +80,18 @@ def emps(
     q, v = s.state("position", "m", 0.01, spread=0.5), s.state("velocity", "m/s", 0.1, spread=0.5)
     u = s.site("drive.command", s.input("command", "V"))
     drag = viscous_and_dry_friction(s, q, v, friction, direction)
-    drag = s.site("force.friction", drag, x=q, v=v)
-    external = s.site("force.external", -s.param(FORCE_OFFSET), x=q, v=v)
+    drag = s.site("force.friction", drag, v=v)
+    external = s.site("force.external", -s.param(FORCE_OFFSET), x=q - MIDDLE, v=v, L=TRAVEL)
     s.rate(q, v)
     s.rate(v, (s.param(DRIVE_GAIN) * u - drag + external) / s.param(MASS))
-    s.output("position", "m", s.site("sensor.position", q, v=v))
+    s.output("position", "m", s.site("sensor.position", q, x=q - MIDDLE, v=v, L=TRAVEL))
 
 
 def viscous_and_dry_friction(s: Sheet, q: Any, v: Any, friction: str, direction: str) -> Any:
     """Friction force against positive motion, N, at speed v (m/s). See `emps` for the choices."""
     if direction == "symmetric":
         viscous = s.site("force.viscous", s.param(VISCOUS_FRICTION) * v, v=v)
-        return viscous + dry_friction(s, v, friction, x=q)
+        return viscous + dry_friction(s, v, friction, x=q - MIDDLE, L=TRAVEL)
     share = sliding(s, v, friction)
     forwards = s.param(VISCOUS_FRICTION) * ca.fmax(v, 0) + s.param(COULOMB_FRICTION) * ca.fmax(share, 0)
     backwards = s.param(VISCOUS_FRICTION_NEGATIVE) * ca.fmin(v, 0)

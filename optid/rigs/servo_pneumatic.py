@@ -142,7 +142,7 @@ def servo_pneumatic(
     P_b = s.state("pressure_b", "Pa", 1e5, start=balanced, spread=spread)
 
     # Spool. A positive command opens A to supply and B to exhaust, a negative one the reverse (eqs. 3 to 6).
-    command = s.site("valve.command", s.input("command", "1"))
+    command = s.site("valve.command", s.site("valve.input", s.input("command", "1")))
     X = s.site("valve.spool", command * s.param(SPOOL_TRAVEL), command=command)
     area = s.param(PORT_WIDTH) * ca.fabs(X)
     filling = s.site("flow.supply_area", area, spool=X, x=x, v=v)
@@ -178,7 +178,7 @@ def servo_pneumatic(
     # Piston, eq. 11, with the ambient pressure on the rod's area that the print leaves out.
     drive = A_a * P_a - A_b * P_b - (A_rod * P_atm if rod_force else 0)
     viscous = s.site("force.viscous", s.param(VISCOUS_FRICTION) * v, v=v, x=x)
-    drag = viscous + dry_friction(s, v, friction, x=x, P_a=P_a, P_b=P_b, P_atm=P_atm)
+    drag = viscous + dry_friction(s, v, friction, x=x, L=L, P_a=P_a, P_b=P_b, P_atm=P_atm)
     drag = s.site("force.friction", drag, x=x, v=v, P_a=P_a, P_b=P_b)
     external = s.site("force.external", end_stops(s, x, v, L), x=x, v=v, L=L)
     net = drive - drag + external
@@ -205,11 +205,10 @@ def flux(s: Sheet, P_port: Any, P: Any, from_supply: Any, reversed_flow: bool) -
     C_r = (2 / (K + 1)) ** (K / (K - 1))  # eq. 8
 
     P_u, P_d = ca.fmax(P_port, P), ca.fmin(P_port, P)
-    ratio = ca.fmax(P_d / P_u, C_r)
+    ratio = ca.fmax(s.site("flow.ratio", P_d / P_u, critical=C_r), C_r)
     a = ca.exp((K - 1) / K * ca.log(ratio))
     # eq. 7 squared, P_r^(2/K) - P_r^((K+1)/K), with one power instead of two
     f2 = C_k2 * (ratio / a) ** 2 * (1 - a)
-    f2 = s.site("flow.function", f2, ratio=P_d / P_u, critical=C_r)
     inwards = P_port > P
     if reversed_flow:
         f2 = ca.if_else(inwards, f2, -f2)

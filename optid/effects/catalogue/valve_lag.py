@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import casadi as ca
+
 from optid.core.parameter import Parameter
 from optid.core.sheet import Sheet
 from optid.effects.effect import Effect
@@ -42,11 +44,13 @@ class ValveLag(Effect):
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
         """The share of full travel at which the spool stands."""
-        t, z = sheet.param(TIME) + FLOOR, sheet.param(DAMPING)
+        z = sheet.param(DAMPING)
+        floor = FLOOR * ca.fmax(1, z)  # the faster of two poles of an overdamped spool is at 2 z / t
+        t = sheet.param(TIME) + floor
         s = sheet.state("spool", "1", 0.1, spread=0.3)
         w = sheet.state("spool_rate", "1", 0.1, spread=0.3)  # t s'
         pull = (nominal - s - 2 * z * w) / t
         sheet.rate(s, w / t)
         sheet.rate(w, pull)
-        share = FLOOR / t
+        share = floor / t
         return s + 2 * z * share * w + share**2 * t * pull

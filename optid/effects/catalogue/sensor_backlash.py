@@ -1,0 +1,44 @@
+"""Play between the axis and its position sensor: a rack and pinion, a loose coupling."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from optid.core.parameter import Parameter
+from optid.core.sheet import Sheet
+from optid.core.smooth import dead_zone
+from optid.effects.effect import Effect
+
+PLAY = Parameter(
+    "play", "m", 1e-4, "half the clearance: the sensor trails by this either way",
+    "physics catalogue A.4: 0.02 to 0.3 mm", 0.0, (0.0, 5e-3),
+)  # fmt: skip
+CATCH = (
+    1e-3  # s: time in which the contact of the flanks catches up; the reading itself is exact at any value
+)
+
+
+class SensorBacklash(Effect):
+    """The play operator, by how far the axis is ahead of the sensor's gear; `ahead` stays within +- play."""
+
+    name = "sensor_backlash"
+    sites = ("sensor.position",)
+    equation = "output"
+    parameters = (PLAY,)
+    strength = {"play": 1e-5}
+    usual = ({"play": 5e-5}, {"play": 2e-4})
+    law = "the sensor trails the axis by the play, and stands still while a reversal takes it up"
+    says = "the position sensor has a play of {play} to either side"
+    depends_on = "velocity"
+    look_alikes = ("presliding", "valve_hysteresis", "sensor_lag", "compliant_load")
+    experiment = "approach one point from both sides, against a dial gauge"
+    source = "physics D.4: play as a relaxation with its own state"
+
+    def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
+        """What the sensor shows, m."""
+        play = sheet.param(PLAY)
+        ahead = sheet.state("ahead", "m", 1e-4, spread=1e-3)
+        beyond = dead_zone(ahead, play)
+        sheet.rate(ahead, near["v"] - beyond / CATCH)
+        return nominal - (ahead - beyond)

@@ -1,0 +1,36 @@
+"""A spool that does not stand in the middle at zero command."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from optid.core.parameter import Parameter
+from optid.core.sheet import Sheet
+from optid.effects.effect import Effect
+
+OFFSET = Parameter(
+    "offset", "1", 0.01, "where the spool stands at zero command, as a share of full command",
+    "physics catalogue A.2: 0.1 to 3 %", 0.0, (-0.5, 0.5),
+)  # fmt: skip
+
+
+class ValveOffset(Effect):
+    """A constant added to the command."""
+
+    name = "valve_offset"
+    sites = ("valve.command",)
+    equation = "3-6"
+    parameters = (OFFSET,)
+    strength = {"offset": 5e-4}
+    usual = ({"offset": 0.005}, {"offset": -0.005})
+    law = "the spool follows command + offset"
+    says = "the valve's zero is off by {offset} of full command"
+    depends_on = "command"
+    look_alikes = ("ambient_leakage", "cross_leakage", "valve_asymmetry", "constant_force")
+    experiment = "find the command at which the axis stands still, at two supply pressures"
+    source = "physics catalogue A.2, row 20"
+
+    def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
+        """Command, a share of full command."""
+        return nominal + sheet.param(OFFSET)
