@@ -27,6 +27,7 @@ from optid.errors import NotIdentifiable
 
 MOST_STEPS = 200
 SMALLEST_GAIN = 1e-10  # relative decrease of V below which the search has arrived
+ARRIVED = 1e-3  # of what the noise leaves open: a next step so small has arrived (Bates and Watts 1981)
 STABLE_RADIUS = 0.9999
 
 
@@ -213,19 +214,19 @@ def _stable(theta: Array, orders: Orders) -> Array:
 
 def _search(problem: _Problem, theta: Array) -> tuple[Array, float, Outcome]:
     """Levenberg-Marquardt from one start; C stays inside the stable region."""
-    nc, work = problem.orders.nc, np.empty(2 * problem.orders.nc)
+    n, nc, work = theta.size, problem.orders.nc, np.empty(2 * problem.orders.nc)
     e, Psi = problem.residuals(theta)
     loss, damping = problem.loss(e), 1e-3
     edge = False
     for _ in range(MOST_STEPS):
-        size = np.sqrt(np.sum(Psi**2, axis=0))
-        size[size == 0.0] = 1.0
-        Q, R = np.linalg.qr(Psi / size)
-        target = np.concatenate([Q.T @ e, np.zeros(theta.size)])
+        R, target, size = _triangle(Psi, e)
+        offset = float(np.linalg.norm(target[:n]) / max(abs(target[n]), 1e-300))
+        if offset < ARRIVED * np.sqrt(n / problem.count):
+            return theta, loss, Outcome.CONVERGED
         while True:
-            stacked = np.concatenate([R, np.sqrt(damping) * np.eye(theta.size)])
-            step = np.linalg.lstsq(stacked, target, rcond=None)[0] / size
-            trial = theta + step
+            stacked = np.concatenate([R, np.sqrt(damping) * np.eye(n)])
+            wanted = np.concatenate([target[:n], np.zeros(n)])
+            trial = theta + np.linalg.lstsq(stacked, wanted, rcond=None)[0] / size
             edge = not roots_inside(trial[problem.orders.c_block], nc, STABLE_RADIUS, work)
             new = np.inf
             if not edge:
@@ -242,3 +243,12 @@ def _search(problem: _Problem, theta: Array) -> tuple[Array, float, Outcome]:
             return theta, loss, Outcome.CONVERGED
         damping = max(damping / 10.0, 1e-15)
     return theta, loss, Outcome.STEPS_USED_UP
+
+
+def _triangle(Psi: Array, e: Array) -> tuple[Array, Array, Array]:
+    """R of Psi with columns of unit size, Q' e with the length of what Psi cannot explain, and the sizes."""
+    size = np.sqrt(np.sum(Psi**2, axis=0))
+    size[size == 0.0] = 1.0
+    n = size.size
+    both: Array = np.asarray(np.linalg.qr(np.column_stack([Psi / size, e]), mode="r"))
+    return both[:n, :n], both[:, n], size
