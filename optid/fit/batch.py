@@ -175,6 +175,7 @@ def _anneal(
         target = max(options.process_noise, HARD)
         levels = (*(level for level in LEVELS if level > target), target)
     best: _Solution | None = None
+    terms: Terms | None = None
     late = False
     for step, level in enumerate(levels):
         q = level * o.model.scales
@@ -188,14 +189,13 @@ def _anneal(
                 raise _OutOfTime
 
         try:
-            at, _, _ = descend(o, at, q, iterations=50, precision=1e-4, watch=watch)
+            at, terms, _ = descend(o, at, q, iterations=50, precision=1e-4, terms=terms, watch=watch)
         except _OutOfTime:
             if best is None:
                 raise
             late = True
             break
         _save(options.checkpoint, o, at)
-        terms = evaluate(o, at, q, slopes=True)
         score = marginal(o, at, terms, q)
         if best is not None and options.process_noise is None and score > best.score:
             break  # tighter explains the data less well: the model is not better than this
@@ -203,7 +203,7 @@ def _anneal(
     assert best is not None
     if late:
         return best
-    at, terms, settled = descend(o, best.at, best.q, iterations=60, precision=1e-9)
+    at, terms, settled = descend(o, best.at, best.q, iterations=60, precision=1e-9, terms=best.terms)
     outcome = Outcome.CONVERGED if settled else Outcome.NOT_CONVERGED
     return _Solution(at, terms, best.q, marginal(o, at, terms, best.q), outcome)
 

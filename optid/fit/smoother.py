@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import LinAlgError, cho_solve, cho_solve_banded, cholesky_banded
@@ -97,22 +97,20 @@ def evaluate(o: Objective, at: Point, q: Array, slopes: bool) -> Terms:
     spread(w, lambda i, j: kernel.normal_equations(slopes, i, j, *given, *found))
     defect = np.zeros((w, nx))
     defect[:-1] = (at.X[1:] - end[:-1]) * b.linked[:-1, None]
+    terms = Terms(end, slope[:, :, :nd], H[:, :, :nd], g[:, :nd], misfit, defect, math.nan)
+    return priced(o, at, terms, q)
+
+
+def priced(o: Objective, at: Point, t: Terms, q: Array) -> Terms:
+    """The same linearisation with its cost at process noise `q`, the only part that depends on it."""
     theta = at.p[list(o.free)]
     cost = (
-        float(misfit[:, 0].sum())
-        + float(((defect / q) ** 2).sum())
+        float(t.misfit[:, 0].sum())
+        + float(((t.defect / q) ** 2).sum())
         + float((((at.X - o.start) / o.spread) ** 2).sum(axis=1) @ o.heads)
         + float((((theta - o.prior) / o.prior_sd) ** 2).sum())
     )
-    return Terms(
-        end,
-        slope[:, :, :nd],
-        H[:, :, :nd],
-        g[:, :nd],
-        misfit,
-        defect,
-        cost if math.isfinite(cost) else math.inf,
-    )
+    return replace(t, cost=cost if math.isfinite(cost) else math.inf)
 
 
 def system(o: Objective, at: Point, t: Terms, q: Array, damping: float, held: Booleans) -> System:
@@ -203,16 +201,25 @@ Watch = Callable[[int, float, Array], None]
 
 
 def descend(
-    o: Objective, at: Point, q: Array, *, iterations: int, precision: float, watch: Watch | None = None
+    o: Objective,
+    at: Point,
+    q: Array,
+    *,
+    iterations: int,
+    precision: float,
+    terms: Terms | None = None,
+    watch: Watch | None = None,
 ) -> tuple[Point, Terms, bool]:
-    """Minimise at one level of process noise.
+    """Minimise at one level of process noise; `terms` is the linearisation at the start where it is known.
 
     Returns the point, its linearisation and whether the relative decrease of the cost fell below `precision`.
+    A trial is evaluated with its slopes at once: most are accepted, and costs from the same steps of the
+    integrator compare to the last digits.
 
     Raises:
         SolveError: the model cannot be simulated at the start.
     """
-    terms = evaluate(o, at, q, slopes=True)
+    terms = evaluate(o, at, q, slopes=True) if terms is None else priced(o, at, terms, q)
     if not math.isfinite(terms.cost):
         raise SolveError("the simulation leaves the numbers at the start values; check them and their units")
     damping = 1e-6
@@ -221,11 +228,11 @@ def descend(
         while True:
             try:
                 trial, moved = _step(o, at, terms, q, damping)
-                cost = evaluate(o, trial, q, slopes=False).cost
+                found = evaluate(o, trial, q, slopes=True)
             except (LinAlgError, ValueError):  # not positive definite, or not finite
-                cost, moved, trial = math.inf, math.inf, at
-            if cost <= terms.cost * (1 + 1e-12):
-                settled = terms.cost - cost <= precision * max(terms.cost, 1.0) and moved < 1e-2
+                found, moved, trial = replace(terms, cost=math.inf), math.inf, at
+            if found.cost <= terms.cost * (1 + 1e-12):
+                settled = terms.cost - found.cost <= precision * max(terms.cost, 1.0) and moved < 1e-2
                 break
             if damping > 1e8 or moved < 1e-12:
                 stuck = True
@@ -233,8 +240,7 @@ def descend(
             damping = max(damping * 10, 1e-4)
         if stuck:
             return at, terms, True  # no smaller cost within rounding
-        at, damping = trial, max(damping / 10, 1e-9)
-        terms = evaluate(o, at, q, slopes=True)
+        at, terms, damping = trial, found, max(damping / 10, 1e-9)
         if watch is not None:
             watch(number, terms.cost, at.p)
         if settled:
