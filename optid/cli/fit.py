@@ -10,6 +10,7 @@ import click
 
 from optid.cli.common import (
     OUT,
+    Read,
     checkpoint,
     deliver,
     progress,
@@ -23,7 +24,12 @@ from optid.cli.common import (
 from optid.errors import InputError, JobError, NotIdentifiable
 
 if TYPE_CHECKING:
+    from optid.core.recording import Recording
+    from optid.fit.batch import FitOptions
+    from optid.fit.profile import Profile
     from optid.fit.result import Fit
+    from optid.report.page import Exhibit
+    from optid.rigs.rigfile import Rig
 
 HUBER = 1.345  # sd: 95 % as efficient as least squares on normal noise (Huber, Robust Statistics, 1981)
 
@@ -37,44 +43,40 @@ HUBER = 1.345  # sd: 95 % as efficient as least squares on normal noise (Huber, 
 @click.option("--time-limit", type=click.FloatRange(min=0, min_open=True), metavar="S", help="Seconds.")
 @click.option("--robust", is_flag=True, help="Let outliers count linearly, not squared.")
 @click.option("--resume/--no-resume", default=True, help="Go on from a fit of the same that was cut short.")
+@click.option("--profile", multiple=True, metavar="NAME", help="Follow its likelihood; may be repeated.")
 def fit(rig: str, recordings: tuple[str, ...], holdout: tuple[str, ...], out: str, **choices: Any) -> None:
     """Fit the parameters of the rig file's [fit] table to recordings."""
     folder = results_folder(out, keeps=Path(rig))
     if choices["time_limit"] is not None and not math.isfinite(choices["time_limit"]):
         raise InputError("not finite", where="--time-limit", expected="a number of seconds")
     understood, train, held_out = read_all(rig, recordings, holdout)
-    for recording, remarks in train:
-        if any(remark.severity == "error" for remark in remarks):
-            grave = next(remark.message for remark in remarks if remark.severity == "error")
-            raise NotIdentifiable(f"{recording.name}: {grave} (nothing was fitted or written)")
+    _refuse_unfit(train)
 
     from optid.fit.batch import FitOptions
     from optid.fit.batch import fit as fit_rig
-    from optid.fit.prediction import predict
+    from optid.fit.profile import fitted
     from optid.fit.result import Outcome
-    from optid.report.page import Exhibit, fit_page
+    from optid.report.page import fit_page
     from optid.report.scores import fit_document
     from optid.rigs.rigfile import write_rig
 
-    kept = checkpoint(folder, choices["resume"])
+    for name in choices["profile"]:
+        fitted(understood, name)
+    kept, data = checkpoint(folder, choices["resume"]), [recording for recording, _ in train]
     options = FitOptions(
         starts=choices["starts"], time_limit=choices["time_limit"], checkpoint=kept,
         huber=HUBER if choices["robust"] else math.inf,
     )  # fmt: skip
     with progress("fitting") as show:
         result = fit_rig(
-            understood, [recording for recording, _ in train], options,
-            lambda now: show(now.fraction, f"{now.stage}, cost {now.cost:.5g}"),
-        )  # fmt: skip
-    exhibits = []
+            understood, data, options, lambda now: show(now.fraction, f"{now.stage}, cost {now.cost:.5g}")
+        )
+    profiles = _profiles(understood, data, result, options, choices["profile"])
     with waiting("predicting"):
-        for use, group in (("training", train), ("held out", held_out)):
-            for recording, remarks in group:
-                prediction = predict(understood, recording, result.values, result.process_noise)
-                exhibits.append(Exhibit(use, recording, prediction, remarks))
-        page = fit_page(understood, result, exhibits)
+        exhibits = _exhibits(understood, result, train, held_out)
+        page = fit_page(understood, result, exhibits, profiles)
     used = {use: [e.prediction for e in exhibits if e.use == use] for use in ("training", "held out")}
-    document = fit_document(result, used["training"], used["held out"])
+    document = fit_document(result, used["training"], used["held out"], profiles)
 
     def write(place: Path) -> None:
         write_json(place / "fit.json", document)
@@ -85,11 +87,47 @@ def fit(rig: str, recordings: tuple[str, ...], holdout: tuple[str, ...], out: st
     if result.outcome is Outcome.CONVERGED:
         kept.unlink(missing_ok=True)
     _say_fit(result)
+    for one in profiles:
+        click.echo(f"  {one.sentence}")
     say_scores("training, 0.5 s windows", document["train"])
     say_scores("held out, 0.5 s windows", document["holdout"])
     click.echo(f"written to {out}: fit.json, rig.toml, report.html")
     if result.outcome is Outcome.NOT_CONVERGED:
         raise JobError(f"{result.outcome.value} The best found is in {out}.")
+
+
+def _refuse_unfit(train: Read) -> None:
+    for recording, remarks in train:
+        if any(remark.severity == "error" for remark in remarks):
+            grave = next(remark.message for remark in remarks if remark.severity == "error")
+            raise NotIdentifiable(f"{recording.name}: {grave} (nothing was fitted or written)")
+
+
+def _exhibits(rig: Rig, result: Fit, train: Read, held_out: Read) -> list[Exhibit]:
+    from optid.fit.prediction import predict
+    from optid.report.page import Exhibit
+
+    return [
+        Exhibit(use, recording, predict(rig, recording, result.values, result.process_noise), remarks)
+        for use, group in (("training", train), ("held out", held_out))
+        for recording, remarks in group
+    ]
+
+
+def _profiles(
+    rig: Rig, recordings: list[Recording], result: Fit, options: FitOptions, names: tuple[str, ...]
+) -> list[Profile]:
+    """Those asked for; one that cannot be is said on the terminal, and the fit stands."""
+    from optid.fit.profile import profile
+
+    found = []
+    for name in dict.fromkeys(names):
+        try:
+            with progress(f"profile of {name}") as show:
+                found.append(profile(rig, recordings, result, name, options, lambda share: show(share, "")))
+        except NotIdentifiable as error:
+            click.echo(f"no profile: {error}")
+    return found
 
 
 def _say_fit(result: Fit) -> None:

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 
 from optid.core.recording import Array, Recording
 from optid.fit.prediction import Prediction
+from optid.fit.profile import Profile
 from optid.report.scores import friendly, residual
 
 INK, WINDOW, FREE, QUIET, ALARM = "#2b2f36", "#0a7e8c", "#c8743a", "#9aa3ad", "#b3372f"
@@ -97,6 +98,25 @@ def certificate(frame: Any) -> str:
                 axis.scatter(at[~sound], values[~sound], s=9, color=ALARM, lw=0)
                 axis.set_title(f"{column} · {name}", loc="left", fontsize=9, color="#4a525c")
                 axis.set_xlabel("time (s)")
+        return _svg(figure)
+
+
+def profile(one: Profile) -> str:
+    """How much worse every value of a parameter is, beside the parabola of the fit's own interval."""
+    factor, unit = friendly(one.unit)
+    low, high = one.linear
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(9.2, 2.7), layout="constrained")
+        axis = figure.subplots()
+        span = np.linspace(one.values[0], one.values[-1], 200)
+        bent = 4 * one.limit * ((span - one.value) / (high - low)) ** 2
+        axis.plot(factor * span, bent, color=QUIET, lw=0.9, label="the fit's own interval")
+        axis.plot(factor * one.values, one.deviance, color=WINDOW, marker="o", ms=3.5, label="profile")
+        axis.axhline(one.limit, color=ALARM, lw=0.8, ls=(0, (4, 3)), label="95 %")
+        axis.set_ylim(-0.03 * one.limit, 1.1 * max(float(one.deviance.max()), one.limit))
+        axis.set_xlabel(_label(one.name, unit))
+        axis.set_ylabel("deviance")
+        axis.legend(loc="lower left", ncols=3, bbox_to_anchor=(0, 1.0), borderaxespad=0.2)
         return _svg(figure)
 
 

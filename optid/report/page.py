@@ -14,6 +14,7 @@ from markupsafe import Markup
 from optid.check.remark import Remark
 from optid.core.recording import Recording
 from optid.fit.prediction import Prediction
+from optid.fit.profile import Profile
 from optid.fit.result import Estimate, Fit
 from optid.report import figures
 from optid.report.scores import KINDS, friendly, pooled, residual, score_rows
@@ -47,7 +48,7 @@ def simulation_page(rig: Rig, exhibit: Exhibit) -> str:
     )  # fmt: skip
 
 
-def fit_page(rig: Rig, fit: Fit, exhibits: Sequence[Exhibit]) -> str:
+def fit_page(rig: Rig, fit: Fit, exhibits: Sequence[Exhibit], profiles: Sequence[Profile] = ()) -> str:
     """The report of `optid fit`."""
     names = [one.recording.name for one in exhibits if one.use == "training"]
     frame = fit.certificate.frame
@@ -58,6 +59,7 @@ def fit_page(rig: Rig, fit: Fit, exhibits: Sequence[Exhibit]) -> str:
         rig, f"{rig.name}: fit", exhibits,
         lead=f"Outcome: {fit.outcome.name.lower().replace('_', ' ')}. {fit.outcome.value}",
         fit=fit, parameters=[_row(estimate) for estimate in fit.parameters],
+        profiles=[(p.sentence, Markup(figures.profile(p))) for p in profiles],
         certificate=Markup(figures.certificate(frame)) if len(frame) else None,
         nodes=len(frame), sound=int(np.asarray(frame["sound"], dtype=bool).sum()),
         unknowns=[*_about_fit(fit, exhibits), *_about_data(exhibits, rig)],

@@ -10,6 +10,7 @@ import numpy as np
 
 from optid.core.recording import Array
 from optid.fit.prediction import Prediction
+from optid.fit.profile import Profile
 from optid.fit.result import Fit
 
 KINDS = ("window", "free_run")
@@ -51,7 +52,12 @@ def metrics_document(prediction: Prediction) -> dict[str, Any]:
     return {role: {kind: by_kind[kind][role] for kind in KINDS} for role in by_kind["window"]}
 
 
-def fit_document(fit: Fit, train: Sequence[Prediction], holdout: Sequence[Prediction]) -> dict[str, Any]:
+def fit_document(
+    fit: Fit,
+    train: Sequence[Prediction],
+    holdout: Sequence[Prediction],
+    profiles: Sequence[Profile] = (),
+) -> dict[str, Any]:
     """The content of fit.json."""
     units = {port: score["unit"] for port, score in pooled(train, "window").items()}
     return {
@@ -70,9 +76,16 @@ def fit_document(fit: Fit, train: Sequence[Prediction], holdout: Sequence[Predic
         "at_bound": [p.name for p in fit.parameters if p.at_bound],
         "ties": list(fit.ties),
         "noise": {role: {"sd": number(sd), "unit": units.get(role)} for role, sd in fit.noise.items()},
+        "profiles": {
+            p.name: {
+                "unit": p.unit, "ci95": [number(p.low), number(p.high)], "limit": number(p.limit),
+                "values": p.values.tolist(), "deviance": p.deviance.tolist(), "words": p.sentence,
+            }
+            for p in profiles
+        },
         "certificate_sound": bool(fit.certificate.sound),
         "seconds": number(fit.seconds),
-    }
+    }  # fmt: skip
 
 
 def number(value: float) -> float | None:
