@@ -9,6 +9,8 @@ controller in the loop sees the noisy position; the recorded command is what the
 Physics that the base equations leave out are fields of `Rig` with null defaults and lines in the element they
 belong to: `valve.py`, `air.py`, `motion.py`, `sensor.py`. Where nature leaves a choice of form, the one that a
 catalogue would not write first is taken.
+
+Compiled functions are cached by file: after a change to one file, remove `__pycache__`, or its callers keep the old.
 """
 
 from studies.independent_rig.air import orifice

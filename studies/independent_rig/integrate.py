@@ -87,7 +87,8 @@ def advance(rig, t, y, h, work):
         way = y[WAY]
         new = runge_kutta(rig, t + h - left, way, y, left, work)
         if way == 0.0:
-            if way_from_rest(rig, t + h, new, y) == 0.0:
+            start = way_from_rest(rig, t + h, new, y)
+            if start == 0.0:
                 accept(y, new, n)
                 break
             # Dry friction gives way inside the step: go to that instant.
@@ -95,7 +96,7 @@ def advance(rig, t, y, h, work):
             part = left * min(max(before / (before - after), 0.0), 1.0)
             accept(y, runge_kutta(rig, t + h - left, 0.0, y, part, work), n)
             left -= part
-            y[WAY] = way_from_rest(rig, t + h - left, y, y)
+            y[WAY] = start  # known from beyond the instant: at it, rounding may still say that it holds
         elif new[V] * way < 0.0:
             # The piston comes to rest inside the step: go to that instant, where it sticks or turns.
             part = left * y[V] / (y[V] - new[V])

@@ -29,9 +29,17 @@ def place_share(rig, x):
 
 
 @njit(cache=True)
-def level(rig, t, x, v, way):
+def air_force(rig, s):
+    """Force of the air on the piston and its rod, N."""
+    area_a = math.pi / 4.0 * rig.bore**2
+    area_rod = math.pi / 4.0 * rig.rod**2
+    return area_a * s[PA] - (area_a - area_rod) * s[PB] - area_rod * rig.atmospheric_pressure
+
+
+@njit(cache=True)
+def level(rig, t, s, v, way):
     """Dry friction while it slides at v in direction `way`, N; with v = 0 what breaks away at once."""
-    force = rig.coulomb
+    force, x = rig.coulomb, s[X]
     if rig.asymmetry != 0.0:
         force *= 1.0 + rig.asymmetry * way
     if rig.stribeck_speed > 0.0:
@@ -44,16 +52,15 @@ def level(rig, t, x, v, way):
         force *= 1.0 + rig.place_amount * place_share(rig, x)
     if rig.friction_drift != 0.0:
         force *= 1.0 + drifted(rig.friction_drift, rig.friction_drift_time, t)
+    if rig.side_load > 0.0:
+        force += rig.side_load * abs(x) / (rig.stroke / 2.0) * abs(air_force(rig, s))
     return force
 
 
 @njit(cache=True)
 def drive_force(rig, t, s, v):
     """Everything on the piston at speed v except dry friction, N."""
-    area_a = math.pi / 4.0 * rig.bore**2
-    area_rod = math.pi / 4.0 * rig.rod**2
-    air = area_a * s[PA] - (area_a - area_rod) * s[PB] - area_rod * rig.atmospheric_pressure
-    total = air - rig.viscous * v
+    total = air_force(rig, s) - rig.viscous * v
     if rig.force != 0.0:
         total += rig.force
     if rig.spring > 0.0:
@@ -91,7 +98,7 @@ def break_away(rig, t, s, y):
     """Dry friction that a piston at rest can bear, N, in the direction in which it is pushed, and that push."""
     push = drive_force(rig, t, s, 0.0)
     way = 1.0 if push > 0.0 else -1.0
-    force = level(rig, t, s[X], 0.0, way)
+    force = level(rig, t, s, 0.0, way)
     if rig.dwell_gain > 0.0:
         force *= 1.0 + rig.dwell_gain * (1.0 - math.exp(-y[REST] / rig.dwell_time))
     return force, push
@@ -105,5 +112,5 @@ def acceleration(rig, t, way, s, y):
     if rig.presliding > 0.0:
         v = s[V]
         share = contact(rig, s[X], v, y)
-        return (net - level(rig, t, s[X], v, math.copysign(1.0, share)) * share) / moving
-    return (net - way * level(rig, t, s[X], s[V], way)) / moving
+        return (net - level(rig, t, s, v, math.copysign(1.0, share)) * share) / moving
+    return (net - way * level(rig, t, s, s[V], way)) / moving

@@ -47,6 +47,7 @@ class Rig(NamedTuple):
     presliding: float = 0.0  # m: mean yield of four elastic-plastic elements (Iwan); 0: rigid
     dwell_gain: float = 0.0  # share that break-away gains at rest in the long run
     dwell_time: float = 0.5  # s
+    side_load: float = 0.0  # share of the air's force that presses on the bearing at the stroke's ends
 
     # Other forces.
     force: float = 0.0  # N
@@ -115,6 +116,8 @@ class Rig(NamedTuple):
     sensor_drift: float = 0.0  # m in 8 s
     sensor_drift_time: float = 0.0  # s: exponential; 0: linear
     crosstalk: float = 0.0  # m per unit of command
+    bounce: float = 0.0  # m: a wiper that lifts off its track above ...
+    bounce_speed: float = 0.2  # m/s
 
 
 FIELDS = np.dtype([(name, "f8") for name in Rig._fields])

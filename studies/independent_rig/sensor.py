@@ -5,7 +5,9 @@ import math
 from numba import njit
 
 from studies.independent_rig.motion import drifted
-from studies.independent_rig.states import GEAR, SEEN, SEEN2, X
+from studies.independent_rig.states import GEAR, SEEN, SEEN2, V, X
+
+TRACK = 1.3e-3  # m: roughness of a potentiometer's track on which a fast wiper bounces
 
 
 @njit(cache=True)
@@ -39,4 +41,7 @@ def reading(rig, t, y, share):
         at += drifted(rig.sensor_drift, rig.sensor_drift_time, t)
     if rig.crosstalk != 0.0:
         at += rig.crosstalk * share
+    if rig.bounce > 0.0 and abs(y[V]) > rig.bounce_speed:
+        off = min(abs(y[V]) / rig.bounce_speed - 1.0, 1.0)
+        at += rig.bounce * off * math.sin(2.0 * math.pi * y[X] / TRACK)
     return at

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from studies import independent_rig, make_recording
-from studies.independent_rig import Controller, Rig, Sensors, balanced, orifice, recording, simulate
+from studies.independent_rig import Controller, Rig, Sensors, balanced, orifice, recording, replay, simulate
 from studies.peers import axis
 from studies.references import REFERENCES, mixed, ramps
 
@@ -161,3 +161,38 @@ def test_the_recordings_in_data_are_those_of_the_script(tmp_path):
             kept, abs=3e-3
         )  # a quantum of the command; other machines round otherwise
     assert (tmp_path / "bench_truth.json").read_text() == (data / "bench_truth.json").read_text()
+
+
+BEYOND = {
+    "spool": {"valve_order": 1.0},
+    "second-order spool": {"valve_order": 2.0, "valve_frequency": 200.0},
+    "wall heat": {"wall_heat": 60.0},
+    "reservoir": {"reservoir": 1e-3},
+    "silencer": {"silencer": 1e-5},
+    "sensor filter": {"sensor_order": 2.0},
+    "coupled load": {"load_share": 0.5, "load_stiffness": 5e4, "load_damping": 30.0},
+    "elastic contact": {"presliding": 1e-4},
+}
+
+
+@pytest.mark.parametrize("name", BEYOND)
+def test_physics_beyond_the_base_moves_on_and_bends_the_path_a_little(name):
+    """Every element with states of its own: the axis still follows, neither frozen nor left as it was."""
+    reference = mixed(3.0, 1e-3, np.random.default_rng(3))
+    plain, other = (
+        simulate(rig, reference, np.random.default_rng(1), step=5e-5)
+        for rig in (RIG, RIG._replace(**BEYOND[name]))
+    )
+    off = np.abs(other.position - plain.position).max()
+    assert 1e-5 < off < 0.05
+    assert np.ptp(other.position[-1000:]) > 5e-3
+
+
+def test_the_memoryless_states_replay_the_loop():
+    """The rig alone, from any sample's state with the recorded command, goes where it went in the loop."""
+    reference = mixed(2.0, 1e-3, np.random.default_rng(3))
+    rig = RIG._replace(valve_order=2.0, delay=3e-3, backlash=1e-4, valve_hysteresis=0.01)
+    run = simulate(rig, reference, np.random.default_rng(1), step=5e-5)
+    states, clean = replay(rig, run.command / 5.0, run.states[700], 700, 500, step=5e-5)
+    assert states == pytest.approx(run.states[700:1200], abs=1e-12, rel=1e-12)
+    assert clean == pytest.approx(run.clean[700:1200], abs=1e-15)
