@@ -15,6 +15,7 @@ import click
 
 from optid.cli.check import check
 from optid.cli.fit import fit
+from optid.cli.live import live
 from optid.cli.simulate import simulate
 from optid.errors import InputError, JobError
 
@@ -27,6 +28,8 @@ HELP = """From recordings of a servo-pneumatic axis to a model you can trust.
       How far do the rig file's numbers carry?
   optid fit bench.toml run1.csv run2.csv --holdout run3.csv --out out/fit
       Fit the parameters of the [fit] table, and judge them on what they have not seen.
+  optid live bench.toml --driver simulated --out out/live
+      Control a rig with its model running beside it: read, identify, simulate, control, log.
 
 A rig file (TOML) names the plant, its parameters with units, what a fit may move, and which column is what.
 Recordings are CSV, Parquet, MATLAB .mat or NI TDMS.
@@ -86,7 +89,7 @@ def cli(context: click.Context) -> None:
         click.echo(context.get_help())
 
 
-for command in (check, simulate, fit):
+for command in (check, simulate, fit, live):
     cli.add_command(command)
 
 

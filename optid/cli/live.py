@@ -1,0 +1,140 @@
+"""`optid live`: a rig and its simulation side by side, sample by sample."""
+
+from __future__ import annotations
+
+import math
+import signal
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from optid.cli.common import OUT, deliver, results_folder, say_table, write_json
+from optid.errors import InputError, JobError
+
+if TYPE_CHECKING:
+    from optid.live.plan import Plan
+    from optid.live.session import Session
+
+POLL = 0.05  # s between looks at a running session
+POSITIVE = click.FloatRange(min=0, min_open=True)
+
+
+@click.command()
+@click.argument("rig")
+@click.option("--driver", default="simulated", metavar="NAME", show_default=True,
+              help="simulated, replay, nidaqmx, opcua, or path/to/file.py:function.")  # fmt: skip
+@OUT
+@click.option("--seconds", type=POSITIVE, metavar="S", help="Until it is stopped where absent.")
+@click.option("--rate", type=POSITIVE, metavar="HZ", help="Samples a second; the rig file's where absent.")
+@click.option("--reference", metavar="WHAT", help='"60 mm", "0:0 mm, 2:60 mm", or a recording with one.')
+@click.option("--gains", metavar="WHAT", help='A pid.json, or "kp=40 ki=60"; gentle ones where absent.')
+@click.option("--order", default=4, type=click.IntRange(1, 12), show_default=True, help="Of the ARMAX model.")
+@click.option("--dither", default=0.0, type=click.FloatRange(min=0), metavar="V", help="Random signs added.")
+@click.option("--recording", metavar="FILE", help="What the replay driver replays.")
+@click.option("--fast", is_flag=True, help="As fast as it goes: simulated and replay only.")
+@click.option("--seed", default=0, type=click.IntRange(min=0), help="Of everything random.")
+def live(rig: str, driver: str, out: str, **choices: Any) -> None:
+    """Run a rig and its simulation side by side: read, identify, simulate, control, write, log."""
+    folder = results_folder(out)
+
+    from optid.armax.files import to_json
+    from optid.live.processes import LOG
+    from optid.live.results import identified, live_document
+    from optid.live.session import Session
+
+    if (folder / LOG).exists():
+        raise InputError(f"{out} holds a {LOG} already", where="--out", expected="a folder without one")
+    plan = _plan(Path(rig), driver, folder, choices)
+    folder.mkdir(parents=True, exist_ok=True)
+    session = Session(plan)
+    try:
+        with _stopped_by_signals(session):
+            session.go()
+            _watch(session)
+    finally:
+        session.close()
+    document, model = live_document(session), identified(session)
+
+    def write(place: Path) -> None:
+        write_json(place / "live.json", document)
+        if model is not None:
+            (place / "armax.json").write_text(to_json(model), encoding="utf-8")
+
+    deliver(folder, write)
+    _say(document)
+    click.echo(f"written to {out}: {LOG}, live.json" + (", armax.json" if model else ""))
+    if document["outcome"] == "failed":
+        raise JobError(f"{document['why']}; the recording up to there was kept in {out}")
+
+
+def _plan(rig: Path, driver: str, folder: Path, choices: dict[str, Any]) -> Plan:
+    from optid.live.gains import gentle, read_gains
+    from optid.live.loop import Choices
+    from optid.live.plan import Plan
+    from optid.live.reference import read_reference, tour
+    from optid.live.settings import live_settings, wiring_of
+    from optid.rigs.rigfile import read_rig
+
+    for name in ("seconds", "rate", "dither"):
+        if choices[name] is not None and not math.isfinite(choices[name]):
+            raise InputError("not finite", where=f"--{name}", expected="a number")
+    if choices["fast"] and driver not in ("simulated", "replay"):
+        raise InputError(f"with --driver {driver}", where="--fast", expected="simulated or replay")
+    understood = read_rig(rig)
+    settings, wiring = live_settings(understood, choices["rate"]), wiring_of(understood)
+    limits, wanted = settings.limits, choices["reference"]
+    reference = (
+        read_reference(wanted, understood, limits, wiring.measured[0].recorded_unit)
+        if wanted
+        else tour(limits)
+    )
+    gains = read_gains(choices["gains"]) if choices["gains"] else gentle(limits)
+    recording = Path(choices["recording"]) if choices["recording"] else None
+    return Plan(
+        rig, driver, folder, reference, Choices(gains, choices["order"], choices["dither"], choices["seed"]),
+        choices["seconds"], choices["rate"], choices["fast"], recording, choices["seed"],
+    )  # fmt: skip
+
+
+@contextmanager
+def _stopped_by_signals(session: Session) -> Iterator[None]:
+    """Ctrl-C and SIGTERM ask the guard to put the safe command and end."""
+
+    def stop(number: int, _: object) -> None:
+        session.stop("Ctrl-C" if number == signal.SIGINT else "SIGTERM")
+
+    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _watch(session: Session) -> None:
+    """Poll until the end, saying what happens."""
+    said = 0
+    while session.end is None:
+        time.sleep(POLL)
+        session.poll()
+        for event in session.events.since(said):
+            click.echo(f"{event.time:8.1f} s  {event.words}")
+        said = session.events.number
+
+
+def _say(document: dict[str, Any]) -> None:
+    click.echo(f"{document['samples']} samples, {document['missed']} deadlines missed, "
+               f"{document['held_back']} commands held back by a limit")  # fmt: skip
+    rows = [
+        (name, *(f"{timing[f'{column}_us']:.0f}" for column in ("mean", "p50", "p99", "max")))
+        for name, timing in document["timing"].items()
+        if timing is not None
+    ]
+    if rows:
+        say_table(("microseconds", "mean", "median", "99 %", "largest"), tuple(rows))
+    rows = [(name, "–" if fit is None else f"{fit:.2f} %") for name, fit in document["fit_percent"].items()]
+    say_table(("position", "fit"), tuple(rows))

@@ -1,0 +1,36 @@
+"""The one-step prediction of an identifier before the sample it predicts has come."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TypeVar
+
+import numba
+
+from optid.armax.layout import HEADER, INPUTS, NA, NC, PARAMETERS, SCALE
+from optid.core.model import Array
+
+Kernel = TypeVar("Kernel", bound=Callable[..., object])
+quick: Callable[[Kernel], Kernel] = numba.njit(cache=True)
+
+
+@quick
+def one_ahead(s: Array) -> float:
+    """Output of the next sample, in the output's unit, from an identifier's packed memory (`optid.armax.layout`).
+
+    For models of one input whose delay is at least one sample: the command of that sample is not known yet.
+    """
+    na, nc, n, m = int(s[NA]), int(s[NC]), int(s[PARAMETERS]), int(s[INPUTS])
+    nb, nk = int(s[HEADER]), int(s[HEADER + 1])
+    theta = HEADER + 4 * m
+    eh = theta + 2 * n + n * n + 4 * n + 2 * nc
+    yh = eh + 2 * nc
+    uh = yh + na + max(na, nc)
+    total = 0.0
+    for k in range(na):
+        total -= s[theta + k] * s[yh + k]
+    for k in range(nb):
+        total += s[theta + na + k] * s[uh + nk - 1 + k]
+    for k in range(nc):
+        total += s[theta + na + nb + k] * s[eh + k]
+    return float(total * s[SCALE])

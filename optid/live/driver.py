@@ -1,0 +1,136 @@
+"""What a driver is, and how one is found: built in by name, a user's own from a file."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+from optid.core.loading import blame, load_file
+from optid.errors import InputError, RigError, nearest
+from optid.live.settings import Settings, Wiring, driver_options
+from optid.rigs.fields import Table
+from optid.rigs.rigfile import Rig
+
+
+class EndOfData(Exception):
+    """A driver has no more samples: the session ends as planned."""
+
+
+class Driver(Protocol):
+    """The door to a rig. Values are as the rig file's columns hold them: volts, mm, bar.
+
+    It lives in the guard's process, which no death of the loop reaches. `read` and `write` may take a part of
+    the sampling period; what they raise ends the session with the safe command. `time` is the session's, in
+    seconds from sample 0.
+    """
+
+    def read(self, time: float) -> Sequence[float]:
+        """One value for each measured channel, in the wiring's order; NaN where a sensor gave none.
+
+        Raises:
+            EndOfData: there will be no more.
+        """
+
+    def write(self, command: float, time: float) -> float:
+        """Put a command, in the unit of its column; returns what truly stands there from now on."""
+
+    def close(self) -> None:
+        """Let go of the rig; the safe command was written before, if that was possible."""
+
+
+@dataclass(frozen=True, eq=False)
+class Order:
+    """What a driver is made from.
+
+    Attributes:
+        rig: the rig file, understood.
+        wiring: the columns to read and the one to write.
+        settings: rate and limits.
+        options: the rig file's `[live.NAME]`, `[live.file]` for a user's own.
+        recording: for `replay`.
+        seed: of everything random.
+    """
+
+    rig: Rig
+    wiring: Wiring
+    settings: Settings
+    options: Table
+    recording: Path | None = None
+    seed: int = 0
+
+
+Maker = Callable[[Order], Driver]
+
+# Name -> "module:function"; a module, and the package it needs, is imported when its driver is asked for.
+BUILT_IN = {
+    "simulated": "optid.live.drivers.simulated:simulated",
+    "replay": "optid.live.drivers.replay:replay",
+    "nidaqmx": "optid.live.drivers.nidaqmx:cards",
+    "opcua": "optid.live.drivers.opcua:server",
+}
+
+
+def find_driver(name: str) -> Maker:
+    """The function that makes a driver.
+
+    Args:
+        name: a built-in driver, or "path/to/file.py:function" for a user's own.
+
+    Raises:
+        InputError: no such driver, or its package is not installed.
+    """
+    if name in BUILT_IN:
+        module, function = BUILT_IN[name].split(":")
+        found: Maker = getattr(importlib.import_module(module), function)
+        return found
+    file, colon, function = name.rpartition(":")
+    if not colon or not file.endswith(".py"):
+        raise InputError(
+            f'no driver "{name}"', where="--driver", expected='a built-in name or "path/to/file.py:function"',
+            hint=nearest(name, BUILT_IN),
+        )  # fmt: skip
+    module_of_file = load_file(Path(file))
+    made = getattr(module_of_file, function, None)
+    if not callable(made):
+        own = [key for key, value in vars(module_of_file).items() if callable(value) and key[0] != "_"]
+        raise InputError(
+            f'"{file}" has no function "{function}"', where="--driver", hint=nearest(function, own)
+        )
+    own_maker: Maker = made
+    return own_maker
+
+
+def open_driver(name: str, rig: Rig, order: dict[str, Any]) -> Driver:
+    """Make a driver; `order` holds the remaining fields of an `Order`.
+
+    Raises:
+        InputError: as `find_driver`, or the driver refuses its options.
+    """
+    maker = find_driver(name)
+    options = driver_options(rig, name if name in BUILT_IN else "file")
+    try:
+        return maker(Order(rig, options=options, **order))
+    except InputError:
+        raise
+    except Exception as error:
+        if name in BUILT_IN:
+            raise
+        file = Path(name.rpartition(":")[0])
+        raise RigError(f"the driver raised {blame(error, file)}", where=file) from error
+
+
+def needed(module: str, extra: str) -> Any:
+    """Import the package a driver stands on.
+
+    Raises:
+        InputError: it is not installed; says how to.
+    """
+    try:
+        return importlib.import_module(module)
+    except ImportError as error:
+        raise InputError(
+            f"{module} cannot be imported ({error})", where="--driver", hint=f'pip install "optid[{extra}]"'
+        ) from None

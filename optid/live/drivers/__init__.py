@@ -1,0 +1,1 @@
+"""The doors to rigs, one small file each."""

@@ -1,0 +1,104 @@
+"""A rig that is simulated, with physics that the rig file's model does not have."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from optid.core.model import Array
+from optid.effects.library import admitted
+from optid.errors import RigError, SolveError
+from optid.live.driver import Order
+from optid.live.settings import Settings, Wiring
+from optid.live.twin import Twin
+from optid.rigs.fields import known_keys, text
+from optid.rigs.rigfile import Rig, read_rig, with_effects
+
+# What the simulated rig has and the model has not, where the plant offers the sites; all three are common.
+UNKNOWN = {
+    "stribeck_friction": {"breakaway_ratio": 1.3, "stribeck_speed": 0.03},
+    "valve_lag": {"time_constant": 2e-3, "damping_ratio": 0.8},
+    "ambient_leakage": {},
+}
+OFF = 0.08  # by which, up or down, the parameters differ that a fit may move
+NOISE = 1e-4  # sd of a sensor as a share of the stroke limits, or of its first value, where none is stated
+
+
+class Simulated:
+    """A `Twin` of another model behind the door of a driver; noise and all.
+
+    Args:
+        rig: the rig that is simulated.
+        wiring, settings: of the session.
+        rng: source of the noise.
+    """
+
+    def __init__(self, rig: Rig, wiring: Wiring, settings: Settings, rng: np.random.Generator) -> None:
+        self._twin, self._wiring, self._rng = Twin(rig.model, rig.model.vector(rig.parameters)), wiring, rng
+        names = [port.role for port in rig.model.outputs]
+        missing = [c.role for c in wiring.measured if c.role not in names]
+        if missing:
+            raise RigError(f"no output {', '.join(missing)}", where=rig.path, field="model")
+        self._pick = [names.index(c.role) for c in wiring.measured]
+        first, (low, high) = self._twin.outputs(), settings.limits.stroke
+        self._sd: Array = np.array([
+            c.sd if c.sd is not None else
+            NOISE * (high - low) if j == 0 and math.isfinite(high - low) else NOISE * abs(first[k])
+            for j, (c, k) in enumerate(zip(wiring.measured, self._pick, strict=True))
+        ])  # fmt: skip
+        self._command, self._time = wiring.command.factor * wiring.put(settings.limits.safe), 0.0
+
+    def read(self, time: float) -> Sequence[float]:
+        """Physics up to `time`, seen by noisy sensors."""
+        self._reach(time)
+        values = self._twin.outputs()[self._pick] + self._sd * self._rng.standard_normal(len(self._sd))
+        return [
+            float((value - c.shift) / c.factor)
+            for value, c in zip(values, self._wiring.measured, strict=True)
+        ]
+
+    def write(self, command: float, time: float) -> float:
+        """The valve hears of it now."""
+        self._reach(time)
+        channel = self._wiring.command
+        self._command = channel.factor * command + channel.shift
+        return command
+
+    def close(self) -> None:
+        """Nothing to let go of."""
+
+    def _reach(self, time: float) -> None:
+        # In pieces of at most a millisecond: states of delays and lags are written for held samples.
+        while time - self._time > 1e-9:
+            span = min(time - self._time, 1e-3)
+            if not self._twin.advance(self._command, span):
+                raise SolveError("the simulated rig left the numbers")
+            self._time += span
+
+
+def simulated(order: Order) -> Simulated:
+    """The rig of `[live.simulated] rig = "other.toml"`, or the session's own with physics it does not know."""
+    known_keys(order.options, ("rig",), order.rig.path, "live.simulated.")
+    rng = np.random.default_rng(order.seed)
+    if order.options:
+        name = text(order.options, "rig", order.rig.path, "live.simulated.rig", "a rig file")
+        rig = read_rig(order.rig.path.parent / name)
+    else:
+        rig = unlike(order.rig, rng)
+    return Simulated(rig, order.wiring, order.settings, rng)
+
+
+def unlike(rig: Rig, rng: np.random.Generator) -> Rig:
+    """The rig with other parameters where a fit may move them, and with effects of the catalogue."""
+    effects = [effect for effect in admitted(rig.model) if effect.name in UNKNOWN]
+    values: dict[str, float] = {}
+    for effect in effects:
+        values |= effect.qualified({**effect.usual[0], **UNKNOWN[effect.name]})
+    for freed in rig.freed:
+        nominal = rig.parameters.get(freed.name)
+        if nominal is not None:
+            other = nominal * (1 + OFF * float(rng.choice((-1.0, 1.0))))
+            values[freed.name] = min(max(other, freed.low), freed.high)
+    return with_effects(rig, effects, values)

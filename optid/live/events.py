@@ -1,0 +1,43 @@
+"""What happened in a session, in words: the last few hundred, for the terminal, the page and live.json."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+KEPT = 200
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something worth a line: s since the session began, and the words."""
+
+    time: float
+    words: str
+
+
+class Events:
+    """The newest events; `number` counts all that ever were."""
+
+    def __init__(self) -> None:
+        self._kept: deque[Event] = deque(maxlen=KEPT)
+        self._zero, self.number = time.monotonic(), 0
+
+    def begin(self) -> None:
+        """The session's time is zero now."""
+        self._zero = time.monotonic()
+
+    def note(self, words: str) -> None:
+        """Add one that happens now."""
+        self._kept.append(Event(time.monotonic() - self._zero, words))
+        self.number += 1
+
+    def since(self, seen: int) -> list[Event]:
+        """Those after the first `seen`, as far as they are still kept."""
+        new = min(self.number - seen, len(self._kept))
+        return list(self._kept)[len(self._kept) - new :]
+
+    def __iter__(self) -> Iterator[Event]:
+        return iter(self._kept)

@@ -1,0 +1,34 @@
+"""A session in one process and in its own time: for studies, whose results must not depend on the machine."""
+
+from __future__ import annotations
+
+from optid.live.clock import FastClock
+from optid.live.driver import Driver
+from optid.live.guard import End, Guard
+from optid.live.log import Log
+from optid.live.loop import Loop
+from optid.live.messages import Reply, Sample
+
+
+class Together:
+    """A link to a loop that answers at once."""
+
+    def __init__(self, loop: Loop) -> None:
+        self._loop, self._reply = loop, None
+
+    _reply: Reply | None
+
+    def send(self, sample: Sample) -> None:
+        """Let the loop work."""
+        self._reply = self._loop.step(sample)
+
+    def receive(self, number: int, timeout: float | None) -> Reply | None:
+        """What it said."""
+        return self._reply
+
+
+def run_lockstep(driver: Driver, loop: Loop, log: Log, seconds: float) -> End:
+    """Run a session's samples one after the other; the driver and the log stay open."""
+    settings = loop.settings
+    guard = Guard(driver, Together(loop), FastClock(settings.span), loop.wiring, settings, log)
+    return guard.run(round(seconds * settings.rate))

@@ -1,0 +1,96 @@
+"""The recording of a session, on disk up to the last sample whatever happens."""
+
+from __future__ import annotations
+
+import math
+import os
+import threading
+from collections.abc import Sequence
+from pathlib import Path
+
+from optid.live.messages import Reply
+from optid.live.settings import Wiring
+
+PREDICTIONS = ("predicted", "simulated", "windowed")  # of the position, see `Reply`
+NOTHING = Reply(0, *(math.nan,) * 6)
+SYNC = 1.0  # s between the moments at which the disk itself is asked to have everything
+
+
+class Log:
+    """A CSV table that grows by whole rows, one system call each.
+
+    A row is with the operating system before the next sample is taken, so the death of any process loses
+    none. Once a second a thread of its own makes the disk hold them too, against the loss of power.
+
+    Args:
+        path: file to write; must not exist.
+        columns: its head.
+
+    Raises:
+        FileExistsError, OSError: it cannot be made.
+    """
+
+    def __init__(self, path: Path, columns: Sequence[str]) -> None:
+        flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND | getattr(os, "O_BINARY", 0)
+        self._file = os.open(path, flags, 0o644)
+        os.write(self._file, (",".join(columns) + "\n").encode())
+        # A year to the microsecond, then nine digits: beyond any converter's.
+        self._form = "%.14g" + ",%.9g" * (len(columns) - 1) + "\n"
+        self._done = threading.Event()
+        self._thread = threading.Thread(target=self._sync, name="log", daemon=True)
+        self._thread.start()
+
+    def row(self, values: tuple[float, ...]) -> None:
+        """Append one row, the time first; what is no number becomes an empty cell."""
+        text = self._form % values
+        if "n" in text:  # nan, inf
+            cells = text.rstrip("\n").split(",")
+            text = ",".join("" if "n" in cell else cell for cell in cells) + "\n"
+        os.write(self._file, text.encode())
+
+    def _sync(self) -> None:
+        while not self._done.wait(SYNC):
+            os.fsync(self._file)
+
+    def close(self) -> None:
+        """Everything is on the disk when this returns."""
+        self._done.set()
+        self._thread.join()
+        os.fsync(self._file)
+        os.close(self._file)
+
+
+class Layout:
+    """What stands in a row: columns as the rig file maps them, so that every command reads the log.
+
+    Reference and predictions beside them are in the unit of the position's column, unless the rig file maps a
+    reference.
+    """
+
+    def __init__(self, wiring: Wiring) -> None:
+        self._wiring, self._position = wiring, wiring.measured[0]
+        self._reference = wiring.reference or self._position
+
+    @property
+    def columns(self) -> list[str]:
+        """The log's head."""
+        wiring, position = self._wiring, self._position.column
+        own = [wiring.time.column, wiring.command.column, *(c.column for c in wiring.measured)]
+        reference = wiring.reference.column if wiring.reference else "reference"
+        names = [*own, reference, *(f"{position}_{kind}" for kind in PREDICTIONS)]
+        names[0] = names[0] or "time"
+        return [name if names.index(name) == i else f"{name}_live" for i, name in enumerate(names)]
+
+    def row(
+        self, time: float, standing: float, values: Sequence[float], reply: Reply | None
+    ) -> tuple[float, ...]:
+        """One row: s, V, what the driver read, and what the loop answered."""
+        wiring, position, reference = self._wiring, self._position, self._reference
+        said = reply or NOTHING
+        return (
+            round(time, 6) / wiring.time.factor, wiring.put(standing), *values,
+            (said.reference - reference.shift) / reference.factor,
+            (said.predicted - position.shift) / position.factor,
+            (said.simulated - position.shift) / position.factor,
+            (said.windowed - position.shift) / position.factor,
+        )  # fmt: skip

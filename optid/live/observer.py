@@ -1,0 +1,151 @@
+"""The physical model held to what is measured: where a windowed prediction starts, and how noisy the sensors are."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import numba
+import numpy as np
+
+from optid.core.compiled import compiled
+from optid.core.kernel import advance, at, call
+from optid.core.kernel import compiled as compiled_loop
+from optid.core.model import Array, Model
+from optid.live.twin import Twin
+
+# Process noise per 0.5 s as a share of each state's size, at least: what the batch fit starts from as well.
+PROCESS_NOISE, WINDOW = 3e-3, 0.5
+FORGET = 0.999  # of the running estimate of the sensors' noise
+OUTLIER = 5.0  # sd of an innovation: one that is larger counts as one of this size
+HEED, MOST = 0.02, 1e8  # how fast the process noise follows innovations larger than expected, and how far
+
+Kernel = TypeVar("Kernel", bound=Callable[..., object])
+quick: Callable[[Kernel], Kernel] = numba.njit(cache=True)
+
+
+class Observer(Twin):
+    """A twin that is corrected by every measurement: an extended Kalman filter over the compiled slopes.
+
+    What the model lacks shows as innovations larger than expected: the process noise follows them, up and down,
+    so that the state stays with the rig; a single outlier hardly moves it.
+
+    Args:
+        model, parameters, start: as for a twin.
+        noise: sd of each output, SI, shape (outputs,); NaN where it is to be estimated as it runs, from third
+            differences, which motion hardly enters.
+    """
+
+    def __init__(self, model: Model, parameters: Array, noise: Array, start: Array | None = None) -> None:
+        nx, ny, wide = len(model.states), len(model.outputs), compiled(model).width
+        self._S, self._T = np.zeros((nx, wide)), np.empty((nx, wide))
+        self._H, self._eye = np.empty((ny, wide)), np.eye(nx, wide)
+        self._q = (PROCESS_NOISE * model.scales) ** 2 / WINDOW
+        self._R, self._known = np.where(np.isnan(noise), 0.0, noise**2), ~np.isnan(noise)
+        self._recent, self._weight = np.full((4, ny), np.nan), np.zeros(ny)
+        self._P, self._swell = np.zeros((nx, nx)), np.ones(1)
+        super().__init__(model, parameters, start)
+        self.correct(np.full(ny, np.nan))
+        self._recent[:] = np.nan
+
+    def _begin(self) -> None:
+        super()._begin()
+        self._P[:] = np.diag(self._spread**2)
+
+    def advance(self, command: float, span: float) -> bool:
+        """As for a twin, with the covariance carried along."""
+        self._input(command, span)
+        self._S[:] = self._eye
+        h = _hold_slopes(self._code, self.x, self._S, self._u, self._c, self._k, self._T, self._tolerance, span,
+                         min(self._h, span))  # fmt: skip
+        _carry(self._P, self._S, self._q * (span * self._swell[0]))
+        if not self._sane(h, span):
+            self._P[:] = np.diag(self._spread**2)
+            return False
+        return True
+
+    def correct(self, measured: Array) -> None:
+        """Take one sample of the outputs, SI, shape (outputs,); NaN is missing."""
+        _sense_slopes(self._code, self.x, self._eye, self._u, self._c, self._y, self._H)
+        _noise(self._recent, self._R, self._weight, self._known, measured)
+        _correct(self.x, self._P, self._H, self._R, self._swell, measured, self._y)
+
+    @property
+    def noise(self) -> Array:
+        """Sd of each output as it is taken to be, shape (outputs,)."""
+        return np.sqrt(self._R)
+
+
+@compiled_loop
+def _hold_slopes(code, x, S, u, c, k, T, tolerance, span, h):  # type: ignore[no-untyped-def]
+    """One hold with S carried along."""
+    return advance(
+        code.slopes, code.step_slopes, at(x, 0), at(S, 0), at(u, 0), at(c, 0), k, at(T, 0), at(tolerance, 0),
+        span, h,
+    )  # fmt: skip
+
+
+@compiled_loop
+def _sense_slopes(code, x, S, u, c, y, R):  # type: ignore[no-untyped-def]
+    """The outputs with R = their slopes along S."""
+    call(code.sensor_slopes, (at(x, 0), at(S, 0), at(u, 0), at(c, 0), at(y, 0), at(R, 0)))
+
+
+@quick
+def _carry(P: Array, S: Array, q: Array) -> None:
+    """P <- S P S' + diag(q), kept symmetric; S is padded."""
+    n = len(q)
+    square = np.ascontiguousarray(S[:, :n])
+    new = square @ P @ square.T
+    for i in range(n):
+        for j in range(i + 1):
+            P[i, j] = P[j, i] = 0.5 * (new[i, j] + new[j, i])
+        P[i, i] += q[i]
+
+
+@quick
+def _correct(x: Array, P: Array, H: Array, R: Array, swell: Array, measured: Array, predicted: Array) -> None:
+    """One output after the other, which needs no inverse; `swell` multiplies the process noise."""
+    n, start = len(x), x.copy()
+    gain = np.empty(n)
+    surprise, seen = 0.0, 0
+    for o in range(len(measured)):
+        error = measured[o] - predicted[o]
+        if error != error or R[o] == 0.0:
+            continue
+        for i in range(n):  # linearised where the sample began, moved by what the outputs before said
+            error -= H[o, i] * (x[i] - start[i])
+        variance = R[o]
+        for i in range(n):
+            gain[i] = 0.0
+            for j in range(n):
+                gain[i] += P[i, j] * H[o, j]
+        for i in range(n):
+            variance += H[o, i] * gain[i]
+        bound = OUTLIER * math.sqrt(variance)
+        error = min(max(error, -bound), bound)
+        surprise += error * error / variance - 1.0
+        seen += 1
+        for i in range(n):
+            x[i] += gain[i] * error / variance
+        for i in range(n):
+            for j in range(n):
+                P[i, j] -= gain[i] * gain[j] / variance
+    if seen:
+        swell[0] = min(max(swell[0] * math.exp(HEED * surprise / seen), 1.0), MOST)
+
+
+@quick
+def _noise(recent: Array, R: Array, weight: Array, known: Any, measured: Array) -> None:
+    """Variance of white noise from third differences: their mean square is 20 times as large."""
+    for o in range(len(measured)):
+        for back in range(3):
+            recent[3 - back, o] = recent[2 - back, o]
+        recent[0, o] = measured[o]
+        if known[o]:
+            continue
+        third = recent[0, o] - 3.0 * recent[1, o] + 3.0 * recent[2, o] - recent[3, o]
+        if third == third:
+            weight[o] = FORGET * weight[o] + 1.0
+            R[o] += (third * third / 20.0 - R[o]) / weight[o]

@@ -1,0 +1,77 @@
+"""What a session leaves beside its recording: live.json, and the model that was identified."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from optid.armax.audit import audit
+from optid.armax.files import ArmaxFile, SavedModel
+from optid.live.log import PREDICTIONS, Layout
+from optid.live.processes import LOG
+
+if TYPE_CHECKING:
+    from optid.live.session import Session
+    from optid.live.settings import Wiring
+
+SCHEMA = "optid.live/1"
+CHUNK = 200_000  # rows of a recording in memory at a time
+
+
+def live_document(session: Session) -> dict[str, Any]:
+    """The content of live.json; of an ended session."""
+    end, settings = session.end or {}, session.settings
+    path = session.plan.out / LOG
+    fit = fit_percent(path, session.wiring) if path.is_file() else dict.fromkeys(PREDICTIONS)
+    return {
+        "schema": SCHEMA,
+        "outcome": end.get("how", "failed"),
+        "why": end.get("why", ""),
+        "safe": end.get("safe", False),
+        "driver": session.plan.driver,
+        "rate": settings.rate,
+        "samples": end.get("samples", 0),
+        "missed": end.get("missed", 0),
+        "held_back": end.get("held_back", 0),
+        "timing": end.get("timing", {}),
+        "gains": asdict(session.gains),
+        "fit_percent": fit,
+        "parted": session.parted,
+        "events": [{"time": round(event.time, 3), "words": event.words} for event in session.events],
+    }
+
+
+def identified(session: Session) -> ArmaxFile | None:
+    """The content of armax.json, with the model's audit; ``None`` where nothing was identified."""
+    model = session.model
+    if model is None:
+        return None
+    words = "identified sample by sample while the loop was closed"
+    saved = SavedModel(model, audit(model, fitted=False).findings)
+    return ArmaxFile("command", session.wiring.measured[0].role, model.orders.na, (saved,), words)
+
+
+def fit_percent(path: Path, wiring: Wiring) -> dict[str, float | None]:
+    """100 (1 - |y - yhat| / |y - mean y|) of each prediction over a session's recording, read in parts."""
+    import pandas as pd
+
+    position = wiring.measured[0].column
+    names = Layout(wiring).columns[-len(PREDICTIONS) :]
+    sums = np.zeros((len(names), 4))  # samples, y, y squared, error squared
+    for part in pd.read_csv(path, usecols=[position, *names], chunksize=CHUNK):
+        y = part[position].to_numpy(dtype=float)
+        for total, name in zip(sums, names, strict=True):
+            error = y - part[name].to_numpy(dtype=float)
+            known = np.isfinite(error)
+            seen = y[known]
+            total += (len(seen), seen.sum(), (seen**2).sum(), (error[known] ** 2).sum())
+    return {kind: _percent(*total) for kind, total in zip(PREDICTIONS, sums.tolist(), strict=True)}
+
+
+def _percent(number: float, total: float, squares: float, errors: float) -> float | None:
+    spread = squares - total**2 / number if number else 0.0
+    return 100.0 * (1.0 - math.sqrt(errors / spread)) if spread > 0.0 else None

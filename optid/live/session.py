@@ -1,0 +1,187 @@
+"""A session as its user sees it: starts guard and loop, hears what they say, stops them."""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+from multiprocessing.connection import Connection
+from typing import Any
+
+from optid.armax.identifier import Identifier
+from optid.armax.model import Armax
+from optid.armax.structure import Orders
+from optid.core.model import Array
+from optid.errors import InputError, JobError
+from optid.live.events import Events
+from optid.live.pipes import ready, tell, told
+from optid.live.plan import Plan, ring_sizes
+from optid.live.processes import guard_process, loop_process
+from optid.live.rescue import rescue
+from optid.live.ring import Ring
+from optid.live.settings import live_settings, wiring_of
+from optid.pid.controller import Gains
+from optid.rigs.rigfile import read_rig
+
+START = 120.0  # s for both processes to be ready: the first run on a machine compiles
+GRACE = 5.0  # s for the processes to end by themselves
+
+
+class Session:
+    """A running session; call `poll` some times a second.
+
+    Args:
+        plan: what to do.
+
+    Attributes:
+        events: what happened.
+        gains: the controller has now.
+        model: identified so far, as last asked for with `learn`; the last one of all after the end.
+        end: how it ended (fields of `optid.live.guard.End`); ``None`` while it runs.
+        signals, slow: rings that the loop fills, see `optid.live.plan`.
+
+    Raises:
+        InputError, JobError: as the guard or the loop refuse.
+    """
+
+    def __init__(self, plan: Plan) -> None:
+        self.plan = plan
+        rig = read_rig(plan.rig)
+        self.settings, self.wiring = live_settings(rig, plan.rate), wiring_of(rig)
+        self.events, self.gains, self.parted = Events(), plan.choices.gains, False
+        self.model: Armax | None = None
+        self.end: dict[str, Any] | None = None
+        order = plan.choices.order
+        self._blank = Identifier(Orders(order, (order,), order, (1,)), self.settings.span)
+        sizes = ring_sizes(plan, self.settings.rate)
+        self.signals, self.slow = Ring(*sizes[0]), Ring(*sizes[1])
+        self._processes: list[Any] = []
+        self._pipes: list[Connection] = []
+        try:
+            self._start()
+        except BaseException:
+            self.close()
+            raise
+
+    def _start(self) -> None:
+        context = multiprocessing.get_context("spawn")
+        guard_link, loop_link = context.Pipe()
+        to_guard, guard_end = context.Pipe()
+        to_loop, loop_end = context.Pipe()
+        self._pipes = [to_guard, to_loop]
+        names = (self.signals.name, self.slow.name)
+        self._processes = [
+            context.Process(target=guard_process, args=(self.plan, guard_link, guard_end), name="guard"),
+            context.Process(target=loop_process, args=(self.plan, loop_link, loop_end, names), name="loop"),
+        ]
+        for process in self._processes:
+            process.start()
+        for end in (guard_link, loop_link, guard_end, loop_end):
+            end.close()  # ours only: the children's death must close the pipes
+        for pipe, who in ((to_guard, "guard"), (to_loop, "loop")):
+            _await_ready(pipe, who)
+
+    def go(self) -> None:
+        """Sample 0 is due."""
+        self.events.begin()
+        tell(self._pipes[0], do="go")
+        self.events.note("the loop runs")
+
+    def stop(self, why: str = "stopped") -> None:
+        """Ask the guard to put the safe command and end; `poll` until `end` is there."""
+        tell(self._pipes[0], do="stop", why=why)
+
+    def learn(self) -> None:
+        """Ask for the model identified so far; `model` holds it soon."""
+        tell(self._pipes[1], do="model")
+
+    def change(self, gains: Gains) -> None:
+        """Give gains to the loop, which takes them without a jump of the command."""
+        tell(self._pipes[1], do="gains", gains=vars(gains))
+
+    def poll(self) -> None:
+        """Hear what guard and loop have to say; never waits."""
+        for pipe, heed in zip(self._pipes, (self._heed_guard, self._heed_loop), strict=True):
+            with contextlib.suppress(EOFError, OSError):
+                while ready([pipe], 0.0):
+                    heed(told(pipe))
+        if self.end is None and not self._processes[0].is_alive():
+            self._guard_died()
+        self._look()
+
+    def parameters(self) -> tuple[int, Array]:
+        """Rows written to the ring of parameters, and the newest of them, shape (0 or 1, columns)."""
+        return self.slow.since(max(self.slow.count - 1, 0))
+
+    def close(self) -> None:
+        """End everything that still runs and let go of the shared memory."""
+        if self._pipes:
+            self.stop("closed")
+        for process in self._processes:
+            if process.pid is not None:
+                _end(process)
+        if self._pipes:
+            self.poll()
+        for pipe in self._pipes:
+            pipe.close()
+        self._pipes = []
+        self.signals.close()
+        self.slow.close()
+
+    def _heed_guard(self, message: dict[str, Any]) -> None:
+        if message["say"] == "end":
+            self.end = message
+        elif message["say"] == "refused":
+            self.end = {"how": "failed", "why": message["why"], "safe": message["safe"]}
+        if self.end is not None:
+            self.events.note(f"ended: {self.end['why']}")
+
+    def _heed_loop(self, message: dict[str, Any]) -> None:
+        if message["say"] == "model":
+            learnt = self._blank.restored(message["state"])
+            self.model = learnt.model if learnt.counts.learnt_from else None
+        elif message["say"] == "applied":
+            self.gains = Gains(**message["gains"])
+            self.events.note("applied: " + ", ".join(f"{k} {v:.4g}" for k, v in message["gains"].items()))
+        elif message["say"] == "failed":
+            self.events.note(f"the loop failed: {message['why']}")
+
+    def _guard_died(self) -> None:
+        with contextlib.suppress(EOFError, OSError):
+            while ready([self._pipes[0]], 0.0):
+                self._heed_guard(told(self._pipes[0]))
+        if self.end is None:
+            safe, words = rescue(self.plan)
+            self.end = {"how": "failed", "why": f"the guard's process died; {words}", "safe": safe}
+            self.events.note(self.end["why"])
+
+    def _look(self) -> None:
+        """Say once when rig and model part, and when they agree again."""
+        _, rows = self.parameters()
+        if not len(rows) or bool(rows[0][2]) == self.parted:
+            return
+        self.parted = not self.parted
+        if self.parted:
+            self.events.note(f"rig and model have parted: the 0.5 s windows fit {rows[0][1]:.0f} %")
+        else:
+            self.events.note("rig and model agree again")
+
+
+def _await_ready(pipe: Connection, who: str) -> None:
+    try:
+        if not pipe.poll(START):
+            raise JobError(f"the {who} was not ready within {START:.0f} s")
+        message = told(pipe)
+    except (EOFError, OSError):
+        raise JobError(f"the {who}'s process died while it started") from None
+    if message["say"] == "refused":
+        raise (InputError if message["input"] else JobError)(message["why"])
+
+
+def _end(process: Any) -> None:
+    """Wait for a process, then ask it, then kill it; the guard puts the safe command when it is asked, too."""
+    for insist in (None, process.terminate, process.kill):
+        if insist is not None:
+            insist()
+        process.join(GRACE)
+        if not process.is_alive():
+            return

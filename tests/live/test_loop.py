@@ -1,0 +1,78 @@
+"""The numbers of a session, in lockstep: reproducible, readable by every command, and right where that is known."""
+
+import math
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from optid.armax.identifier import Identifier
+from optid.armax.structure import Orders
+from optid.core.readers import read_recording
+from optid.fit.prediction import predict
+from optid.live.ahead import one_ahead
+from optid.live.loop import Choices
+from optid.live.reference import Reference
+from optid.pid.controller import Gains
+from optid.rigs.rigfile import read_rig
+
+
+def test_the_log_is_a_recording_that_every_command_reads(bench, run_live):
+    end, _, path = run_live(bench, seconds=3.0)
+    assert (end.samples, end.missed, end.safe) == (3000, 0, True)
+    record = read_recording(path, bench)
+    assert len(record) == 3000
+    assert set(record.channels) == {"command", "position", "reference"}
+    assert np.max(record["reference"].values) == pytest.approx(0.5 * 0.117)
+    assert np.nanmax(np.abs(record["position"].values)) > 0.03  # it did follow
+    prediction = predict(bench, record, bench.parameters)
+    assert prediction.scores["window"]["position"].fit_percent > 50
+
+
+def test_the_same_seed_gives_the_same_session(bench, run_live):
+    choices = Choices(Gains(30.0, 20.0), dither=0.05, seed=3)
+    first, second = (run_live(bench, seconds=1.0, choices=choices, seed=4)[2].read_text() for _ in range(2))
+    other = run_live(bench, seconds=1.0, choices=choices, seed=5)[2].read_text()
+    assert first == second != other
+
+
+def test_one_step_predictions_are_the_identifiers_own(bench, run_live):
+    _, loop, path = run_live(bench, seconds=2.0, choices=Choices(Gains(30.0), dither=0.1))
+    log = pd.read_csv(path)
+    y, u = log["x"].to_numpy() * 1e-3, log["u"].to_numpy()
+    again = Identifier(Orders(4, (4,), 4, (1,)), 1e-3, scales=(0.234 / 4, 2.5))
+    innovations = np.array([again.step(y[n], u[n]) for n in range(len(y))])
+    logged = y - log["x_predicted"].to_numpy() * 1e-3
+    assert np.max(np.abs(innovations[200:] - logged[200:])) < 1e-7  # the log's digits
+    np.testing.assert_allclose(loop.identifier.theta, again.theta, rtol=1e-3, atol=1e-3)
+
+
+def test_one_ahead_knows_the_innovation_before_the_sample():
+    rng = np.random.default_rng(1)
+    for na, nb, nc, nk in ((1, 1, 0, 1), (2, 3, 1, 2), (4, 4, 4, 1), (0, 2, 2, 3)):
+        learner = Identifier(Orders(na, (nb,), nc, (nk,)), scales=(2.0, 3.0))
+        for y, u in rng.standard_normal((300, 2)):
+            expected = one_ahead(learner.state)
+            assert learner.step(y, u) == pytest.approx(y - expected, abs=1e-9)
+
+
+def test_a_rig_that_is_the_model_never_parts(bench, run_live, tmp_path):
+    same = tmp_path / "same.toml"
+    same.write_text(f'{bench.source}\n[live.simulated]\nrig = "{bench.path}"\n', encoding="utf-8")
+    _, loop, path = run_live(read_rig(same), seconds=16.0, choices=Choices(Gains(30.0)))
+    assert loop.parting.verdict.fit_percent > 99
+    assert not loop.parting.verdict.parted
+    log = pd.read_csv(path)
+    late = log[log["t"] > 1.0]
+    error = late["x"] - late["x_simulated"]
+    assert math.sqrt((error**2).mean()) < 1.0  # mm: a loop of its own, on the same reference
+
+
+def test_new_gains_come_without_a_jump(bench, run_live):
+    _, loop, _ = run_live(
+        bench, seconds=1.0, choices=Choices(Gains(20.0, 30.0)), reference=Reference((0.0,), (0.02,))
+    )
+    before = loop.controller.command
+    loop.change(Gains(60.0, 90.0, 0.1, 1e-3))
+    r, y = 0.02, loop.shown.measured
+    assert loop.controller.step(r, y) == pytest.approx(before, abs=0.05)

@@ -1,0 +1,137 @@
+"""The whole command in its processes: ends, signals and deaths. What is asserted never depends on speed."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from click.testing import CliRunner
+
+from optid import cli
+from optid.core.readers import read_recording
+from optid.rigs.rigfile import read_rig
+
+BENCH = Path(__file__).resolve().parents[2] / "data" / "bench.toml"
+posix = pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+
+
+def run(*arguments):
+    return CliRunner().invoke(cli.cli, ["live", *map(str, arguments)], prog_name="optid")
+
+
+def test_the_whole_command(tmp_path):
+    out = tmp_path / "out"
+    result = run(BENCH, "--out", out, "--fast", "--seconds", 4)
+    assert result.exit_code == 0, result.output
+    document = json.loads((out / "live.json").read_text())
+    assert (document["outcome"], document["samples"], document["missed"]) == ("done", 4000, 0)
+    assert document["safe"]
+    assert document["fit_percent"]["predicted"] > 99
+    assert json.loads((out / "armax.json").read_text())["recommended"] == 4
+    record = read_recording(out / "recording.csv", read_rig(BENCH))
+    assert len(record) == 4000
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--driver", "nosuch"), "no driver"),
+        (("--driver", "replay"), "no recording to replay"),
+        (("--gains", "kq=3"), 'no gain "kq"'),
+        (("--gains", "nothing.json"), "no such file"),
+        (("--reference", "4 kg"), "--reference"),
+        (("--reference", "400 mm"), "beyond the stroke limits"),
+        (("--driver", "opcua", "--fast"), "--fast"),
+    ],
+)
+def test_wrong_calls_are_refused_in_one_line(tmp_path, arguments, words):
+    result = run(BENCH, "--out", tmp_path / "out", "--seconds", 1, *arguments)
+    assert result.exit_code == 2, result.output
+    assert words in result.stderr
+    assert "Traceback" not in result.output
+
+
+def test_an_older_recording_is_never_overwritten(tmp_path):
+    (tmp_path / "recording.csv").write_text("precious")
+    result = run(BENCH, "--out", tmp_path, "--seconds", 1)
+    assert result.exit_code == 2
+    assert (tmp_path / "recording.csv").read_text() == "precious"
+
+
+class Running:
+    """The command in a process of its own, with samples already taken."""
+
+    def __init__(self, out):
+        call = [sys.executable, "-m", "optid.cli", "live", str(BENCH), "--out", str(out), "--rate", "200"]
+        self.out, self.process = out, subprocess.Popen(call, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+        self._until(lambda: self.rows() > 20)
+
+    def rows(self):
+        path = self.out / "recording.csv"
+        return path.read_text().count("\n") if path.is_file() else 0
+
+    def _until(self, there):
+        for _ in range(1200):
+            if there():
+                return
+            time.sleep(0.05)
+        raise AssertionError("nothing happened for a minute")
+
+    def children(self):
+        """Processes named by what they run: guard and loop are started one after the other."""
+        found = subprocess.run(
+            ["pgrep", "-f", "-P", str(self.process.pid), "spawn_main"], capture_output=True
+        )
+        return sorted(int(word) for word in found.stdout.split())
+
+    def ended(self):
+        """The guard's last word, once it has said it."""
+        path = self.out / "guard.json"
+        self._until(path.is_file)
+        return json.loads(path.read_text())
+
+
+@pytest.fixture
+def running(tmp_path):
+    started = Running(tmp_path / "out")
+    yield started
+    if started.process.poll() is None:
+        started.process.kill()
+    started.process.wait()
+    started.process.stdout.close()
+
+
+@posix
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_stops_it_in_good_order(running, number):
+    running.process.send_signal(number)
+    assert running.process.wait(60) == 0
+    document = json.loads((running.out / "live.json").read_text())
+    assert (document["outcome"], document["safe"]) == ("stopped", True)
+    assert len(pd.read_csv(running.out / "recording.csv")) == document["samples"] + document["missed"]
+
+
+@posix
+def test_the_guard_outlives_the_death_of_the_session(running):
+    running.process.kill()
+    end = running.ended()
+    assert (end["how"], end["safe"]) == ("stopped", True)
+    assert "gone" in end["why"]
+    log = pd.read_csv(running.out / "recording.csv")
+    assert len(log) >= end["samples"]
+
+
+@posix
+@pytest.mark.parametrize(("victim", "words"), [(0, "the guard's process died"), (1, "the loop has gone")])
+def test_the_death_of_a_process_is_a_failed_session(running, victim, words):
+    os.kill(running.children()[victim], signal.SIGKILL)
+    assert running.process.wait(60) == 1
+    document = json.loads((running.out / "live.json").read_text())
+    assert (document["outcome"], document["safe"]) == ("failed", True)
+    assert words in document["why"]
+    assert len(pd.read_csv(running.out / "recording.csv")) > 10
