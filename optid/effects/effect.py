@@ -12,13 +12,26 @@ from typing import Any
 from optid.core.parameter import Parameter
 from optid.core.sheet import Sheet
 
+# What an effect can follow.
+SIGNALS = (
+    "position",
+    "velocity",
+    "acceleration",
+    "command",
+    "command_rate",
+    "pressure",
+    "flow",
+    "level",
+    "time",
+)
+
 
 class Effect:
     """Missing physics; a subclass states the attributes and writes `apply`.
 
     Attributes:
         name: as in `[effects.NAME]` and in a diagnosis.
-        sites: where it acts, in the plant's order; the plant must offer all.
+        sites: where it acts or takes note of a signal; the plant must offer all. The first gives it its place.
         equation: of the paper that it changes.
         parameters: SI; `default` is the null for a strength and a usual value for a shape.
         strength: names of the parameters that make the effect vanish, each with the smallest size worth a name.
@@ -26,7 +39,8 @@ class Effect:
             would not reach from the others: both signs, slow and fast, early and late.
         law: the equation in words.
         says: what an engineer would say, with {parameter} to be filled in with value and unit.
-        depends_on: the signal it follows: "velocity", "position", "command", "pressure", "time", ...
+        depends_on: the signals it follows, the most telling first, each one of SIGNALS.
+        needs: what a recording must hold for it to show: "motion over most of the stroke".
         look_alikes: names of the effects it is easily confused with.
         experiment: what tells it from these.
         source: where law and sizes come from.
@@ -40,7 +54,8 @@ class Effect:
     usual: Sequence[Mapping[str, float]]
     law: str
     says: str
-    depends_on: str
+    depends_on: tuple[str, ...]
+    needs: str
     look_alikes: tuple[str, ...] = ()
     experiment: str = ""
     source: str

@@ -29,7 +29,8 @@ class AmbientLeakage(Effect):
     )
     law = "m_leak = C_d area P f(P_atm / P) out of each chamber"
     says = "air leaks to the room, from chamber A through {area_a}, from chamber B through {area_b}"
-    depends_on = "pressure"
+    depends_on = ("pressure",)
+    needs = "holds with the valve nearly shut"
     look_alikes = ("valve_offset", "cross_leakage", "valve_underlap")
     experiment = "close the valve under pressure for 20 s and watch both pressures, or soap the fittings"
     source = "orifice of ISO 6358-1:2013 in the valve's own form"

@@ -40,7 +40,8 @@ class AsymmetricFriction(Effect):
         "friction forwards differs from friction backwards: dry friction by {dry_asymmetry} and viscous friction "
         "by {viscous_asymmetry} of the mean either way"
     )
-    depends_on = "velocity"
+    depends_on = ("velocity",)
+    needs = "motion in both directions"
     look_alikes = ("constant_force", "stribeck_friction", "valve_asymmetry", "pressure_sensor_offset")
     experiment = "the force that just starts motion, both ways; a constant force acts on an axis at rest too"
     source = "Armstrong-Helouvry, Dupont and Canudas de Wit, Automatica 30(7), 1994, section 2"

@@ -26,7 +26,8 @@ class CrossLeakage(Effect):
     usual = ({"area": 1e-7},)
     law = "m_leak = C_d area P_high f(P_low / P_high) from the fuller chamber into the other"
     says = "air leaks past the piston through {area}"
-    depends_on = "pressure"
+    depends_on = ("pressure",)
+    needs = "unequal chamber pressures, best in holds with the valve shut"
     look_alikes = ("valve_underlap", "valve_offset", "ambient_leakage", "valve_asymmetry")
     experiment = "close the valve at unequal pressures and watch them meet"
     source = "orifice of ISO 6358-1:2013 in the valve's own form"

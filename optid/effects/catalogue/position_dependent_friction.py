@@ -52,7 +52,8 @@ class PositionDependentFriction(Effect):
     )  # fmt: skip
     law = "dry friction is F_r (1 + r exp(-((x - x_0) / w)^2))"
     says = "dry friction changes along the stroke by {rise} around {place}, over {width} to either side"
-    depends_on = "position"
+    depends_on = ("position", "velocity")
+    needs = "motion over the whole stroke in both directions"
     look_alikes = (
         "spring_load",
         "sensor_nonlinearity",

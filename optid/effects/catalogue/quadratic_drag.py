@@ -33,7 +33,8 @@ class QuadraticDrag(Effect):
     usual = ({"drag": 40.0},)
     law = "a resistance c v |v|"
     says = "resistance grows with the square of speed, by {drag}"
-    depends_on = "velocity"
+    depends_on = ("velocity",)
+    needs = "speeds of half a metre per second and more beside slow ones"
     look_alikes = ("stribeck_friction", "supply_droop", "tube_restriction", "exhaust_restriction")
     experiment = "strokes at 0.2, 0.5 and 1 m/s with the pressures measured"
     source = "turbulent flow around a body; sizes from physics catalogue A.1, row 5"

@@ -30,7 +30,8 @@ class SensorBacklash(Effect):
     usual = ({"play": 5e-5}, {"play": 2e-4})
     law = "the sensor trails the axis by the play, and stands still while a reversal takes it up"
     says = "the position sensor has a play of {play} to either side"
-    depends_on = "velocity"
+    depends_on = ("velocity",)
+    needs = "reversals"
     look_alikes = ("presliding", "valve_hysteresis", "sensor_lag", "compliant_load")
     experiment = "approach one point from both sides, against a dial gauge"
     source = "physics D.4: play as a relaxation with its own state"

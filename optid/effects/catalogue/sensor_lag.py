@@ -30,7 +30,8 @@ class SensorLag(Effect):
     usual = ({"time_constant": 2e-3}, {"time_constant": 8e-3})
     law = "t y' + y = x"
     says = "the position sensor lags with a time constant of {time_constant}"
-    depends_on = "velocity"
+    depends_on = ("velocity",)
+    needs = "motion at changing speed"
     look_alikes = ("valve_lag", "input_delay", "valve_rate_limit", "sensor_backlash")
     experiment = "measure the pressures too, or the position with a second sensor"
     source = "first-order filter; sizes from physics catalogue A.4, row 37"

@@ -30,7 +30,8 @@ class SpringLoad(Effect):
     usual = tuple({"stiffness": 150.0, "relaxed_position": x} for x in (0.0, -0.1, 0.1))
     law = "a force -k (x - x_0)"
     says = "a spring of {stiffness} pulls the axis towards {relaxed_position}"
-    depends_on = "position"
+    depends_on = ("position",)
+    needs = "motion over most of the stroke"
     look_alikes = ("sensor_nonlinearity", "position_dependent_friction", "constant_force", "supply_droop")
     experiment = "hold the axis still at three positions and compare the pressures"
     source = "Hooke's law; sizes from physics catalogue A.1, row 10"

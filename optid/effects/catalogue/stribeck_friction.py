@@ -32,7 +32,8 @@ class StribeckFriction(Effect):
     usual = tuple({"breakaway_ratio": 1.4, "stribeck_speed": speed} for speed in (0.008, 0.025, 0.07))
     law = "dry friction grows from F_r in motion to ratio x F_r at rest, over the speed v_s"
     says = "dry friction at rest is {breakaway_ratio} times that in motion; the excess is gone at {stribeck_speed}"
-    depends_on = "velocity"
+    depends_on = ("velocity",)
+    needs = "slow motion, starts and reversals"
     look_alikes = ("presliding", "valve_deadband", "quadratic_drag", "asymmetric_friction")
     experiment = "ramps of 2 to 20 mm/s in both directions, at two speeds"
     source = "Armstrong-Helouvry, Dupont and Canudas de Wit, Automatica 30(7), 1994"

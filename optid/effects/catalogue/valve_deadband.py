@@ -27,7 +27,8 @@ class ValveDeadband(Effect):
     usual = ({"width": 0.01}, {"width": 0.04})
     law = "ports open by what the spool's way exceeds the overlap d, to either side"
     says = "the valve's ports stay shut for the first {width} of full command to either side"
-    depends_on = "command"
+    depends_on = ("command",)
+    needs = "commands that pass slowly through zero"
     look_alikes = ("valve_underlap", "valve_hysteresis", "stribeck_friction", "tube_restriction")
     experiment = "small steps of the command about zero at several pressures, with the pressures measured"
     source = "Tao, Meng and others, Math. Probl. Eng. 2034923, 2016; sizes from physics catalogue A.2, row 15"

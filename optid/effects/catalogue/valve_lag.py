@@ -37,7 +37,8 @@ class ValveLag(Effect):
     )
     law = "t^2 s'' + 2 z t s' + s = command"
     says = "the spool follows its command with a time constant of {time_constant} (damping ratio {damping_ratio})"
-    depends_on = "rate of the command"
+    depends_on = ("command_rate",)
+    needs = "commands that change fast: steps, reversals, a binary sequence"
     look_alikes = ("input_delay", "sensor_lag", "valve_hysteresis")
     experiment = "the spool's position signal, or steps of the command with pressures measured at 5 kHz"
     source = "Richer and Hurmuzlu, J. Dyn. Sys. Meas. Control 122(3), 2000; valve catalogues"

@@ -26,7 +26,8 @@ class ValveOffset(Effect):
     usual = ({"offset": 0.005}, {"offset": -0.005})
     law = "the spool follows command + offset"
     says = "the valve's zero is off by {offset} of full command"
-    depends_on = "command"
+    depends_on = ("command",)
+    needs = "holds and slow motion"
     look_alikes = ("ambient_leakage", "cross_leakage", "valve_asymmetry", "constant_force")
     experiment = "find the command at which the axis stands still, at two supply pressures"
     source = "physics catalogue A.2, row 20"

@@ -1,0 +1,56 @@
+"""A load that hangs on the piston by something elastic: a belt, a bracket, a long rod."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from optid.core.parameter import Parameter
+from optid.core.sheet import Sheet
+from optid.effects.effect import Effect
+
+SHARE = Parameter(
+    "load_share", "1", 0.4, "share of the moving mass that is behind the elastic coupling",
+    "nothing to nearly all", 0.0, (0.0, 0.9),
+)  # fmt: skip
+FREQUENCY = Parameter(
+    "frequency", "Hz", 30.0, "natural frequency of the load on its coupling, the piston held",
+    "physics catalogue A.1: 10 to 100 Hz", 30.0, (2.0, 120.0), logarithmic=True,
+)  # fmt: skip
+DAMPING = Parameter(
+    "damping_ratio", "1", 0.1, "damping ratio of the load on its coupling", "bolted joints 0.01, rubber 0.2",
+    0.1, (5e-3, 0.5), logarithmic=True,
+)  # fmt: skip
+
+
+class CompliantLoad(Effect):
+    """Two masses, (1 - share) M with piston and sensor and share M on a spring and a damper."""
+
+    name = "compliant_load"
+    sites = ("force.acceleration",)
+    equation = "11"
+    parameters = (SHARE, FREQUENCY, DAMPING)
+    strength = {"load_share": 0.08}
+    usual = tuple({"load_share": 0.5, "frequency": f, "damping_ratio": 0.1} for f in (8.0, 16.0, 32.0, 64.0))
+    law = "(1 - share) M x'' = forces + k y + c y', y'' + 2 z w y' + w^2 y = -x'', k = share M w^2"
+    says = (
+        "{load_share} of the moving mass hangs on an elastic coupling and swings at {frequency} "
+        "(damping ratio {damping_ratio})"
+    )
+    depends_on = ("acceleration",)
+    needs = "quick changes of the command that make the load swing"
+    look_alikes = ("sensor_backlash", "valve_lag", "sensor_lag", "input_delay")
+    experiment = "an accelerometer on the load, or small steps of the command at 20 to 100 Hz"
+    source = "Newton's second law for two masses; sizes from physics catalogue A.1, row 12"
+
+    def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
+        """Acceleration of the piston, m/s2."""
+        share, w = sheet.param(SHARE), 2 * math.pi * sheet.param(FREQUENCY)
+        y = sheet.state("stretch", "m", 1e-4, spread=5e-4)
+        rate = sheet.state("stretch_rate", "m/s", 1e-2, spread=5e-2)
+        pull = w * w * y + 2 * sheet.param(DAMPING) * w * rate  # of the coupling, per mass of the load
+        acceleration = (near["net"] + share * near["mass"] * pull) / ((1 - share) * near["mass"])
+        sheet.rate(y, rate)
+        sheet.rate(rate, -pull - acceleration)
+        return acceleration

@@ -1,0 +1,55 @@
+"""Cushions that throttle the air leaving a chamber over the last part of the stroke."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import casadi as ca
+
+from optid.core.parameter import Parameter
+from optid.core.sheet import Sheet
+from optid.effects.effect import Effect
+
+THROTTLING = Parameter(
+    "throttling", "1", 20.0, "flow area of the fully open valve over that of the cushion's needle",
+    "physics catalogue A.3: needles of 0.1 to 2 mm2 behind a port of 25 mm2", 0.0, (0.0, 1e3),
+)  # fmt: skip
+LENGTH = Parameter(
+    "length", "m", 0.02, "distance from either end of the stroke at which the cushion begins",
+    "physics catalogue A.3: 10 to 25 mm", 0.02, (2e-3, 0.1),
+)  # fmt: skip
+BLEND = 2e-3  # m: way over which the spear closes the bore
+
+
+class EndCushioning(Effect):
+    """Venting area A / (1 + throttling A / A_full) near the end towards which the venting chamber shrinks.
+
+    The check valve lets air into the chamber as before.
+    """
+
+    name = "end_cushioning"
+    sites = ("flow.exhaust_area",)
+    equation = "1, 2"
+    parameters = (THROTTLING, LENGTH)
+    strength = {"throttling": 2.0}
+    usual = tuple({"throttling": 20.0, "length": length} for length in (0.01, 0.018, 0.028))
+    law = "near an end the shrinking chamber vents through a needle: 1/A = 1/A_valve + throttling / A_full"
+    says = (
+        "cushions throttle the outflow over the last {length}, to a needle {throttling} times smaller than the "
+        "open valve"
+    )
+    depends_on = ("position", "flow")
+    needs = "motion into the last 10 to 25 mm before an end of the stroke"
+    look_alikes = ("exhaust_restriction", "position_dependent_friction", "tube_restriction")
+    experiment = "strokes to both ends with the cushions' needles turned"
+    source = "physics catalogue A.3, row 32; check valve and needle of a cushioned cylinder"
+
+    def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
+        """Venting area, m2."""
+        s, x, half = near["spool"], near["x"], sheet.plant_param("stroke") / 2
+        distance = ca.if_else(s > 0, half - x, half + x)
+        inside = ca.fmin(ca.fmax((sheet.param(LENGTH) - distance) / BLEND, 0), 1)
+        share = inside**2 * (3 - 2 * inside)
+        full = sheet.plant_param("port_width") * sheet.plant_param("spool_travel")
+        return nominal / (1 + sheet.param(THROTTLING) * share * nominal / full)

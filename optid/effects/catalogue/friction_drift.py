@@ -1,0 +1,46 @@
+"""Dry friction that changes while the recording runs: warming up, drying out, wear."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import casadi as ca
+
+from optid.core.parameter import Parameter
+from optid.core.sheet import Sheet
+from optid.effects.effect import Effect
+
+RATE = Parameter(
+    "rate", "1/s", 0.01, "relative change of dry friction per second at the start of a recording",
+    "physics catalogue A.1: 5 to 40 % within a recording", 0.0, (-0.1, 0.1),
+)  # fmt: skip
+MOST = 2.0  # largest change, as a logarithm: keeps long recordings within a factor of 7
+
+
+class FrictionDrift(Effect):
+    """F_r exp(r t), with t from the start of each recording."""
+
+    name = "friction_drift"
+    sites = ("force.coulomb",)
+    equation = "11"
+    parameters = (RATE,)
+    strength = {"rate": 2e-3}
+    usual = ({"rate": 0.015}, {"rate": -0.015})
+    law = "dry friction is F_r exp(r t) with the time t since the recording began"
+    says = "dry friction drifts while the recording runs, by {rate} of itself at first"
+    depends_on = ("time",)
+    needs = "motion from the recording's start to its end"
+    look_alikes = (
+        "pressure_dependent_friction",
+        "position_dependent_friction",
+        "sensor_drift",
+        "supply_droop",
+    )
+    experiment = "the same stroke twenty times from cold to warm"
+    source = "physics catalogue A.1, row 14"
+
+    def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
+        """The level of dry friction, N."""
+        exponent = sheet.param(RATE) * sheet.clock()
+        return nominal * ca.exp(MOST * ca.tanh(exponent / MOST))

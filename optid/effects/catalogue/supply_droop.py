@@ -1,0 +1,62 @@
+"""A supply whose pressure sags when air is drawn: the regulator, a long line, a small reservoir."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import casadi as ca
+
+from optid.core.parameter import Parameter
+from optid.core.sheet import Sheet
+from optid.effects.effect import Effect
+
+DROOP = Parameter(
+    "droop", "Pa", 2e4, "by which the supply sags at a steady flow of 10 g/s (500 l/min)",
+    "physics catalogue A.3: 0.1 to 1.5 bar at a full flow of 28 g/s", 0.0, (0.0, 1e5),
+)  # fmt: skip
+RECOVERY = Parameter(
+    "recovery_time", "s", 0.05, "time constant with which the supply sags and recovers",
+    "physics catalogue A.3: 20 to 300 ms", 0.05, (5e-3, 2.0), logarithmic=True,
+)  # fmt: skip
+FLOW = 0.01  # kg/s
+LEAST = 0.25  # share of the supply pressure that is always left: keeps the flow function in its range
+
+
+class SupplyDroop(Effect):
+    """P_s - R m, with m the flow drawn through the valve behind a first-order lag."""
+
+    name = "supply_droop"
+    sites = ("flow.supply", "flow.chamber_a", "flow.chamber_b")
+    equation = "3-6"
+    parameters = (DROOP, RECOVERY)
+    strength = {"droop": 2e3}
+    usual = tuple({"droop": 2e4, "recovery_time": time} for time in (0.01, 0.05, 0.25))
+    law = "P_s falls by droop per 10 g/s drawn, with a lag"
+    says = "the supply pressure sags by {droop} at a flow of 10 g/s and takes {recovery_time} to follow"
+    depends_on = ("flow", "pressure")
+    needs = "fast strokes that draw much air"
+    look_alikes = (
+        "tube_restriction",
+        "critical_pressure_ratio",
+        "valve_saturation",
+        "quadratic_drag",
+        "heat_transfer",
+    )
+    experiment = "a pressure sensor at the valve's supply port"
+    source = "physics catalogue A.3, row 24"
+
+    def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
+        """Supply pressure at the valve, Pa; at the chambers the flow, kg/s, is only taken note of."""
+        if site == "flow.supply":
+            drawn = sheet.state("flow", "kg/s", 5e-3, spread=5e-3)
+            sheet.note("drawn", drawn)
+            sheet.note("area", near["area"])
+            sag = sheet.param(DROOP) * ca.fmax(drawn, 0) / FLOW
+            return ca.fmax(nominal - sag, LEAST * nominal)
+        if site == "flow.chamber_a":
+            sheet.note("into_a", near["supply"])
+        else:
+            flow = sheet.noted("area") * ca.if_else(near["spool"] > 0, sheet.noted("into_a"), near["supply"])
+            sheet.rate(sheet.noted("drawn"), (flow - sheet.noted("drawn")) / sheet.param(RECOVERY))
+        return nominal

@@ -1,0 +1,42 @@
+"""A spool that stops short of where its command sends it, on whichever side it comes from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from optid.core.parameter import Parameter
+from optid.core.sheet import Sheet
+from optid.core.smooth import dead_zone
+from optid.effects.effect import Effect
+
+WIDTH = Parameter(
+    "width", "1", 5e-3, "half the hysteresis, as a share of full command", "physics catalogue A.2: 0.1 to 3 %",
+    0.0, (0.0, 0.3),
+)  # fmt: skip
+CATCH = 1e-3  # s: in which the spool's memory follows; what it shows is exact while it moves, at any value
+
+
+class ValveHysteresis(Effect):
+    """The play operator: the spool trails its command by the width and stands still while a reversal takes it up."""
+
+    name = "valve_hysteresis"
+    sites = ("valve.command",)
+    equation = "3-6"
+    parameters = (WIDTH,)
+    strength = {"width": 5e-4}
+    usual = ({"width": 4e-3}, {"width": 0.02})
+    law = "the spool follows command - h when the command grows and command + h when it falls"
+    says = "the valve has a hysteresis of {width} of full command to either side"
+    depends_on = ("command_rate", "command")
+    needs = "reversals of the command"
+    look_alikes = ("valve_lag", "input_delay", "valve_deadband", "sensor_backlash", "sensor_lag")
+    experiment = "triangles of the command at two rates: hysteresis does not depend on the rate, a lag does"
+    source = "physics D.4: play as a relaxation with its own state"
+
+    def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
+        """The share of full travel at which the spool stands."""
+        memory = sheet.state("spool", "1", 0.1, spread=0.3)
+        beyond = dead_zone(nominal - memory, sheet.param(WIDTH))
+        sheet.rate(memory, beyond / CATCH)
+        return memory + beyond

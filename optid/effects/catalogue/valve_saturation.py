@@ -1,0 +1,42 @@
+"""A spool or port that gives less than its command asks for beyond some opening."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from optid.core.parameter import Parameter
+from optid.core.sheet import Sheet
+from optid.core.smooth import dead_zone
+from optid.effects.effect import Effect
+
+LOSS = Parameter(
+    "loss", "1", 0.5, "share lost of what the command exceeds the limit by; 1 is a hard stop",
+    "nothing lost to everything", 0.0, (0.0, 1.0),
+)  # fmt: skip
+LIMIT = Parameter(
+    "limit", "1", 0.5, "share of full command from which on the spool falls behind",
+    "physics catalogue A.2: 60 to 100 %", 0.7, (0.02, 1.5),
+)  # fmt: skip
+
+
+class ValveSaturation(Effect):
+    """A bend in the valve's characteristic, up to a hard stop."""
+
+    name = "valve_saturation"
+    sites = ("valve.command",)
+    equation = "3-6"
+    parameters = (LOSS, LIMIT)
+    strength = {"loss": 0.1}
+    usual = tuple({"loss": 0.8, "limit": limit} for limit in (0.3, 0.55, 0.8))
+    law = "beyond the limit the spool follows only (1 - loss) of the command"
+    says = "beyond {limit} of full command the valve opens less than asked: {loss} of the rest is lost"
+    depends_on = ("command",)
+    needs = "commands beyond the limit, steps up to full command"
+    look_alikes = ("tube_restriction", "supply_droop", "valve_rate_limit", "quadratic_drag")
+    experiment = "one frequency at rising amplitude: a stop clips, a narrow tube rounds"
+    source = "physics catalogue A.2, row 18"
+
+    def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
+        """Command that the spool follows, a share of full command."""
+        return nominal - sheet.param(LOSS) * dead_zone(nominal, sheet.param(LIMIT))

@@ -1,0 +1,45 @@
+"""A spool narrower than its ports: near the middle both edges of a port stand open."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import casadi as ca
+
+from optid.core.parameter import Parameter
+from optid.core.sheet import Sheet
+from optid.effects.effect import Effect
+
+WIDTH = Parameter(
+    "width", "1", 5e-3, "spool's way from the middle at which the other edge closes, as a share of full command",
+    "physics catalogue A.2: 0 to 0.1 mm of 4 mm", 0.0, (0.0, 0.3),
+)  # fmt: skip
+
+
+class ValveUnderlap(Effect):
+    """Every edge opens by `width` earlier: supply and exhaust edge of a port are both open in between."""
+
+    name = "valve_underlap"
+    sites = ("flow.chamber_a", "flow.chamber_b")
+    equation = "3-6"
+    parameters = (WIDTH,)
+    strength = {"width": 1e-3}
+    usual = ({"width": 4e-3}, {"width": 0.02})
+    law = "a chamber's edges open by max(s + w, 0) to supply and max(w - s, 0) to exhaust"
+    says = "the valve's edges overlap openly: up to {width} of full command both supply and exhaust are open"
+    depends_on = ("command", "pressure")
+    needs = "holds and slow motion with commands near zero"
+    look_alikes = ("valve_deadband", "cross_leakage", "ambient_leakage", "tube_restriction", "valve_offset")
+    experiment = "close the valve under pressure: underlap draws both chambers to one pressure of its own"
+    source = "physics catalogue A.2, row 16"
+
+    def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
+        """The flow into the chamber, kg/s, with what passes the edges that should be shut or less open."""
+        early = sheet.param(WIDTH) * sheet.plant_param("spool_travel")
+        s = near["spool"] if site.endswith("a") else -near["spool"]
+        supply = ca.fmax(s + early, 0) - ca.fmax(s, 0)
+        exhaust = ca.fmax(early - s, 0) - ca.fmax(-s, 0)
+        return nominal + sheet.plant_param("port_width") * (
+            supply * near["supply"] + exhaust * near["exhaust"]
+        )
