@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 from optid.armax.identifier import Identifier, Method, Settings
 from optid.armax.model import Armax, from_theta
 from optid.armax.recursion import roots_inside, stabilise
-from optid.armax.regression import hannan_rissanen, least_squares
+from optid.armax.regression import column_sizes, hannan_rissanen, least_squares, triangle
 from optid.armax.signals import Mask, Signals, check_orders, signals, usable
 from optid.armax.structure import Orders
 from optid.core.model import Array
@@ -28,6 +28,7 @@ from optid.errors import NotIdentifiable
 MOST_STEPS = 200
 SMALLEST_GAIN = 1e-10  # relative decrease of V below which the search has arrived
 ARRIVED = 1e-3  # of what the noise leaves open: a next step so small has arrived (Bates and Watts 1981)
+OPEN = 1e-9  # share of the largest singular value of Psi below which a direction counts as left open
 STABLE_RADIUS = 0.9999
 
 
@@ -121,7 +122,7 @@ class _Problem:
         return np.concatenate(es), np.concatenate(Psis)
 
     def loss(self, e: Array) -> float:
-        return float(e @ e) / self.count
+        return float(np.sum(e**2)) / self.count
 
 
 def fit_batch(
@@ -161,13 +162,12 @@ def fit_batch(
     )
     _, theta, loss, outcome = ends[0]
     e, Psi = problem.residuals(theta)
-    variance = float(e @ e) / (problem.count - orders.parameters)
-    size = np.sqrt(np.sum(Psi**2, axis=0))
-    size[size == 0.0] = 1.0
-    singular = np.linalg.svd(Psi / size, compute_uv=False)
-    determined = bool(singular[-1] > 1e-9 * singular[0])
-    information = (Psi / size).T @ (Psi / size)
-    inverse = np.linalg.pinv(information, rcond=1e-18, hermitian=True) / np.outer(size, size)
+    variance = problem.loss(e) * problem.count / (problem.count - orders.parameters)
+    size = column_sizes(Psi)
+    _, singular, Vt = np.linalg.svd(triangle(Psi / size))
+    determined = bool(singular[-1] > OPEN * singular[0])
+    told = Vt.T[:, singular > OPEN * singular[0]] / singular[singular > OPEN * singular[0]]
+    inverse = told @ told.T / np.outer(size, size)
     model = from_theta(
         theta * factors,
         orders,
@@ -247,8 +247,6 @@ def _search(problem: _Problem, theta: Array) -> tuple[Array, float, Outcome]:
 
 def _triangle(Psi: Array, e: Array) -> tuple[Array, Array, Array]:
     """R of Psi with columns of unit size, Q' e with the length of what Psi cannot explain, and the sizes."""
-    size = np.sqrt(np.sum(Psi**2, axis=0))
-    size[size == 0.0] = 1.0
-    n = size.size
-    both: Array = np.asarray(np.linalg.qr(np.column_stack([Psi / size, e]), mode="r"))
+    size, n = column_sizes(Psi), Psi.shape[1]
+    both = triangle(np.column_stack([Psi / size, e]))
     return both[:n, :n], both[:, n], size

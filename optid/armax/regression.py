@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
+import numba
 import numpy as np
 
 from optid.armax.signals import Mask, Signals, usable
 from optid.armax.structure import Orders
 from optid.core.model import Array
+
+BLOCK = 256  # rows
 
 
 def arx_rows(record: Signals, orders: Orders, residuals: Array | None = None) -> tuple[Array, Array]:
@@ -45,10 +49,58 @@ def least_squares(records: Sequence[Signals], orders: Orders) -> Array:
 
 def solve(Phi: Array, y: Array) -> Array:
     """Least squares with equilibrated columns; the shortest of all solutions where there are many."""
-    size = np.sqrt(np.sum(Phi**2, axis=0))
-    size[size == 0.0] = 1.0
-    theta: Array = np.linalg.lstsq(Phi / size, y, rcond=1e-13)[0] / size
+    size = column_sizes(Phi)
+    R = triangle(np.column_stack([Phi / size, y]))
+    theta: Array = np.linalg.lstsq(R[:, :-1], R[:, -1], rcond=1e-13)[0] / size
     return theta
+
+
+def column_sizes(Phi: Array) -> Array:
+    """Length of each column, 1 for one that is zero."""
+    size: Array = np.sqrt(np.sum(Phi**2, axis=0))
+    size[size == 0.0] = 1.0
+    return size
+
+
+def triangle(tall: Array) -> Array:
+    """R of a QR factorisation by Householder reflections, shape (n, n), with M'M = R'R.
+
+    Compiled here instead of taken from the linear algebra library, whose threads, waking for every
+    factorisation of a search, cost twenty times the arithmetic on a busy machine.
+    """
+    R: Array = _triangle(np.ascontiguousarray(tall))
+    return R
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True, fastmath={"reassoc", "contract"})
+def _triangle(tall):  # type: ignore[no-untyped-def]
+    """Block by block: the triangle so far lies above the next rows, and both are reflected together."""
+    rows, n = tall.shape
+    work = np.zeros((n, n + BLOCK))  # columns of the matrix are rows here
+    for first in range(0, rows, BLOCK):
+        size = min(BLOCK, rows - first)
+        for i in range(size):
+            for j in range(n):
+                work[j, n + i] = tall[first + i, j]
+        for j in range(n):
+            below = 0.0
+            for i in range(n, n + size):
+                below += work[j, i] * work[j, i]
+            if below == 0.0:
+                continue
+            head = math.copysign(math.sqrt(work[j, j] * work[j, j] + below), work[j, j])
+            lead = work[j, j] + head
+            scale = 1.0 / (head * lead)
+            for k in range(j + 1, n):
+                dot = lead * work[k, j]
+                for i in range(n, n + size):
+                    dot += work[j, i] * work[k, i]
+                dot *= scale
+                work[k, j] -= dot * lead
+                for i in range(n, n + size):
+                    work[k, i] -= dot * work[j, i]
+            work[j, j] = -head
+    return np.triu(work[:, :n].T)
 
 
 def hannan_rissanen(records: Sequence[Signals], orders: Orders, long: int) -> Array:

@@ -9,6 +9,7 @@ import pytest
 from optid.armax import Armax, Orders
 from optid.armax.batch import Outcome, fit_batch, residuals_of
 from optid.armax.orders import compare_orders, grid
+from optid.armax.regression import triangle
 from optid.armax.residuals import residual_tests
 from optid.errors import InputError, NotIdentifiable
 
@@ -128,3 +129,15 @@ def test_orders_that_cannot_be_fitted_are_named(simulated):
         compare_orders(y, u, grid([15], [1]))
     with pytest.raises(InputError, match="held_out"):
         compare_orders(y, u, grid([1], [1]), held_out=2.0)
+
+
+@pytest.mark.parametrize("shape", [(3, 5), (13, 13), (700, 7), (513, 4)], ids=str)
+def test_triangle_is_qr_s(shape):
+    tall = np.random.default_rng(0).standard_normal(shape)
+    tall[:, -1] = tall[:, 0] + 1e-9 * tall[:, -1]
+    R = triangle(tall)
+    gram = R.T @ R
+    assert gram == pytest.approx(tall.T @ tall, rel=1e-12, abs=1e-12 * shape[0])
+    rows = min(shape)
+    assert np.abs(R[:rows]) == pytest.approx(np.abs(np.linalg.qr(tall, mode="r")), abs=1e-13 * shape[0])
+    assert np.array_equal(triangle(np.zeros(shape)), np.zeros((shape[1], shape[1])))
