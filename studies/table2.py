@@ -2,7 +2,7 @@
 
     python studies/table2.py [--out DIR] [--quick]
 
-Runs on the paper's impulse experiment (the rig of `independent_rig.py`, valve command in pulses), on the
+Runs on the paper's impulse experiment (the rig of `independent_rig`, valve command in pulses), on the
 example rigs and on the EMPS benchmark where these recordings lie beside the checkout. Writes for each one
 `table2_NAME.csv` with every column's formula, and prints it with the choice of order and the audits.
 """
@@ -19,7 +19,6 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import scipy.io
-from numba import njit
 from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
@@ -27,7 +26,8 @@ from optid.armax import Armax, from_transfer_function
 from optid.armax.audit import Audit, audit
 from optid.armax.loop import Gains
 from optid.armax.survey import Plan, Survey, survey
-from studies.independent_rig import Rig, advance, balanced
+from studies.independent_rig import Rig, balanced, replay
+from studies.independent_rig.loop import state
 
 Array = NDArray[np.float64]
 ROOT = Path(__file__).parents[1]
@@ -35,6 +35,7 @@ SHARED = ROOT.parent / "shared"
 PAPER_GAINS = Gains(kp=16.0, ki=6.0, kd=0.001)  # section 6, after Table 2; units and sample time not printed
 PAPER_SAMPLE_TIME = 1e-3  # s, assumed: the paper names only its card's 250 kS/s
 POSITION_NOISE = 3e-5  # m, of the example rigs
+FULL_SCALE = 5.0  # V
 
 
 @dataclass(frozen=True)
@@ -127,21 +128,9 @@ def impulse_experiment(
         first = round(start / sample_time)
         command[first : first + round(0.04 / sample_time)] = 2.0 if k % 2 == 0 else -2.0
     rig = Rig()
-    position = open_loop(rig, command / 5.0 * rig.spool_travel, np.array(balanced(rig)), sample_time)
+    _, position = replay(rig, command / FULL_SCALE, state(rig, balanced(rig)), 0, n, dt=sample_time)
     noisy = position + POSITION_NOISE * rng.standard_normal(n)
     return Experiment("impulse", 100.0 * noisy, command, sample_time, "cm")
-
-
-@njit(cache=True)
-def open_loop(rig, spool, start, sample_time):  # type: ignore[no-untyped-def]
-    """Position under a held spool displacement per sample, m."""
-    y, way = (start[0], start[1], start[2], start[3]), 0.0
-    out = np.empty(spool.size)
-    for n in range(spool.size):
-        out[n] = y[0]
-        for _ in range(100):
-            y, way = advance(rig, spool[n], way, y, sample_time / 100)
-    return out
 
 
 def published() -> dict[tuple[int, int], Armax]:
