@@ -1,0 +1,174 @@
+"""How well an effect hides: what a refit of the base parameters would leave of it, and when it acts.
+
+All from the independent rig itself: the true path, the path without the effect from the same states, and what the
+base parameters and the states at each window's start can do about the difference (physics catalogue A.5).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from studies.independent_rig import Rig, Run, replay, simulate
+from studies.independent_rig.rig import Array
+from studies.independent_rig.states import PA, PB, WAY, V, X
+from studies.references import REFERENCES
+from studies.trial.case import Case, Hidden, with_effects
+from studies.trial.record import DT, HELD_OUT, TRAIN, Recorded
+
+WINDOW = 500  # samples
+STRIDE, HORIZON = 5, 5  # samples between, and length of, the short replays that show when an effect acts
+STEP = 5e-5
+BASE = ("viscous", "coulomb", "discharge", "residual_length")
+NUDGES = {X: 5e-5, V: 5e-3, PA: 1e3, PB: 1e3}  # m, m/s, Pa
+AREA = 1.3e-3  # m2: makes forces of pressures
+UNSEEN = 10.0  # sd: a trace too faint to be asked for
+FAINT, MOST, SELDOM, SAME = 0.05, 0.9, 0.1, 0.05  # limits of rise, absorption, time, and change of tracking
+
+
+@dataclass(frozen=True)
+class Trace:
+    """What an effect leaves in the recordings for fitting, in standard deviations of the noise.
+
+    Attributes:
+        raw: norm of the difference it makes.
+        left: norm after base parameters and window starts have done what they can (linearised).
+        absorbed: share of the energy that a refit takes.
+        rise: by how much the RMSE rises above the noise after the refit, as a share.
+    """
+
+    raw: float
+    left: float
+    absorbed: float
+    rise: float
+
+
+def trace(recorded: Recorded, without: Rig) -> Trace:
+    """The trace of what `without` lacks, over the recordings for fitting."""
+    case = recorded.case
+    blocks = [
+        _window(case, run, without, first)
+        for name, run in recorded.runs.items()
+        if name != HELD_OUT
+        for first in range(0, len(run.t) - WINDOW, 2 * WINDOW)  # every second window shows it well enough
+    ]
+    raw = float(np.sqrt(sum(np.sum(d**2) for d, _, _ in blocks)))
+    rest, columns = [], []
+    for d, shared, own in blocks:
+        q, _ = np.linalg.qr(own)
+        rest.append(d - q @ (q.T @ d))
+        columns.append(shared - q @ (q.T @ shared))
+    d, tangents = np.concatenate(rest), np.concatenate(columns)
+    left = float(np.linalg.norm(d - tangents @ np.linalg.lstsq(tangents, d, rcond=None)[0]))
+    absorbed = 1.0 - (left / raw) ** 2 if raw > 0.0 else 0.0
+    return Trace(raw, left, absorbed, float(np.sqrt(1.0 + left**2 / len(d)) - 1.0))
+
+
+def _window(case: Case, run: Run, without: Rig, first: int) -> tuple[Array, Array, Array]:
+    """Difference, tangents of the base parameters, tangents of the start: in sd, stacked channels."""
+    share, y = run.command / case.controller.limit, run.states[first]
+
+    def path(rig: Rig, start: Array) -> Array:
+        states, clean = replay(rig, share, start, first, WINDOW, step=STEP)
+        return _scaled(case, clean, states)
+
+    end = first + WINDOW
+    plain = path(without, y)
+    shared = [(path(_scaled_up(without, name), y) - plain) for name in BASE]
+    own = []
+    for index, nudge in NUDGES.items():
+        start = y.copy()
+        start[index] += nudge
+        if start[WAY] == 0.0 and index == V:
+            start[WAY] = 1.0
+        own.append(path(without, start) - plain)
+    true = _scaled(case, run.clean[first:end], run.states[first:end])
+    return true - plain, np.stack(shared, axis=1), np.stack(own, axis=1)
+
+
+def _scaled_up(rig: Rig, name: str) -> Rig:
+    return rig._replace(**{name: 1.02 * getattr(rig, name)})
+
+
+def _scaled(case: Case, clean: Array, states: Array) -> Array:
+    """The measured channels in standard deviations, one after the other."""
+    s = case.sensors
+    channels = [clean / np.hypot(s.position_noise, s.quantum / np.sqrt(12.0))]
+    if case.with_pressures:
+        channels += [states[:, PA] / s.pressure_noise, states[:, PB] / s.pressure_noise]
+    return np.concatenate(channels)
+
+
+def traces(recorded: Recorded) -> tuple[Trace | None, list[Trace]]:
+    """Of everything that is concealed together, and of each effect given the others."""
+    case = recorded.case
+    if not case.hidden:
+        return None, []
+    each = [trace(recorded, without_one(case, effect)) for effect in case.hidden]
+    return (each[0] if len(each) == 1 else trace(recorded, case.plain)), each
+
+
+def without_one(case: Case, effect: Hidden) -> Rig:
+    """The rig without one of its effects."""
+    return with_effects(case.plain, tuple(other for other in case.hidden if other is not effect))
+
+
+def loop_shows(recorded: Recorded) -> float:
+    """By how much the RMS tracking error differs from that of the rig with nothing missing, as a share."""
+    case, with_it, plain = recorded.case, 0.0, 0.0
+    for number, name in enumerate(TRAIN):
+        run = recorded.runs[name]
+        rng = np.random.default_rng([case.seed, number])
+        reference = REFERENCES[name](len(run.t) * DT, DT, rng, case.reach)
+        other = simulate(
+            case.plain, reference, rng, controller=case.controller, sensors=case.sensors, step=STEP
+        )
+        with_it += float(np.sum((run.reference - run.position) ** 2))
+        plain += float(np.sum((other.reference - other.position) ** 2))
+    return float(np.sqrt(with_it / plain) - 1.0)
+
+
+def hidden_by(case: Case, found: Trace, active: float, tracking: float) -> list[str]:
+    """What conceals an effect from the eye; "open" if nothing does.
+
+    Args:
+        case: that it is in.
+        found: its trace.
+        active: share of the time in which it acts.
+        tracking: what `loop_shows` gave.
+    """
+    if found.left < UNSEEN:
+        return ["unseen"]
+    ways = {
+        "noise": found.rise < FAINT,
+        "refit": found.absorbed > MOST,
+        "loop": abs(tracking) < SAME,
+        "quantised": case.sensors.quantum > 0.0,
+        "seldom": active < SELDOM,
+    }
+    return [way for way, holds in ways.items() if holds] or ["open"]
+
+
+def acts_when(case: Case, run: Run, effect: Hidden) -> list[tuple[float, float]]:
+    """Intervals (s) in which an effect's contribution exceeds a tenth of its largest."""
+    share, without = run.command / case.controller.limit, without_one(case, effect)
+    starts = range(0, len(run.t) - HORIZON - 1, STRIDE)
+    strength = np.array([_contribution(case, without, share, run, first) for first in starts])
+    top = np.quantile(strength, 0.99)
+    on = strength > 0.1 * top if top > 0.0 else np.zeros(len(strength), dtype=bool)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], on.astype(int), [0]])))
+    dt = float(run.t[1] - run.t[0]) * STRIDE
+    return [(round(a * dt, 4), round(b * dt, 4)) for a, b in edges.reshape(-1, 2)]
+
+
+def _contribution(case: Case, without: Rig, share: Array, run: Run, first: int) -> float:
+    """Of an effect within a few samples: force, flow as force, and reading, each in comparable units."""
+    y = run.states[first]
+    (one, seen), (other, read) = (
+        replay(rig, share, y, first, HORIZON + 1, step=STEP) for rig in (case.rig, without)
+    )
+    seconds = HORIZON * float(run.t[1] - run.t[0])
+    off = one[-1] - other[-1]
+    force = case.plain.mass * abs(off[V]) / seconds
+    return float(force + AREA * (abs(off[PA]) + abs(off[PB])) + 1e5 * abs(seen[-1] - read[-1]))
