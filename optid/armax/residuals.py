@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from optid.armax.model import Armax
-from optid.armax.regression import lagged
+from optid.armax.regression import column_sizes, lagged, triangle
 from optid.armax.signals import signals, usable
 from optid.core.model import Array
 
@@ -92,11 +92,12 @@ def residual_tests(
     keep &= np.isfinite(e)
     e = np.where(keep, e, np.nan)
     level = error_rate / (1 + record.u.shape[1])
-    suspects = [(f"past residuals, 1 to {lags} samples", [lagged(e, k) for k in range(1, lags + 1)], 1)]
+    suspects = [(f"past residuals, 1 to {lags} samples back", [lagged(e, k) for k in range(1, lags + 1)], 1)]
     for i, nk in enumerate(model.nk):
         # A lag of 0 is a suspect only where the model lets the input act at once: a controller acts so too.
         first = min(nk, 1)
-        name = f"input {i + 1}, {first} to {first + lags - 1} samples"
+        which = "the input" if len(model.nk) == 1 else f"input {i + 1}"
+        name = f"{which}, {first} to {first + lags - 1} samples back"
         suspects.append((name, [lagged(record.u[:, i], k) for k in range(first, first + lags)], first))
     tests = [
         _score(name, e, Psi if fitted else None, np.column_stack(w), level, first)
@@ -125,16 +126,14 @@ def _score(name: str, e: Array, Psi: Array | None, W: Array, level: float, first
     correlations = W.T @ e / (N * spread)
     worst = int(np.argmax(np.abs(correlations)))
     lag = first + int(np.flatnonzero(size > 0)[worst])
-    if Psi is not None:
-        gradient = Psi[rows]
-        length = np.sqrt(np.mean(gradient**2, axis=0))
-        Q = np.linalg.qr(gradient[:, length > 0] / length[length > 0])[0]
-        e = e - Q @ (Q.T @ e)
-        W = W - Q @ (Q.T @ W)
+    known = np.zeros((N, 0)) if Psi is None else Psi[rows] / column_sizes(Psi[rows])
+    p, k = known.shape[1], W.shape[1]
+    R = triangle(np.column_stack([known, W, e]))
     # Orthonormal directions in which the suspects say something that psi does not.
-    left, singular, _ = np.linalg.svd(W, full_matrices=False)
+    left, singular, _ = np.linalg.svd(R[p : p + k, p : p + k])
     new = left[:, singular > LEAST_SHARE * np.sqrt(N)]
     freedom = new.shape[1]
-    statistic = float(N * np.sum((new.T @ e) ** 2) / (e @ e)) if freedom else 0.0
+    explained = float(np.sum((new.T @ R[p : p + k, -1]) ** 2))
+    statistic = N * explained / float(np.sum(R[p:, -1] ** 2)) if freedom else 0.0
     p_value = float(chi2.sf(statistic, freedom)) if freedom else 1.0
     return ResidualTest(name, statistic, freedom, p_value, level, float(correlations[worst]), lag)

@@ -76,9 +76,12 @@ def _cancelled(audit: Audit) -> list[Finding]:
 
 def _contents(audit: Audit) -> list[Finding]:
     said = []
-    gain = "infinite (it integrates)" if math.isinf(audit.static_gain) else f"{audit.static_gain:.4f}"
-    formal = "" if audit.stable or math.isinf(audit.static_gain) else ", formally, as it is unstable"
-    said.append(_finding("static_gain", False, f"Static gain {gain}{formal}."))
+    gain = f"Static gain {audit.static_gain:.4f}"
+    if math.isinf(audit.static_gain) or _stability(audit)[0].name == "integrating":
+        gain = "No static gain: it integrates"
+    elif not audit.stable:
+        gain += ", formally, as it is unstable"
+    said.append(_finding("static_gain", False, f"{gain}."))
     if audit.only_static:
         rest = 100 * (1 - audit.static_share)
         said.append(
