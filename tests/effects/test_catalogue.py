@@ -1,0 +1,78 @@
+"""What every effect of the catalogue states: names, texts, sizes; and what comes back from a rig file."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from optid.effects.effect import SIGNALS
+from optid.effects.library import built_in
+from optid.rigs.rigfile import read_rig, with_effects, write_rig
+from tests.effects.plants import DATA, PLANTS, grown
+
+# The names that rig files and diagnoses rely on.
+PROMISED = {
+    "stribeck_friction", "asymmetric_friction", "constant_force", "position_dependent_friction",
+    "spring_load", "quadratic_drag", "periodic_disturbance", "friction_drift", "end_cushioning",
+    "compliant_load", "cross_leakage", "ambient_leakage", "heat_transfer", "critical_pressure_ratio",
+    "supply_droop", "exhaust_restriction", "valve_deadband", "valve_offset", "valve_lag", "input_delay",
+    "valve_hysteresis", "valve_saturation", "valve_underlap", "sensor_backlash", "sensor_lag",
+    "sensor_nonlinearity", "sensor_drift", "presliding",
+}  # fmt: skip
+EFFECTS = list(built_in().values())
+
+
+def test_every_promised_name_is_there_and_acts_on_the_axis():
+    acting = {effect.name for effect in grown("servo-pneumatic").effects}
+    assert acting.issuperset(PROMISED)
+    assert set(built_in()) == {effect.name for name in PLANTS for effect in grown(name).effects}
+
+
+@pytest.mark.parametrize("effect", EFFECTS, ids=repr)
+def test_it_speaks_of_all_its_parameters_and_of_known_effects(effect):
+    own = {q.name for q in effect.parameters}
+    assert set(re.findall(r"\{(\w+)\}", effect.says)) == own
+    assert effect.says.format(**dict.fromkeys(own, "1 mm"))
+    assert set(effect.look_alikes) <= set(built_in()) - {effect.name}
+    assert effect.depends_on and set(effect.depends_on) <= set(SIGNALS)
+    assert all((effect.law, effect.experiment, effect.source, effect.equation, effect.needs, effect.__doc__))
+
+
+@pytest.mark.parametrize("effect", EFFECTS, ids=repr)
+def test_its_usual_points_are_whole_admissible_and_worth_a_name(effect):
+    bounds = {q.name: q.bounds for q in effect.parameters}
+    assert set(effect.strength) <= set(bounds)
+    for point in effect.usual:
+        assert set(point) == set(bounds), point
+        assert all(low <= point[name] <= high for name, (low, high) in bounds.items()), point
+        assert 1.5 < effect.size(point) < 60.0, point
+    assert effect.size(effect.at_null()) == 0.0
+
+
+@pytest.mark.parametrize("effect", EFFECTS, ids=repr)
+def test_a_strength_of_either_sign_is_tried_on_both_sides(effect):
+    for q in effect.parameters:
+        if (
+            q.name in effect.strength
+            and q.bounds[0] < q.default < q.bounds[1]
+            and effect.name != "periodic_disturbance"
+        ):
+            tried = {(point[q.name] > q.default) - (point[q.name] < q.default) for point in effect.usual}
+            assert {-1, 1} <= tried, q.name
+
+
+@pytest.mark.parametrize("name", PLANTS)
+def test_a_rig_file_keeps_every_effect(name, tmp_path: Path):
+    rig, effects = read_rig(DATA / PLANTS[name][1]), grown(name).effects
+    values = {}
+    for effect in effects:  # numbers that only their shortest decimal texts give back
+        inside = {
+            q.name: np.clip(effect.usual[-1][q.name] * (1 - 1e-3 / 3), *q.bounds) for q in effect.parameters
+        }
+        values |= effect.qualified({key: float(value) for key, value in inside.items()})
+    improved = with_effects(rig, effects, values)
+    write_rig(improved, tmp_path / "rig.toml", values)
+    again = read_rig(tmp_path / "rig.toml")
+    assert [effect.name for effect in again.effects] == [effect.name for effect in effects]
+    assert again.parameters == pytest.approx({**rig.parameters, **values}, rel=1e-12)
