@@ -21,11 +21,11 @@ OWN_EXCITATION = {"exhaust_restriction": strokes}
 
 @lru_cache(maxsize=2)
 def signatures(record, only=None):
-    """What effects change at the last of their usual points: sd of the noise, summed over 0.5 s windows, (points, outputs)."""
+    """What effects change at a usual point: sd of the noise, summed over 0.5 s windows, by name, (outputs,)."""
     plant, (X, u) = grown("servo-pneumatic"), record()
     model, first = plant.model, np.arange(0, N - WINDOW, WINDOW)
     effects = [e for e in plant.effects if only in (None, e.name)]
-    points = [(e.name, e.qualified(point)) for e in effects for point in e.usual[-1:]]
+    points = [(e.name, e.qualified(e.usual[len(e.usual) // 2])) for e in effects]
     P = np.array([plant.vector(), *(plant.vector(values) for _, values in points)])
     start = np.tile(np.array(model.start(P[0])[0]).ravel(), (len(first), 1))
     start[:, plant.shared[0]] = X[first]
@@ -46,7 +46,7 @@ def test_its_usual_size_shows(effect):
     changes = (signatures(own, effect.name) if own else signatures(run))[effect.name]
     assert np.isfinite(changes).all()
     channels = slice(1, 3) if effect.name == "pressure_sensor_offset" else slice(0, 1)
-    assert changes[:, channels].max() > 100.0
+    assert changes[channels].max() > 100.0
 
 
 def test_back_pressure_does_not_show_while_the_exhaust_is_choked():
