@@ -34,10 +34,7 @@ def signatures(record, only=None):
         first=np.tile(first, len(P)), intervals=WINDOW,
     ).outputs.reshape(len(P), -1, len(model.outputs))  # fmt: skip
     change = np.sqrt(np.square((y[1:] - y[0]) / NOISE).sum(axis=1))
-    return {
-        e.name: np.array([c for (n, _), c in zip(points, change, strict=True) if n == e.name])
-        for e in effects
-    }
+    return {name: own for (name, _), own in zip(points, change, strict=True)}
 
 
 @pytest.mark.parametrize("effect", EFFECTS, ids=repr)
