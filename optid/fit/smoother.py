@@ -20,6 +20,8 @@ from optid.core.model import Array, Model
 from optid.errors import SolveError
 from optid.fit.problem import Booleans, Problem
 
+TRUSTED = 1e-3  # damping up to which a step's promise is that of the undamped step
+
 
 @dataclass(frozen=True, eq=False)
 class Objective:
@@ -170,14 +172,19 @@ def settled_system(o: Objective, at: Point, t: Terms, q: Array, held: Booleans) 
     """
     for damping in (0.0, 1e-12, 1e-10, 1e-8, 1e-6):
         try:
-            return system(o, at, t, q, damping, held)
+            found = system(o, at, t, q, damping, held)
+            np.linalg.cholesky(found.schur + np.diag(held.astype(float)))
+            return found
         except (LinAlgError, ValueError):
             continue
     raise SolveError("the normal equations are singular: free fewer parameters")
 
 
-def _step(o: Objective, at: Point, t: Terms, q: Array, damping: float) -> tuple[Point, float]:
-    """The damped Gauss-Newton point within bounds, and the largest scaled movement of parameters."""
+def _step(o: Objective, at: Point, t: Terms, q: Array, damping: float) -> tuple[Point, float, float]:
+    """The damped Gauss-Newton point within bounds, the largest scaled movement of parameters, the promised decrease.
+
+    The promise is the linearisation's; it is negative where its matrix is not positive definite.
+    """
     theta = at.p[list(o.free)]
     held = np.zeros(len(o.free), dtype=bool)
     delta = np.zeros(len(o.free))
@@ -194,7 +201,8 @@ def _step(o: Objective, at: Point, t: Terms, q: Array, damping: float) -> tuple[
     p[list(o.free)] = moved
     share = (moved - theta) / o.typical
     dX = (s.step_x - s.Z @ share).reshape(at.X.shape) * o.model.scales
-    return Point(at.X + dX, p), float(np.abs(np.r_[share, 0.0]).max())
+    promise = float(s.rhs_x @ s.step_x + (2.0 * s.rhs_theta - s.schur @ share) @ share)
+    return Point(at.X + dX, p), float(np.abs(np.r_[share, 0.0]).max()), promise
 
 
 Watch = Callable[[int, float, Array], None]
@@ -224,23 +232,27 @@ def descend(
         raise SolveError("the simulation leaves the numbers at the start values; check them and their units")
     damping = 1e-6
     for number in range(iterations):
-        settled = stuck = False
+        settled = stuck = refused = False
+        enough = precision * max(terms.cost, 1.0)
         while True:
             try:
-                trial, moved = _step(o, at, terms, q, damping)
+                trial, moved, promise = _step(o, at, terms, q, damping)
+                if damping <= TRUSTED and 0.0 <= promise <= 0.1 * enough and moved < 1e-2:
+                    return at, terms, True
                 found = evaluate(o, trial, q, slopes=True)
             except (LinAlgError, ValueError):  # not positive definite, or not finite
                 found, moved, trial = replace(terms, cost=math.inf), math.inf, at
             if found.cost <= terms.cost * (1 + 1e-12):
-                settled = terms.cost - found.cost <= precision * max(terms.cost, 1.0) and moved < 1e-2
+                settled = terms.cost - found.cost <= enough and moved < 1e-2
                 break
             if damping > 1e8 or moved < 1e-12:
                 stuck = True
                 break
-            damping = max(damping * 10, 1e-4)
+            refused, damping = True, max(damping * 10, 1e-4)
         if stuck:
             return at, terms, True  # no smaller cost within rounding
-        at, terms, damping = trial, found, max(damping / 10, 1e-9)
+        at, terms = trial, found
+        damping = damping if refused else max(damping / 10, 1e-9)  # what was refused would be refused again
         if watch is not None:
             watch(number, terms.cost, at.p)
         if settled:
