@@ -64,7 +64,8 @@ def main() -> None:
         found = survey(
             experiment.y, experiment.u, experiment.sample_time, Plan(unit=experiment.unit, gains=PAPER_GAINS)
         )
-        write(arguments.out / f"table2_{experiment.name}.csv", found)
+        path = arguments.out / f"table2_{experiment.name}.csv"
+        path.write_text(found.table2.csv(), encoding="utf-8")
         tell(experiment, found)
     print("\nThe paper's Table 2 as printed (cm), and what does not agree")
     print(printed_table().to_string())
@@ -87,12 +88,6 @@ def say(found: Audit) -> None:
     """Print an audit's findings, grave ones marked."""
     for finding in found.findings:
         print(f"  {'!' if finding.grave else ' '} {finding.text}")
-
-
-def write(path: Path, found: Survey) -> None:
-    """The table as CSV under comment lines with each column's formula."""
-    captions = [f"# {column}: {formula}\n" for column, formula in found.table2.captions().items()]
-    path.write_text("".join(captions) + found.table2.frame().to_csv(index=False), encoding="utf-8")
 
 
 def experiments(*, quick: bool = False) -> Iterator[Experiment]:

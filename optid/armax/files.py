@@ -29,10 +29,11 @@ class ArmaxFile:
     """Contents of armax.json.
 
     Attributes:
-        input, output: roles of the signals.
+        input, output: roles of the signals; several inputs are separated by commas.
         recommended: order na of the model to take.
         words: why.
         models: all of them.
+        input_unit, output_unit: in which the models take and give them; empty where nobody said.
     """
 
     input: str
@@ -40,6 +41,8 @@ class ArmaxFile:
     recommended: int
     models: tuple[SavedModel, ...]
     words: str = ""
+    input_unit: str = ""
+    output_unit: str = ""
 
     @property
     def chosen(self) -> Armax:
@@ -50,7 +53,8 @@ class ArmaxFile:
 def from_survey(survey: Survey) -> ArmaxFile:
     """What of a survey goes into armax.json."""
     models = tuple(SavedModel(c.model, c.audit.findings) for c in survey.candidates)
-    return ArmaxFile(survey.input, survey.output, survey.recommended, models, survey.words)
+    units = survey.input_unit, survey.table2.unit
+    return ArmaxFile(survey.input, survey.output, survey.recommended, models, survey.words, *units)
 
 
 def to_json(contents: ArmaxFile) -> str:
@@ -59,6 +63,7 @@ def to_json(contents: ArmaxFile) -> str:
         "schema": SCHEMA,
         "input": contents.input,
         "output": contents.output,
+        "units": {"input": contents.input_unit, "output": contents.output_unit},
         "recommended": contents.recommended,
         "words": contents.words,
         "models": [_model_out(saved) for saved in contents.models],
@@ -97,16 +102,19 @@ def from_document(document: Any, where: object = None) -> ArmaxFile:
         models = tuple(
             _model_in(entry, f"models[{i}]", where) for i, entry in enumerate(_list(document, "models"))
         )
+        units = document.get("units", {})
         contents = ArmaxFile(
             str(document["input"]),
             str(document["output"]),
             int(document["recommended"]),
             models,
             str(document.get("words", "")),
+            str(units.get("input", "")),
+            str(units.get("output", "")),
         )
     except KeyError as error:
         raise InputError("missing", where=where, field=str(error.args[0])) from error
-    except (TypeError, ValueError) as error:
+    except (AttributeError, TypeError, ValueError) as error:
         raise InputError(f"{error}", where=where, expected="an optid.armax/1 document") from error
     if all(saved.model.orders.na != contents.recommended for saved in models):
         raise InputError(

@@ -158,7 +158,7 @@ def recommend(rows: list[Row]) -> tuple[Orders, str]:
     alike = [row for row in rows if row is best or not _beats(best, row)]
     chosen = min(alike, key=lambda row: (row.orders.parameters, row.validated_loss))
     by_bic = min(rows, key=lambda row: row.bic)
-    words = f"Take {chosen.orders}"
+    words = f"Take {_spoken(chosen.orders)}"
     if chosen is best:
         words += ": it forecasts the held-out part best"
         if len(alike) > 1:
@@ -166,15 +166,23 @@ def recommend(rows: list[Row]) -> tuple[Orders, str]:
     else:
         gain = 100 * (1 - best.validated_loss / chosen.validated_loss)
         words += (
-            f": the best forecaster of the held-out part ({best.orders}) gains {gain:.2g} % in mean square, "
+            f": the best forecaster of the held-out part ({_spoken(best.orders)}) gains {gain:.2g} % in mean square, "
             "which is within chance, and needs "
             f"{best.orders.parameters - chosen.orders.parameters} more parameters"
         )
     if by_bic is chosen:
         words += "; BIC agrees."
     else:
-        words += f"; BIC would take {by_bic.orders}."
+        words += f"; BIC would take {_spoken(by_bic.orders)}."
     return chosen.orders, words
+
+
+def _spoken(orders: Orders) -> str:
+    """Orders as people say them, where they are all the same."""
+    if {orders.na, *orders.nb, orders.nc} != {orders.na} or len(set(orders.nk)) != 1:
+        return str(orders)
+    plural = "s" if orders.nk[0] != 1 else ""
+    return f"order {orders.na} with a delay of {orders.nk[0]} sample{plural}"
 
 
 def _beats(better: Row, other: Row) -> bool:

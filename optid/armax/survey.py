@@ -66,6 +66,7 @@ class Survey:
         orders: table over orders and delays.
         table2: as in the paper.
         input, output: roles of the signals.
+        input_unit: of the input.
     """
 
     candidates: tuple[Candidate, ...]
@@ -75,6 +76,7 @@ class Survey:
     table2: Table2
     input: str
     output: str
+    input_unit: str = ""
 
     @property
     def chosen(self) -> Candidate:
@@ -94,7 +96,8 @@ class Plan:
         gains: PID gains to check the models with.
         settings: of the recursion.
         unit: of the output.
-        input, output: roles of the signals.
+        input, output: roles of the signals; several inputs are separated by commas.
+        input_unit: of the input; of several, separated by commas.
     """
 
     orders: tuple[int, ...] = (3, 4, 5)
@@ -106,6 +109,7 @@ class Plan:
     unit: str = "m"
     input: str = "command"
     output: str = "position"
+    input_unit: str = ""
 
     def __post_init__(self) -> None:
         for name, values in (("orders", self.orders), ("steps", self.steps)):
@@ -128,15 +132,12 @@ def survey(y: ArrayLike, u: ArrayLike, sample_time: float, plan: Plan | None = N
     """
     plan = plan or Plan()
     record = signals(y, u)
-    delays = choose_delay(record.y, record.u, sample_time, plan)
-    orders = [o for n in plan.orders for o in grid([n], [delays], record.u.shape[1])]
-    around = {
-        o
-        for nk in (delays, delays + 1)
-        for o in grid(range(1, max(plan.orders) + 1), [nk], record.u.shape[1])
-    }
-    wanted = sorted({*orders, *around}, key=lambda o: (o.nk, o.na))
+    inputs = record.u.shape[1]
+    delay = choose_delay(record.y, record.u, sample_time, plan)
+    delays = (delay,) if plan.delay is not None else (delay, delay + 1)
+    wanted = grid(sorted({*plan.orders, *range(1, max(plan.orders) + 1)}), delays, inputs)
     table = compare_orders(record.y, record.u, wanted, sample_time)
+    orders = grid(plan.orders, table.recommended.nk[:1], inputs)
     candidates = []
     for o in orders:
         taught = _teach(record, o, sample_time, plan.settings)
@@ -162,6 +163,7 @@ def survey(y: ArrayLike, u: ArrayLike, sample_time: float, plan: Plan | None = N
         table2(record.y, record.u, entries, plan.unit),
         plan.input,
         plan.output,
+        plan.input_unit,
     )
 
 

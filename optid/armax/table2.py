@@ -76,6 +76,21 @@ class Table2:
             out[column] = formula + unit
         return out
 
+    def in_unit(self, unit: str, factor: float) -> Table2:
+        """The same table in another unit, `factor` of which make one of this."""
+        power = {"": 0, "1": 1, "2": 2}
+        scale = {column: factor ** power[kind] for column, (_, kind) in CAPTIONS.items()}
+        rows = tuple(
+            {c: v * scale[c] if isinstance(v, float) else v for c, v in row.items()} for row in self.rows
+        )
+        traces = {key: factor * trace for key, trace in self.traces.items()}
+        return Table2(rows, unit, traces, factor * self.real, self.sample_time)
+
+    def csv(self) -> str:
+        """The table as CSV under comment lines with each column's formula."""
+        captions = [f"# {column}: {formula}\n" for column, formula in self.captions().items()]
+        return "".join(captions) + self.frame().to_csv(index=False)
+
     def time(self) -> Array:
         """Time of each sample, seconds, shape (N,)."""
         times: Array = np.arange(self.real.size, dtype=float) * self.sample_time

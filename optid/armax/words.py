@@ -112,7 +112,7 @@ def _contents(audit: Audit) -> list[Finding]:
 
 def _residuals(tests: ResidualTests) -> list[Finding]:
     said = []
-    rate = f"a right model fails any of these tests once in {1 / tests.error_rate:.0f} recordings"
+    rate = f"a right model fails once in {1 / tests.error_rate:.0f} recordings"
     white = tests.whiteness
     if white.passed:
         said.append(_finding("white", False, f"The residuals are white (p = {white.p_value:.2g}; {rate})."))

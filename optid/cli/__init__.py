@@ -15,6 +15,7 @@ import click
 
 from optid.cli.check import check
 from optid.cli.fit import fit
+from optid.cli.identify import identify
 from optid.cli.live import live
 from optid.cli.simulate import simulate
 from optid.errors import InputError, JobError
@@ -30,6 +31,8 @@ HELP = """From recordings of a servo-pneumatic axis to a model you can trust.
       Fit the parameters of the [fit] table, and judge them on what they have not seen.
   optid live bench.toml --driver simulated --out out/live
       Control a rig with its model running beside it: read, identify, simulate, control, log.
+  optid identify run1.csv --rig bench.toml --out out/armax
+      Recursive ARMAX models, their audit, and their predictions as a table.
 
 A rig file (TOML) names the plant, its parameters with units, what a fit may move, and which column is what.
 Recordings are CSV, Parquet, MATLAB .mat or NI TDMS.
@@ -89,7 +92,7 @@ def cli(context: click.Context) -> None:
         click.echo(context.get_help())
 
 
-for command in (check, simulate, fit, live):
+for command in (check, simulate, fit, live, identify):
     cli.add_command(command)
 
 

@@ -110,7 +110,7 @@ def test_orders_and_delay_are_recommended(simulated):
     y, u = simulated(SMALL, 3000, 0, switch=0.3)
     table = compare_orders(y, u, grid([1, 2, 3], [1, 2, 3]))
     assert (table.recommended.na, table.recommended.nk) == (2, (2,))
-    assert "na 2, nb 2, nc 2, nk 2" in table.words
+    assert "order 2 with a delay of 2 samples" in table.words
     frame = table.frame()
     assert frame["recommended"].sum() == 1
     best = table.rows[4]

@@ -1,0 +1,152 @@
+"""The report of `optid identify`: one HTML file that stands alone."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import jinja2
+import numpy as np
+from markupsafe import Markup
+
+from optid.armax.model import Armax
+from optid.armax.prediction import innovations
+from optid.armax.sampled import Sampled
+from optid.armax.survey import Candidate, Survey
+from optid.armax.table2 import CAPTIONS, Table2
+from optid.armax.whole import names
+from optid.check.remark import Remark
+from optid.core.recording import Recording
+from optid.report import armax_figures as figures
+from optid.report.scores import friendly
+from optid.rigs.rigfile import Rig
+
+FEW = 3.0  # standard errors by which a mean differs from nothing
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """Where the data came from: the rig, the recording, and the remarks of the check."""
+
+    rig: Rig
+    recording: Recording
+    remarks: tuple[Remark, ...]
+
+
+def armax_page(found: Survey, sampled: Sampled, source: Source) -> str:
+    """The page of a survey."""
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(Path(__file__).parent), autoescape=True, trim_blocks=True,
+        lstrip_blocks=True, undefined=jinja2.StrictUndefined,
+    )  # fmt: skip
+    factor, unit = friendly(sampled.output_unit)
+    table = found.table2.in_unit(unit or "1", factor)
+    model, name = found.chosen.model, sampled.output.replace("_", " ")
+    groups = [[pair for pair in table.traces if pair[1] == 1], _horizons(table)]
+    e = innovations(model, sampled.signals.y, sampled.signals.u)
+    return environment.get_template("armax.html.j2").render(
+        title=f"{source.rig.name}: ARMAX of {name} from {_listed(sampled)}", rig=source.rig, found=found,
+        source=source, sampled=sampled, table=table, captions=table.captions(), cells=_cells(table),
+        equation=equation(model), coefficients=_coefficients(model), chosen=found.chosen,
+        noise=f"{math.sqrt(model.noise_variance) * factor:.4g} {unit}".rstrip(),
+        figures=[Markup(figures.responses(table, sampled.time, g, name)) for g in groups if len(g) > 1 or g[0][1] == 1],
+        path=Markup(figures.path(found.chosen.recursive, float(sampled.time[0]))),
+        correlations=Markup(figures.correlations(e, sampled.signals.u, sampled.sample_time, sampled.inputs)),
+        orders=_orders(found), unknowns=_unknowns(found, sampled, source.recording, e),
+    )  # fmt: skip
+
+
+def equation(model: Armax) -> str:
+    """The difference equation in one line, newest terms first."""
+    parts = [f"y(t) = {_sum([-a for a in model.a[1:]], 'y', 1)}".rstrip()]
+    for i, (b, nk) in enumerate(zip(model.b, model.nk, strict=True)):
+        parts.append(_sum(b, "u" if len(model.b) == 1 else f"u{i + 1}", nk))
+    parts.append(f"e(t) {_sum(model.c[1:], 'e', 1)}".strip())
+    return " + ".join(part for part in parts if part).replace("+ −", "− ")
+
+
+def _sum(coefficients: Any, signal: str, first: int) -> str:
+    said = []
+    for k, x in enumerate(coefficients, start=first):
+        when = f"t−{k}" if k else "t"
+        said.append(f"{'−' if x < 0 else '+'} {abs(x):.5g} {signal}({when})")
+    return " ".join(said).removeprefix("+ ")
+
+
+def _listed(sampled: Sampled) -> str:
+    return ", ".join(role.replace("_", " ") for role in sampled.inputs)
+
+
+def _horizons(table: Table2) -> list[tuple[int, int]]:
+    """The experiments of the order that was predicted over several horizons."""
+    many = [order for order, steps in table.traces if steps > 1]
+    return [pair for pair in table.traces if pair[0] in many[:1]] or list(table.traces)[:1]
+
+
+def _cells(table: Table2) -> list[list[str]]:
+    return [[_cell(row[column]) for column in CAPTIONS] for row in table.rows]
+
+
+def _cell(value: object) -> str:
+    if isinstance(value, float):
+        return "" if math.isnan(value) else f"{value:.4g}"
+    return str(value)
+
+
+def _coefficients(model: Armax) -> list[tuple[str, str, str]]:
+    rows = zip(names(model.orders), model.theta, model.standard_errors, strict=True)
+    return [(n, f"{x:.6g}", "unknown" if math.isnan(sd) else f"{sd:.2g}") for n, x, sd in rows]
+
+
+def _orders(found: Survey) -> list[dict[str, str | bool]]:
+    rows: list[dict[str, str | bool]] = []
+    for row in found.orders.rows:
+        o = row.orders
+        rows.append({
+            "chosen": o == found.orders.recommended, "order": str(o.na), "delay": str(o.nk[0]) if o.nk else "",
+            "parameters": str(o.parameters), "aic": f"{row.aic:.1f}", "bic": f"{row.bic:.1f}", "fpe": f"{row.fpe:.4g}",
+            "one": _percent(row.fit_one_step), "ten": _percent(row.fit_ten_steps),
+            "simulated": _percent(row.fit_simulated),
+        })  # fmt: skip
+    return rows
+
+
+def _percent(value: float) -> str:
+    return f"{value:.2f}" if value > -1000.0 else "diverges"
+
+
+def _unknowns(found: Survey, sampled: Sampled, recording: Recording, e: Any) -> list[str]:
+    """What the models cannot be asked."""
+    said = []
+    if "reference" in recording:
+        said.append(
+            "Whether the input acts on the output alone: a reference was recorded, so a controller may have closed "
+            "the loop. Then the model is right only if its noise model is: read the residual tests first."
+        )
+    if not all(map(_white, found.candidates)):
+        said.append(
+            "Why the residuals of some models are not white or follow the input: a linear model of this order lacks "
+            "something there (friction, choked flow and the stroke are not linear), and its "
+            "standard errors are too small."
+        )
+    mean, count = float(np.nanmean(e)), int(np.isfinite(e).sum())
+    error = float(np.nanstd(e)) / math.sqrt(max(count, 1))
+    factor, unit = friendly(sampled.output_unit)
+    if abs(mean) > FEW * error:
+        said.append(
+            f"A constant: eq. 12 has none, and the residuals of the recommended model have a mean of "
+            f"{mean * factor:.3g} ± {error * factor:.1g} {unit}. An offset of valve or sensor would look so."
+        )
+    low, high = (f(sampled.signals.y) * factor for f in (np.nanmin, np.nanmax))
+    said.append(
+        f"Anything outside the {sampled.output.replace('_', ' ')} this recording visits, {low:.4g} to "
+        f"{high:.4g} {unit}, and any other operating point: the models are linear."
+    )
+    return said
+
+
+def _white(candidate: Candidate) -> bool:
+    tests = candidate.audit.residuals
+    return tests is not None and tests.white and tests.independent
