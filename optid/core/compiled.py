@@ -38,6 +38,10 @@ class Compiled:
         """See `optid.core.kernel.simulate`."""
         kernel.simulate(self.code, *arguments)
 
+    def carry(self, *arguments: Any) -> None:
+        """See `optid.core.kernel.carry`."""
+        kernel.carry(self.code, *arguments)
+
     def normal_equations(self, *arguments: Any) -> None:
         """See `optid.core.kernel.normal_equations`."""
         kernel.normal_equations(self.code, *arguments)

@@ -132,6 +132,50 @@ def _run(code, begin, count, x, c, k, y, dt, U, tolerance, X, Y):
 
 
 @compiled
+def carry(code, first, last, begins, counts, closed, known, X0, P, dt, U, tolerance, X, Y, ends):
+    """Runs first..last-1, each through all windows in sequence: known states are set at a node, the others go on.
+
+    `known` (windows, NX) is NaN where a state goes on from the window before; a segment's other states start at
+    X0[r]. X[r, w] receives the states at the nodes, ends[r, w] those at the windows' ends, Y[r] (samples, NY) the
+    outputs. After a failed window the others are taken from the node before it.
+    """
+    c, k, y = np.empty(code.hoisted), np.empty(X0.shape[1] + 1), np.empty(Y.shape[2] + 1)
+    x = np.empty(X0.shape[1])
+    for r in range(first, last):
+        call(code.constants, (at(P, r * P.shape[1]), at(c, 0)))
+        for w in range(len(begins)):
+            if w == 0 or closed[w - 1]:
+                x[:] = X0[r]
+            for i in range(len(x)):
+                if known[w, i] == known[w, i]:
+                    x[i] = known[w, i]
+            X[r, w] = x
+            if _carry(code, begins[w], counts[w], closed[w], x, c, k, y, dt, U, tolerance, Y[r]):
+                ends[r, w] = x
+            else:
+                ends[r, w] = np.nan
+                x[:] = X[r, w]
+
+
+@compiled
+def _carry(code, begin, count, closed, x, c, k, y, dt, U, tolerance, Y):
+    here, none = at(x, 0), at(k, 0)
+    h = dt[begin]
+    for n in range(begin, begin + count + 1):
+        u = at(U, n * U.shape[1])
+        if n < begin + count or closed:
+            call(code.sensors, (here, none, u, at(c, 0), at(y, 0), none))
+            for o in range(Y.shape[1]):
+                Y[n, o] = y[o]
+        if n < begin + count:
+            h = advance(code.rates, code.step, here, none, u, at(c, 0), k, none, at(tolerance, 0), dt[n], h)
+            if h < 0.0:
+                Y[n + 1 : begin + count + int(closed)] = np.nan
+                return False
+    return True
+
+
+@compiled
 def normal_equations(
     code, slopes, first, last, starts, counts, closed, X0, p, dt, U, Y, weight, huber, tolerance, end, slope, H, g,
     cost,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,38 @@ from optid.core.model import Array, Model
 
 # Local error of a step as a share of each state's usual size: positions within 0.01 micrometre of Radau (tests).
 TOLERANCE = 2e-8
+
+
+class Carried(NamedTuple):
+    """Windows in sequence: `nodes` and `ends` (runs, windows, states), `outputs` (runs, samples, outputs), SI."""
+
+    nodes: Array
+    ends: Array
+    outputs: Array
+
+
+class Windows(Protocol):
+    """Windows over held inputs; those of a segment follow one another."""
+
+    @property
+    def dt(self) -> Array:
+        """Time from each sample to the next, s, (samples,)."""
+
+    @property
+    def inputs(self) -> Array:
+        """Held from each sample to the next, (samples, inputs)."""
+
+    @property
+    def begins(self) -> NDArray[np.int64]:
+        """First sample of each window."""
+
+    @property
+    def counts(self) -> NDArray[np.int64]:
+        """Intervals of each window."""
+
+    @property
+    def closed(self) -> NDArray[np.bool_]:
+        """It is the last one of its segment."""
 
 
 class Runs(NamedTuple):
@@ -57,3 +89,31 @@ def simulate(
     dt, inputs = np.ascontiguousarray(dt, dtype=float), np.ascontiguousarray(inputs, dtype=float)
     spread(runs, lambda a, b: kernel.simulate(a, b, starts, counts, X0, P, dt, inputs, sizes, X, Y))
     return Runs(X, Y)
+
+
+def carry(
+    model: Model,
+    parameters: Array,
+    start: Array,
+    windows: Windows,
+    known: Array,
+    tolerance: float = TOLERANCE,
+) -> Carried:
+    """Simulate windows in sequence: at each node the known states are set, the others go on.
+
+    Args:
+        model: the plant.
+        parameters: one set per run, (runs, parameters), SI.
+        start: states at the head of every segment, (runs, states).
+        windows: where they begin, how long they are, and the inputs held over them.
+        known: states at the nodes, (windows, states); NaN where a state goes on.
+        tolerance: local error as a share of each state's scale.
+    """
+    P, X0 = (np.ascontiguousarray(np.atleast_2d(a), dtype=float) for a in (parameters, start))
+    X = np.empty((len(P), *known.shape))
+    ends, Y = np.empty_like(X), np.full((len(P), len(windows.dt), len(model.outputs)), np.nan)
+    given = (windows.begins, windows.counts, windows.closed, np.ascontiguousarray(known), X0, P)
+    found = (windows.dt, windows.inputs, tolerance * model.scales, X, Y, ends)
+    kernel = compiled(model)
+    spread(len(P), lambda a, b: kernel.carry(a, b, *given, *found))
+    return Carried(X, ends, Y)

@@ -108,12 +108,13 @@ def fit(
     if not rig.freed:
         raise InputError("nothing to fit", where=rig.path, field="[fit]", expected="at least one parameter")
     recordings = list(recordings)
-    _refuse_idle(rig, examine(rig, recordings))
     problem = pose(rig.model, recordings, options.window or window_length(rig.model, recordings))
     objective, p = objective_of(rig, freed, problem, options.huber)
+    first = Point(guess(rig.model, problem, p), p)
+    _refuse_idle(rig, examine(objective, first))
     best: _Solution | None = None
     late = False
-    for number, start in enumerate(_starts(objective, p, options)):
+    for number, start in enumerate(_starts(objective, first, options)):
         try:
             found = _anneal(objective, start, options, number, began, progress)
         except _OutOfTime:
@@ -146,16 +147,16 @@ def _refuse_idle(rig: Rig, ties: Ties) -> None:
         )
 
 
-def _starts(o: Objective, p: Array, options: FitOptions) -> Iterable[Point]:
+def _starts(o: Objective, first: Point, options: FitOptions) -> Iterable[Point]:
     kept = _load(options.checkpoint, o)
     if kept is not None:
         yield kept
         return
     generator = np.random.default_rng(options.seed)
-    yield Point(guess(o.model, o.problem, p), p)
+    yield first
     for _ in range(options.starts - 1):
-        drawn = p.copy()
-        theta = p[list(o.free)]
+        drawn = first.p.copy()
+        theta = first.p[list(o.free)]
         low, high = np.maximum(o.low, theta / 2), np.minimum(o.high, theta * 2)
         drawn[list(o.free)] = np.where(
             theta > 0,

@@ -2,19 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from optid.core.model import Array
-from optid.core.recording import Recording
-from optid.fit.objective import freed_with_rest, objective_of, window_length
-from optid.fit.problem import pose
-from optid.fit.smoother import Objective, Point, Terms, descend, evaluate, settled_system
-from optid.fit.start import guess
-from optid.rigs.rigfile import Rig
+from optid.fit.smoother import Objective, Point, Terms, descend, settled_system
 
 LOOSE = 0.03  # process noise of the examination, as a share of each state's usual size
 MUTE = 1.0  # relative standard deviation beyond which the data say nothing of a value's size
@@ -66,21 +60,18 @@ def find_ties(o: Objective, at: Point, t: Terms, q: Array, held: Any) -> Ties:
     return Ties(idle, mute & ~np.asarray(held), tuple(sentences))
 
 
-def examine(rig: Rig, recordings: Sequence[Recording]) -> Ties:
-    """What these recordings can say of the rig's free parameters, before any fit: at the rig's own values.
+def examine(o: Objective, at: Point) -> Ties:
+    """What the data can say of the free parameters, before any fit: at the values of the start.
 
     Only the states are estimated, with much process noise, so that wrong values do not matter yet.
 
     Raises:
-        SolveError: the model cannot be simulated at the rig's values.
+        SolveError: the model cannot be simulated at the start.
     """
-    problem = pose(rig.model, recordings, window_length(rig.model, recordings))
-    states_only, p = objective_of(rig, (), problem)
-    at, q = Point(guess(rig.model, problem, p), p), LOOSE * rig.model.scales
-    at, _, _ = descend(states_only, at, q, iterations=20, precision=1e-3)
-    everything, _ = objective_of(rig, freed_with_rest(rig), problem)
-    terms = evaluate(everything, at, q, slopes=True)
-    return find_ties(everything, at, terms, q, np.zeros(len(everything.free), dtype=bool))
+    theta, q = at.p[list(o.free)], LOOSE * o.model.scales
+    pinned = replace(o, low=theta, high=theta)
+    at, terms, _ = descend(pinned, at, q, iterations=20, precision=1e-3)
+    return find_ties(o, at, terms, q, np.zeros(len(o.free), dtype=bool))
 
 
 def _in_words(names: list[str], direction: Array) -> str:

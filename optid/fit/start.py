@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import lru_cache
 
 import casadi as ca
 import numpy as np
 
 from optid.core.model import Array, Model
-from optid.core.simulation import simulate
+from optid.core.simulation import carry
 from optid.fit.problem import Problem
 
 HALF_WIDTH = 12  # samples on either side of a node that a local parabola smooths
+COARSE = 1e-4  # local error of the simulation that carries what is not measured
 
 
+@lru_cache(maxsize=64)
 def measured_states(model: Model) -> tuple[Mapping[int, int], Mapping[int, int]]:
     """States an output shows directly (state -> output), and those that are the rate of such a one."""
     x, u = ca.SX.sym("x", len(model.states)), ca.SX.sym("u", len(model.inputs))
@@ -28,36 +31,37 @@ def guess(model: Model, problem: Problem, p: Array) -> Array:
     """States at the nodes, shape (windows, states)."""
     direct, rates = measured_states(model)
     mean = np.array(model.start(p)[0]).ravel()
-    X = np.tile(mean, (len(problem.begins), 1))
-    for w, begin in enumerate(problem.begins):
-        first = w == 0 or problem.closed[w - 1]
-        if not first:
-            run = simulate(
-                model, p, X[w - 1], problem.dt, problem.inputs,
-                first=problem.begins[w - 1 : w], intervals=int(problem.counts[w - 1]), tolerance=1e-4,
-            )  # fmt: skip
-            end = run.states[0, problem.counts[w - 1]]
-            X[w] = np.where(np.isfinite(end), end, X[w - 1])
-        for o in {*direct.values(), *rates.values()}:
-            level, slope = _local(problem, o, int(begin), w)
-            if np.isfinite(level):
-                X[w, [i for i, k in direct.items() if k == o]] = level
-                X[w, [i for i, k in rates.items() if k == o]] = slope
-    return X
+    known = np.full((len(problem.begins), len(model.states)), np.nan)
+    for o in {*direct.values(), *rates.values()}:
+        level, slope = _local(problem, o)
+        for states, values in ((direct, level), (rates, slope)):
+            for i in (i for i, k in states.items() if k == o):
+                known[:, i] = values
+    return np.asarray(carry(model, p, mean, problem, known, COARSE).nodes[0])
 
 
-def _local(problem: Problem, output: int, at: int, window: int) -> tuple[float, float]:
-    """Level and slope of an output at a sample, from a parabola through its neighbours of the same segment."""
-    heads = np.flatnonzero(np.r_[True, problem.closed[:-1]])
-    head = problem.begins[heads[heads <= window][-1]]
-    tails = np.flatnonzero(problem.closed)
-    tail = tails[tails >= window][0]
-    stop = problem.begins[tail] + problem.counts[tail] + 1
-    span = slice(max(head, at - HALF_WIDTH), min(stop, at + HALF_WIDTH + 1))
-    t, y = problem.time[span] - problem.time[at], problem.measured[span, output]
-    known = np.isfinite(y)
-    if known.sum() < 3:
-        return np.nan, np.nan
-    degree = 2 if known.sum() > 6 else 1
-    c = np.polynomial.polynomial.polyfit(t[known], y[known], degree)
-    return float(c[0]), float(c[1])
+def _local(problem: Problem, output: int) -> tuple[Array, Array]:
+    """Level and slope of an output at the nodes, from parabolas through their neighbours of the same segment.
+
+    A straight line through up to six known neighbours; NaN where there are less than three.
+    """
+    begins, tails = problem.begins, np.flatnonzero(problem.closed)
+    segment = np.searchsorted(tails, np.arange(len(begins)))
+    stop = (begins + problem.counts)[tails][segment]
+    head = begins[np.r_[0, tails[:-1] + 1]][segment]
+    rows = begins[:, None] + np.arange(-HALF_WIDTH, HALF_WIDTH + 1)
+    inside = (rows >= head[:, None]) & (rows <= stop[:, None])
+    rows = np.where(inside, rows, begins[:, None])
+    t, y = problem.time[rows] - problem.time[begins][:, None], problem.measured[rows, output]
+    known = inside & np.isfinite(y)
+    number = known.sum(axis=1)
+    scale = np.abs(t).max(axis=1, keepdims=True)
+    powers = (t / scale)[:, :, None] ** np.arange(3) * known[:, :, None]
+    powers[number <= 6, :, 2] = 0.0
+    normal = np.einsum("wni,wnj->wij", powers, powers)
+    normal[number <= 6, 2, 2] = 1.0
+    normal[number < 3] = np.eye(3)
+    right = np.einsum("wni,wn->wi", powers, np.where(known, y, 0.0))
+    c = np.linalg.solve(normal, right[:, :, None])[:, :2, 0]
+    c[number < 3] = np.nan
+    return c[:, 0], c[:, 1] / scale[:, 0]
