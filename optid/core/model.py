@@ -42,6 +42,8 @@ class Model:
     """Equations of a plant in SI units.
 
     Attributes:
+        sites: where effects can act.
+        sizes: usual size of the signal at each site, SI; 0 where nothing flows without an effect.
         rates: (x, u, p) -> dx/dt.
         sensors: (x, u, p) -> y.
         start: p -> (mean, spread): what is known of the state at a record's start without data.
@@ -57,6 +59,7 @@ class Model:
     rates: ca.Function
     sensors: ca.Function
     start: ca.Function
+    sizes: tuple[float, ...] = ()
 
     @property
     def recorded(self) -> tuple[Port, ...]:

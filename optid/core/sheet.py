@@ -45,6 +45,21 @@ class Effect(Protocol):
         """The signal as the effect makes it."""
 
 
+class _Near(dict[str, Expression]):
+    """Signals near a site; one that the plant does not declare there is the plant's or the effect's mistake."""
+
+    def __init__(self, effect: str, site: str, **near: Expression) -> None:
+        super().__init__(near)
+        self._effect, self._site = effect, site
+
+    def __missing__(self, name: str) -> Expression:
+        raise PlantError(
+            f'effect "{self._effect}" needs the signal "{name}", which the plant does not declare near '
+            f'"{self._site}"',
+            hint=nearest(name, self),
+        )
+
+
 class Sheet:
     """Collects a plant's equations in the order in which it writes them."""
 
@@ -58,7 +73,7 @@ class Sheet:
         self._inputs: dict[str, tuple[Port, ca.SX]] = {}
         self._outputs: dict[str, tuple[Port, Expression]] = {}
         self._parameters: dict[str, tuple[Parameter, ca.SX]] = {}
-        self._sites: list[str] = []
+        self._sites: dict[str, float] = {}
         self._notes: dict[str, Expression] = {}
         self._prefix = ""  # of the effect that is writing
 
@@ -137,13 +152,21 @@ class Sheet:
         """What the same effect noted at an earlier site."""
         return self._notes[self._prefix + name]
 
-    def site(self, name: str, nominal: Expression, **near: Expression) -> Expression:
-        """Offer a signal to effects; returns it unchanged when none acts here."""
-        self._sites.append(name)
+    def site(self, name: str, nominal: Expression, *, size: float = 1.0, **near: Expression) -> Expression:
+        """Offer a signal to effects; returns it unchanged when none acts here.
+
+        Args:
+            name: of the site.
+            nominal: the signal.
+            size: its usual size in SI units, for effects that can act on any signal.
+            **near: other signals that an effect here may need; it finds `size` among them too.
+        """
+        here = ca.SX(nominal)
+        self._sites.setdefault(name, 0.0 if here.is_constant() else size)
         for effect in self._effects:
             if name in effect.sites:
                 self._prefix = f"{effect.name}."
-                nominal = effect.apply(name, nominal, near, self)
+                nominal = effect.apply(name, nominal, _Near(effect.name, name, size=size, **near), self)
                 self._prefix = ""
         return nominal
 
@@ -202,7 +225,8 @@ class Sheet:
                 inputs=tuple(port for port, _ in self._inputs.values()),
                 outputs=tuple(port for port, _ in self._outputs.values()),
                 parameters=tuple(parameter for parameter, _ in self._parameters.values()),
-                sites=tuple(dict.fromkeys(self._sites)),
+                sites=tuple(self._sites),
+                sizes=tuple(self._sites.values()),
                 effects=tuple(effect.name for effect in self._effects),
                 rates=ca.Function("rates", [x, u, p], [ca.cse(rates)], *names),
                 sensors=ca.Function("sensors", [x, u, p], [ca.cse(outputs)], names[0], ["y"]),

@@ -12,7 +12,7 @@ from typing import Any
 from optid.core.parameter import Parameter
 from optid.core.sheet import Sheet
 
-# What an effect can follow.
+# What an effect can follow; "signal" is the one at its own site.
 SIGNALS = (
     "position",
     "velocity",
@@ -23,6 +23,7 @@ SIGNALS = (
     "flow",
     "level",
     "time",
+    "signal",
 )
 
 

@@ -8,10 +8,12 @@ import pkgutil
 from collections.abc import Iterable
 from functools import lru_cache
 from pathlib import Path
+from types import ModuleType
 
 from optid.core.loading import load_file
 from optid.core.model import Model
-from optid.effects import catalogue
+from optid.effects import catalogue, generic
+from optid.effects.anywhere import MARK, Anywhere
 from optid.effects.effect import Effect
 from optid.errors import RigError, nearest
 
@@ -19,17 +21,34 @@ from optid.errors import RigError, nearest
 @lru_cache(maxsize=1)
 def built_in() -> dict[str, Effect]:
     """All effects of the catalogue by name, in alphabetical order of their files."""
-    found: dict[str, Effect] = {}
-    for info in pkgutil.iter_modules(catalogue.__path__):
-        module = importlib.import_module(f"{catalogue.__name__}.{info.name}")
-        for effect in _effects(vars(module).values(), module.__name__):
-            found[effect.name] = effect
-    return found
+    return {effect.name: effect for module in _modules(catalogue) for effect in _effects(module)}
 
 
-def _effects(things: Iterable[object], module: str) -> list[Effect]:
-    own = [t for t in things if inspect.isclass(t) and issubclass(t, Effect) and t.__module__ == module]
-    return [kind() for kind in own if kind is not Effect]
+@lru_cache(maxsize=1)
+def anywhere() -> dict[str, type[Anywhere]]:
+    """The effects that any site can carry, by kind."""
+    return {
+        kind.kind: kind
+        for module in _modules(generic)
+        for kind in _classes(module)
+        if issubclass(kind, Anywhere)
+    }
+
+
+def _modules(package: ModuleType) -> list[ModuleType]:
+    return [
+        importlib.import_module(f"{package.__name__}.{i.name}")
+        for i in pkgutil.iter_modules(package.__path__)
+    ]
+
+
+def _classes(module: ModuleType) -> list[type[Effect]]:
+    own = [t for t in vars(module).values() if inspect.isclass(t) and t.__module__ == module.__name__]
+    return [kind for kind in own if issubclass(kind, Effect)]
+
+
+def _effects(module: ModuleType) -> list[Effect]:
+    return [kind() for kind in _classes(module)]
 
 
 def from_file(path: Path) -> tuple[Effect, ...]:
@@ -38,8 +57,7 @@ def from_file(path: Path) -> tuple[Effect, ...]:
     Raises:
         RigError: no such file, it raises while it is imported, or it defines none.
     """
-    module = load_file(path)
-    found = _effects(vars(module).values(), module.__name__)
+    found = _effects(load_file(path))
     if not found:
         raise RigError(
             "no effect in this file", where=path, expected="classes derived from optid.effects.effect.Effect"
@@ -48,13 +66,18 @@ def from_file(path: Path) -> tuple[Effect, ...]:
 
 
 def find_effect(name: str, base: Path) -> Effect:
-    """An effect by its name in a rig file: one of the catalogue, or "path/to/file.py:name".
+    """An effect by its name in a rig file: one of the catalogue, "kind@site", or "path/to/file.py:name".
 
     Raises:
         RigError: there is none; names the nearest.
     """
     file, colon, own = name.rpartition(":")
     if not colon:
+        kind, mark, place = name.partition(MARK)
+        if mark and kind in anywhere():
+            return anywhere()[kind](place)
+        if mark:
+            raise RigError(f'no effect "{kind}" for any site', hint=nearest(kind, anywhere()))
         if name not in built_in():
             raise RigError(f'no effect "{name}"', hint=nearest(name, built_in()))
         return built_in()[name]
@@ -65,7 +88,18 @@ def find_effect(name: str, base: Path) -> Effect:
 
 
 def admitted(model: Model, own: Iterable[Effect] = ()) -> tuple[Effect, ...]:
-    """The effects, built in and the user's `own`, whose sites a model offers and which it does not have yet."""
+    """The effects, built in and the user's `own`, whose sites a model offers and which it does not have yet.
+
+    Those that any site can carry are offered where none of the others acts and a signal flows.
+    """
     every = {effect.name: effect for effect in (*built_in().values(), *own)}
     sites = set(model.sites)
-    return tuple(e for e in every.values() if sites.issuperset(e.sites) and e.name not in model.effects)
+    fitting = [e for e in every.values() if sites.issuperset(e.sites)]
+    taken = {site for effect in fitting for site in effect.sites}
+    free = [
+        (site, size)
+        for site, size in zip(model.sites, model.sizes, strict=True)
+        if size and site not in taken
+    ]
+    fitting += [kind(site, size) for site, size in free for kind in anywhere().values()]
+    return tuple(e for e in fitting if e.name not in model.effects)

@@ -27,7 +27,7 @@ RANGES = {
     "pressure_a": (1.2e5, 6.9e5), "pressure_b": (1.2e5, 6.9e5),
     "upper_level": (0.0, 12.0), "lower_level": (0.0, 9.9),
 }  # fmt: skip
-FULL = {"servo-pneumatic": 1.0, "emps": 10.0, "cascaded-tanks": 5.0}
+FULL = {"servo-pneumatic": 1.0, "emps": 10.0, "cascaded-tanks": 10.0}
 SAMPLE = {"servo-pneumatic": 1e-3, "emps": 1e-3, "cascaded-tanks": 4.0}
 
 

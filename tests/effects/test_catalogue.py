@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from optid.effects.anywhere import Anywhere
 from optid.effects.effect import SIGNALS
 from optid.effects.library import built_in
 from optid.rigs.rigfile import read_rig, with_effects, write_rig
@@ -20,13 +21,26 @@ PROMISED = {
     "valve_hysteresis", "valve_saturation", "valve_underlap", "sensor_backlash", "sensor_lag",
     "sensor_nonlinearity", "sensor_drift", "presliding",
 }  # fmt: skip
-EFFECTS = list(built_in().values())
+EFFECTS = [
+    *grown("servo-pneumatic").effects, *(e for e in grown("cascaded-tanks").effects if not e.name.endswith(".outlet")),
+]  # fmt: skip
 
 
 def test_every_promised_name_is_there_and_acts_on_the_axis():
     acting = {effect.name for effect in grown("servo-pneumatic").effects}
     assert acting.issuperset(PROMISED)
-    assert set(built_in()) == {effect.name for name in PLANTS for effect in grown(name).effects}
+    assert {effect.name for effect in EFFECTS if not isinstance(effect, Anywhere)} == set(built_in())
+
+
+def test_what_any_site_can_carry_is_offered_where_nothing_else_acts():
+    assert not any(isinstance(effect, Anywhere) for effect in grown("servo-pneumatic").effects)
+    free = {effect.site for effect in grown("emps").effects if isinstance(effect, Anywhere)}
+    assert free == {"drive.command"}
+    names = {effect.name for effect in grown("cascaded-tanks").effects}
+    assert {"overflow", "saturation@flow.inlet", "delay@flow.command", "power_law@flow.outlet"} <= names
+    assert not any(
+        name.endswith(("@store.upper", "@store.lower")) for name in names
+    )  # nothing flows there yet
 
 
 @pytest.mark.parametrize("effect", EFFECTS, ids=repr)
@@ -46,7 +60,7 @@ def test_its_usual_points_are_whole_admissible_and_worth_a_name(effect):
     for point in effect.usual:
         assert set(point) == set(bounds), point
         assert all(low <= point[name] <= high for name, (low, high) in bounds.items()), point
-        assert 1.5 < effect.size(point) < 60.0, point
+        assert 1.5 < effect.size(point) <= 60.0, point
     assert effect.size(effect.at_null()) == 0.0
 
 

@@ -1,0 +1,44 @@
+"""A signal that grows less, or no more, beyond some size."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from optid.core.parameter import Parameter
+from optid.core.sheet import Sheet
+from optid.core.smooth import dead_zone
+from optid.effects.anywhere import Anywhere
+
+LOSS = Parameter(
+    "loss",
+    "1",
+    0.5,
+    "share lost of what lies beyond the limit; 1 is a hard stop",
+    "nothing to everything",
+    0.0,
+    (0.0, 1.0),
+)
+LIMIT = Parameter(
+    "limit", "1", 1.0, "size of the signal from which on it falls behind, in its SI unit", "within its range", 1.0,
+    (0.0, math.inf),
+)  # fmt: skip
+
+
+class Saturation(Anywhere):
+    """A bend at +-limit."""
+
+    kind = "saturation"
+    parameters = (LOSS, LIMIT)
+    along = ("limit",)
+    strength = {"loss": 0.1}
+    usual = tuple({"loss": 0.8, "limit": limit} for limit in (0.4, 0.7, 1.0, 1.5))
+    law = "beyond +-limit only (1 - loss) of the signal is left"
+    says = "beyond {limit} the signal loses {loss} of what it should grow by"
+    needs = "signals from small to their largest"
+    experiment = "the same course at rising amplitude"
+
+    def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
+        """The signal, bent."""
+        return nominal - self.own(LOSS, near, sheet) * dead_zone(nominal, self.own(LIMIT, near, sheet))
