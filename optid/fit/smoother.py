@@ -173,11 +173,16 @@ def settled_system(o: Objective, at: Point, t: Terms, q: Array, held: Booleans) 
     for damping in (0.0, 1e-12, 1e-10, 1e-8, 1e-6):
         try:
             found = system(o, at, t, q, damping, held)
-            np.linalg.cholesky(found.schur + np.diag(held.astype(float)))
+            np.linalg.cholesky(_firm(found.schur))
             return found
         except (LinAlgError, ValueError):
             continue
     raise SolveError("the normal equations are singular: free fewer parameters")
+
+
+def _firm(schur: Array) -> Array:
+    """With one on the diagonal where a parameter is held or has no influence: it stays, and the rest moves."""
+    return schur + np.diag((np.diag(schur) == 0.0).astype(float))
 
 
 def _step(o: Objective, at: Point, t: Terms, q: Array, damping: float) -> tuple[Point, float, float]:
@@ -190,8 +195,7 @@ def _step(o: Objective, at: Point, t: Terms, q: Array, damping: float) -> tuple[
     delta = np.zeros(len(o.free))
     for _ in range(len(o.free) + 1):
         s = system(o, at, t, q, damping, held)
-        schur = s.schur + np.diag(held.astype(float))
-        delta = np.linalg.solve(schur, s.rhs_theta) * o.typical * ~held if len(o.free) else delta
+        delta = np.linalg.solve(_firm(s.schur), s.rhs_theta) * o.typical * ~held if len(o.free) else delta
         outward = ((theta <= o.low) & (delta < 0)) | ((theta >= o.high) & (delta > 0))
         if not (outward & ~held).any():
             break
