@@ -18,6 +18,7 @@ from optid.cli.fit import fit
 from optid.cli.identify import identify
 from optid.cli.live import live
 from optid.cli.simulate import simulate
+from optid.cli.tune import tune
 from optid.errors import InputError, JobError
 
 HELP = """From recordings of a servo-pneumatic axis to a model you can trust.
@@ -33,6 +34,8 @@ HELP = """From recordings of a servo-pneumatic axis to a model you can trust.
       Control a rig with its model running beside it: read, identify, simulate, control, log.
   optid identify run1.csv --rig bench.toml --out out/armax
       Recursive ARMAX models, their audit, and their predictions as a table.
+  optid tune out/armax/armax.json --rig bench.toml --out out/tune
+      PID gains by direct ITAE optimisation under the actuator's limits.
 
 A rig file (TOML) names the plant, its parameters with units, what a fit may move, and which column is what.
 Recordings are CSV, Parquet, MATLAB .mat or NI TDMS.
@@ -92,7 +95,7 @@ def cli(context: click.Context) -> None:
         click.echo(context.get_help())
 
 
-for command in (check, simulate, fit, live, identify):
+for command in (check, simulate, fit, live, identify, tune):
     cli.add_command(command)
 
 

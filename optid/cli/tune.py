@@ -1,0 +1,262 @@
+"""`optid tune`: PID gains by optimising the closed loop on an identified model."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from optid.cli.common import OUT, deliver, results_folder, say_table, waiting, write_json
+from optid.errors import InputError
+
+if TYPE_CHECKING:
+    from optid.core.model import Array
+    from optid.tune.posing import Posed, Wishes
+    from optid.tune.tuning import Scored, Tuning
+
+
+class _Pairs(click.Command):
+    """Lets `--limits -5 5` and `--limits -5,5` mean the same."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Join two values that follow an option for a range."""
+        joined, rest = [], list(args)
+        while rest:
+            joined.append(rest.pop(0))
+            if (
+                joined[-1] in ("--limits", "--deadband")
+                and len(rest) > 1
+                and _numeric(rest[0])
+                and _numeric(rest[1])
+            ):
+                joined.append(f"{rest.pop(0)},{rest.pop(0)}")
+        return super().parse_args(ctx, joined)
+
+
+def _numeric(text: str) -> bool:
+    return text[:1].isdigit() or text[:2] in {f"-{d}" for d in "0123456789."} or text[:1] in "+."
+
+
+@click.command(cls=_Pairs)
+@click.argument("model", metavar="MODEL.json")
+@OUT
+@click.option("--setpoint", "setpoints", multiple=True, metavar="SIZE", help='Step, "6 cm"; may be repeated.')
+@click.option(
+    "--profile", "profiles", multiple=True, metavar="CSV", help="Path to follow: columns time and value."
+)
+@click.option(
+    "--disturbance", "disturbances", multiple=True, metavar="SIZE", help="Step added to the command."
+)
+@click.option(
+    "--limits", metavar="LOW,HIGH", help='Of the command; "-5,5", "-5 V, 5 V", or one for both sides.'
+)
+@click.option("--rate", metavar="RATE", help="Largest change of the command per second.")
+@click.option("--resolution", metavar="STEP", help="Smallest step of the command.")
+@click.option(
+    "--deadband", metavar="LOW,HIGH", help="Widths of the valve's dead band to jump over, both positive."
+)
+@click.option("--order", type=int, metavar="NA", help="Model to take; the recommended one by default.")
+@click.option("--horizon", metavar="S", help="Seconds of an episode.")
+@click.option("--sample-time", metavar="S", help="At which the controller will run: must be the model's.")
+@click.option("--cost", type=click.Choice(["itae", "iae", "itse", "ise"]), default="itae", show_default=True)
+@click.option("--effort", type=float, default=0.0, metavar="W", help="Weight of the command's travel.")
+@click.option("--overshoot", type=float, default=0.0, metavar="W", help="Weight of the overshoot.")
+@click.option("--ms", type=float, metavar="MS", help="Maximum sensitivity, at most.")
+@click.option("--gain-margin", type=float, metavar="FACTOR", help="At least.")
+@click.option("--phase-margin", type=float, metavar="DEG", help="At least, degrees.")
+@click.option("--delay-margin", metavar="S", help="At least, seconds.")
+@click.option("--free", default="kp,ki,kd,setpoint_weight", show_default=True, help="Gains that may move.")
+@click.option("--derivative-filter", metavar="S", help="Time constant of the derivative's lag.")
+@click.option(
+    "--scenarios", type=click.IntRange(1, 1000), default=1, help="Plants drawn from the covariance."
+)
+@click.option("--robust", type=click.Choice(["worst", "mean"]), default="worst", help="Over the scenarios.")
+@click.option("--rig", metavar="RIG", help="Physical model of the axis: tuned for and tried on as well.")
+@click.option("--check-only", is_flag=True, help="Try the gains on the rig's model, but do not tune for it.")
+@click.option(
+    "--starts", type=click.IntRange(1, 100), default=3, show_default=True, help="Independent searches."
+)
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True)
+def tune(model: str, out: str, **choices: Any) -> None:
+    """Find PID gains for an identified model (armax.json) by optimising the closed loop."""
+    folder = results_folder(out)
+
+    import numpy as np
+
+    from optid.armax.files import load
+    from optid.rigs.rigfile import read_rig
+    from optid.tune.files import document
+    from optid.tune.posing import pose
+    from optid.tune.tuning import tune as tuned
+
+    contents = load(Path(model))
+    rig = None if choices["rig"] is None else read_rig(choices["rig"])
+    rng = np.random.default_rng(choices["seed"])
+    wishes = _wishes(choices, contents)
+    posed = pose(contents, Path(model), wishes, rng, rig, not choices["check_only"])
+    with waiting("tuning"):
+        result = tuned(posed.task, rng, _options(choices), posed.bench)
+        content = document(result, posed.command_unit, posed.output_unit)
+    from optid.report.tuning_page import tuning_page
+
+    with waiting("reporting"):
+        page = tuning_page(result, posed, Path(model).name)
+
+    def write(place: Path) -> None:
+        write_json(place / "pid.json", content)
+        (place / "report.html").write_text(page, encoding="utf-8")
+
+    deliver(folder, write)
+    _say(result, posed)
+    click.echo(f"written to {out}: pid.json, report.html")
+
+
+def _options(choices: dict[str, Any]) -> Any:
+    from optid.pid.controller import Gains
+    from optid.tune.tuning import Options
+
+    lag = _quantity(choices["derivative_filter"], "s", "--derivative-filter")
+    return Options(
+        tuple(name.strip() for name in choices["free"].split(",")),
+        None if lag is None else Gains(kp=1.0, derivative_filter=lag),
+        choices["starts"],
+    )
+
+
+def _wishes(choices: dict[str, Any], contents: Any) -> Wishes:
+    """The options in SI."""
+    from optid.tune.criterion import Criterion
+    from optid.tune.margins import Required
+    from optid.tune.measure import Measure
+    from optid.tune.posing import Wishes, units_of
+    from optid.tune.task import Over
+
+    u, y = units_of(contents)
+    low, high = _range(choices["limits"], u, "--limits")
+    wide = _range(choices["deadband"], u, "--deadband")
+    dead = (0.0, 0.0, 0.0)
+    if wide[0] is not None and wide[1] is not None:
+        below, above = abs(wide[0]), abs(wide[1])
+        dead = (below, above, 0.1 * max(below, above))
+    return Wishes(
+        order=choices["order"],
+        setpoints=tuple(_known(text, y, "--setpoint") for text in choices["setpoints"]),
+        disturbances=tuple(_known(text, u, "--disturbance") for text in choices["disturbances"]),
+        profiles=tuple(_path(name, contents.chosen.sample_time) for name in choices["profiles"]),
+        low=low, high=high, deadband=dead,
+        rate=_quantity(choices["rate"], "Hz" if u == "1" else f"{u}/s", "--rate"),
+        resolution=_quantity(choices["resolution"], u, "--resolution") or 0.0,
+        horizon=_quantity(choices["horizon"], "s", "--horizon"),
+        sample_time=_quantity(choices["sample_time"], "s", "--sample-time"),
+        criterion=Criterion(Measure[choices["cost"].upper()], choices["effort"], choices["overshoot"]),
+        required=Required(
+            choices["ms"], choices["gain_margin"], choices["phase_margin"],
+            _quantity(choices["delay_margin"], "s", "--delay-margin"),
+        ),
+        over=Over.WORST if choices["robust"] == "worst" else Over.MEAN,
+        scenarios=choices["scenarios"],
+    )  # fmt: skip
+
+
+def _quantity(text: str | None, unit: str, option: str) -> float | None:
+    """A number in SI, or a number with a unit."""
+    from optid.core.units import to_si
+
+    if text is None:
+        return None
+    try:
+        value = float(text)
+    except ValueError:
+        value = to_si(text, unit, where=option)
+    if not math.isfinite(value):
+        raise InputError(f'"{text}"', where=option, expected=f"a finite number ({unit})")
+    return value
+
+
+def _known(text: str, unit: str, option: str) -> float:
+    value = _quantity(text, unit, option)
+    assert value is not None
+    return value
+
+
+def _range(text: str | None, unit: str, option: str) -> tuple[float | None, float | None]:
+    """Two values, or one for both sides."""
+    if text is None:
+        return None, None
+    parts = [part.strip() for part in text.replace("..", ",").replace(";", ",").split(",")]
+    if len(parts) not in (1, 2):
+        raise InputError(f'"{text}"', where=option, expected="LOW,HIGH, as in -5,5")
+    values = [_known(part, unit, option) for part in parts]
+    if len(values) == 1:
+        return -abs(values[0]), abs(values[0])
+    return values[0], values[1]
+
+
+def _path(name: str, sample_time: float) -> tuple[str, Array]:
+    """A profile: time (s) and wanted value (SI) in the first two columns, held between its rows."""
+    import numpy as np
+    import pandas as pd
+
+    try:
+        table = pd.read_csv(name, comment="#", sep=None, engine="python")
+        values = table.iloc[:, :2].to_numpy(dtype=float)
+    except FileNotFoundError:
+        raise InputError("no such file", where=name) from None
+    except (OSError, ValueError, UnicodeDecodeError, pd.errors.ParserError) as error:
+        raise InputError(f"{error}", where=name, expected="two columns of numbers: time (s), value") from None
+    if values.ndim != 2 or values.shape[1] != 2 or len(values) < 2 or not np.isfinite(values).all():
+        raise InputError(
+            "not a path",
+            where=name,
+            expected="two columns of numbers: time (s), value",
+            hint="no row may be empty",
+        )
+    time, wanted = values.T
+    if not np.all(np.diff(time) > 0):
+        raise InputError("time does not rise", where=name, field=str(table.columns[0]))
+    at = time[0] + sample_time * np.arange(round((time[-1] - time[0]) / sample_time) + 1)
+    return Path(name).stem, wanted[np.searchsorted(time, at + 1e-9 * sample_time, side="right") - 1]
+
+
+def _say(tuning: Tuning, posed: Posed) -> None:
+    from optid.tune.files import units
+
+    for line in posed.assumed:
+        click.echo(f"assumed: {line}")
+    named = units(posed.command_unit, posed.output_unit)
+    rows = [
+        (
+            name,
+            f"{getattr(tuning.gains, name):.5g}",
+            named[name].replace("1", "") if named[name] == "1" else named[name],
+        )
+        for name in ("kp", "ki", "kd", "derivative_filter", "setpoint_weight", "derivative_weight")
+    ]
+    say_table(("gain", "value", "unit"), rows)
+    kept = tuning.found.margins
+    assert kept is not None
+    click.echo(
+        f"maximum sensitivity {kept.maximum_sensitivity:.3g}, gain margin {kept.gain_margin:.3g}, "
+        f"phase margin {kept.phase_margin:.3g}°, delay margin {1e3 * kept.delay_margin:.3g} ms"
+    )
+    extra = [] if tuning.without_limits is None else [tuning.without_limits]
+    on_rig = () if posed.bench is None else ("on the rig's model",)
+    head: tuple[str, ...] = ("", f"ITAE ({named['itae']})", *on_rig, "Ms", "")
+    say_table(head, [_row(one, posed) for one in (tuning.found, *extra, *tuning.baselines)])
+    for remark in tuning.remarks:
+        click.echo(f"  ! {remark}")
+
+
+def _row(one: Scored, posed: Posed) -> tuple[str, ...]:
+    name = one.name.replace("_", " ")
+    dash = ("–",) * (2 if posed.bench is not None else 1)
+    if one.gains is None or one.margins is None:
+        return (name, *dash, "–", one.note)
+    costs = [f"{one.total('itae'):.4g}"]
+    if posed.bench is not None:
+        costs.append(f"{one.total('itae', True):.4g}")
+    if not one.stable:
+        return (name, *costs, "–", "unstable: only its limits hold it")
+    return (name, *costs, f"{one.margins.maximum_sensitivity:.3g}", "")

@@ -1,0 +1,185 @@
+"""Figures of a tuning: responses with commands, the loop's frequency response, the cost around the optimum."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.colors import ListedColormap
+from matplotlib.figure import Figure
+
+from optid.core.model import Array
+from optid.report.figures import ALARM, FREE, INK, QUIET, STYLE, WINDOW, _label, _svg
+from optid.report.scores import friendly
+from optid.tune.margins import Frequencies, loop_response
+from optid.tune.score import Response
+from optid.tune.search import PLACES
+from optid.tune.tuning import Scored, Tuning
+
+REST = ("#6f8fc9", "#b9a44c", "#8e6bb0")  # baselines
+CELLS = 41  # of a landscape, on each side
+WORTH = 1.0  # decades above the best cost that a landscape tells apart
+
+
+def responses(
+    tuning: Tuning, shown: Sequence[Scored], episode: int, units: tuple[str, str], bench: bool
+) -> str:
+    """Output over reference, and the command under it with its limits.
+
+    Args:
+        tuning: whose gains come first.
+        shown: baselines beside them.
+        episode: number of it.
+        units: of output and command, SI.
+        bench: show the runs on the physical model instead of those on the identified one.
+    """
+    factor, unit = friendly(units[0])
+    time: Array = tuning.settings.sample_time * np.arange(float(tuning.task.episodes[episode].reference.size))
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(9.2, 4.3), layout="constrained")
+        top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=(2.2, 1.4))
+        top.step(
+            time,
+            factor * tuning.task.episodes[episode].reference,
+            where="post",
+            color=QUIET,
+            lw=1.0,
+            ls=(0, (4, 3)),
+        )
+        lines = [*zip(shown, REST, strict=False), (tuning.found, WINDOW)]
+        for one, colour in lines:
+            runs = one.bench if bench else one.responses
+            run, own = runs[episode], one is tuning.found
+            label = f"{one.name.replace('_', ' ')}: {run.measures['itae']:.3g}"
+            top.plot(time, factor * run.output, color=colour, lw=1.7 if own else 1.0, label=label)
+            bottom.step(time, run.command, where="post", color=colour, lw=1.1 if own else 0.7)
+        limits = [v for v in (tuning.settings.low, tuning.settings.high) if math.isfinite(v)]
+        for value in limits:
+            bottom.axhline(value, color=ALARM, lw=0.8, ls=(0, (4, 3)))
+        _window(top, factor, tuning, episode, bench)
+        top.set_xlim(0.0, _interesting(tuning, episode, bench, time))
+        top.set_ylabel(_label("output", unit))
+        bottom.set_ylabel(_label("command", units[1]))
+        bottom.set_xlabel("time (s)")
+        top.legend(loc="lower left", ncols=4, bbox_to_anchor=(0, 1.0), borderaxespad=0.2)
+        figure.align_ylabels()
+        return _svg(figure)
+
+
+def _window(axis: Any, factor: float, tuning: Tuning, episode: int, bench: bool) -> None:
+    """Keep the tuned response readable beside one that runs away."""
+    run = (tuning.found.bench if bench else tuning.found.responses)[episode]
+    values = factor * np.r_[run.output[np.isfinite(run.output)], run.episode.reference]
+    low, high = float(values.min()), float(values.max())
+    room = 0.35 * ((high - low) or 1.0)
+    axis.set_ylim(low - 0.4 * room, high + room)
+
+
+def _interesting(tuning: Tuning, episode: int, bench: bool, time: Array) -> float:
+    """A step is shown until four times what the tuned loop needs to settle, everything else in full."""
+    run: Response = (tuning.found.bench if bench else tuning.found.responses)[episode]
+    moves = np.flatnonzero(np.diff(run.episode.reference, prepend=0.0))
+    if moves.size == 1 and math.isfinite(run.settled):
+        return float(min(time[-1], time[moves[0]] + max(4.0 * run.settled, 0.1 * time[-1])))
+    return float(time[-1])
+
+
+def loop(tuning: Tuning) -> str:
+    """Nyquist curve around the critical point, and the sensitivity over frequency."""
+    plant, gains = tuning.task.plant, tuning.gains.vector
+    grid = Frequencies.of(plant, 3000).at
+    L = loop_response(plant, gains, grid)
+    margins = tuning.found.margins
+    assert margins is not None
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(9.2, 3.4), layout="constrained")
+        left, right = figure.subplots(1, 2, width_ratios=(1, 1.5))
+        left.plot(L.real, L.imag, color=WINDOW)
+        turn = np.linspace(0.0, 2.0 * math.pi, 200)
+        left.plot(np.cos(turn), np.sin(turn), color=QUIET, lw=0.8)
+        radius = 1.0 / margins.maximum_sensitivity
+        left.plot(-1 + radius * np.cos(turn), radius * np.sin(turn), color=ALARM, lw=0.9, ls=(0, (4, 3)))
+        left.plot([-1], [0], marker="+", color=ALARM, ms=8)
+        left.set_xlim(-2.6, 1.2)
+        left.set_ylim(-1.9, 1.9)
+        left.set_aspect("equal")
+        left.set_xlabel("real part of L")
+        left.set_ylabel("imaginary part")
+        hertz = grid / (2.0 * math.pi * plant.sample_time)
+        S = 1.0 / (1.0 + L)
+        right.loglog(hertz, np.abs(S), color=WINDOW, label="sensitivity |S|")
+        right.loglog(hertz, np.abs(L * S), color=FREE, label="|T| = |1 − S|")
+        right.axhline(margins.maximum_sensitivity, color=ALARM, lw=0.9, ls=(0, (4, 3)))
+        right.set_ylim(max(1e-3, float(np.abs(S).min())), 3.0 * margins.maximum_sensitivity)
+        right.set_xlabel("frequency (Hz)")
+        right.legend(loc="lower right")
+        return _svg(figure)
+
+
+def landscape(tuning: Tuning, pairs: Sequence[tuple[str, str]]) -> str:
+    """Cost over pairs of gains, the others as tuned: decades above the best one; grey where a margin is missed."""
+    task, within = tuning.task, tuning.within
+    if task.bench is not None:  # a picture of thousands of runs: of the identified model alone
+        from dataclasses import replace
+
+        task = replace(task, bench=None)
+    best = float(task.fitness(tuning.gains.vector)[0])
+    with mpl.rc_context({**STYLE, "axes.grid": False}):
+        figure = Figure(figsize=(9.2, 3.7), layout="constrained")
+        axes = figure.subplots(1, len(pairs), squeeze=False)[0]
+        image: Any = None
+        for axis, (across, up) in zip(axes, pairs, strict=True):
+            x, y = _axis(tuning, across), _axis(tuning, up)
+            gains = np.tile(tuning.gains.vector, (x.size * y.size, 1))
+            gains[:, PLACES[across]], gains[:, PLACES[up]] = np.repeat(x, y.size), np.tile(y, x.size)
+            cost = task.fitness(gains)
+            decades = (
+                np.where(cost < 1e19, np.log10(np.maximum(cost / best, 1e-9)), np.nan)
+                .reshape(x.size, y.size)
+                .T
+            )
+            axis.set_facecolor("#dde1e5")
+            image = axis.pcolormesh(
+                x, y, decades, cmap=_shades(), vmin=0.0, vmax=WORTH, shading="nearest", rasterized=True
+            )
+            axis.contour(
+                x,
+                y,
+                decades,
+                levels=[math.log10(1.05), math.log10(1.2), math.log10(2)],
+                colors="white",
+                linewidths=0.6,
+            )
+            axis.plot(
+                [getattr(tuning.gains, across)],
+                [getattr(tuning.gains, up)],
+                marker="o",
+                ms=5,
+                mfc="white",
+                mec=INK,
+            )
+            for name, scale in ((across, axis.set_xscale), (up, axis.set_yscale)):
+                if name in ("kp", "ki", "kd") and getattr(tuning.gains, name) * within.sign > 0.0:
+                    scale("log")
+            axis.set_xlabel(across)
+            axis.set_ylabel(up)
+        figure.colorbar(image, ax=list(axes), label="cost, decades above the best", shrink=0.9)
+        return _svg(figure)
+
+
+def _shades() -> ListedColormap:
+    return ListedColormap(mpl.colormaps["viridis_r"](np.linspace(0.05, 0.95, 64)))
+
+
+def _axis(tuning: Tuning, name: str) -> Array:
+    """Values around a gain: a factor of five to either side, or the box for weights."""
+    value = float(getattr(tuning.gains, name))
+    column = tuning.within.free.index(name)
+    low, high = float(tuning.within.low[column]), float(tuning.within.high[column])
+    if name.endswith("weight"):
+        return np.linspace(low, high, CELLS)
+    size = max(abs(value), 1e-3 * high)
+    return math.copysign(1.0, value or tuning.within.sign) * np.geomspace(size / 5.0, 5.0 * size, CELLS)

@@ -1,0 +1,184 @@
+"""One HTML file on a tuning: gains, how the loop answers, its margins, the competition, and what stays unknown."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import jinja2
+from markupsafe import Markup
+
+from optid.report import tuning_figures as figures
+from optid.tune.files import units
+from optid.tune.posing import Posed
+from optid.tune.tuning import Scored, Tuning
+
+_RIVALS = (
+    "ziegler_nichols_ultimate",
+    "amigo",
+    "paper",
+)  # drawn beside the tuned response, where they are bounded
+_NAMES = {
+    "kp": "proportional", "ki": "integral", "kd": "derivative", "derivative_filter": "derivative filter",
+    "setpoint_weight": "set-point weight", "derivative_weight": "derivative weight",
+}  # fmt: skip
+
+
+def tuning_page(tuning: Tuning, posed: Posed, source: str) -> str:
+    """The report of `optid tune`.
+
+    Args:
+        tuning: to report.
+        posed: what was asked and assumed.
+        source: name of the model's file.
+    """
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(Path(__file__).parent), autoescape=True, trim_blocks=True,
+        lstrip_blocks=True, undefined=jinja2.StrictUndefined,
+    )  # fmt: skip
+    named = units(posed.command_unit, posed.output_unit)
+    return environment.get_template("tuning.html.j2").render(
+        title=f"PID gains for {source}", model=str(posed.model), lead=_lead(tuning, posed, named["itae"]),
+        assumed=posed.assumed, remarks=tuning.remarks,
+        gains=[
+            (label, name, f"{getattr(tuning.gains, name):.6g}", "" if named[name] == "1" else named[name],
+             "searched" if name in tuning.within.free else "fixed")
+            for name, label in _NAMES.items()
+        ],
+        episodes=_episodes(tuning, posed), margins=_margins(tuning), loop_figure=Markup(figures.loop(tuning)),
+        rows=[_row(one, posed.bench is not None) for one in _everyone(tuning)],
+        bench=posed.bench is not None, tuned_on_rig=tuning.task.bench is not None, unit=named["itae"],
+        landscape=_landscape(tuning), certificate=tuning.certificate, limits=_limits(tuning, posed),
+        unknowns=_unknowns(tuning, posed),
+    )  # fmt: skip
+
+
+def _everyone(tuning: Tuning) -> list[Scored]:
+    extra = [] if tuning.without_limits is None else [tuning.without_limits]
+    return [tuning.found, *extra, *tuning.baselines]
+
+
+def _lead(tuning: Tuning, posed: Posed, unit: str) -> str:
+    own = tuning.found.total("itae")
+    rivals = [one for one in tuning.baselines if one.stable and math.isfinite(one.total("itae"))]
+    said = f"ITAE on the identified model: {own:.4g} {unit}"
+    if rivals:
+        best = min(rivals, key=lambda one: one.total("itae"))
+        times = best.total("itae") / own
+        said += f"; with the best baseline ({best.name.replace('_', ' ')}) it is {times:.3g} times that"
+    if posed.bench is not None:
+        said += f". On the rig's physical model: {tuning.found.total('itae', True):.4g} {unit}"
+    return said + "."
+
+
+def _episodes(tuning: Tuning, posed: Posed) -> list[dict[str, Any]]:
+    found = []
+    rivals = [one for one in tuning.baselines if one.name in _RIVALS and one.gains is not None]
+    pair = posed.output_unit, posed.command_unit
+    for number, run in enumerate(tuning.found.responses):
+        entry: dict[str, Any] = {
+            "name": f"{run.episode.name} {posed.output_unit if run.episode.size else posed.command_unit}",
+            "model": Markup(figures.responses(tuning, _bounded(rivals, number, False), number, pair, False)),
+            "bench": None,
+            "facts": _facts(run),
+        }
+        if posed.bench is not None:
+            entry["bench"] = Markup(
+                figures.responses(tuning, _bounded(rivals, number, True), number, pair, True)
+            )
+        found.append(entry)
+    return found
+
+
+def _bounded(rivals: list[Scored], number: int, bench: bool) -> list[Scored]:
+    return [one for one in rivals if (one.bench if bench else one.responses)[number].bounded]
+
+
+def _facts(run: Any) -> str:
+    settled = f"settled within 2 % after {run.settled:.3g} s" if math.isfinite(run.settled) else "not settled"
+    said = [f"overshoot {100 * run.overshoot:.2g} %", settled] if run.episode.rise[-1] else []
+    low, high = float(run.command.min()), float(run.command.max())
+    return "; ".join([*said, f"command {low:.4g} to {high:.4g}", f"its travel {run.travel:.3g}"])
+
+
+def _margins(tuning: Tuning) -> list[tuple[str, str, str]]:
+    m, asked = tuning.found.margins, tuning.task.required
+    assert m is not None
+
+    def wish(value: float | None, words: str) -> str:
+        return "" if value is None else f"{words} {value:g} asked"
+
+    lower = f" (and down to {m.gain_reduction:.2g})" if m.gain_reduction > 0.0 else ""
+    return [
+        (
+            "maximum sensitivity Ms",
+            f"{m.maximum_sensitivity:.4g}",
+            wish(asked.maximum_sensitivity, "at most"),
+        ),
+        ("gain margin", f"{m.gain_margin:.4g}{lower}", wish(asked.gain_margin, "at least")),
+        ("phase margin", f"{m.phase_margin:.4g}°", wish(asked.phase_margin, "at least")),
+        ("delay margin", f"{1e3 * m.delay_margin:.4g} ms", wish(asked.delay_margin, "at least (s)")),
+        ("highest crossover", f"{m.crossover:.4g} rad/s", ""),
+    ]
+
+
+def _row(one: Scored, bench: bool) -> dict[str, str]:
+    def number(value: float) -> str:
+        return f"{value:.4g}" if math.isfinite(value) else "∞"
+
+    if one.gains is None or one.margins is None:
+        return {"name": one.name.replace("_", " "), "model": "–", "bench": "–", "ms": "–", "gains": "–",
+                "state": "", "note": one.note}  # fmt: skip
+    return {
+        "name": one.name.replace("_", " "), "model": number(one.total("itae")),
+        "bench": number(one.total("itae", True)) if bench else "",
+        "ms": number(one.margins.maximum_sensitivity) if one.stable else "–",
+        "gains": f"{one.gains.kp:.4g}, {one.gains.ki:.4g}, {one.gains.kd:.4g}",
+        "state": "" if one.stable else "unstable", "note": one.note,
+    }  # fmt: skip
+
+
+def _landscape(tuning: Tuning) -> Markup | None:
+    free = [name for name in tuning.within.free if name != "derivative_filter"]
+    pairs = [pair for pair in (("kp", "kd"), ("kp", "ki"), ("ki", "kd")) if set(pair) <= set(free)][:2]
+    return Markup(figures.landscape(tuning, pairs)) if pairs else None
+
+
+def _limits(tuning: Tuning, posed: Posed) -> str:
+    if tuning.without_limits is None:
+        return ""
+    own, other = tuning.found.total("itae"), tuning.without_limits.total("itae")
+    said = (
+        f"A tuning that knows no limits would choose gains whose ITAE under the limits is {other:.4g}; "
+        f"knowing them, {own:.4g}: "
+    )
+    if not math.isfinite(other):
+        return said + "the former runs away."
+    gain = 100.0 * (1.0 - own / other)
+    said += f"{gain:.3g} % less." if gain >= 0.05 else "knowing them gains nothing here."
+    if posed.bench is not None:
+        one, two = tuning.found.total("itae", True), tuning.without_limits.total("itae", True)
+        said += f" On the rig's model: {two:.4g} and {one:.4g}."
+    return said
+
+
+def _unknowns(tuning: Tuning, posed: Posed) -> list[str]:
+    said = []
+    if posed.bench is None:
+        said.append(
+            "Friction, dead band and everything else that bends: the identified model is linear. "
+            "With --rig the gains are tried on the rig's physical model, and tuned for it."
+        )
+    if len(tuning.task.plants) == 1:
+        said.append(
+            "How the gains do when the model's coefficients are a little off: --scenarios tunes for a set of plants "
+            "drawn from their covariance."
+        )
+    if not any(e.load.any() for e in tuning.task.episodes):
+        said.append("How a load is rejected: none was asked for (--disturbance).")
+    if tuning.task.required.maximum_sensitivity is None:
+        said.append(
+            "Whether the margins are enough for your axis: none was asked for (--ms, --phase-margin, ...)."
+        )
+    return said

@@ -1,0 +1,1 @@
+"""PID gains by optimising the closed loop itself on an identified model, under the actuator's limits."""

@@ -1,0 +1,12 @@
+"""How the loops of this package are compiled."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TypeVar
+
+import numba
+
+Kernel = TypeVar("Kernel", bound=Callable[..., object])
+# No fused or reordered arithmetic: what is optimised is to the last bit what the exported controller computes.
+compiled: Callable[[Kernel], Kernel] = numba.njit(cache=True, error_model="numpy", nogil=True)

@@ -1,0 +1,276 @@
+"""Margins of the linear loop: how far its frequency response stays from the point of instability."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from optid.armax.recursion import roots_inside
+from optid.core.model import Array
+from optid.errors import InputError
+from optid.pid.law import DERIVATIVE_FILTER, KD, KI, KP
+from optid.tune.machine import compiled
+from optid.tune.plant import Complex, Plant
+
+COARSE, FINE = 240, 12_000  # frequencies looked at while searching, and for what is reported
+DECADES = 4.5  # below the Nyquist frequency
+FIELDS = 5
+STABLE, MS, GAIN, PHASE, DELAY = range(FIELDS)
+
+
+@dataclass(frozen=True)
+class Margins:
+    """Of a loop without its limits.
+
+    Attributes:
+        stable: all poles of the closed loop lie inside the unit circle.
+        maximum_sensitivity: largest |1/(1 + L)|, Ms; its inverse is the smallest distance to the critical point.
+        gain_margin: factor by which the gain may grow; infinite if any may.
+        gain_reduction: factor to which it may shrink (below 1 for a model that needs the loop), else 0.
+        phase_margin: degrees.
+        delay_margin: s of delay that the loop would stand.
+        crossover: the highest angular frequency at which |L| = 1, rad/s; 0 for none.
+    """
+
+    stable: bool
+    maximum_sensitivity: float
+    gain_margin: float
+    gain_reduction: float
+    phase_margin: float
+    delay_margin: float
+    crossover: float
+
+
+@dataclass(frozen=True)
+class Required:
+    """What a tuning must keep; None where nothing is asked. The linear loop is always to be stable.
+
+    Attributes:
+        maximum_sensitivity: at most, more than 1.
+        gain_margin: at least, a factor more than 1.
+        phase_margin: at least, degrees, 0 to 180.
+        delay_margin: at least, s.
+    """
+
+    maximum_sensitivity: float | None = None
+    gain_margin: float | None = None
+    phase_margin: float | None = None
+    delay_margin: float | None = None
+
+    def __post_init__(self) -> None:
+        for name, least, most in (
+            ("maximum_sensitivity", 1.0, math.inf), ("gain_margin", 1.0, math.inf),
+            ("phase_margin", 0.0, 180.0), ("delay_margin", 0.0, math.inf),
+        ):  # fmt: skip
+            value = getattr(self, name)
+            if value is not None and not least < value < most:
+                more = f" and less than {most:g}" if math.isfinite(most) else ""
+                raise InputError(f"{value:g}", field=name, expected=f"more than {least:g}{more}")
+
+    @property
+    def bounds(self) -> Array:
+        """As `excess` takes them, shape (FIELDS,); infinite or 0 where nothing is asked."""
+        ms, gain, phase, delay = (
+            self.maximum_sensitivity, self.gain_margin, self.phase_margin, self.delay_margin
+        )  # fmt: skip
+        return np.array([1.0, ms or math.inf, gain or 0.0, phase or 0.0, delay or 0.0])
+
+    def kept(self, margins: Margins) -> bool:
+        """By these margins."""
+        b = self.bounds
+        return bool(
+            margins.stable and margins.maximum_sensitivity <= b[MS] and margins.gain_margin >= b[GAIN]
+            and margins.phase_margin >= b[PHASE] and margins.delay_margin >= b[DELAY]
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Frequencies:
+    """What the loop's frequency response is made of, on a grid; arrays have shape (n,).
+
+    Attributes:
+        at: angular frequencies, rad per sample.
+        plant: response of the plant.
+        back: exp(-j at), a delay of one sample.
+        sum: 1 / (1 - back), a running sum.
+    """
+
+    at: Array
+    plant: Complex
+    back: Complex
+    sum: Complex
+
+    @classmethod
+    def of(cls, plant: Plant, count: int) -> Frequencies:
+        """Logarithmic up to the Nyquist frequency, denser around the plant's resonances and near Nyquist."""
+        log = np.geomspace(math.pi * 10**-DECADES, math.pi, count)
+        even = np.linspace(math.pi / 40, math.pi, count // 4)
+        near = [abs(math.atan2(p.imag, p.real)) for p in plant.poles if abs(p) > 0.5 and abs(p.imag) > 1e-6]
+        width = np.geomspace(0.6, 1.6, count // 12)
+        peaks = [w * width for w in near if w > 0.0]
+        grid = np.unique(np.clip(np.concatenate([log, even, *peaks]), log[0], math.pi))
+        back = np.exp(-1j * grid).astype(complex)
+        return cls(grid, plant.response(grid), back, (1.0 / (1.0 - back)).astype(complex))
+
+    @property
+    def arrays(self) -> tuple[Array, Complex, Complex, Complex]:
+        """As the compiled functions take them."""
+        return self.at, self.plant, self.back, self.sum
+
+
+def loop_response(plant: Plant, gains: Array, frequency: Array) -> Complex:
+    """Loop gain L at angular frequencies, rad per sample."""
+    return plant.response(frequency) * controller_response(gains, frequency, plant.sample_time)
+
+
+def controller_response(gains: Array, frequency: Array, sample_time: float) -> Complex:
+    """From the measurement, sign turned, to the command, as `optid.pid.law` has it; no limits."""
+    back = np.exp(-1j * np.asarray(frequency))
+    lag = gains[DERIVATIVE_FILTER]
+    derivative = gains[KD] * (1.0 - back) / (lag + sample_time - lag * back)
+    return np.asarray(gains[KP] + gains[KI] * sample_time / (1.0 - back) + derivative)
+
+
+def margins(plant: Plant, gains: Array) -> Margins:
+    """On a fine grid, between whose points the extremes and crossings are refined."""
+    grid = Frequencies.of(plant, FINE)
+    found = np.empty(FIELDS + 2)
+    _look(gains, plant.sample_time, plant.a, plant.b, True, *grid.arrays, found)
+    if found[STABLE] < 1.0:
+        return Margins(False, math.inf, 0.0, 0.0, 0.0, 0.0, float(found[FIELDS + 1]))
+    return Margins(
+        True, float(_peak(plant, gains, grid.at)), float(found[GAIN]), float(found[FIELDS]), float(found[PHASE]),
+        float(found[DELAY]), float(found[FIELDS + 1]),
+    )  # fmt: skip
+
+
+def _peak(plant: Plant, gains: Array, grid: Array) -> float:
+    """Largest |S|: around the largest one of the grid anew, a hundred times finer."""
+    size = np.abs(1.0 / (1.0 + loop_response(plant, gains, grid)))
+    top = int(np.argmax(size))
+    around = np.linspace(grid[max(top - 1, 0)], grid[min(top + 1, grid.size - 1)], 201)
+    return max(float(size[top]), float(np.max(np.abs(1.0 / (1.0 + loop_response(plant, gains, around))))))
+
+
+def excess(plant: Plant, grid: Frequencies, bounds: Array, gains: Array) -> Array:
+    """By how much candidates (n, GAINS) miss the required margins, as a share, shape (n,); 0 where all are kept.
+
+    Unstable loops miss by 10 and more.
+    """
+    out = np.empty(len(gains))
+    _excess(np.ascontiguousarray(gains), plant.sample_time, plant.a, plant.b, *grid.arrays, bounds, out)
+    return out
+
+
+@compiled
+def _excess(
+    gains: Any, T: Any, a: Any, b: Any, at: Any, plant: Any, back: Any, sums: Any, bounds: Any, out: Any
+) -> None:
+    found = np.empty(FIELDS + 2)
+    asked = bounds[MS] < np.inf or bounds[GAIN] > 0.0 or bounds[PHASE] > 0.0 or bounds[DELAY] > 0.0
+    for g in range(len(gains)):
+        _look(gains[g], T, a, b, asked, at, plant, back, sums, found)
+        if found[STABLE] < 1.0:
+            out[g] = 10.0 + found[MS]
+            continue
+        if not asked:
+            out[g] = 0.0
+            continue
+        worst = max(found[MS] / bounds[MS] - 1.0, 0.0)
+        for field in (GAIN, PHASE, DELAY):
+            if found[field] < bounds[field]:
+                worst = max(worst, 1.0 - found[field] / bounds[field])
+        out[g] = worst
+
+
+@compiled
+def _look(
+    gains: Any, T: Any, a: Any, b: Any, asked: Any, at: Any, plant: Any, back: Any, sums: Any, found: Any
+) -> None:
+    """Stability, Ms, gain, phase and delay margin, the gain's lower margin, and the crossover in rad/s.
+
+    For an unstable loop `found[MS]` is how far the poles are outside, which tells a search where to go.
+    """
+    found[:] = 0.0
+    stable = _inside(gains, T, a, b, 1.0)
+    found[STABLE] = stable
+    if stable < 1.0:
+        radius = 1.0
+        for _ in range(12):
+            radius *= 1.1
+            if _inside(gains, T, a, b, radius) > 0.0:
+                break
+        found[MS] = radius - 1.0
+        return
+    if asked:
+        _walk(gains, T, at, plant, back, sums, found)
+
+
+@compiled
+def _walk(gains: Any, T: Any, at: Any, plant: Any, back: Any, sums: Any, found: Any) -> None:
+    """Along the grid, crossings interpolated between its points."""
+    smallest, up, down, phase, delay, cross = np.inf, np.inf, 0.0, 180.0, np.inf, 0.0
+    lag = gains[DERIVATIVE_FILTER]
+    last, was = 0j, 0.0
+    for i in range(at.size):
+        slope = (1.0 - back[i]) / (lag + T - lag * back[i])
+        L = plant[i] * (gains[KP] + gains[KI] * T * sums[i] + gains[KD] * slope)
+        away = (1.0 + L.real) * (1.0 + L.real) + L.imag * L.imag
+        size = L.real * L.real + L.imag * L.imag
+        smallest = min(smallest, away)
+        if i > 0 and (L.imag >= 0.0) != (last.imag >= 0.0):
+            share = last.imag / (last.imag - L.imag)
+            real = last.real + share * (L.real - last.real)
+            if real < -1.0:
+                down = max(down, -1.0 / real)
+            elif real < 0.0:
+                up = min(up, -1.0 / real)
+        if i > 0 and (size >= 1.0) != (was >= 1.0):
+            share = (1.0 - math.sqrt(was)) / (math.sqrt(size) - math.sqrt(was))
+            w = at[i - 1] + share * (at[i] - at[i - 1])
+            now = last + share * (L - last)
+            angle = np.arctan2(now.imag, now.real)  # -pi..pi; the way to -pi, delays turning it down
+            left = angle + np.pi
+            phase = min(phase, min(left, 2.0 * np.pi - left) * 180.0 / np.pi)
+            delay = min(delay, left / w * T)
+            cross = w / T
+        last, was = L, size
+    if last.real < 0.0 and last.real > -1.0:  # the Nyquist frequency, where the response is real
+        up = min(up, -1.0 / last.real)
+    elif last.real <= -1.0:
+        down = max(down, -1.0 / last.real)
+    found[MS], found[GAIN], found[PHASE], found[DELAY] = 1.0 / math.sqrt(smallest), up, phase, delay
+    found[FIELDS], found[FIELDS + 1] = down, cross
+
+
+@compiled
+def _inside(gains: Any, T: Any, a: Any, b: Any, radius: Any) -> Any:
+    """1 if every pole of the closed loop lies within the radius: A (1 - d) (Tf + T - Tf d) + B C, d = 1/z.
+
+    A part that is not there (ki or kd of 0) takes its own pole along.
+    """
+    lag, n = gains[DERIVATIVE_FILTER], a.size
+    integral, slope = gains[KI] != 0.0, gains[KD] != 0.0
+    i1 = -1.0 if integral else 0.0  # 1 - d, or 1
+    s0, s1 = (lag + T, -lag) if slope else (1.0, 0.0)
+    # Denominator (1 + i1 d)(s0 + s1 d); numerator kp denominator + ki T (s0 + s1 d) + kd (1 - d)(1 + i1 d).
+    d0, d1, d2 = s0, s1 + i1 * s0, i1 * s1
+    c0, c1, c2 = gains[KP] * d0, gains[KP] * d1, gains[KP] * d2
+    if integral:
+        c0 += gains[KI] * T * s0
+        c1 += gains[KI] * T * s1
+    if slope:
+        c0 += gains[KD]
+        c1 += gains[KD] * (i1 - 1.0)
+        c2 -= gains[KD] * i1
+    p, work = np.zeros(n + 2), np.empty(2 * n + 4)
+    for i in range(n + 2):
+        # Coefficient of d^(i + 1).
+        at_0 = (a[i] * d0 + b[i] * c0) if i < n else 0.0
+        at_1 = (a[i - 1] * d1 + b[i - 1] * c1) if 1 <= i <= n else (d1 if i == 0 else 0.0)
+        at_2 = (a[i - 2] * d2 + b[i - 2] * c2) if i >= 2 else (d2 if i == 1 else 0.0)
+        p[i] = (at_0 + at_1 + at_2) / d0
+    return roots_inside(p, n + 2, radius, work)

@@ -1,0 +1,164 @@
+"""An identified discrete model as the tuning sees it: one command in, one output out, and what makes it hard."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optid.armax.model import Armax
+from optid.core.model import Array
+from optid.errors import InputError
+
+Complex = NDArray[np.complex128]
+
+MARGIN = 1e-9  # a pole this near to the unit circle integrates
+NEGLIGIBLE = 1e-12  # of the largest coefficient: below it the model does not answer to its command
+
+
+@dataclass(frozen=True, eq=False)
+class Plant:
+    """y(t) = -a_1 y(t-1) - ... + b_1 u(t-1) + b_2 u(t-2) + ...
+
+    Attributes:
+        a: a_1, a_2, ..., shape (order,).
+        b: b_1, b_2, ..., shape (order,); padded with zeros as `a` is.
+        sample_time: s.
+        noise: sd of what the model's one-step prediction misses, output's unit; what a sensor adds is no more.
+        remarks: what a user should know about the model, in sentences.
+    """
+
+    a: Array
+    b: Array
+    sample_time: float
+    noise: float = 0.0
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def poles(self) -> Complex:
+        """In z."""
+        return np.roots(np.r_[1.0, self.a]).astype(complex)
+
+    @property
+    def zeros(self) -> Complex:
+        """In z, those at the origin left out."""
+        return np.roots(np.trim_zeros(self.b, "fb")).astype(complex)
+
+    @property
+    def sign(self) -> float:
+        """Of the output's slow answer to a positive command; all gains of a controller have it."""
+        return math.copysign(1.0, float(self.b.sum()))
+
+    @property
+    def static_gain(self) -> float:
+        """Output per command at rest; infinite for an integrator."""
+        denominator = 1.0 + float(self.a.sum())
+        return float(self.b.sum()) / denominator if abs(denominator) > MARGIN else math.inf
+
+    @property
+    def delay(self) -> int:
+        """Samples before the output answers, at least 1."""
+        return int(np.flatnonzero(self.b)[0]) + 1
+
+    def response(self, frequency: Array) -> Complex:
+        """At angular frequencies, rad per sample, shape (n,)."""
+        back = np.exp(-1j * np.asarray(frequency))
+        powers = back[:, None] ** np.arange(1, len(self.a) + 1)
+        return np.asarray((powers @ self.b) / (1.0 + powers @ self.a))
+
+    def simulate(self, command: Array) -> Array:
+        """Output from rest, shape of the command."""
+        from scipy.signal import lfilter
+
+        return np.asarray(lfilter(np.r_[0.0, self.b], np.r_[1.0, self.a], command))
+
+
+def plant_of(model: Armax, input: int = 0, where: object = None) -> Plant:
+    """One input's path of a model.
+
+    Raises:
+        InputError: no such input, or the output does not answer to it.
+    """
+    if not 0 <= input < len(model.b):
+        raise InputError(
+            f"{len(model.b)} inputs", where=where, field="b", expected="a model with one command to control"
+        )
+    delay, b = model.nk[input], np.array(model.b[input])
+    remarks = []
+    if delay == 0:
+        delay = 1
+        remarks.append(
+            "The model answers in the very sample of its command (nk = 0), which no loop can: "
+            "a command acts one sample later here."
+        )
+    largest = float(np.max(np.abs(b), initial=0.0))
+    if abs(float(b.sum())) <= NEGLIGIBLE * b.size * largest:
+        raise InputError(
+            "zero gain: the output does not answer to a lasting command", where=where, field="b",
+            hint="identify from a recording in which the command moves the output",
+        )  # fmt: skip
+    order = max(len(model.a) - 1, delay - 1 + b.size)
+    a = np.pad(np.array(model.a[1:]), (0, order - (len(model.a) - 1)))
+    taps = np.pad(np.r_[np.zeros(delay - 1), b], (0, order - (delay - 1 + b.size)))
+    plant = Plant(a, taps, model.sample_time, math.sqrt(max(model.noise_variance, 0.0)))
+    return Plant(a, taps, plant.sample_time, plant.noise, (*remarks, *_difficulties(plant)))
+
+
+def _difficulties(plant: Plant) -> list[str]:
+    """What of a plant limits every controller."""
+    said = []
+    unstable = [p for p in plant.poles if abs(p) > 1.0 + MARGIN]
+    for pole in unstable:
+        if pole.imag < 0.0:
+            continue
+        grows = 1.0 / math.log(abs(pole)) * plant.sample_time
+        said.append(
+            f"The model is unstable: left alone, its pole {_said(pole)} grows by e in {grows:.3g} s. "
+            "The loop must hold it, and what the loop cannot hold (at a limit) runs away."
+        )
+    for zero in plant.zeros:
+        if zero.real > 1.0 + 1e-6 and abs(zero.imag) < 1e-9 * abs(zero):
+            speed = math.log(zero.real) / plant.sample_time
+            if speed < math.pi / (5 * plant.sample_time):
+                said.append(
+                    f"The model is non-minimum-phase: because of its zero {zero.real:.6g} the output first goes "
+                    f"the wrong way; no loop can be faster than about {speed / 2:.3g} rad/s."
+                )
+    return said
+
+
+def _said(pole: complex) -> str:
+    return f"{pole.real:.6g}" if pole.imag == 0.0 else f"{pole.real:.5g} ± {abs(pole.imag):.5g}i"
+
+
+def scenarios(model: Armax, count: int, rng: np.random.Generator, input: int = 0) -> tuple[Plant, ...]:
+    """Plants drawn from the model's own covariance, the model itself first.
+
+    Args:
+        model: identified, with its covariance.
+        count: of plants, at least 1.
+        rng: source of the draws.
+        input: whose path.
+
+    Raises:
+        InputError: no covariance is known.
+    """
+    from optid.armax.model import from_theta
+
+    nominal = plant_of(model, input)
+    if count <= 1:
+        return (nominal,)
+    if model.covariance is None:
+        raise InputError(
+            "null", field="covariance", expected="the covariance of the coefficients",
+            hint="identify anew, or tune for the model alone",
+        )  # fmt: skip
+    spread = np.array(model.covariance)
+    values, vectors = np.linalg.eigh((spread + spread.T) / 2)
+    root = vectors * np.sqrt(np.clip(values, 0.0, None))
+    draws = model.theta + rng.standard_normal((count - 1, len(root))) @ root.T
+    return (nominal, *(
+        plant_of(from_theta(theta, model.orders, model.sample_time, model.noise_variance), input) for theta in draws
+    ))  # fmt: skip

@@ -1,0 +1,280 @@
+"""The whole job of `optid tune` as one function with one frozen result."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from optid.core.model import Array
+from optid.errors import InputError, SolveError
+from optid.pid.controller import Controller, Gains, Settings
+from optid.tune.baselines import Baseline, nelder_mead, rules
+from optid.tune.loop import Course
+from optid.tune.margins import Margins, margins
+from optid.tune.score import Response, response
+from optid.tune.search import Box, Evolved, box, evolve
+from optid.tune.task import REFUSED, Task
+from optid.tune.ultimate import Ultimate, ultimate
+
+SAMPLES_OF_LAG, LAG_SHARE = 2.0, 1 / 40  # default derivative filter: samples, share of the ultimate period
+SAME = 5e-3  # relative: starts whose costs are that near to the best one agree with it
+Bench = Callable[[Gains, Settings], tuple[Response, ...]]
+
+
+@dataclass(frozen=True)
+class Options:
+    """How to search.
+
+    Attributes:
+        free: gains that move; the others stay as `fixed` has them.
+        fixed: None takes a derivative filter that suits the plant, and set-point weight 1.
+        starts: populations, each from points of its own.
+        grid: points on each axis of the certificate's grid; 0 for none.
+    """
+
+    free: tuple[str, ...] = ("kp", "ki", "kd")
+    fixed: Gains | None = None
+    starts: int = 3
+    grid: int = 14
+
+    def __post_init__(self) -> None:
+        for name, least in (("starts", 1), ("grid", 0)):
+            if getattr(self, name) < least:
+                raise InputError(f"{getattr(self, name)}", field=name, expected=f"at least {least}")
+
+
+@dataclass(frozen=True, eq=False)
+class Scored:
+    """Gains and what they are worth.
+
+    Attributes:
+        name: "tuned" or a baseline's.
+        gains: None where the rule has nothing to say.
+        note: a word on where they come from.
+        cost: what the tuning makes small, of these gains; infinite where the loop runs away.
+        margins: of the linear loop on the identified model.
+        responses: on the identified model, one an episode.
+        bench: on the physical model, where one was given.
+    """
+
+    name: str
+    gains: Gains | None
+    note: str
+    cost: float
+    margins: Margins | None
+    responses: tuple[Response, ...] = ()
+    bench: tuple[Response, ...] = ()
+
+    @property
+    def stable(self) -> bool:
+        """By its linear loop."""
+        return self.margins is not None and self.margins.stable
+
+    def total(self, measure: str, bench: bool = False) -> float:
+        """Weighted sum of a measure ("itae") over the episodes; infinite without responses."""
+        runs = self.bench if bench else self.responses
+        return sum(r.episode.weight * r.measures[measure] for r in runs) if runs else math.inf
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """The best of an exhaustive grid beside what was found.
+
+    Attributes:
+        points: of the grid.
+        best: smallest cost on it.
+        ratio: cost found over that; at most 1 when the search beat the grid.
+        agreeing, starts: searches that ended within 0.5 % of the best one, of how many.
+        evaluations: of the cost, in the searches.
+    """
+
+    points: int
+    best: float
+    ratio: float
+    agreeing: int
+    starts: int
+    evaluations: int
+
+
+@dataclass(frozen=True, eq=False)
+class Tuning:
+    """Gains that make the criterion small, and the reasons to believe it.
+
+    Attributes:
+        gains: found.
+        settings: of the controller they are for.
+        task: what was asked.
+        found: the gains as scored; `baselines` likewise, for the same loop.
+        without_limits: the gains a tuning that knows no limits would choose, scored with limits; None without any.
+        certificate: of the search.
+        scale: ultimate gain and period.
+        within: where the gains were looked for.
+        remarks: what a user should know, in sentences.
+    """
+
+    gains: Gains
+    settings: Settings
+    task: Task
+    found: Scored
+    baselines: tuple[Scored, ...]
+    without_limits: Scored | None
+    certificate: Certificate
+    scale: Ultimate
+    within: Box
+    remarks: tuple[str, ...]
+
+    @property
+    def controller(self) -> Controller:
+        """A running controller with these gains."""
+        return Controller(self.gains, self.settings)
+
+
+def optimise(
+    task: Task, options: Options, rng: np.random.Generator, scale: Ultimate | None = None
+) -> tuple[Gains, list[Evolved], Box]:
+    """The search alone: gains, where each start ended, the box.
+
+    Raises:
+        SolveError: nothing in the box keeps what is required.
+    """
+    scale = scale or ultimate(task.plant)
+    fixed = options.fixed or default_gains(task, scale)
+    within = box(options.free, fixed, scale)
+
+    def fitness(points: Array) -> Array:
+        return task.fitness(within.gains(points))
+
+    ends = [evolve(fitness, len(options.free), rng) for _ in range(options.starts)]
+    best = min(ends, key=lambda end: end.fitness)
+    if best.fitness >= REFUSED:
+        raise SolveError(_refusal(task, best.fitness))
+    return as_gains(within.gains(best.point)[0]), ends, within
+
+
+def as_gains(vector: Array) -> Gains:
+    """From the order of `optid.pid.law`."""
+    return Gains(*(float(value) for value in vector))
+
+
+def default_gains(task: Task, scale: Ultimate) -> Gains:
+    """What is not searched for: full set-point weight, derivative on the measurement, a lag that suits the plant."""
+    lag = max(SAMPLES_OF_LAG * task.settings.sample_time, LAG_SHARE * scale.period)
+    return Gains(kp=scale.gain, derivative_filter=lag)
+
+
+def _refusal(task: Task, fitness: float) -> str:
+    if fitness / REFUSED - 1.0 >= 10.0:
+        return (
+            "no gains within thousands of the plant's scale stabilise this model: identify anew, "
+            "or with another order"
+        )
+    asked = [
+        f"{name.replace('_', ' ')} {value:g}"
+        for name, value in vars(task.required).items()
+        if value is not None
+    ]
+    if asked and fitness > REFUSED:
+        miss = 100 * (fitness / REFUSED - 1)
+        return f"no gains keep {' and '.join(asked)}; the best ones miss by {miss:.2g} %: ask for less"
+    return (
+        "every stabilising loop leaves the numbers in the simulation: the limits are too tight for this model"
+    )
+
+
+def tune(
+    task: Task, rng: np.random.Generator, options: Options | None = None, bench: Bench | None = None
+) -> Tuning:
+    """Find gains, compare them with others, and certify.
+
+    Args:
+        task: the loop.
+        rng: source of everything random.
+        options: of the search.
+        bench: runs gains on a physical model, one response an episode; where given, all gains are tried there too.
+
+    Raises:
+        SolveError: nothing keeps what is required, or nothing stabilises the model.
+    """
+    options, scale, bench = options or Options(), ultimate(task.plant), bench or task.bench
+    gains, ends, within = optimise(task, options, rng, scale)
+    certificate, gains = _certified(task, gains, ends, within, options)
+    others = _others(task, scale, within, gains)
+    unaware = _unaware(task, options, rng, scale)
+    found = score(task, Baseline("tuned", gains, "this tuning"), bench)
+    return Tuning(
+        gains, task.settings, task, found, tuple(score(task, one, bench) for one in others),
+        None if unaware is None else score(task, unaware, bench),
+        certificate, scale, within, _remarks(task, found),
+    )  # fmt: skip
+
+
+def _others(task: Task, scale: Ultimate, within: Box, gains: Gains) -> list[Baseline]:
+    """The baselines for this loop, with the same derivative filter."""
+    size = max((abs(e.reference[-1]) for e in task.episodes if e.size > 0), default=1.0)
+    most = min(abs(task.settings.low), abs(task.settings.high))
+    most = most if 0.0 < most < math.inf else task.command_size
+    found = rules(task.plant, scale, float(size), most, gains.derivative_filter)
+    start = next(other.gains for other in found if other.name == "ziegler_nichols_ultimate")
+    assert start is not None
+    simplex = nelder_mead(lambda points: task.fitness(within.gains(points)), within, start)
+    return [*found, Baseline("nelder_mead", simplex, "the same cost, from Ziegler and Nichols' gains")]
+
+
+def _unaware(task: Task, options: Options, rng: np.random.Generator, scale: Ultimate) -> Baseline | None:
+    """The gains of a tuning that knows no limits; None where there are none, or none such exist."""
+    limits = task.settings
+    if math.isinf(limits.low) and math.isinf(limits.high) and math.isinf(limits.rate):
+        return None
+    free = replace(limits, low=-math.inf, high=math.inf, rate=math.inf, deadband_low=0.0, deadband_high=0.0)
+    try:
+        gains, _, _ = optimise(replace(task, settings=free, bench=None), options, rng, scale)
+    except SolveError:
+        return None
+    return Baseline("without_limits", gains, "tuned as if there were no limits")
+
+
+def _remarks(task: Task, found: Scored) -> tuple[str, ...]:
+    """About the model, and about what the tuned loop does."""
+    slow = [run for run in found.responses if run.episode.rise[-1] != 0.0 and math.isinf(run.settled)]
+    lost = [run for run in found.bench if not run.bounded]
+    return (
+        *task.plant.remarks,
+        *(f"{run.episode.name}: not settled within the horizon; give it a longer one." for run in slow),
+        *(f"{run.episode.name}: on the physical model the loop runs away." for run in lost),
+    )
+
+
+def _certified(
+    task: Task, gains: Gains, ends: Sequence[Evolved], within: Box, options: Options
+) -> tuple[Certificate, Gains]:
+    """The grid's verdict; where the grid knows better, its point goes on."""
+    best = float(task.fitness(gains.vector)[0])
+    agreeing = sum(end.fitness <= best * (1.0 + SAME) for end in ends)
+    used = sum(end.evaluations for end in ends)
+    if options.grid == 0:
+        return Certificate(0, math.nan, math.nan, agreeing, len(ends), used), gains
+    axes = np.meshgrid(*[np.linspace(0.0, 1.0, options.grid)] * len(within.free), indexing="ij")
+    points = np.stack([axis.ravel() for axis in axes], axis=1)
+    costs = task.fitness(within.gains(points))
+    top = int(np.argmin(costs))
+    if costs[top] < best:
+        gains = as_gains(within.gains(points[top])[0])
+    found = min(best, float(costs[top]))
+    return Certificate(
+        len(points), float(costs[top]), found / float(costs[top]), agreeing, len(ends), used
+    ), gains
+
+
+def score(task: Task, one: Baseline, bench: Bench | None = None) -> Scored:
+    """Run gains on the model, and on the bench where there is one."""
+    if one.gains is None:
+        return Scored(one.name, None, one.note, math.inf, None)
+    vector, T = one.gains.vector, task.settings.sample_time
+    course: Course = task.course
+    runs = tuple(response(e, *course.trace(vector, 0, n), T) for n, e in enumerate(task.episodes))
+    cost = float(task.together(course.costs(vector))[0])
+    tried = bench(one.gains, task.settings) if bench else ()
+    return Scored(one.name, one.gains, one.note, cost, margins(task.plant, vector), runs, tried)
