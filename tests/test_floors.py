@@ -15,7 +15,7 @@ FLOORS = {
     "report": 5, "plot": 5,
     "cli": 6,
 }  # fmt: skip
-NEIGHBOURS = {("fit", "check"), ("rigs", "effects")}
+NEIGHBOURS = {("fit", "check"), ("rigs", "effects"), ("live", "tune")}
 FILES = sorted(path for path in PACKAGE.rglob("*.py") if path != PACKAGE / "__init__.py")
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import signal
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,6 +16,7 @@ from optid.cli.common import OUT, deliver, results_folder, say_table, write_json
 from optid.errors import InputError, JobError
 
 if TYPE_CHECKING:
+    from optid.live.page.door import Door
     from optid.live.plan import Plan
     from optid.live.session import Session
 
@@ -34,6 +35,17 @@ POSITIVE = click.FloatRange(min=0, min_open=True)
 @click.option("--gains", metavar="WHAT", help='A pid.json, or "kp=40 ki=60"; gentle ones where absent.')
 @click.option("--order", default=4, type=click.IntRange(1, 12), show_default=True, help="Of the ARMAX model.")
 @click.option("--dither", default=0.0, type=click.FloatRange(min=0), metavar="V", help="Random signs added.")
+@click.option(
+    "--tune", "tune_after", type=POSITIVE, metavar="S", help="Tune after so many seconds, and apply."
+)
+@click.option("--page", is_flag=True, help="Show and steer it in a browser; on this machine alone.")
+@click.option(
+    "--host", default="127.0.0.1", metavar="NAME", help="Serve the page there, to who has the token."
+)
+@click.option(
+    "--port", default=0, type=click.IntRange(0, 65535), help="Of the page; a free one where absent."
+)
+@click.option("--token", metavar="TEXT", help="Asked for at another --host; made at random where absent.")
 @click.option("--recording", metavar="FILE", help="What the replay driver replays.")
 @click.option("--fast", is_flag=True, help="As fast as it goes: simulated and replay only.")
 @click.option("--seed", default=0, type=click.IntRange(min=0), help="Of everything random.")
@@ -42,7 +54,7 @@ def live(rig: str, driver: str, out: str, **choices: Any) -> None:
     folder = results_folder(out)
 
     from optid.armax.files import to_json
-    from optid.live.processes import LOG
+    from optid.live.log import LOG
     from optid.live.results import identified, live_document
     from optid.live.session import Session
 
@@ -53,8 +65,7 @@ def live(rig: str, driver: str, out: str, **choices: Any) -> None:
     session = Session(plan)
     try:
         with _stopped_by_signals(session):
-            session.go()
-            _watch(session)
+            _run(session, choices)
     finally:
         session.close()
     document, model = live_document(session), identified(session)
@@ -67,6 +78,8 @@ def live(rig: str, driver: str, out: str, **choices: Any) -> None:
     deliver(folder, write)
     _say(document)
     click.echo(f"written to {out}: {LOG}, live.json" + (", armax.json" if model else ""))
+    if document["parted"]:
+        click.echo(f"rig and model have parted; what is missing finds\n  {document['diagnosis']}")
     if document["outcome"] == "failed":
         raise JobError(f"{document['why']}; the recording up to there was kept in {out}")
 
@@ -100,6 +113,15 @@ def _plan(rig: Path, driver: str, folder: Path, choices: dict[str, Any]) -> Plan
     )  # fmt: skip
 
 
+def _door(choices: dict[str, Any]) -> Door:
+    try:
+        from optid.live.page.door import Door
+    except ImportError as error:
+        raise InputError(f"{error}", where="--page", hint='pip install "optid[page]"') from None
+    given = {"token": choices["token"]} if choices["token"] else {}
+    return Door(choices["host"], choices["port"], **given)
+
+
 @contextmanager
 def _stopped_by_signals(session: Session) -> Iterator[None]:
     """Ctrl-C and SIGTERM ask the guard to put the safe command and end."""
@@ -115,15 +137,59 @@ def _stopped_by_signals(session: Session) -> Iterator[None]:
             signal.signal(number, handler)
 
 
-def _watch(session: Session) -> None:
-    """Poll until the end, saying what happens."""
-    said = 0
-    while session.end is None:
-        time.sleep(POLL)
-        session.poll()
+def _run(session: Session, choices: dict[str, Any]) -> None:
+    """From the first sample to the last, with a page or without."""
+    said, look = 0, _pilot(session, choices["tune_after"])
+
+    def after_poll() -> None:
+        nonlocal said
+        look()
         for event in session.events.since(said):
             click.echo(f"{event.time:8.1f} s  {event.words}")
         said = session.events.number
+
+    def begin(address: str | None = None) -> None:
+        if address is not None:
+            click.echo(f"the page: {address}")
+        session.go()
+
+    if choices["page"]:
+        import asyncio
+
+        from optid.live.page.server import watch
+
+        try:
+            asyncio.run(watch(session, _door(choices), begin, after_poll))
+        except OSError as error:
+            raise InputError(f"the page cannot be served ({error})", where="--port") from None
+        return
+    begin()
+    while session.end is None:
+        time.sleep(POLL)
+        session.poll()
+        after_poll()
+
+
+def _pilot(session: Session, tune_after: float | None) -> Callable[[], None]:
+    """Tunes once, and applies what the review finds better."""
+    begun, asked, settled = time.monotonic(), False, False
+
+    def look() -> None:
+        nonlocal asked, settled
+        if tune_after is None or settled:
+            return
+        if not asked and time.monotonic() - begun > tune_after:
+            asked = True
+            session.tune()
+        review = session.tuning.review
+        if asked and not session.busy:
+            settled = True
+            if review is not None and review.better:
+                session.apply()
+            elif review is not None:
+                session.events.note("not applied: the review does not find them better")
+
+    return look
 
 
 def _say(document: dict[str, Any]) -> None:

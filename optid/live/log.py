@@ -13,6 +13,7 @@ from optid.live.settings import Wiring
 
 PREDICTIONS = ("predicted", "simulated", "windowed")  # of the position, see `Reply`
 NOTHING = Reply(0, *(math.nan,) * 6)
+LOG = "recording.csv"
 SYNC = 1.0  # s between the moments at which the disk itself is asked to have everything
 
 

@@ -56,10 +56,8 @@ class Observer(Twin):
     def advance(self, command: float, span: float) -> bool:
         """As for a twin, with the covariance carried along."""
         self._input(command, span)
-        self._S[:] = self._eye
-        h = _hold_slopes(self._code, self.x, self._S, self._u, self._c, self._k, self._T, self._tolerance, span,
-                         min(self._h, span))  # fmt: skip
-        _carry(self._P, self._S, self._q * (span * self._swell[0]))
+        h = _follow(self._code, self.x, self._S, self._u, self._c, self._k, self._T, self._tolerance, span,
+                    min(self._h, span), self._P, self._q, self._swell)  # fmt: skip
         if not self._sane(h, span):
             self._P[:] = np.diag(self._spread**2)
             return False
@@ -67,29 +65,13 @@ class Observer(Twin):
 
     def correct(self, measured: Array) -> None:
         """Take one sample of the outputs, SI, shape (outputs,); NaN is missing."""
-        _sense_slopes(self._code, self.x, self._eye, self._u, self._c, self._y, self._H)
-        _noise(self._recent, self._R, self._weight, self._known, measured)
-        _correct(self.x, self._P, self._H, self._R, self._swell, measured, self._y)
+        _heed(self._code, self.x, self._u, self._c, self._y, self._H, self._eye, self._P, self._R, self._swell,
+              self._recent, self._weight, self._known, measured)  # fmt: skip
 
     @property
     def noise(self) -> Array:
         """Sd of each output as it is taken to be, shape (outputs,)."""
         return np.sqrt(self._R)
-
-
-@compiled_loop
-def _hold_slopes(code, x, S, u, c, k, T, tolerance, span, h):  # type: ignore[no-untyped-def]
-    """One hold with S carried along."""
-    return advance(
-        code.slopes, code.step_slopes, at(x, 0), at(S, 0), at(u, 0), at(c, 0), k, at(T, 0), at(tolerance, 0),
-        span, h,
-    )  # fmt: skip
-
-
-@compiled_loop
-def _sense_slopes(code, x, S, u, c, y, R):  # type: ignore[no-untyped-def]
-    """The outputs with R = their slopes along S."""
-    call(code.sensor_slopes, (at(x, 0), at(S, 0), at(u, 0), at(c, 0), at(y, 0), at(R, 0)))
 
 
 @quick
@@ -149,3 +131,26 @@ def _noise(recent: Array, R: Array, weight: Array, known: Any, measured: Array) 
         if third == third:
             weight[o] = FORGET * weight[o] + 1.0
             R[o] += (third * third / 20.0 - R[o]) / weight[o]
+
+
+@compiled_loop
+def _follow(code, x, S, u, c, k, T, tolerance, span, h, P, q, swell):  # type: ignore[no-untyped-def]
+    """One hold of the state and its covariance; the next step size, negative on failure."""
+    S[:] = 0.0
+    for i in range(len(x)):
+        S[i, i] = 1.0
+    h = advance(
+        code.slopes, code.step_slopes, at(x, 0), at(S, 0), at(u, 0), at(c, 0), k, at(T, 0), at(tolerance, 0),
+        span, h,
+    )  # fmt: skip
+    _carry(P, S, q * (span * swell[0]))
+    return h
+
+
+@compiled_loop
+def _heed(code, x, u, c, y, H, eye, P, R, swell, recent, weight, known, measured):  # type: ignore[no-untyped-def]
+    """One sample: outputs with their slopes, the sensors' noise, the correction, and the outputs after it."""
+    call(code.sensor_slopes, (at(x, 0), at(eye, 0), at(u, 0), at(c, 0), at(y, 0), at(H, 0)))
+    _noise(recent, R, weight, known, measured)
+    _correct(x, P, H, R, swell, measured, y)
+    call(code.sensors, (at(x, 0), at(x, 0), at(u, 0), at(c, 0), at(y, 0), at(x, 0)))

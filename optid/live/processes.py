@@ -15,7 +15,7 @@ from typing import Any
 from optid.live.clock import FastClock, RealClock
 from optid.live.driver import open_driver
 from optid.live.guard import End, Guard, Stop
-from optid.live.log import Layout, Log
+from optid.live.log import LOG, Layout, Log
 from optid.live.loop import Loop
 from optid.live.messages import pack_reply, unpack_sample
 from optid.live.pipes import PipeLink, ready, refuse, tell, told
@@ -25,7 +25,6 @@ from optid.live.settings import live_settings, wiring_of
 from optid.pid.controller import Gains
 from optid.rigs.rigfile import read_rig
 
-LOG = "recording.csv"
 GUARD_FILE = "guard.json"  # how the guard saw the end: there even when nobody else is left
 PRIORITY = 20  # among real-time processes, where the system lets us be one
 

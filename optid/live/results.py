@@ -11,8 +11,7 @@ import numpy as np
 
 from optid.armax.audit import audit
 from optid.armax.files import ArmaxFile, SavedModel
-from optid.live.log import PREDICTIONS, Layout
-from optid.live.processes import LOG
+from optid.live.log import LOG, PREDICTIONS, Layout
 
 if TYPE_CHECKING:
     from optid.live.session import Session
@@ -41,6 +40,7 @@ def live_document(session: Session) -> dict[str, Any]:
         "gains": asdict(session.gains),
         "fit_percent": fit,
         "parted": session.parted,
+        "diagnosis": session.diagnosis,
         "events": [{"time": round(event.time, 3), "words": event.words} for event in session.events],
     }
 

@@ -1,4 +1,4 @@
-"""A session as its user sees it: starts guard and loop, hears what they say, stops them."""
+"""A session as its user sees it: starts guard and loop, hears what they say, stops them, tunes and applies."""
 
 from __future__ import annotations
 
@@ -17,8 +17,11 @@ from optid.live.pipes import ready, tell, told
 from optid.live.plan import Plan, ring_sizes
 from optid.live.processes import guard_process, loop_process
 from optid.live.rescue import rescue
+from optid.live.review import case_of
 from optid.live.ring import Ring
 from optid.live.settings import live_settings, wiring_of
+from optid.live.slices import offer_diagnosis
+from optid.live.tuning import Tuning
 from optid.pid.controller import Gains
 from optid.rigs.rigfile import read_rig
 
@@ -35,7 +38,9 @@ class Session:
     Attributes:
         events: what happened.
         gains: the controller has now.
-        model: identified so far, as last asked for with `learn`; the last one of all after the end.
+        model: identified so far, as of the last tuning; the last one of all after the end.
+        tuning: in the background, and its review.
+        parted, diagnosis: whether rig and model disagree, and the command that finds out why.
         end: how it ended (fields of `optid.live.guard.End`); ``None`` while it runs.
         signals, slow: rings that the loop fills, see `optid.live.plan`.
 
@@ -48,7 +53,9 @@ class Session:
         rig = read_rig(plan.rig)
         self.settings, self.wiring = live_settings(rig, plan.rate), wiring_of(rig)
         self.events, self.gains, self.parted = Events(), plan.choices.gains, False
-        self.model: Armax | None = None
+        self.diagnosis = ""
+        self.rig_name, self.model = rig.name, None
+        self.tuning, self._wants = Tuning(plan, self.events.note), False
         self.end: dict[str, Any] | None = None
         order = plan.choices.order
         self._blank = Identifier(Orders(order, (order,), order, (1,)), self.settings.span)
@@ -61,6 +68,8 @@ class Session:
         except BaseException:
             self.close()
             raise
+
+    model: Armax | None
 
     def _start(self) -> None:
         context = multiprocessing.get_context("spawn")
@@ -90,13 +99,29 @@ class Session:
         """Ask the guard to put the safe command and end; `poll` until `end` is there."""
         tell(self._pipes[0], do="stop", why=why)
 
-    def learn(self) -> None:
-        """Ask for the model identified so far; `model` holds it soon."""
-        tell(self._pipes[1], do="model")
+    def tune(self) -> None:
+        """Look for better gains in the background, on the model identified so far; once at a time."""
+        if not self.busy and self.end is None:
+            self._wants = True
+            tell(self._pipes[1], do="model")
+            self.events.note("tuning on the model identified so far")
 
-    def change(self, gains: Gains) -> None:
-        """Give gains to the loop, which takes them without a jump of the command."""
-        tell(self._pipes[1], do="gains", gains=vars(gains))
+    @property
+    def busy(self) -> bool:
+        """A tuning is under way."""
+        return self._wants or self.tuning.busy
+
+    @property
+    def applicable(self) -> bool:
+        """There are reviewed gains that the loop does not have yet."""
+        review = self.tuning.review
+        return self.end is None and review is not None and review.new != self.gains
+
+    def apply(self) -> None:
+        """Give the reviewed gains to the loop, which takes them without a jump of the command."""
+        review = self.tuning.review
+        if self.applicable and review is not None:
+            tell(self._pipes[1], do="gains", gains=vars(review.new))
 
     def poll(self) -> None:
         """Hear what guard and loop have to say; never waits."""
@@ -106,6 +131,7 @@ class Session:
                     heed(told(pipe))
         if self.end is None and not self._processes[0].is_alive():
             self._guard_died()
+        self.tuning.poll()
         self._look()
 
     def parameters(self) -> tuple[int, Array]:
@@ -121,6 +147,9 @@ class Session:
                 _end(process)
         if self._pipes:
             self.poll()
+        if self.parted:  # the newest minutes
+            self.diagnosis = offer_diagnosis(self.plan.rig, self.plan.out, self.settings.rate)
+        self.tuning.close()
         for pipe in self._pipes:
             pipe.close()
         self._pipes = []
@@ -139,11 +168,20 @@ class Session:
         if message["say"] == "model":
             learnt = self._blank.restored(message["state"])
             self.model = learnt.model if learnt.counts.learnt_from else None
+            if self._wants and self.end is None:
+                self._begin_tuning()
         elif message["say"] == "applied":
             self.gains = Gains(**message["gains"])
             self.events.note("applied: " + ", ".join(f"{k} {v:.4g}" for k, v in message["gains"].items()))
         elif message["say"] == "failed":
             self.events.note(f"the loop failed: {message['why']}")
+
+    def _begin_tuning(self) -> None:
+        self._wants = False
+        if self.model is None:
+            self.events.note("not tuned: nothing has been identified yet")
+        else:
+            self.tuning.begin(case_of(self.model, self.gains, self.settings))
 
     def _guard_died(self) -> None:
         with contextlib.suppress(EOFError, OSError):
@@ -162,6 +200,8 @@ class Session:
         self.parted = not self.parted
         if self.parted:
             self.events.note(f"rig and model have parted: the 0.5 s windows fit {rows[0][1]:.0f} %")
+            self.diagnosis = offer_diagnosis(self.plan.rig, self.plan.out, self.settings.rate)
+            self.events.note(f"what is missing finds: {self.diagnosis}")
         else:
             self.events.note("rig and model agree again")
 

@@ -40,26 +40,26 @@ class Twin:
         self.x = np.empty(nx)
         self._begin()
         self.advance(0.0, 1e-6)  # compiles or loads now: no sample of a rig waits for it
-        self.outputs()
         self._begin()
 
     def _begin(self) -> None:
         self.x[:], self.time, self._h = self._first, 0.0, 1e-3
+        _sense(self._code, self.x, self._u, self._c, self._y)
 
     def advance(self, command: float, span: float) -> bool:
         """Hold a command, in the model's unit, for `span` seconds; False where the equations leave the numbers."""
         self._input(command, span)
-        h = _hold(self._code, self.x, self._u, self._c, self._k, self._tolerance, span, min(self._h, span))
+        h = _hold(self._code, self.x, self._u, self._c, self._k, self._tolerance, span, min(self._h, span),
+                  self._y)  # fmt: skip
         return self._sane(h, span)
 
     def outputs(self) -> Array:
         """What the sensors show at the end of the last hold, shape (outputs,); valid until the next call."""
-        _sense(self._code, self.x, self._u, self._c, self._y)
         return self._y[:-1]
 
     def copy(self, other: Twin) -> None:
         """Go on from another twin of the same model."""
-        self.x[:] = other.x
+        self.x[:], self._y[:] = other.x, other._y
         self.time, self._past[:] = other.time, other._past
 
     def _input(self, command: float, span: float) -> None:
@@ -77,6 +77,7 @@ class Twin:
         self.time += span
         if h < 0.0:
             self.x[:], self._h = self._first, 1e-3
+            _sense(self._code, self.x, self._u, self._c, self._y)
             return False
         self._h = h
         return True
@@ -89,12 +90,12 @@ def _prepare(code, p, c):  # type: ignore[no-untyped-def]
 
 
 @compiled_loop
-def _hold(code, x, u, c, k, tolerance, span, h):  # type: ignore[no-untyped-def]
-    """One hold; the next step size, negative on failure."""
-    none = at(k, 0)  # what stands for slopes is never touched
-    return advance(
-        code.rates, code.step, at(x, 0), none, at(u, 0), at(c, 0), k, none, at(tolerance, 0), span, h
-    )
+def _hold(code, x, u, c, k, tolerance, span, h, y):  # type: ignore[no-untyped-def]
+    """One hold and the outputs at its end; the next step size, negative on failure."""
+    here, none = at(x, 0), at(k, 0)  # what stands for slopes is never touched
+    h = advance(code.rates, code.step, here, none, at(u, 0), at(c, 0), k, none, at(tolerance, 0), span, h)
+    call(code.sensors, (here, none, at(u, 0), at(c, 0), at(y, 0), none))
+    return h
 
 
 @compiled_loop

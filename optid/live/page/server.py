@@ -1,0 +1,164 @@
+"""Serves the page and keeps it fed: signals as packed rows, everything else as JSON, one coroutine a reader.
+
+A reader that is slow skips rows: what it has not fetched stays in the session's rings, which never grow.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+from collections.abc import AsyncIterator, Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from aiohttp import WSMsgType, web
+
+from optid.live.page.door import COOKIE, Door
+from optid.live.page.view import hello, news
+from optid.live.session import Session
+
+HERE = Path(__file__).parent
+FILES = {"/": ("page.html", "text/html"), "/page.js": ("page.js", "text/javascript"),
+         "/chart.js": ("chart.js", "text/javascript"), "/page.css": ("page.css", "text/css")}  # fmt: skip
+PACE = 0.1  # s between two messages to a reader
+DRAWN = 250.0  # rows a second that a reader gets at most
+POLL = 0.05  # s between looks at the session
+READERS = 8  # at a time
+LAST_WORD = 2.0  # s for readers to fetch how it ended
+HEADERS = {
+    "Content-Security-Policy": "default-src 'self'; img-src data:; frame-ancestors 'none'",
+    "Cache-Control": "no-store", "Referrer-Policy": "no-referrer", "X-Content-Type-Options": "nosniff",
+}  # fmt: skip
+
+
+class Page:
+    """The page of a session.
+
+    Args:
+        session: to show and to steer.
+        door: who may come in.
+    """
+
+    def __init__(self, session: Session, door: Door) -> None:
+        self._session, self._door = session, door
+        self._readers: set[asyncio.Task[Any]] = set()
+        self._stride = max(1, round(session.settings.rate / DRAWN))
+
+    def application(self) -> web.Application:
+        """Routes behind the door."""
+        application = web.Application(middlewares=[self._guarded], client_max_size=4096)
+        for route in FILES:
+            application.router.add_get(route, self._file)
+        application.router.add_get("/live", self._live)
+        return application
+
+    @web.middleware
+    async def _guarded(self, request: web.Request, handler: Any) -> web.StreamResponse:
+        self._door.admit(request)
+        response: web.StreamResponse = await handler(request)
+        return response
+
+    async def _file(self, request: web.Request) -> web.Response:
+        name, kind = FILES[request.path]
+        text = (HERE / name).read_text(encoding="utf-8")
+        response = web.Response(text=text, content_type=kind, charset="utf-8", headers=HEADERS)
+        if not self._door.local:
+            response.set_cookie(COOKIE, self._door.token, httponly=True, samesite="Strict")
+        return response
+
+    async def _live(self, request: web.Request) -> web.WebSocketResponse:
+        if len(self._readers) >= READERS:
+            raise web.HTTPServiceUnavailable(text=f"{READERS} pages are open already\n")
+        socket = web.WebSocketResponse(heartbeat=10.0, max_msg_size=4096)
+        await socket.prepare(request)
+        feeder = asyncio.create_task(self._feed(socket))
+        self._readers.add(feeder)
+        try:
+            async for message in socket:
+                if message.type is WSMsgType.TEXT:
+                    self._obey(message.data)
+        finally:
+            self._readers.discard(feeder)
+            feeder.cancel()
+            with contextlib.suppress(asyncio.CancelledError, ConnectionError):
+                await feeder
+        return socket
+
+    def _obey(self, text: str) -> None:
+        """One word of the page; what is not understood is not done."""
+        try:
+            message = json.loads(text)
+        except ValueError:
+            return
+        wish = message.get("do") if isinstance(message, dict) else None
+        if wish == "stop":
+            self._session.stop("the page's stop")
+        elif wish == "tune":
+            self._session.tune()
+        elif wish == "apply":
+            self._session.apply()
+
+    async def _feed(self, socket: web.WebSocketResponse) -> None:
+        """Send what is new, again and again; the next message is made when the last one has left."""
+        session = self._session
+        await socket.send_str(json.dumps(hello(session)))
+        seen = slow = events = 0
+        while not socket.closed:
+            ended = session.end is not None
+            seen, rows = session.signals.since(max(seen, session.signals.count - session.signals.rows // 2))
+            first = -(seen - len(rows)) % self._stride
+            rows = rows[first :: self._stride]
+            if len(rows):
+                await socket.send_bytes(np.ascontiguousarray(rows, dtype="<f8").tobytes())
+            slow, parameters = session.slow.since(slow)
+            await socket.send_str(json.dumps(news(session, parameters, events)))
+            events = session.events.number
+            if ended:
+                await socket.close(message=b"ended")
+                return
+            await asyncio.sleep(PACE)
+
+    async def finish(self) -> None:
+        """Let the readers hear how it ended."""
+        if self._readers:
+            await asyncio.wait(self._readers, timeout=LAST_WORD)
+
+
+@contextlib.asynccontextmanager
+async def served(page: Page, door: Door) -> AsyncIterator[str]:
+    """The page's address, while it is served.
+
+    Raises:
+        OSError: it cannot listen there.
+    """
+    runner = web.AppRunner(page.application(), access_log=None, shutdown_timeout=1.0)
+    await runner.setup()
+    try:
+        site = web.TCPSite(runner, door.host, door.port)
+        await site.start()
+        yield door.url(runner.addresses[0][1])
+        await page.finish()
+    finally:
+        await runner.cleanup()
+
+
+async def watch(
+    session: Session, door: Door, open_at: Callable[[str], None], look: Callable[[], None]
+) -> None:
+    """Serve the page until the session has ended.
+
+    Args:
+        session: begun already or by `open_at`.
+        door: who may come in.
+        open_at: told the address once.
+        look: called after each poll.
+    """
+    page = Page(session, door)
+    async with served(page, door) as address:
+        open_at(address)
+        while session.end is None:
+            session.poll()
+            look()
+            await asyncio.sleep(POLL)

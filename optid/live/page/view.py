@@ -1,0 +1,81 @@
+"""What the page is told, as JSON: once what stays, then what is new."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict
+from typing import Any
+
+from optid.core.model import Array
+from optid.live.plan import KEEP, SIGNALS, slow_columns
+from optid.live.review import Review
+from optid.live.session import Session
+
+POINTS = 300  # of a reviewed response
+
+
+def hello(session: Session) -> dict[str, Any]:
+    """Names, units and limits, which stay."""
+    limits = session.settings.limits
+    position, command = session.wiring.measured[0], session.wiring.command
+    return {
+        "kind": "hello",
+        "rig": session.rig_name,
+        "driver": session.plan.driver,
+        "rate": session.settings.rate,
+        "signals": list(SIGNALS),
+        "slow": slow_columns(session.plan.choices.order),
+        "keep": KEEP,
+        "output": {"name": position.role, "unit": position.recorded_unit},
+        "input": {"name": command.role, "unit": command.recorded_unit},
+        "limits": {"low": limits.low, "high": limits.high, "stroke": [_number(x) for x in limits.stroke]},
+    }
+
+
+def news(session: Session, parameters: Array, events_seen: int) -> dict[str, Any]:
+    """What may have changed.
+
+    Args:
+        session: as it is.
+        parameters: new rows of the ring of parameters.
+        events_seen: by this reader already.
+    """
+    review = session.tuning.review
+    return {
+        "kind": "news",
+        "gains": asdict(session.gains),
+        "parted": session.parted,
+        "diagnosis": session.diagnosis,
+        "tuning": session.busy,
+        "review": None if review is None else _review(review),
+        "applicable": session.applicable,
+        "slow": [[_number(x) for x in row] for row in parameters.tolist()],
+        "events": [[round(event.time, 1), event.words] for event in session.events.since(events_seen)],
+        "end": None if session.end is None else {"how": session.end["how"], "why": session.end["why"]},
+    }
+
+
+def _review(review: Review) -> dict[str, Any]:
+    stride = max(1, round(len(review.responses["physical"][0].output) / POINTS))
+    return {
+        "old": asdict(review.old),
+        "new": asdict(review.new),
+        "step": review.step,
+        "better": review.better,
+        "interval": stride * review.sample_time,
+        "responses": {
+            model: [
+                {
+                    "position": [_number(x) for x in one.output[::stride].tolist()],
+                    "itae": _number(one.measures["itae"]),
+                    "overshoot": _number(one.overshoot),
+                }
+                for one in pair
+            ]
+            for model, pair in review.responses.items()
+        },
+    }
+
+
+def _number(value: float) -> float | None:
+    return value if math.isfinite(value) else None

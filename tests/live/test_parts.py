@@ -1,0 +1,244 @@
+"""The small parts of a session: log, ring, durations, messages, reference, gains, settings, slices."""
+
+import math
+import tracemalloc
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from optid.core.readers import read_recording
+from optid.errors import InputError, RigError
+from optid.live.gains import gentle, read_gains
+from optid.live.log import LOG, Layout, Log
+from optid.live.messages import Reply, Sample, pack_reply, pack_sample, unpack_reply, unpack_sample
+from optid.live.reference import read_reference, tour
+from optid.live.ring import Ring
+from optid.live.settings import Limits, live_settings, wiring_of
+from optid.live.slices import HELD_OUT, SEEN, UNSEEN, WIDEST, last_rows, offer_diagnosis
+from optid.live.timing import Durations
+from optid.pid.controller import Gains
+from optid.rigs.rigfile import read_rig
+
+number = st.floats(allow_nan=False)
+
+
+@given(st.integers(0, 2**62), number, number, st.lists(number, max_size=5), st.tuples(*[number] * 6))
+def test_messages_arrive_as_they_were(count, time, standing, values, rest):
+    sample, reply = Sample(count, time, standing, tuple(values)), Reply(count, *rest)
+    assert unpack_sample(pack_sample(sample)) == sample
+    assert unpack_reply(pack_reply(reply)) == reply
+
+
+@given(st.lists(st.tuples(st.integers(1, 9), st.booleans()), max_size=30))
+def test_a_ring_gives_each_row_once_as_long_as_it_is_there(bursts):
+    ring = Ring(7, 2)
+    reader = Ring(7, 2, ring.name)
+    try:
+        written, seen, got = 0, 0, []
+        for burst, look in bursts:
+            for _ in range(burst):
+                ring.add((float(written), -float(written)))
+                written += 1
+            if look:
+                seen, rows = reader.since(seen)
+                assert seen == written
+                got.extend(rows[:, 0].tolist())
+                assert len(rows) == 0 or rows[-1, 0] == written - 1
+        assert got == sorted(set(got))
+    finally:
+        reader.close()
+        ring.close()
+
+
+def test_durations_are_counted_in_classes_of_a_few_percent():
+    rng, durations = np.random.default_rng(0), Durations()
+    values = rng.lognormal(math.log(1e-4), 1.0, 20_000)
+    for value in values:
+        durations.add(value)
+    for percent in (50, 99, 99.9):
+        assert durations.percentile(percent) == pytest.approx(np.percentile(values, percent), rel=0.07)
+    summary = durations.summary()
+    assert summary["number"] == 20_000
+    assert summary["max_us"] == pytest.approx(1e6 * values.max(), abs=0.01)
+    assert summary["mean_us"] == pytest.approx(1e6 * values.mean(), rel=1e-3)
+    for strange in (0.0, 1e-12, 1e9):
+        durations.add(strange)
+    assert Durations().summary() is None
+
+
+def test_a_log_holds_each_row_as_soon_as_it_is_written(tmp_path):
+    log = Log(tmp_path / "log.csv", ["t", "u", "x"])
+    log.row((0.001, math.nan, -1.5))
+    assert (tmp_path / "log.csv").read_text() == "t,u,x\n0.001,,-1.5\n"
+    log.row((3600.123456, math.inf, 1e-300))
+    log.close()
+    frame = pd.read_csv(tmp_path / "log.csv")
+    assert frame["t"].tolist() == [0.001, 3600.123456]
+    assert frame["u"].isna().all()
+    with pytest.raises(FileExistsError):
+        Log(tmp_path / "log.csv", ["t"])
+
+
+def with_table(rig, tmp_path, change):
+    path = tmp_path / "rig.toml"
+    path.write_text(change(rig.source), encoding="utf-8")
+    return read_rig(path)
+
+
+def test_a_log_is_read_in_the_rigs_own_units(bench, tmp_path):
+    def change(source):
+        source = source.replace(
+            'time = { column = "t", unit = "s" }', 'time = { column = "ms", unit = "ms" }'
+        )
+        source = source.replace('reference = { column = "r", unit = "mm" }', "")
+        return source.replace('"x", unit = "mm" }', '"x", unit = "cm", offset = "13 cm" }')
+
+    rig = with_table(bench, tmp_path, change)
+    layout = Layout(wiring_of(rig))
+    assert layout.columns == ["ms", "u", "x", "reference", "x_predicted", "x_simulated", "x_windowed"]
+    log = Log(tmp_path / "log.csv", layout.columns)
+    for n in range(3):
+        reply = Reply(n, 1.0, 0.02, 0.03, 0.04, 0.05, 1e-5)
+        log.row(layout.row(1e-3 * n, 2.5, (12.0,), reply))
+    log.close()
+    record = read_recording(tmp_path / "log.csv", rig)
+    assert record.time.tolist() == pytest.approx([0.0, 1e-3, 2e-3])
+    assert record["position"].values.tolist() == pytest.approx([-0.01] * 3)
+    assert record["command"].recorded.tolist() == pytest.approx([2.5] * 3)
+    row = pd.read_csv(tmp_path / "log.csv").iloc[0]
+    assert [row["reference"], row["x_windowed"]] == pytest.approx([15.0, 18.0])
+
+
+def test_a_column_of_the_rigs_that_has_a_name_of_ours_keeps_it(bench, tmp_path):
+    own = 'reference = { column = "r", unit = "mm" }'
+    rig = with_table(bench, tmp_path, lambda s: s.replace(own, "").replace('"x", unit', '"reference", unit'))
+    assert Layout(wiring_of(rig)).columns[2:4] == ["reference", "reference_live"]
+
+
+def test_references(bench):
+    limits = live_settings(bench).limits
+    stairs = read_reference("0:0 mm, 2:60 mm, 2.5:-4 cm", bench, limits, "m")
+    assert [stairs.at(t) for t in (0.0, 1.999, 2.0, 2.6, 99.0)] == [0.0, 0.0, 0.06, -0.04, -0.04]
+    assert read_reference("60 mm", bench, limits, "m").at(5.0) == 0.06
+    recorded = read_reference(str(bench.path.with_name("bench.csv")), bench, limits, "m")
+    assert recorded.at(0.0) == pytest.approx(-0.06295)
+    around = tour(limits)
+    assert around.at(0.0) == around.at(around.period) == around.at(7 * around.period)
+    assert max(around.values) < limits.stroke[1]
+    for wrong in ("1:0 mm", "0:0 mm, 0:1 mm", "x:1 mm", "60 s", "500 mm", ""):
+        with pytest.raises(InputError, match="--reference"):
+            read_reference(wrong, bench, limits, "m")
+    with pytest.raises(InputError, match="no tour"):
+        tour(Limits(-1.0, 1.0, 1.0, 0.0))
+
+
+def test_gains(tmp_path):
+    assert read_gains("kp=40, ki=60 kd=0.5") == Gains(40.0, 60.0, 0.5)
+    file = tmp_path / "pid.json"
+    file.write_text('{"schema": "optid.pid/1", "gains": {"kp": 3.0, "setpoint_weight": 0.5}}')
+    assert read_gains(str(file)) == Gains(3.0, setpoint_weight=0.5)
+    for text in (
+        '{"schema": "optid.fit/1"}',
+        "[]",
+        '{"schema": "optid.pid/1"}',
+        "{",
+        '{"schema": "optid.pid/1", "gains": {"kp": null}}',
+    ):
+        file.write_text(text)
+        with pytest.raises(InputError, match=r"pid\.json"):
+            read_gains(str(file))
+    for wrong in ("kp", "kp=a", "kp=1 kq=2", "ki=3", "", "kp=inf"):
+        with pytest.raises(InputError):
+            read_gains(wrong)
+    assert gentle(Limits(-5.0, 5.0, 1.0, 0.0, (-0.1, 0.15))) == Gains(20.0)
+    with pytest.raises(InputError, match="no stroke"):
+        gentle(Limits(-5.0, 5.0, 1.0, 0.0))
+
+
+def test_settings_come_from_the_live_table(bench, tmp_path):
+    table = """
+[live]
+rate = "500 Hz"
+command_limits = ["-2 V", "3 V"]
+command_rate = "100 V/s"
+safe_command = "0.1 V"
+stroke_limits = ["-50 mm", "40 mm"]
+watchdog = "20 ms"
+"""
+    settings = live_settings(with_table(bench, tmp_path, lambda source: source + table))
+    assert (settings.rate, settings.watchdog) == (500.0, 0.02)
+    assert settings.limits == Limits(-2.0, 3.0, 100.0, 0.1, (-0.05, 0.04))
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ('rate = "0 Hz"', "positive"),
+        ('rat = "100 Hz"', 'did you mean "rate"'),
+        ('command_limits = ["2 V", "-2 V"]', "not below"),
+        ('command_limits = ["2 mm", "3 mm"]', "command_limits"),
+        ('safe_command = "9 V"', "outside the command limits"),
+        ('command_rate = "0 V/s"', "positive rate"),
+        ('stroke_limits = "5 mm"', "stroke_limits"),
+        ('watchdog = "-1 s"', "watchdog"),
+    ],
+)
+def test_a_wrong_live_table_is_refused_by_field(bench, tmp_path, line, words):
+    rig = with_table(bench, tmp_path, lambda source: f"{source}\n[live]\n{line}\n")
+    with pytest.raises(RigError, match=words):
+        live_settings(rig)
+
+
+def test_recordings_without_a_time_column_keep_their_rate(bench, tmp_path):
+    rig = with_table(
+        bench, tmp_path, lambda s: s.replace('time = { column = "t", unit = "s" }', 'rate = "250 Hz"')
+    )
+    assert live_settings(rig).rate == 250.0
+    with pytest.raises(RigError, match="250 Hz"):
+        live_settings(rig, 1000.0)
+
+
+def test_the_last_minutes_are_two_recordings(bench, tmp_path, run_live):
+    _, _, path = run_live(bench, seconds=1.5)
+    path.rename(tmp_path / LOG)
+    words = offer_diagnosis(bench.path, tmp_path, 1000.0)
+    assert words.startswith("optid diagnose ")
+    seen, unseen = (read_recording(tmp_path / name, bench) for name in (SEEN, UNSEEN))
+    assert len(unseen) == round(HELD_OUT * 1500)
+    assert len(seen) + len(unseen) == 1500
+    assert unseen.time[0] > seen.time[-1]
+
+
+def test_only_the_end_of_a_long_log_is_read(tmp_path):
+    rows = [f"{n},{n % 7}" for n in range(5000)]
+    (tmp_path / "log.csv").write_text("t,x\n" + "\n".join(rows) + "\n4999.5,")  # one row is being written
+    head, last = last_rows(tmp_path / "log.csv", 10)
+    assert (head, [row.decode() for row in last]) == (b"t,x", rows[-10:])
+    assert (tmp_path / "log.csv").stat().st_size > WIDEST * 10
+    head, last = last_rows(tmp_path / "log.csv", 10_000)
+    assert [row.decode() for row in last] == rows
+
+
+def test_a_session_holds_no_more_after_a_long_time_than_after_a_short_one(bench, run_live):
+    held = {}
+    reference = tour(live_settings(bench).limits)
+
+    class Looking:
+        """A demanded position that notes how much memory is held when it is asked for."""
+
+        period = reference.period
+
+        def at(self, time):
+            if round(1e3 * time) in (2000, 4000, 12_000):
+                held[round(time)] = tracemalloc.get_traced_memory()[0]
+            return reference.at(time)
+
+    tracemalloc.start()
+    try:
+        run_live(bench, seconds=12.01, reference=Looking())
+    finally:
+        tracemalloc.stop()
+    assert held[12] - held[4] < 4096  # bytes, over 8000 samples
