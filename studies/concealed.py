@@ -16,12 +16,12 @@ import secrets
 import sys
 from pathlib import Path
 
-sys.path.insert(
-    0, str(Path(__file__).parents[1])
-)  # the studies are no package: find their neighbours from any folder
+sys.path.insert(0, str(Path(__file__).parents[1]))  # finds the studies beside it from any folder
 
 from studies.trial.case import KINDS
 from studies.trial.drawing import Order, draw
+from studies.trial.running import METHODS, Ran, run
+from studies.trial.scoring import score
 
 
 def key_file(folder: Path) -> Path:
@@ -40,6 +40,15 @@ def arguments() -> argparse.ArgumentParser:
     one.add_argument("--out", type=Path, required=True)
     one.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
     one.add_argument("--open", action="store_true", help="leave answer.json in every case, for development")
+    for name in ("run", "score"):
+        two = commands.add_parser(name)
+        two.add_argument("folder", type=Path)
+        two.add_argument("--method", choices=METHODS, default="diagnose")
+        two.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
+        if name == "run":
+            two.add_argument("--limit", type=float, default=1800.0, help="seconds that a case may take")
+        else:
+            two.add_argument("--key", type=Path, help="default: DIR.key")
     return parser
 
 
@@ -52,11 +61,21 @@ def main() -> None:
             sys.exit(f"--kinds: {', '.join(wrong)} is none of {', '.join(KINDS)}")
         seed = secrets.randbits(63) if asked.seed is None else asked.seed
         order = Order(seed, asked.count, kinds, is_open=asked.open)
-        key = draw(asked.out, order, asked.jobs)
-        key_file(asked.out).write_text(key + "\n")
-        print(
-            f"{asked.count} cases in {asked.out}; the key that opens answers.sealed is in {key_file(asked.out)}"
-        )
+        key_file(asked.out).write_text(draw(asked.out, order, asked.jobs) + "\n")
+        print(f"{asked.count} cases in {asked.out}; the key to its answers.sealed is {key_file(asked.out)}")
+    elif asked.command == "run":
+        run(asked.folder, asked.method, asked.limit, asked.jobs, say)
+    else:
+        key = (asked.key or key_file(asked.folder)).read_text()
+        print(score(asked.folder, key, asked.method, asked.jobs))
+
+
+def say(name: str, ran: Ran) -> None:
+    """A line for a case that ended."""
+    how = (
+        "late" if ran.status is None else "done" if ran.status == 0 else f"failed: {ran.said.strip()[-200:]}"
+    )
+    print(f"{name} {ran.seconds:6.0f} s  {how}", flush=True)
 
 
 if __name__ == "__main__":

@@ -38,6 +38,7 @@ class Hidden:
         fields: of `Rig` (or of `Sensors`) that make it.
         quantities: what means the same in any form of the effect: name -> SI value.
         region: where it acts, if that is one part of the states.
+        also: other sites at which it may rightly be placed.
     """
 
     name: str
@@ -46,6 +47,7 @@ class Hidden:
     fields: dict[str, float]
     quantities: dict[str, float] = field(default_factory=dict)
     region: Region | None = None
+    also: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -94,9 +96,11 @@ def with_effects(rig: Rig, hidden: tuple[Hidden, ...]) -> Rig:
 
 def case_from(stated: dict[str, Any]) -> Case:
     """The case that `stated` wrote."""
-    hidden = tuple(
-        Hidden(**{**h, "region": None if h["region"] is None else Region(**h["region"])})
-        for h in stated["hidden"]
-    )
+    hidden = tuple(_hidden_from(h) for h in stated["hidden"])
     sensors, controller = Sensors(**stated["sensors"]), Controller(**stated["controller"])
     return Case(**{**stated, "hidden": hidden, "sensors": sensors, "controller": controller})
+
+
+def _hidden_from(stated: dict[str, Any]) -> Hidden:
+    region = None if stated["region"] is None else Region(**stated["region"])
+    return Hidden(**{**stated, "region": region, "also": tuple(stated["also"])})

@@ -12,7 +12,7 @@ import numpy as np
 
 from studies.independent_rig import Rig, Run, replay, simulate
 from studies.independent_rig.rig import Array
-from studies.independent_rig.states import PA, PB, WAY, V, X
+from studies.independent_rig.states import CREEP_A, CREEP_B, GEAR, PA, PB, SEEN, SEEN2, V2, WAY, X2, V, X
 from studies.references import REFERENCES
 from studies.trial.case import Case, Hidden, with_effects
 from studies.trial.record import DT, HELD_OUT, TRAIN, Recorded
@@ -22,6 +22,12 @@ STRIDE, HORIZON = 5, 5  # samples between, and length of, the short replays that
 STEP = 5e-5
 BASE = ("viscous", "coulomb", "discharge", "residual_length")
 NUDGES = {X: 5e-5, V: 5e-3, PA: 1e3, PB: 1e3}  # m, m/s, Pa
+ALONG = {
+    X: (X, X2, SEEN, SEEN2, GEAR),
+    V: (V, V2),
+    PA: (PA, CREEP_A),
+    PB: (PB, CREEP_B),
+}  # what moves together
 AREA = 1.3e-3  # m2: makes forces of pressures
 UNSEEN = 10.0  # sd: a trace too faint to be asked for
 FAINT, MOST, SELDOM, SAME = 0.05, 0.9, 0.1, 0.05  # limits of rise, absorption, time, and change of tracking
@@ -78,13 +84,19 @@ def _window(case: Case, run: Run, without: Rig, first: int) -> tuple[Array, Arra
     shared = [(path(_scaled_up(without, name), y) - plain) for name in BASE]
     own = []
     for index, nudge in NUDGES.items():
-        start = y.copy()
-        start[index] += nudge
-        if start[WAY] == 0.0 and index == V:
-            start[WAY] = 1.0
-        own.append(path(without, start) - plain)
+        own.append(path(without, moved(y, {index: nudge})) - plain)
     true = _scaled(case, run.clean[first:end], run.states[first:end])
     return true - plain, np.stack(shared, axis=1), np.stack(own, axis=1)
+
+
+def moved(y: Array, by: dict[int, float]) -> Array:
+    """A state with its position, speed or pressures changed, and what hangs on them; a held piston let go."""
+    y = y.copy()
+    for index, much in by.items():
+        y[list(ALONG[index])] += much
+    if y[WAY] == 0.0 and y[V] != 0.0:
+        y[WAY] = np.sign(y[V])
+    return y
 
 
 def _scaled_up(rig: Rig, name: str) -> Rig:

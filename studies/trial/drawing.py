@@ -84,6 +84,7 @@ def answer(recorded: Recorded) -> dict[str, Any]:
         "kind": case.kind,
         "together": None if together is None else asdict(together),
         "tracking_change": tracking,
+        "seconds": len(recorded.runs[TRAIN[0]].t) * DT,
         "parts": parts,
         "case": case.stated(),
     }

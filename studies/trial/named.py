@@ -15,6 +15,7 @@ from studies.trial.case import Hidden, Region
 from studies.trial.sizes import Draw
 
 Make = Callable[[Draw], Hidden]
+NOZZLE = 0.5283  # critical pressure ratio of an ideal one, air
 
 
 def stribeck_friction(d: Draw) -> Hidden:
@@ -41,14 +42,14 @@ def position_dependent_friction(d: Draw) -> Hidden:
     """A tight spot, a rise towards one end, or towards both."""
     form, amount = d.one_of(1.0, 2.0, 3.0), d.sized(0.15, 0.8)
     place, width = d.evenly(-0.06, 0.06), d.evenly(0.015, 0.045)
-    region = Region("position", place - width, place + width, "m")
+    region: Region | None = Region("position", place - width, place + width, "m")
     if form == 2.0:
         place, width = d.evenly(-0.03, 0.03), 0.09
         region = Region("position", place, 0.13, "m")
     fields = {"place_form": form, "place_amount": amount, "place": place, "place_width": width}
-    return Hidden(
-        "position_dependent_friction", "force", d.size, fields, {}, None if form == 3.0 else region
-    )  # fmt: skip
+    if form == 3.0:
+        region = None
+    return Hidden("position_dependent_friction", "force", d.size, fields, {}, region)
 
 
 def spring_load(d: Draw) -> Hidden:
@@ -119,10 +120,10 @@ def heat_transfer(d: Draw) -> Hidden:
 
 def critical_pressure_ratio(d: Draw) -> Hidden:
     """A valve with a long way through: it chokes later than a nozzle."""
-    ratio = 0.528 - d.sized(0.06, 0.38)
-    return Hidden(
-        "critical_pressure_ratio", "flow", d.size, {"critical_ratio": ratio}, {"critical_ratio": ratio}
-    )
+    lower = d.sized(0.06, 0.38)
+    fields = {"critical_ratio": NOZZLE - lower, "flow_exponent": d.one_of(0.5, d.evenly(0.46, 0.56))}
+    same = {"shift": -lower} if fields["flow_exponent"] == 0.5 else {}
+    return Hidden("critical_pressure_ratio", "flow", d.size, fields, same)
 
 
 def supply_droop(d: Draw) -> Hidden:
@@ -142,9 +143,8 @@ def valve_deadband(d: Draw) -> Hidden:
     width = d.sized(5e-3, 6e-2)
     edges = {f"overlap_{edge}": width * d.evenly(0.85, 1.15) for edge in EDGES}
     region = Region("command", -5.0 * width, 5.0 * width, "V")
-    return Hidden(
-        "valve_deadband", "valve", d.size, {**edges, "edge_round": d.one_of(0.0, 0.2 * width)}, {}, region
-    )  # fmt: skip
+    fields = {**edges, "edge_round": d.one_of(0.0, 0.2 * width)}
+    return Hidden("valve_deadband", "valve", d.size, fields, {}, region)
 
 
 def valve_underlap(d: Draw) -> Hidden:
@@ -152,9 +152,8 @@ def valve_underlap(d: Draw) -> Hidden:
     width = d.sized(3e-3, 3e-2)
     edges = {f"overlap_{edge}": -width * d.evenly(0.85, 1.15) for edge in EDGES}
     region = Region("command", -5.0 * width, 5.0 * width, "V")
-    return Hidden(
-        "valve_underlap", "valve", d.size, {**edges, "clearance": d.one_of(0.0, 0.1 * width)}, {}, region
-    )  # fmt: skip
+    fields = {**edges, "clearance": d.one_of(0.0, 0.1 * width)}
+    return Hidden("valve_underlap", "valve", d.size, fields, {}, region, also=("flow",))
 
 
 EDGES = ("supply_a", "exhaust_a", "supply_b", "exhaust_b")

@@ -15,7 +15,7 @@ def supply_pulsation(d: Draw) -> Hidden:
 
 def flow_force(d: Draw) -> Hidden:
     """The jet closes the spool: openings shrink with the pressure drop."""
-    return Hidden("flow_force", "valve", d.size, {"flow_force": d.sized(0.15, 0.8)})
+    return Hidden("flow_force", "valve", d.size, {"flow_force": d.sized(0.15, 0.8)}, also=("flow",))
 
 
 def spool_stiction(d: Draw) -> Hidden:

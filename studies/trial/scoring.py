@@ -1,0 +1,78 @@
+"""Scoring: the seal is opened, every case is judged, and the board is written."""
+
+from __future__ import annotations
+
+import json
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+from typing import Any
+
+from studies.trial.board import board, text
+from studies.trial.case import case_from
+from studies.trial.judging import Judged, Pairs, Ran, judge
+from studies.trial.oracle import oracle_rmse
+from studies.trial.record import record
+from studies.trial.seal import unseal
+
+INSEPARABLE = Path(__file__).parents[1] / "inseparable.json"  # what studies/distinguish.py found
+
+
+def score(folder: Path, key: str, method: str, workers: int) -> str:
+    """Judge what `method` said of a draw; the board as text.
+
+    Args:
+        folder: of the draw; DIR/scores/METHOD.json and .txt are written.
+        key: that `draw` gave.
+        method: as in running.METHODS.
+        workers: processes.
+    """
+    manifest = json.loads((folder / "cases.json").read_text())
+    answers = unseal(folder / "answers.sealed", key, manifest["answers_sha256"])["cases"]
+    oracles = known_oracles(folder, answers, workers)
+    pairs = inseparable()
+    judged = [
+        judge(a, outcome(folder / a["case"]["name"] / method, oracles[a["case"]["name"]], pairs))
+        for a in answers
+    ]
+    return written(folder / "scores", method, judged)
+
+
+def written(place: Path, method: str, judged: list[Judged]) -> str:
+    """Write the board; its text."""
+    place.mkdir(exist_ok=True)
+    result = {"method": method, **board(judged)}
+    (place / f"{method}.json").write_text(json.dumps(result, indent=1) + "\n")
+    (place / f"{method}.txt").write_text(text(result) + "\n")
+    return text(result)
+
+
+def known_oracles(folder: Path, answers: list[dict[str, Any]], workers: int) -> dict[str, float]:
+    """The oracle's RMSE of every case, computed once for all methods."""
+    kept = folder / "scores" / "oracle.json"
+    if kept.exists():
+        return {name: float(v) for name, v in json.loads(kept.read_text()).items()}
+    with ProcessPoolExecutor(workers) as pool:
+        found = dict(pool.map(_oracle, [a["case"] for a in answers], [a["seconds"] for a in answers]))
+    kept.parent.mkdir(exist_ok=True)
+    kept.write_text(json.dumps(found, indent=1) + "\n")
+    return found
+
+
+def _oracle(stated: dict[str, Any], seconds: float) -> tuple[str, float]:
+    return stated["name"], oracle_rmse(record(case_from(stated), seconds))
+
+
+def outcome(place: Path, oracle: float | None, pairs: Pairs) -> Ran:
+    """What a method left in its folder of a case."""
+    left, said = place / "run.json", place / "diagnosis.json"
+    ended = json.loads(left.read_text()) if left.exists() else {"status": -1, "seconds": None}
+    usable = ended["status"] == 0 and said.exists()
+    diagnosis = json.loads(said.read_text()) if usable else None
+    return Ran(diagnosis, ended["status"], ended["seconds"], oracle, pairs)
+
+
+def inseparable() -> Pairs:
+    """Pairs of effects that the distinguishability study could not tell apart at usual sizes."""
+    if not INSEPARABLE.exists():
+        return frozenset()
+    return frozenset(frozenset(pair) for pair in json.loads(INSEPARABLE.read_text())["pairs"])
