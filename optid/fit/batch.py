@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import time
 from collections.abc import Callable, Iterable, Mapping
@@ -15,12 +14,13 @@ from scipy import stats
 from optid.core.model import Array
 from optid.core.recording import Recording
 from optid.errors import InputError, NotIdentifiable, SolveError
+from optid.fit.checkpoint import Checkpoint, Kept
 from optid.fit.covariance import covariance
 from optid.fit.identifiability import Ties, examine, find_ties
 from optid.fit.objective import freed_with_rest, objective_of, window_length
 from optid.fit.problem import Booleans, pose
 from optid.fit.result import Certificate, Estimate, Fit, Outcome
-from optid.fit.smoother import Objective, Point, Terms, descend, evaluate, settled_system
+from optid.fit.smoother import Objective, Point, Terms, Watch, descend, evaluate, settled_system
 from optid.fit.start import guess
 from optid.rigs.rigfile import Rig
 
@@ -68,8 +68,24 @@ class Progress:
 Report = Callable[[Progress], None]
 
 
-class _OutOfTime(Exception):
-    """Ends an iteration at the time limit."""
+@dataclass(frozen=True, eq=False)
+class _Run:
+    """What all starts of a fit share."""
+
+    options: FitOptions
+    began: float
+    progress: Report | None
+
+    @property
+    def late(self) -> bool:
+        limit = self.options.time_limit
+        return limit is not None and time.monotonic() - self.began > limit
+
+    def tell(self, progress: Progress) -> bool:
+        """Tell how far it is; whether time is up."""
+        if self.progress is not None:
+            self.progress(progress)
+        return self.late
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,8 +118,8 @@ def fit(
         NotIdentifiable: a parameter has no influence on these data.
         SolveError: the model cannot be simulated at the start values.
     """
-    began = time.monotonic()
-    options = options or FitOptions()
+    run = _Run(options or FitOptions(), time.monotonic(), progress)
+    options = run.options
     freed = freed_with_rest(rig)
     if not rig.freed:
         raise InputError("nothing to fit", where=rig.path, field="[fit]", expected="at least one parameter")
@@ -112,28 +128,32 @@ def fit(
     objective, p = objective_of(rig, freed, problem, options.huber)
     first = Point(guess(rig.model, problem, p), p)
     _refuse_idle(rig, examine(objective, first))
-    best: _Solution | None = None
-    late = False
-    for number, start in enumerate(_starts(objective, first, options)):
+    best = _best_of_starts(objective, first, run)
+    return _result(rig, objective, best, options.process_noise is None, p, run.began)
+
+
+def _best_of_starts(o: Objective, first: Point, run: _Run) -> _Solution:
+    """The solution that scores best; what a fit of the same left behind counts as one of its starts."""
+    checkpoint, best = Checkpoint.of(run.options.checkpoint, o, first.p), None
+    for number, start in _starts(o, first, run.options, checkpoint.load()):
+        so_far = best.at if best else None
+
+        def keep(at: Point, number: int = number, so_far: Point | None = so_far) -> None:
+            checkpoint.save(Kept(number, at, so_far))
+
         try:
-            found = _anneal(objective, start, options, number, began, progress)
-        except _OutOfTime:
-            late = True
-            break
+            found = _anneal(o, start, run, number, keep)
         except SolveError:
-            if number == 0 and options.starts == 1:
+            if run.options.starts == 1:
                 raise
             continue
         if best is None or found.score < best.score:
             best = found
         if found.outcome is Outcome.TIME_LIMIT:
-            break
+            return replace(best, outcome=Outcome.TIME_LIMIT)
     if best is None:
-        raise SolveError("no start led anywhere within the time limit" if late else "no start led anywhere")
-    if late:
-        best = replace(best, outcome=Outcome.TIME_LIMIT)
-    _save(options.checkpoint, objective, best.at)
-    return _result(rig, objective, best, options.process_noise is None, p, began)
+        raise SolveError(f"none of the {run.options.starts} starts led anywhere")
+    return best
 
 
 def _refuse_idle(rig: Rig, ties: Ties) -> None:
@@ -147,66 +167,74 @@ def _refuse_idle(rig: Rig, ties: Ties) -> None:
         )
 
 
-def _starts(o: Objective, first: Point, options: FitOptions) -> Iterable[Point]:
-    kept = _load(options.checkpoint, o)
-    if kept is not None:
-        yield kept
-        return
+def _starts(
+    o: Objective, first: Point, options: FitOptions, kept: Kept | None
+) -> Iterable[tuple[int, Point]]:
+    """Numbers from 0 and points to start from: the rig file's values, then drawn ones.
+
+    With something kept, it is gone on with: what was best, where it stood, and the starts that were to come.
+    """
     generator = np.random.default_rng(options.seed)
-    yield first
-    for _ in range(options.starts - 1):
-        drawn = first.p.copy()
-        theta = first.p[list(o.free)]
-        low, high = np.maximum(o.low, theta / 2), np.minimum(o.high, theta * 2)
-        drawn[list(o.free)] = np.where(
-            theta > 0,
-            np.exp(generator.uniform(np.log(np.maximum(low, 1e-300)), np.log(np.maximum(high, 1e-300)))),
-            theta,
-        )
-        yield Point(guess(o.model, o.problem, drawn), drawn)
+    if kept is not None:
+        if kept.best is not None:
+            yield kept.number, kept.best
+        yield kept.number, kept.at
+    for number in range(options.starts):
+        p = first.p if number == 0 else _drawn(o, first.p, generator)
+        if kept is None or number > kept.number:
+            yield number, first if number == 0 else Point(guess(o.model, o.problem, p), p)
 
 
-def _anneal(
-    o: Objective, at: Point, options: FitOptions, number: int, began: float, progress: Report | None
-) -> _Solution:
+def _drawn(o: Objective, p: Array, generator: np.random.Generator) -> Array:
+    """All parameters, the free ones drawn: within a factor 2, or their usual size to either side of 0 or less."""
+    theta, drawn = p[list(o.free)], p.copy()
+    factor, step = 2.0 ** generator.uniform(-1.0, 1.0, len(theta)), generator.uniform(-1.0, 1.0, len(theta))
+    far = np.where(theta > 0, theta * factor, theta + step * o.typical)
+    drawn[list(o.free)] = np.clip(far, o.low, o.high)
+    return drawn
+
+
+def _anneal(o: Objective, at: Point, run: _Run, number: int, keep: Callable[[Point], None]) -> _Solution:
     """Loose to tight; the level kept is the one the marginal likelihood prefers (or the one asked for)."""
-    names = [o.model.parameters[i].name for i in o.free]
     levels: tuple[float, ...] = LEVELS
-    if options.process_noise is not None:
-        target = max(options.process_noise, HARD)
-        levels = (*(level for level in LEVELS if level > target), target)
+    asked = run.options.process_noise
+    if asked is not None:
+        levels = (*(level for level in LEVELS if level > max(asked, HARD)), max(asked, HARD))
     best: _Solution | None = None
     terms: Terms | None = None
-    late = False
+    start = f"start {number + 1} of {run.options.starts}"
     for step, level in enumerate(levels):
         q = level * o.model.scales
-
-        def watch(iteration: int, cost: float, p: Array, step: int = step, level: float = level) -> None:
-            if progress is not None:
-                stage = f"start {number + 1} of {options.starts}, process noise {level:g}"
-                values = dict(zip(names, p[list(o.free)].tolist(), strict=True))
-                progress(Progress(stage, iteration, cost, step / len(levels), values))
-            if options.time_limit is not None and time.monotonic() - began > options.time_limit:
-                raise _OutOfTime
-
-        try:
-            at, terms, _ = descend(o, at, q, iterations=50, precision=1e-4, terms=terms, watch=watch)
-        except _OutOfTime:
-            if best is None:
-                raise
-            late = True
-            break
-        _save(options.checkpoint, o, at)
+        watch = _watch(o, run, f"{start}, process noise {level:g}", step / len(levels))
+        at, terms, _ = descend(o, at, q, iterations=50, precision=1e-4, terms=terms, watch=watch)
+        keep(at)
         score = marginal(o, at, terms, q)
-        if best is not None and options.process_noise is None and score > best.score:
+        worse = best is not None and asked is None and score > best.score
+        if best is None or not worse:
+            best = _Solution(at, terms, q, score, Outcome.TIME_LIMIT)
+        if run.late:
+            return best
+        if worse:
             break  # tighter explains the data less well: the model is not better than this
-        best = _Solution(at, terms, q, score, Outcome.TIME_LIMIT)
     assert best is not None
-    if late:
-        return best
-    at, terms, settled = descend(o, best.at, best.q, iterations=60, precision=1e-9, terms=best.terms)
-    outcome = Outcome.CONVERGED if settled else Outcome.NOT_CONVERGED
+    watch = _watch(o, run, f"{start}, settling", 1.0)
+    at, terms, settled = descend(
+        o, best.at, best.q, iterations=60, precision=1e-9, terms=best.terms, watch=watch
+    )
+    keep(at)
+    short = Outcome.TIME_LIMIT if run.late else Outcome.NOT_CONVERGED
+    outcome = Outcome.CONVERGED if settled else short
     return _Solution(at, terms, best.q, marginal(o, at, terms, best.q), outcome)
+
+
+def _watch(o: Objective, run: _Run, stage: str, fraction: float) -> Watch:
+    names = [o.model.parameters[i].name for i in o.free]
+
+    def watch(iteration: int, cost: float, p: Array) -> bool:
+        values = dict(zip(names, p[list(o.free)].tolist(), strict=True))
+        return run.tell(Progress(stage, iteration, cost, fraction, values))
+
+    return watch
 
 
 def marginal(o: Objective, at: Point, t: Terms, q: Array) -> float:
@@ -324,34 +352,3 @@ def _certificate(o: Objective, t: Terms, q: Array) -> Certificate:
             }
         )
     )
-
-
-def _save(path: Path | None, o: Objective, at: Point) -> None:
-    if path is None:
-        return
-    draft = path.with_name(path.name + ".part")
-    draft.write_text(json.dumps({"fit": _identity(o), "X": at.X.tolist(), "p": at.p.tolist()}))
-    draft.replace(path)
-
-
-def _load(path: Path | None, o: Objective) -> Point | None:
-    if path is None or not path.exists():
-        return None
-    try:
-        kept = json.loads(path.read_text())
-        X, p = np.array(kept["X"], dtype=float), np.array(kept["p"], dtype=float)
-    except (OSError, ValueError, KeyError, TypeError):
-        return None
-    same = kept.get("fit") == _identity(o) and X.shape == (len(o.problem.begins), len(o.model.states))
-    return Point(X, p) if same and p.shape == (len(o.model.parameters),) else None
-
-
-def _identity(o: Objective) -> str:
-    """What makes a checkpoint belong to this fit: the data, the model and what is free."""
-    import hashlib
-
-    digest = hashlib.sha256()
-    for array in (o.problem.time, o.problem.inputs, o.problem.measured, o.low, o.high, o.prior):
-        digest.update(np.ascontiguousarray(array).tobytes())
-    digest.update(repr((o.model.name, [q.name for q in o.model.parameters], o.free)).encode())
-    return digest.hexdigest()

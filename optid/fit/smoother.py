@@ -209,7 +209,7 @@ def _step(o: Objective, at: Point, t: Terms, q: Array, damping: float) -> tuple[
     return Point(at.X + dX, p), float(np.abs(np.r_[share, 0.0]).max()), promise
 
 
-Watch = Callable[[int, float, Array], None]
+Watch = Callable[[int, float, Array], bool]  # iteration, cost, parameters -> whether to stop
 
 
 def descend(
@@ -257,10 +257,9 @@ def descend(
             return at, terms, True  # no smaller cost within rounding
         at, terms = trial, found
         damping = damping if refused else max(damping / 10, 1e-9)  # what was refused would be refused again
-        if watch is not None:
-            watch(number, terms.cost, at.p)
-        if settled:
-            return at, terms, True
+        stop = watch is not None and watch(number, terms.cost, at.p)
+        if settled or stop:
+            return at, terms, settled
     return at, terms, False
 
 
