@@ -105,10 +105,10 @@ def _plan(rig: Path, driver: str, folder: Path, choices: dict[str, Any]) -> Plan
         if wanted
         else tour(limits)
     )
-    gains = read_gains(choices["gains"]) if choices["gains"] else gentle(limits)
+    gains, pid = read_gains(choices["gains"], settings) if choices["gains"] else (gentle(limits), None)
     recording = Path(choices["recording"]) if choices["recording"] else None
     return Plan(
-        rig, driver, folder, reference, Choices(gains, choices["order"], choices["dither"], choices["seed"]),
+        rig, driver, folder, reference, Choices(gains, choices["order"], choices["dither"], choices["seed"], pid),
         choices["seconds"], choices["rate"], choices["fast"], recording, choices["seed"],
     )  # fmt: skip
 

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import json
 import math
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
-from typing import Any
 
 from optid.errors import InputError, nearest
-from optid.live.settings import Limits
+from optid.live.settings import Limits, Settings
 from optid.pid.controller import Gains
+from optid.pid.controller import Settings as PidSettings
+from optid.tune.files import load
 
-SCHEMA = "optid.pid/1"
 NAMES = tuple(field.name for field in fields(Gains))
 EXAMPLE = '"kp=40 ki=60 kd=0.5", or a pid.json'
 
@@ -31,48 +30,53 @@ def gentle(limits: Limits) -> Gains:
     return Gains(min(limits.high, -limits.low) / (high - low) if limits.low < 0 < limits.high else 0.0)
 
 
-def read_gains(text: str) -> Gains:
+def read_gains(text: str, settings: Settings) -> tuple[Gains, PidSettings | None]:
     """What `--gains` means; SI: V/m, V/(m s), V s/m, s.
 
     Args:
         text: "kp=40 ki=60", or the path of a pid.json.
+        settings: of the session.
+
+    Returns:
+        The gains, and of a pid.json all else of its controller.
 
     Raises:
-        InputError: neither, an unknown name, or a value that is no finite number.
+        InputError: neither, an unknown name, a value that is no finite number, or gains for another sample time.
     """
     if text.endswith(".json"):
-        return Gains(**_numbers(_stored(Path(text)), text))
+        stored = load(Path(text))
+        if not math.isclose(stored.settings.sample_time, settings.span, rel_tol=1e-6):
+            raise InputError(
+                f"{stored.settings.sample_time:g} s", where=text, field="sample_time",
+                expected=f"{settings.span:g} s, as the session runs",
+                hint="tune at the session's rate, or run it with --rate",
+            )  # fmt: skip
+        return stored.gains, stored.settings
     pairs = [part.partition("=") for part in text.replace(",", " ").split()]
     if not pairs or not all(name and equals for name, equals, _ in pairs):
         raise InputError(f'"{text}"', where="--gains", expected=EXAMPLE)
-    return Gains(**_numbers({name: value for name, _, value in pairs}, "--gains"))
+    return Gains(**_numbers({name: value for name, _, value in pairs})), None
 
 
-def _stored(path: Path) -> dict[str, Any]:
-    try:
-        document = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise InputError("no such file", where=path) from None
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
-        raise InputError(f"cannot be read ({error})", where=path, expected="a pid.json") from None
-    if not isinstance(document, dict) or document.get("schema") != SCHEMA:
-        found = document.get("schema") if isinstance(document, dict) else type(document).__name__
-        raise InputError(f"{found}", where=path, field="schema", expected=SCHEMA)
-    gains = document.get("gains")
-    if not isinstance(gains, dict):
-        raise InputError("missing", where=path, field="gains")
-    return gains
+def controller_settings(settings: Settings, own: PidSettings | None) -> PidSettings:
+    """Of the session's controller: its own limits, within the session's."""
+    limits = settings.limits
+    own = own or PidSettings(settings.span)
+    return replace(
+        own, sample_time=settings.span, low=max(own.low, limits.low), high=min(own.high, limits.high),
+        rate=min(own.rate, limits.rate),
+    )  # fmt: skip
 
 
-def _numbers(entries: dict[str, Any], where: str) -> dict[str, float]:
+def _numbers(entries: dict[str, str]) -> dict[str, float]:
     found = {}
     for name, value in entries.items():
         if name not in NAMES:
-            raise InputError(f'no gain "{name}"', where=where, hint=nearest(name, NAMES))
+            raise InputError(f'no gain "{name}"', where="--gains", hint=nearest(name, NAMES))
         try:
             found[name] = float(value)
-        except (TypeError, ValueError):
-            raise InputError(f"{value}", where=where, field=name, expected="a number") from None
+        except ValueError:
+            raise InputError(f'"{value}"', where="--gains", field=name, expected="a number") from None
     if "kp" not in found:
-        raise InputError("missing", where=where, field="kp", expected=EXAMPLE)
+        raise InputError("missing", where="--gains", field="kp", expected=EXAMPLE)
     return found

@@ -12,6 +12,7 @@ from optid.armax.identifier import Identifier
 from optid.armax.structure import Orders
 from optid.fit.prediction import HORIZON
 from optid.live.ahead import one_ahead
+from optid.live.gains import controller_settings
 from optid.live.messages import Reply, Sample
 from optid.live.observer import Observer
 from optid.live.parting import Parting
@@ -34,12 +35,14 @@ class Choices:
         order: of the ARMAX model, na = nb = nc.
         dither: amplitude, V, of the random signs added to the command so that the loop's data can be identified.
         seed: of these.
+        pid: all of the controller but its gains, where a pid.json said more than gains.
     """
 
     gains: Gains
     order: int = 4
     dither: float = 0.0
     seed: int = 0
+    pid: PidSettings | None = None
 
 
 @dataclass(frozen=True)
@@ -65,7 +68,7 @@ class Loop:
     ) -> None:
         limits = settings.limits
         self.reference, self.settings, self.wiring = reference, settings, wiring
-        pid = PidSettings(settings.span, low=limits.low, high=limits.high, rate=limits.rate)
+        pid = controller_settings(settings, choices.pid)
         self.controller, self._twins = Controller(choices.gains, pid), Controller(choices.gains, pid)
         low, high = limits.stroke
         scale = (high - low) / 4 if math.isfinite(high - low) else 1.0

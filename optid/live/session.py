@@ -181,7 +181,7 @@ class Session:
         if self.model is None:
             self.events.note("not tuned: nothing has been identified yet")
         else:
-            self.tuning.begin(case_of(self.model, self.gains, self.settings))
+            self.tuning.begin(case_of(self.model, self.gains, self.settings, self.plan.choices.pid))
 
     def _guard_died(self) -> None:
         with contextlib.suppress(EOFError, OSError):

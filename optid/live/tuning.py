@@ -10,7 +10,7 @@ from concurrent.futures import Future, ProcessPoolExecutor
 import numpy as np
 
 from optid.live.plan import Plan
-from optid.live.review import Bench, Case, Review, review
+from optid.live.review import Case, Review, review
 from optid.rigs.rigfile import read_rig
 from optid.tune.margins import Required
 from optid.tune.tuning import Options, optimise
@@ -88,4 +88,4 @@ def tuned(case: Case, plan: Plan) -> Review:
     """
     task = case.task(Required(maximum_sensitivity=ROOM))
     gains, _, _ = optimise(task, Options(starts=1), np.random.default_rng(plan.seed))
-    return review(case, gains, Bench(read_rig(plan.rig), plan.rate))
+    return review(case, gains, read_rig(plan.rig))

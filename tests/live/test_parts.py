@@ -1,5 +1,6 @@
 """The small parts of a session: log, ring, durations, messages, reference, gains, settings, slices."""
 
+import json
 import math
 import tracemalloc
 
@@ -11,7 +12,7 @@ from hypothesis import strategies as st
 
 from optid.core.readers import read_recording
 from optid.errors import InputError, RigError
-from optid.live.gains import gentle, read_gains
+from optid.live.gains import controller_settings, gentle, read_gains
 from optid.live.log import LOG, Layout, Log
 from optid.live.messages import Reply, Sample, pack_reply, pack_sample, unpack_reply, unpack_sample
 from optid.live.reference import read_reference, tour
@@ -135,27 +136,31 @@ def test_references(bench):
         tour(Limits(-1.0, 1.0, 1.0, 0.0))
 
 
-def test_gains(tmp_path):
-    assert read_gains("kp=40, ki=60 kd=0.5") == Gains(40.0, 60.0, 0.5)
-    file = tmp_path / "pid.json"
-    file.write_text('{"schema": "optid.pid/1", "gains": {"kp": 3.0, "setpoint_weight": 0.5}}')
-    assert read_gains(str(file)) == Gains(3.0, setpoint_weight=0.5)
-    for text in (
-        '{"schema": "optid.fit/1"}',
-        "[]",
-        '{"schema": "optid.pid/1"}',
-        "{",
-        '{"schema": "optid.pid/1", "gains": {"kp": null}}',
-    ):
-        file.write_text(text)
-        with pytest.raises(InputError, match=r"pid\.json"):
-            read_gains(str(file))
-    for wrong in ("kp", "kp=a", "kp=1 kq=2", "ki=3", "", "kp=inf"):
+def test_gains(bench):
+    settings = live_settings(bench)
+    assert read_gains("kp=40, ki=60 kd=0.5", settings) == (Gains(40.0, 60.0, 0.5), None)
+    for wrong in ("kp", "kp=a", "kp=1 kq=2", "ki=3", "", "kp=inf", "nothing.json"):
         with pytest.raises(InputError):
-            read_gains(wrong)
+            read_gains(wrong, settings)
     assert gentle(Limits(-5.0, 5.0, 1.0, 0.0, (-0.1, 0.15))) == Gains(20.0)
     with pytest.raises(InputError, match="no stroke"):
         gentle(Limits(-5.0, 5.0, 1.0, 0.0))
+
+
+def test_a_tuned_controller_comes_whole_within_the_sessions_limits(bench, tmp_path):
+    settings, file = live_settings(bench), tmp_path / "pid.json"
+    document = {
+        "schema": "optid.pid/1", "gains": {"kp": 3.0, "setpoint_weight": 0.5}, "sample_time": 1e-3,
+        "limits": {"low": -4.0, "high": 9.0, "rate": None, "resolution": 0.01},
+    }  # fmt: skip
+    file.write_text(json.dumps(document))
+    gains, own = read_gains(str(file), settings)
+    assert gains == Gains(3.0, setpoint_weight=0.5)
+    ours = controller_settings(settings, own)
+    assert (ours.low, ours.high, ours.rate, ours.resolution) == (-4.0, 5.0, 500.0, 0.01)
+    file.write_text(json.dumps({**document, "sample_time": 4e-3}))
+    with pytest.raises(InputError, match=r"0\.004 s; expected 0\.001 s"):
+        read_gains(str(file), settings)
 
 
 def test_settings_come_from_the_live_table(bench, tmp_path):
