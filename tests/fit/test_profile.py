@@ -1,10 +1,14 @@
 """Profile likelihood: the fit's own interval where the model is straight, lopsided or open where it is not."""
 
+import json
 import math
 
 import numpy as np
+import pandas as pd
 import pytest
+from click.testing import CliRunner
 
+from optid.cli import cli
 from optid.errors import InputError, NotIdentifiable
 from optid.fit.batch import FitOptions, fit
 from optid.fit.profile import profile
@@ -54,3 +58,23 @@ def test_is_refused_where_there_is_no_valley(tmp_path):
     with pytest.raises(InputError, match='"drag" is not fitted'):
         profile(cart, data, result, "drag", SIMULATION)
     assert not math.isinf(result.parameters[0].high)
+
+
+def test_on_the_command_line(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    rig(tmp_path)
+    data = recording(np.random.default_rng(4), seconds=2.0)
+    table = {"t": data.time, "u": data["command"].values, "x": data["position"].values}
+    pd.DataFrame(table).to_csv(tmp_path / "cart.csv", index=False)
+    call = ["fit", f"{tmp_path}/cart.toml", f"{tmp_path}/cart.csv", "--out", f"{tmp_path}/out"]
+    result = CliRunner().invoke(cli, [*call, "--profile", "drag", "--profile", "drag"])
+    assert result.exit_code == 0, result.output
+    assert result.output.count("drag: 95 % of the profile likelihood within") == 1
+    found = json.loads((tmp_path / "out" / "fit.json").read_text())["profiles"]
+    assert list(found) == ["drag"]
+    assert found["drag"]["ci95"][0] < TRUTH["drag"] < found["drag"]["ci95"][1]
+    assert len(found["drag"]["values"]) == len(found["drag"]["deviance"])
+    assert "Profile likelihood" in (tmp_path / "out" / "report.html").read_text()
+    result = CliRunner().invoke(cli, [*call, "--profile", "share"])
+    assert result.exit_code == 2
+    assert '"share" is not fitted' in result.stderr
