@@ -5,16 +5,22 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import casadi as ca
+
 from optid.core.parameter import Parameter
 from optid.core.sheet import Sheet
-from optid.core.smooth import soft_floor
 from optid.effects.effect import Effect
 
 TANKS = "Schoukens, Mattsson, Wigren and Noel, cascaded tanks benchmark, 2016: the upper tank overflows"
-WEIR = Parameter(
-    "weir", "1/s", 0.3, "rate at which the level above the rim runs off", TANKS, 0.0, (0.0, 50.0)
-)
+SPILLED = Parameter(
+    "spilled", "1", 0.5, "share that runs over of what would raise the full store further; 1 when it holds no more",
+    TANKS, 0.0, (0.0, 1.0),
+)  # fmt: skip
 RIM = Parameter("rim", "1", 5.0, "level of the rim, in the SI unit of the levels", TANKS, 9.0, (0.0, 1e3))
+HEAD = Parameter(
+    "head", "1", 0.3, "rise above the rim at which that share is reached, in the SI unit of the levels",
+    "a weir needs some head", 0.3, (0.03, 100.0), logarithmic=True,
+)  # fmt: skip
 CAUGHT = Parameter(
     "caught",
     "1",
@@ -24,25 +30,28 @@ CAUGHT = Parameter(
     0.5,
     (0.0, 10.0),
 )
-ROUND = 0.01  # of the rim's level: half the range over which it begins; a quarter of it of error at most
 
 
 class Overflow(Effect):
-    """A flow weir max(level - rim, 0) out of the upper store, `caught` of it into the lower."""
+    """Of a flow that fills the upper store the share `spilled` runs over, from the rim on within `head`."""
 
     name = "overflow"
     sites = ("store.upper", "store.caught")
     equation = "balance of the upper store"
-    parameters = (WEIR, RIM, CAUGHT)
-    strength = {"weir": 0.01}
+    parameters = (SPILLED, RIM, HEAD, CAUGHT)
+    strength = {"spilled": 0.1}
     usual = tuple(
-        {"weir": 0.3, "rim": rim, "caught": caught} for rim in (6.0, 8.0, 10.0) for caught in (0.3, 0.9)
+        {"spilled": 0.9, "rim": rim, "head": 0.5, "caught": caught}
+        for rim in (6.0, 8.0, 10.0, 13.0)
+        for caught in (0.3, 0.9)
     )
-    law = "weir (level - rim) runs over while the level stands above the rim"
-    says = "the upper store runs over at {rim}, at {weir} per level above, and {caught} of it arrives in the lower one"
+    law = "of what would raise a store that is full to the rim the share s runs over"
+    says = (
+        "the upper store runs over at {rim}: {spilled} of what would raise it further once it stands {head} above, "
+        "and {caught} of that arrives in the lower one"
+    )
     depends_on = ("level",)
     needs = "levels up to the rim and beyond"
-    look_alikes = ()
     experiment = "fill the upper store until it runs over, and look"
     source = TANKS
 
@@ -50,6 +59,7 @@ class Overflow(Effect):
         """What leaves over the rim, and what of it is caught, in levels per second."""
         if site == "store.caught":
             return nominal * sheet.param(CAUGHT)
-        rim = sheet.param(RIM)
-        above = soft_floor(near["level"] - rim, 0, ROUND * (rim + 0.1))
-        return nominal + sheet.param(WEIR) * above
+        depth = (near["level"] - sheet.param(RIM)) / sheet.param(HEAD)
+        inside = ca.fmin(ca.fmax(depth, 0), 1)
+        share = inside**2 * (3 - 2 * inside)
+        return nominal + sheet.param(SPILLED) * share * ca.fmax(near["fill"], 0)
