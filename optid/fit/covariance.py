@@ -16,12 +16,12 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
-from scipy.linalg import toeplitz
+from scipy.fft import next_fast_len, rfft
 
 from optid.core.compiled import compiled, spread
 from optid.core.model import Array
 from optid.fit.problem import Problem
-from optid.fit.smoother import Objective, Point, Terms, settled_system, solve_schur
+from optid.fit.smoother import Objective, Point, System, Terms, settled_system, solve_schur
 
 HIGHEST_ORDER = 20  # of the autoregression; the noise of a sensor chain is short
 
@@ -31,7 +31,7 @@ def covariance(o: Objective, at: Point, t: Terms, q: Array, held: np.ndarray) ->
     s = settled_system(o, at, t, q, held)
     schur = s.schur + np.diag(held.astype(float))
     s = type(s)(s.factor, s.Z, schur, s.rhs_x, s.rhs_theta, s.step_x)
-    influence, residual, owner = _influence(o, at, s, held)
+    influence, residual = _influence(o, at, s, held)
     contributions = np.zeros((len(o.problem.begins), len(o.free)))
     stationary = np.zeros((len(o.free), len(o.free)))
     for j in range(residual.shape[1]):
@@ -40,7 +40,7 @@ def covariance(o: Objective, at: Point, t: Terms, q: Array, held: np.ndarray) ->
             continue
         a = np.where(known[:, None], influence[:, j, :], 0.0)
         r = np.where(known, residual[:, j], 0.0)
-        np.add.at(contributions, owner, a * r[:, None])
+        contributions += np.add.reduceat(a * r[:, None], o.problem.begins)
         stationary += _stationary(a, r, known, o.problem)
     jumps = _defect_influence(o, t, s, q, held)
     contributions += jumps
@@ -55,33 +55,28 @@ def covariance(o: Objective, at: Point, t: Terms, q: Array, held: np.ndarray) ->
     return np.asarray(total * np.outer(scale, scale))
 
 
-def _influence(o: Objective, at: Point, s: object, held: np.ndarray) -> tuple[Array, Array, np.ndarray]:
-    """d theta / d (residual in sd): (samples, outputs, free); the residuals; each sample's window."""
-    from optid.fit.smoother import System
-
-    assert isinstance(s, System)
+def _influence(o: Objective, at: Point, s: System, held: np.ndarray) -> tuple[Array, Array]:
+    """d theta / d (residual in sd): (samples, outputs, free); and the residuals."""
     b, nx = o.problem, len(o.model.states)
     kernel, n, ny = compiled(o.model, o.free), len(b.time), len(o.model.outputs)
     X, Y, G = np.full((n, nx), np.nan), np.full((n, ny), np.nan), np.zeros((n, ny, kernel.width))
     sizes = o.tolerance * o.model.scales
     arguments = (b.begins, b.counts, b.closed, at.X, at.p, b.dt, b.inputs, sizes, X, Y, G)
     spread(len(b.begins), lambda i, j: kernel.trace(i, j, *arguments))
-    G = G[:, :, : kernel.directions]
-    owner = np.searchsorted(b.begins, np.arange(n), side="right") - 1
-    Z = s.Z.reshape(len(b.begins), nx, -1)
-    towards = G[:, :, nx:] * (o.typical * ~held)
-    towards = towards - np.einsum("noi,nif->nof", G[:, :, :nx] * o.model.scales, Z[owner])
+    # From slopes along a window's start and along theta to those along theta with the states eliminated, in one.
+    eliminated = -o.model.scales[:, None] * s.Z.reshape(len(b.begins), nx, -1)
+    along = np.broadcast_to(np.diag(o.typical * ~held), (len(b.begins), len(o.free), len(o.free)))
+    onto = np.concatenate([eliminated, along], axis=1) @ solve_schur(s, np.eye(len(o.free)))
+    influence = np.empty((n, ny, len(o.free)))
+    for w, (i, j) in enumerate(itertools.pairwise([*b.begins, n])):
+        influence[i:j] = G[i:j, :, : kernel.directions] @ onto[w]
     residual = (b.measured - Y) * o.weight
     factor = np.minimum(1.0, o.huber / np.maximum(np.abs(residual), 1e-300))
-    influence = solve_schur(s, (towards * o.weight[:, :, None]).reshape(-1, len(o.free)).T).T
-    return influence.reshape(n, ny, -1), residual * factor, owner
+    return influence * o.weight[:, :, None], residual * factor
 
 
-def _defect_influence(o: Objective, t: Terms, s: object, q: Array, held: np.ndarray) -> Array:
+def _defect_influence(o: Objective, t: Terms, s: System, q: Array, held: np.ndarray) -> Array:
     """What each node's defect adds to theta, (windows, free)."""
-    from optid.fit.smoother import System
-
-    assert isinstance(s, System)
     nx, D = len(o.model.states), o.model.scales
     Z = s.Z.reshape(len(t.end), nx, -1)
     F = t.slope[:, :, :nx] * D
@@ -99,27 +94,30 @@ def _stationary(a: Array, r: Array, known: np.ndarray, b: Problem) -> Array:
     pairs = list(itertools.pairwise(edges))
     coefficients, variance = autoregression([r[i:j] for i, j in pairs], int(known.sum()))
     for i, j in pairs:
-        size = 1 << int(np.ceil(np.log2(2 * max(j - i, 2))))
-        A = np.fft.rfft(a[i:j], size, axis=0)
-        spectrum = variance / np.abs(np.fft.rfft(np.r_[1.0, -coefficients], size)) ** 2
+        size = next_fast_len(2 * (j - i), real=True)
+        A = rfft(a[i:j], size, axis=0)
+        spectrum = variance / np.abs(rfft(np.r_[1.0, -coefficients], size)) ** 2
         twice = np.full(len(A), 2.0)
-        twice[0] = twice[-1] = 1.0
-        total += np.real(np.einsum("k,ki,kj->ij", twice * spectrum, A, A.conj())) / size
+        twice[0] = 1.0
+        twice[-1] = 1.0 + size % 2
+        total += np.real((A * (twice * spectrum)[:, None]).T @ A.conj()) / size
     return total
 
 
 def autoregression(pieces: list[Array], known: int) -> tuple[Array, float]:
-    """Coefficients and innovation variance of an autoregression, its order chosen by AIC."""
+    """Coefficients and innovation variance of an autoregression, its order chosen by AIC (Levinson's recursion)."""
     order = min(HIGHEST_ORDER, max(1, min(len(p) for p in pieces) // 4))
     lags = np.array([sum(float(p[k:] @ p[: len(p) - k]) for p in pieces) for k in range(order + 1)])
     lags /= max(known, 1)
-    best = (known * np.log(max(lags[0], 1e-300)), np.zeros(0), float(lags[0]))
+    coefficients, variance = np.zeros(0), float(lags[0])
+    best = (known * np.log(max(variance, 1e-300)), coefficients, variance)
     for m in range(1, order + 1):
-        coefficients = np.linalg.lstsq(toeplitz(lags[:m]), lags[1 : m + 1], rcond=None)[0]
-        variance = float(lags[0] - coefficients @ lags[1 : m + 1])
         if variance <= 0:
             break
-        score = known * np.log(variance) + 2 * m
+        reflection = (lags[m] - coefficients @ lags[m - 1 : 0 : -1]) / variance
+        coefficients = np.r_[coefficients - reflection * coefficients[::-1], reflection]
+        variance *= 1.0 - reflection**2
+        score = known * np.log(max(variance, 1e-300)) + 2 * m
         if score < best[0]:
             best = (score, coefficients, variance)
     return best[1], best[2]
