@@ -138,9 +138,8 @@ def loop_process(plan: Plan, link: Connection, session: Connection, rings: tuple
                 sample = unpack_sample(link.recv_bytes())
                 reply = loop.step(sample)
                 link.send_bytes(pack_reply(reply))
-                shown = loop.shown
-                signals.add((sample.time, reply.reference, shown.measured, *reply[3:6], reply.command,
-                             shown.innovation))  # fmt: skip
+                signals.add((sample.time, reply.reference, loop.measured, *reply[3:6], reply.command,
+                             loop.innovation))  # fmt: skip
                 if sample.number % every == 0:
                     _slow(loop, slow, sample.time)
                     while session.poll():
@@ -154,7 +153,7 @@ def loop_process(plan: Plan, link: Connection, session: Connection, rings: tuple
 
 
 def _slow(loop: Loop, ring: Ring, time: float) -> None:
-    verdict, identifier = loop.parting.verdict, loop.identifier
+    verdict, identifier = loop.alongside.parting.verdict, loop.identifier
     noise = max(identifier.noise_variance, 0.0) ** 0.5
     ring.add((time, verdict.fit_percent, float(verdict.parted), noise, *identifier.theta.tolist()))
 

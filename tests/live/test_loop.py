@@ -60,8 +60,8 @@ def test_a_rig_that_is_the_model_never_parts(bench, run_live, tmp_path):
     same = tmp_path / "same.toml"
     same.write_text(f'{bench.source}\n[live.simulated]\nrig = "{bench.path}"\n', encoding="utf-8")
     _, loop, path = run_live(read_rig(same), seconds=16.0, choices=Choices(Gains(30.0)))
-    assert loop.parting.verdict.fit_percent > 99
-    assert not loop.parting.verdict.parted
+    assert loop.alongside.parting.verdict.fit_percent > 99
+    assert not loop.alongside.parting.verdict.parted
     log = pd.read_csv(path)
     late = log[log["t"] > 1.0]
     error = late["x"] - late["x_simulated"]
@@ -74,5 +74,5 @@ def test_new_gains_come_without_a_jump(bench, run_live):
     )
     before = loop.controller.command
     loop.change(Gains(60.0, 90.0, 0.1, 1e-3))
-    r, y = 0.02, loop.shown.measured
+    r, y = 0.02, loop.measured
     assert loop.controller.step(r, y) == pytest.approx(before, abs=0.05)

@@ -128,6 +128,6 @@ def test_the_frame_of_a_session_holds_the_observers_windows(bench, run_live):
     error = (log["x"] - log["x_windowed"]).abs()
     starts = log["t"].between(0.5, 6.0) & (log["t"] % 0.5 < 1e-6)
     assert error[starts].max() < 1.0  # mm: a window starts where the rig is
-    assert loop.parting.fit_percent == pytest.approx(
+    assert loop.alongside.parting.fit_percent == pytest.approx(
         100 * (1 - error.pow(2).mean() ** 0.5 / log["x"].std()), abs=8
     )
