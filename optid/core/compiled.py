@@ -58,6 +58,18 @@ def compiled(model: Model, free: tuple[int, ...] = ()) -> Compiled:
     The first call in a run compiles for a fraction of a second.
     """
     text, hoisted = source(model, free)
+    engine = machine_code(text)
+    places = {name: engine.get_function_address(name) for name in kernel.Code._fields if name != "hoisted"}
+    directions = len(model.states) + len(free)
+    return Compiled(kernel.Code(**places, hoisted=hoisted), directions, width(directions), engine)
+
+
+@lru_cache(maxsize=64)
+def machine_code(text: str) -> Any:
+    """Compile LLVM's intermediate code; the engine that comes back owns it and knows its functions' addresses.
+
+    Remembered by content: a model that is read anew does not compile again.
+    """
     machine = _machine()
     module = llvm.parse_assembly(text)
     module.triple = machine.triple
@@ -67,9 +79,7 @@ def compiled(model: Model, free: tuple[int, ...] = ()) -> Compiled:
     passes.getModulePassManager().run(module, passes)
     engine = llvm.create_mcjit_compiler(module, machine)
     engine.finalize_object()
-    places = {name: engine.get_function_address(name) for name in kernel.Code._fields if name != "hoisted"}
-    directions = len(model.states) + len(free)
-    return Compiled(kernel.Code(**places, hoisted=hoisted), directions, width(directions), engine)
+    return engine
 
 
 def _machine() -> Any:

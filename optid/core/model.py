@@ -37,7 +37,7 @@ class Port:
     ago: int = 0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Model:
     """Equations of a plant in SI units.
 

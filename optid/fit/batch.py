@@ -20,13 +20,16 @@ from optid.fit.identifiability import Ties, examine, find_ties
 from optid.fit.objective import freed_with_rest, objective_of, window_length
 from optid.fit.problem import Booleans, pose
 from optid.fit.result import Certificate, Estimate, Fit, Outcome
-from optid.fit.smoother import Objective, Point, Terms, Watch, descend, evaluate, settled_system
+from optid.fit.smoother import Objective, Point, Terms, Watch, descend, settled_system
 from optid.fit.start import guess
 from optid.rigs.rigfile import Rig
 
 LEVELS = (0.3, 0.03, 1e-2, 3e-3, 1e-3, 3e-4)  # process noise per node as a share of each state's usual size
 HARD = 1e-6  # the share that stands for none at all
 TIGHT = 1e-5  # as good as none, where the iteration still moves easily
+SETTLED = (
+    1e-7  # relative decrease of the cost that ends a fit: about 0.001 in -2 log likelihood, as its roughness
+)
 
 
 @dataclass(frozen=True)
@@ -127,13 +130,17 @@ def fit(
     problem = pose(rig.model, recordings, options.window or window_length(rig.model, recordings))
     objective, p = objective_of(rig, freed, problem, options.huber)
     first = Point(guess(rig.model, problem, p), p)
-    _refuse_idle(rig, examine(objective, first))
-    best = _best_of_starts(objective, first, run)
+    ties, linear = examine(objective, first)
+    _refuse_idle(rig, ties)
+    best = _best_of_starts(objective, first, linear, run)
     return _result(rig, objective, best, options.process_noise is None, p, run.began)
 
 
-def _best_of_starts(o: Objective, first: Point, run: _Run) -> _Solution:
-    """The solution that scores best; what a fit of the same left behind counts as one of its starts."""
+def _best_of_starts(o: Objective, first: Point, linear: Terms, run: _Run) -> _Solution:
+    """The solution that scores best; what a fit of the same left behind counts as one of its starts.
+
+    `linear` is the linearisation at the first start.
+    """
     checkpoint, best = Checkpoint.of(run.options.checkpoint, o, first.p), None
     for number, start in _starts(o, first, run.options, checkpoint.load()):
         so_far = best.at if best else None
@@ -142,7 +149,7 @@ def _best_of_starts(o: Objective, first: Point, run: _Run) -> _Solution:
             checkpoint.save(Kept(number, at, so_far))
 
         try:
-            found = _anneal(o, start, run, number, keep)
+            found = _anneal(o, start, linear if start is first else None, run, number, keep)
         except SolveError:
             if run.options.starts == 1:
                 raise
@@ -194,14 +201,15 @@ def _drawn(o: Objective, p: Array, generator: np.random.Generator) -> Array:
     return drawn
 
 
-def _anneal(o: Objective, at: Point, run: _Run, number: int, keep: Callable[[Point], None]) -> _Solution:
+def _anneal(
+    o: Objective, at: Point, terms: Terms | None, run: _Run, number: int, keep: Callable[[Point], None]
+) -> _Solution:
     """Loose to tight; the level kept is the one the marginal likelihood prefers (or the one asked for)."""
     levels: tuple[float, ...] = LEVELS
     asked = run.options.process_noise
     if asked is not None:
         levels = (*(level for level in LEVELS if level > max(asked, HARD)), max(asked, HARD))
     best: _Solution | None = None
-    terms: Terms | None = None
     start = f"start {number + 1} of {run.options.starts}"
     for step, level in enumerate(levels):
         q = level * o.model.scales
@@ -219,7 +227,7 @@ def _anneal(o: Objective, at: Point, run: _Run, number: int, keep: Callable[[Poi
     assert best is not None
     watch = _watch(o, run, f"{start}, settling", 1.0)
     at, terms, settled = descend(
-        o, best.at, best.q, iterations=60, precision=1e-9, terms=best.terms, watch=watch
+        o, best.at, best.q, iterations=60, precision=SETTLED, terms=best.terms, watch=watch
     )
     keep(at)
     short = Outcome.TIME_LIMIT if run.late else Outcome.NOT_CONVERGED
@@ -294,12 +302,11 @@ def _imperfection(o: Objective, best: _Solution, cov: Array, fixed: Booleans) ->
     fit with process noise is less affected. Where they differ by more than their variances allow at 5 %, the
     excess is the model's fault and widens the interval.
     """
-    at = best.at
+    at, terms = best.at, best.terms
     try:
         for level in (level for level in (*LEVELS, 1e-4, TIGHT) if level * o.model.scales[0] < best.q[0]):
-            at, _, _ = descend(o, at, level * o.model.scales, iterations=40, precision=1e-6)
-        q = TIGHT * o.model.scales
-        own = np.diag(covariance(o, at, evaluate(o, at, q, slopes=True), q, fixed))
+            at, terms, _ = descend(o, at, level * o.model.scales, iterations=40, precision=1e-6, terms=terms)
+        own = np.diag(covariance(o, at, terms, TIGHT * o.model.scales, fixed))
     except (SolveError, np.linalg.LinAlgError):
         return np.zeros(len(o.free))
     difference = (at.p - best.at.p)[list(o.free)]
@@ -311,7 +318,16 @@ def _noise(o: Objective, t: Terms, at: Point, q: Array) -> dict[str, float]:
     from optid.core.simulation import simulate
 
     b = o.problem
-    run = simulate(o.model, at.p, at.X, b.dt, b.inputs, first=b.begins, intervals=int(b.counts.max()))
+    run = simulate(
+        o.model,
+        at.p,
+        at.X,
+        b.dt,
+        b.inputs,
+        first=b.begins,
+        intervals=int(b.counts.max()),
+        tolerance=o.tolerance,
+    )
     found = {}
     for j, port in enumerate(o.model.outputs):
         errors = [
