@@ -115,25 +115,35 @@ def lag(cause: Array, effect: Array, interval: float) -> Lag:
     )
 
 
+def answer(recording: Recording, cause: str, role: str) -> tuple[str, Lag] | None:
+    """How a channel answers an input: by its value, its speed or its acceleration, whichever resembles it most.
+
+    A plant may answer a command by any of them. ``None`` where the input never changes.
+    """
+    values = _filled(recording[cause].values)
+    if values.min() == values.max():
+        return None
+    speed, _ = _speed(recording, role)
+    answers = {
+        role: _filled(recording[role].values), f"speed of {role}": speed,
+        f"acceleration of {role}": _slope(speed, recording),
+    }  # fmt: skip
+    lags = {what: lag(values, signal, recording.interval) for what, signal in answers.items()}
+    return max(lags.items(), key=lambda one: one[1].correlation)
+
+
 def anticipation(recording: Recording, inputs: tuple[str, ...], outputs: tuple[str, ...]) -> Iterator[Remark]:
     """Outputs that move before the command does, which only channels out of step can show.
 
-    Each input is set against each output, its speed and its acceleration, and the one it resembles most
-    speaks: a plant may answer a command by any of them. The highest correlation must lie before zero and
-    exceed both what chance gives in this record and the highest after zero by three standard errors,
-    (1 - r^2) times the scatter of chance.
+    The highest correlation of an answer must lie before zero and exceed both what chance gives in this record
+    and the highest after zero by three standard errors, (1 - r^2) times the scatter of chance.
     """
     for cause in inputs:
-        values = _filled(recording[cause].values)
-        if values.min() == values.max():
-            continue
         for role in outputs:
-            speed, _ = _speed(recording, role)
-            answers = (_filled(recording[role].values), speed, _slope(speed, recording))
-            found = max(
-                (lag(values, answer, recording.interval) for answer in answers),
-                key=lambda one: one.correlation,
-            )
+            answered = answer(recording, cause, role)
+            if answered is None:
+                continue
+            found = answered[1]
             margin = 3 * max(1 - found.correlation**2, 0.0) * found.scatter
             ahead = found.correlation > max(found.chance, found.causal) + margin
             if ahead and found.seconds < -_halfwidth(recording) * recording.interval:

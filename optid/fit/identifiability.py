@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from optid.core.model import Array
+from optid.core.recording import Recording
+from optid.fit.objective import freed_with_rest, objective_of, window_length
+from optid.fit.problem import pose
 from optid.fit.smoother import Objective, Point, Terms, descend, evaluate, settled_system
+from optid.fit.start import guess
+from optid.rigs.rigfile import Rig
 
 LOOSE = 0.03  # process noise of the examination, as a share of each state's usual size
 WEAK = 0.3  # relative standard deviation beyond which parameters that only move together are said to
@@ -93,6 +99,17 @@ def examine(o: Objective, at: Point) -> tuple[Ties, Terms]:
     pinned, start = replace(o, low=theta, high=theta), evaluate(o, at, q, slopes=True)
     at, terms, _ = descend(pinned, at, q, iterations=20, precision=1e-3, terms=start)
     return find_ties(o, at, terms, q, np.zeros(len(o.free), dtype=bool)), start
+
+
+def identifiability(rig: Rig, recordings: Sequence[Recording]) -> Ties:
+    """What a fit would find that it can tell apart, before it starts.
+
+    Raises:
+        SolveError: the model cannot be simulated at the rig's values.
+    """
+    problem = pose(rig.model, recordings, window_length(rig.model, recordings))
+    objective, p = objective_of(rig, freed_with_rest(rig), problem)
+    return examine(objective, Point(guess(rig.model, problem, p), p))[0]
 
 
 def _in_words(names: list[str], direction: Array) -> str:
