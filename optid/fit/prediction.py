@@ -15,7 +15,7 @@ from optid.errors import SolveError
 from optid.fit.objective import objective_of
 from optid.fit.problem import Problem, pose
 from optid.fit.result import Score
-from optid.fit.smoother import Objective, Point, descend, evaluate
+from optid.fit.smoother import Objective, Point, Terms, descend
 from optid.fit.start import guess
 from optid.rigs.rigfile import Rig
 
@@ -124,14 +124,17 @@ def _past(o: Objective, first: int, stop: int, mean: Array, spread: Array) -> Ob
 def _first_state(o: Objective, at: Point, q: Array) -> Array:
     stop = min(MEMORY, len(o.problem.begins))
     past = _past(o, 0, stop, o.start, o.spread)
-    return np.asarray(_annealed(past, Point(at.X[:stop], at.p), q).X[0])
+    return np.asarray(_annealed(past, Point(at.X[:stop], at.p), q)[0].X[0])
 
 
-def _annealed(o: Objective, at: Point, q: Array) -> Point:
+def _annealed(o: Objective, at: Point, q: Array) -> tuple[Point, Terms]:
     """Loose to tight: started tight, a node that sticks keeps pressures the data would correct."""
+    terms = None
     for looser in LOOSER:
-        at, _, _ = descend(o, at, np.maximum(q, looser * o.model.scales), iterations=30, precision=1e-4)
-    return descend(o, at, q, iterations=30, precision=1e-6)[0]
+        level = np.maximum(q, looser * o.model.scales)
+        at, terms, _ = descend(o, at, level, iterations=30, precision=1e-4, terms=terms)
+    at, terms, _ = descend(o, at, q, iterations=30, precision=1e-6, terms=terms)
+    return at, terms
 
 
 def _windows(o: Objective, at: Point, q: Array) -> list[tuple[int, int, int, Array]]:
@@ -143,41 +146,28 @@ def _windows(o: Objective, at: Point, q: Array) -> list[tuple[int, int, int, Arr
     # what the model carries there, so that nothing of the window itself is used.
     for w in range(1, len(b.begins)):
         past = _past(o, first, w, mean, spread)
-        begin = Point(X[first:w], at.p)
         try:
-            found = _annealed(past, begin, q)
-            X[first:w] = found.X
-            terms = evaluate(past, found, q, slopes=True)
-            start = terms.end[-1]
-        except SolveError:
-            start = X[w]
-        X[w] = start
+            found, terms = _annealed(past, Point(X[first:w], at.p), q)
+            X[first:w], X[w] = found.X, terms.end[-1]
+            if w - first >= MEMORY:
+                mean, spread = _arrival(past, found, terms, q)
+                first += 1
+        except SolveError:  # the model leaves the numbers: from here on anew
+            mean, spread, first = X[w], o.spread, w
         run = simulate(
-            o.model, at.p, start, b.dt, b.inputs, first=b.begins[w : w + 1], intervals=int(b.counts[w])
+            o.model, at.p, X[w], b.dt, b.inputs, first=b.begins[w : w + 1], intervals=int(b.counts[w])
         )
         out.append((w, int(b.begins[w]), int(b.counts[w]), run.outputs[0]))
-        if w - first >= MEMORY:
-            mean, spread = _arrival(past, found, q)
-            first += 1
     return out
 
 
-def _arrival(past: Objective, found: Point, q: Array) -> tuple[Array, Array]:
+def _arrival(past: Objective, found: Point, terms: Terms, q: Array) -> tuple[Array, Array]:
     """What the window that leaves the horizon says of the next node: mean and sd, with the process noise added."""
-    head = _segment(past, 0, 1)
-    head = replace(
-        head,
-        problem=replace(head.problem, linked=np.zeros(1, dtype=bool)),
-        start=past.start,
-        spread=past.spread,
-    )
-    at = Point(found.X[:1], found.p)
-    terms = evaluate(head, at, q, slopes=True)
     nx = len(q)
     information = terms.H[0, :nx, :nx] + np.diag(1 / past.spread**2)
     D = past.model.scales
     inverse = np.linalg.inv(information * np.outer(D, D)) * np.outer(D, D)
     slope = terms.slope[0, :, :nx]
-    move = inverse @ (terms.g[0, :nx] - (at.X[0] - past.start) / past.spread**2)
+    move = inverse @ (terms.g[0, :nx] - (found.X[0] - past.start) / past.spread**2)
     spread = np.sqrt(np.diag(slope @ inverse @ slope.T) + q**2)
     return terms.end[0] + slope @ move, spread
