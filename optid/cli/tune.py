@@ -76,7 +76,7 @@ def _numeric(text: str) -> bool:
 @click.option("--rig", metavar="RIG", help="Physical model of the axis: tuned for and tried on as well.")
 @click.option("--check-only", is_flag=True, help="Try the gains on the rig's model, but do not tune for it.")
 @click.option(
-    "--starts", type=click.IntRange(1, 100), default=3, show_default=True, help="Independent searches."
+    "--starts", type=click.IntRange(1, 100), default=4, show_default=True, help="Independent searches."
 )
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True)
 def tune(model: str, out: str, **choices: Any) -> None:
@@ -222,6 +222,7 @@ def _path(name: str, sample_time: float) -> tuple[str, Array]:
 
 def _say(tuning: Tuning, posed: Posed) -> None:
     from optid.tune.files import units
+    from optid.tune.tuning import compared
 
     for line in posed.assumed:
         click.echo(f"assumed: {line}")
@@ -241,10 +242,9 @@ def _say(tuning: Tuning, posed: Posed) -> None:
         f"maximum sensitivity {kept.maximum_sensitivity:.3g}, gain margin {kept.gain_margin:.3g}, "
         f"phase margin {kept.phase_margin:.3g}°, delay margin {1e3 * kept.delay_margin:.3g} ms"
     )
-    extra = [] if tuning.without_limits is None else [tuning.without_limits]
     on_rig = () if posed.bench is None else ("on the rig's model",)
     head: tuple[str, ...] = ("", f"ITAE ({named['itae']})", *on_rig, "Ms", "")
-    say_table(head, [_row(one, posed) for one in (tuning.found, *extra, *tuning.baselines)])
+    say_table(head, [_row(one, posed) for one in (tuning.found, *compared(tuning), *tuning.baselines)])
     for remark in tuning.remarks:
         click.echo(f"  ! {remark}")
 

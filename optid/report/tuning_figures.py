@@ -178,8 +178,8 @@ def _axis(tuning: Tuning, name: str) -> Array:
     """Values around a gain: a factor of five to either side, or the box for weights."""
     value = float(getattr(tuning.gains, name))
     column = tuning.within.free.index(name)
-    low, high = float(tuning.within.low[column]), float(tuning.within.high[column])
+    high = float(tuning.within.high[column])
     if name.endswith("weight"):
-        return np.linspace(low, high, CELLS)
+        return np.linspace(0.0, high, CELLS)
     size = max(abs(value), 1e-3 * high)
     return math.copysign(1.0, value or tuning.within.sign) * np.geomspace(size / 5.0, 5.0 * size, CELLS)

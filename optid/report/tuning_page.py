@@ -12,7 +12,7 @@ from markupsafe import Markup
 from optid.report import tuning_figures as figures
 from optid.tune.files import units
 from optid.tune.posing import Posed
-from optid.tune.tuning import Scored, Tuning
+from optid.tune.tuning import Scored, Tuning, compared
 
 _RIVALS = (
     "ziegler_nichols_ultimate",
@@ -49,14 +49,13 @@ def tuning_page(tuning: Tuning, posed: Posed, source: str) -> str:
         episodes=_episodes(tuning, posed), margins=_margins(tuning), loop_figure=Markup(figures.loop(tuning)),
         rows=[_row(one, posed.bench is not None) for one in _everyone(tuning)],
         bench=posed.bench is not None, tuned_on_rig=tuning.task.bench is not None, unit=named["itae"],
-        landscape=_landscape(tuning), certificate=tuning.certificate, limits=_limits(tuning, posed),
+        landscape=_landscape(tuning), certificate=tuning.certificate, limits=_limits(tuning),
         unknowns=_unknowns(tuning, posed),
     )  # fmt: skip
 
 
 def _everyone(tuning: Tuning) -> list[Scored]:
-    extra = [] if tuning.without_limits is None else [tuning.without_limits]
-    return [tuning.found, *extra, *tuning.baselines]
+    return [tuning.found, *compared(tuning), *tuning.baselines]
 
 
 def _lead(tuning: Tuning, posed: Posed, unit: str) -> str:
@@ -145,22 +144,18 @@ def _landscape(tuning: Tuning) -> Markup | None:
     return Markup(figures.landscape(tuning, pairs)) if pairs else None
 
 
-def _limits(tuning: Tuning, posed: Posed) -> str:
-    if tuning.without_limits is None:
+def _limits(tuning: Tuning) -> str:
+    if tuning.unaware is None:
         return ""
-    own, other = tuning.found.total("itae"), tuning.without_limits.total("itae")
+    own, other = tuning.aware.total("itae"), tuning.unaware.total("itae")
     said = (
-        f"A tuning that knows no limits would choose gains whose ITAE under the limits is {other:.4g}; "
-        f"knowing them, {own:.4g}: "
+        "On the identified model, a tuning that knows no limits chooses gains whose ITAE under the limits is "
+        f"{other:.4g}; one that knows them, {own:.4g}: "
     )
     if not math.isfinite(other):
         return said + "the former runs away."
     gain = 100.0 * (1.0 - own / other)
-    said += f"{gain:.3g} % less." if gain >= 0.05 else "knowing them gains nothing here."
-    if posed.bench is not None:
-        one, two = tuning.found.total("itae", True), tuning.without_limits.total("itae", True)
-        said += f" On the rig's model: {two:.4g} and {one:.4g}."
-    return said
+    return said + (f"{gain:.3g} % less." if gain >= 0.05 else "knowing them gains nothing here.")
 
 
 def _unknowns(tuning: Tuning, posed: Posed) -> list[str]:

@@ -11,7 +11,7 @@ from optid.errors import InputError
 from optid.pid.controller import AntiWindup, Controller, Gains, Settings
 from optid.tune.margins import Margins
 from optid.tune.score import Response
-from optid.tune.tuning import Scored, Tuning
+from optid.tune.tuning import Scored, Tuning, compared
 
 SCHEMA = "optid.pid/1"
 
@@ -36,6 +36,7 @@ def document(tuning: Tuning, command_unit: str, output_unit: str) -> dict[str, A
         },
         "cost": {**_measures(found, False), "minimised": _number(found.cost)},
         "baselines": {one.name: _scored(one) for one in tuning.baselines},
+        "limits_compared": {one.name: _scored(one) for one in compared(tuning)},
         "margins": _margins(found.margins),
         "responses": [_response(run) for run in found.responses],
         "physical_model": _bench(found),

@@ -155,6 +155,15 @@ def _peak(plant: Plant, gains: Array, grid: Array) -> float:
     return max(float(size[top]), float(np.max(np.abs(1.0 / (1.0 + loop_response(plant, gains, around))))))
 
 
+def look(plant: Plant, grid: Frequencies, gains: Array) -> Array:
+    """STABLE, MS, GAIN, PHASE, DELAY of one loop, shape (FIELDS,); an unstable one has no margin."""
+    found = np.empty(FIELDS + 2)
+    _look(gains, plant.sample_time, plant.a, plant.b, True, *grid.arrays, found)
+    if found[STABLE] < 1.0:
+        return np.array([0.0, 10.0 + found[MS], 0.0, 0.0, 0.0])
+    return found[:FIELDS]
+
+
 def excess(plant: Plant, grid: Frequencies, bounds: Array, gains: Array) -> Array:
     """By how much candidates (n, GAINS) miss the required margins, as a share, shape (n,); 0 where all are kept.
 
@@ -212,7 +221,7 @@ def _look(
 @compiled
 def _walk(gains: Any, T: Any, at: Any, plant: Any, back: Any, sums: Any, found: Any) -> None:
     """Along the grid, crossings interpolated between its points."""
-    smallest, up, down, phase, delay, cross = np.inf, np.inf, 0.0, 180.0, np.inf, 0.0
+    smallest, nearest, up, down, phase, delay, cross = np.inf, 0, np.inf, 0.0, 180.0, np.inf, 0.0
     lag = gains[DERIVATIVE_FILTER]
     last, was = 0j, 0.0
     for i in range(at.size):
@@ -220,7 +229,8 @@ def _walk(gains: Any, T: Any, at: Any, plant: Any, back: Any, sums: Any, found: 
         L = plant[i] * (gains[KP] + gains[KI] * T * sums[i] + gains[KD] * slope)
         away = (1.0 + L.real) * (1.0 + L.real) + L.imag * L.imag
         size = L.real * L.real + L.imag * L.imag
-        smallest = min(smallest, away)
+        if away < smallest:
+            smallest, nearest = away, i
         if i > 0 and (L.imag >= 0.0) != (last.imag >= 0.0):
             share = last.imag / (last.imag - L.imag)
             real = last.real + share * (L.real - last.real)
@@ -242,8 +252,27 @@ def _walk(gains: Any, T: Any, at: Any, plant: Any, back: Any, sums: Any, found: 
         up = min(up, -1.0 / last.real)
     elif last.real <= -1.0:
         down = max(down, -1.0 / last.real)
+    if 0 < nearest < at.size - 1:
+        smallest = _lowest(gains, T, at, plant, back, sums, nearest)
     found[MS], found[GAIN], found[PHASE], found[DELAY] = 1.0 / math.sqrt(smallest), up, phase, delay
     found[FIELDS], found[FIELDS + 1] = down, cross
+
+
+@compiled
+def _lowest(gains: Any, T: Any, at: Any, plant: Any, back: Any, sums: Any, nearest: Any) -> Any:
+    """Of |1 + L|^2 around a point of the grid: the parabola through it and its neighbours."""
+    f, x, lag = np.empty(3), np.empty(3), gains[DERIVATIVE_FILTER]
+    for j in range(3):
+        i = nearest - 1 + j
+        slope = (1.0 - back[i]) / (lag + T - lag * back[i])
+        L = plant[i] * (gains[KP] + gains[KI] * T * sums[i] + gains[KD] * slope)
+        f[j], x[j] = (1.0 + L.real) * (1.0 + L.real) + L.imag * L.imag, at[i] - at[nearest]
+    rise, fall = (f[2] - f[1]) / x[2], (f[0] - f[1]) / x[0]
+    curve = (rise - fall) / (x[2] - x[0])
+    if not curve > 0.0:
+        return f[1]
+    tilt = rise - curve * x[2]
+    return max(f[1] - tilt * tilt / (4.0 * curve), 0.25 * f[1])
 
 
 @compiled

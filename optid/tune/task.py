@@ -16,9 +16,10 @@ from optid.tune.bench import PhysicalBench
 from optid.tune.criterion import Criterion
 from optid.tune.demand import Episode
 from optid.tune.loop import Course
-from optid.tune.margins import COARSE, Frequencies, Required, excess
+from optid.tune.margins import COARSE, Frequencies, Required, excess, look
 from optid.tune.plant import Plant
 
+STRICTER = 1.0002
 REFUSED = 1e20  # cost of gains that miss what is required; the more they miss, the more
 
 
@@ -88,10 +89,20 @@ class Task:
         """For the margins on each plant."""
         return tuple(Frequencies.of(plant, COARSE) for plant in self.plants)
 
+    @cached_property
+    def bounds(self) -> Array:
+        """What is required, a hair stricter, so that it is kept between the frequencies looked at, too."""
+        return np.asarray(
+            self.required.bounds * np.array([1.0, 1.0 / STRICTER, STRICTER, STRICTER, STRICTER])
+        )
+
+    def margins(self, gains: Array) -> list[Array]:
+        """Of one set of gains on every plant, in the order of `optid.tune.margins`, as the search sees them."""
+        return [look(p, grid, gains) for p, grid in zip(self.plants, self.grids, strict=True)]
+
     def missed(self, gains: Array) -> Array:
         """By how much gains (n, GAINS) miss what is required, shape (n,); 0 where they keep it."""
-        bounds = self.required.bounds
-        each = [excess(p, grid, bounds, gains) for p, grid in zip(self.plants, self.grids, strict=True)]
+        each = [excess(p, grid, self.bounds, gains) for p, grid in zip(self.plants, self.grids, strict=True)]
         return np.asarray(np.max(each, axis=0))
 
     def fitness(self, gains: Array) -> Array:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -12,14 +13,19 @@ from optid.core.model import Array
 from optid.errors import InputError, SolveError
 from optid.pid.controller import Controller, Gains, Settings
 from optid.tune.baselines import Baseline, nelder_mead, rules
+from optid.tune.gradient import Gradient
 from optid.tune.loop import Course
 from optid.tune.margins import Margins, margins
+from optid.tune.polish import polish
 from optid.tune.score import Response, response
-from optid.tune.search import Box, Evolved, box, evolve
+from optid.tune.search import Box, Evolved, box, evolve, slices
 from optid.tune.task import REFUSED, Task
 from optid.tune.ultimate import Ultimate, ultimate
 
 SAMPLES_OF_LAG, LAG_SHARE = 2.0, 1 / 40  # default derivative filter: samples, share of the ultimate period
+POINTS, SLOW_POINTS = 3000, 700  # of the certificate's grid at most; the latter where a physical model runs
+WITH_BENCH = 30  # generations of a search in which a physical model runs
+THIN = 2.0  # maximum sensitivity; Astrom and Hagglund (2006, section 4.6) recommend 1.2 to 2.0
 SAME = 5e-3  # relative: starts whose costs are that near to the best one agree with it
 Bench = Callable[[Gains, Settings], tuple[Response, ...]]
 
@@ -37,7 +43,7 @@ class Options:
 
     free: tuple[str, ...] = ("kp", "ki", "kd")
     fixed: Gains | None = None
-    starts: int = 3
+    starts: int = 4
     grid: int = 14
 
     def __post_init__(self) -> None:
@@ -108,7 +114,8 @@ class Tuning:
         settings: of the controller they are for.
         task: what was asked.
         found: the gains as scored; `baselines` likewise, for the same loop.
-        without_limits: the gains a tuning that knows no limits would choose, scored with limits; None without any.
+        unaware: gains that a tuning without limits chooses, scored with them; None where there are none.
+        aware: what to compare with: gains chosen under the limits on the same models.
         certificate: of the search.
         scale: ultimate gain and period.
         within: where the gains were looked for.
@@ -120,7 +127,8 @@ class Tuning:
     task: Task
     found: Scored
     baselines: tuple[Scored, ...]
-    without_limits: Scored | None
+    unaware: Scored | None
+    aware: Scored
     certificate: Certificate
     scale: Ultimate
     within: Box
@@ -141,17 +149,30 @@ def optimise(
         SolveError: nothing in the box keeps what is required.
     """
     scale = scale or ultimate(task.plant)
-    fixed = options.fixed or default_gains(task, scale)
-    within = box(options.free, fixed, scale)
-
-    def fitness(points: Array) -> Array:
-        return task.fitness(within.gains(points))
-
-    ends = [evolve(fitness, len(options.free), rng) for _ in range(options.starts)]
+    within = box(options.free, options.fixed or default_gains(task, scale), scale)
+    swift = replace(task, bench=None)
+    ends = [_evolved(swift, within, part, rng) for part in slices(within, options.starts)]
+    ends = [end for end in ends if end.fitness < REFUSED] or ends[:1]
+    if min(end.fitness for end in ends) >= REFUSED:
+        raise SolveError(_refusal(task, min(end.fitness for end in ends)))
+    gradient = None if task.criterion.own else Gradient(swift, options.free)
+    ends = [_polished(swift, within, end, gradient) for end in ends]
+    if task.bench is not None:
+        seeds = np.array([end.point for end in ends])
+        whole = slices(within, 1)[0]
+        tried = [_evolved(task, within, whole, rng, seeds, WITH_BENCH) for _ in range(2)]
+        ends = [_polished(task, within, min(tried, key=lambda end: end.fitness), None), *tried]
     best = min(ends, key=lambda end: end.fitness)
-    if best.fitness >= REFUSED:
-        raise SolveError(_refusal(task, best.fitness))
     return as_gains(within.gains(best.point)[0]), ends, within
+
+
+def _evolved(task: Task, within: Box, *how: Any) -> Evolved:
+    return evolve(lambda points: task.fitness(within.gains(points)), *how)
+
+
+def _polished(task: Task, within: Box, end: Evolved, gradient: Gradient | None) -> Evolved:
+    point = polish(task, within, end.point, gradient)
+    return replace(end, point=point, fitness=float(task.fitness(within.gains(point))[0]))
 
 
 def as_gains(vector: Array) -> Gains:
@@ -203,10 +224,14 @@ def tune(
     certificate, gains = _certified(task, gains, ends, within, options)
     others = _others(task, scale, within, gains)
     unaware = _unaware(task, options, rng, scale)
+    aware = Baseline("tuned", gains, "this tuning")
+    if unaware is not None and task.bench is not None:
+        alone = optimise(replace(task, bench=None), options, rng, scale)[0]
+        aware = Baseline("identified_model_alone", alone, "tuned for the identified model alone")
     found = score(task, Baseline("tuned", gains, "this tuning"), bench)
     return Tuning(
         gains, task.settings, task, found, tuple(score(task, one, bench) for one in others),
-        None if unaware is None else score(task, unaware, bench),
+        None if unaware is None else score(task, unaware, bench), score(task, aware, bench),
         certificate, scale, within, _remarks(task, found),
     )  # fmt: skip
 
@@ -239,9 +264,16 @@ def _unaware(task: Task, options: Options, rng: np.random.Generator, scale: Ulti
 def _remarks(task: Task, found: Scored) -> tuple[str, ...]:
     """About the model, and about what the tuned loop does."""
     slow = [run for run in found.responses if run.episode.rise[-1] != 0.0 and math.isinf(run.settled)]
+    Ms = found.margins.maximum_sensitivity if found.margins else math.inf
+    thin = (
+        [f"Thin margins: maximum sensitivity {Ms:.3g}; up to 2 is usual (--ms 2 asks for it)."]
+        if Ms > THIN
+        else []
+    )
     lost = [run for run in found.bench if not run.bounded]
     return (
         *task.plant.remarks,
+        *thin,
         *(f"{run.episode.name}: not settled within the horizon; give it a longer one." for run in slow),
         *(f"{run.episode.name}: on the physical model the loop runs away." for run in lost),
     )
@@ -256,7 +288,8 @@ def _certified(
     used = sum(end.evaluations for end in ends)
     if options.grid == 0:
         return Certificate(0, math.nan, math.nan, agreeing, len(ends), used), gains
-    axes = np.meshgrid(*[np.linspace(0.0, 1.0, options.grid)] * len(within.free), indexing="ij")
+    aside = min(options.grid, int((SLOW_POINTS if task.bench else POINTS) ** (1.0 / len(within.free))))
+    axes = np.meshgrid(*[np.linspace(0.0, 1.0, aside)] * len(within.free), indexing="ij")
     points = np.stack([axis.ravel() for axis in axes], axis=1)
     costs = task.fitness(within.gains(points))
     top = int(np.argmin(costs))
@@ -266,6 +299,12 @@ def _certified(
     return Certificate(
         len(points), float(costs[top]), found / float(costs[top]), agreeing, len(ends), used
     ), gains
+
+
+def compared(tuning: Tuning) -> list[Scored]:
+    """What belongs beside the gains found though it is nobody's rule."""
+    aware = [] if tuning.aware.gains == tuning.gains else [tuning.aware]
+    return aware if tuning.unaware is None else [*aware, tuning.unaware]
 
 
 def score(task: Task, one: Baseline, bench: Bench | None = None) -> Scored:
