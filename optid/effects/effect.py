@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from optid.core.model import Array
 from optid.core.parameter import Parameter
 from optid.core.sheet import Sheet
 
@@ -64,6 +65,15 @@ class Effect:
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
         """The signal at `site` as the effect makes it; `nominal` at the null."""
         raise NotImplementedError
+
+    def tries(self, heard: Sequence[Array], interval: float) -> Sequence[Mapping[str, float]]:
+        """Points at which to try it on given recordings: `usual`, unless what the model missed tells better.
+
+        Args:
+            heard: what the plain model's predictions of one output miss, one array per recording, evenly sampled.
+            interval: time between samples, s.
+        """
+        return self.usual
 
     @property
     def site(self) -> str:

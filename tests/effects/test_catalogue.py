@@ -90,3 +90,16 @@ def test_a_rig_file_keeps_every_effect(name, tmp_path: Path):
     again = read_rig(tmp_path / "rig.toml")
     assert [effect.name for effect in again.effects] == [effect.name for effect in effects]
     assert again.parameters == pytest.approx({**rig.parameters, **values}, rel=1e-12)
+
+
+def test_a_periodic_disturbance_is_tried_where_the_recordings_ring():
+    rng, interval = np.random.default_rng(3), 1e-3
+    t = np.arange(8000) * interval
+    heard = [0.1 * np.sin(2 * np.pi * 7.3 * t + phase) + rng.normal(size=8000) for phase in (0.4, 2.0)]
+    heard[0][100:130] = np.nan
+    points = built_in()["periodic_disturbance"].tries(heard, interval)
+    nearest = min(points, key=lambda point: abs(point["frequency"] - 7.3))
+    assert nearest["frequency"] == pytest.approx(7.3, abs=0.5 / t[-1])
+    assert len({point["phase"] for point in points if point["frequency"] == nearest["frequency"]}) == 4
+    other = built_in()["spring_load"]
+    assert other.tries(heard, interval) == other.usual

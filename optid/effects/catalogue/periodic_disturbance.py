@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import casadi as ca
+import numpy as np
 
+from optid.core.model import Array
 from optid.core.parameter import Parameter
 from optid.core.sheet import Sheet
 from optid.effects.effect import Effect
@@ -21,26 +23,55 @@ FREQUENCY = Parameter(
 )  # fmt: skip
 
 
+PHASE = Parameter(
+    "phase", "1", 1.0, "mean phase at the start of a recording, rad; every recording has its own around it", "any",
+    0.0, (-7.0, 7.0),
+)  # fmt: skip
+LOUDEST = 3  # lines of a spectrum that are tried
+NEIGHBOURS = 41  # bins of the spectrum whose median a line is held against
+
+
 class PeriodicDisturbance(Effect):
     """A sin(2 pi f t + phase); the phase is a state that stands still, so that every recording has its own."""
 
     name = "periodic_disturbance"
     sites = ("force.external",)
     equation = "11"
-    parameters = (AMPLITUDE, FREQUENCY)
+    parameters = (AMPLITUDE, FREQUENCY, PHASE)
     strength = {"amplitude": 0.6}
-    usual = tuple({"amplitude": 4.0, "frequency": f} for f in (0.4, 0.8, 1.6, 3.2, 6.4, 12.0, 24.0))
+    usual = tuple(
+        {"amplitude": 4.0, "frequency": f, "phase": 0.0} for f in (0.4, 0.8, 1.6, 3.2, 6.4, 12.0, 24.0)
+    )
     law = "a force A sin(2 pi f t + phase)"
-    says = "a force of {amplitude} swings at {frequency}, whatever the axis does"
+    says = "a force of {amplitude} swings at {frequency}, whatever the axis does (phase {phase} rad)"
     depends_on = ("time",)
     needs = "several of its periods"
     look_alikes = ("constant_force", "friction_drift")
     experiment = "change the rhythm of the reference: a line in the spectrum that stays is not the axis's own"
     source = "physics catalogue A.1, row 9"
 
+    def tries(self, heard: Sequence[Array], interval: float) -> Sequence[Mapping[str, float]]:
+        """The loudest lines of the mean spectrum, at four phases each: a fit finds a frequency from near by only."""
+        from scipy.fft import next_fast_len  # loaded when there is something to search
+        from scipy.ndimage import median_filter
+        from scipy.signal import argrelmax, periodogram
+
+        n = next_fast_len(4 * max(len(e) for e in heard))
+        spectra = [periodogram(np.nan_to_num(e), 1 / interval, "hann", nfft=n) for e in heard]
+        f, power = spectra[0][0], np.mean([p / p.mean() for _, p in spectra], axis=0)
+        clear = power / (median_filter(power, NEIGHBOURS, mode="nearest") + 1e-12 * power.max())
+        low, high = FREQUENCY.bounds
+        clear[(f < max(low, 3 / (len(heard[0]) * interval))) | (f > high)] = 0.0
+        lines = [i for i in argrelmax(clear, order=8)[0] if clear[i] > 0]
+        best = sorted(lines, key=lambda i: -clear[i])[:LOUDEST]
+        return [
+            {"amplitude": 4.0, "frequency": float(f[i]), "phase": quarter * math.pi / 2}
+            for i in best for quarter in (-1, 0, 1, 2)
+        ]  # fmt: skip
+
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
         """External force, N."""
-        phase = sheet.state("phase", "1", 0.3, spread=2.0)
+        phase = sheet.state("phase", "1", 0.3, start=sheet.param(PHASE), spread=2.0)
         sheet.rate(phase, 0.0)
         turns = sheet.param(FREQUENCY) * sheet.clock()
         return nominal + sheet.param(AMPLITUDE) * ca.sin(2 * math.pi * turns + phase)

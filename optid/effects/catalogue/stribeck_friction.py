@@ -22,10 +22,10 @@ SPEED = Parameter(
 
 
 class StribeckFriction(Effect):
-    """F_r (1 + (ratio - 1) exp(-(v/v_s)^2)), the form with Gauss's curve."""
+    """Steady sliding takes F_r (1 + (ratio - 1) exp(-(v/v_s)^2)), Gauss's curve; the bristles follow it as in LuGre."""
 
     name = "stribeck_friction"
-    sites = ("force.coulomb",)
+    sites = ("force.breakaway",)
     equation = "11"
     parameters = (RATIO, SPEED)
     strength = {"breakaway_ratio": 0.05}
@@ -39,6 +39,6 @@ class StribeckFriction(Effect):
     source = "Armstrong-Helouvry, Dupont and Canudas de Wit, Automatica 30(7), 1994"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
-        """The level of dry friction at the speed of the contact."""
+        """The most that sliding reaches at the speed of the contact, as a share of F_r."""
         slow = ca.exp(-((near["v"] / sheet.param(SPEED)) ** 2))
         return nominal * (1 + (sheet.param(RATIO) - 1) * slow)

@@ -14,7 +14,7 @@ WIDTH = Parameter(
     "width", "1", 5e-3, "half the hysteresis, as a share of full command", "physics catalogue A.2: 0.1 to 3 %",
     0.0, (0.0, 0.3),
 )  # fmt: skip
-CATCH = 1e-3  # s: in which the spool's memory follows; what it shows is exact while it moves, at any value
+CATCH = 3e-4  # s: in which the spool's memory follows; what it shows is exact while it moves, at any value
 
 
 class ValveHysteresis(Effect):

@@ -1,0 +1,129 @@
+"""Effects held to what is known of them from elsewhere: exact delays, the play operator, laws of conservation."""
+
+import numpy as np
+import pytest
+
+from optid.core.simulation import simulate
+from tests.effects.excitation import DT, N, inputs_of, run
+from tests.effects.plants import grown
+
+AXIS = "servo-pneumatic"
+
+
+def simulated(effect, values, u, x, count=3000):
+    """States and shown position of the axis with one effect from plain start states x, and its model."""
+    plant = grown(AXIS, effect)
+    p = plant.vector({f"{effect}.{name}": value for name, value in values.items()})
+    start = np.array(plant.model.start(p)[0]).ravel()
+    start[plant.shared[0]] = x
+    runs = simulate(plant.model, p, start, np.full(count, DT), inputs_of(plant.model, u[:count]))
+    return runs.states[0][:, plant.shared[0]], runs.outputs[0, :, 0], plant
+
+
+@pytest.mark.parametrize("samples", [1, 7, 10])
+def test_a_delay_of_whole_samples_is_the_shifted_command(samples):
+    X, u = run()
+    late = np.r_[np.full(samples, u[0]), u][:N]
+    delayed = simulated("input_delay", {"delay": samples * DT}, u, X[0])[0]
+    shifted = simulated("input_delay", {"delay": 0.0}, late, X[0])[0]
+    assert np.abs(delayed - shifted)[:, 0].max() < 1e-9
+
+
+def test_a_delay_of_half_samples_is_that_of_a_command_sampled_twice_as_fast():
+    """As far as the valve is linear: a sample's mean of a command that changes sign moves less air than its halves."""
+    X, _ = run()
+    u = 0.1 * np.sin(2 * np.pi * 2.0 * np.arange(3000) * DT)
+    plant, fast = grown(AXIS, "input_delay"), np.repeat(u, 2)
+    late = np.r_[np.full(5, fast[0]), fast][:6000]
+    inputs = inputs_of(plant.model, late)
+    start = np.array(plant.model.start(plant.vector())[0]).ravel()
+    start[plant.shared[0]] = X[0]
+    truth = simulate(plant.model, plant.vector(), start, np.full(6000, DT / 2), inputs).states[0, ::2, 0]
+    delayed = simulated("input_delay", {"delay": 2.5 * DT}, u, X[0])[0][:, 0]
+    assert np.abs(delayed - truth).max() < 2e-6
+
+
+def played(x, half):
+    """The play operator: what trails x by at most `half`."""
+    y = np.empty_like(x)
+    y[0] = x[0]
+    for k in range(1, len(x)):
+        y[k] = min(max(y[k - 1], x[k] - half), x[k] + half)
+    return y
+
+
+def test_backlash_is_the_play_operator():
+    X, u = run()
+    states, shown, _ = simulated("sensor_backlash", {"play": 2e-4}, u, X[0])
+    # It catches up in 0.3 ms: at 70 m/s2 the axis moves 6 um in that time.
+    assert np.abs(shown - played(states[:, 0], 2e-4)).max() < 8e-6
+    assert np.abs(shown - states[:, 0]).max() == pytest.approx(2e-4, rel=1e-3)
+
+
+def test_hysteresis_of_a_slow_command_is_the_play_operator():
+    plant = grown(AXIS, "valve_hysteresis")
+    X, _ = run()
+    t = np.arange(3000) * DT
+    u = 0.05 * np.sin(2 * np.pi * 0.8 * t)
+    p = plant.vector({"valve_hysteresis.width": 0.01})
+    start = np.array(plant.model.start(p)[0]).ravel()
+    start[plant.shared[0]] = X[0]
+    states = simulate(plant.model, p, start, np.full(3000, DT), u[:, None]).states[0]
+    memory = states[1:, [s.name for s in plant.model.states].index("valve_hysteresis.spool")]
+    assert np.abs(memory - played(u, 0.01)[:-1]).max() < 4e-4
+
+
+def test_the_flow_with_another_critical_ratio_is_that_of_the_standard():
+    """ISO 6358-1: sqrt(1 - ((r - b) / (1 - b))^2) of the choked flow beyond the critical ratio b."""
+    plant, b = grown(AXIS, "critical_pressure_ratio"), 0.35
+    p = plant.vector({"critical_pressure_ratio.shift": b - 0.5282818})
+    x = np.zeros(len(plant.model.states))
+    names = [state.name for state in plant.model.states]
+
+    def filling(ratio):
+        """Flow into chamber A from supply, to within a constant: the piston stands still."""
+        x[names.index("pressure_a")], x[names.index("pressure_b")] = 7e5 * ratio, 5e5
+        return float(plant.model.rates(x, [0.5], p)[names.index("pressure_a")])
+
+    for ratio in (0.3, 0.45, 0.6, 0.8, 0.95):
+        standard = np.sqrt(1 - (max(ratio - b, 0) / (1 - b)) ** 2)
+        assert filling(ratio) / filling(0.2) == pytest.approx(standard, abs=3e-3)
+
+
+@pytest.mark.parametrize("u", [-0.4, 0.0, 0.3])
+def test_a_chamber_with_heat_transfer_keeps_mass_and_energy(u):
+    """m = P V / (R T) grows by what flows in, and m c_v T by enthalpy, work and heat."""
+    h, plant, rng = 2000.0, grown(AXIS, "heat_transfer"), np.random.default_rng(8)
+    p = plant.vector({"heat_transfer.heat_transfer_coefficient": h})
+    names, K, R, T_s = [s.name for s in plant.model.states], 1.4, 287.0, 293.0
+    area, c_v = np.pi / 4 * 0.042**2, R / 0.4
+    for x in plant.states(rng, 20):
+        dx = np.array(plant.model.rates(x, [u], p)).ravel()
+        value, rate = dict(zip(names, x, strict=True)), dict(zip(names, dx, strict=True))
+        plain = np.array(plant.plain.rates(x[plant.shared[0]], [u], plant.plain.vector(plant.values))).ravel()
+        P, T = value["pressure_a"], value["heat_transfer.temperature_a"]
+        length = 0.13 + value["position"] + 0.005
+        V, V_rate = area * length, area * value["velocity"]
+        flow = (plain[2] * length / K + P * value["velocity"]) * area / (R * T_s)  # eq. 9 backwards
+        m = P * V / (R * T)
+        m_rate = m * (rate["pressure_a"] / P + V_rate / V - rate["heat_transfer.temperature_a"] / T)
+        power = c_v / R * (rate["pressure_a"] * V + P * V_rate)  # d(m c_v T)/dt
+        wall = h * (2 * area + np.pi * 0.042 * length) * (T_s - T)
+        enthalpy = K * c_v * (max(flow, 0) * T_s - max(-flow, 0) * T)
+        size = abs(enthalpy) + abs(wall) + abs(P * V_rate)
+        assert power == pytest.approx(enthalpy - P * V_rate + wall, abs=5e-3 * size)
+        assert m_rate == pytest.approx(flow, abs=5e-3 * (abs(flow) + size / (c_v * T)))
+
+
+def test_two_masses_share_the_force():
+    plant, rng, share = grown(AXIS, "compliant_load"), np.random.default_rng(9), 0.6
+    values = {"load_share": share, "frequency": 25.0, "damping_ratio": 0.1}
+    p = plant.vector({f"compliant_load.{name}": value for name, value in values.items()})
+    names = [state.name for state in plant.model.states]
+    v, swing = names.index("velocity"), names.index("compliant_load.stretch_rate")
+    for x in plant.states(rng, 20):
+        both = np.array(plant.model.rates(x, [0.1], p)).ravel()
+        stiff = np.array(
+            plant.plain.rates(x[plant.shared[0]], [0.1], plant.plain.vector(plant.values))
+        ).ravel()[1]
+        assert (1 - share) * both[v] + share * (both[v] + both[swing]) == pytest.approx(stiff, rel=1e-9)
