@@ -18,9 +18,9 @@ from numpy.typing import ArrayLike
 
 from optid.armax.identifier import Identifier, Method, Settings
 from optid.armax.model import Armax, from_theta
-from optid.armax.recursion import roots_inside, stabilise
 from optid.armax.regression import column_sizes, hannan_rissanen, least_squares, triangle
 from optid.armax.signals import Mask, Signals, check_orders, signals, usable
+from optid.armax.stability import roots_inside, stabilise
 from optid.armax.structure import Orders
 from optid.core.model import Array
 from optid.errors import NotIdentifiable

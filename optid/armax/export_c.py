@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from optid.armax import recursion
+from optid.armax import learning, past, recursion, stability, triangle
 from optid.armax.identifier import Identifier
 from optid.armax.model import Armax
 from optid.armax.translate import translate
@@ -13,15 +13,19 @@ from optid.core.model import Array
 from optid.errors import InputError
 
 _KERNELS = (
-    recursion.project,
-    recursion.update,
-    recursion.trace_of,
-    recursion.roots_inside,
-    recursion.stabilise,
-    recursion.filtered,
-    recursion.newest,
-    recursion.push,
-    recursion.learn,
+    triangle.inner,
+    triangle.project,
+    triangle.weigh,
+    triangle.sweep,
+    triangle.shift,
+    stability.roots_inside,
+    stability.stabilise,
+    past.filtered,
+    past.newest,
+    learning.trace_of,
+    learning.learn,
+    recursion.regress,
+    recursion.remember,
     recursion.advance,
 )
 
@@ -155,6 +159,8 @@ def identifier_header(identifier: Identifier, name: str = "optid") -> str:
         "NC": orders.nc,
         "PARAMETERS": orders.parameters,
         "INPUTS": orders.inputs,
+        "STRIDE": layout.stride(orders),
+        "HISTORY": layout.history_at(orders),
     }
     scales = [1.0 / state[layout.table_at() + 3 * i + 2] for i in range(orders.inputs)]
     return _IDENTIFIER.format(

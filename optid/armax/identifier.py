@@ -164,7 +164,7 @@ class Identifier:
         Args:
             theta: [a_1.., b.., c_1..], from a regression or an earlier model.
         """
-        from optid.armax.recursion import stabilise
+        from optid.armax.stability import stabilise
 
         values = np.asarray(theta, dtype=float)
         if values.shape != (self.orders.parameters,) or not np.all(np.isfinite(values)):
@@ -191,10 +191,9 @@ class Identifier:
     @property
     def scaled_covariance(self) -> Array:
         """P of the scaled problem, shape (parameters, parameters); positive definite."""
-        n = self.orders.parameters
-        start = at.theta_at(self.orders) + n
-        D = self._part(start, n)
-        U = np.triu(self._part(start + n, n * n).reshape(n, n).T, 1) + np.eye(n)
+        n, size = self.orders.parameters, at.stride(self.orders)
+        D = self._part(at.diagonal_at(self.orders), n)
+        U = self._part(at.triangle_at(self.orders), size * size).reshape(size, size).T[:n, :n]
         P: Array = (U * D) @ U.T
         return P
 
@@ -271,13 +270,10 @@ class Identifier:
 
     def _histories(self) -> tuple[Array, Array, Array]:
         """Past outputs, inputs (oldest first; as many rows as the model reaches back) and residuals."""
-        o, n, nc = self.orders, self.orders.parameters, self.orders.nc
-        start = at.theta_at(o) + 2 * n + n * n + 4 * n + 2 * nc
-        scale = self._state[at.SCALE]
-        e = self._part(start, nc)[::-1] * scale
-        start += 2 * nc
-        y = self._part(start, o.na)[::-1] * scale
-        start += o.na + max(o.na, nc)
+        o, scale = self.orders, self._state[at.SCALE]
+        y = self._part(at.history_at(o), o.na)[::-1] * scale
+        e = self._part(at.residuals_at(o), o.nc)[::-1] * scale
+        start = at.inputs_at(o)
         rows = max([1, *(nb + nk for nb, nk in zip(o.nb, o.nk, strict=True))])
         u = np.zeros((rows, o.inputs))
         for i, (nb, nk) in enumerate(zip(o.nb, o.nk, strict=True)):
@@ -286,7 +282,7 @@ class Identifier:
             for t in range(1, rows):  # a lost command is taken to hold
                 if np.isnan(u[t, i]):
                     u[t, i] = u[t - 1, i]
-            start += nb + nk + max(nb + nk, nc)
+            start += nb + nk + max(nb + nk, o.nc)
         return y, np.nan_to_num(u), e
 
 
@@ -300,6 +296,7 @@ def fresh_state(orders: Orders, settings: Settings, output_scale: float, input_s
     s = np.zeros(at.size(orders))
     s[at.FORMAT] = at.CURRENT_FORMAT
     s[at.NA], s[at.NC], s[at.PARAMETERS], s[at.INPUTS] = orders.na, orders.nc, n, orders.inputs
+    s[at.STRIDE], s[at.HISTORY] = at.stride(orders), at.history_at(orders)
     s[at.FILTERED] = float(settings.method is Method.MAXIMUM_LIKELIHOOD and orders.nc > 0)
     settings.forgetting.write(s)
     s[at.OUTLIER] = settings.outliers or 0.0
@@ -313,7 +310,8 @@ def fresh_state(orders: Orders, settings: Settings, output_scale: float, input_s
     s[at.TRACE] = float(np.sum(variances))
     for i, (nb, nk) in enumerate(zip(orders.nb, orders.nk, strict=True)):
         s[at.table_at() + 3 * i : at.table_at() + 3 * i + 3] = nb, nk, 1.0 / input_scales[i]
-    start = at.theta_at(orders) + n
+    start, size = at.diagonal_at(orders), at.stride(orders)
     s[start : start + n] = variances
-    s[start + n : start + n + n * n] = np.eye(n).ravel()
+    start = at.triangle_at(orders)
+    s[start : start + size * size] = np.eye(size).ravel()
     return s

@@ -2,18 +2,18 @@
 
 One array instead of an object with fields: a numba call that takes one array costs 0.4 microseconds less than
 one that takes a class, saving is copying, and C reads the same memory. After the header below follow, without
-gaps (n parameters, m inputs)::
+gaps (n parameters, m inputs; S is n rounded up to a multiple of 4, what lies behind the parameters is zero)::
 
     table   3 m   for each input: nb, nk, 1/scale
     now       m   the inputs of the current sample, in the user's unit
-    theta     n   [a, b_1 .. b_m, c] of the scaled signals
-    D         n   the diagonal of P = U D U'
-    U       n n   unit upper triangular, column after column
-    phi       n   regressor          psi   n   its gradient filtered by 1/C
-    F, G    2 n   work
+    theta     S   [a, b_1 .. b_m, c] of the scaled signals
+    D         S   the diagonal of P = U D U'
+    phi       S   regressor          psi   S   its gradient filtered by 1/C
+    F, V, G 3 S   U' psi, D U' psi, P psi
+    U       S S   unit upper triangular, column after column
     work   2 nc   work of the stability test
-    eh, ef 2 nc   residuals e(t-1).. and the same filtered by 1/C
-    yh       na   outputs y(t-1)..   yf    max(na, nc), filtered
+    yh       na   outputs y(t-1)..   yf    max(na, nc), filtered by 1/C
+    eh, ef 2 nc   residuals e(t-1).. and the same filtered
     uh, uf        for each input: nk + nb inputs u(t).., and max(nk + nb, nc), filtered
 """
 
@@ -56,8 +56,11 @@ PROJECTED: Final = 26  # updates after which C had to be brought back
 
 EASE: Final = 27  # how far the gradient's filter still is from 1/C
 
-HEADER: Final = 28
-CURRENT_FORMAT: Final = 1.0
+STRIDE: Final = 28  # S
+HISTORY: Final = 29  # start of yh
+
+HEADER: Final = 30
+CURRENT_FORMAT: Final = 2.0
 
 
 def table_at() -> int:
@@ -70,10 +73,39 @@ def theta_at(orders: Orders) -> int:
     return HEADER + 4 * orders.inputs
 
 
+def stride(orders: Orders) -> int:
+    """S, the length of the padded arrays."""
+    return -(-orders.parameters // 4) * 4
+
+
+def diagonal_at(orders: Orders) -> int:
+    """Start of D."""
+    return theta_at(orders) + stride(orders)
+
+
+def triangle_at(orders: Orders) -> int:
+    """Start of U."""
+    return theta_at(orders) + 7 * stride(orders)
+
+
+def history_at(orders: Orders) -> int:
+    """Start of yh."""
+    return triangle_at(orders) + stride(orders) ** 2 + 2 * orders.nc
+
+
+def residuals_at(orders: Orders) -> int:
+    """Start of eh."""
+    return history_at(orders) + orders.na + max(orders.na, orders.nc)
+
+
+def inputs_at(orders: Orders) -> int:
+    """Start of the first input's uh."""
+    return residuals_at(orders) + 2 * orders.nc
+
+
 def size(orders: Orders) -> int:
     """Length of the whole array."""
-    n, nc = orders.parameters, orders.nc
-    total = theta_at(orders) + 2 * n + n * n + 4 * n + 4 * nc + orders.na + max(orders.na, nc)
+    total = inputs_at(orders)
     for nb, nk in zip(orders.nb, orders.nk, strict=True):
-        total += nb + nk + max(nb + nk, nc)
+        total += nb + nk + max(nb + nk, orders.nc)
     return total

@@ -1,7 +1,7 @@
 """The recursion's Python functions written in C, so that there is one source and no hand-kept twin.
 
-Understands what `optid.armax.recursion` uses: floats, whole numbers, parts of one array of doubles, ranges,
-conditions, and calls of its own functions, `abs`, `int` and `math`. Anything else is refused.
+Understands what `optid.armax.recursion` and the files it calls use: floats, whole numbers, parts of one array
+of doubles, ranges, conditions, and calls of its own functions, `abs`, `int` and `math`. Anything else is refused.
 """
 
 from __future__ import annotations
@@ -130,7 +130,7 @@ class _Function:
         if isinstance(node, ast.Compare | ast.BoolOp):
             return "int"
         if isinstance(node, ast.Call):
-            return "int" if ast.unparse(node.func) == "int" else "float"
+            return {"int": "int", "part": "Array"}.get(ast.unparse(node.func), "float")
         if isinstance(node, ast.BinOp):
             sides = {self.kind(node.left), self.kind(node.right)}
             return "float" if "float" in sides or isinstance(node.op, ast.Div) else "int"
@@ -175,6 +175,8 @@ class _Function:
                 if value is not None:
                     return str(value)
             return f"((long)({self.expression(field)}))"
+        if function == "part":
+            return "({} + {})".format(*(self.expression(argument) for argument in node.args))
         arguments = ", ".join(self.expression(argument) for argument in node.args)
         if function in self.known:
             return f"{self.prefix}{function}({arguments})"

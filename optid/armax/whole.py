@@ -62,20 +62,21 @@ def exact_start(identifier: Identifier, y: ArrayLike, u: ArrayLike | None, rows:
     theta = np.linalg.solve(R, Q.T @ target)
     T = np.linalg.inv(R)  # upper triangular, P = T T' = U D U' with U = T / diag(T)
     identifier.run(record.y[:used], record.u[:used])  # fills the histories
-    start = at.theta_at(orders)
-    state[start : start + n] = 0.0
-    state[start : start + p] = theta
+    start, size = at.theta_at(orders), at.stride(orders)
+    state[start : start + n] = np.concatenate([theta, np.zeros(n - p)])
     D = identifier.settings.start_variances(orders)
     D[:p] = np.diag(T) ** 2
-    U = np.eye(n)
+    U = np.eye(size)
     U[:p, :p] = T / np.diag(T)
-    state[start + n : start + 2 * n] = D
-    state[start + 2 * n : start + 2 * n + n * n] = U.T.ravel()
-    state[at.TRACE] = float(np.sum((U * D) * U))
+    start = at.diagonal_at(orders)
+    state[start : start + n] = D
+    start = at.triangle_at(orders)
+    state[start : start + size * size] = U.T.ravel()
+    state[at.TRACE] = float(np.sum((U[:n, :n] * D) * U[:n, :n]))
     state[at.UPDATES] = state[at.WEIGHT] = Phi.shape[0]
     state[at.SQUARES] = float(np.sum((target - Phi @ theta) ** 2))
-    residuals = start + 6 * n + n * n + 2 * orders.nc
-    state[residuals : residuals + 2 * orders.nc] = 0.0
+    start = at.residuals_at(orders)
+    state[start : start + 2 * orders.nc] = 0.0
     return used
 
 

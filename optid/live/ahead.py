@@ -7,7 +7,7 @@ from typing import TypeVar
 
 import numba
 
-from optid.armax.layout import HEADER, INPUTS, NA, NC, PARAMETERS, SCALE
+from optid.armax.layout import HEADER, HISTORY, INPUTS, NA, NC, SCALE
 from optid.core.model import Array
 
 Kernel = TypeVar("Kernel", bound=Callable[..., object])
@@ -20,12 +20,12 @@ def one_ahead(s: Array) -> float:
 
     For models of one input whose delay is at least one sample: the command of that sample is not known yet.
     """
-    na, nc, n, m = int(s[NA]), int(s[NC]), int(s[PARAMETERS]), int(s[INPUTS])
+    na, nc, m = int(s[NA]), int(s[NC]), int(s[INPUTS])
     nb, nk = int(s[HEADER]), int(s[HEADER + 1])
     theta = HEADER + 4 * m
-    eh = theta + 2 * n + n * n + 4 * n + 2 * nc
-    yh = eh + 2 * nc
-    uh = yh + na + max(na, nc)
+    yh = int(s[HISTORY])
+    eh = yh + na + max(na, nc)
+    uh = eh + 2 * nc
     total = 0.0
     for k in range(na):
         total -= s[theta + k] * s[yh + k]

@@ -40,10 +40,9 @@ def test_covariance_stays_positive_for_any_input(case):
     identifier = Identifier(orders, settings=chosen)
     identifier.run(np.tile(y, 4), np.tile(u, (4, 1)))
     n, state = orders.parameters, identifier.state
-    start = at.theta_at(orders)
     assert np.all(np.isfinite(identifier.theta))
-    D = state[start + n : start + 2 * n]
-    U = state[start + 2 * n : start + 2 * n + n * n]
+    D = state[at.diagonal_at(orders) : at.diagonal_at(orders) + n]
+    U = state[at.triangle_at(orders) : at.history_at(orders)]
     assert np.all(D > 0) and np.all(np.isfinite(D))
     assert np.all(np.isfinite(U))
     assert np.all(np.diag(identifier.scaled_covariance) > 0)

@@ -1,0 +1,137 @@
+"""Learning from one innovation: how much it counts, how much is forgotten, and the update of theta and P."""
+
+from __future__ import annotations
+
+import math
+
+from optid.armax.compiling import compiled, folded
+from optid.armax.layout import (
+    BOUNDED,
+    EASE,
+    EASE_RATE,
+    FACTOR,
+    FORGETTING,
+    HEADER,
+    INPUTS,
+    LIMIT,
+    MEMORY,
+    OUTLIER,
+    SLOW,
+    SQUARES,
+    STRIDE,
+    TRACE,
+    UPDATES,
+    WARM,
+    WARM_RATE,
+    WEIGHT,
+)
+from optid.armax.vectors import inner, part, sweep, weigh
+from optid.core.model import Array
+
+LARGEST_STEP = 1e100  # squared length of a step of theta; a larger one is not taken
+SMALLEST_NEWS = 1e-30  # psi' P psi below which a direction is not forgotten
+RETRACE = 256  # updates between two exact computations of the trace of P
+
+
+@compiled
+def trace_of(U: Array, D: Array, size: int) -> float:
+    """The trace of U D U'."""
+    total = 0.0
+    for j in range(size):
+        length = 0.0
+        for i in range(j + 1):
+            length += U[j * size + i] * U[j * size + i]
+        total += D[j] * length
+    return total
+
+
+@folded
+def learn(s: Array, n: int, e: float, news: float) -> float:
+    """Move theta and P by one innovation; returns how many G theta has moved."""
+    size = int(s[STRIDE])
+    at = HEADER + 4 * int(s[INPUTS])
+    theta = part(s, at)
+    D = part(s, at + size)
+    F = part(s, at + 4 * size)
+    V = part(s, at + 5 * size)
+    G = part(s, at + 6 * size)
+    U = part(s, at + 7 * size)
+    updates = s[UPDATES]
+    s[UPDATES] = updates + 1.0
+
+    # An outlier counts with Huber's weight: its step is that of an innovation at the bound.
+    weight = 1.0
+    if s[OUTLIER] > 0.0 and updates > 2.0 * n + 10.0:
+        bound = s[OUTLIER] * math.sqrt(s[SQUARES] / s[WEIGHT])
+        if abs(e) > bound:
+            weight = bound / abs(e)
+            s[BOUNDED] += 1.0
+
+    # How much to forget. Fortescue, Kershenbaum and Ydstie (Automatica 17, 1981) for the variable factor.
+    forget = s[FACTOR]
+    if s[MEMORY] > 0.0:
+        forget = 1.0
+        if s[SLOW] > 0.0:
+            forget = 1.0 - weight * e * e / ((1.0 + news) * s[MEMORY] * s[SLOW])
+        if forget < s[FACTOR]:
+            forget = s[FACTOR]
+        if updates >= n and news * s[MEMORY] > 1.5:  # at rest errors say nothing about their usual size
+            span = 0.25 * (updates - n) + 1.0  # early, and large, errors fade from the average
+            if span > 10.0 * s[MEMORY]:
+                span = 10.0 * s[MEMORY]
+            s[SLOW] += (weight * e * e / (1.0 + news) - s[SLOW]) / span
+    elif s[FORGETTING] == 0.0:
+        # A sample that brings less news than forgetting costs is no reason to forget: at rest nothing fades.
+        worth = 1.5
+        if n < 3:
+            worth = 0.5 * n
+        if news < worth * (1.0 - forget):
+            forget = 1.0
+    if s[WARM] > 0.0:
+        forget = forget * (1.0 - s[WARM])
+        s[WARM] = s[WARM] * s[WARM_RATE]
+        if s[WARM] < 1e-12:
+            s[WARM] = 0.0
+    if s[EASE] > 0.0:
+        s[EASE] = s[EASE] * s[EASE_RATE]
+        if s[EASE] < 1e-12:
+            s[EASE] = 0.0
+    # Wind-up: P/forget never has a trace above the limit.
+    least = s[TRACE] / s[LIMIT]
+    if least > 1.0:
+        least = 1.0
+    if forget < least:
+        forget = least
+
+    share = weight / forget
+    fade = 1.0 / forget
+    gain = fade
+    if s[FORGETTING] > 0.0 and s[WARM] == 0.0:
+        # Only the direction of psi forgets (Kulhavý and Kárný, IFAC World Congress 1984).
+        share = weight * forget
+        if news > SMALLEST_NEWS:
+            share = share - (1.0 - forget) / news
+        fade = 1.0
+        gain = 1.0
+    beta = weigh(D, F, V, size, share, fade)
+    for k in range(n, size):
+        D[k] = 0.0
+    sweep(U, V, F, G, size)
+    square = inner(G, G, size)
+    s[TRACE] = (s[TRACE] - share * square / beta) * fade
+    count = int(s[UPDATES])
+    if count % RETRACE == 0:
+        s[TRACE] = trace_of(U, D, size)
+
+    gain = gain * weight * e / (1.0 + gain * weight * news)
+    if gain * gain * square < LARGEST_STEP:
+        for k in range(n):
+            theta[k] += gain * G[k]
+    else:
+        gain = 0.0
+
+    # Innovation times residual: at forget = 1 its sum is the residual sum of squares.
+    s[WEIGHT] = forget * s[WEIGHT] + 1.0
+    s[SQUARES] = forget * (s[SQUARES] + weight * weight * e * e / (forget + weight * news))
+    moved: float = gain
+    return moved

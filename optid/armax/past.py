@@ -1,0 +1,31 @@
+"""Past samples: newest first, each in front of the one before it."""
+
+from __future__ import annotations
+
+from optid.armax.compiling import folded
+from optid.core.model import Array
+
+LARGEST_SIGNAL = 1e30  # in scales of the signal; what is larger counts as missing
+
+
+@folded
+def filtered(x: float, c: Array, past: Array, order: int, share: float) -> float:
+    """x(t) / C(q), given its own past; share < 1 draws the roots of C towards the origin."""
+    factor = 1.0
+    for i in range(order):
+        factor = factor * share
+        x -= factor * c[i] * past[i]
+    if not abs(x) < LARGEST_SIGNAL:
+        return 0.0
+    return x
+
+
+@folded
+def newest(past: Array, first: int, length: int) -> float:
+    """The last measured value at or before an entry: a lost command is taken to hold."""
+    x = 0.0
+    for back in range(length - first):
+        value = past[length - 1 - back]
+        if abs(value) < LARGEST_SIGNAL:
+            x = value
+    return x
