@@ -241,7 +241,8 @@ def descend(
         while True:
             try:
                 trial, moved, promise = _step(o, at, terms, q, damping)
-                if damping <= TRUSTED and 0.0 <= promise <= 0.1 * enough and moved < 1e-2:
+                # A refused step came to a kink (a stop, a reversal): what shorter ones promise is what is left.
+                if (refused or damping <= TRUSTED) and 0.0 <= promise <= 0.1 * enough and moved < 1e-2:
                     return at, terms, True
                 found = evaluate(o, trial, q, slopes=True)
             except (LinAlgError, ValueError):  # not positive definite, or not finite
