@@ -72,12 +72,14 @@ def sliding(s: Sheet, v: Any, kind: str) -> Any:
     """
     if kind == "constant":
         return 1.0
+    # The most that steady sliding reaches at this speed: more than 1 near rest is Stribeck's curve.
+    most = s.site("force.breakaway", 1.0, v=v)
     if kind == "smooth":
-        return ca.tanh(v / s.param(FRICTION_WIDTH))
+        return most * ca.tanh(v / s.param(FRICTION_WIDTH))
     # Dahl's law for the bristles' deflection z = F/F_r, with bounded build-up rate at speed.
     z = s.state("bristle", "1", 1.0, spread=1.0)
     length = s.site("force.presliding", s.param(PRESLIDING_LENGTH), v=v, z=z)
-    z_dot = (v - ca.fabs(v) * z) / (length + s.param(BRISTLE_LAG) * ca.fabs(v))
+    z_dot = (v - ca.fabs(v) * z / most) / (length + s.param(BRISTLE_LAG) * ca.fabs(v))
     s.rate(z, z_dot)
     return z + s.param(BRISTLE_DAMPING) * z_dot
 

@@ -1,0 +1,226 @@
+"""A sigma-point Kalman filter over held commands, compiled once for every model.
+
+The filter is the divided difference filter of second order (Norgaard, Poulsen and Ravn, Automatica 36, 2000): its
+points reach sqrt(3) sd to either side whatever the number of states, so that it sees past the kinks of dry friction
+where a linearisation does not. Outputs are taken one at a time. States and covariances are in units of the
+states' usual sizes.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from optid.core.kernel import advance, at, call, compiled
+
+REACH2 = 3.0  # h^2 of the divided differences: the kurtosis of a normal distribution
+PIVOT = 1e-14  # of a covariance, as a share of its largest variance: below it a direction counts as known
+
+
+@compiled
+def filtered(
+    code, first, last, of_set, of_segment, starts, counts, M0, S0, P, Q, R, dt, U, Y, tolerance, scales,
+    keep, E, V, X, K,
+):  # fmt: skip
+    """Filter runs first..last-1; run r takes parameter set of_set[r] over segment of_segment[r].
+
+    Args:
+        code: of the model.
+        starts, counts: first sample and intervals of each segment.
+        M0, S0: mean and sd of the state at a segment's start, (sets, states).
+        P: parameters, (sets, parameters).
+        Q: process noise, variance a second in squared scales, (sets, states).
+        R: variance of the measurement noise, (sets, outputs).
+        dt, U, Y: time to the next sample, inputs, measured outputs (NaN is missing), (samples, ...).
+        tolerance: local error of the integration, (states,).
+        keep: also fill X and K.
+        E, V: receive innovations and their variances, (sets, samples, outputs); NaN where nothing is measured.
+        X: receives the states predicted from the past alone, (sets, samples, states).
+        K: receives the gains, (sets, samples, outputs, states), SI.
+
+    A run that leaves the numbers leaves E and V infinite from there on.
+    """
+    nx, ny = len(scales), Y.shape[1]
+    n_points = 2 * nx + 1
+    c, k = np.empty(code.hoisted), np.empty(nx + 1)
+    points, C, L = np.empty((n_points, nx)), np.empty((nx, nx)), np.empty((nx, nx))
+    m, y, steps = np.empty(nx), np.empty((n_points, ny + 1)), np.empty(n_points)
+    for r in range(first, last):
+        s, g = of_set[r], of_segment[r]
+        call(code.constants, (at(P, s * P.shape[1]), at(c, 0)))
+        C[:] = 0.0
+        for i in range(nx):
+            m[i] = M0[s, i] / scales[i]
+            C[i, i] = (S0[s, i] / scales[i]) ** 2
+        steps[:] = dt[starts[g]]
+        for n in range(starts[g], starts[g] + counts[g] + 1):
+            if keep:
+                for i in range(nx):
+                    X[s, n, i] = m[i] * scales[i]
+            for o in range(ny):
+                E[s, n, o] = np.nan
+                V[s, n, o] = np.nan
+                if keep:
+                    K[s, n, o] = 0.0
+                if Y[n, o] == Y[n, o]:
+                    _scatter(m, C, L, points, scales)
+                    _look(code, points, at(U, n * U.shape[1]), c, k, y)
+                    E[s, n, o], V[s, n, o] = _update(m, C, L, y[:, o], Y[n, o], R[s, o])
+                    if keep:
+                        for i in range(nx):
+                            K[s, n, o, i] = k_of(L, y[:, o], i) / V[s, n, o] * scales[i]
+            if n == starts[g] + counts[g]:
+                break
+            _scatter(m, C, L, points, scales)
+            if not _move(code, points, steps, at(U, n * U.shape[1]), c, k, tolerance, dt[n]):
+                E[s, n + 1 : starts[g] + counts[g] + 1] = np.inf
+                V[s, n + 1 : starts[g] + counts[g] + 1] = np.inf
+                break
+            _gather(points, m, C, scales)
+            for i in range(nx):
+                C[i, i] += Q[s, i] * dt[n]
+
+
+@compiled
+def k_of(L, y, i):
+    """Covariance of state i with an output known at the points of L, in scales."""
+    total = 0.0
+    for j in range(L.shape[0]):
+        total += L[i, j] * (y[1 + 2 * j] - y[2 + 2 * j])
+    return total / (2.0 * math.sqrt(REACH2))
+
+
+@compiled
+def _scatter(m, C, L, points, scales):
+    """Lower triangular root L of C, and the points: the mean, and sqrt(3) columns of L to either side of it; SI."""
+    nx = len(m)
+    largest = 0.0
+    for i in range(nx):
+        largest = max(largest, C[i, i])
+    for j in range(nx):
+        for i in range(j):
+            L[i, j] = 0.0
+        pivot = C[j, j]
+        for q in range(j):
+            pivot -= L[j, q] * L[j, q]
+        if pivot <= PIVOT * largest:
+            for i in range(j, nx):
+                L[i, j] = 0.0
+            continue
+        L[j, j] = math.sqrt(pivot)
+        for i in range(j + 1, nx):
+            total = C[i, j]
+            for q in range(j):
+                total -= L[i, q] * L[j, q]
+            L[i, j] = total / L[j, j]
+    reach = math.sqrt(REACH2)
+    for i in range(nx):
+        points[0, i] = m[i] * scales[i]
+        for j in range(nx):
+            points[1 + 2 * j, i] = (m[i] + reach * L[i, j]) * scales[i]
+            points[2 + 2 * j, i] = (m[i] - reach * L[i, j]) * scales[i]
+
+
+@compiled
+def _look(code, points, u, c, k, y):
+    none = at(k, 0)
+    for q in range(points.shape[0]):
+        call(code.sensors, (at(points, q * points.shape[1]), none, u, at(c, 0), at(y, q * y.shape[1]), none))
+
+
+@compiled
+def _move(code, points, steps, u, c, k, tolerance, span):
+    none = at(k, 0)
+    for q in range(points.shape[0]):
+        steps[q] = advance(
+            code.rates, code.step, at(points, q * points.shape[1]), none, u, at(c, 0), k, none,
+            at(tolerance, 0), span, steps[q],
+        )  # fmt: skip
+        if steps[q] < 0.0:
+            return False
+    return True
+
+
+@compiled
+def _gather(points, m, C, scales):
+    """Mean and covariance of what became of the points."""
+    nx = len(m)
+    for i in range(nx):
+        total = (REACH2 - nx) * points[0, i]
+        for j in range(nx):
+            total += 0.5 * (points[1 + 2 * j, i] + points[2 + 2 * j, i])
+        m[i] = total / REACH2 / scales[i]
+    first, second = 1.0 / (4.0 * REACH2), (REACH2 - 1.0) / (4.0 * REACH2 * REACH2)
+    for i in range(nx):
+        for q in range(i + 1):
+            total = 0.0
+            for j in range(nx):
+                a, b = 1 + 2 * j, 2 + 2 * j
+                total += first * (points[a, i] - points[b, i]) * (points[a, q] - points[b, q])
+                total += (
+                    second
+                    * (points[a, i] + points[b, i] - 2.0 * points[0, i])
+                    * (points[a, q] + points[b, q] - 2.0 * points[0, q])
+                )
+            C[i, q] = total / (scales[i] * scales[q])
+            C[q, i] = C[i, q]
+
+
+@compiled
+def _update(m, C, L, y, measured, noise):
+    """Take one output into mean and covariance; returns the innovation and its variance."""
+    nx = len(m)
+    mean = (REACH2 - nx) * y[0]
+    variance = noise
+    for j in range(nx):
+        a, b = y[1 + 2 * j], y[2 + 2 * j]
+        mean += 0.5 * (a + b)
+        variance += (a - b) ** 2 / (4.0 * REACH2)
+        variance += (REACH2 - 1.0) * (a + b - 2.0 * y[0]) ** 2 / (4.0 * REACH2 * REACH2)
+    innovation = measured - mean / REACH2
+    for i in range(nx):
+        gain = k_of(L, y, i) / variance
+        m[i] += gain * innovation
+        for q in range(i + 1):
+            C[i, q] -= gain * k_of(L, y, q)
+            C[q, i] = C[i, q]
+    return innovation, variance
+
+
+@compiled
+def steered(
+    code, first, last, of_set, of_segment, starts, counts, M0, P, K, common, dt, U, Y, tolerance, E
+):  # fmt: skip
+    """Innovations with the gains of another filter run: x moves by the model and by K (y - h(x)).
+
+    Args:
+        K: gains of the plain model's filter, (samples, outputs, plain states).
+        common: index of each plain state among the model's own.
+        E: receives innovations, (sets, samples, outputs); infinite after a failure.
+    Others as for `filtered`.
+    """
+    nx, ny = M0.shape[1], Y.shape[1]
+    c, k, x, y = np.empty(code.hoisted), np.empty(nx + 1), np.empty(nx), np.empty(ny + 1)
+    here, none = at(x, 0), at(k, 0)
+    for r in range(first, last):
+        s, g = of_set[r], of_segment[r]
+        call(code.constants, (at(P, s * P.shape[1]), at(c, 0)))
+        x[:] = M0[s]
+        h = dt[starts[g]]
+        stop = starts[g] + counts[g]
+        for n in range(starts[g], stop + 1):
+            u = at(U, n * U.shape[1])
+            for o in range(ny):
+                E[s, n, o] = np.nan
+                if Y[n, o] == Y[n, o]:
+                    call(code.sensors, (here, none, u, at(c, 0), at(y, 0), none))
+                    E[s, n, o] = Y[n, o] - y[o]
+                    for i in range(len(common)):
+                        x[common[i]] += K[n, o, i] * E[s, n, o]
+            if n == stop:
+                break
+            h = advance(code.rates, code.step, here, none, u, at(c, 0), k, none, at(tolerance, 0), dt[n], h)
+            if h < 0.0:
+                E[s, n + 1 : stop + 1] = np.inf
+                break

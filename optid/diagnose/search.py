@@ -1,0 +1,228 @@
+"""Which effects are missing: added one at a time with a refit of everything, dropped again where idle.
+
+A screen picks the few worth a refit; the refits compete by likelihood; recordings kept out of the refits decide.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy import stats
+
+from optid.core.model import Model
+from optid.core.recording import Recording
+from optid.diagnose.judge import Comparison, Judged, compare, judge
+from optid.diagnose.screen import Signature, screen
+from optid.effects.effect import Effect
+from optid.effects.library import admitted
+from optid.fit.likelihood import WHOLE
+from optid.fit.problem import pose
+from optid.fit.scoring import Answer, maximise, question_of
+from optid.rigs.rigfile import Rig, with_effects
+
+LEVEL = 0.01  # of false alarms on a rig that lacks nothing, for the whole catalogue together
+REFITS = 5  # candidates of a round
+DEEPEST = 3  # effects at most
+NEAR = 0.5  # of the best gain: a refit below this share does not go on
+TINY = (
+    0.25  # of the smallest size worth a name: what a screen or a first refit leaves below it is not followed
+)
+QUICK = 8  # iterations of a first refit; the best then converge
+
+
+@dataclass(frozen=True)
+class Data:
+    """Recordings to fit, recordings held out, and the randomness of the resampling."""
+
+    train: tuple[Recording, ...]
+    holdout: tuple[Recording, ...]
+    generator: np.random.Generator
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A fitted model, judged: the effects it has beyond the rig file's, its fit, and how it does on the hold-out."""
+
+    effects: tuple[Effect, ...]
+    rig: Rig
+    answer: Answer
+    judged: Judged
+
+
+@dataclass(frozen=True, eq=False)
+class Rival:
+    """An effect that was refitted in a round: against the model of that round, and why it was not taken."""
+
+    effect: Effect
+    candidate: Candidate
+    train_gain: float
+    against: Comparison
+    why: str
+
+
+@dataclass(frozen=True, eq=False)
+class Round:
+    """One step of the search: what the screen saw, who was refitted, who won (``None`` ends the search)."""
+
+    screened: tuple[Signature, ...]
+    rivals: tuple[Rival, ...]
+    winner: Rival | None
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """How the search went: the model before, the one it ended with, and every round."""
+
+    base: Candidate
+    best: Candidate
+    rounds: tuple[Round, ...]
+    dropped: tuple[Effect, ...] = field(default=())
+
+
+Report = Callable[[float, str], None]
+
+
+def fit_base(rig: Rig, data: Data, report: Report) -> Candidate:
+    """The rig's own model at its likeliest parameters, from the file's values."""
+    report(0.02, "fitting the base model")
+    return _settled((), rig, rig.model.vector(rig.parameters), None, data, rig.model)
+
+
+def search(base: Candidate, own: Sequence[Effect], data: Data, report: Report) -> Search:
+    """Add effects while held-out recordings confirm them."""
+    plain, current, rounds = base.rig.model, base, []
+    for depth in range(DEEPEST + 1):
+        share = 0.1 + 0.8 * depth / (DEEPEST + 1)
+        report(share, f"round {depth + 1}: screening the catalogue")
+        signatures = screen(current.answer, data.train, admitted(current.rig.model, own))
+        rivals = _refit(current, signatures, data, plain, report, share)
+        winner = next((rival for rival in rivals if not rival.why), None)
+        rounds.append(Round(tuple(signatures), tuple(rivals), winner))
+        if winner is None or depth == DEEPEST:
+            break
+        current = winner.candidate
+    best, dropped = _thinned(base, current, data, plain, report)
+    return Search(base, best, tuple(rounds), dropped)
+
+
+def _refit(
+    current: Candidate,
+    signatures: Sequence[Signature],
+    data: Data,
+    plain: Model,
+    report: Report,
+    share: float,
+) -> list[Rival]:
+    """Refits of the few most promising, best first; a rival without a reason against it may win."""
+    gate = stats.chi2.isf(LEVEL / max(len(signatures), 1), 1)
+    few = [s for s in signatures if s.gain > gate and s.effect.size(s.values) > TINY][:REFITS]
+    tried = []
+    for signature in few:
+        report(share, f"trying {signature.effect.name}")
+        rig = with_effects(current.rig, (signature.effect,), signature.effect.qualified(signature.values))
+        tried.append((signature.effect, rig, _attempt(current, signature, rig, data, plain)))
+    tried.sort(key=lambda t: t[2].score)
+    rivals = []
+    for place, (effect, rig, answer) in enumerate(tried):
+        near = current.answer.score - answer.score > NEAR * (current.answer.score - tried[0][2].score)
+        if place < 2 and near and _size(effect, rig, answer) > TINY:
+            report(share, f"refitting with {effect.name}")
+            answer = maximise(answer.question, answer.p, answer.noise.levels)
+        candidate = Candidate((*current.effects, effect), rig, answer, judge(answer, data.holdout))
+        gain = current.answer.score - answer.score
+        against = compare(current.judged, candidate.judged, data.generator)
+        why = _objection(effect, candidate, gain, against, len(signatures), len(few))
+        rivals.append(Rival(effect, candidate, gain, against, why))
+    return sorted(rivals, key=lambda r: (bool(r.why), -(r.train_gain + r.against.gain)))
+
+
+def _attempt(current: Candidate, signature: Signature, rig: Rig, data: Data, plain: Model) -> Answer:
+    model = rig.model
+    p = model.vector(rig.parameters)
+    own = current.rig.model
+    p[[model.index(parameter.name) for parameter in own.parameters]] = current.answer.p
+    for name, value in signature.effect.qualified(signature.values).items():
+        low, high = model.parameters[model.index(name)].bounds
+        p[model.index(name)] = min(max(value, low), high)
+    question = question_of(rig, pose(model, data.train, WHOLE), plain)
+    return maximise(question, p, current.answer.noise.levels, iterations=QUICK, polish=False)
+
+
+def _objection(
+    effect: Effect, candidate: Candidate, gain: float, against: Comparison, screened: int, tried: int
+) -> str:
+    """Why a refitted effect is not taken; empty when nothing speaks against it."""
+    size, count = _size(effect, candidate.rig, candidate.answer), len(effect.parameters)
+    needed = stats.chi2.isf(LEVEL / max(screened, 1), count) + count * math.log(1e4)
+    if gain < needed:
+        return f"the refit gains {gain:.0f} in -2 log likelihood where {needed:.0f} are needed"
+    if size < 1.0:
+        return f"the refit leaves it at {100 * size:.0f} % of the smallest size worth a name"
+    if against.p_value > LEVEL / max(tried, 1):
+        return f"no gain on the recordings held out (p = {against.p_value:.2g})"
+    return ""
+
+
+def own_values(effect: Effect, rig: Rig, answer: Answer) -> dict[str, float]:
+    """The fitted values of an effect's parameters by own name, SI."""
+    index = rig.model.index
+    return {q.name: float(answer.p[index(f"{effect.name}.{q.name}")]) for q in effect.parameters}
+
+
+def _size(effect: Effect, rig: Rig, answer: Answer) -> float:
+    return effect.size(own_values(effect, rig, answer))
+
+
+def _thinned(
+    base: Candidate, current: Candidate, data: Data, plain: Model, report: Report
+) -> tuple[Candidate, tuple[Effect, ...]]:
+    """Without the effects that a later one made idle."""
+    dropped: list[Effect] = []
+    while len(current.effects) > 1:
+        weakest: tuple[float, Effect, Candidate] | None = None
+        for effect in current.effects[:-1]:  # the last one has just been confirmed in the others' presence
+            report(0.92, f"whether {effect.name} is still needed")
+            without = refitted(
+                base.rig, tuple(e for e in current.effects if e is not effect), current, data, plain
+            )
+            loss = compare(without.judged, current.judged, data.generator)
+            needed = stats.chi2.isf(LEVEL, len(effect.parameters)) + len(effect.parameters) * math.log(1e4)
+            idle = loss.p_value > LEVEL or without.answer.score - current.answer.score < needed
+            if idle and (weakest is None or loss.gain < weakest[0]):
+                weakest = (loss.gain, effect, without)
+        if weakest is None:
+            break
+        dropped.append(weakest[1])
+        current = weakest[2]
+    return current, tuple(dropped)
+
+
+def refitted(base: Rig, effects: tuple[Effect, ...], near: Candidate, data: Data, plain: Model) -> Candidate:
+    """A model with these effects, refitted from what a similar one found."""
+    values = {
+        name: float(near.answer.p[near.rig.model.index(name)])
+        for name in (q.name for q in near.rig.model.parameters)
+    }
+    own = {
+        name: value
+        for effect in effects
+        for name in (f"{effect.name}.{q.name}" for q in effect.parameters)
+        if (value := values.get(name)) is not None
+    }
+    rig = with_effects(base, effects, own) if effects else base
+    model = rig.model
+    p = model.vector(rig.parameters)
+    for i, parameter in enumerate(model.parameters):
+        p[i] = values.get(parameter.name, p[i])
+    return _settled(effects, rig, p, near.answer, data, plain)
+
+
+def _settled(
+    effects: tuple[Effect, ...], rig: Rig, p: np.ndarray, near: Answer | None, data: Data, plain: Model
+) -> Candidate:
+    question = question_of(rig, pose(rig.model, data.train, WHOLE), plain)
+    answer = maximise(question, p, None if near is None else near.noise.levels)
+    return Candidate(effects, rig, answer, judge(answer, data.holdout))

@@ -1,0 +1,158 @@
+"""The likelihood of recordings under a model with process noise: the innovations of a filter and their variances.
+
+Stochastic grey-box modelling (Kristensen, Madsen and Jorgensen, Automatica 40, 2004): the states follow the model
+and a random walk on top, whose size per second is estimated with the parameters. A model that lacks physics needs
+more of it, so that what it gets wrong counts as noise when parameters and effects are judged.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from optid.core import filter as kernel
+from optid.core.compiled import compiled, spread
+from optid.core.model import Array, Model
+from optid.fit.problem import Problem
+
+TOLERANCE = 1e-5  # local error of the integration as a share of each state's usual size
+QUIET = 1e-4  # process noise of states that carry none of their own, in usual sizes per sqrt(s)
+WHOLE = 1e9  # s: the windows of a problem to be filtered are whole segments
+FAR = 6.0  # innovations beyond so many sd count linearly
+
+
+@dataclass(frozen=True, eq=False)
+class Filtered:
+    """What a filter saw, for each parameter set.
+
+    Attributes:
+        innovations: measured minus predicted from the past alone, (sets, samples, outputs); NaN where nothing is.
+        variances: of the innovations.
+        states: predicted from the past alone, (sets, samples, states), SI; empty unless kept.
+        gains: (sets, samples, outputs, states), SI; empty unless kept.
+    """
+
+    innovations: Array
+    variances: Array
+    states: Array
+    gains: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Noise:
+    """What is random: the measurement, and the states.
+
+    Attributes:
+        measurement: variance of each output, (outputs,).
+        groups: states that share a level of process noise, by unit.
+        levels: log of that noise, in usual sizes of the states per sqrt(s), (groups,).
+    """
+
+    measurement: Array
+    groups: tuple[tuple[int, ...], ...]
+    levels: Array
+
+    def spectrum(self, states: int) -> Array:
+        """Variance of each state's random walk a second, in squared usual sizes, (states,)."""
+        Q = np.full(states, QUIET**2)
+        for group, level in zip(self.groups, self.levels, strict=True):
+            Q[list(group)] = np.exp(2.0 * level)
+        return Q
+
+
+def noisy_states(model: Model, plain: Sequence[str] | None = None) -> tuple[tuple[int, ...], ...]:
+    """States that take process noise, grouped by unit: those with equations that physics could be missing from.
+
+    Left out are positions whose rate is another state, shares without unit, and whatever is not in `plain`.
+    """
+    x, u, p = (ca.SX.sym(n, k) for n, k in zip("xup", _sizes(model), strict=True))
+    rates = model.rates(x, u, p)
+    groups: dict[str, list[int]] = {}
+    for i, state in enumerate(model.states):
+        kinematic = any(ca.is_equal(rates[i], x[j]) for j in range(x.numel()))
+        if kinematic or state.unit == "1" or (plain is not None and state.name not in plain):
+            continue
+        groups.setdefault(state.unit, []).append(i)
+    return tuple(tuple(group) for group in groups.values())
+
+
+def _sizes(model: Model) -> tuple[int, int, int]:
+    return len(model.states), len(model.inputs), len(model.parameters)
+
+
+def run_filter(
+    model: Model, problem: Problem, P: Array, Q: Array, R: Array, *, keep: bool = False
+) -> Filtered:
+    """Filter all segments with all parameter sets, in parallel.
+
+    Args:
+        model: the plant.
+        problem: posed with one window per segment.
+        P: (sets, parameters); `Q` (sets, states) and `R` (sets, outputs) as `filtered` takes them.
+        keep: also give states and gains.
+    """
+    sets, segments = len(P), len(problem.begins)
+    nx, N, ny = len(model.states), len(problem.time), len(model.outputs)
+    M0, S0 = (np.ascontiguousarray(a) for a in _starts(model, P))
+    E, V = np.full((sets, N, ny), np.nan), np.full((sets, N, ny), np.nan)
+    X = np.zeros((sets, N, nx) if keep else (1, 1, 1))
+    K = np.zeros((sets, N, ny, nx) if keep else (1, 1, 1, 1))
+    of_set, of_segment = (np.ascontiguousarray(a) for a in _runs(sets, segments))
+    code = compiled(model).code
+    given = (of_set, of_segment, problem.begins, problem.counts, M0, S0, P, Q, R, problem.dt, problem.inputs)
+    sizes = TOLERANCE * model.scales
+    spread(
+        sets * segments,
+        lambda a, b: kernel.filtered(
+            code, a, b, *given, problem.measured, sizes, model.scales, keep, E, V, X, K
+        ),
+    )
+    return Filtered(E, V, X, K)
+
+
+def run_steered(model: Model, problem: Problem, P: Array, gains: Array, common: Sequence[int]) -> Array:
+    """Innovations (sets, samples, outputs) of models that are corrected with a filter's gains instead of their own."""
+    sets, segments = len(P), len(problem.begins)
+    M0 = np.ascontiguousarray(_starts(model, P)[0])
+    E = np.full((sets, len(problem.time), len(model.outputs)), np.nan)
+    of_set, of_segment = _runs(sets, segments)
+    code, places = compiled(model).code, np.array(common, dtype=np.int64)
+    given = (
+        of_set,
+        of_segment,
+        problem.begins,
+        problem.counts,
+        M0,
+        P,
+        gains,
+        places,
+        problem.dt,
+        problem.inputs,
+    )
+    sizes = TOLERANCE * model.scales
+    spread(sets * segments, lambda a, b: kernel.steered(code, a, b, *given, problem.measured, sizes, E))
+    return E
+
+
+def _starts(model: Model, P: Array) -> tuple[Array, Array]:
+    both = model.start.map(len(P))(P.T)
+    mean, sd = (np.array(a).T for a in both)
+    return mean, sd
+
+
+def _runs(sets: int, segments: int) -> tuple[Array, Array]:
+    s, g = np.meshgrid(np.arange(sets), np.arange(segments), indexing="ij")
+    return np.ascontiguousarray(s.ravel()), np.ascontiguousarray(g.ravel())
+
+
+def deviance(innovations: Array, variances: Array) -> Array:
+    """-2 log likelihood of each sample, (..., samples), up to a constant; 0 where nothing is measured.
+
+    Innovations beyond `FAR` sd count linearly, as from heavier tails than the normal's.
+    """
+    z = np.abs(innovations) / np.sqrt(variances)
+    loss = np.where(z > FAR, FAR * (2.0 * z - FAR), z**2) + np.log(variances)
+    return np.asarray(np.nansum(np.where(np.isnan(innovations), 0.0, loss), axis=-1))
