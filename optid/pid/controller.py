@@ -194,27 +194,17 @@ class Controller:
         for name, value in (("reference", reference), ("measured", measured), ("command", command)):
             if not math.isfinite(value):
                 raise InputError(f"{value}", field=name, expected="a finite number")
-        m, gains = self._memory, self.gains
-        m[law.SLOPE] = 0.0
-        m[law.LAST_COMMAND] = min(max(command, self.settings.low), self.settings.high)
-        m[law.LAST_SETPOINT], m[law.LAST_MEASURED] = reference, measured
-        m[law.INTEGRAL] = 0.0
-        if gains.ki != 0.0:
-            growth = gains.ki * self.settings.sample_time * (reference - measured)
-            m[law.INTEGRAL] = self._without_jump(m[law.LAST_COMMAND]) - self._proportional(gains) - growth
+        law.begin(self.vector, self._memory, reference, measured, command)
 
     def change(self, gains: Gains) -> None:
         """Take new gains; the command they would have given at the last sample is the one that was given.
 
         With ki = 0 the integral part is dropped instead, and the command may jump.
         """
-        m, old = self._memory, self.gains
-        m[law.INTEGRAL] += self._proportional(old) - self._proportional(gains)
-        m[law.INTEGRAL] += (old.kd - gains.kd) * m[law.SLOPE]
-        if gains.ki == 0.0:
-            m[law.INTEGRAL] = 0.0
-        self.gains = gains
-        self.vector[: law.GAINS] = gains.vector
+        new = self.vector.copy()
+        new[: law.GAINS] = gains.vector
+        law.switch(self.vector, self._memory, new)
+        self.gains, self.vector[:] = gains, new
 
     @property
     def command(self) -> float:
@@ -236,16 +226,3 @@ class Controller:
         if state.shape != (law.MEMORY,) or not np.all(np.isfinite(state)):
             raise InputError(f"shape {state.shape}", field="state", expected=f"{law.MEMORY} finite numbers")
         self._memory[:] = state
-
-    def _proportional(self, gains: Gains) -> float:
-        m = self._memory
-        return float(gains.kp * (gains.setpoint_weight * m[law.LAST_SETPOINT] - m[law.LAST_MEASURED]))
-
-    def _without_jump(self, command: float) -> float:
-        """The wish that dead-band compensation turns into this command."""
-        s = self.settings
-        edge = s.deadband_high if command > 0.0 else s.deadband_low
-        if edge == 0.0:
-            return command
-        inside = command / (1.0 + abs(edge) / s.deadband_onset)
-        return inside if abs(inside) <= s.deadband_onset else command - edge

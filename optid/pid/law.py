@@ -1,9 +1,9 @@
 """One sample of the discrete PID controller: the one definition that all others are made from.
 
-`law` is straight-line code over two arrays, settings `s` and memory `m`. The same text is compiled by numba (the
-live loop and every simulation), run with CasADi operands (`optid.pid.symbolic`: gradients), and rewritten as C and
-as IEC 61131-3 structured text (`optid.pid.translate`). Conditions are therefore written with the helpers below,
-never with `if`, and nothing is divided by a setting that may be zero.
+`law` is straight-line code over two arrays, settings `s` and memory `m`; so are `start` and `change`. The same text
+is compiled by numba (the live loop and every simulation), run with CasADi operands (`optid.pid.symbolic`: gradients),
+and rewritten as C and as IEC 61131-3 structured text (`optid.pid.translate`). Conditions are therefore written with
+the helpers below, never with `if`, and nothing is divided by a setting that may be zero.
 
 Two degrees of freedom (Åström and Hägglund, Advanced PID Control, 2006, ch. 3), backward differences:
 
@@ -121,7 +121,49 @@ def law(s: Array, m: Array, setpoint: float, measured: float) -> float:
     return command
 
 
+@folded
+def start(s: Array, m: Array, setpoint: float, measured: float, standing: float) -> None:
+    """Bumpless start: the memory from which `law` gives the standing command again if nothing moves.
+
+    Without integral action there is nothing to hold a command with.
+    """
+    held = bounded(standing, s[LOW], s[HIGH])
+    # The wish that dead-band compensation turns into this command.
+    edge = chosen(held > 0.0, s[DEADBAND_HIGH], s[DEADBAND_LOW])
+    inside = held / (1.0 + abs(edge) * s[ONSET])
+    wish = chosen(abs(inside) * s[ONSET] <= 1.0, inside, held - edge)
+    growth = s[KI] * s[SAMPLE_TIME] * (setpoint - measured)
+    share = s[KP] * (s[SETPOINT_WEIGHT] * setpoint - measured)
+    m[INTEGRAL] = chosen(s[KI] != 0.0, wish - share - growth, 0.0)
+    m[SLOPE] = 0.0
+    m[LAST_COMMAND] = held
+    m[LAST_SETPOINT] = setpoint
+    m[LAST_MEASURED] = measured
+
+
+@folded
+def change(s: Array, m: Array, wanted: Array) -> None:
+    """Bumpless change to the settings `wanted`: the integral takes over what the other parts no longer give."""
+    before = s[KP] * (s[SETPOINT_WEIGHT] * m[LAST_SETPOINT] - m[LAST_MEASURED]) + s[KD] * m[SLOPE]
+    after = (
+        wanted[KP] * (wanted[SETPOINT_WEIGHT] * m[LAST_SETPOINT] - m[LAST_MEASURED]) + wanted[KD] * m[SLOPE]
+    )
+    m[INTEGRAL] = chosen(wanted[KI] != 0.0, m[INTEGRAL] + (before - after), 0.0)
+
+
 @compiled
 def step(s: Array, m: Array, setpoint: float, measured: float) -> float:
     """`law`, to be called from Python."""
     return law(s, m, setpoint, measured)
+
+
+@compiled
+def begin(s: Array, m: Array, setpoint: float, measured: float, standing: float) -> None:
+    """`start`, to be called from Python."""
+    start(s, m, setpoint, measured, standing)
+
+
+@compiled
+def switch(s: Array, m: Array, wanted: Array) -> None:
+    """`change`, to be called from Python."""
+    change(s, m, wanted)
