@@ -69,15 +69,17 @@ def live(rig: str, driver: str, out: str, **choices: Any) -> None:
     finally:
         session.close()
     document, model = live_document(session), identified(session)
+    page = _report(session, document)
 
     def write(place: Path) -> None:
         write_json(place / "live.json", document)
         if model is not None:
             (place / "armax.json").write_text(to_json(model), encoding="utf-8")
+        (place / "report.html").write_text(page, encoding="utf-8")
 
     deliver(folder, write)
     _say(document)
-    click.echo(f"written to {out}: {LOG}, live.json" + (", armax.json" if model else ""))
+    click.echo(f"written to {out}: {LOG}, live.json, report.html" + (", armax.json" if model else ""))
     if document["parted"]:
         click.echo(f"rig and model have parted; what is missing finds\n  {document['diagnosis']}")
     if document["outcome"] == "failed":
@@ -190,6 +192,22 @@ def _pilot(session: Session, tune_after: float | None) -> Callable[[], None]:
                 session.events.note("not applied: the review does not find them better")
 
     return look
+
+
+def _report(session: Session, document: dict[str, Any]) -> str:
+    """The page on the last minute and its last step."""
+    from optid.live.log import LOG
+    from optid.live.results import last_stretch
+    from optid.report.live_page import live_page
+
+    path = session.plan.out / LOG
+    minute = last_stretch(path, session.wiring, session.settings) if path.is_file() else None
+    shown = []
+    if minute is not None:
+        shown.append((f"From {minute.time[0]:.0f} to {minute.time[-1]:.0f} s", minute))
+        if minute.last_step is not None:
+            shown.append((f"The step at {minute.last_step:.2f} s", minute.around(minute.last_step)))
+    return live_page(document, f"{session.rig_name}: live", shown, session.tuning.review)
 
 
 def _say(document: dict[str, Any]) -> None:

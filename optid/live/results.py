@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,13 +11,17 @@ import numpy as np
 
 from optid.armax.audit import audit
 from optid.armax.files import ArmaxFile, SavedModel
+from optid.core.model import Array
 from optid.live.log import LOG, PREDICTIONS, Layout
+from optid.live.settings import Settings, Wiring
+from optid.live.slices import last_rows
 
 if TYPE_CHECKING:
     from optid.live.session import Session
-    from optid.live.settings import Wiring
 
 SCHEMA = "optid.live/1"
+SHOWN = 60.0  # s of a recording's end that are looked at closely
+BEFORE, AFTER = 0.1, 1.4  # s around a step that is shown
 CHUNK = 200_000  # rows of a recording in memory at a time
 
 
@@ -75,3 +79,62 @@ def fit_percent(path: Path, wiring: Wiring) -> dict[str, float | None]:
 def _percent(number: float, total: float, squares: float, errors: float) -> float | None:
     spread = squares - total**2 / number if number else 0.0
     return 100.0 * (1.0 - math.sqrt(errors / spread)) if spread > 0.0 else None
+
+
+@dataclass(frozen=True, eq=False)
+class Stretch:
+    """Part of a session, SI.
+
+    Attributes:
+        time: s, shape (samples,).
+        positions: "reference", "real", "predicted", "simulated", each (samples,).
+        command: V, (samples,).
+        role, unit, command_unit: of the position and the command.
+        limits: of the command.
+    """
+
+    time: Array
+    positions: dict[str, Array]
+    command: Array
+    role: str
+    unit: str
+    command_unit: str
+    limits: tuple[float, float]
+
+    def around(self, time: float) -> Stretch:
+        """What lies around a moment."""
+        keep = (self.time >= time - BEFORE) & (self.time <= time + AFTER)
+        positions = {name: values[keep] for name, values in self.positions.items()}
+        return replace(self, time=self.time[keep], positions=positions, command=self.command[keep])
+
+    @property
+    def last_step(self) -> float | None:
+        """When the reference moved last with enough of the answer to see, s."""
+        reference = self.positions["reference"]
+        known = np.isfinite(reference)
+        moved = self.time[known][1:][np.diff(reference[known]) != 0.0]
+        whole = moved[moved <= self.time[-1] - AFTER / 2]
+        return float(whole[-1]) if whole.size else None
+
+
+def last_stretch(path: Path, wiring: Wiring, settings: Settings) -> Stretch | None:
+    """The last minute of a session's recording; ``None`` where there is next to nothing."""
+    import io
+
+    import pandas as pd
+
+    head, rows = last_rows(path, round(SHOWN * settings.rate))
+    if len(rows) < 2:
+        return None
+    frame = pd.read_csv(io.BytesIO(b"\n".join((head, *rows))), dtype=float)
+    columns = [frame[name].to_numpy() for name in Layout(wiring).columns]
+    position, command = wiring.measured[0], wiring.command
+    reference, *models = columns[-1 - len(PREDICTIONS) :]
+    shown = {"real": columns[2], **dict(zip(PREDICTIONS, models, strict=True))}
+    positions = {name: position.factor * values + position.shift for name, values in shown.items()}
+    of = wiring.reference or position
+    positions["reference"] = of.factor * reference + of.shift
+    return Stretch(
+        columns[0] * wiring.time.factor, positions, (columns[1] * command.factor + command.shift) * command.per_unit,
+        position.role, position.model_unit, command.recorded_unit, (settings.limits.low, settings.limits.high),
+    )  # fmt: skip

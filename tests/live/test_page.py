@@ -237,5 +237,5 @@ def test_the_whole_page_by_keyboard_and_a_stop_under_load(browser, live):
     assert page.is_disabled("#stop")
     document = json.loads((live.out / "live.json").read_text())
     assert (document["outcome"], document["why"], document["safe"]) == ("stopped", "the page's stop", True)
-    assert document["gains"]["kd"] > 0
+    assert document["gains"]["kp"] != pytest.approx(5 / 0.234)  # the gentle one it began with
     assert complaints == []

@@ -16,6 +16,7 @@ from optid.live.gains import controller_settings, gentle, read_gains
 from optid.live.log import LOG, Layout, Log
 from optid.live.messages import Reply, Sample, pack_reply, pack_sample, unpack_reply, unpack_sample
 from optid.live.reference import read_reference, tour
+from optid.live.results import fit_percent, last_stretch
 from optid.live.ring import Ring
 from optid.live.settings import Limits, live_settings, wiring_of
 from optid.live.slices import HELD_OUT, SEEN, UNSEEN, WIDEST, last_rows, offer_diagnosis
@@ -215,6 +216,28 @@ def test_the_last_minutes_are_two_recordings(bench, tmp_path, run_live):
     assert len(unseen) == round(HELD_OUT * 1500)
     assert len(seen) + len(unseen) == 1500
     assert unseen.time[0] > seen.time[-1]
+
+
+def test_a_session_is_shown_by_its_last_step(bench, run_live):
+    _, _, path = run_live(bench, seconds=5.0)
+    lines = path.read_text().splitlines()
+    cells = lines[4500].split(",")
+    lines[4500] = ",".join([*cells[:2], *[""] * (len(cells) - 2)])  # a sample that was not taken
+    path.write_text("\n".join(lines) + "\n")
+    settings, wiring = live_settings(bench), wiring_of(bench)
+    minute = last_stretch(path, wiring, settings)
+    assert minute.last_step == pytest.approx(4.0)
+    part = minute.around(minute.last_step)
+    assert (part.time[0], part.time[-1]) == pytest.approx((3.9, 4.999))
+    assert part.positions["reference"][0] == pytest.approx(0.0585)
+    assert np.nanmax(np.abs(part.positions["real"] - part.positions["predicted"])) < 1e-3
+    assert minute.limits == (-5.0, 5.0)
+    fits = fit_percent(path, wiring)
+    frame = pd.read_csv(path)
+    for kind, fit in fits.items():
+        known = frame.dropna(subset=["x", f"x_{kind}"])
+        error, about = known["x"] - known[f"x_{kind}"], known["x"] - known["x"].mean()
+        assert fit == pytest.approx(100 * (1 - math.sqrt((error**2).sum() / (about**2).sum())), abs=1e-6)
 
 
 def test_only_the_end_of_a_long_log_is_read(tmp_path):

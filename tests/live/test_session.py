@@ -14,6 +14,12 @@ from click.testing import CliRunner
 
 from optid import cli
 from optid.core.readers import read_recording
+from optid.live.loop import Choices
+from optid.live.plan import Plan
+from optid.live.reference import tour
+from optid.live.session import Session
+from optid.live.settings import live_settings
+from optid.pid.controller import Gains
 from optid.rigs.rigfile import read_rig
 
 BENCH = Path(__file__).resolve().parents[2] / "data" / "bench.toml"
@@ -35,6 +41,56 @@ def test_the_whole_command(tmp_path):
     assert json.loads((out / "armax.json").read_text())["recommended"] == 4
     record = read_recording(out / "recording.csv", read_rig(BENCH))
     assert len(record) == 4000
+    report = (out / "report.html").read_text()
+    assert "The step at 2.00 s" in report
+    assert report.count("<svg") == 2
+
+
+def wait_for(session, there):
+    """Poll a session until something is so."""
+    for _ in range(2400):
+        session.poll()
+        if there():
+            return
+        time.sleep(0.05)
+    raise AssertionError("nothing happened for two minutes")
+
+
+def test_tune_review_apply(tmp_path):
+    rig = read_rig(BENCH)
+    settings = live_settings(rig, 200.0)
+    plan = Plan(BENCH, "simulated", tmp_path, tour(settings.limits), Choices(Gains(6.0)), rate=200.0)
+    session = Session(plan)
+    try:
+        session.go()
+        assert not session.applicable
+        session.apply()  # nothing to apply
+        wait_for(session, lambda: session.slow.count > 60)  # 3 s
+        session.tune()
+        assert session.busy
+        session.tune()  # one at a time
+        wait_for(session, lambda: not session.busy)
+        review = session.tuning.review
+        assert review.old == Gains(6.0)
+        old, new = review.responses["identified"]
+        assert new.measures["itae"] < 0.5 * old.measures["itae"]
+        assert review.better
+        session.apply()
+        wait_for(session, lambda: session.gains == review.new)
+        assert not session.applicable
+        session.stop("enough")
+        wait_for(session, lambda: session.end is not None)
+    finally:
+        session.close()
+    assert (session.end["why"], session.end["safe"]) == ("enough", True)
+    words = [event.words for event in session.events]
+    assert sum(line.startswith("tuning on") for line in words) == 1
+    assert sum(line.startswith("applied: kp") for line in words) == 1
+    log = pd.read_csv(tmp_path / "recording.csv")
+    jump = log["u"].diff().abs()[log["r"].diff() == 0.0]
+    assert (
+        jump.max() < 1.0
+    )  # V: neither the change of gains nor anything else but the reference makes it jump
 
 
 @pytest.mark.parametrize(
@@ -69,7 +125,11 @@ class Running:
     def __init__(self, out):
         call = [sys.executable, "-m", "optid.cli", "live", str(BENCH), "--out", str(out), "--rate", "200"]
         self.out, self.process = out, subprocess.Popen(call, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
-        self._until(lambda: self.rows() > 20)
+
+    def begun(self):
+        """Samples have been taken."""
+        self._until(lambda: self.rows() > 20 or self.process.poll() is not None)
+        assert self.process.poll() is None, self.process.stdout.read()
 
     def rows(self):
         path = self.out / "recording.csv"
@@ -99,11 +159,13 @@ class Running:
 @pytest.fixture
 def running(tmp_path):
     started = Running(tmp_path / "out")
-    yield started
-    if started.process.poll() is None:
-        started.process.kill()
-    started.process.wait()
-    started.process.stdout.close()
+    with started.process:
+        try:
+            started.begun()
+            yield started
+        finally:
+            if started.process.poll() is None:
+                started.process.kill()
 
 
 @posix
