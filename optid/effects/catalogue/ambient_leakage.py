@@ -10,12 +10,12 @@ from optid.core.sheet import Sheet
 from optid.effects.effect import Effect
 
 LEAK = "physics catalogue A.3: 0 to 0.3 mm2"
-AREA_A = Parameter("area_a", "m**2", 1e-7, "open area from chamber A to the room", LEAK, 0.0, (0.0, 5e-6))
-AREA_B = Parameter("area_b", "m**2", 1e-7, "open area from chamber B to the room", LEAK, 0.0, (0.0, 5e-6))
+AREA_A = Parameter("area_a", "m**2", 1e-7, "flow area from chamber A to the room", LEAK, 0.0, (0.0, 5e-6))
+AREA_B = Parameter("area_b", "m**2", 1e-7, "flow area from chamber B to the room", LEAK, 0.0, (0.0, 5e-6))
 
 
 class AmbientLeakage(Effect):
-    """Orifices to the room with the discharge coefficient of the valve."""
+    """Orifices to the room, by their effective areas: geometric area times discharge coefficient, whatever that is."""
 
     name = "ambient_leakage"
     sites = ("flow.chamber_a", "flow.chamber_b")
@@ -27,7 +27,7 @@ class AmbientLeakage(Effect):
         {"area_a": 0.0, "area_b": 1e-7},
         {"area_a": 1e-7, "area_b": 1e-7},
     )
-    law = "m_leak = C_d area P f(P_atm / P) out of each chamber"
+    law = "m_leak = C_0 area P f(P_atm / P) / sqrt(T) out of each chamber"
     says = "air leaks to the room, from chamber A through {area_a}, from chamber B through {area_b}"
     depends_on = ("pressure",)
     needs = "holds with the valve nearly shut"
@@ -38,4 +38,4 @@ class AmbientLeakage(Effect):
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
         """The flow into the chamber, kg/s, less what leaks."""
         area = sheet.param(AREA_A if site.endswith("a") else AREA_B)
-        return nominal + area * near["ambient"]
+        return nominal + area / sheet.plant_param("discharge_coefficient") * near["ambient"]

@@ -10,13 +10,13 @@ from optid.core.sheet import Sheet
 from optid.effects.effect import Effect
 
 AREA = Parameter(
-    "area", "m**2", 1e-7, "open area between the chambers", "physics catalogue A.3: 0 to 0.5 mm2, new below 0.005",
+    "area", "m**2", 1e-7, "flow area between the chambers", "physics catalogue A.3: 0 to 0.5 mm2, new below 0.005",
     0.0, (0.0, 5e-6),
 )  # fmt: skip
 
 
 class CrossLeakage(Effect):
-    """An orifice between the chambers with the discharge coefficient of the valve."""
+    """An orifice between the chambers, by its effective area: geometric area times discharge coefficient."""
 
     name = "cross_leakage"
     sites = ("flow.chamber_a", "flow.chamber_b")
@@ -24,7 +24,7 @@ class CrossLeakage(Effect):
     parameters = (AREA,)
     strength = {"area": 1e-8}
     usual = ({"area": 1e-7},)
-    law = "m_leak = C_d area P_high f(P_low / P_high) from the fuller chamber into the other"
+    law = "m_leak = C_0 area P_high f(P_low / P_high) / sqrt(T) from the fuller chamber into the other"
     says = "air leaks past the piston through {area}"
     depends_on = ("pressure",)
     needs = "unequal chamber pressures, best in holds with the valve shut"
@@ -34,4 +34,5 @@ class CrossLeakage(Effect):
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
         """The flow into the chamber, kg/s, with what comes from the other."""
-        return nominal + sheet.param(AREA) * near["other"]
+        area = sheet.param(AREA) / sheet.plant_param("discharge_coefficient")
+        return nominal + area * near["other"]

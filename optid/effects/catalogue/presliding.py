@@ -12,7 +12,7 @@ from optid.core.sheet import Sheet
 from optid.effects.effect import Effect
 
 DISTANCE = Parameter(
-    "distance", "m", 1e-4, "elastic motion before dry friction slips, beyond the plant's presliding_length",
+    "distance", "m", 1e-4, "elastic motion before dry friction slips, where longer than presliding_length",
     "physics catalogue A.1: 0.1 to 8 mm for rubber seals", 0.0, (0.0, 8e-3),
 )  # fmt: skip
 DAMPING = Parameter(
@@ -22,9 +22,10 @@ DAMPING = Parameter(
 
 
 class Presliding(Effect):
-    """The LuGre law: the bristle's length grows by `distance`, and its deflection is damped viscously.
+    """The LuGre law: the bristle is `distance` long if the plant's is shorter, and its deflection damped viscously.
 
-    With z the deflection over its length: F = F_r z + sigma_1 distance z', in place of F_r z over a much shorter one.
+    With z the deflection over its length d: F = F_r z + sigma_1 d z', in place of F_r z over the short length which
+    the plant has for dry friction to be smooth, and which a fit may move.
     """
 
     name = "presliding"
@@ -47,7 +48,7 @@ class Presliding(Effect):
         """The bristle's length, m; friction force, N."""
         distance = sheet.param(DISTANCE)
         if site == "force.presliding":
-            sheet.note("length", nominal + distance)
+            sheet.note("length", ca.fmax(nominal, distance))
             sheet.note("z", near["z"])
             return sheet.noted("length")
         v, length, z = near["v"], sheet.noted("length"), sheet.noted("z")

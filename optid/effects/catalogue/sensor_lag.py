@@ -19,6 +19,8 @@ FLOOR = 5e-4  # s: keeps the equations from becoming stiff at the null
 class SensorLag(Effect):
     """(1 + t0 p) / (1 + (t + t0) p) with p = d/dt, t = time constant: 1 at the null.
 
+    t0 falls from FLOOR with the square of t, so that a lag of usual size is the plain first-order one.
+
     The state is how far the axis is ahead of the filter, so that it is small and starts near zero.
     """
 
@@ -40,5 +42,6 @@ class SensorLag(Effect):
         """What the sensor shows, m."""
         time = sheet.param(TIME)
         ahead = sheet.state("ahead", "m", 1e-3, spread=5e-3)
-        sheet.rate(ahead, near["v"] - ahead / (time + FLOOR))
-        return nominal - time / (time + FLOOR) * ahead
+        floor = FLOOR * (FLOOR / (time + FLOOR)) ** 2
+        sheet.rate(ahead, near["v"] - ahead / (time + floor))
+        return nominal - time / (time + floor) * ahead

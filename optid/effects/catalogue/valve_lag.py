@@ -23,7 +23,10 @@ FLOOR = 3e-4  # s: keeps the equations from becoming stiff at the null
 
 
 class ValveLag(Effect):
-    """(1 + 2 z t0 p + (t0 p)^2) / (1 + 2 z t p + (t p)^2) with p = d/dt, t = time constant + t0: 1 at the null."""
+    """(1 + 2 z t0 p + (t0 p)^2) / (1 + 2 z t p + (t p)^2) with p = d/dt, t = time constant + t0: 1 at the null.
+
+    t0 falls from FLOOR with the square of the time constant: a lag of usual size is the plain second-order one.
+    """
 
     name = "valve_lag"
     sites = ("valve.command",)
@@ -47,11 +50,13 @@ class ValveLag(Effect):
         """The share of full travel at which the spool stands."""
         z = sheet.param(DAMPING)
         floor = FLOOR * ca.fmax(1, z)  # the faster of two poles of an overdamped spool is at 2 z / t
-        t = sheet.param(TIME) + floor
+        time = sheet.param(TIME)
+        t0 = floor * (floor / (time + floor)) ** 2
+        t = time + t0
         s = sheet.state("spool", "1", 0.1, spread=0.3)
         w = sheet.state("spool_rate", "1", 0.1, spread=0.3)  # t s'
         pull = (nominal - s - 2 * z * w) / t
         sheet.rate(s, w / t)
         sheet.rate(w, pull)
-        share = floor / t
+        share = t0 / t
         return s + 2 * z * share * w + share**2 * t * pull
