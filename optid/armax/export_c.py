@@ -18,6 +18,8 @@ _KERNELS = (
     triangle.weigh,
     triangle.sweep,
     triangle.shift,
+    triangle.copy,
+    triangle.move,
     stability.roots_inside,
     stability.stabilise,
     past.filtered,
@@ -25,6 +27,7 @@ _KERNELS = (
     learning.trace_of,
     learning.learn,
     recursion.regress,
+    recursion.mend,
     recursion.remember,
     recursion.advance,
 )

@@ -271,7 +271,7 @@ class Identifier:
     def _histories(self) -> tuple[Array, Array, Array]:
         """Past outputs, inputs (oldest first; as many rows as the model reaches back) and residuals."""
         o, scale = self.orders, self._state[at.SCALE]
-        y = self._part(at.history_at(o), o.na)[::-1] * scale
+        y = -self._part(at.history_at(o), o.na)[::-1] * scale
         e = self._part(at.residuals_at(o), o.nc)[::-1] * scale
         start = at.inputs_at(o)
         rows = max([1, *(nb + nk for nb, nk in zip(o.nb, o.nk, strict=True))])

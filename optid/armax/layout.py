@@ -12,7 +12,7 @@ gaps (n parameters, m inputs; S is n rounded up to a multiple of 4, what lies be
     F, V, G 3 S   U' psi, D U' psi, P psi
     U       S S   unit upper triangular, column after column
     work   2 nc   work of the stability test
-    yh       na   outputs y(t-1)..   yf    max(na, nc), filtered by 1/C
+    yh       na   outputs -y(t-1)..  yf    max(na, nc), filtered by 1/C
     eh, ef 2 nc   residuals e(t-1).. and the same filtered
     uh, uf        for each input: nk + nb inputs u(t).., and max(nk + nb, nc), filtered
 """

@@ -25,7 +25,7 @@ from optid.armax.layout import (
     WARM_RATE,
     WEIGHT,
 )
-from optid.armax.vectors import inner, part, sweep, weigh
+from optid.armax.vectors import inner, move, part, sweep, weigh
 from optid.core.model import Array
 
 LARGEST_STEP = 1e100  # squared length of a step of theta; a larger one is not taken
@@ -97,22 +97,21 @@ def learn(s: Array, n: int, e: float, news: float) -> float:
         if s[EASE] < 1e-12:
             s[EASE] = 0.0
     # Wind-up: P/forget never has a trace above the limit.
-    least = s[TRACE] / s[LIMIT]
-    if least > 1.0:
-        least = 1.0
-    if forget < least:
-        forget = least
+    if s[TRACE] > forget * s[LIMIT]:
+        forget = s[TRACE] / s[LIMIT]
+        if forget > 1.0:
+            forget = 1.0
 
-    share = weight / forget
     fade = 1.0 / forget
-    gain = fade
+    share = weight * fade
+    step = share * e / (1.0 + share * news)
     if s[FORGETTING] > 0.0 and s[WARM] == 0.0:
         # Only the direction of psi forgets (Kulhavý and Kárný, IFAC World Congress 1984).
+        step = weight * e / (1.0 + weight * news)
         share = weight * forget
         if news > SMALLEST_NEWS:
             share = share - (1.0 - forget) / news
         fade = 1.0
-        gain = 1.0
     beta = weigh(D, F, V, size, share, fade)
     for k in range(n, size):
         D[k] = 0.0
@@ -123,15 +122,11 @@ def learn(s: Array, n: int, e: float, news: float) -> float:
     if count % RETRACE == 0:
         s[TRACE] = trace_of(U, D, size)
 
-    gain = gain * weight * e / (1.0 + gain * weight * news)
-    if gain * gain * square < LARGEST_STEP:
-        for k in range(n):
-            theta[k] += gain * G[k]
-    else:
-        gain = 0.0
-
     # Innovation times residual: at forget = 1 its sum is the residual sum of squares.
     s[WEIGHT] = forget * s[WEIGHT] + 1.0
-    s[SQUARES] = forget * (s[SQUARES] + weight * weight * e * e / (forget + weight * news))
-    moved: float = gain
+    s[SQUARES] = forget * (s[SQUARES] + weight * e * step)
+    if not step * step * square < LARGEST_STEP:
+        return 0.0
+    move(theta, G, step, size)
+    moved: float = step
     return moved

@@ -11,10 +11,14 @@ LARGEST_SIGNAL = 1e30  # in scales of the signal; what is larger counts as missi
 @folded
 def filtered(x: float, c: Array, past: Array, order: int, share: float) -> float:
     """x(t) / C(q), given its own past; share < 1 draws the roots of C towards the origin."""
-    factor = 1.0
-    for i in range(order):
-        factor = factor * share
-        x -= factor * c[i] * past[i]
+    if share == 1.0:
+        for i in range(order):
+            x -= c[i] * past[i]
+    else:
+        factor = 1.0
+        for i in range(order):
+            factor = factor * share
+            x -= factor * c[i] * past[i]
     if not abs(x) < LARGEST_SIGNAL:
         return 0.0
     return x

@@ -48,7 +48,7 @@ from optid.armax.learning import learn
 from optid.armax.past import LARGEST_SIGNAL, filtered, newest
 from optid.armax.stability import roots_inside as roots_inside
 from optid.armax.stability import stabilise
-from optid.armax.vectors import inner, part, project, shift
+from optid.armax.vectors import copy, inner, part, project, shift
 from optid.core.model import Array
 
 LARGEST_PREDICTION = 1e90  # in scales of the signal
@@ -56,8 +56,8 @@ LARGEST_NEWS = 1e150  # psi' P psi above which a sample teaches nothing but over
 
 
 @folded
-def regress(s: Array, hold: float, share: float) -> float:
-    """Fill phi and psi from what is remembered and the inputs in `now`; returns how long learning must wait."""
+def regress(s: Array, share: float) -> float:
+    """Fill phi and psi from what is remembered and the inputs in `now`; a missing input leaves NaN in phi."""
     na = int(s[NA])
     nc = int(s[NC])
     n = int(s[PARAMETERS])
@@ -66,33 +66,27 @@ def regress(s: Array, hold: float, share: float) -> float:
     nf = nc
     if na > nc:
         nf = na
-    at = HEADER + 4 * m
-    table = part(s, HEADER)
-    now = part(s, HEADER + 3 * m)
-    phi = part(s, at + 2 * size)
-    psi = part(s, at + 3 * size)
-    c = part(s, at + n - nc)
+    theta = HEADER + 4 * m
+    c = part(s, theta + n - nc)
+    phi = theta + 2 * size
+    psi = theta + 3 * size
     at = int(s[HISTORY])
-    yh = part(s, at)
-    yf = part(s, at + na)
-    eh = part(s, at + na + nf)
-    ef = part(s, at + na + nf + nc)
+    copy(part(s, phi), part(s, at), na)
+    copy(part(s, psi), part(s, at + na), na)
+    copy(part(s, phi + n - nc), part(s, at + na + nf), nc)
+    copy(part(s, psi + n - nc), part(s, at + na + nf + nc), nc)
     at += na + nf + 2 * nc
-    for k in range(na):
-        phi[k] = -yh[k]
-        psi[k] = -yf[k]
     column = na
     for i in range(m):
-        nb = int(table[3 * i])
-        nk = int(table[3 * i + 1])
+        nb = int(s[HEADER + 3 * i])
+        nk = int(s[HEADER + 3 * i + 1])
         length = nb + nk
         flength = length
         if nc > length:
             flength = nc
         uh = part(s, at)
         uf = part(s, at + length)
-        at += length + flength
-        x = now[i] * table[3 * i + 2]
+        x = s[HEADER + 3 * m + i] * s[HEADER + 3 * i + 2]
         shift(uh, length)
         uh[0] = x
         if not abs(x) < LARGEST_SIGNAL:
@@ -102,22 +96,40 @@ def regress(s: Array, hold: float, share: float) -> float:
         x = filtered(x, c, uf, nc, share)
         shift(uf, flength)
         uf[0] = x
-        for k in range(nb):
-            x = uh[nk + k]
-            if not abs(x) < LARGEST_SIGNAL:
-                x = newest(uh, nk + k, length)
-                if hold < 1.0:
-                    hold = 1.0
-            phi[column + k] = x
-            psi[column + k] = uf[nk + k]
+        copy(part(s, phi + column), part(s, at + nk), nb)
+        copy(part(s, psi + column), part(s, at + length + nk), nb)
+        at += length + flength
         column += nb
-    for k in range(nc):
-        phi[column + k] = eh[k]
-        psi[column + k] = ef[k]
     if not s[FILTERED] > 0.0:
-        for k in range(n):
-            psi[k] = phi[k]
-    return hold
+        copy(part(s, psi), part(s, phi), n)
+    return 0.0
+
+
+@compiled
+def mend(s: Array) -> float:
+    """Put the last measured value in the place of each missing input in phi; returns 1 if there was one."""
+    m = int(s[INPUTS])
+    nc = int(s[NC])
+    column = HEADER + 4 * m + 2 * int(s[STRIDE]) + int(s[NA])
+    nf = nc
+    if int(s[NA]) > nc:
+        nf = int(s[NA])
+    at = int(s[HISTORY]) + int(s[NA]) + nf + 2 * nc
+    missing = 0.0
+    for i in range(m):
+        nb = int(s[HEADER + 3 * i])
+        nk = int(s[HEADER + 3 * i + 1])
+        for k in range(nb):
+            if not abs(s[column + k]) < LARGEST_SIGNAL:
+                s[column + k] = newest(part(s, at), nk + k, nb + nk)
+                missing = 1.0
+        at += nb + nk
+        if nc > nb + nk:
+            at += nc
+        else:
+            at += nb + nk
+        column += nb
+    return missing
 
 
 @folded
@@ -133,11 +145,11 @@ def remember(s: Array, measured: float, residual: float, share: float) -> float:
     yf = part(s, int(s[HISTORY]) + na)
     eh = part(s, int(s[HISTORY]) + na + nf)
     ef = part(s, int(s[HISTORY]) + na + nf + nc)
-    y = filtered(measured, c, yf, nc, share)
+    y = filtered(-measured, c, yf, nc, share)
     e = filtered(residual, c, ef, nc, share)
     shift(yh, na + nf + 2 * nc)
     if na > 0:
-        yh[0] = measured
+        yh[0] = -measured
     if nf > 0:
         yf[0] = y
     if nc > 0:
@@ -167,9 +179,13 @@ def advance(s: Array, y: float) -> float:
     work = part(s, at + 7 * size + size * size)
     share = 1.0 - s[EASE]
     s[SAMPLES] += 1.0
-    hold = regress(s, s[HOLD], share)
-
+    hold = s[HOLD]
+    regress(s, share)
     prediction = inner(phi, theta, size)
+    if prediction != prediction:  # NaN: an input is missing
+        if mend(s) > 0.0 and hold < 1.0:
+            hold = 1.0
+        prediction = inner(phi, theta, size)
     if not abs(prediction) < LARGEST_PREDICTION:
         prediction = 0.0
     s[PREDICTION] = prediction
@@ -198,7 +214,7 @@ def advance(s: Array, y: float) -> float:
             nf = na
         yf = part(s, int(s[HISTORY]) + na)
         for k in range(nf):
-            yf[k] = measured / dc
+            yf[k] = -measured / dc
     else:
         residual = e
         news = project(U, D, psi, F, V, size)

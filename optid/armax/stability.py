@@ -13,14 +13,17 @@ def roots_inside(c: Array, order: int, radius: float, work: Array) -> float:
     Steps down from order to 0: each reflection coefficient must be smaller than 1.
     """
     total = 0.0
+    bound = 1.0
+    for i in range(order):
+        total += abs(c[i])
+        bound = bound * radius
+    if total < bound and total < radius:  # Rouché: z^order outweighs the rest on the circle
+        return 1.0
     factor = 1.0
     inverse = 1.0 / radius
     for i in range(order):
         factor = factor * inverse
         work[i] = c[i] * factor
-        total += abs(work[i])
-    if total < 1.0:
-        return 1.0
     for down in range(order):
         k = order - down
         last = work[k - 1]

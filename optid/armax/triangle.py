@@ -80,3 +80,17 @@ def shift(past: Array, length: int) -> float:
     for back in range(1, length):
         past[length - back] = past[length - back - 1]
     return 0.0
+
+
+def copy(there: Array, here: Array, length: int) -> float:
+    """`there` becomes what stands `here`."""
+    for k in range(length):
+        there[k] = here[k]
+    return 0.0
+
+
+def move(x: Array, y: Array, step: float, size: int) -> float:
+    """Add step y to x."""
+    for k in range(size):
+        x[k] += step * y[k]
+    return 0.0

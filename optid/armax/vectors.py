@@ -236,3 +236,29 @@ def shift(typing, past, length):
             b.store(b.load(b.gep(past, [b.sub(at, _WHOLE(1))])), b.gep(past, [at]))
 
     return types.float64(_ARRAY, types.int64), _emitted(write)
+
+
+@intrinsic
+def copy(typing, there, here, length):
+    """See `optid.armax.triangle`."""
+
+    def write(lanes):
+        b, there, here, length = lanes.ir, lanes.data(0), lanes.data(1), lanes.values[2]
+        with lanes.every(4, length) as k:
+            lanes.store(lanes.load(here, k), there, k)
+        with cgutils.for_range(b, length, start=b.and_(length, _WHOLE(-4))) as loop:
+            b.store(b.load(b.gep(here, [loop.index])), b.gep(there, [loop.index]))
+
+    return types.float64(_ARRAY, _ARRAY, types.int64), _emitted(write)
+
+
+@intrinsic
+def move(typing, x, y, step, size):
+    """See `optid.armax.triangle`."""
+
+    def write(lanes):
+        x, y, step = lanes.data(0), lanes.data(1), lanes.same(lanes.values[2])
+        with lanes.every(4, lanes.values[3]) as k:
+            lanes.store(lanes.plus(lanes.load(x, k), lanes.times(step, lanes.load(y, k))), x, k)
+
+    return types.float64(_ARRAY, _ARRAY, types.float64, types.int64), _emitted(write)

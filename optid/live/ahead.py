@@ -28,7 +28,7 @@ def one_ahead(s: Array) -> float:
     uh = eh + 2 * nc
     total = 0.0
     for k in range(na):
-        total -= s[theta + k] * s[yh + k]
+        total += s[theta + k] * s[yh + k]
     for k in range(nb):
         total += s[theta + na + k] * s[uh + nk - 1 + k]
     for k in range(nc):

@@ -39,6 +39,16 @@ def shift(past, length):
 
 
 @numba.njit
+def copy(there, here, length):
+    return vectors.copy(there, here, length)
+
+
+@numba.njit
+def move(x, y, step, size):
+    return vectors.move(x, y, step, size)
+
+
+@numba.njit
 def part(s, at):
     return vectors.part(s, at)
 
@@ -68,6 +78,7 @@ def test_every_function_is_its_plain_twin(size):
         same(triangle.weigh, weigh, D.copy(), F.copy(), V, size, w, 1.01)
     same(triangle.sweep, sweep, columns, V, F, G, size)
     assert pytest.approx(U @ V, rel=1e-9) == G
+    same(triangle.move, move, D, G, -0.3, size)
 
 
 @pytest.mark.parametrize("size", SIZES)
@@ -98,6 +109,11 @@ def test_shift_moves_everything_one_back(length):
     same(triangle.shift, shift, past, length)
     assert past[1:length].tolist() == list(range(length - 1))
     assert past[max(length, 1) :].tolist() == list(range(max(length, 1), 40))
+
+
+@pytest.mark.parametrize("length", [0, 1, 3, 4, 7, 8, 30])
+def test_copy_copies(length):
+    same(triangle.copy, copy, np.zeros(40), np.arange(40.0), length)
 
 
 def test_part_is_a_view():
