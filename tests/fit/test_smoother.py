@@ -7,7 +7,7 @@ import pytest
 
 from optid.fit.objective import freed_with_rest, objective_of
 from optid.fit.problem import pose
-from optid.fit.smoother import Point, descend, evaluate
+from optid.fit.smoother import Point, descend, evaluate, priced
 from optid.fit.start import guess
 from tests.fit.cart import TRUTH, moved, record, recording, rig
 
@@ -76,3 +76,29 @@ def test_bounds_hold_and_the_rest_settles(tmp_path):
     theta, _ = gradient(o, at, q)
     assert theta[0] < 0  # it would go on
     assert abs(theta[1]) < 1e-4 * abs(theta[0])
+
+
+def test_another_process_noise_changes_the_price_alone(tmp_path):
+    o, at = posed(rig(tmp_path), [recording(np.random.default_rng(6))])
+    loose, tight = (level * o.model.scales for level in (0.1, 1e-3))
+    terms = evaluate(o, at, loose, slopes=True)
+    again, anew = priced(o, at, terms, tight), evaluate(o, at, tight, slopes=True)
+    assert again.cost == anew.cost > terms.cost
+    assert np.array_equal(again.H, anew.H)
+    assert evaluate(o, at, tight, slopes=False).cost == pytest.approx(anew.cost, rel=1e-9)
+
+
+def test_a_promise_saves_the_last_evaluation(tmp_path, monkeypatch):
+    """With the gain alone free the cost is a parabola: one step ends at its bottom, and the next promises nothing."""
+    free = 'gain = { bounds = ["0.1 m/s**2", "50 m/s**2"] }'
+    o, at = posed(rig(tmp_path, free, drag=TRUTH["drag"]), [recording(np.random.default_rng(7))])
+    q, calls = 1e-2 * o.model.scales, []
+    monkeypatch.setattr(
+        "optid.fit.smoother.evaluate", lambda *given, **how: calls.append(1) or evaluate(*given, **how)
+    )
+    at, terms, settled = descend(o, at, q, iterations=20, precision=1e-6)
+    assert settled
+    assert len(calls) == 2
+    best, exact, _ = descend(o, at, q, iterations=20, precision=1e-14, terms=terms)
+    assert terms.cost == pytest.approx(exact.cost, rel=1e-6)
+    assert at.p[o.free[0]] == pytest.approx(best.p[o.free[0]], rel=1e-4)
