@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from optid.core.model import Array
 from optid.core.recording import Recording
@@ -276,7 +276,7 @@ def _result(
     freedom = max(len(o.problem.begins) - len(o.free), 2)
     if compare and best.outcome is Outcome.CONVERGED:
         cov = cov + np.diag(_imperfection(o, best, cov, fixed))
-    half = stats.t.ppf(0.975, freedom) * np.sqrt(np.maximum(np.diag(cov), 0.0))
+    half = special.stdtrit(freedom, 0.975) * np.sqrt(np.maximum(np.diag(cov), 0.0))
     half = np.where(ties.mute, np.inf, half)
     estimates = []
     for k, i in enumerate(o.free):
@@ -310,7 +310,7 @@ def _imperfection(o: Objective, best: _Solution, cov: Array, fixed: Booleans) ->
     except (SolveError, np.linalg.LinAlgError):
         return np.zeros(len(o.free))
     difference = (at.p - best.at.p)[list(o.free)]
-    allowed = stats.chi2.isf(0.05, 1) * np.abs(np.diag(cov) - own)
+    allowed = special.chdtri(1, 0.05) * np.abs(np.diag(cov) - own)
     return np.where(fixed, 0.0, np.maximum(difference**2 - allowed, 0.0))
 
 
@@ -347,7 +347,7 @@ def _certificate(o: Objective, t: Terms, q: Array) -> Certificate:
     n = len(t.end)
     defect = np.sqrt(((t.defect / q) ** 2).sum(axis=1))
     misfit = t.misfit[:, 0] / np.maximum(t.misfit[:, 1], 1.0)
-    limit = stats.norm.isf(0.01 / (2 * n))
+    limit = -special.ndtri(0.01 / (2 * n))
 
     def outlying(values: Array) -> Booleans:
         logs = np.log(np.maximum(values, 1e-9))
@@ -355,7 +355,7 @@ def _certificate(o: Objective, t: Terms, q: Array) -> Certificate:
         scale = max(1.4826 * float(np.median(np.abs(logs - middle))), math.sqrt(2.0 / 50.0))
         return np.asarray((logs - middle) / scale > limit)
 
-    big = outlying(defect) & (defect > stats.chi.isf(0.01 / n, len(q)))
+    big = outlying(defect) & (defect > math.sqrt(special.chdtri(len(q), 0.01 / n)))
     sound = np.isfinite(misfit) & ~(outlying(misfit) | big)
     return Certificate(
         pd.DataFrame(

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy import stats
+from scipy import special
 from scipy.interpolate import PchipInterpolator
 
 from optid.core.model import Array
@@ -113,7 +113,7 @@ def profile(
         o, Point(fit.states, rig.model.vector(fit.values)), q, iterations=40, precision=PRECISION / 100
     )
     curved, sd = _curved(o, best, terms, fit, k), math.sqrt(fit.covariance[k, k])
-    limit = float(stats.t.ppf(0.975, max(len(problem.begins) - len(o.free), 2))) ** 2
+    limit = float(special.stdtrit(max(len(problem.begins) - len(o.free), 2), 0.975)) ** 2
     walk = _Walk(o, q, k, STRIDE * math.sqrt(limit) * sd, BEYOND * limit * (sd / curved) ** 2, progress)
     middle = (float(best.p[o.free[k]]), terms.cost, best.p)
     down, up = (_follow(walk, best, terms.cost, way) for way in (-1, 1))
