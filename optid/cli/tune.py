@@ -79,6 +79,9 @@ def _numeric(text: str) -> bool:
     "--starts", type=click.IntRange(1, 100), default=4, show_default=True, help="Independent searches."
 )
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True)
+@click.option(
+    "--export", is_flag=True, help="Write the controller as C (pid.h) and structured text (pid.st), too."
+)
 def tune(model: str, out: str, **choices: Any) -> None:
     """Find PID gains for an identified model (armax.json) by optimising the closed loop."""
     folder = results_folder(out)
@@ -104,13 +107,23 @@ def tune(model: str, out: str, **choices: Any) -> None:
     with waiting("reporting"):
         page = tuning_page(result, posed, Path(model).name)
 
+    files = {"report.html": page, **(_exported(result) if choices["export"] else {})}
+
     def write(place: Path) -> None:
         write_json(place / "pid.json", content)
-        (place / "report.html").write_text(page, encoding="utf-8")
+        for name, text in files.items():
+            (place / name).write_text(text, encoding="utf-8")
 
     deliver(folder, write)
     _say(result, posed)
-    click.echo(f"written to {out}: pid.json, report.html")
+    click.echo(f"written to {out}: {', '.join(['pid.json', *files])}")
+
+
+def _exported(tuning: Tuning) -> dict[str, str]:
+    from optid.pid.export import c_header, structured_text
+
+    controller = tuning.controller
+    return {"pid.h": c_header(controller), "pid.st": structured_text(controller)}
 
 
 def _options(choices: dict[str, Any]) -> Any:

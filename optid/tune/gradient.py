@@ -78,16 +78,16 @@ class Gradient:
         self._codes = [_Code.of(sample(task, free, k)) for k in range(len(task.plants))]
 
     def __call__(self, gains: Array) -> tuple[float, Array]:
-        """Of one set of gains (GAINS,): cost, and derivatives (free,)."""
-        each = [self._plant(gains, k) for k in range(len(self._codes))]
-        costs, slopes = np.array([one[0] for one in each]), np.array([one[1] for one in each])
-        if len(each) == 1 or self._task.over is Over.WORST:
-            top = int(np.argmax(costs))
-            return float(costs[top]), slopes[top]
-        away, spread = costs - costs.mean(), max(float(costs.std()), 1e-300)
-        return float(costs.mean() + costs.std()), slopes.mean(0) + away @ (slopes - slopes.mean(0)) / (
-            len(each) * spread
-        )
+        """Of one set of gains (GAINS,): cost, and derivatives (free,); not finite where the loop runs away."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            each = [self._plant(gains, k) for k in range(len(self._codes))]
+            costs, slopes = np.array([one[0] for one in each]), np.array([one[1] for one in each])
+            if len(each) == 1 or self._task.over is Over.WORST:
+                top = int(np.argmax(costs))
+                return float(costs[top]), slopes[top]
+            away, spread = costs - costs.mean(), max(float(costs.std()), 1e-300)
+            tilt = away @ (slopes - slopes.mean(0)) / (len(each) * spread)
+            return float(costs.mean() + costs.std()), slopes.mean(0) + tilt
 
     def _plant(self, gains: Array, plant: int) -> tuple[float, Array]:
         task, criterion = self._task, self._task.criterion

@@ -142,17 +142,9 @@ def margins(plant: Plant, gains: Array) -> Margins:
     if found[STABLE] < 1.0:
         return Margins(False, math.inf, 0.0, 0.0, 0.0, 0.0, float(found[FIELDS + 1]))
     return Margins(
-        True, float(_peak(plant, gains, grid.at)), float(found[GAIN]), float(found[FIELDS]), float(found[PHASE]),
+        True, float(found[MS]), float(found[GAIN]), float(found[FIELDS]), float(found[PHASE]),
         float(found[DELAY]), float(found[FIELDS + 1]),
     )  # fmt: skip
-
-
-def _peak(plant: Plant, gains: Array, grid: Array) -> float:
-    """Largest |S|: around the largest one of the grid anew, a hundred times finer."""
-    size = np.abs(1.0 / (1.0 + loop_response(plant, gains, grid)))
-    top = int(np.argmax(size))
-    around = np.linspace(grid[max(top - 1, 0)], grid[min(top + 1, grid.size - 1)], 201)
-    return max(float(size[top]), float(np.max(np.abs(1.0 / (1.0 + loop_response(plant, gains, around))))))
 
 
 def look(plant: Plant, grid: Frequencies, gains: Array) -> Array:
@@ -215,12 +207,12 @@ def _look(
         found[MS] = radius - 1.0
         return
     if asked:
-        _walk(gains, T, at, plant, back, sums, found)
+        _walk(gains, T, a, b, at, plant, back, sums, found)
 
 
 @compiled
-def _walk(gains: Any, T: Any, at: Any, plant: Any, back: Any, sums: Any, found: Any) -> None:
-    """Along the grid, crossings interpolated between its points."""
+def _walk(gains: Any, T: Any, a: Any, b: Any, at: Any, plant: Any, back: Any, sums: Any, found: Any) -> None:
+    """Along the grid; between its points crossings and the nearest approach are looked at exactly."""
     smallest, nearest, up, down, phase, delay, cross = np.inf, 0, np.inf, 0.0, 180.0, np.inf, 0.0
     lag = gains[DERIVATIVE_FILTER]
     last, was = 0j, 0.0
@@ -231,19 +223,16 @@ def _walk(gains: Any, T: Any, at: Any, plant: Any, back: Any, sums: Any, found: 
         size = L.real * L.real + L.imag * L.imag
         if away < smallest:
             smallest, nearest = away, i
-        if i > 0 and (L.imag >= 0.0) != (last.imag >= 0.0):
-            share = last.imag / (last.imag - L.imag)
-            real = last.real + share * (L.real - last.real)
+        if i > 0 and (L.imag >= 0.0) != (last.imag >= 0.0) and (L.real < 0.0 or last.real < 0.0):
+            real = _loop(gains, T, a, b, _crossing(gains, T, a, b, at[i - 1], at[i], False)).real
             if real < -1.0:
                 down = max(down, -1.0 / real)
             elif real < 0.0:
                 up = min(up, -1.0 / real)
         if i > 0 and (size >= 1.0) != (was >= 1.0):
-            share = (1.0 - math.sqrt(was)) / (math.sqrt(size) - math.sqrt(was))
-            w = at[i - 1] + share * (at[i] - at[i - 1])
-            now = last + share * (L - last)
-            angle = np.arctan2(now.imag, now.real)  # -pi..pi; the way to -pi, delays turning it down
-            left = angle + np.pi
+            w = _crossing(gains, T, a, b, at[i - 1], at[i], True)
+            now = _loop(gains, T, a, b, w)
+            left = np.arctan2(now.imag, now.real) + np.pi  # the way to -pi, delays turning it down
             phase = min(phase, min(left, 2.0 * np.pi - left) * 180.0 / np.pi)
             delay = min(delay, left / w * T)
             cross = w / T
@@ -253,26 +242,68 @@ def _walk(gains: Any, T: Any, at: Any, plant: Any, back: Any, sums: Any, found: 
     elif last.real <= -1.0:
         down = max(down, -1.0 / last.real)
     if 0 < nearest < at.size - 1:
-        smallest = _lowest(gains, T, at, plant, back, sums, nearest)
+        smallest = _lowest(gains, T, a, b, at[nearest - 1], at[nearest], at[nearest + 1])
     found[MS], found[GAIN], found[PHASE], found[DELAY] = 1.0 / math.sqrt(smallest), up, phase, delay
     found[FIELDS], found[FIELDS + 1] = down, cross
 
 
 @compiled
-def _lowest(gains: Any, T: Any, at: Any, plant: Any, back: Any, sums: Any, nearest: Any) -> Any:
-    """Of |1 + L|^2 around a point of the grid: the parabola through it and its neighbours."""
-    f, x, lag = np.empty(3), np.empty(3), gains[DERIVATIVE_FILTER]
-    for j in range(3):
-        i = nearest - 1 + j
-        slope = (1.0 - back[i]) / (lag + T - lag * back[i])
-        L = plant[i] * (gains[KP] + gains[KI] * T * sums[i] + gains[KD] * slope)
-        f[j], x[j] = (1.0 + L.real) * (1.0 + L.real) + L.imag * L.imag, at[i] - at[nearest]
-    rise, fall = (f[2] - f[1]) / x[2], (f[0] - f[1]) / x[0]
-    curve = (rise - fall) / (x[2] - x[0])
-    if not curve > 0.0:
-        return f[1]
-    tilt = rise - curve * x[2]
-    return max(f[1] - tilt * tilt / (4.0 * curve), 0.25 * f[1])
+def _loop(gains: Any, T: Any, a: Any, b: Any, w: Any) -> Any:
+    """L at one frequency, rad per sample."""
+    back, lag = np.exp(-1j * w), gains[DERIVATIVE_FILTER]
+    top, bottom, power = 0j, 1.0 + 0j, 1.0 + 0j
+    for i in range(a.size):
+        power *= back
+        top += b[i] * power
+        bottom += a[i] * power
+    control = gains[KP] + gains[KI] * T / (1.0 - back) + gains[KD] * (1.0 - back) / (lag + T - lag * back)
+    return top / bottom * control
+
+
+@compiled
+def _crossing(gains: Any, T: Any, a: Any, b: Any, low: Any, high: Any, unit: Any) -> Any:
+    """Where between two frequencies |L| is 1 (`unit`) or L is real: false position (Illinois)."""
+    start, end = _loop(gains, T, a, b, low), _loop(gains, T, a, b, high)
+    f, g = (abs(start) - 1.0, abs(end) - 1.0) if unit else (start.imag, end.imag)
+    middle, side = low, 0
+    for _ in range(8):
+        if f == g:
+            break
+        middle = (low * g - high * f) / (g - f)
+        here = _loop(gains, T, a, b, middle)
+        h = abs(here) - 1.0 if unit else here.imag
+        if (h >= 0.0) == (g >= 0.0):
+            high, g = middle, h
+            f = 0.5 * f if side < 0 else f
+            side = -1
+        else:
+            low, f = middle, h
+            g = 0.5 * g if side > 0 else g
+            side = 1
+    return middle
+
+
+@compiled
+def _lowest(gains: Any, T: Any, a: Any, b: Any, left: Any, middle: Any, right: Any) -> Any:
+    """Smallest |1 + L|^2 between two frequencies around one where it is smaller: golden sections."""
+    ratio = 0.3819660112501051
+    best = abs(1.0 + _loop(gains, T, a, b, middle)) ** 2
+    for _ in range(14):
+        wider = right - middle > middle - left
+        trial = middle + ratio * (right - middle) if wider else middle - ratio * (middle - left)
+        value = abs(1.0 + _loop(gains, T, a, b, trial)) ** 2
+        if value < best:
+            best = value
+            if wider:
+                left = middle
+            else:
+                right = middle
+            middle = trial
+        elif wider:
+            right = trial
+        else:
+            left = trial
+    return best
 
 
 @compiled

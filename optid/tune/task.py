@@ -124,6 +124,6 @@ class Task:
             return np.asarray(costs[:, 0])
         if self.over is Over.WORST:
             return np.asarray(costs.max(axis=1))
-        with np.errstate(invalid="ignore"):
+        with np.errstate(invalid="ignore", over="ignore"):
             value = costs.mean(axis=1) + costs.std(axis=1)
         return np.where(np.isfinite(value), value, np.inf)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -24,8 +24,9 @@ from optid.tune.ultimate import Ultimate, ultimate
 
 SAMPLES_OF_LAG, LAG_SHARE = 2.0, 1 / 40  # default derivative filter: samples, share of the ultimate period
 POINTS, SLOW_POINTS = 3000, 700  # of the certificate's grid at most; the latter where a physical model runs
-WITH_BENCH = 30  # generations of a search in which a physical model runs
+WITH_BENCH = 50  # generations of a search in which a physical model runs
 THIN = 2.0  # maximum sensitivity; Astrom and Hagglund (2006, section 4.6) recommend 1.2 to 2.0
+VALLEYS = 3  # of the grid that are followed down
 SAME = 5e-3  # relative: starts whose costs are that near to the best one agree with it
 Bench = Callable[[Gains, Settings], tuple[Response, ...]]
 
@@ -140,10 +141,25 @@ class Tuning:
         return Controller(self.gains, self.settings)
 
 
-def optimise(
-    task: Task, options: Options, rng: np.random.Generator, scale: Ultimate | None = None
-) -> tuple[Gains, list[Evolved], Box]:
-    """The search alone: gains, where each start ended, the box.
+@dataclass(frozen=True, eq=False)
+class Search:
+    """Where a search ended.
+
+    Attributes:
+        gains: the best.
+        ends: of every start, polished, and of the best valleys of the grid.
+        within: the box.
+        grid: costs on a grid over the box, any shape; empty for none.
+    """
+
+    gains: Gains
+    ends: tuple[Evolved, ...]
+    within: Box
+    grid: Array
+
+
+def optimise(task: Task, options: Options, rng: np.random.Generator, scale: Ultimate | None = None) -> Search:
+    """The search alone: populations in slices of the box and the valleys of a grid, all polished.
 
     Raises:
         SolveError: nothing in the box keeps what is required.
@@ -152,18 +168,41 @@ def optimise(
     within = box(options.free, options.fixed or default_gains(task, scale), scale)
     swift = replace(task, bench=None)
     ends = [_evolved(swift, within, part, rng) for part in slices(within, options.starts)]
-    ends = [end for end in ends if end.fitness < REFUSED] or ends[:1]
-    if min(end.fitness for end in ends) >= REFUSED:
+    costs, valleys = _screened(swift, within, min(options.grid, int(POINTS ** (1.0 / len(options.free)))))
+    kept = [end for end in (*ends, *valleys) if end.fitness < REFUSED]
+    if not kept:
         raise SolveError(_refusal(task, min(end.fitness for end in ends)))
     gradient = None if task.criterion.own else Gradient(swift, options.free)
-    ends = [_polished(swift, within, end, gradient) for end in ends]
+    ends = [_polished(swift, within, end, gradient) for end in kept]
     if task.bench is not None:
         seeds = np.array([end.point for end in ends])
         whole = slices(within, 1)[0]
-        tried = [_evolved(task, within, whole, rng, seeds, WITH_BENCH) for _ in range(2)]
+        tried = [_evolved(task, within, whole, rng, begin, WITH_BENCH) for begin in (seeds, None)]
         ends = [_polished(task, within, min(tried, key=lambda end: end.fitness), None), *tried]
+        costs, _ = _screened(task, within, min(options.grid, int(SLOW_POINTS ** (1.0 / len(options.free)))))
     best = min(ends, key=lambda end: end.fitness)
-    return as_gains(within.gains(best.point)[0]), ends, within
+    return Search(as_gains(within.gains(best.point)[0]), tuple(ends), within, costs)
+
+
+def _screened(task: Task, within: Box, aside: int) -> tuple[Array, list[Evolved]]:
+    """Costs on a grid of `aside` points along each axis, and its lowest valleys: points no neighbour undercuts."""
+    dimensions = len(within.free)
+    if aside < 2:
+        return np.empty(0), []
+    axes = np.meshgrid(*[np.linspace(0.0, 1.0, aside)] * dimensions, indexing="ij")
+    points = np.stack([axis.ravel() for axis in axes], axis=1)
+    costs = task.fitness(within.gains(points)).reshape((aside,) * dimensions)
+    lowest = np.ones(costs.shape, dtype=bool)
+    for axis in range(dimensions):
+        rise = np.diff(costs, axis=axis)
+        edge = [slice(None)] * dimensions
+        edge[axis] = slice(0, aside - 1)
+        lowest[tuple(edge)] &= rise >= 0.0
+        edge[axis] = slice(1, aside)
+        lowest[tuple(edge)] &= rise <= 0.0
+    there = np.flatnonzero(lowest.ravel())
+    there = there[np.argsort(costs.ravel()[there])][:VALLEYS]
+    return costs, [Evolved(points[i], float(costs.ravel()[i]), 0) for i in there]
 
 
 def _evolved(task: Task, within: Box, *how: Any) -> Evolved:
@@ -220,19 +259,19 @@ def tune(
         SolveError: nothing keeps what is required, or nothing stabilises the model.
     """
     options, scale, bench = options or Options(), ultimate(task.plant), bench or task.bench
-    gains, ends, within = optimise(task, options, rng, scale)
-    certificate, gains = _certified(task, gains, ends, within, options)
+    search = optimise(task, options, rng, scale)
+    gains, within = search.gains, search.within
     others = _others(task, scale, within, gains)
     unaware = _unaware(task, options, rng, scale)
     aware = Baseline("tuned", gains, "this tuning")
     if unaware is not None and task.bench is not None:
-        alone = optimise(replace(task, bench=None), options, rng, scale)[0]
+        alone = optimise(replace(task, bench=None), options, rng, scale).gains
         aware = Baseline("identified_model_alone", alone, "tuned for the identified model alone")
     found = score(task, Baseline("tuned", gains, "this tuning"), bench)
     return Tuning(
         gains, task.settings, task, found, tuple(score(task, one, bench) for one in others),
         None if unaware is None else score(task, unaware, bench), score(task, aware, bench),
-        certificate, scale, within, _remarks(task, found),
+        _certificate(task, search), scale, within, _remarks(task, found),
     )  # fmt: skip
 
 
@@ -255,7 +294,7 @@ def _unaware(task: Task, options: Options, rng: np.random.Generator, scale: Ulti
         return None
     free = replace(limits, low=-math.inf, high=math.inf, rate=math.inf, deadband_low=0.0, deadband_high=0.0)
     try:
-        gains, _, _ = optimise(replace(task, settings=free, bench=None), options, rng, scale)
+        gains = optimise(replace(task, settings=free, bench=None), options, rng, scale).gains
     except SolveError:
         return None
     return Baseline("without_limits", gains, "tuned as if there were no limits")
@@ -279,26 +318,15 @@ def _remarks(task: Task, found: Scored) -> tuple[str, ...]:
     )
 
 
-def _certified(
-    task: Task, gains: Gains, ends: Sequence[Evolved], within: Box, options: Options
-) -> tuple[Certificate, Gains]:
-    """The grid's verdict; where the grid knows better, its point goes on."""
-    best = float(task.fitness(gains.vector)[0])
-    agreeing = sum(end.fitness <= best * (1.0 + SAME) for end in ends)
-    used = sum(end.evaluations for end in ends)
-    if options.grid == 0:
-        return Certificate(0, math.nan, math.nan, agreeing, len(ends), used), gains
-    aside = min(options.grid, int((SLOW_POINTS if task.bench else POINTS) ** (1.0 / len(within.free))))
-    axes = np.meshgrid(*[np.linspace(0.0, 1.0, aside)] * len(within.free), indexing="ij")
-    points = np.stack([axis.ravel() for axis in axes], axis=1)
-    costs = task.fitness(within.gains(points))
-    top = int(np.argmin(costs))
-    if costs[top] < best:
-        gains = as_gains(within.gains(points[top])[0])
-    found = min(best, float(costs[top]))
-    return Certificate(
-        len(points), float(costs[top]), found / float(costs[top]), agreeing, len(ends), used
-    ), gains
+def _certificate(task: Task, search: Search) -> Certificate:
+    """The grid's verdict on what was found."""
+    best = float(task.fitness(search.gains.vector)[0])
+    agreeing = sum(end.fitness <= best * (1.0 + SAME) for end in search.ends)
+    used = sum(end.evaluations for end in search.ends)
+    if not search.grid.size:
+        return Certificate(0, math.nan, math.nan, agreeing, len(search.ends), used)
+    lowest = float(search.grid.min())
+    return Certificate(search.grid.size, lowest, best / lowest, agreeing, len(search.ends), used)
 
 
 def compared(tuning: Tuning) -> list[Scored]:
