@@ -14,6 +14,7 @@ from typing import Any, NoReturn
 import click
 
 from optid.cli.check import check
+from optid.cli.diagnose import diagnose
 from optid.cli.fit import fit
 from optid.cli.identify import identify
 from optid.cli.live import live
@@ -30,6 +31,8 @@ HELP = """From recordings of a servo-pneumatic axis to a model you can trust.
       How far do the rig file's numbers carry?
   optid fit bench.toml run1.csv run2.csv --holdout run3.csv --out out/fit
       Fit the parameters of the [fit] table, and judge them on what they have not seen.
+  optid diagnose bench.toml run1.csv run2.csv --holdout run3.csv --out out/diagnosis
+      What physics does the model leave out, where, how big, and what does it gain on what it has not seen?
   optid live bench.toml --driver simulated --out out/live
       Control a rig with its model running beside it: read, identify, simulate, control, log.
   optid identify run1.csv --rig bench.toml --out out/armax
@@ -95,7 +98,7 @@ def cli(context: click.Context) -> None:
         click.echo(context.get_help())
 
 
-for command in (check, simulate, fit, live, identify, tune):
+for command in (check, simulate, fit, diagnose, live, identify, tune):
     cli.add_command(command)
 
 

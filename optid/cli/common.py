@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from optid.errors import InputError, JobError
+from optid.errors import InputError, JobError, NotIdentifiable
 
 if TYPE_CHECKING:
     from optid.check.remark import Remark
@@ -37,6 +37,18 @@ def read_all(rig: str, recordings: Sequence[str], holdout: Sequence[str] = ()) -
     every = Experiments.of(read_recording(path, understood) for path in (*recordings, *holdout))
     remarked = [(recording, quality(recording, understood.model)) for recording in every]
     return understood, remarked[: len(recordings)], remarked[len(recordings) :]
+
+
+def refuse_unfit(read: Read) -> None:
+    """Data that the check calls unfit are not worked on.
+
+    Raises:
+        NotIdentifiable: names the recording and the gravest remark.
+    """
+    for recording, remarks in read:
+        if any(remark.severity == "error" for remark in remarks):
+            grave = next(remark.message for remark in remarks if remark.severity == "error")
+            raise NotIdentifiable(f"{recording.name}: {grave} (nothing was fitted or written)")
 
 
 def results_folder(out: str, keeps: Path | None = None) -> Path:

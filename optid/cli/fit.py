@@ -15,6 +15,7 @@ from optid.cli.common import (
     deliver,
     progress,
     read_all,
+    refuse_unfit,
     results_folder,
     say_scores,
     say_table,
@@ -50,7 +51,7 @@ def fit(rig: str, recordings: tuple[str, ...], holdout: tuple[str, ...], out: st
     if choices["time_limit"] is not None and not math.isfinite(choices["time_limit"]):
         raise InputError("not finite", where="--time-limit", expected="a number of seconds")
     understood, train, held_out = read_all(rig, recordings, holdout)
-    _refuse_unfit(train)
+    refuse_unfit(train)
 
     from optid.fit.batch import FitOptions
     from optid.fit.batch import fit as fit_rig
@@ -94,13 +95,6 @@ def fit(rig: str, recordings: tuple[str, ...], holdout: tuple[str, ...], out: st
     click.echo(f"written to {out}: fit.json, rig.toml, report.html")
     if result.outcome is Outcome.NOT_CONVERGED:
         raise JobError(f"{result.outcome.value} The best found is in {out}.")
-
-
-def _refuse_unfit(train: Read) -> None:
-    for recording, remarks in train:
-        if any(remark.severity == "error" for remark in remarks):
-            grave = next(remark.message for remark in remarks if remark.severity == "error")
-            raise NotIdentifiable(f"{recording.name}: {grave} (nothing was fitted or written)")
 
 
 def _exhibits(rig: Rig, result: Fit, train: Read, held_out: Read) -> list[Exhibit]:

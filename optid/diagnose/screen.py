@@ -15,7 +15,7 @@ from optid.core.model import Array
 from optid.core.recording import Recording
 from optid.effects.effect import Effect
 from optid.fit.likelihood import FAR, WHOLE, run_steered
-from optid.fit.problem import pose
+from optid.fit.problem import Booleans, Integers, Problem, pose
 from optid.fit.scoring import Answer
 from optid.rigs.rigfile import with_effects
 
@@ -46,24 +46,26 @@ class Signature:
 
 def screen(answer: Answer, recordings: Sequence[Recording], effects: Iterable[Effect]) -> list[Signature]:
     """The best branch of every effect, the most promising first."""
-    view = _View.of(answer)
+    view = View.of(answer)
     found = [_best(answer, recordings, effect, view) for effect in effects]
     return sorted((s for s in found if s is not None), key=lambda s: -s.gain)
 
 
 @dataclass(frozen=True, eq=False)
-class _View:
-    """Scaled innovations as one column, and an orthonormal basis of what the parameters can do to them."""
+class View:
+    """Scaled innovations as one column z, and an orthonormal basis of what the parameters can do to them."""
 
-    known: Array
+    known: Booleans  # (samples, outputs)
     scale: Array
     weight: Array
     z: Array
+    J: Array  # slopes of z by the free parameters' typical sizes, (rows, free)
     basis: Array
     base: Array  # innovations of the steered plain model
 
     @staticmethod
-    def of(answer: Answer) -> _View:
+    def of(answer: Answer) -> View:
+        """At a fitted model."""
         f, q = answer.filtered, answer.question
         e, v = f.innovations[0], f.variances[0]
         own = run_steered(q.model, q.problem, answer.p[None], f.gains[0], range(len(q.model.states)))[0]
@@ -73,15 +75,25 @@ class _View:
         weight = np.sqrt(np.minimum(1.0, FAR / np.maximum(np.abs(z), 1e-12)))
         J = answer.slopes[known] * (scale * weight)[:, None]
         size = np.linalg.norm(J, axis=0)
-        J = J[:, size > 0] / size[size > 0]
-        basis = np.linalg.svd(J, full_matrices=False)[0] if J.size else np.zeros((len(z), 0))
-        return _View(known, scale, weight, z * weight, basis, own)
+        unit = J[:, size > 0] / size[size > 0]
+        basis = np.linalg.svd(unit, full_matrices=False)[0] if unit.size else np.zeros((len(z), 0))
+        return View(known, scale, weight, z * weight, J, basis, own)
+
+    @property
+    def rows(self) -> Integers:
+        """The sample of each row."""
+        return np.asarray(np.nonzero(self.known)[0])
+
+    def rows_owner(self, problem: Problem) -> Integers:
+        """The recording of each row."""
+        return np.asarray(np.repeat(problem.recording, problem.counts + 1)[self.rows])
 
     def projected(self, column: Array) -> Array:
+        """What of a column the parameters cannot take."""
         return np.asarray(column - self.basis @ (self.basis.T @ column))
 
 
-def _best(answer: Answer, recordings: Sequence[Recording], effect: Effect, view: _View) -> Signature | None:
+def _best(answer: Answer, recordings: Sequence[Recording], effect: Effect, view: View) -> Signature | None:
     rig = with_effects(answer.question.rig, (effect,), {})
     model, plain = rig.model, answer.question.model
     problem = pose(model, recordings, WHOLE)

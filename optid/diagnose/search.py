@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy import stats
@@ -89,6 +89,24 @@ def fit_base(rig: Rig, data: Data, report: Report) -> Candidate:
     """The rig's own model at its likeliest parameters, from the file's values."""
     report(0.02, "fitting the base model")
     return _settled((), rig, rig.model.vector(rig.parameters), None, data, rig.model)
+
+
+def widened(base: Candidate, data: Data) -> Candidate | None:
+    """The base model with the bounds of the [fit] table lifted to the plant's own; ``None`` if none was reached."""
+    rig, p = base.rig, base.answer.p
+    own = {parameter.name: parameter.bounds for parameter in rig.model.parameters}
+    at = {f.name: float(p[rig.model.index(f.name)]) for f in rig.freed}
+    edge = {
+        f.name for f in rig.freed
+        if min(at[f.name] - f.low, f.high - at[f.name]) <= 1e-6 * max(abs(at[f.name]), f.high - f.low)
+        and (f.low, f.high) != own[f.name]
+    }  # fmt: skip
+    if not edge:
+        return None
+    freed = tuple(
+        replace(f, low=own[f.name][0], high=own[f.name][1]) if f.name in edge else f for f in rig.freed
+    )
+    return _settled((), replace(rig, freed=freed), p, base.answer, data, rig.model)
 
 
 def search(base: Candidate, own: Sequence[Effect], data: Data, report: Report) -> Search:

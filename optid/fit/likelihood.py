@@ -113,10 +113,29 @@ def run_filter(
     return Filtered(E, V, X, K)
 
 
-def run_steered(model: Model, problem: Problem, P: Array, gains: Array, common: Sequence[int]) -> Array:
-    """Innovations (sets, samples, outputs) of models that are corrected with a filter's gains instead of their own."""
+def run_steered(
+    model: Model,
+    problem: Problem,
+    P: Array,
+    gains: Array,
+    common: Sequence[int],
+    *,
+    nudge: tuple[int, float] | None = None,
+) -> Array:
+    """Innovations (sets, samples, outputs) of models that are corrected with a filter's gains instead of their own.
+
+    Args:
+        model: its states hold those of the filter's model at the places `common`.
+        problem: posed with one window per segment.
+        P: (sets, parameters).
+        gains: (samples, outputs, states of the filter's model).
+        common: see `model`.
+        nudge: a state and what is added to it at every segment's start.
+    """
     sets, segments = len(P), len(problem.begins)
     M0 = np.ascontiguousarray(_starts(model, P)[0])
+    if nudge is not None:
+        M0[:, nudge[0]] += nudge[1]
     E = np.full((sets, len(problem.time), len(model.outputs)), np.nan)
     of_set, of_segment = _runs(sets, segments)
     code, places = compiled(model).code, np.array(common, dtype=np.int64)

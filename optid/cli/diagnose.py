@@ -1,0 +1,72 @@
+"""`optid diagnose`: find, name, model and prove what a rig's model leaves out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from optid.cli.common import (
+    OUT,
+    deliver,
+    progress,
+    read_all,
+    refuse_unfit,
+    results_folder,
+    say_table,
+    waiting,
+    write_json,
+)
+
+
+@click.command()
+@click.argument("rig")
+@click.argument("recordings", metavar="RECORDING...", nargs=-1, required=True)
+@click.option("--holdout", multiple=True, required=True, metavar="REC", help="Judge on it; may be repeated.")
+@click.option(
+    "--effects", multiple=True, metavar="FILE.py", help="Effects of your own, to take part in everything."
+)
+@click.option("--seed", default=0, type=click.IntRange(min=0), help="Of the resampling; 0 by default.")
+@OUT
+def diagnose(
+    rig: str,
+    recordings: tuple[str, ...],
+    holdout: tuple[str, ...],
+    effects: tuple[str, ...],
+    seed: int,
+    out: str,
+) -> None:
+    """Say what physics the rig's model leaves out, and prove it on recordings held out."""
+    folder = results_folder(out, keeps=Path(rig))
+    understood, train, held_out = read_all(rig, recordings, holdout)
+    refuse_unfit([*train, *held_out])
+
+    import numpy as np
+
+    from optid.diagnose.diagnosis import diagnose as ask
+    from optid.effects.library import from_file
+    from optid.report.diagnosis_document import diagnosis_document
+    from optid.report.diagnosis_page import diagnosis_page
+    from optid.report.scores import score_rows
+    from optid.rigs.rigfile import write_rig
+
+    own = [effect for file in effects for effect in from_file(Path(file))]
+    with progress("diagnosing") as show:
+        found = ask(
+            understood, [r for r, _ in train], [r for r, _ in held_out], own=own,
+            generator=np.random.default_rng(seed), progress=show,
+        )  # fmt: skip
+    with waiting("writing the report"):
+        page, document = diagnosis_page(found), diagnosis_document(found)
+
+    def write(place: Path) -> None:
+        write_json(place / "diagnosis.json", document)
+        values = {p.name: p.value for p in found.best_parameters}
+        write_rig(found.best.rig, place / "rig.toml", values)
+        (place / "report.html").write_text(page, encoding="utf-8")
+
+    deliver(folder, write)
+    click.echo(f"{found.verdict.value}: {found.summary}")
+    for title, part in (("held out, before", "baseline"), ("held out, after", "improved")):
+        say_table((title, "fit", "rmse"), score_rows(document[part]["holdout"]))
+    click.echo(f"written to {out}: diagnosis.json, rig.toml, report.html")

@@ -1,0 +1,304 @@
+"""The diagnosis: base fit, search, where, how sure, and the verdict in words."""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from optid.check.noise import noise_sd
+from optid.core.recording import Recording
+from optid.diagnose.disturbance import Located, locate
+from optid.diagnose.judge import Comparison, Judged, compare
+from optid.diagnose.residuals import Residuals, residual_tests
+from optid.diagnose.rivals import indistinguishable
+from optid.diagnose.screen import Signature, screen
+from optid.diagnose.search import Candidate, Data, Search, fit_base, own_values, refitted, search, widened
+from optid.diagnose.uncertainty import estimates
+from optid.diagnose.where import Region, contribution, region, telling
+from optid.effects.effect import Effect
+from optid.effects.library import admitted
+from optid.errors import InputError
+from optid.fit.result import Estimate
+from optid.rigs.rigfile import Rig
+
+EXCESS = 1.1  # windows' error over the noise above which a mismatch matters
+VISIBLE = 5.0  # sd at which an effect of the smallest size worth a name would be found for sure
+
+
+class Verdict(enum.Enum):
+    """What a diagnosis says; the value is the word in its file."""
+
+    CONSISTENT = "consistent"
+    PARAMETERS = "parameters"
+    MISSING_PHYSICS = "missing-physics"
+    UNEXPLAINED = "unexplained"
+
+
+@dataclass(frozen=True, eq=False)
+class Finding:
+    """One thing that is missing.
+
+    Attributes:
+        effect: its effect; ``None`` where nothing of the catalogue explains the mismatch.
+        site: its kind of site; `place` the plant's own name of it.
+        parameters: of the effect, with intervals, by own name.
+        region: when and where.
+        shown: signals worth telling.
+        evidence: on the hold-out, against the model without it.
+        train_gain: fall of -2 log likelihood on the training recordings.
+        delta_bic: that fall less what its parameters cost.
+        indistinguishable: names of effects that explain the recordings as well.
+        sentence: what an engineer would say.
+        signal: the unknown signal at the site, where it was estimated.
+    """
+
+    effect: Effect | None
+    site: str
+    place: str
+    parameters: tuple[Estimate, ...]
+    region: Region
+    shown: tuple[str, ...]
+    evidence: Comparison
+    train_gain: float
+    delta_bic: float
+    indistinguishable: tuple[str, ...]
+    sentence: str
+    signal: Located | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """All that was found.
+
+    Attributes:
+        verdict, summary: the answer.
+        base, best: the fitted model as it came, and improved.
+        base_parameters, best_parameters: with intervals.
+        findings: strongest first.
+        rejected: (effect, why).
+        not_testable: (effect, why, smallest size that would show).
+        noise: role -> sd of the measurement, SI.
+        residuals: tests of what remains on the hold-out.
+        search: how it went.
+        data: what it was given.
+    """
+
+    verdict: Verdict
+    summary: str
+    base: Candidate
+    best: Candidate
+    base_parameters: tuple[Estimate, ...]
+    best_parameters: tuple[Estimate, ...]
+    findings: tuple[Finding, ...]
+    rejected: tuple[tuple[str, str], ...]
+    not_testable: tuple[tuple[str, str, str], ...]
+    noise: dict[str, float]
+    residuals: Residuals
+    search: Search
+    data: Data
+
+
+Report = Callable[[float, str], None]
+
+
+def diagnose(
+    rig: Rig,
+    recordings: Sequence[Recording],
+    holdout: Sequence[Recording],
+    *,
+    own: Sequence[Effect] = (),
+    generator: np.random.Generator,
+    progress: Report | None = None,
+) -> Diagnosis:
+    """Say what a rig's model leaves out.
+
+    Args:
+        rig: the base model; its [fit] table says what may be fitted.
+        recordings: to fit.
+        holdout: to judge on; the fits never see them.
+        own: effects of the user's, beside the catalogue.
+        generator: of the resampling.
+        progress: called with the share done and a few words.
+
+    Raises:
+        InputError: nothing to fit or nothing held out.
+        SolveError: the model cannot be simulated at the rig file's values.
+    """
+    report = progress or (lambda share, words: None)
+    if not rig.freed:
+        raise InputError("nothing to fit", where=rig.path, field="[fit]", expected="at least one parameter")
+    if not holdout:
+        raise InputError("no recording held out", where="--holdout", expected="at least one recording")
+    data = Data(tuple(recordings), tuple(holdout), generator)
+    base = fit_base(rig, data, report)
+    found = search(base, own, data, report)
+    noise = _noise(rig, data)
+    last = found.rounds[-1].screened
+    if found.dropped or found.rounds[-1].winner is not None:
+        last = tuple(screen(found.best.answer, data.train, admitted(found.best.rig.model, own)))
+    report(0.95, "intervals and residual tests")
+    best_parameters = estimates(found.best.answer, last)
+    base_parameters = best_parameters if found.best is base else estimates(base.answer, ())
+    findings = _findings(found, best_parameters, data, report)
+    verdict, best, extra = _judge(found, findings, noise, data, report)
+    if best is not found.best:
+        best_parameters = estimates(best.answer, ())
+    residuals = residual_tests(best.judged, best.answer, data.holdout)
+    diagnosis = Diagnosis(
+        verdict, "", base, best, base_parameters, best_parameters, (*findings, *extra), _rejected(found),
+        _not_testable(found, last, own), noise, residuals, found, data,
+    )  # fmt: skip
+    from optid.diagnose.words import summary
+
+    return replace(diagnosis, summary=summary(diagnosis))
+
+
+def _noise(rig: Rig, data: Data) -> dict[str, float]:
+    """Of the measurement itself, per channel: as stated in the rig file, else from neighbouring samples."""
+    found = {}
+    for port in rig.model.outputs:
+        stated = rig.channels[port.role].sd if port.role in rig.channels else None
+        values = [r[port.role].values for r in data.holdout if port.role in r]
+        if not values:
+            continue
+        sds = [noise_sd(v[np.isfinite(v)]) for v in values]
+        found[port.role] = float(stated or np.sqrt(np.mean(np.square(sds))))
+    return found
+
+
+def excess(judged: Judged, noise: dict[str, float]) -> float:
+    """The largest ratio of a window's error to the noise, over the channels."""
+    ratios = [s.rmse / noise[role] for role, s in judged.scores.items() if noise.get(role, 0.0) > 0.0]
+    return max(ratios, default=1.0)
+
+
+def _findings(
+    found: Search, parameters: tuple[Estimate, ...], data: Data, report: Report
+) -> tuple[Finding, ...]:
+    best, base = found.best, found.base
+    findings = []
+    for effect in best.effects:
+        others = tuple(e for e in best.effects if e is not effect)
+        without = refitted(base.rig, others, best, data, base.rig.model) if others else base
+        report(0.96, f"what {effect.name} could be confused with")
+        evidence = compare(without.judged, best.judged, data.generator)
+        gain = without.answer.score - best.answer.score
+        p = best.answer.p.copy()
+        for name, null in effect.qualified(effect.at_null()).items():
+            if name.rpartition(".")[2] in effect.strength:
+                p[best.rig.model.index(name)] = null
+        where = region(best.answer, contribution(best.answer, p), data.train)
+        shown = tuple(telling(where.states, tuple(s for s in effect.depends_on if s in where.states)))
+        mine = tuple(
+            replace(e, name=e.name.partition(".")[2])
+            for e in parameters
+            if e.name.startswith(f"{effect.name}.")
+        )
+        count = len(effect.parameters) * float(np.log(best.judged.deviance.size))
+        findings.append(
+            Finding(
+                effect, effect.site, effect.sites[0], mine, where, shown, evidence, gain, gain - count,
+                indistinguishable(found, effect, data), _says(effect, best),
+            )
+        )  # fmt: skip
+    return tuple(sorted(findings, key=lambda f: -f.train_gain))
+
+
+def _says(effect: Effect, best: Candidate) -> str:
+    from optid.diagnose.words import quantity
+
+    values = own_values(effect, best.rig, best.answer)
+    units = {q.name: q.unit for q in effect.parameters}
+    return effect.says.format(**{name: quantity(v, units[name]) for name, v in values.items()})
+
+
+def _judge(
+    found: Search, findings: tuple[Finding, ...], noise: dict[str, float], data: Data, report: Report
+) -> tuple[Verdict, Candidate, tuple[Finding, ...]]:
+    """The verdict, the improved model, and a finding without a name where something is left unexplained."""
+    if findings:
+        return Verdict.MISSING_PHYSICS, found.best, ()
+    wide = widened(found.base, data)
+    if wide is not None:
+        gain = compare(found.base.judged, wide.judged, data.generator)
+        if gain.p_value < 0.01 and excess(wide.judged, noise) < EXCESS:
+            return Verdict.PARAMETERS, wide, ()
+    if excess(found.base.judged, noise) <= EXCESS:
+        return Verdict.CONSISTENT, found.base, ()
+    report(0.97, "nothing explains it: locating the mismatch")
+    sites = locate(found.base, data)
+    if not sites:
+        return Verdict.UNEXPLAINED, found.base, ()
+    return Verdict.UNEXPLAINED, found.base, (_nameless(found.base, sites, data),)
+
+
+def _nameless(base: Candidate, sites: Sequence[Located], data: Data) -> Finding:
+    first = sites[0]
+    signal = first.signal / max(float(np.nanstd(first.signal)), 1e-300)
+    outputs = len(base.rig.model.outputs)
+    spread = np.repeat((signal - np.nanmedian(signal))[:, None], outputs, axis=1)
+    measured = np.isfinite(base.answer.filtered.innovations[0])
+    where = region(base.answer, np.where(measured, spread, np.nan), data.train)
+    kind = first.site.partition(".")[0]
+    near = [one.site for one in sites[1:] if one.gain > 0.95 * first.gain]
+    also = f"; {', '.join(near)} would do nearly as well" if near else ""
+    words = f"an unknown signal at {first.site} explains the recordings best{also}"
+    none = Comparison(0.0, 1.0, 0.0, 0.0)
+    shown = tuple(telling(where.states, ()))
+    return Finding(None, kind, first.site, (), where, shown, none, first.gain, 0.0, (), words, first)
+
+
+def _rejected(found: Search) -> tuple[tuple[str, str], ...]:
+    """Every effect that was refitted and not kept, with the last reason."""
+    kept = {effect.name for effect in found.best.effects}
+    reasons: dict[str, str] = {}
+    for number, one in enumerate(found.rounds):
+        for rival in one.rivals:
+            if rival.effect.name in kept:
+                continue
+            won = one.winner
+            beaten = (
+                f"{won.effect.name} explains more ({won.train_gain:.0f} against {rival.train_gain:.0f})"
+                if won
+                else ""
+            )
+            reasons[rival.effect.name] = rival.why or beaten or "not confirmed"
+        if number == len(found.rounds) - 1:
+            for signature in one.screened:
+                name = signature.effect.name
+                if name not in kept and name not in reasons and signature.visible >= VISIBLE:
+                    reasons[name] = (
+                        f"the screen finds no more than {max(signature.gain, 0.0):.0f} for it in -2 log likelihood"
+                    )
+    for effect in found.dropped:
+        reasons[effect.name] = "idle once the others are there"
+    return tuple(reasons.items())
+
+
+def _not_testable(
+    found: Search, last: Sequence[Signature], own: Sequence[Effect]
+) -> tuple[tuple[str, str, str], ...]:
+    """Effects that these recordings would not show at the smallest size worth a name."""
+    from optid.diagnose.words import quantity
+
+    seen = {s.effect.name: s for s in last}
+    rows = []
+    for effect in admitted(found.best.rig.model, own):
+        signature = seen.get(effect.name)
+        if signature is None:
+            rows.append(
+                (effect.name, f"nothing in these recordings would change; it needs {effect.needs}", "")
+            )
+        elif signature.visible < VISIBLE:
+            smallest = VISIBLE / max(signature.visible, 1e-9)
+            name, least = next(iter(effect.strength.items()))
+            unit = next(q.unit for q in effect.parameters if q.name == name)
+            why = (
+                f"at {quantity(least, unit)} it would stand out by {signature.visible:.1f} sd after a refit; "
+                f"it needs {effect.needs}"
+            )
+            rows.append((effect.name, why, f"{name} {quantity(least * smallest, unit)}"))
+    return tuple(rows)

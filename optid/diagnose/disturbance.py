@@ -1,0 +1,133 @@
+"""An unknown signal at a site: estimated with the states, it shows which equation is wrong, and by how much.
+
+The signal is a random walk whose step is estimated by likelihood; the site at which it explains the recordings
+best is where physics is missing (the diffusion terms of Kristensen, Madsen and Jorgensen 2004, one at a time).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from optid.core.model import Array, Model
+from optid.core.sheet import Sheet
+from optid.diagnose.search import Candidate, Data
+from optid.effects.effect import Effect
+from optid.fit.likelihood import WHOLE, noisy_states, run_steered
+from optid.fit.problem import pose
+from optid.fit.scoring import Answer, maximise, question_of
+from optid.rigs.rigfile import with_effects
+
+# Where a disturbance stands for all that can go wrong at a kind of site; other plants' sites stand for themselves.
+TYPICAL = ("valve.command", "flow.chamber_a", "flow.chamber_b", "force.external", "sensor.position")
+QUIETER = -3.0  # log: the states' own noise is started this much lower, so that the signal can take over
+
+
+class Disturbance(Effect):
+    """nominal + w, with w a random walk."""
+
+    equation = ""
+    parameters = ()
+    strength: Mapping[str, float] = {}
+    usual = ()
+    law = "an unknown signal"
+    says = ""
+    depends_on = ()
+    needs = ""
+    source = "random walk"
+
+    def __init__(self, site: str, unit: str, scale: float) -> None:
+        self.name, self.sites, self.unit, self.scale = "unknown", (site,), unit, scale
+
+    def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
+        """The nominal signal with the unknown one on top."""
+        w = sheet.state("signal", self.unit, self.scale, spread=1e-3 * self.scale)
+        sheet.rate(w, 0.0 * w)
+        return nominal + w
+
+
+@dataclass(frozen=True, eq=False)
+class Located:
+    """A site, how much better an unknown signal there explains the recordings, and the signal itself.
+
+    Attributes:
+        site: of the plant, as "flow.chamber_a".
+        gain: fall of -2 log likelihood against the states' own noise alone.
+        signal: estimated from the past at each sample, in the site's own unit, (samples,).
+        answer: the fit with the signal.
+    """
+
+    site: str
+    gain: float
+    signal: Array
+    answer: Answer
+
+
+def locate(candidate: Candidate, data: Data) -> list[Located]:
+    """Every site with an unknown signal of its own, the best first."""
+    found = [one for site in places(candidate.rig.model) if (one := _at(candidate, data, site)) is not None]
+    return sorted(found, key=lambda one: -one.gain)
+
+
+def places(model: Model) -> tuple[str, ...]:
+    """The sites to try: the typical ones, and one of every other kind that the plant offers."""
+    chosen = [site for site in TYPICAL if site in model.sites]
+    kinds = {site.partition(".")[0] for site in chosen}
+    for site in reversed(model.sites):
+        kind = site.partition(".")[0]
+        if kind not in kinds:
+            kinds.add(kind)
+            chosen.append(site)
+    return tuple(chosen)
+
+
+def _at(candidate: Candidate, data: Data, site: str) -> Located | None:
+    scale = _scale(candidate, data, site)
+    if scale is None:
+        return None
+    rig = with_effects(candidate.rig, (Disturbance(site, "1", scale),), {})
+    model, plain = rig.model, candidate.rig.model
+    names = [state.name for state in plain.states]
+    question = question_of(rig, pose(model, data.train, WHOLE), plain)
+    index = [state.name for state in model.states].index("unknown.signal")
+    question = replace(question, groups=(*noisy_states(model, names), (index,)))
+    p = model.vector(rig.parameters)
+    p[[model.index(parameter.name) for parameter in plain.parameters]] = candidate.answer.p
+    levels = np.r_[candidate.answer.noise.levels + QUIETER, 0.0]
+    answer = maximise(question, p, levels, iterations=8, polish=False)
+    signal = answer.filtered.states[0][:, index]
+    return Located(site, candidate.answer.score - answer.score, signal, answer)
+
+
+def _scale(candidate: Candidate, data: Data, site: str) -> float | None:
+    """A constant at the site that moves the innovations by about one sd; ``None`` where none does."""
+    rig = with_effects(candidate.rig, (Disturbance(site, "1", 1.0),), {})
+    model, plain, answer = rig.model, candidate.rig.model, candidate.answer
+    p = model.vector(rig.parameters)
+    p[[model.index(parameter.name) for parameter in plain.parameters]] = answer.p
+    names = [state.name for state in model.states]
+    common = [names.index(state.name) for state in plain.states]
+    problem = pose(model, data.train, WHOLE)
+    sd = np.sqrt(answer.filtered.variances[0])
+    size = 1e-9
+    for _ in range(14):
+        moved = run_steered(
+            model,
+            problem,
+            p[None],
+            answer.filtered.gains[0],
+            common,
+            nudge=(names.index("unknown.signal"), size),
+        )[0]
+        still = run_steered(model, problem, p[None], answer.filtered.gains[0], common)[0]
+        change = (moved - still) / sd
+        if not np.isfinite(change[np.isfinite(answer.filtered.innovations[0])]).all():
+            return None
+        rms = float(np.sqrt(np.nanmean(change**2)))
+        if rms > 0.1:
+            return size / rms
+        size *= 10.0
+    return None

@@ -1,0 +1,66 @@
+"""Intervals of a diagnosed model's parameters that count what the catalogue could still hold.
+
+Three sources: the noise (Fisher's information), colour of the innovations (a sandwich over blocks), and every
+effect that was not named, which may be present up to the smallest size worth a name. The last one is a prior on
+the effects' sizes that the data may sharpen; it is what keeps intervals honest when a law's form is not exact.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy import stats
+
+from optid.core.model import Array
+from optid.diagnose.screen import Signature, View
+from optid.fit.result import Estimate
+from optid.fit.scoring import Answer
+
+UNNAMED = 0.5  # sd of an unnamed effect's size, in smallest sizes worth a name
+BLOCK = 0.25  # s of innovations that count as one
+
+
+def estimates(answer: Answer, signatures: Sequence[Signature]) -> tuple[Estimate, ...]:
+    """Every free parameter with its 95 % interval, SI."""
+    q = answer.question
+    theta = answer.p[list(q.free)]
+    covariance = _covariance(answer, signatures)
+    sd = np.sqrt(np.maximum(np.diag(covariance), 0.0)) * q.typical
+    span = np.where(np.isfinite(q.high - q.low), q.high - q.low, np.abs(theta) + q.typical)
+    bound = (theta - q.low <= 1e-9 * span) | (q.high - theta <= 1e-9 * span)
+    half = stats.norm.ppf(0.975) * sd
+    found = []
+    for k, i in enumerate(q.free):
+        parameter = q.model.parameters[i]
+        low, high = max(theta[k] - half[k], q.low[k]), min(theta[k] + half[k], q.high[k])
+        start = float(q.prior[k])
+        found.append(
+            Estimate(
+                parameter.name, parameter.unit, float(theta[k]), float(low), float(high), start,
+                bool(bound[k]), bool(np.isfinite(sd[k]) and sd[k] < 1e3 * q.typical[k]),
+            )
+        )  # fmt: skip
+    return tuple(found)
+
+
+def _covariance(answer: Answer, signatures: Sequence[Signature]) -> Array:
+    """Of the free parameters in typical sizes, (free, free)."""
+    view, q = View.of(answer), answer.question
+    nf = len(q.free)
+    extra = [s.change / s.size for s in signatures if len(s.change) == len(view.z) and s.size > 0]
+    J = np.column_stack([view.J, *extra]) if extra else view.J
+    prior = np.r_[(q.typical / q.prior_sd) ** 2, np.full(len(extra), UNNAMED**-2)]
+    H = J.T @ J + np.diag(prior)
+    size = np.sqrt(np.maximum(np.diag(H), 1e-300))
+    inverse = np.linalg.pinv(H / np.outer(size, size), rcond=1e-13) / np.outer(size, size)
+    scores = J * view.z[:, None]
+    blocks = (q.problem.time[view.rows] / BLOCK).astype(int) + 10**6 * view.rows_owner(q.problem)
+    _, where = np.unique(blocks, return_inverse=True)
+    summed = np.zeros((where.max() + 1, J.shape[1]))
+    np.add.at(summed, where.ravel(), scores)
+    meat = summed.T @ summed + np.diag(prior)
+    sandwich = inverse @ meat @ inverse
+    wider = np.maximum(np.diag(sandwich)[:nf] / np.maximum(np.diag(inverse)[:nf], 1e-300), 1.0)
+    scale = np.sqrt(wider)
+    return np.asarray(inverse[:nf, :nf] * np.outer(scale, scale))

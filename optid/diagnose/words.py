@@ -1,0 +1,94 @@
+"""A diagnosis in plain sentences with numbers."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from optid.diagnose.diagnosis import Diagnosis, Finding
+
+_FRIENDLY = {
+    "m": (1e3, "mm"), "m/s": (1e3, "mm/s"), "Pa": (1e-5, "bar"), "m**2": (1e6, "mm2"), "s": (1e3, "ms"),
+    "1": (1.0, ""),
+}  # fmt: skip
+
+
+def quantity(value: float, unit: str) -> str:
+    """A number with the unit that people use for it."""
+    factor, shown = _FRIENDLY.get(unit, (1.0, unit))
+    if unit == "m" and abs(value) < 1e-4:
+        factor, shown = 1e6, "um"
+    return f"{value * factor:.3g} {shown}".rstrip()
+
+
+def summary(d: Diagnosis) -> str:
+    """Where, what, how sure, how much better, and what is not known."""
+    from optid.diagnose.diagnosis import Verdict
+
+    before, after = (_errors(d, one.judged.scores) for one in (d.base, d.best))
+    floor = ", ".join(f"{role} {quantity(sd, _unit(d, role))}" for role, sd in d.noise.items())
+    if d.verdict is Verdict.CONSISTENT:
+        return (
+            f"The fitted model is good to the noise: held out, its 0.5 s windows err by {before}; the noise is "
+            f"{floor}. No effect of the catalogue improves it. {_blind(d)}"
+        ).strip()
+    if d.verdict is Verdict.PARAMETERS:
+        wide = [e for e in d.best_parameters if "." not in e.name]
+        values = ", ".join(f"{e.name.replace('_', ' ')} {quantity(e.value, e.unit)}" for e in wide)
+        return (
+            f"No physics is missing, but the model is good to the noise only with parameters outside the rig "
+            f"file's bounds: {values}. Held out, windows err by {after} instead of {before}."
+        )
+    if d.verdict is Verdict.UNEXPLAINED:
+        told = " ".join(_sentence(f) for f in d.findings) or "No site could be told."
+        return (
+            f"The recordings hold something that neither parameters nor the catalogue explain: held out, windows "
+            f"err by {before} where the noise is {floor}. {told}"
+        )
+    found = " ".join(_sentence(f) for f in d.findings)
+    return (
+        f"{found} Held out, the error of 0.5 s windows falls from {before} to {after}; the noise is {floor}."
+        f"{_remains(d)}"
+    )
+
+
+def _errors(d: Diagnosis, scores: object) -> str:
+    assert isinstance(scores, dict)
+    return ", ".join(f"{role} {quantity(s.rmse, s.unit)}" for role, s in scores.items())
+
+
+def _unit(d: Diagnosis, role: str) -> str:
+    return next(port.unit for port in d.best.rig.model.outputs if port.role == role)
+
+
+def _sentence(f: Finding) -> str:
+    name = "Not explained" if f.effect is None else f.effect.name.replace("_", " ").capitalize()
+    sure = "" if f.effect is None else f" (p = {f.evidence.p_value:.2g} on the hold-out)"
+    where = ""
+    for signal in f.shown[:1]:
+        r = f.region.states[signal]
+        where = (
+            f" {100 * r.share:.0f} % of the mismatch lies at {signal.replace('_', ' ')} from "
+            f"{quantity(r.low, r.unit)} to {quantity(r.high, r.unit)}."
+        )
+    also = ""
+    if f.indistinguishable:
+        also = f" These recordings cannot tell it from {', '.join(f.indistinguishable)}."
+        also += f" What would: {f.effect.experiment}." if f.effect is not None and f.effect.experiment else ""
+    return f"{name} at the {f.site}: {f.sentence}{sure}.{where}{also}"
+
+
+def _remains(d: Diagnosis) -> str:
+    from optid.diagnose.diagnosis import EXCESS, excess
+
+    ratio = excess(d.best.judged, d.noise)
+    if ratio <= EXCESS:
+        return ""
+    return f" What remains is {ratio:.1f} times the noise: the law's form may differ from the catalogue's."
+
+
+def _blind(d: Diagnosis) -> str:
+    if not d.not_testable:
+        return ""
+    names = [name.replace("_", " ") for name, _, _ in d.not_testable]
+    return f"These recordings could not show: {', '.join(names)}."

@@ -1,0 +1,82 @@
+"""The content of diagnosis.json."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from optid.diagnose.diagnosis import Diagnosis, Finding
+from optid.fit.result import Estimate, Score
+from optid.report.scores import number
+
+SCHEMA = "optid.diagnosis/1"
+
+
+def diagnosis_document(d: Diagnosis) -> dict[str, Any]:
+    """As the contract has it, with some more."""
+    return {
+        "schema": SCHEMA,
+        "verdict": d.verdict.value,
+        "summary": d.summary,
+        "baseline": {"parameters": _parameters(d.base_parameters), "holdout": _scores(d.base.judged.scores)},
+        "improved": {"parameters": _parameters(d.best_parameters), "holdout": _scores(d.best.judged.scores)},
+        "noise_floor": {
+            role: {"rmse": number(sd), "unit": _unit(d, role)} for role, sd in d.noise.items()
+        },
+        "findings": [_finding(f) for f in d.findings],
+        "rejected": [{"effect": name, "why": why} for name, why in d.rejected],
+        "not_testable": [
+            {"effect": name, "why": why, "smallest_visible": smallest} for name, why, smallest in d.not_testable
+        ],
+        "residual_after": {
+            "white": d.residuals.white, "independent_of_input": d.residuals.independent,
+            "p_white": number(d.residuals.whiteness), "p_independent": number(d.residuals.independence),
+        },
+    }  # fmt: skip
+
+
+def _unit(d: Diagnosis, role: str) -> str:
+    return next(port.unit for port in d.best.rig.model.outputs if port.role == role)
+
+
+def _parameters(estimates: Sequence[Estimate]) -> dict[str, Any]:
+    return {
+        e.name: {"value": number(e.value), "unit": e.unit, "ci95": [number(e.low), number(e.high)]}
+        for e in estimates
+    }
+
+
+def _scores(scores: Mapping[str, Score]) -> dict[str, Any]:
+    return {
+        role: {"fit_percent": number(s.fit_percent), "rmse": number(s.rmse), "unit": s.unit}
+        for role, s in scores.items()
+    }
+
+
+def _finding(f: Finding) -> dict[str, Any]:
+    ranges = {name: f.region.states[name] for name in f.shown}
+    return {
+        "effect": None if f.effect is None else f.effect.name,
+        "site": f.site,
+        "place": f.place,
+        "equation": "" if f.effect is None else f.effect.equation,
+        "sentence": f.sentence,
+        "parameters": _parameters(f.parameters),
+        "where": {
+            "channels": list(f.region.channels),
+            "intervals": [[name, number(a), number(b)] for name, a, b in f.region.intervals],
+            "states": {
+                name: {
+                    "low": number(r.low), "high": number(r.high), "unit": r.unit,
+                    "share_of_mismatch": number(r.share), "share_of_samples": number(r.occupancy),
+                }
+                for name, r in ranges.items()
+            },
+        },
+        "evidence": {
+            "holdout_fit_gain": number(f.evidence.fit_gain), "p_value": number(f.evidence.p_value),
+            "delta_bic": number(f.delta_bic), "holdout_deviance_gain": number(f.evidence.gain),
+            "train_deviance_gain": number(f.train_gain),
+        },
+        "indistinguishable_from": list(f.indistinguishable),
+    }  # fmt: skip

@@ -1,0 +1,144 @@
+"""Figures of a diagnosis: before and after on the hold-out, the mismatch over time and over state."""
+
+from __future__ import annotations
+
+import io
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.figure import Figure
+
+from optid.core.model import Array
+from optid.diagnose.diagnosis import Diagnosis, Finding
+from optid.diagnose.judge import Judged
+from optid.report.figures import ALARM, FREE, INK, QUIET, STYLE, WINDOW
+from optid.report.scores import friendly
+
+SLOT = 0.1  # s: a column of the mismatch map
+BINS = 60
+
+
+def before_after(d: Diagnosis, output: int) -> str:
+    """Windows' residuals of the model as it came and of the improved one, with the noise's band."""
+    port = d.base.rig.model.outputs[output]
+    factor, unit = friendly(port.unit)
+    sd = d.noise.get(port.role, float("nan"))
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(9.2, 2.9), layout="constrained")
+        axes: Any = figure.subplots()
+        for judged, colour, label in ((d.base.judged, FREE, "before"), (d.best.judged, WINDOW, "after")):
+            if label == "after" and d.best is d.base:
+                continue
+            error = factor * (judged.measured[:, output] - judged.windows[:, output])
+            axes.plot(_clock(judged), error, color=colour, lw=0.9, label=label)
+        axes.axhspan(
+            -2 * factor * sd, 2 * factor * sd, color=QUIET, alpha=0.3, lw=0, label="±2 sd of the noise"
+        )
+        _breaks(axes, d.base.judged)
+        axes.set_ylabel(f"error of 0.5 s windows ({unit})")
+        axes.set_xlabel("time over the held-out recordings (s)")
+        axes.legend(loc="lower left", ncols=3, bbox_to_anchor=(0, 1.0), borderaxespad=0.2)
+        return _svg(figure)
+
+
+def mismatch_map(finding: Finding, names: tuple[str, ...]) -> str:
+    """Where in time the mismatch is, one strip a recording."""
+    region = finding.region
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(9.2, 0.55 + 0.5 * len(names)), layout="constrained")
+        axes: Any = figure.subplots(len(names), 1, squeeze=False, sharex=True)[:, 0]
+        strips = []
+        for number in range(len(names)):
+            mine = region.owner == number
+            slot = np.floor((region.time[mine] - region.time[mine][0]) / SLOT).astype(int)
+            strips.append(np.sqrt(np.bincount(slot, weights=region.energy[mine])))
+        top = max(float(s.max()) for s in strips)
+        for axis, strip, name in zip(axes, strips, names, strict=True):
+            axis.imshow(
+                strip[None], aspect="auto", extent=(0, len(strip) * SLOT, 0, 1), cmap="YlOrRd", vmin=0,
+                vmax=top or 1.0, interpolation="nearest",
+            )  # fmt: skip
+            axis.set_yticks([])
+            axis.grid(False)
+            axis.set_ylabel(name, rotation=0, ha="right", va="center")
+        axes[-1].set_xlabel("time (s)")
+        return _svg(figure)
+
+
+def over_state(finding: Finding, signal: str) -> str:
+    """Density of the mismatch over a signal, beside the density of the samples."""
+    region = finding.region
+    values, unit = region.signals[signal]
+    factor, shown = friendly(unit)
+    good = np.isfinite(values)
+    low, high = np.quantile(values[good], [0.002, 0.998])
+    if high <= low:
+        low, high = low - 1.0, high + 1.0
+    edges = np.linspace(low, high, BINS + 1)
+    v, e = values[good], region.energy[good]
+    mismatch, _ = np.histogram(v, edges, weights=e)
+    samples, _ = np.histogram(v, edges)
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(4.5, 2.5), layout="constrained")
+        axes: Any = figure.subplots()
+        axes.stairs(
+            samples / max(samples.sum(), 1),
+            factor * edges,
+            color=QUIET,
+            fill=True,
+            alpha=0.45,
+            label="samples",
+        )
+        axes.stairs(
+            mismatch / max(mismatch.sum(), 1e-300), factor * edges, color=ALARM, lw=1.4, label="mismatch"
+        )
+        axes.set_xlabel(f"{signal.replace('_', ' ')} ({shown})" if shown else signal.replace("_", " "))
+        axes.set_ylabel("share")
+        axes.legend(loc="lower left", ncols=2, bbox_to_anchor=(0, 1.0), borderaxespad=0.2)
+        return _svg(figure)
+
+
+def missing_signal(finding: Finding, names: tuple[str, ...]) -> str:
+    """The unknown signal at a site, as estimated with the states."""
+    assert finding.signal is not None
+    region, w = finding.region, finding.signal.signal
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(9.2, 2.6), layout="constrained")
+        axes: Any = figure.subplots()
+        start = 0.0
+        for number, name in enumerate(names):
+            mine = region.owner == number
+            time = region.time[mine] - region.time[mine][0] + start
+            axes.plot(time, w[mine], color=INK, lw=0.9)
+            axes.annotate(name, (start, 1.0), xycoords=("data", "axes fraction"), va="bottom", fontsize=8)
+            start = float(time[-1])
+            axes.axvline(start, color=QUIET, lw=0.6)
+        axes.set_ylabel(f"signal at {finding.place}, SI")
+        axes.set_xlabel("time over the recordings (s)")
+        return _svg(figure)
+
+
+def _clock(judged: Judged) -> Array:
+    """Time over all recordings, one after the other."""
+    offset, clock = 0.0, np.empty_like(judged.time)
+    for number in np.unique(judged.recording):
+        mine = judged.recording == number
+        clock[mine] = judged.time[mine] - judged.time[mine][0] + offset
+        offset = float(clock[mine][-1])
+    return clock
+
+
+def _breaks(axes: Any, judged: Judged) -> None:
+    clock = _clock(judged)
+    for at in np.flatnonzero(np.diff(judged.recording)):
+        axes.axvline(clock[at], color=QUIET, lw=0.6)
+
+
+def _svg(figure: Figure) -> str:
+    FigureCanvasSVG(figure)
+    out = io.StringIO()
+    figure.savefig(out, format="svg", metadata={"Date": None})
+    text = out.getvalue()
+    return text[text.index("<svg") :]
