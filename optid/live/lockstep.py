@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from optid.live.clock import FastClock
 from optid.live.driver import Driver
 from optid.live.guard import End, Guard
@@ -27,8 +29,10 @@ class Together:
         return self._reply
 
 
-def run_lockstep(driver: Driver, loop: Loop, log: Log, seconds: float) -> End:
-    """Run a session's samples one after the other; the driver and the log stay open."""
+def run_lockstep(
+    driver: Driver, loop: Loop, log: Log, seconds: float, asked: Callable[[], None] = lambda: None
+) -> End:
+    """Run a session's samples one after the other, `asked` before each; the driver and the log stay open."""
     settings = loop.settings
     guard = Guard(driver, Together(loop), FastClock(settings.span), loop.wiring, settings, log)
-    return guard.run(round(seconds * settings.rate))
+    return guard.run(round(seconds * settings.rate), asked)

@@ -16,6 +16,7 @@ from optid.live.gains import controller_settings
 from optid.live.messages import Reply, Sample
 from optid.live.reference import Reference
 from optid.live.settings import Settings, Wiring
+from optid.live.swings import Swings
 from optid.pid.controller import Controller, Gains
 from optid.pid.controller import Settings as PidSettings
 from optid.rigs.rigfile import Rig
@@ -53,6 +54,7 @@ class Loop:
 
     Attributes:
         measured, innovation: of the last sample, m: what the page shows beside a reply.
+        taken_back: the gains that are in use again since the newer ones made the loop oscillate.
     """
 
     def __init__(
@@ -71,6 +73,8 @@ class Loop:
         self._time = self._position = self._asked = math.nan  # of the last sample; asked: its command
         self._small = 1e-6 * (limits.high - limits.low)
         self.measured = self.innovation = math.nan
+        self._swings, self._before = Swings(settings.span, limits.high - limits.low), choices.gains
+        self.taken_back: Gains | None = None
         one_ahead(self.identifier.state)  # compile or load now
         self.controller.step(0.0, 0.0)
 
@@ -91,13 +95,22 @@ class Loop:
         dither = self._dither * self._sign
         command = self._control(sample.standing, r, y, dither)
         self.alongside.control(r, dither, simulated)
+        if self._swings.add(command) and self.controller.gains != self._before:
+            self.taken_back = self._before
+            self.change(self.taken_back)
+            self._before = self.taken_back
         self.measured, self.innovation = y, y - predicted
         self._time, self._position = sample.time, y
         self._asked = command if y - y == 0.0 else math.nan  # after a missing measurement it begins anew
         return Reply(sample.number, command, r, predicted, simulated, windowed, time.perf_counter() - begun)
 
     def change(self, gains: Gains) -> None:
-        """Take new gains without a jump of the command, in the rig's loop and in the simulated one."""
+        """Take new gains without a jump of the command, in the rig's loop and in the simulated one.
+
+        Should the loop oscillate with them, it takes the old ones back by itself.
+        """
+        self._before = self.controller.gains
+        self._swings.forget()
         self.controller.change(gains)
         self.alongside.controller.change(gains)
 

@@ -142,6 +142,9 @@ def loop_process(plan: Plan, link: Connection, session: Connection, rings: tuple
                              loop.innovation))  # fmt: skip
                 if sample.number % every == 0:
                     _slow(loop, slow, sample.time)
+                    if loop.taken_back is not None:
+                        tell(session, say="taken back", gains=vars(loop.taken_back))
+                        loop.taken_back = None
                     while session.poll():
                         _heed(loop, told(session), session)
     except Exception as error:

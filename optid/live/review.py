@@ -8,10 +8,10 @@ import numpy as np
 
 from optid.armax.model import Armax
 from optid.live.gains import controller_settings
-from optid.live.settings import Settings, wiring_of
+from optid.live.loop import Choices
+from optid.live.settings import Settings, Wiring
 from optid.pid.controller import Gains
 from optid.pid.controller import Settings as PidSettings
-from optid.rigs.rigfile import Rig
 from optid.tune.bench import PhysicalBench
 from optid.tune.demand import Episode, step
 from optid.tune.margins import Required
@@ -33,16 +33,19 @@ class Case:
         gains: that are in use.
         pid: everything else of the controller.
         step: m.
+        output: role of the position.
     """
 
     model: Armax
     gains: Gains
     pid: PidSettings
     step: float
+    output: str
 
-    def task(self, required: Required | None = None) -> Task:
-        """As `optid.tune` wants it, with margins to keep."""
-        return Task((plant_of(self.model),), (self.episode,), self.pid, required=required or Required())
+    def task(self, required: Required | None = None, bench: PhysicalBench | None = None) -> Task:
+        """As `optid.tune` wants it, with margins to keep, and a physical model to be good on as well."""
+        plants, required = (plant_of(self.model),), required or Required()
+        return Task(plants, (self.episode,), self.pid, required=required, bench=bench)
 
     @property
     def episode(self) -> Episode:
@@ -72,25 +75,25 @@ class Review:
         return bool(new.measures["itae"] < old.measures["itae"] and last < ARRIVED * abs(self.step))
 
 
-def case_of(model: Armax, gains: Gains, settings: Settings, own: PidSettings | None = None) -> Case:
+def case_of(model: Armax, session: tuple[Settings, Wiring], choices: Choices, gains: Gains) -> Case:
     """The case of a session: a step of a quarter of the way between the stroke limits.
 
     Args:
         model: identified so far.
+        session: its settings and wiring.
+        choices: of which the controller's own settings count.
         gains: in use.
-        settings: of the session.
-        own: of the controller, where a pid.json said more than gains.
     """
+    settings, wiring = session
     low, high = settings.limits.stroke
     size = STEP_SHARE * (high - low) if np.isfinite(high - low) else 1.0
-    return Case(replace(model, covariance=None), gains, controller_settings(settings, own), size)
+    pid = controller_settings(settings, choices.pid)
+    return Case(replace(model, covariance=None), gains, pid, size, wiring.measured[0].role)
 
 
-def review(case: Case, new: Gains, rig: Rig) -> Review:
-    """Simulate a step with old and new gains on the identified model and on the rig's physical one."""
+def review(case: Case, new: Gains, bench: PhysicalBench) -> Review:
+    """Simulate a step with old and new gains on the identified model and on the physical one of the bench."""
     episode, course, pid = case.episode, case.task().course, case.pid
-    output = wiring_of(rig).measured[0].role
-    bench = PhysicalBench(rig, (episode,), output)
 
     def identified(gains: Gains) -> Response:
         return response(episode, *course.trace(gains.vector), pid.sample_time)

@@ -170,9 +170,10 @@ class Session:
             self.model = learnt.model if learnt.counts.learnt_from else None
             if self._wants and self.end is None:
                 self._begin_tuning()
-        elif message["say"] == "applied":
+        elif message["say"] in ("applied", "taken back"):
             self.gains = Gains(**message["gains"])
-            self.events.note("applied: " + ", ".join(f"{k} {v:.4g}" for k, v in message["gains"].items()))
+            why = "the loop oscillated; back to " if message["say"] == "taken back" else "applied: "
+            self.events.note(why + ", ".join(f"{k} {v:.4g}" for k, v in message["gains"].items()))
         elif message["say"] == "failed":
             self.events.note(f"the loop failed: {message['why']}")
 
@@ -181,7 +182,9 @@ class Session:
         if self.model is None:
             self.events.note("not tuned: nothing has been identified yet")
         else:
-            self.tuning.begin(case_of(self.model, self.gains, self.settings, self.plan.choices.pid))
+            self.tuning.begin(
+                case_of(self.model, (self.settings, self.wiring), self.plan.choices, self.gains)
+            )
 
     def _guard_died(self) -> None:
         with contextlib.suppress(EOFError, OSError):

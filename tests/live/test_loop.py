@@ -11,8 +11,12 @@ from optid.armax.structure import Orders
 from optid.core.readers import read_recording
 from optid.fit.prediction import predict
 from optid.live.ahead import one_ahead
-from optid.live.loop import Choices
-from optid.live.reference import Reference
+from optid.live.driver import open_driver
+from optid.live.loop import Choices, Loop
+from optid.live.messages import Sample
+from optid.live.reference import Reference, tour
+from optid.live.settings import live_settings, wiring_of
+from optid.live.swings import Swings
 from optid.pid.controller import Gains
 from optid.rigs.rigfile import read_rig
 
@@ -76,3 +80,38 @@ def test_new_gains_come_without_a_jump(bench, run_live):
     loop.change(Gains(60.0, 90.0, 0.1, 1e-3))
     r, y = 0.02, loop.measured
     assert loop.controller.step(r, y) == pytest.approx(before, abs=0.05)
+
+
+def test_gains_that_make_the_loop_oscillate_are_taken_back(bench):
+    settings, wiring = live_settings(bench), wiring_of(bench)
+    loop = Loop(bench, settings, wiring, tour(settings.limits), Choices(Gains(20.0)))
+    order = {"wiring": wiring, "settings": settings, "recording": None, "seed": 0}
+    door, command = open_driver("simulated", bench, order), 0.0
+
+    def run(first, last):
+        nonlocal command
+        for n in range(first, last):
+            reply = loop.step(Sample(n, n * 1e-3, command, door.read(n * 1e-3)))
+            command = door.write(reply.command, n * 1e-3)
+
+    run(0, 2500)
+    loop.change(Gains(30.0))
+    run(2500, 5000)
+    assert loop.controller.gains == Gains(30.0)  # nothing wrong with these
+    loop.change(Gains(900.0))
+    run(5000, 9000)
+    assert loop.controller.gains == loop.taken_back == Gains(30.0)
+
+
+def test_turns_of_the_command_are_counted_and_forgotten():
+    swings = Swings(1e-3, 10.0)
+    assert not any(
+        swings.add(5.0 * np.exp(-3e-3 * k) * np.cos(0.02 * k)) for k in range(3000)
+    )  # a step response
+    assert not any(swings.add(0.5 * (-1) ** k) for k in range(3000))  # noise within a share of the range
+    answers = [swings.add(3.0 * np.sin(2 * np.pi * 8 * 1e-3 * k)) for k in range(3000)]
+    assert 500 < answers.index(True) < 1500  # sixteen turns a second
+    assert answers[-1]
+    assert not swings.add(0.0) or not all(swings.add(0.0) for _ in range(2000))
+    swings.forget()
+    assert not swings.add(0.0)

@@ -1,0 +1,39 @@
+"""Does a loop oscillate? Counts how often the command swings through a good part of its range."""
+
+from __future__ import annotations
+
+SWING = 0.15  # of the command's range: a turn counts after it has come back by so much
+MEMORY = 1.0  # s over which turns are counted, fading
+TOO_MANY = 10.0  # turns: a step response has three or four, a loop on the verge of instability goes on
+
+
+class Swings:
+    """Turns of the command in the last second.
+
+    Args:
+        span: sampling time, s.
+        size: range of the command.
+    """
+
+    def __init__(self, span: float, size: float) -> None:
+        self._fade, self._swing = 1.0 - span / MEMORY, SWING * size
+        self._extreme, self._way, self.turns = 0.0, 0.0, 0.0
+
+    def add(self, command: float) -> bool:
+        """Take one command; True while the loop oscillates."""
+        self.turns *= self._fade
+        ahead = (command - self._extreme) * self._way
+        if self._way == 0.0:
+            if abs(command - self._extreme) > self._swing:
+                self._way = 1.0 if command > self._extreme else -1.0
+                self._extreme = command
+        elif ahead >= 0.0:
+            self._extreme = command
+        elif ahead < -self._swing:
+            self._way, self._extreme = -self._way, command
+            self.turns += 1.0
+        return self.turns > TOO_MANY
+
+    def forget(self) -> None:
+        """Begin anew."""
+        self.turns = 0.0
