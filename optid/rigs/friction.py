@@ -78,7 +78,7 @@ def sliding(s: Sheet, v: Any, kind: str) -> Any:
         return most * ca.tanh(v / s.param(FRICTION_WIDTH))
     # Dahl's law for the bristles' deflection z = F/F_r, with bounded build-up rate at speed.
     z = s.state("bristle", "1", 1.0, spread=1.0)
-    length = s.site("force.presliding", s.param(PRESLIDING_LENGTH), v=v, z=z)
+    length = s.site("force.presliding", s.param(PRESLIDING_LENGTH), v=v, z=z, most=most)
     z_dot = (v - ca.fabs(v) * z / most) / (length + s.param(BRISTLE_LAG) * ca.fabs(v))
     s.rate(z, z_dot)
     return z + s.param(BRISTLE_DAMPING) * z_dot

@@ -23,7 +23,7 @@ BLEND = 2e-3  # m: way over which the spear closes the bore
 
 
 class EndCushioning(Effect):
-    """Venting area A / (1 + throttling A / A_full) near the end towards which the venting chamber shrinks.
+    """Valve and needle in series, 1/A^2 = 1/A_valve^2 + 1/A_needle^2, near the end towards which a chamber shrinks.
 
     The check valve lets air into the chamber as before.
     """
@@ -34,7 +34,9 @@ class EndCushioning(Effect):
     parameters = (THROTTLING, LENGTH)
     strength = {"throttling": 2.0}
     usual = tuple({"throttling": 20.0, "length": length} for length in (0.01, 0.018, 0.028))
-    law = "near an end the shrinking chamber vents through a needle: 1/A = 1/A_valve + throttling / A_full"
+    law = (
+        "near an end the shrinking chamber vents through both: 1/A^2 = 1/A_valve^2 + (throttling / A_full)^2"
+    )
     says = (
         "cushions throttle the outflow over the last {length}, to a needle {throttling} times smaller than the "
         "open valve"
@@ -52,4 +54,4 @@ class EndCushioning(Effect):
         inside = ca.fmin(ca.fmax((sheet.param(LENGTH) - distance) / BLEND, 0), 1)
         share = inside**2 * (3 - 2 * inside)
         full = sheet.plant_param("port_width") * sheet.plant_param("spool_travel")
-        return nominal / (1 + sheet.param(THROTTLING) * share * nominal / full)
+        return nominal / ca.sqrt(1 + (sheet.param(THROTTLING) * share * nominal / full) ** 2)

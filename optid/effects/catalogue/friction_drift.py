@@ -15,20 +15,30 @@ RATE = Parameter(
     "rate", "1/s", 0.01, "relative change of dry friction per second at the start of a recording",
     "physics catalogue A.1: 5 to 40 % within a recording", 0.0, (-0.1, 0.1),
 )  # fmt: skip
+SETTLING = Parameter(
+    "settling_time", "s", 10.0, "time constant with which it settles; long for a steady drift",
+    "warming up takes minutes, a film of oil seconds", 60.0, (0.5, 1e4), logarithmic=True,
+)  # fmt: skip
 MOST = 2.0  # largest change, as a logarithm: keeps long recordings within a factor of 7
 
 
 class FrictionDrift(Effect):
-    """F_r exp(r t), with t from the start of each recording."""
+    """F_r exp(r s (1 - exp(-t / s))), with t from the start of each recording: F_r exp(r t) for t << s."""
 
     name = "friction_drift"
     sites = ("force.coulomb",)
     equation = "11"
-    parameters = (RATE,)
+    parameters = (RATE, SETTLING)
     strength = {"rate": 2e-3}
-    usual = ({"rate": 0.015}, {"rate": -0.015})
-    law = "dry friction is F_r exp(r t) with the time t since the recording began"
-    says = "dry friction drifts while the recording runs, by {rate} of itself at first"
+    usual = tuple(
+        {"rate": sign * rate, "settling_time": settling}
+        for rate, settling in ((0.015, 60.0), (0.05, 3.0))
+        for sign in (1, -1)
+    )
+    law = "dry friction grows from F_r at the rate r F_r and settles, with the time since the recording began"
+    says = (
+        "dry friction drifts while the recording runs, by {rate} at first, and settles with {settling_time}"
+    )
     depends_on = ("time",)
     needs = "motion from the recording's start to its end"
     look_alikes = (
@@ -42,5 +52,6 @@ class FrictionDrift(Effect):
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
         """The level of dry friction, N."""
-        exponent = sheet.param(RATE) * sheet.clock()
+        settling = sheet.param(SETTLING)
+        exponent = sheet.param(RATE) * settling * (1 - ca.exp(-sheet.clock() / settling))
         return nominal * ca.exp(MOST * ca.tanh(exponent / MOST))

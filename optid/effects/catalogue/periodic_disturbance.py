@@ -71,7 +71,7 @@ class PeriodicDisturbance(Effect):
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
         """External force, N."""
-        phase = sheet.state("phase", "1", 0.3, start=sheet.param(PHASE), spread=2.0)
-        sheet.rate(phase, 0.0)
+        own = sheet.state("phase", "1", 0.3, spread=2.0)
+        sheet.rate(own, 0.0)
         turns = sheet.param(FREQUENCY) * sheet.clock()
-        return nominal + sheet.param(AMPLITUDE) * ca.sin(2 * math.pi * turns + phase)
+        return nominal + sheet.param(AMPLITUDE) * ca.sin(2 * math.pi * turns + sheet.param(PHASE) + own)

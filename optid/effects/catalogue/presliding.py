@@ -50,7 +50,10 @@ class Presliding(Effect):
         if site == "force.presliding":
             sheet.note("length", ca.fmax(nominal, distance))
             sheet.note("z", near["z"])
+            sheet.note("most", near["most"])
             return sheet.noted("length")
         v, length, z = near["v"], sheet.noted("length"), sheet.noted("z")
-        rate = (v - ca.fabs(v) * z) / (length + sheet.plant_param("bristle_lag") * ca.fabs(v))
+        rate = (v - ca.fabs(v) * z / sheet.noted("most")) / (
+            length + sheet.plant_param("bristle_lag") * ca.fabs(v)
+        )
         return nominal + sheet.param(DAMPING) * distance * rate

@@ -21,17 +21,29 @@ SPEED = Parameter(
 )  # fmt: skip
 
 
+EXPONENT = Parameter(
+    "exponent", "1", 1.0, "exponent of the curve over which it dies away: 1 at once, 2 after a shoulder",
+    "physics catalogue A.1: 1 to 2", 1.5, (0.5, 3.0),
+)  # fmt: skip
+REST = 1e-3  # of the Stribeck speed: below, the curve is a parabola, whose slopes are finite
+
+
 class StribeckFriction(Effect):
-    """Steady sliding takes F_r (1 + (ratio - 1) exp(-(v/v_s)^2)), Gauss's curve; the bristles follow it as in LuGre."""
+    """Steady sliding takes F_r (1 + (ratio - 1) exp(-|v/v_s|^n)); the bristles follow it as in LuGre."""
 
     name = "stribeck_friction"
     sites = ("force.breakaway",)
     equation = "11"
-    parameters = (RATIO, SPEED)
+    parameters = (RATIO, SPEED, EXPONENT)
     strength = {"breakaway_ratio": 0.05}
-    usual = tuple({"breakaway_ratio": 1.4, "stribeck_speed": speed} for speed in (0.008, 0.025, 0.07))
-    law = "dry friction grows from F_r in motion to ratio x F_r at rest, over the speed v_s"
-    says = "dry friction at rest is {breakaway_ratio} times that in motion; the excess is gone at {stribeck_speed}"
+    usual = tuple(
+        {"breakaway_ratio": 1.4, "stribeck_speed": speed, "exponent": 1.5} for speed in (0.008, 0.025, 0.07)
+    )
+    law = "steady sliding takes F_r (1 + (ratio - 1) exp(-|v / v_s|^n))"
+    says = (
+        "dry friction at rest is {breakaway_ratio} times that in motion; the excess dies away over {stribeck_speed} "
+        "(exponent {exponent})"
+    )
     depends_on = ("velocity",)
     needs = "slow motion, starts and reversals"
     look_alikes = ("presliding", "valve_deadband", "quadratic_drag", "asymmetric_friction")
@@ -40,5 +52,6 @@ class StribeckFriction(Effect):
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
         """The most that sliding reaches at the speed of the contact, as a share of F_r."""
-        slow = ca.exp(-((near["v"] / sheet.param(SPEED)) ** 2))
+        square = (near["v"] / sheet.param(SPEED)) ** 2
+        slow = ca.exp(-square * (square + REST**2) ** (sheet.param(EXPONENT) / 2 - 1))
         return nominal * (1 + (sheet.param(RATIO) - 1) * slow)
