@@ -13,14 +13,15 @@ from optid.core.model import Array
 from optid.core.parameter import Parameter
 from optid.core.sheet import Sheet
 
-# What an effect can follow; "signal" is the one at its own site.
+# What an effect can follow, by the names that plants give states and inputs; "signal" is the one at its own site.
 SIGNALS = (
     "position",
     "velocity",
     "acceleration",
     "command",
     "command_rate",
-    "pressure",
+    "pressure_a",
+    "pressure_b",
     "flow",
     "level",
     "time",

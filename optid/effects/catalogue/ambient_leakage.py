@@ -29,7 +29,10 @@ class AmbientLeakage(Effect):
     )
     law = "m_leak = C_0 area P f(P_atm / P) / sqrt(T) out of each chamber"
     says = "air leaks to the room, from chamber A through {area_a}, from chamber B through {area_b}"
-    depends_on = ("pressure",)
+    depends_on = (
+        "pressure_a",
+        "pressure_b",
+    )
     needs = "holds with the valve nearly shut"
     look_alikes = ("valve_offset", "cross_leakage", "valve_underlap")
     experiment = "close the valve under pressure for 20 s and watch both pressures, or soap the fittings"

@@ -31,7 +31,7 @@ class ConstantForce(Effect):
     usual = ({"force": 5.0}, {"force": -5.0})
     law = "a constant F_0 beside the forces of the air and of friction"
     says = "a constant force of {force} pushes towards positive position, as a tilt or a hanging weight would"
-    depends_on = ("position", "pressure")
+    depends_on = ("position", "pressure_a", "pressure_b")
     needs = "motion in both directions, or rests at known pressures"
     look_alikes = ("asymmetric_friction", "pressure_sensor_offset", "spring_load", "valve_offset")
     experiment = "turn the axis round, or change the payload: weight grows with it, friction does not"

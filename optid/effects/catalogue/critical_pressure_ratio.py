@@ -29,7 +29,7 @@ class CriticalPressureRatio(Effect):
     usual = ({"shift": -0.15}, {"shift": -0.35}, {"shift": 0.08})
     law = "the flow is choked below P_r = C_r + shift and falls to nothing at P_r = 1"
     says = "the valve's flow chokes at a pressure ratio that differs by {shift} from an ideal nozzle's 0.528"
-    depends_on = ("pressure", "flow")
+    depends_on = ("pressure_a", "pressure_b", "flow")
     needs = "flow at small pressure differences: a chamber near supply or near exhaust pressure"
     look_alikes = ("supply_droop", "heat_transfer", "position_dependent_friction", "tube_restriction")
     experiment = "repeat at two supply pressures with the pressures measured"

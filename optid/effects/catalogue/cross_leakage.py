@@ -26,7 +26,10 @@ class CrossLeakage(Effect):
     usual = ({"area": 1e-7},)
     law = "m_leak = C_0 area P_high f(P_low / P_high) / sqrt(T) from the fuller chamber into the other"
     says = "air leaks past the piston through {area}"
-    depends_on = ("pressure",)
+    depends_on = (
+        "pressure_a",
+        "pressure_b",
+    )
     needs = "unequal chamber pressures, best in holds with the valve shut"
     look_alikes = ("valve_underlap", "valve_offset", "ambient_leakage", "valve_asymmetry")
     experiment = "close the valve at unequal pressures and watch them meet"

@@ -34,7 +34,7 @@ class ExhaustRestriction(Effect):
     usual = tuple({"back_pressure": back, "exponent": k} for back in (1.5e4, 6e4) for k in (1.0, 2.0))
     law = "the pressure behind the exhaust rises by back_pressure (m / 10 g/s)^k"
     says = "the exhaust builds up a back pressure of {back_pressure} at a flow of 10 g/s (power {exponent} of the flow)"
-    depends_on = ("flow", "pressure")
+    depends_on = ("flow", "pressure_a", "pressure_b")
     needs = "fast strokes in which a chamber is vented to below twice the exhaust pressure; above, the flow is choked"
     look_alikes = ("tube_restriction", "end_cushioning", "quadratic_drag", "supply_droop")
     experiment = "full strokes at full command with the silencer on and off"

@@ -34,7 +34,7 @@ class HeatTransfer(Effect):
     usual = ({"heat_transfer_coefficient": 30.0}, {"heat_transfer_coefficient": 120.0})
     law = "P' gains (K - 1) h A_w (T_w - T) / V, with T from the chamber's energy balance"
     says = "the air exchanges heat with the cylinder's walls, {heat_transfer_coefficient}"
-    depends_on = ("pressure", "velocity")
+    depends_on = ("pressure_a", "pressure_b", "velocity")
     needs = "fast moves followed by holds of about a second"
     look_alikes = ("tube_restriction", "critical_pressure_ratio", "ambient_leakage", "supply_droop")
     experiment = "holds after fast moves with the pressures measured: they creep for 0.1 to 1 s"

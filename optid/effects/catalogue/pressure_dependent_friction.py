@@ -26,7 +26,7 @@ class PressureDependentFriction(Effect):
     usual = ({"per_pressure": 4e-5},)
     law = "dry friction is F_r + k (P_a + P_b - 2 P_atm)"
     says = "dry friction grows with the chambers' pressures, by {per_pressure}"
-    depends_on = ("pressure", "velocity")
+    depends_on = ("pressure_a", "pressure_b", "velocity")
     needs = "motion at chamber pressures that differ widely, best at two supply pressures"
     look_alikes = ("friction_drift", "position_dependent_friction", "stribeck_friction", "heat_transfer")
     experiment = "the same strokes at two supply pressures"

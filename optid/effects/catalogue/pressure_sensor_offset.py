@@ -28,7 +28,10 @@ class PressureSensorOffset(Effect):
     )
     law = "shown pressures are P_a + o_a and P_b + o_b"
     says = "the pressure sensors are off by {offset_a} at chamber A and {offset_b} at chamber B"
-    depends_on = ("pressure",)
+    depends_on = (
+        "pressure_a",
+        "pressure_b",
+    )
     needs = "recorded pressures"
     look_alikes = ("constant_force", "asymmetric_friction")
     experiment = "vent both chambers to the room and read the sensors"

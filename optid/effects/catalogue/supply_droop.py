@@ -34,7 +34,7 @@ class SupplyDroop(Effect):
     usual = tuple({"droop": 2e4, "recovery_time": time} for time in (0.01, 0.05, 0.25))
     law = "P_s falls by droop per 10 g/s drawn, with a lag"
     says = "the supply pressure sags by {droop} at a flow of 10 g/s and takes {recovery_time} to follow"
-    depends_on = ("flow", "pressure")
+    depends_on = ("flow", "pressure_a", "pressure_b")
     needs = "fast strokes that draw much air"
     look_alikes = (
         "tube_restriction",

@@ -28,7 +28,7 @@ class ValveUnderlap(Effect):
     usual = ({"width": 4e-3}, {"width": 0.02})
     law = "a chamber's edges open by max(s + w, 0) to supply and max(w - s, 0) to exhaust"
     says = "the valve's edges overlap openly: up to {width} of full command both supply and exhaust are open"
-    depends_on = ("command", "pressure")
+    depends_on = ("command", "pressure_a", "pressure_b")
     needs = "holds and slow motion with commands near zero"
     look_alikes = ("valve_deadband", "cross_leakage", "ambient_leakage", "tube_restriction", "valve_offset")
     experiment = "close the valve under pressure: underlap draws both chambers to one pressure of its own"
