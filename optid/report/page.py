@@ -57,7 +57,7 @@ def fit_page(rig: Rig, fit: Fit, exhibits: Sequence[Exhibit], profiles: Sequence
     )
     return _render(
         rig, f"{rig.name}: fit", exhibits,
-        lead=f"Outcome: {fit.outcome.name.lower().replace('_', ' ')}. {fit.outcome.value}",
+        lead=f"{fit.outcome.value} {_in_short(exhibits)}",
         fit=fit, parameters=[_row(estimate) for estimate in fit.parameters],
         profiles=[(p.sentence, Markup(figures.profile(p))) for p in profiles],
         certificate=Markup(figures.certificate(frame)) if len(frame) else None,
@@ -108,16 +108,43 @@ def _exhibit(one: Exhibit, rig: Rig, fit: Fit | None) -> dict[str, Any]:
     }  # fmt: skip
 
 
+def _in_short(exhibits: Sequence[Exhibit]) -> str:
+    """What matters first: how well it predicts what it has not seen, or at least what it has."""
+    unseen = [one.prediction for one in exhibits if one.use == "held out"]
+    scores = score_rows(pooled(unseen or [one.prediction for one in exhibits], "window"))
+    what = "held-out data" if unseen else "the data it was fitted to"
+    return f"0.5 s ahead on {what}: " + ", ".join(
+        f"{role.replace('_', ' ')} to {rmse} rms ({percent})" for role, percent, rmse in scores
+    ) + "."  # fmt: skip
+
+
 def _row(estimate: Estimate) -> dict[str, str]:
     state = "not identifiable" if not estimate.identifiable else "at its bound" if estimate.at_bound else ""
-    unit = "" if estimate.unit == "1" else estimate.unit
-    factor, shown = friendly(estimate.unit) if estimate.unit in ("m", "Pa") else (1.0, unit)
+    factor, shown = _readable(estimate)
+    known = not state and np.isfinite([estimate.low, estimate.high]).all()
+    half = (estimate.high - estimate.low) / 2
     return {
         "name": estimate.name.replace("_", " "), "unit": shown, "state": state,
         "value": f"{estimate.value * factor:.5g}", "start": f"{estimate.start * factor:.5g}",
-        "interval": f"{estimate.low * factor:.5g} to {estimate.high * factor:.5g}"
-        if np.isfinite([estimate.low, estimate.high]).all() else "unbounded",
+        "interval": f"{estimate.low * factor:.5g} to {estimate.high * factor:.5g}" if known else "–",
+        "share": f"{100 * half / abs(estimate.value):.2g} %" if known and estimate.value else "",
     }  # fmt: skip
+
+
+def _readable(estimate: Estimate) -> tuple[float, str]:
+    """Factor and unit in which a value reads without powers of ten, where its unit has such names."""
+    small = {"m": ((1e3, "mm"), (1e6, "µm")), "s": ((1e3, "ms"), (1e6, "µs"))}.get(estimate.unit, ())
+    size = max(abs(estimate.value), abs(estimate.high))
+    for factor, unit in small:
+        if size * factor >= 0.1:
+            return factor, unit
+    if small and size > 0:
+        return small[-1]
+    return (
+        friendly(estimate.unit)
+        if estimate.unit == "Pa"
+        else (1.0, "" if estimate.unit == "1" else estimate.unit)
+    )
 
 
 def _about_fit(fit: Fit, exhibits: Sequence[Exhibit]) -> list[str]:
