@@ -11,7 +11,8 @@ from optid.armax.layout import HEADER, HISTORY, INPUTS, NA, NC, SCALE
 from optid.core.model import Array
 
 Kernel = TypeVar("Kernel", bound=Callable[..., object])
-quick: Callable[[Kernel], Kernel] = numba.njit(cache=True)
+# Not cached: numba would not notice that the layout, which stands in another file, has changed.
+quick: Callable[[Kernel], Kernel] = numba.njit
 
 
 @quick
