@@ -50,6 +50,8 @@ class Settings:
             (0.05, 0.99) where there is a C and (0, 0) where there is none.
         ease: maximum likelihood begins with the gradient of extended least squares and goes over to its own,
             C(q) drawn towards 1 by a share that fades by this factor a sample; None starts with its own.
+        patience: updates for each parameter before C is learnt. Innovations taken while A and B are still wrong
+            are no noise; as regressors of C they would outweigh years of real noise in a quiet system.
         radius: the roots of C stay inside this circle.
         at_rest: the signals were zero before the first sample; otherwise learning waits until lags are real.
     """
@@ -63,6 +65,7 @@ class Settings:
     outliers: float | None = None
     warm: tuple[float, float] | None = None
     ease: float | None = 0.998
+    patience: float = 10.0
     radius: float = 0.995
     at_rest: bool = False
 
@@ -76,6 +79,7 @@ class Settings:
             ("warm", 0.0 if self.warm is None else self.warm[0], 0.0, 0.5),
             ("warm", 0.0 if self.warm is None else self.warm[1], 0.0, 0.9999),
             ("ease", 0.0 if self.ease is None else self.ease, 0.0, 0.999999),
+            ("patience", self.patience, 0.0, 1e6),
             ("radius", self.radius, 0.1, 1.0),
         ):
             if not low <= value <= high:
@@ -173,6 +177,7 @@ class Identifier:
         part = self._state[start : start + values.size]
         part[:] = values / self._unscale()
         stabilise(part[self.orders.c_block], nc, self.settings.radius, np.empty(2 * nc))
+        self._state[at.PATIENCE] = 0.0
 
     # What it knows.
 
@@ -306,6 +311,7 @@ def fresh_state(orders: Orders, settings: Settings, output_scale: float, input_s
     warm = settings.warm if settings.warm is not None else ((0.05, 0.99) if orders.nc else (0.0, 0.0))
     s[at.WARM], s[at.WARM_RATE] = warm
     s[at.EASE], s[at.EASE_RATE] = (0.0, 0.0) if settings.ease is None else (1.0, settings.ease)
+    s[at.PATIENCE] = settings.patience * n if orders.nc else 0
     s[at.HOLD] = 0.0 if settings.at_rest else orders.reach
     s[at.TRACE] = float(np.sum(variances))
     for i, (nb, nk) in enumerate(zip(orders.nb, orders.nk, strict=True)):

@@ -58,8 +58,9 @@ EASE: Final = 27  # how far the gradient's filter still is from 1/C
 
 STRIDE: Final = 28  # S
 HISTORY: Final = 29  # start of yh
+PATIENCE: Final = 30  # updates before C is learnt
 
-HEADER: Final = 30
+HEADER: Final = 31
 CURRENT_FORMAT: Final = 2.0
 
 

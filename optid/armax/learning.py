@@ -30,6 +30,7 @@ from optid.core.model import Array
 
 LARGEST_STEP = 1e100  # squared length of a step of theta; a larger one is not taken
 SMALLEST_NEWS = 1e-30  # psi' P psi below which a direction is not forgotten
+QUIET = 0.02  # share of the usual news below which a sample counts as rest
 RETRACE = 256  # updates between two exact computations of the trace of P
 
 
@@ -122,9 +123,11 @@ def learn(s: Array, n: int, e: float, news: float) -> float:
     if count % RETRACE == 0:
         s[TRACE] = trace_of(U, D, size)
 
-    # Innovation times residual: at forget = 1 its sum is the residual sum of squares.
-    s[WEIGHT] = forget * s[WEIGHT] + 1.0
-    s[SQUARES] = forget * (s[SQUARES] + weight * e * step)
+    # Innovation times residual: at forget = 1 its sum is the residual sum of squares. At rest a sensor's last
+    # digit stands still, which says nothing about the noise: such samples bring far less news than usual.
+    if s[WEIGHT] < 2.0 * n or news * s[WEIGHT] > QUIET * n:
+        s[WEIGHT] = forget * s[WEIGHT] + 1.0
+        s[SQUARES] = forget * (s[SQUARES] + weight * e * step)
     if not step * step * square < LARGEST_STEP:
         return 0.0
     move(theta, G, step, size)

@@ -34,6 +34,7 @@ from optid.armax.layout import (
     NC,
     OUTLIER,
     PARAMETERS,
+    PATIENCE,
     PREDICTION,
     PROJECTED,
     RADIUS,
@@ -231,7 +232,7 @@ def advance(s: Array, y: float) -> float:
             if residual < -bound:
                 residual = -bound
     s[HOLD] = hold
-    if not abs(residual) < LARGEST_SIGNAL:
+    if s[UPDATES] < s[PATIENCE] or not abs(residual) < LARGEST_SIGNAL:
         residual = 0.0
     remember(s, measured, residual, share)
     if not seen:

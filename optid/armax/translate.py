@@ -29,6 +29,7 @@ _OPERATORS: dict[type[ast.AST], str] = {
     ast.Eq: "==",
     ast.NotEq: "!=",
     ast.And: "&&",
+    ast.Or: "||",
 }
 _TYPES = {"Array": "double *", "float": "double ", "int": "long "}
 
