@@ -67,11 +67,7 @@ def test_its_usual_points_are_whole_admissible_and_worth_a_name(effect):
 @pytest.mark.parametrize("effect", EFFECTS, ids=repr)
 def test_a_strength_of_either_sign_is_tried_on_both_sides(effect):
     for q in effect.parameters:
-        if (
-            q.name in effect.strength
-            and q.bounds[0] < q.default < q.bounds[1]
-            and effect.name != "periodic_disturbance"
-        ):
+        if q.name in effect.strength and q.bounds[0] < q.default < q.bounds[1]:
             tried = {(point[q.name] > q.default) - (point[q.name] < q.default) for point in effect.usual}
             assert {-1, 1} <= tried, q.name
 

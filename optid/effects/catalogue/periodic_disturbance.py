@@ -15,7 +15,7 @@ from optid.core.sheet import Sheet
 from optid.effects.effect import Effect
 
 AMPLITUDE = Parameter(
-    "amplitude", "N", 3.0, "amplitude of the force", "physics catalogue A.1: 1 to 30 N", 0.0, (-1e3, 1e3)
+    "amplitude", "N", 3.0, "amplitude of the force", "physics catalogue A.1: 1 to 30 N", 0.0, (0.0, 1e3)
 )
 FREQUENCY = Parameter(
     "frequency", "Hz", 3.0, "frequency of the force", "physics catalogue A.1: 0.2 to 30 Hz", 3.0, (0.05, 200.0),
@@ -40,7 +40,9 @@ class PeriodicDisturbance(Effect):
     parameters = (AMPLITUDE, FREQUENCY, PHASE)
     strength = {"amplitude": 0.6}
     usual = tuple(
-        {"amplitude": 4.0, "frequency": f, "phase": 0.0} for f in (0.4, 0.8, 1.6, 3.2, 6.4, 12.0, 24.0)
+        {"amplitude": 4.0, "frequency": f, "phase": phase}
+        for f in (0.4, 0.8, 1.6, 3.2, 6.4, 12.0, 24.0)
+        for phase in (0.0, math.pi)
     )
     law = "a force A sin(2 pi f t + phase)"
     says = "a force of {amplitude} swings at {frequency}, whatever the axis does (phase {phase} rad)"
