@@ -9,12 +9,17 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from optid.cli.common import OUT, deliver, results_folder, say_table, waiting, write_json
-from optid.errors import InputError
+from optid.errors import InputError, SolveError
 
 if TYPE_CHECKING:
     from optid.core.model import Array
     from optid.tune.posing import Posed, Wishes
     from optid.tune.tuning import Scored, Tuning
+
+
+SENSITIVITY = (
+    2.0  # largest of what is recommended (Astrom and Hagglund, Advanced PID Control, 2006, section 4.6)
+)
 
 
 class _Pairs(click.Command):
@@ -63,7 +68,9 @@ def _numeric(text: str) -> bool:
 @click.option("--cost", type=click.Choice(["itae", "iae", "itse", "ise"]), default="itae", show_default=True)
 @click.option("--effort", type=float, default=0.0, metavar="W", help="Weight of the command's travel.")
 @click.option("--overshoot", type=float, default=0.0, metavar="W", help="Weight of the overshoot.")
-@click.option("--ms", type=float, metavar="MS", help="Maximum sensitivity, at most.")
+@click.option(
+    "--ms", metavar="MS", help=f"Maximum sensitivity, at most; {SENSITIVITY:g} by default, none for any."
+)
 @click.option("--gain-margin", type=float, metavar="FACTOR", help="At least.")
 @click.option("--phase-margin", type=float, metavar="DEG", help="At least, degrees.")
 @click.option("--delay-margin", metavar="S", help="At least, seconds.")
@@ -100,7 +107,13 @@ def tune(model: str, out: str, **choices: Any) -> None:
     wishes = _wishes(choices, contents)
     posed = pose(contents, Path(model), wishes, rng, rig, not choices["check_only"])
     with waiting("tuning"):
-        result = tuned(posed.task, rng, _options(choices), posed.bench)
+        try:
+            result = tuned(posed.task, rng, _options(choices), posed.bench)
+        except SolveError:
+            if choices["ms"] is not None:
+                raise
+            posed = posed.without_sensitivity()
+            result = tuned(posed.task, rng, _options(choices), posed.bench)
         content = document(result, posed.command_unit, posed.output_unit)
     from optid.report.tuning_page import tuning_page
 
@@ -165,12 +178,18 @@ def _wishes(choices: dict[str, Any], contents: Any) -> Wishes:
         sample_time=_quantity(choices["sample_time"], "s", "--sample-time"),
         criterion=Criterion(Measure[choices["cost"].upper()], choices["effort"], choices["overshoot"]),
         required=Required(
-            choices["ms"], choices["gain_margin"], choices["phase_margin"],
+            _sensitivity(choices["ms"]), choices["gain_margin"], choices["phase_margin"],
             _quantity(choices["delay_margin"], "s", "--delay-margin"),
         ),
         over=Over.WORST if choices["robust"] == "worst" else Over.MEAN,
         scenarios=choices["scenarios"],
     )  # fmt: skip
+
+
+def _sensitivity(text: str | None) -> float | None:
+    if text is None:
+        return SENSITIVITY
+    return None if text.lower() in ("none", "inf") else _known(text, "1", "--ms")
 
 
 def _quantity(text: str | None, unit: str, option: str) -> float | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -82,6 +82,13 @@ class Posed:
     output_unit: str
     bench: PhysicalBench | None
     assumed: tuple[str, ...]
+
+    def without_sensitivity(self) -> Posed:
+        """The same with no bound on the maximum sensitivity, for a model that allows none."""
+        required = replace(self.task.required, maximum_sensitivity=None)
+        bound = self.task.required.maximum_sensitivity
+        said = f"No gains keep a maximum sensitivity of {bound:g} on this model: none is asked for."
+        return replace(self, task=replace(self.task, required=required), assumed=(*self.assumed, said))
 
 
 def units_of(contents: ArmaxFile) -> tuple[str, str]:
