@@ -280,20 +280,32 @@ def agreement(quick: bool) -> None:
 
 
 def idle(quick: bool) -> None:
-    """10^7 samples without excitation, then 50 rich ones: largest relative error of any parameter."""
+    """10^7 samples without excitation, then 50 rich ones: largest relative error of any parameter.
+
+    rest: everything zero. held: input and output constant. hum: input zero, the noise goes on. In the first two
+    nothing tells of C while it lasts, so C is what was learnt before: the memory must be long enough for it
+    (one of M samples leaves c1 = 0.5 open to about 1.7 / sqrt(M)), and idling must not spoil it.
+    """
     N = 200_000 if quick else 10_000_000
     arx = Armax(a=(1.0, -1.5, 0.7), b=((1.0, 0.5),), nk=(1,))
     armax = Armax(a=(1.0, -1.5, 0.7), b=((1.0, 0.5),), c=(1.0, 0.5), nk=(1,))
-    print(f"\nIdle for {N} samples, then 50 rich ones; noise 0.001, input 1")
-    for system in (arx, armax):
-        for law in (Constant(0.99), Constant(0.999), Variable(300.0, 0.9), Directional(0.99)):
+    short = (Constant(0.99), Variable(300.0, 0.9), Directional(0.99))
+    long = (Constant(1.0), Constant(0.9998), Variable(10_000.0, 0.9), Directional(0.9998))
+    print(f"\nIdle for {N} samples, then 50 rich ones; noise 0.001, input 1; errors of A and B | of C")
+    for title, system, laws, first in (
+        ("ARX, 20000 rich samples before", arx, (*short, *long), 20_000),
+        ("ARX, nothing before", arx, (*short, *long), 0),
+        ("ARMAX, 20000 rich samples before, memory long enough for C", armax, long, 20_000),
+        ("ARMAX, 20000 rich samples before, memory of 100 to 300 samples", armax, short, 20_000),
+    ):
+        print(f" {title}")
+        for law in laws:
             for kind in ("rest", "held", "hum"):
-                _idle(system, law, kind, N)
+                print(f"  {law!s:36} {kind:4}: {_idle(system, law, kind, N, first)}")
 
 
-def _idle(system: Armax, law: Constant | Variable | Directional, kind: str, N: int) -> None:
-    rng = np.random.default_rng(0)
-    first, last = 5000, 50
+def _idle(system: Armax, law: Constant | Variable | Directional, kind: str, N: int, first: int) -> str:
+    rng, last = np.random.default_rng(0), 50
     u = np.where(np.cumsum(rng.random(first + N + last) < 0.3) % 2, 1.0, -1.0)
     e = 1e-3 * rng.standard_normal(u.size)
     u[first : first + N] = 1.0 if kind == "held" else 0.0
@@ -301,17 +313,17 @@ def _idle(system: Armax, law: Constant | Variable | Directional, kind: str, N: i
         e[first : first + N] = 0.0
     y = lfilter([0.0, *system.b[0]], system.a, u) + lfilter(system.c, system.a, e)
     identifier = Identifier(system.orders, settings=Settings(forgetting=law, noise=1e-3))
+
+    def errors() -> str:
+        off = 100 * np.abs(identifier.theta / system.theta - 1.0)
+        return f"{off[:4].max():.2f}" + (f" | {off[4]:.2f} %" if off.size > 4 else " %")
+
     identifier.run(y[:first], u[:first])
-    before = np.max(np.abs(identifier.theta / system.theta - 1.0))
+    before = f"before {errors()}, " if first else ""
     identifier.run(y[first : first + N], u[first : first + N])
-    covariance, weights = np.trace(identifier.scaled_covariance), np.max(np.abs(identifier.theta))
+    trace, largest = np.trace(identifier.scaled_covariance), np.max(np.abs(identifier.theta))
     identifier.run(y[first + N :], u[first + N :])
-    error = np.max(np.abs(identifier.theta / system.theta - 1.0))
-    name = "ARMAX" if system.orders.nc else "ARX"
-    print(
-        f"  {name:5} {law!s:38} {kind:4}: trace {covariance:8.2g}, parameters to {weights:4.2f} when idle; "
-        f"error before {100 * before:.2f} %, after {100 * error:.2f} %"
-    )
+    return f"{before}after {errors()}; idle: trace of P {trace:.2g}, largest parameter {largest:.2f}"
 
 
 if __name__ == "__main__":

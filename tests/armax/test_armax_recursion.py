@@ -168,6 +168,52 @@ def test_idling_does_not_wind_up(law, idle):
     assert identifier.theta == pytest.approx(system.theta, rel=0.05)
 
 
+LONG = [Constant(1.0), Constant(0.9998), Variable(10_000.0, 0.9), Directional(0.9998)]
+
+
+@pytest.mark.parametrize("law", LONG, ids=str)
+@pytest.mark.parametrize("idle", ["rest", "held", "hum"])
+def test_a_noise_model_survives_idling(law, idle):
+    """C was learnt from 20000 samples; nothing tells of it at rest, and 50 rich samples could not teach it."""
+    system = Armax(a=(1.0, -1.5, 0.7), b=((1.0, 0.5),), c=(1.0, 0.5), nk=(1,))
+    first, N, last = 20_000, 100_000, 50
+    rng = np.random.default_rng(0)
+    u = np.where(np.cumsum(rng.random(first + N + last) < 0.3) % 2, 1.0, -1.0)
+    e = 1e-3 * rng.standard_normal(u.size)
+    u[first : first + N] = 1.0 if idle == "held" else 0.0
+    if idle != "hum":
+        e[first : first + N] = 0.0
+    y = lfilter([0.0, *system.b[0]], system.a, u) + lfilter(system.c, system.a, e)
+    identifier = Identifier(system.orders, settings=Settings(forgetting=law, noise=1e-3))
+    identifier.run(y, u)
+    assert identifier.theta == pytest.approx(system.theta, rel=0.05)
+
+
+def test_a_noise_model_waits_for_the_rest():
+    """Innovations of the first samples, a thousand times the noise, must not pass for noise."""
+    system = Armax(a=(1.0, -1.5, 0.7), b=((1.0, 0.5),), c=(1.0, 0.5), nk=(1,))
+    rng = np.random.default_rng(0)
+    u = np.where(np.cumsum(rng.random(5000) < 0.3) % 2, 1.0, -1.0)
+    y = lfilter([0.0, 1.0, 0.5], system.a, u) + lfilter(system.c, system.a, 1e-3 * rng.standard_normal(5000))
+    errors = []
+    for patience in (10.0, 0.0):
+        identifier = Identifier(system.orders, settings=Settings(noise=1e-3, patience=patience))
+        identifier.run(y, u)
+        errors.append(abs(identifier.theta[4] - 0.5))
+    assert errors[0] < 0.04  # three standard errors of 5000 samples
+    assert errors[1] > 0.15
+
+
+def test_rest_says_nothing_about_the_noise(simulated):
+    """A position that stands still in its last digit: the standard errors must not shrink."""
+    identifier = Identifier(ARX.orders, settings=Settings(forgetting=Constant(0.99)))
+    identifier.run(*simulated(ARX, 5000, 0))
+    before = identifier.noise_variance
+    assert before == pytest.approx(0.04, rel=0.5)
+    identifier.run(np.zeros(100_000), np.zeros(100_000))
+    assert identifier.noise_variance > 0.5 * before
+
+
 def test_without_the_limit_it_would_wind_up():
     """A noisy output at rest keeps the forgetting going, and the input's coefficients have no news."""
     y = 1e-3 * np.random.default_rng(0).standard_normal(20_000)
