@@ -9,12 +9,14 @@ Integrator: one step of an explicit Runge-Kutta pair, all stages unrolled; `opti
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Mapping, Sequence
 
 import casadi as ca
 from llvmlite import ir
 
 from optid.core.instructions import FORMS, REAL, Value, add, div, intrinsic, mul, number
+from optid.core.lanes import like
 from optid.core.model import Model
 
 # Dormand and Prince (1980), table 2: stages, and fifth minus fourth order weights.
@@ -31,13 +33,14 @@ E = (71 / 57600, 0.0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40
 
 _PLACE = REAL.as_pointer()
 _ARGUMENTS = ("x", "u", "p")
-_PARAMETER = 2  # position of p among the arguments
-_LANES = 4  # rows of S are padded to a multiple of so many directions
+_STATE, _PARAMETER = 0, 2  # positions among the arguments
+LANES = 4  # numbers of a vector: rows of S are padded to a multiple of it, and so many states move at once
+_SEVERAL = ir.VectorType(REAL, LANES)
 
 
 def width(directions: int) -> int:
     """Length of a row of S: the number of directions, padded."""
-    return -(-directions // _LANES) * _LANES
+    return -(-directions // LANES) * LANES
 
 
 def source(model: Model, free: Sequence[int]) -> tuple[str, int]:
@@ -50,6 +53,8 @@ def source(model: Model, free: Sequence[int]) -> tuple[str, int]:
     - ``slopes(x, S, u, c, k, T)``: also T = dS/dt, and behind k the largest relaxation rate |d x_i' / d x_i|.
     - ``step(x, S, u, c, k, T, tolerance, h)`` and ``step_slopes``: from the rates at x one step of length h,
       taken if the largest error as a share of `tolerance`, which is returned, is at most 1.
+    - ``many_rates`` and ``many_step``: as ``rates`` and ``step`` for `LANES` states at once under one input, with
+      rows x, k and c of `LANES` numbers; the largest error of all counts. Only where no parameter is free.
     - ``sensors(x, S, u, c, y, R)`` and ``sensor_slopes``: y, one number behind it, and R = dy/d(start, free).
     - ``gather(R, H, g, a, b)``: H += a R' R and g += b R for one row R; H is (directions, width).
     """
@@ -63,11 +68,16 @@ def source(model: Model, free: Sequence[int]) -> tuple[str, int]:
     ):
         values = function(x, u, p)
         jacobian = ca.jacobian(values, ca.vertcat(x, p[list(free)]) if free else x)
-        writer.rates(ca.Function(name, [x, u, p], [ca.cse(ca.densify(values))]), None)
+        plain = ca.Function(name, [x, u, p], [ca.cse(ca.densify(values))])
+        writer.rates(plain, None)
+        if not free and function is model.rates:
+            writer.rates(plain, None, "many_rates", _SEVERAL)
         both = ca.Function(sensitive, [x, u, p], ca.cse([ca.densify(values), jacobian]))
         writer.rates(both, jacobian.sparsity())
     writer.step("step", "rates", False)
     writer.step("step_slopes", "slopes", True)
+    if not free:
+        writer.step("many_step", "many_rates", False, _SEVERAL)
     writer.gather()
     return writer.finish(), max(len(writer.slots), 1)
 
@@ -83,77 +93,75 @@ class _Writer:
         self._constants, self._of_constants = self._function("constants", ("p", "c"))
         self._named: dict[tuple[object, ...], Value] = {}  # instruction and operands -> what holds it
 
-    def rates(self, function: ca.Function, pattern: ca.Sparsity | None) -> None:
+    def rates(
+        self, function: ca.Function, pattern: ca.Sparsity | None, name: str | None = None, kind: Value = REAL
+    ) -> None:
         """Values and behind them the largest |J_ii|; with the `pattern` of the Jacobian their slopes along S."""
-        b, at = self._function(function.name(), ("x", "S", "u", "c", "k", "T"))
-        outputs = self._equations(function, b, at)
+        b, at = self._function(name or function.name(), ("x", "S", "u", "c", "k", "T"))
+        outputs = self._equations(function, b, at, kind)
         for i, value in enumerate(outputs[0]):
             _store(b, at["k"], i, value)
         fastest = number(0.0)
         if pattern is not None:
-            S = [_load_row(b, at["S"], i, self.row) for i in range(self.nx)]
+            S = [_load(b, at["S"], i, self.row) for i in range(self.nx)]
             rows: list[Value] = [None] * pattern.size1()
             for i, j, value in zip(*pattern.get_triplet(), outputs[1], strict=True):
                 if j < self.nx:
-                    term = mul(b, self._splat(b, value), S[j])
+                    term = mul(b, _splat(b, value, self.row), S[j])
                 else:
                     term = b.insert_element(ir.Constant(self.row, None), value, _index(j))
                 rows[i] = term if rows[i] is None else add(b, rows[i], term)
                 if i == j:
                     fastest = intrinsic("maxnum")(b, fastest, intrinsic("fabs")(b, value))
             for i, row in enumerate(rows):
-                _store_row(b, at["T"], i, ir.Constant(self.row, None) if row is None else row)
-        _store(b, at["k"], len(outputs[0]), fastest)
+                _store(b, at["T"], i, ir.Constant(self.row, None) if row is None else row)
+        _store(b, at["k"], len(outputs[0]), _splat(b, fastest, kind))
         b.ret(number(0.0))
 
-    def step(self, name: str, rates: str, sensitive: bool) -> None:
+    def step(self, name: str, rates: str, sensitive: bool, kind: Value = REAL) -> None:
         """A Runge-Kutta step from the rates k (and slopes T) at x, unrolled; nothing moves when it errs too much."""
         b, at = self._function(name, ("x", "S", "u", "c", "k", "T", "tolerance"), ("h",))
-        x = [_load(b, at["x"], i) for i in range(self.nx)]
-        k = [[_load(b, at["k"], i) for i in range(self.nx + 1)]]
-        S = [_load_row(b, at["S"], i, self.row) for i in range(self.nx)] if sensitive else []
-        T = [[_load_row(b, at["T"], i, self.row) for i in range(len(S))]]
+        x = [_load(b, at["x"], i, kind) for i in range(self.nx)]
+        k = [[_load(b, at["k"], i, kind) for i in range(self.nx + 1)]]
+        S = [_load(b, at["S"], i, self.row) for i in range(self.nx)] if sensitive else []
+        T = [[_load(b, at["T"], i, self.row) for i in range(len(S))]]
         moved, new = x, S
-        stage, slope = (b.alloca(REAL, _index(self.nx + 1)) for _ in range(2))
+        stage, slope = (b.bitcast(b.alloca(kind, _index(self.nx + 1)), _PLACE) for _ in range(2))
         stage_S, slope_S = (b.bitcast(b.alloca(self.row, _index(self.nx)), _PLACE) for _ in range(2))
         for weights in A[1:]:
             scaled = [mul(b, at["h"], number(w)) if w else None for w in weights]
             moved = [_combine(b, x[i], scaled, [r[i] for r in k]) for i in range(self.nx)]
-            spread = [None if w is None else self._splat(b, w) for w in scaled]
-            new = [_combine(b, S[i], spread, [r[i] for r in T]) for i in range(len(S))]
-            for i, value in enumerate(moved):
-                _store(b, stage, i, value)
-            for i, value in enumerate(new):
-                _store_row(b, stage_S, i, value)
+            new = [_combine(b, S[i], scaled, [r[i] for r in T]) for i in range(len(S))]
+            for place, values in ((stage, moved), (stage_S, new)):
+                for i, value in enumerate(values):
+                    _store(b, place, i, value)
             b.call(self.module.globals[rates], (stage, stage_S, at["u"], at["c"], slope, slope_S))
-            k.append([_load(b, slope, i) for i in range(self.nx + 1)])
-            T.append([_load_row(b, slope_S, i, self.row) for i in range(len(S))])
-        error = number(0.0)
+            k.append([_load(b, slope, i, kind) for i in range(self.nx + 1)])
+            T.append([_load(b, slope_S, i, self.row) for i in range(len(S))])
+        error = like(x[0], 0.0)
         for i in range(self.nx):
-            total = _combine(b, number(0.0), [number(w) for w in E], [r[i] for r in k])
-            share = div(b, mul(b, at["h"], total), _load(b, at["tolerance"], i))
+            total = _combine(b, like(x[0], 0.0), [number(w) for w in E], [r[i] for r in k])
+            scale = div(b, at["h"], _load(b, at["tolerance"], i))
+            share = mul(b, _splat(b, scale, kind), total)
             error = intrinsic("maximum")(b, error, intrinsic("fabs")(b, share))  # NaN stays
+        error = _largest(b, error)
         with b.if_then(b.fcmp_ordered("<=", error, number(1.0))):
-            for i, value in enumerate(moved):
-                _store(b, at["x"], i, value)
-            for i, value in enumerate(k[-1]):
-                _store(b, at["k"], i, value)
-            for i, value in enumerate(new):
-                _store_row(b, at["S"], i, value)
-                _store_row(b, at["T"], i, T[-1][i])
+            for place, values in (("x", moved), ("k", k[-1]), ("S", new), ("T", T[-1])):
+                for i, value in enumerate(values):
+                    _store(b, at[place], i, value)
         b.ret(error)
 
     def gather(self) -> None:
         """The rank-one update of the normal equations by one residual."""
         b, at = self._function("gather", ("R", "H", "g"), ("a", "b"))
-        R = _load_row(b, at["R"], 0, self.row)
-        scaled = mul(b, R, self._splat(b, at["a"]))
+        R = _load(b, at["R"], 0, self.row)
+        scaled = mul(b, R, _splat(b, at["a"], self.row))
         for i in range(self.nd):
             one = b.extract_element(scaled, _index(i))
-            H = _load_row(b, at["H"], i, self.row)
-            _store_row(b, at["H"], i, add(b, H, mul(b, self._splat(b, one), R)))
-        g = _load_row(b, at["g"], 0, self.row)
-        _store_row(b, at["g"], 0, add(b, g, mul(b, self._splat(b, at["b"]), R)))
+            H = _load(b, at["H"], i, self.row)
+            _store(b, at["H"], i, add(b, H, mul(b, _splat(b, one, self.row), R)))
+        g = _load(b, at["g"], 0, self.row)
+        _store(b, at["g"], 0, add(b, g, mul(b, _splat(b, at["b"], self.row), R)))
         b.ret(number(0.0))
 
     def finish(self) -> str:
@@ -174,7 +182,9 @@ class _Writer:
             arguments[place].add_attribute("noalias")
         return ir.IRBuilder(function.append_basic_block()), arguments
 
-    def _equations(self, function: ca.Function, b: Value, at: dict[str, Value]) -> list[list[Value]]:
+    def _equations(
+        self, function: ca.Function, b: Value, at: dict[str, Value], kind: Value
+    ) -> list[list[Value]]:
         """Continue with a CasADi function's instructions; returns every output's non-zeros."""
         held: dict[int, tuple[Value, bool]] = {}  # work register -> (value, depends on p alone)
         loaded: dict[int, Value] = {}
@@ -183,10 +193,10 @@ class _Writer:
         def operand(register: int) -> Value:
             value, constant = held[register]
             if not constant or isinstance(value, ir.Constant):
-                return value
+                return _splat(b, value, kind)
             slot, _ = self.slots.setdefault(id(value), (len(self.slots), value))
             if slot not in loaded:
-                loaded[slot] = _load(b, at["c"], slot)
+                loaded[slot] = _load(b, at["c"], slot, kind)
             return loaded[slot]
 
         for k in range(function.n_instructions()):
@@ -197,7 +207,9 @@ class _Writer:
             elif code == ca.OP_INPUT and given[0] == _PARAMETER:
                 held[into[0]] = (self._parameter(given[1]), True)
             elif code == ca.OP_INPUT:
-                held[into[0]] = (_load(b, at[_ARGUMENTS[given[0]]], given[1]), False)
+                of_state = given[0] == _STATE
+                value = _load(b, at[_ARGUMENTS[given[0]]], given[1], kind if of_state else REAL)
+                held[into[0]] = (_splat(b, value, kind), False)
             elif code == ca.OP_OUTPUT:
                 outputs[into[0]][into[1]] = operand(given[0])
             else:
@@ -231,40 +243,47 @@ class _Writer:
             self._named[key] = make()
         return self._named[key]
 
-    def _splat(self, b: Value, value: Value) -> Value:
-        """A row that holds one number in every lane."""
-        first = b.insert_element(ir.Constant(self.row, ir.Undefined), value, _index(0))
-        lanes = ir.Constant(ir.VectorType(ir.IntType(32), self.row.count), None)
-        return b.shuffle_vector(first, ir.Constant(self.row, ir.Undefined), lanes)
-
 
 def _index(i: int) -> Value:
     return ir.Constant(ir.IntType(32), i)
 
 
-def _load(b: Value, place: Value, i: int) -> Value:
-    return b.load(b.gep(place, [_index(i)]))
+def _place(b: Value, place: Value, i: int, kind: Value) -> Value:
+    """Where the i-th number or row of numbers is."""
+    wide = kind.count if isinstance(kind, ir.VectorType) else 1
+    return b.bitcast(b.gep(place, [_index(i * wide)]), kind.as_pointer())
+
+
+def _load(b: Value, place: Value, i: int, kind: Value = REAL) -> Value:
+    return b.load(_place(b, place, i, kind), align=8)
 
 
 def _store(b: Value, place: Value, i: int, value: Value) -> None:
-    b.store(value, b.gep(place, [_index(i)]))
+    b.store(value, _place(b, place, i, value.type), align=8)
 
 
-def _row(b: Value, place: Value, i: int, row: Value) -> Value:
-    return b.bitcast(b.gep(place, [_index(i * row.count)]), row.as_pointer())
+def _splat(b: Value, value: Value, kind: Value) -> Value:
+    """One number in every lane of a row; what is of that kind already stays."""
+    if value.type == kind:
+        return value
+    if isinstance(value, ir.Constant):
+        return ir.Constant(kind, [value.constant] * kind.count)
+    first = b.insert_element(ir.Constant(kind, ir.Undefined), value, _index(0))
+    lanes = ir.Constant(ir.VectorType(ir.IntType(32), kind.count), None)
+    return b.shuffle_vector(first, ir.Constant(kind, ir.Undefined), lanes)
 
 
-def _load_row(b: Value, place: Value, i: int, row: Value) -> Value:
-    return b.load(_row(b, place, i, row), align=8)
-
-
-def _store_row(b: Value, place: Value, i: int, value: Value) -> None:
-    b.store(value, _row(b, place, i, value.type), align=8)
+def _largest(b: Value, row: Value) -> Value:
+    """The largest number of a row; NaN if there is one."""
+    if not isinstance(row.type, ir.VectorType):
+        return row
+    lanes = [b.extract_element(row, _index(i)) for i in range(row.type.count)]
+    return functools.reduce(lambda x, y: intrinsic("maximum")(b, x, y), lanes)
 
 
 def _combine(b: Value, start: Value, weights: Sequence[Value | None], terms: Sequence[Value]) -> Value:
     """start + sum of weights times terms; None is a weight of zero."""
     for weight, term in zip(weights, terms, strict=True):
         if weight is not None:
-            start = add(b, start, mul(b, weight, term))
+            start = add(b, start, mul(b, _splat(b, weight, term.type), term))
     return start

@@ -1,4 +1,7 @@
-"""CasADi's scalar instructions as LLVM's: what each computes on the values of a function under construction."""
+"""CasADi's scalar instructions as LLVM's: what each computes on the values of a function under construction.
+
+Values are numbers, or vectors of several numbers that go through the same instructions (see `optid.core.lanes`).
+"""
 
 from __future__ import annotations
 
@@ -8,12 +11,16 @@ from typing import Any
 import casadi as ca
 from llvmlite import ir
 
+from optid.core import lanes
+from optid.core.lanes import like
+
 Value = Any  # llvmlite's values and builders are not typed
 Form = Callable[..., Value]
 
 REAL = ir.DoubleType()
 # Fused multiply-add and reciprocals allowed, signed zeros ignored; NaN and infinity stay what they are.
 FLAGS = ("contract", "nsz", "arcp")
+_SEVERAL: dict[str, Form] = {"exp": lanes.exp, "log": lanes.log, "tanh": lanes.tanh}
 
 
 def number(value: float) -> Value:
@@ -23,12 +30,7 @@ def number(value: float) -> Value:
 
 def intrinsic(name: str) -> Form:
     """One of LLVM's own functions."""
-
-    def call(b: Value, *operands: Value) -> Value:
-        kind = ir.FunctionType(REAL, [REAL] * len(operands))
-        return b.call(b.module.declare_intrinsic(f"llvm.{name}", [REAL], kind), operands, fastmath=FLAGS)
-
-    return call
+    return lambda b, *operands: lanes.intrinsic(b, name, *operands)
 
 
 def _plain(name: str) -> Form:
@@ -39,24 +41,40 @@ def _library(name: str) -> Form:
     """A function of the C library's mathematics, which every Python process has loaded."""
 
     def call(b: Value, *operands: Value) -> Value:
+        kind = operands[0].type
+        if isinstance(kind, ir.VectorType):
+            return _SEVERAL[name](b, *operands) if name in _SEVERAL else apart(b, *operands)
         known = b.module.globals.get(name)
-        kind = ir.FunctionType(REAL, [REAL] * len(operands))
-        return b.call(known or ir.Function(b.module, kind, name), operands)
+        return b.call(
+            known or ir.Function(b.module, ir.FunctionType(kind, [kind] * len(operands)), name), operands
+        )
+
+    def apart(b: Value, *operands: Value) -> Value:
+        found = ir.Constant(operands[0].type, ir.Undefined)
+        for lane in range(operands[0].type.count):
+            place = ir.Constant(ir.IntType(32), lane)
+            one = call(b, *(b.extract_element(operand, place) for operand in operands))
+            found = b.insert_element(found, one, place)
+        return found
 
     return call
 
 
+def _truth(b: Value, condition: Value, x: Value) -> Value:
+    return b.select(condition, like(x, 1.0), like(x, 0.0))
+
+
 def _comparison(sign: str) -> Form:
-    return lambda b, x, y: b.uitofp(b.fcmp_ordered(sign, x, y), REAL)
+    return lambda b, x, y: _truth(b, b.fcmp_ordered(sign, x, y), x)
 
 
 def _true(b: Value, x: Value) -> Value:
-    return b.fcmp_unordered("!=", x, number(0.0))
+    return b.fcmp_unordered("!=", x, like(x, 0.0))
 
 
 def _sign(b: Value, x: Value) -> Value:
-    below = b.select(b.fcmp_ordered("<", x, number(0.0)), number(-1.0), number(0.0))
-    return b.select(b.fcmp_ordered(">", x, number(0.0)), number(1.0), below)
+    below = b.select(b.fcmp_ordered("<", x, like(x, 0.0)), like(x, -1.0), like(x, 0.0))
+    return b.select(b.fcmp_ordered(">", x, like(x, 0.0)), like(x, 1.0), below)
 
 
 add, sub, mul, div = (_plain(name) for name in ("fadd", "fsub", "fmul", "fdiv"))
@@ -66,12 +84,12 @@ _UNARY: dict[int, Form] = {
     ca.OP_SQRT: intrinsic("sqrt"),
     ca.OP_SQ: lambda b, x: mul(b, x, x),
     ca.OP_TWICE: lambda b, x: add(b, x, x),
-    ca.OP_INV: lambda b, x: div(b, number(1.0), x),
+    ca.OP_INV: lambda b, x: div(b, like(x, 1.0), x),
     ca.OP_FABS: intrinsic("fabs"),
     ca.OP_SIGN: _sign,
     ca.OP_FLOOR: intrinsic("floor"),
     ca.OP_CEIL: intrinsic("ceil"),
-    ca.OP_NOT: lambda b, x: b.uitofp(b.fcmp_ordered("==", x, number(0.0)), REAL),
+    ca.OP_NOT: lambda b, x: _truth(b, b.fcmp_ordered("==", x, like(x, 0.0)), x),
 } | {
     getattr(ca, f"OP_{name.upper()}"): _library(name)
     for name in (
@@ -92,11 +110,11 @@ _BINARY: dict[int, Form] = {
     ca.OP_LT: _comparison("<"),
     ca.OP_LE: _comparison("<="),
     ca.OP_EQ: _comparison("=="),
-    ca.OP_NE: lambda b, x, y: b.uitofp(b.fcmp_unordered("!=", x, y), REAL),
-    ca.OP_AND: lambda b, x, y: b.uitofp(b.and_(_true(b, x), _true(b, y)), REAL),
-    ca.OP_OR: lambda b, x, y: b.uitofp(b.or_(_true(b, x), _true(b, y)), REAL),
+    ca.OP_NE: lambda b, x, y: _truth(b, b.fcmp_unordered("!=", x, y), x),
+    ca.OP_AND: lambda b, x, y: _truth(b, b.and_(_true(b, x), _true(b, y)), x),
+    ca.OP_OR: lambda b, x, y: _truth(b, b.or_(_true(b, x), _true(b, y)), x),
     # Zero where the condition fails, whatever the other operand is: an unused branch may be NaN.
-    ca.OP_IF_ELSE_ZERO: lambda b, x, y: b.select(_true(b, x), y, number(0.0)),
+    ca.OP_IF_ELSE_ZERO: lambda b, x, y: b.select(_true(b, x), y, like(y, 0.0)),
 }
 
 # CasADi's instruction code -> number of operands, and what to write for it.

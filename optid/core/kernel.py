@@ -26,7 +26,7 @@ SMALLEST = 1e-12  # of a hold: below this step the equations are singular, not s
 
 
 class Code(NamedTuple):
-    """Addresses of a model's functions, see `optid.core.emit.source`, and the length of its c."""
+    """Addresses of a model's functions, see `optid.core.emit.source`, 0 for none, and the length of its c."""
 
     constants: int
     rates: int
@@ -36,6 +36,8 @@ class Code(NamedTuple):
     sensors: int
     sensor_slopes: int
     gather: int
+    many_rates: int
+    many_step: int
     hoisted: int
 
 

@@ -1,0 +1,125 @@
+"""Several numbers at once: every instruction lane by lane as for one number, and the functions that are optid's own."""
+
+import casadi as ca
+import numpy as np
+import pytest
+from llvmlite import ir
+from numba import njit
+
+from optid.core.compiled import compiled, machine_code
+from optid.core.emit import LANES
+from optid.core.instructions import FORMS, REAL
+from optid.core.kernel import at, call
+from optid.core.sheet import build
+from optid.rigs.rigfile import read_rig
+from optid.rigs.servo_pneumatic import servo_pneumatic
+from tests.core.test_integrator import DATA
+
+SEVERAL = ir.VectorType(REAL, LANES)
+
+
+@njit
+def applied(one, x, y, out):
+    for i in range(0, x.size, out.shape[1]):
+        call(one, (at(x, i), at(y, i), at(out, i)))
+
+
+def function(module, name, kind, form, count):
+    """name(x, y, out): out = form(x, y) of numbers of a kind."""
+    place = REAL.as_pointer()
+    code = ir.Function(module, ir.FunctionType(REAL, [place] * 3), name)
+    b = ir.IRBuilder(code.append_basic_block())
+    x, y, out = (b.bitcast(argument, kind.as_pointer()) for argument in code.args)
+    b.store(form(b, *[b.load(p, align=8) for p in (x, y)][:count]), out, align=8)
+    b.ret(ir.Constant(REAL, 0.0))
+
+
+@pytest.fixture(scope="module")
+def machine():
+    module = ir.Module("forms")
+    for code, (count, form) in FORMS.items():
+        function(module, f"one_{code}", REAL, form, count)
+        function(module, f"many_{code}", SEVERAL, form, count)
+    return machine_code(str(module))
+
+
+def run(machine, kind, code, x, y):
+    out = np.empty((len(x), 1) if kind == "one" else (len(x) // LANES, LANES))
+    applied(machine.get_function_address(f"{kind}_{code}"), x, y, out)
+    return out.ravel()
+
+
+def test_every_instruction_does_in_lanes_what_it_does_alone(machine):
+    rng = np.random.default_rng(1)
+    x = np.r_[rng.normal(0, 2, 400), rng.uniform(-1, 1, 396), 0.0, 1.0, -1.0, 3.0]
+    y = np.r_[rng.normal(0, 2, 400), x[400:796], 0.0, 1.0, 2.0, -2.0]
+    for code in FORMS:
+        one, many = (run(machine, kind, code, x, y) for kind in ("one", "many"))
+        assert many == pytest.approx(one, rel=1e-15, abs=1e-300, nan_ok=True), code
+
+
+@pytest.mark.parametrize(
+    ("code", "exact", "values"),
+    [
+        (ca.OP_EXP, np.exp, np.r_[np.linspace(-700, 700, 4001), np.linspace(-1, 1, 3999)]),
+        (ca.OP_LOG, np.log, np.r_[np.logspace(-300, 300, 4000), np.linspace(0.5, 2, 4000)]),
+        (ca.OP_TANH, np.tanh, np.r_[np.linspace(-25, 25, 4000), np.logspace(-12, 0, 4000)]),
+    ],
+)
+def test_own_functions_are_good_to_the_last_digits(machine, code, exact, values):
+    found = run(machine, "many", code, values, values)
+    assert (np.abs(found - exact(values)) <= 5e-16 * np.abs(exact(values))).all()
+
+
+def test_own_functions_at_the_ends_of_the_numbers(machine):
+    ends = np.array([np.inf, -np.inf, np.nan, 0.0, -1.0, 800.0, -800.0, 1.0])
+    with np.errstate(all="ignore"):
+        for code, exact in ((ca.OP_EXP, np.exp), (ca.OP_LOG, np.log), (ca.OP_TANH, np.tanh)):
+            assert run(machine, "many", code, ends, ends) == pytest.approx(
+                exact(ends), abs=1e-300, nan_ok=True
+            )
+
+
+@njit
+def moved(code, X, x, u, p, c, many, K, k, tolerance, h):
+    """A step of LANES states together, and of each alone: the largest errors."""
+    call(code.constants, (at(p, 0), at(c, 0)))
+    for i in range(len(c)):
+        many[i] = c[i]
+    none = at(K, 0)
+    call(code.many_rates, (at(X, 0), none, at(u, 0), at(many, 0), at(K, 0), none))
+    together = call(
+        code.many_step, (at(X, 0), none, at(u, 0), at(many, 0), at(K, 0), none, at(tolerance, 0), h)
+    )
+    alone = 0.0
+    for lane in range(len(x)):
+        call(code.rates, (at(x, lane * x.shape[1]), none, at(u, 0), at(c, 0), at(k, 0), none))
+        error = call(
+            code.step,
+            (at(x, lane * x.shape[1]), none, at(u, 0), at(c, 0), at(k, 0), none, at(tolerance, 0), h),
+        )
+        alone = max(alone, error)
+    return together, alone
+
+
+@pytest.mark.parametrize("friction", ["bristle", "smooth"])
+def test_states_that_move_together_move_as_alone(friction):
+    model = build(servo_pneumatic, friction=friction)
+    code, p, nx = (
+        compiled(model).code,
+        model.vector(read_rig(DATA / "table1.toml").parameters),
+        len(model.states),
+    )
+    rng, c, many = np.random.default_rng(2), np.empty(code.hoisted), np.empty((code.hoisted, LANES))
+    for _ in range(20):
+        x = np.array(model.start(p)[0]).ravel() + 0.3 * model.scales * rng.uniform(-1, 1, (LANES, nx))
+        X, K, k = x.T.copy(), np.empty((nx + 1, LANES)), np.empty(nx + 1)
+        arguments = (rng.uniform(-1, 1, 1), p, c, many, K, k)
+        together, alone = moved(code, X, x, *arguments, 1e9 * model.scales, 1e-5)
+        assert together == pytest.approx(alone, rel=1e-6)
+        assert pytest.approx(x, rel=1e-12, abs=1e-15) == X.T
+        assert np.array_equal(K[-1], np.zeros(LANES))
+        before = X.copy()
+        together, alone = moved(code, X, x, *arguments, 1e-30 * model.scales, 1e-5)
+        assert together > 1.0
+        assert np.array_equal(X, before)
