@@ -84,7 +84,7 @@ def contact(rig, x, v, y):
     total, free = 0.0, 0.0
     for k in range(4):
         yield_at = rig.presliding * SHARES[k]
-        z = y[ELEMENT + k] + x - y[X]
+        z = y[ELEMENT + k] + (x - y[X])  # exactly the yield when nothing moves: no rounding may free it
         if abs(z) >= yield_at:
             total += math.copysign(0.25, z)
         else:

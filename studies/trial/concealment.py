@@ -90,11 +90,11 @@ def _window(case: Case, run: Run, without: Rig, first: int) -> tuple[Array, Arra
 
 
 def moved(y: Array, by: dict[int, float]) -> Array:
-    """A state with its position, speed or pressures changed, and what hangs on them; a held piston let go."""
+    """A state with its position, speed or pressures changed, and what hangs on them; it slides as its speed says."""
     y = y.copy()
     for index, much in by.items():
         y[list(ALONG[index])] += much
-    if y[WAY] == 0.0 and y[V] != 0.0:
+    if y[V] != 0.0:
         y[WAY] = np.sign(y[V])
     return y
 

@@ -196,3 +196,16 @@ def test_the_memoryless_states_replay_the_loop():
     states, clean = replay(rig, run.command / 5.0, run.states[700], 700, 500, step=5e-5)
     assert states == pytest.approx(run.states[700:1200], abs=1e-12, rel=1e-12)
     assert clean == pytest.approx(run.clean[700:1200], abs=1e-15)
+
+
+@pytest.mark.parametrize("yielding", [4e-6, 1e-4])
+def test_an_elastic_contact_that_slides_resists_as_a_rigid_one(yielding):
+    """From the force balance along an open-loop run: air less mass times acceleration is Coulomb's force."""
+    rig = RIG._replace(presliding=yielding)
+    start = simulate(rig, np.zeros(2), np.random.default_rng(0), controller=IDLE, sensors=QUIET).states[0]
+    states, _ = replay(rig, np.full(80, 0.3), start, 0, 80, step=2e-5)
+    x, v, a, b = states[:, :4].T
+    assert x[-1] > 0.05
+    air = AREA_A * a - AREA_B * b - AREA_ROD * rig.atmospheric_pressure - rig.viscous * v
+    friction = air - rig.mass * np.gradient(v, 1e-3)
+    assert friction[20:70] == pytest.approx(rig.coulomb, rel=0.02)
