@@ -82,9 +82,7 @@ def plant_of(model: Armax, input: int = 0, where: object = None) -> Plant:
         InputError: no such input, or the output does not answer to it.
     """
     if not 0 <= input < len(model.b):
-        raise InputError(
-            f"{len(model.b)} inputs", where=where, field="b", expected="a model with one command to control"
-        )
+        raise InputError(f"{input}", where=where, field="input", expected=f"one of {len(model.b)}, from 0 on")
     delay, b = model.nk[input], np.array(model.b[input])
     remarks = []
     if delay == 0:

@@ -137,6 +137,13 @@ def pose(
         InputError: wishes that contradict each other or the model.
     """
     model, assumed = model_of(contents, wishes.order, where), []
+    if len(model.b) != 1:
+        raise InputError(
+            f"{len(model.b)} inputs",
+            where=where,
+            field="input",
+            expected="a model with one command to control",
+        )
     plant = plant_of(model, where=where)
     command_unit, output_unit = units_of(contents)
     low, high, said = _limits(wishes, command_unit, rig)
@@ -200,12 +207,12 @@ def _usual_step(plant: Plant, unit: str, settings: Settings, samples: int) -> tu
     most = min(abs(settings.low), abs(settings.high))
     most = most if 0.0 < most < math.inf else 1.0
     curve = reaction(plant, ultimate(plant))
-    if curve is None:
-        size = 1.0
-    elif curve.integrating:
+    if all(abs(pole) < 1.0 for pole in plant.poles) and math.isfinite(plant.static_gain):
+        size = 0.5 * most * abs(plant.static_gain)
+    elif curve is not None and curve.integrating:
         size = 0.5 * most * abs(curve.gain) * samples * plant.sample_time / 10
     else:
-        size = 0.5 * most * abs(curve.gain)
+        size = 1.0
     size = float(f"{size:.1g}")
     said = f"{size:g} {unit}".removesuffix(" 1")
     return size, f"A step of {said}, which half of the command can make (--setpoint)."

@@ -287,10 +287,10 @@ def tune(
 
 def _others(task: Task, scale: Ultimate, within: Box, gains: Gains) -> list[Baseline]:
     """The baselines for this loop, with the same derivative filter."""
-    size = max((abs(e.reference[-1]) for e in task.episodes if e.size > 0), default=1.0)
+    size = max((episode.size for episode in task.episodes), default=0.0) or 1.0
     most = min(abs(task.settings.low), abs(task.settings.high))
     most = most if 0.0 < most < math.inf else task.command_size
-    found = rules(task.plant, scale, float(size), most, gains.derivative_filter)
+    found = rules(task.plant, scale, size, most, gains.derivative_filter)
     start = next(other.gains for other in found if other.name == "ziegler_nichols_ultimate")
     assert start is not None
     simplex = nelder_mead(lambda points: task.fitness(within.gains(points)), within, start)
