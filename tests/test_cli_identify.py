@@ -13,8 +13,10 @@ from click.testing import CliRunner
 from malformed import CASES, SOUND_RECORDING, SOUND_RIG, Case, make
 
 from optid import cli
+from optid.armax import Armax
 from optid.armax.files import load
 from optid.armax.prediction import predict
+from optid.report.armax_page import equation
 
 DATA = Path(__file__).resolve().parents[1] / "data"
 RIG = DATA / "bench.toml"
@@ -176,3 +178,10 @@ def test_sound_but_tiny_file_fails_in_words(tmp_path):
     result = run("identify", path, "--rig", rig, "--out", tmp_path / "out")
     assert result.exit_code in (0, 1)
     assert "bug" not in result.output
+
+
+def test_the_equation_reads_as_eq_12():
+    model = Armax(a=(1.0, -0.5, 0.25), b=((2.0, -1.0),), c=(1.0, 0.3), nk=(1,))
+    words = "y(t) = 0.5 y(t−1) − 0.25 y(t−2) + 2 u(t−1) − 1 u(t−2) + e(t) + 0.3 e(t−1)"
+    assert equation(model) == words
+    assert equation(Armax(a=(1.0, 0.5))) == "y(t) = − 0.5 y(t−1) + e(t)"

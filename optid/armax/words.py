@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 
 
 SURE = 3.0  # standard errors within which a pole may be an integrator's
+SLOW = 1e-3  # a pole so little outside 1 needs a thousand samples to grow by e
 
 
 def findings(audit: Audit) -> tuple[Finding, ...]:
@@ -47,6 +48,14 @@ def _stability(audit: Audit) -> list[Finding]:
         sd = dict(near)[outside[0]]
         margin = f" ± {sd:.1g}" if not math.isnan(sd) else ""
         text = f"A pole at {outside[0].real:.4f}{margin}: as far as the data tell, it integrates."
+        return [_finding("integrating", False, text)]
+    tests = audit.residuals
+    coloured = tests is not None and not (tests.white and tests.independent)
+    if len(outside) == 1 and not outside[0].imag and abs(outside[0] - 1.0) <= SLOW and coloured:
+        text = (
+            f"A pole at {outside[0].real:.4f}: an integrator's, or one that grows slowly. The data do not tell, "
+            "because with these residuals its standard error is too small."
+        )
         return [_finding("integrating", False, text)]
     listed = ", ".join(number(p) for p in outside)
     return [

@@ -59,20 +59,17 @@ def armax_page(found: Survey, sampled: Sampled, source: Source) -> str:
 
 
 def equation(model: Armax) -> str:
-    """The difference equation in one line, newest terms first."""
-    parts = [f"y(t) = {_sum([-a for a in model.a[1:]], 'y', 1)}".rstrip()]
+    """The difference equation in one line."""
+    terms = [("y", -a, k) for k, a in enumerate(model.a[1:], start=1)]
     for i, (b, nk) in enumerate(zip(model.b, model.nk, strict=True)):
-        parts.append(_sum(b, "u" if len(model.b) == 1 else f"u{i + 1}", nk))
-    parts.append(f"e(t) {_sum(model.c[1:], 'e', 1)}".strip())
-    return " + ".join(part for part in parts if part).replace("+ −", "− ")
-
-
-def _sum(coefficients: Any, signal: str, first: int) -> str:
+        terms += [("u" if len(model.b) == 1 else f"u{i + 1}", x, nk + k) for k, x in enumerate(b)]
+    terms += [("e", c, k) for k, c in enumerate(model.c)]
     said = []
-    for k, x in enumerate(coefficients, start=first):
-        when = f"t−{k}" if k else "t"
-        said.append(f"{'−' if x < 0 else '+'} {abs(x):.5g} {signal}({when})")
-    return " ".join(said).removeprefix("+ ")
+    for signal, x, lag in terms:
+        when = f"{signal}(t−{lag})" if lag else f"{signal}(t)"
+        size = "" if signal == "e" and lag == 0 else f"{abs(x):.5g} "
+        said.append(f"{'−' if x < 0 else '+'} {size}{when}")
+    return f"y(t) = {' '.join(said).removeprefix('+ ')}"
 
 
 def _listed(sampled: Sampled) -> str:
