@@ -21,6 +21,9 @@ from optid.pid.controller import Controller, Gains
 from optid.pid.controller import Settings as PidSettings
 from optid.rigs.rigfile import Rig
 
+ROUNDING = (
+    0.01  # of the command's range: what stands may differ so much from what was asked for, by a converter
+)
 DITHER_HOLD = 0.01  # s for which the dither keeps its sign at least
 
 
@@ -71,7 +74,7 @@ class Loop:
         self._dither, self._rng = choices.dither, np.random.default_rng(choices.seed)
         self._sign, self._hold = 0.0, max(1, round(DITHER_HOLD * settings.rate))
         self._time = self._position = self._asked = math.nan  # of the last sample; asked: its command
-        self._small = 1e-6 * (limits.high - limits.low)
+        self._small = ROUNDING * (limits.high - limits.low)
         self.measured = self.innovation = math.nan
         self._swings, self._before = Swings(settings.span, limits.high - limits.low), choices.gains
         self.taken_back: Gains | None = None

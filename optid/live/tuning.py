@@ -81,13 +81,18 @@ def _step_back() -> None:
         os.nice(NICENESS)
 
 
-def tuned(case: Case, plan: Plan) -> Review:
+def tuned(case: Case, plan: Plan, room: float = ROOM) -> Review:
     """Gains that are good on the identified and on the physical model, with room for what neither knows.
+
+    Args:
+        case: the loop.
+        plan: of the session.
+        room: largest maximum sensitivity on the identified model.
 
     Raises:
         OptidError: nothing stabilises the identified model.
     """
     bench = PhysicalBench(read_rig(plan.rig), (case.episode,), case.output)
-    task = case.task(Required(maximum_sensitivity=ROOM), bench)
+    task = case.task(Required(maximum_sensitivity=room), bench)
     gains = tune(task, np.random.default_rng(plan.seed), Options(grid=0)).gains
     return review(case, gains, bench)
