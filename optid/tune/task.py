@@ -41,7 +41,7 @@ class Task:
         criterion: what is made small.
         required: margins to keep on every plant.
         over: how several plants count.
-        bench: a physical model that is tuned for as well: its cost and the plants' count alike.
+        bench: a physical model that is tuned for as well: one more plant, without margins.
     """
 
     plants: tuple[Plant, ...]
@@ -111,10 +111,11 @@ class Task:
         missed = self.missed(gains)
         value, kept = REFUSED * (1.0 + missed), missed <= 0.0
         if np.any(kept):
-            cost = self.together(self.course.costs(gains[kept]))
+            each = self.course.costs(gains[kept])
             if self.bench is not None:
                 tried = self.bench.costs(gains[kept], self.settings, self.criterion, self.command_size)
-                cost = (cost + tried) / 2.0
+                each = np.column_stack([each, tried])
+            cost = self.together(each)
             value[kept] = np.minimum(cost, REFUSED)
         return value
 
