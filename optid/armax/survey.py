@@ -25,7 +25,7 @@ from optid.errors import InputError
 
 DELAYS = (1, 2, 3, 5, 8, 12)  # samples, tried where none is given
 HEAD = 4  # the recursion begins from a regression over one sample in so many, the first ones
-LATER = Settings(start_sd=0.03, start_sd_c=0.03, ease=None, warm=(0.0, 0.0))  # begins near its aim
+LATER = Settings(start_sd=0.003, start_sd_c=0.03, ease=None, warm=(0.0, 0.0))  # begins near its aim
 CLOSE = 1.1  # the recursion's loss may exceed the batch fit's by this factor
 
 
