@@ -4,7 +4,8 @@
 
 Runs on the paper's impulse experiment (the rig of `independent_rig`, valve command in pulses), on the
 example rigs and on the EMPS benchmark where these recordings lie beside the checkout. Writes for each one
-`table2_NAME.csv` with every column's formula, and prints it with the choice of order and the audits.
+`table2_NAME.csv` with every column's formula, and prints it with the choice of order and the audits. The printed
+table, restored, goes into `table2_printed.csv` with a remark on every row that does not agree.
 """
 
 from __future__ import annotations
@@ -68,7 +69,10 @@ def main() -> None:
         path.write_text(found.table2.csv(), encoding="utf-8")
         tell(experiment, found)
     print("\nThe paper's Table 2 as printed (cm), and what does not agree")
-    print(printed_table().to_string())
+    print(printed_table().drop(columns="remark").to_string())
+    for remark in dict.fromkeys(filter(None, printed_table()["remark"])):
+        print(f"  {remark}")
+    printed_table().to_csv(arguments.out / "table2_printed.csv")
     for (order, steps), model in published().items():
         print(f"\nThe paper's model of order {order}, {steps} steps")
         say(audit(model, gains=PAPER_GAINS))

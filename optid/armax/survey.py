@@ -26,6 +26,7 @@ from optid.errors import InputError
 DELAYS = (1, 2, 3, 5, 8, 12)  # samples, tried where none is given
 HEAD = 4  # the recursion begins from a regression over one sample in so many, the first ones
 LATER = Settings(start_sd=0.003, start_sd_c=0.03, ease=None, warm=(0.0, 0.0))  # begins near its aim
+SHARED = ("stable", "unstable", "integrating", "time_constants")  # what one A says for all inputs
 CLOSE = 1.1  # the recursion's loss may exceed the batch fit's by this factor
 
 
@@ -39,7 +40,7 @@ class Candidate:
         batch: the reference.
         loss: mean squared one-step error of the recursion's last model over the recording.
         model: the recursion's last model, or the batch fit's where the recursion has not come close to it.
-        audit: of `model`.
+        audit: of `model`, its first input; findings on the paths of the others follow.
     """
 
     order: int
@@ -138,18 +139,7 @@ def survey(y: ArrayLike, u: ArrayLike, sample_time: float, plan: Plan | None = N
     wanted = grid(sorted({*plan.orders, *range(1, max(plan.orders) + 1)}), delays, inputs)
     table = compare_orders(record.y, record.u, wanted, sample_time)
     orders = grid(plan.orders, table.recommended.nk[:1], inputs)
-    candidates = []
-    for o in orders:
-        taught = _teach(record, o, sample_time, plan.settings)
-        batch = fit_batch([(record.y, record.u)], o, sample_time, start=taught.model.theta)
-        e: Array = innovations(taught.model, record.y, record.u)
-        with np.errstate(over="ignore"):
-            loss = float(np.nanmean(e**2))
-        model = taught.model if loss <= CLOSE * batch.loss else batch.model
-        looked = audit(model, record.y, record.u, gains=plan.gains)
-        if model is not taught.model:
-            looked = replace(looked, findings=(*looked.findings, _unsettled(loss / batch.loss)))
-        candidates.append(Candidate(o.na, taught, batch, loss, model, looked))
+    candidates = [_candidate(record, o, sample_time, plan) for o in orders]
     recommended, words = _recommended(plan.orders, table)
     many = plan.table_order or (4 if 4 in plan.orders else plan.orders[-1])
     models = {c.order: c.model for c in candidates}
@@ -164,6 +154,28 @@ def survey(y: ArrayLike, u: ArrayLike, sample_time: float, plan: Plan | None = N
         plan.input,
         plan.output,
         plan.input_unit,
+    )
+
+
+def _candidate(record: Signals, orders: Orders, sample_time: float, plan: Plan) -> Candidate:
+    """Identify one order both ways, take the recursion's model if it came close, and audit what is taken."""
+    taught = _teach(record, orders, sample_time, plan.settings)
+    batch = fit_batch([(record.y, record.u)], orders, sample_time, start=taught.model.theta)
+    e: Array = innovations(taught.model, record.y, record.u)
+    with np.errstate(over="ignore"):
+        loss = float(np.nanmean(e**2))
+    model = taught.model if loss <= CLOSE * batch.loss else batch.model
+    looked = audit(model, record.y, record.u, gains=plan.gains)
+    more = [
+        replace(finding, text=f"Input {i + 1}: {finding.text}")
+        for i in range(1, orders.inputs)
+        for finding in audit(model, gains=plan.gains, input=i).findings
+        if finding.name not in SHARED
+    ]
+    if model is not taught.model:
+        more.append(_unsettled(loss / batch.loss))
+    return Candidate(
+        orders.na, taught, batch, loss, model, replace(looked, findings=(*looked.findings, *more))
     )
 
 

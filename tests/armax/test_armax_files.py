@@ -48,6 +48,17 @@ def test_survey_finds_order_and_delay(result):
     assert "Take" in found.words
 
 
+def test_every_input_s_path_is_audited(simulated):
+    system = Armax(a=(1.0, -0.9), b=((1.0,), (-0.5,)), c=(1.0, 0.3), nk=(1, 1), noise_variance=0.01)
+    y, u = simulated(system, 2000, 0, switch=0.3)
+    found = survey(y, u, 0.01, Plan(orders=(1,), steps=(1,), delay=1)).chosen
+    gains = [finding.text for finding in found.audit.findings if finding.name == "static_gain"]
+    assert len(gains) == 2
+    assert gains[1].startswith("Input 2: Static gain -")
+    assert len([f for f in found.audit.findings if f.name == "independent"]) == 2
+    assert np.array(found.model.b).ravel() == pytest.approx([1.0, -0.5], abs=0.02)
+
+
 def test_json_loads_again_bit_for_bit(result, tmp_path):
     found, _, _ = result
     contents = from_survey(found)
