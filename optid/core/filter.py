@@ -40,14 +40,14 @@ def filtered(
         X: receives the states predicted from the past alone, (sets, samples, states).
         K: receives the gains, (sets, samples, outputs, states), SI.
 
-    A run that leaves the numbers leaves E and V infinite from there on.
+    A run that leaves the numbers leaves E infinite from there on.
     """
     nx, ny = len(scales), Y.shape[1]
     n_points = 2 * nx + 1
     c, k, many = np.empty(code.hoisted), np.empty(nx + 1), np.empty((code.hoisted, LANES))
     points, C, L = np.empty((n_points, nx)), np.empty((nx, nx)), np.empty((nx, nx))
     m, y, steps = np.empty(nx), np.empty((n_points, ny + 1)), np.empty((n_points + LANES - 1) // LANES)
-    room = np.empty((2 * nx + 1, LANES))
+    room, held = np.empty((2 * nx + 1, LANES)), np.empty((U.shape[1], LANES))
     for r in range(first, last):
         s, g = of_set[r], of_segment[r]
         call(code.constants, (at(P, s * P.shape[1]), at(c, 0)))
@@ -77,9 +77,11 @@ def filtered(
             if n == starts[g] + counts[g]:
                 break
             _scatter(m, C, L, points, scales)
-            if not _move(code, points, steps, at(U, n * U.shape[1]), many, room, tolerance, dt[n]):
+            for i in range(U.shape[1]):
+                held[i] = U[n, i]
+            if not _move(code, points, steps, at(held, 0), many, room, tolerance, dt[n]):
                 E[s, n + 1 : starts[g] + counts[g] + 1] = np.inf
-                V[s, n + 1 : starts[g] + counts[g] + 1] = np.inf
+                V[s, n + 1 : starts[g] + counts[g] + 1] = 1.0
                 break
             _gather(points, m, C, scales)
             for i in range(nx):
@@ -247,79 +249,3 @@ def steered(
             if h < 0.0:
                 E[s, n + 1 : stop + 1] = np.inf
                 break
-
-
-@compiled
-def linearised(
-    code, first, last, of_set, of_segment, starts, counts, M0, S0, P, Q, R, dt, U, Y, tolerance, scales,
-    keep, width, E, V, X, K,
-):  # fmt: skip
-    """As `filtered`, with the model's own derivatives instead of points (extended Kalman filter); `width` of a row.
-
-    Several times faster; blind to what lies beyond a kink.
-    """
-    nx, ny = len(scales), Y.shape[1]
-    c, k = np.empty(code.hoisted), np.empty(nx + 1)
-    C, B = np.empty((nx, nx)), np.empty((nx, nx))
-    x, y, gain = np.empty(nx), np.empty(ny + 1), np.empty(nx)
-    S, T, G = np.empty((nx, width)), np.empty((nx, width)), np.empty((ny, width))
-    for r in range(first, last):
-        s, g = of_set[r], of_segment[r]
-        call(code.constants, (at(P, s * P.shape[1]), at(c, 0)))
-        C[:] = 0.0
-        for i in range(nx):
-            x[i] = M0[s, i]
-            C[i, i] = S0[s, i] ** 2
-        h = dt[starts[g]]
-        stop = starts[g] + counts[g]
-        for n in range(starts[g], stop + 1):
-            u = at(U, n * U.shape[1])
-            S[:] = 0.0
-            for i in range(nx):
-                S[i, i] = 1.0
-                if keep:
-                    X[s, n, i] = x[i]
-            for o in range(ny):
-                E[s, n, o] = np.nan
-                V[s, n, o] = np.nan
-                if keep:
-                    K[s, n, o] = 0.0
-                if Y[n, o] == Y[n, o]:
-                    call(code.sensor_slopes, (at(x, 0), at(S, 0), u, at(c, 0), at(y, 0), at(G, 0)))
-                    variance = R[s, o]
-                    for i in range(nx):
-                        gain[i] = 0.0
-                        for q in range(nx):
-                            gain[i] += C[i, q] * G[o, q]
-                        variance += gain[i] * G[o, i]
-                    error = Y[n, o] - y[o]
-                    E[s, n, o], V[s, n, o] = error, variance
-                    for i in range(nx):
-                        for q in range(nx):
-                            C[i, q] -= gain[i] * gain[q] / variance
-                        x[i] += gain[i] / variance * error
-                        if keep:
-                            K[s, n, o, i] = gain[i] / variance
-            if n == stop:
-                break
-            h = advance(
-                code.slopes, code.step_slopes, at(x, 0), at(S, 0), u, at(c, 0), k, at(T, 0), at(tolerance, 0),
-                dt[n], h,
-            )  # fmt: skip
-            if h < 0.0:
-                E[s, n + 1 : stop + 1] = np.inf
-                V[s, n + 1 : stop + 1] = np.inf
-                break
-            for i in range(nx):
-                for q in range(nx):
-                    B[i, q] = 0.0
-                    for w in range(nx):
-                        B[i, q] += S[i, w] * C[w, q]
-            for i in range(nx):
-                for q in range(i + 1):
-                    total = 0.0
-                    for w in range(nx):
-                        total += B[i, w] * S[q, w]
-                    C[i, q] = total
-                    C[q, i] = total
-                C[i, i] += Q[s, i] * dt[n] * scales[i] ** 2

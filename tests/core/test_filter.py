@@ -1,0 +1,116 @@
+"""The compiled filter: on a linear plant it is Kalman's, to rounding; steered runs follow its gains."""
+
+import casadi as ca
+import numpy as np
+from scipy.linalg import expm
+
+from optid.core.parameter import Parameter
+from optid.core.recording import Channel, Recording
+from optid.core.sheet import build
+from optid.fit.likelihood import WHOLE, deviance, run_filter, run_steered
+from optid.fit.problem import pose
+
+STIFFNESS = Parameter("stiffness", "N/m", 40.0, "spring", "test", 40.0, (0.0, 1e4))
+DAMPING = Parameter("damping", "N s/m", 1.5, "damper", "test", 1.5, (0.0, 1e3))
+
+
+def spring(s):
+    """A unit mass on a spring, pushed by the command; two outputs, one of them the sum of both states."""
+    x, v = s.state("x", "m", 0.1, spread=0.2), s.state("v", "m/s", 1.0, spread=0.5)
+    u = s.input("command", "1")
+    s.rate(x, v)
+    s.rate(v, 20 * u - s.param(STIFFNESS) * x - s.param(DAMPING) * v)
+    s.output("position", "m", x)
+    s.output("mixture", "m", x + 0.1 * v)
+
+
+def recording(n=400, dt=0.01, seed=1):
+    rng = np.random.default_rng(seed)
+    u = np.repeat(rng.uniform(-1, 1, n // 20), 20)
+    A, B = discrete(dt)
+    x, y = np.zeros(2), []
+    for k in range(n):
+        y.append([x[0], x[0] + 0.1 * x[1]] + 0.02 * rng.normal(size=2))
+        x = A @ x + B * u[k] + 0.01 * rng.normal(size=2)
+    y = np.array(y)
+    y[50:60, 0] = np.nan
+    time = dt * np.arange(n)
+    channels = {
+        role: Channel(role, role, unit, values)
+        for role, unit, values in (("command", "1", u), ("position", "m", y[:, 0]), ("mixture", "m", y[:, 1]))
+    }
+    return Recording("spring", time, channels)
+
+
+def discrete(dt, k=40.0, d=1.5):
+    block = np.zeros((3, 3))
+    block[:2, :2], block[1, 2] = [[0, 1], [-k, -d]], 20.0
+    whole = expm(block * dt)
+    return whole[:2, :2], whole[:2, 2]
+
+
+def kalman(y, u, dt, Q, R):
+    """Innovations and variances, outputs one at a time, written from the textbook."""
+    A, B = discrete(dt)
+    H = np.array([[1, 0], [1, 0.1]])
+    m, C = np.zeros(2), np.diag([0.2**2, 0.5**2])
+    E, V, X = np.full(y.shape, np.nan), np.full(y.shape, np.nan), []
+    for n in range(len(y)):
+        X.append(m)
+        for o in range(2):
+            if np.isfinite(y[n, o]):
+                E[n, o] = y[n, o] - H[o] @ m
+                V[n, o] = H[o] @ C @ H[o] + R[o]
+                gain = C @ H[o] / V[n, o]
+                m, C = m + gain * E[n, o], C - np.outer(gain, gain) * V[n, o]
+        m, C = A @ m + B * u[n], A @ C @ A.T + np.diag(Q) * dt
+    return E, V, np.array(X)
+
+
+def test_a_linear_plant_is_filtered_as_by_kalman():
+    model, data = build(spring), recording()
+    problem = pose(model, [data], WHOLE)
+    Q, R = np.array([1e-4, 1e-2]), np.array([4e-4, 4e-4])  # Q in squared scales a second
+    f = run_filter(model, problem, model.vector({})[None], Q[None], R[None], keep=True)
+    E, V, X = kalman(problem.measured, problem.inputs[:, 0], 0.01, Q * model.scales**2, R)
+    known = np.isfinite(E)
+    assert np.array_equal(known, np.isfinite(f.innovations[0]))
+    assert np.abs(f.innovations[0] - E)[known].max() < 2e-5
+    assert np.abs(f.variances[0] / V - 1)[known].max() < 1e-4
+    assert np.abs(f.states[0] - X).max() < 2e-4
+
+
+def test_steered_with_its_own_gains_a_linear_model_repeats_the_filter():
+    model, data = build(spring), recording()
+    problem = pose(model, [data], WHOLE)
+    p = model.vector({})[None]
+    f = run_filter(model, problem, p, np.array([[1e-4, 1e-2]]), np.array([[4e-4, 4e-4]]), keep=True)
+    E = run_steered(model, problem, p, f.gains[0], range(2))
+    known = np.isfinite(f.innovations)
+    assert np.abs(E - f.innovations)[known].max() < 2e-5
+
+
+def test_many_sets_and_segments_equal_single_ones():
+    model = build(spring)
+    problem = pose(model, [recording(seed=1), recording(seed=2)], WHOLE)
+    P = np.tile(model.vector({}), (3, 1))
+    P[:, 0] *= [0.8, 1.0, 1.3]
+    Q, R = np.tile([[1e-4, 1e-2]], (3, 1)), np.tile([[4e-4, 4e-4]], (3, 1))
+    together = run_filter(model, problem, P, Q, R).innovations
+    for k in range(3):
+        alone = run_filter(model, problem, P[k : k + 1], Q[k : k + 1], R[k : k + 1]).innovations[0]
+        assert np.array_equal(alone, together[k], equal_nan=True)
+    assert np.nanmax(np.abs(together[0] - together[2])) > 1e-3
+
+
+def test_a_run_that_leaves_the_numbers_has_no_likelihood():
+    def bomb(s):
+        x = s.state("x", "m", 1.0, start=1.0, spread=0.1)
+        s.rate(x, ca.exp(50 * x) + s.input("command", "1"))
+        s.output("position", "m", x)
+        s.output("mixture", "m", x)
+
+    model = build(bomb)
+    problem = pose(model, [recording()], WHOLE)
+    f = run_filter(model, problem, model.vector({})[None], np.array([[1e-4]]), np.array([[4e-4, 4e-4]]))
+    assert not np.isfinite(deviance(f.innovations[0], f.variances[0]).sum())
