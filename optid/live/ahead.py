@@ -7,7 +7,7 @@ from typing import TypeVar
 
 import numba
 
-from optid.armax.layout import HEADER, HISTORY, INPUTS, NA, NC, SCALE
+from optid.armax.layout import HEADER, INPUTS, NA, NC, OUTPUTS, PAST_INPUTS, RESIDUALS, SCALE
 from optid.core.model import Array
 
 Kernel = TypeVar("Kernel", bound=Callable[..., object])
@@ -24,9 +24,7 @@ def one_ahead(s: Array) -> float:
     na, nc, m = int(s[NA]), int(s[NC]), int(s[INPUTS])
     nb, nk = int(s[HEADER]), int(s[HEADER + 1])
     theta = HEADER + 4 * m
-    yh = int(s[HISTORY])
-    eh = yh + na + max(na, nc)
-    uh = eh + 2 * nc
+    yh, eh, uh = int(s[OUTPUTS]), int(s[RESIDUALS]), int(s[PAST_INPUTS])
     total = 0.0
     for k in range(na):
         total += s[theta + k] * s[yh + k]

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import multiprocessing
+import time
 from multiprocessing.connection import Connection
 from typing import Any
 
@@ -27,6 +29,7 @@ from optid.rigs.rigfile import read_rig
 
 START = 120.0  # s for both processes to be ready: the first run on a machine compiles
 GRACE = 5.0  # s for the processes to end by themselves
+HUNG = 2.0  # s without a sample, and ten watchdogs, after which the guard is taken to hang in its driver
 
 
 class Session:
@@ -57,6 +60,7 @@ class Session:
         self.rig_name, self.model = rig.name, None
         self.tuning, self._wants = Tuning(plan, self.events.note), False
         self.end: dict[str, Any] | None = None
+        self._progress = (0, math.inf)  # samples seen, and when the last new one was
         order = plan.choices.order
         self._blank = Identifier(Orders(order, (order,), order, (1,)), self.settings.span)
         sizes = ring_sizes(plan, self.settings.rate)
@@ -92,6 +96,7 @@ class Session:
     def go(self) -> None:
         """Sample 0 is due."""
         self.events.begin()
+        self._progress = (0, time.monotonic())
         tell(self._pipes[0], do="go")
         self.events.note("the loop runs")
 
@@ -130,7 +135,9 @@ class Session:
                 while ready([pipe], 0.0):
                     heed(told(pipe))
         if self.end is None and not self._processes[0].is_alive():
-            self._guard_died()
+            self._guard_died("the guard's process died")
+        elif self.end is None:
+            self._look_for_life()
         self.tuning.poll()
         self._look()
 
@@ -186,13 +193,23 @@ class Session:
                 case_of(self.model, (self.settings, self.wiring), self.plan.choices, self.gains)
             )
 
-    def _guard_died(self) -> None:
+    def _look_for_life(self) -> None:
+        """A driver that never comes back holds the guard, which can put no safe command: end it, then do."""
+        samples, since = self._progress
+        if self.signals.count != samples:
+            self._progress = (self.signals.count, time.monotonic())
+        elif time.monotonic() - since > HUNG + 10 * self.settings.watchdog:
+            self._processes[0].kill()
+            self._processes[0].join()
+            self._guard_died("the driver did not come back")
+
+    def _guard_died(self, why: str) -> None:
         with contextlib.suppress(EOFError, OSError):
             while ready([self._pipes[0]], 0.0):
                 self._heed_guard(told(self._pipes[0]))
         if self.end is None:
             safe, words = rescue(self.plan)
-            self.end = {"how": "failed", "why": f"the guard's process died; {words}", "safe": safe}
+            self.end = {"how": "failed", "why": f"{why}; {words}", "safe": safe}
             self.events.note(self.end["why"])
 
     def _look(self) -> None:

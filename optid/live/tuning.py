@@ -14,7 +14,8 @@ from optid.live.review import Case, Review, review
 from optid.rigs.rigfile import read_rig
 from optid.tune.bench import PhysicalBench
 from optid.tune.margins import Required
-from optid.tune.tuning import Options, tune
+from optid.tune.optimise import Options
+from optid.tune.tuning import tune
 
 NICENESS = 10  # the loop goes first
 # Maximum sensitivity of a tuned loop. Åström and Hägglund (Advanced PID Control, 2006, sec. 4.6) name 1.2 to 2.0;

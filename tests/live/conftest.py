@@ -22,6 +22,14 @@ def bench():
 
 
 @pytest.fixture
+def patient(tmp_path):
+    """The same rig file for sessions in real time on a machine that may be busy: the watchdog waits long."""
+    path = tmp_path / "patient.toml"
+    path.write_text(BENCH.read_text(encoding="utf-8") + '\n[live]\nwatchdog = "60 s"\n', encoding="utf-8")
+    return path
+
+
+@pytest.fixture
 def run_live(tmp_path):
     """Run a rig against a loop in this process; returns the end, the loop and the log's path."""
 

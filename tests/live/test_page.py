@@ -7,7 +7,6 @@ import re
 import shutil
 import subprocess
 import sys
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -24,8 +23,6 @@ from optid.live.plan import SIGNALS, slow_columns
 from optid.live.ring import Ring
 from optid.live.settings import live_settings, wiring_of
 from optid.pid.controller import Gains
-
-BENCH = Path(__file__).resolve().parents[2] / "data" / "bench.toml"
 
 
 @pytest.fixture
@@ -175,9 +172,9 @@ def browser():
 
 
 @pytest.fixture
-def live(tmp_path):
+def live(tmp_path, patient):
     """The command with a page, and its address."""
-    call = [sys.executable, "-m", "optid.cli", "live", str(BENCH), "--out", str(tmp_path / "out"),
+    call = [sys.executable, "-m", "optid.cli", "live", str(patient), "--out", str(tmp_path / "out"),
             "--rate", "200", "--page"]  # fmt: skip
     with subprocess.Popen(call, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as process:
         line = process.stdout.readline()
@@ -210,11 +207,11 @@ def test_the_whole_page_by_keyboard_and_a_stop_under_load(browser, live):
     page.goto(live.url)
     until(page, "page.signals && page.signals.count > 600")  # 3 s
     for chart in ("position", "command", "mismatch", "residual", "theta"):
-        assert page.evaluate(DRAWN, chart) > 500, chart
+        until(page, f"({DRAWN})('{chart}') > 500")
     before = page.inner_text("#gains")
     page.keyboard.press("t")
     until(page, "document.getElementById('verdict').textContent.includes('ITAE')")
-    assert page.evaluate(DRAWN, "review") > 500
+    until(page, f"({DRAWN})('review') > 500")
     assert page.is_enabled("#apply")
     page.focus("#tune")
     page.keyboard.press("Tab")

@@ -56,10 +56,9 @@ def wait_for(session, there):
     raise AssertionError("nothing happened for two minutes")
 
 
-def test_tune_review_apply(tmp_path):
-    rig = read_rig(BENCH)
-    settings = live_settings(rig, 200.0)
-    plan = Plan(BENCH, "simulated", tmp_path, tour(settings.limits), Choices(Gains(6.0)), rate=200.0)
+def test_tune_review_apply(tmp_path, patient):
+    settings = live_settings(read_rig(patient), 200.0)
+    plan = Plan(patient, "simulated", tmp_path, tour(settings.limits), Choices(Gains(6.0)), rate=200.0)
     session = Session(plan)
     try:
         session.go()
@@ -119,11 +118,47 @@ def test_an_older_recording_is_never_overwritten(tmp_path):
     assert (tmp_path / "recording.csv").read_text() == "precious"
 
 
+STUCK = """
+import os, time
+from pathlib import Path
+
+class Rig:
+    def __init__(self, order):
+        self.reads, self.put = 0, order.rig.path.with_name("put.txt")
+
+    def read(self, time_):
+        self.reads += 1
+        if self.reads > 30:
+            time.sleep(1e6)
+        return [0.0]
+
+    def write(self, command, time_):
+        with self.put.open("a") as file:
+            file.write(f"{os.getpid()} {command}\\n")
+        return command
+
+    def close(self):
+        pass
+"""
+
+
+def test_a_driver_that_never_comes_back_is_left_and_the_safe_command_put_anew(tmp_path):
+    rig, driver = tmp_path / "rig.toml", tmp_path / "stuck.py"
+    rig.write_text(BENCH.read_text() + '\n[live]\nsafe_command = "0.25 V"\nwatchdog = "0.3 s"\n')
+    driver.write_text(STUCK)
+    result = run(rig, "--driver", f"{driver}:Rig", "--out", tmp_path / "out")
+    assert result.exit_code == 1
+    assert "the driver did not come back; the safe command was put through a new door" in result.stderr
+    lines = (tmp_path / "put.txt").read_text().split("\n")
+    assert lines[-2] == f"{os.getpid()} 0.25"  # by this process, when the guard was gone
+    assert len(pd.read_csv(tmp_path / "out" / "recording.csv")) == 30
+
+
 class Running:
     """The command in a process of its own, with samples already taken."""
 
-    def __init__(self, out):
-        call = [sys.executable, "-m", "optid.cli", "live", str(BENCH), "--out", str(out), "--rate", "200"]
+    def __init__(self, rig, out):
+        call = [sys.executable, "-m", "optid.cli", "live", str(rig), "--out", str(out), "--rate", "200"]
         self.out, self.process = out, subprocess.Popen(call, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
 
     def begun(self):
@@ -157,8 +192,8 @@ class Running:
 
 
 @pytest.fixture
-def running(tmp_path):
-    started = Running(tmp_path / "out")
+def running(tmp_path, patient):
+    started = Running(patient, tmp_path / "out")
     with started.process:
         try:
             started.begun()
