@@ -27,10 +27,10 @@ from optid.armax.batch import fit_batch
 from optid.pid.controller import Gains, Settings
 from optid.tune.baselines import ziegler_nichols_ultimate
 from optid.tune.demand import step
+from optid.tune.optimise import Options, default_gains, optimise
 from optid.tune.plant import plant_of
 from optid.tune.search import box
 from optid.tune.task import Task
-from optid.tune.tuning import Options, default_gains, optimise
 from optid.tune.ultimate import ultimate
 
 Array = NDArray[np.float64]

@@ -38,10 +38,11 @@ from optid.tune.criterion import Criterion
 from optid.tune.demand import Episode, moves, profile, step
 from optid.tune.loop import Course
 from optid.tune.margins import Required
+from optid.tune.optimise import Options, optimise
 from optid.tune.plant import plant_of
 from optid.tune.score import Response, response
 from optid.tune.task import Task
-from optid.tune.tuning import Options, Scored, Tuning, compared, optimise, tune
+from optid.tune.tuning import Scored, Tuning, compared, tune
 from studies.benchmark_tune import LIMIT, ROOT, STEP, T, identified
 from studies.live_rig import LiveRig
 from studies.make_recording import BENCH

@@ -62,6 +62,12 @@ def _numeric(text: str) -> bool:
 @click.option(
     "--deadband", metavar="LOW,HIGH", help="Widths of the valve's dead band to jump over, both positive."
 )
+@click.option(
+    "--anti-windup",
+    type=click.Choice(["clamping", "back-calculation", "none"]),
+    default="clamping",
+    show_default=True,
+)
 @click.option("--order", type=int, metavar="NA", help="Model to take; the recommended one by default.")
 @click.option("--horizon", metavar="S", help="Seconds of an episode.")
 @click.option("--sample-time", metavar="S", help="At which the controller will run: must be the model's.")
@@ -141,7 +147,7 @@ def _exported(tuning: Tuning) -> dict[str, str]:
 
 def _options(choices: dict[str, Any]) -> Any:
     from optid.pid.controller import Gains
-    from optid.tune.tuning import Options
+    from optid.tune.optimise import Options
 
     lag = _quantity(choices["derivative_filter"], "s", "--derivative-filter")
     return Options(
@@ -153,6 +159,7 @@ def _options(choices: dict[str, Any]) -> Any:
 
 def _wishes(choices: dict[str, Any], contents: Any) -> Wishes:
     """The options in SI."""
+    from optid.pid.controller import AntiWindup
     from optid.tune.criterion import Criterion
     from optid.tune.margins import Required
     from optid.tune.measure import Measure
@@ -172,6 +179,7 @@ def _wishes(choices: dict[str, Any], contents: Any) -> Wishes:
         disturbances=tuple(_known(text, u, "--disturbance") for text in choices["disturbances"]),
         profiles=tuple(_path(name, contents.chosen.sample_time) for name in choices["profiles"]),
         low=low, high=high, deadband=dead,
+        anti_windup=AntiWindup[choices["anti_windup"].upper().replace("-", "_")],
         rate=_quantity(choices["rate"], "Hz" if u == "1" else f"{u}/s", "--rate"),
         resolution=_quantity(choices["resolution"], u, "--resolution") or 0.0,
         horizon=_quantity(choices["horizon"], "s", "--horizon"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import matplotlib as mpl
@@ -16,7 +17,8 @@ from optid.report.figures import ALARM, FREE, INK, QUIET, STYLE, WINDOW, _label,
 from optid.report.scores import friendly
 from optid.tune.margins import Frequencies, loop_response
 from optid.tune.score import Response
-from optid.tune.search import PLACES
+from optid.tune.search import PLACES, SIGNED
+from optid.tune.task import REFUSED
 from optid.tune.tuning import Scored, Tuning
 
 REST = ("#6f8fc9", "#b9a44c", "#8e6bb0")  # baselines
@@ -120,39 +122,22 @@ def loop(tuning: Tuning) -> str:
 
 
 def landscape(tuning: Tuning, pairs: Sequence[tuple[str, str]]) -> str:
-    """Cost over pairs of gains, the others as tuned: decades above the best one; grey where a margin is missed."""
-    task, within = tuning.task, tuning.within
-    if task.bench is not None:  # a picture of thousands of runs: of the identified model alone
-        from dataclasses import replace
+    """Cost over pairs of gains, the others as tuned: decades above the best one; grey where a margin is missed.
 
-        task = replace(task, bench=None)
+    On the identified model alone: thousands of runs of a physical one would take minutes.
+    """
+    task = replace(tuning.task, bench=None)
     best = float(task.fitness(tuning.gains.vector)[0])
     with mpl.rc_context({**STYLE, "axes.grid": False}):
         figure = Figure(figsize=(9.2, 3.7), layout="constrained")
         axes = figure.subplots(1, len(pairs), squeeze=False)[0]
-        image: Any = None
         for axis, (across, up) in zip(axes, pairs, strict=True):
             x, y = _axis(tuning, across), _axis(tuning, up)
             gains = np.tile(tuning.gains.vector, (x.size * y.size, 1))
             gains[:, PLACES[across]], gains[:, PLACES[up]] = np.repeat(x, y.size), np.tile(y, x.size)
             cost = task.fitness(gains)
-            decades = (
-                np.where(cost < 1e19, np.log10(np.maximum(cost / best, 1e-9)), np.nan)
-                .reshape(x.size, y.size)
-                .T
-            )
-            axis.set_facecolor("#dde1e5")
-            image = axis.pcolormesh(
-                x, y, decades, cmap=_shades(), vmin=0.0, vmax=WORTH, shading="nearest", rasterized=True
-            )
-            axis.contour(
-                x,
-                y,
-                decades,
-                levels=[math.log10(1.05), math.log10(1.2), math.log10(2)],
-                colors="white",
-                linewidths=0.6,
-            )
+            decades = np.where(cost < REFUSED, np.log10(np.maximum(cost / best, 1e-9)), np.nan)
+            image = _valley(axis, x, y, decades.reshape(x.size, y.size).T)
             axis.plot(
                 [getattr(tuning.gains, across)],
                 [getattr(tuning.gains, up)],
@@ -162,12 +147,26 @@ def landscape(tuning: Tuning, pairs: Sequence[tuple[str, str]]) -> str:
                 mec=INK,
             )
             for name, scale in ((across, axis.set_xscale), (up, axis.set_yscale)):
-                if name in ("kp", "ki", "kd") and getattr(tuning.gains, name) * within.sign > 0.0:
+                if name in SIGNED and getattr(tuning.gains, name) * tuning.within.sign > 0.0:
                     scale("log")
             axis.set_xlabel(across)
             axis.set_ylabel(up)
         figure.colorbar(image, ax=list(axes), label="cost, decades above the best", shrink=0.9)
         return _svg(figure)
+
+
+def _valley(axis: Any, x: Array, y: Array, decades: Array) -> Any:
+    """Colours, and lines at 5 %, 20 % and 100 % above the best where there is anything to draw them through."""
+    axis.set_facecolor("#dde1e5")
+    image = axis.pcolormesh(
+        x, y, decades, cmap=_shades(), vmin=0.0, vmax=WORTH, shading="nearest", rasterized=True
+    )
+    levels = [
+        level for level in np.log10([1.05, 1.2, 2.0]) if np.nanmin(decades) < level < np.nanmax(decades)
+    ]
+    if levels:
+        axis.contour(x, y, decades, levels=levels, colors="white", linewidths=0.6)
+    return image
 
 
 def _shades() -> ListedColormap:

@@ -8,7 +8,7 @@ import numpy as np
 
 from optid.core.model import Array
 from optid.tune.gradient import Gradient
-from optid.tune.margins import DELAY, GAIN, MS, PHASE
+from optid.tune.nyquist import DELAY, GAIN, MS, PHASE
 from optid.tune.search import Box
 from optid.tune.task import REFUSED, Task
 

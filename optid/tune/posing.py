@@ -13,7 +13,7 @@ from optid.armax.files import ArmaxFile
 from optid.armax.model import Armax
 from optid.core.model import Array
 from optid.errors import InputError
-from optid.pid.controller import Settings
+from optid.pid.controller import AntiWindup, Settings
 from optid.rigs.rigfile import Rig
 from optid.tune.bench import PhysicalBench
 from optid.tune.criterion import Criterion
@@ -40,7 +40,7 @@ class Wishes:
         order: na of the model to take; the recommended one.
         setpoints: steps from rest, each an episode; disturbances: steps of the command from outside, likewise.
         profiles: name and path (samples,), each an episode.
-        low, high, rate, resolution, deadband: of the command.
+        low, high, rate, resolution, deadband, anti_windup: of the controller's command.
         horizon: s of every episode.
         sample_time: s at which the controller runs; must be the model's.
         criterion, required, over: see `Task`.
@@ -56,6 +56,7 @@ class Wishes:
     rate: float | None = None
     resolution: float = 0.0
     deadband: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    anti_windup: AntiWindup = AntiWindup.CLAMPING
     horizon: float | None = None
     sample_time: float | None = None
     criterion: Criterion = field(default_factory=Criterion)
@@ -148,17 +149,7 @@ def pose(
     command_unit, output_unit = units_of(contents)
     low, high, said = _limits(wishes, command_unit, rig)
     assumed += said
-    T = model.sample_time if wishes.sample_time is None else wishes.sample_time
-    if not math.isclose(T, model.sample_time, rel_tol=1e-9):
-        raise InputError(
-            f"{T:g} s, and the model was identified at {model.sample_time:g} s", where=where,
-            field="sample_time", expected="the model's own",
-            hint="identify from a recording at the controller's rate",
-        )  # fmt: skip
-    settings = Settings(
-        model.sample_time, low, high, math.inf if wishes.rate is None else wishes.rate,
-        -wishes.deadband[0], wishes.deadband[1], wishes.deadband[2], wishes.resolution,
-    )  # fmt: skip
+    settings = _settings(wishes, plant, (low, high), where)
     samples = _samples(wishes, plant)
     setpoints = wishes.setpoints
     if not (setpoints or wishes.disturbances or wishes.profiles):
@@ -170,6 +161,23 @@ def pose(
     on_rig = bench if tune_on_rig else None
     task = Task(plants, episodes, settings, wishes.criterion, wishes.required, wishes.over, on_rig)
     return Posed(task, model, command_unit, output_unit, bench, tuple(assumed))
+
+
+def _settings(wishes: Wishes, plant: Plant, limits: tuple[float, float], where: Path) -> Settings:
+    """Of the controller; anti-windup by back-calculation works within half an ultimate period."""
+    T = plant.sample_time if wishes.sample_time is None else wishes.sample_time
+    if not math.isclose(T, plant.sample_time, rel_tol=1e-9):
+        raise InputError(
+            f"{T:g} s, and the model was identified at {plant.sample_time:g} s", where=where,
+            field="sample_time", expected="the model's own",
+            hint="identify from a recording at the controller's rate",
+        )  # fmt: skip
+    back = wishes.anti_windup is AntiWindup.BACK_CALCULATION
+    tracking = max(0.5 * ultimate(plant).period, plant.sample_time) if back else 0.0
+    return Settings(
+        plant.sample_time, *limits, math.inf if wishes.rate is None else wishes.rate,
+        -wishes.deadband[0], wishes.deadband[1], wishes.deadband[2], wishes.resolution, wishes.anti_windup, tracking,
+    )  # fmt: skip
 
 
 def _limits(wishes: Wishes, unit: str, rig: Rig | None) -> tuple[float, float, list[str]]:

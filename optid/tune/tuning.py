@@ -5,57 +5,25 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
-from optid.core.model import Array
-from optid.errors import InputError, SolveError
+from optid.errors import SolveError
 from optid.pid.controller import Controller, Gains, Settings
 from optid.tune.baselines import Baseline, nelder_mead, rules
 from optid.tune.gradient import Gradient
 from optid.tune.loop import Course
 from optid.tune.margins import Margins, margins
+from optid.tune.optimise import Options, Search, as_gains, optimise
 from optid.tune.polish import polish
 from optid.tune.score import Response, response
-from optid.tune.search import Box, Evolved, box, evolve, slices
-from optid.tune.task import REFUSED, Task
+from optid.tune.search import Box
+from optid.tune.task import Task
 from optid.tune.ultimate import Ultimate, ultimate
 
-SAMPLES_OF_LAG, LAG_SHARE = (
-    1.0,
-    1 / 80,
-)  # default derivative filter at least: samples, share of the ultimate period
-POINTS, SLOW_POINTS = 3000, 700  # of the certificate's grid at most; the latter where a physical model runs
-WITH_BENCH = 50  # generations of a search in which a physical model runs
 THIN = 2.0  # maximum sensitivity; Astrom and Hagglund (2006, section 4.6) recommend 1.2 to 2.0
-VALLEYS = 3  # of the grid that are followed down
-SAME = 5e-3  # relative: starts whose costs are that near to the best one agree with it
+SAME = 5e-3  # relative: searches whose costs are that near to the best one agree with it
 Bench = Callable[[Gains, Settings], tuple[Response, ...]]
-
-
-@dataclass(frozen=True)
-class Options:
-    """How to search.
-
-    Attributes:
-        free: gains that move; the others stay as `fixed` has them.
-        fixed: None takes a derivative filter that suits the plant, and set-point weight 1.
-        starts: populations, each from points of its own.
-        grid: points on each axis of the certificate's grid; 0 for none.
-        polish: go down to the very bottom of each valley; without, searches end within a tenth of a percent of it.
-    """
-
-    free: tuple[str, ...] = ("kp", "ki", "kd")
-    fixed: Gains | None = None
-    starts: int = 4
-    grid: int = 14
-    polish: bool = True
-
-    def __post_init__(self) -> None:
-        for name, least in (("starts", 1), ("grid", 0)):
-            if getattr(self, name) < least:
-                raise InputError(f"{getattr(self, name)}", field=name, expected=f"at least {least}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,111 +112,6 @@ class Tuning:
     def controller(self) -> Controller:
         """A running controller with these gains."""
         return Controller(self.gains, self.settings)
-
-
-@dataclass(frozen=True, eq=False)
-class Search:
-    """Where a search ended.
-
-    Attributes:
-        gains: the best.
-        ends: of every start, polished, and of the best valleys of the grid.
-        within: the box.
-        grid: costs on a grid over the box, any shape; empty for none.
-    """
-
-    gains: Gains
-    ends: tuple[Evolved, ...]
-    within: Box
-    grid: Array
-
-
-def optimise(task: Task, options: Options, rng: np.random.Generator, scale: Ultimate | None = None) -> Search:
-    """The search alone: populations in slices of the box and the valleys of a grid, all polished.
-
-    Raises:
-        SolveError: nothing in the box keeps what is required.
-    """
-    scale = scale or ultimate(task.plant)
-    within = box(options.free, options.fixed or default_gains(task, scale), scale)
-    swift = replace(task, bench=None)
-    ends = [_evolved(swift, within, part, rng) for part in slices(within, options.starts)]
-    costs, valleys = _screened(swift, within, min(options.grid, int(POINTS ** (1.0 / len(options.free)))))
-    kept = [end for end in (*ends, *valleys) if end.fitness < REFUSED]
-    if not kept:
-        raise SolveError(_refusal(task, min(end.fitness for end in ends)))
-    ends = kept
-    if options.polish:
-        gradient = None if task.criterion.own else Gradient(swift, options.free)
-        ends = [_polished(swift, within, end, gradient) for end in kept]
-    if task.bench is not None:
-        seeds = np.array([end.point for end in ends])
-        whole = slices(within, 1)[0]
-        tried = [_evolved(task, within, whole, rng, begin, WITH_BENCH) for begin in (seeds, None)]
-        ends = [_polished(task, within, min(tried, key=lambda end: end.fitness), None), *tried]
-        costs, _ = _screened(task, within, min(options.grid, int(SLOW_POINTS ** (1.0 / len(options.free)))))
-    best = min(ends, key=lambda end: end.fitness)
-    return Search(as_gains(within.gains(best.point)[0]), tuple(ends), within, costs)
-
-
-def _screened(task: Task, within: Box, aside: int) -> tuple[Array, list[Evolved]]:
-    """Costs on a grid of `aside` points along each axis, and its lowest valleys: points no neighbour undercuts."""
-    dimensions = len(within.free)
-    if aside < 2:
-        return np.empty(0), []
-    axes = np.meshgrid(*[np.linspace(0.0, 1.0, aside)] * dimensions, indexing="ij")
-    points = np.stack([axis.ravel() for axis in axes], axis=1)
-    costs = task.fitness(within.gains(points)).reshape((aside,) * dimensions)
-    lowest = np.ones(costs.shape, dtype=bool)
-    for axis in range(dimensions):
-        rise = np.diff(costs, axis=axis)
-        edge = [slice(None)] * dimensions
-        edge[axis] = slice(0, aside - 1)
-        lowest[tuple(edge)] &= rise >= 0.0
-        edge[axis] = slice(1, aside)
-        lowest[tuple(edge)] &= rise <= 0.0
-    there = np.flatnonzero(lowest.ravel())
-    there = there[np.argsort(costs.ravel()[there])][:VALLEYS]
-    return costs, [Evolved(points[i], float(costs.ravel()[i]), 0) for i in there]
-
-
-def _evolved(task: Task, within: Box, *how: Any) -> Evolved:
-    return evolve(lambda points: task.fitness(within.gains(points)), *how)
-
-
-def _polished(task: Task, within: Box, end: Evolved, gradient: Gradient | None) -> Evolved:
-    point = polish(task, within, end.point, gradient)
-    return replace(end, point=point, fitness=float(task.fitness(within.gains(point))[0]))
-
-
-def as_gains(vector: Array) -> Gains:
-    """From the order of `optid.pid.law`."""
-    return Gains(*(float(value) for value in vector))
-
-
-def default_gains(task: Task, scale: Ultimate) -> Gains:
-    """What is not searched for: full set-point weight, derivative on the measurement, a lag that suits the plant."""
-    lag = max(SAMPLES_OF_LAG * task.settings.sample_time, LAG_SHARE * scale.period)
-    return Gains(kp=scale.gain, derivative_filter=lag)
-
-
-def _refusal(task: Task, fitness: float) -> str:
-    if fitness / REFUSED - 1.0 >= 10.0:
-        return (
-            "no gains within thousands of the plant's scale stabilise this model: identify anew, "
-            "or with another order"
-        )
-    asked = [
-        f"{name.replace('_', ' ')} {value:g}"
-        for name, value in vars(task.required).items()
-        if value is not None
-    ]
-    if asked and fitness > REFUSED:
-        miss = 100 * (fitness / REFUSED - 1)
-        return f"no gains keep {' and '.join(asked)}; the best ones miss by {miss:.2g} %: ask for less"
-    return (
-        "every stabilising loop leaves the numbers in the simulation: the limits are too tight for this model"
-    )
 
 
 def tune(

@@ -14,11 +14,12 @@ from optid.tune.criterion import Criterion
 from optid.tune.demand import load, step
 from optid.tune.margins import Required
 from optid.tune.measure import Measure
+from optid.tune.optimise import Options, default_gains, optimise
 from optid.tune.plant import plant_of, scenarios
 from optid.tune.reaction import reaction
 from optid.tune.search import box
 from optid.tune.task import Over, Task
-from optid.tune.tuning import Options, default_gains, optimise, tune
+from optid.tune.tuning import tune
 from optid.tune.ultimate import ultimate
 
 THREE = Options(free=("kp", "ki", "kd"), starts=2)
