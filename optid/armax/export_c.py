@@ -18,6 +18,7 @@ _KERNELS = (
     triangle.weigh,
     triangle.sweep,
     triangle.shift,
+    triangle.enter,
     triangle.copy,
     triangle.move,
     stability.roots_inside,
@@ -163,8 +164,10 @@ def identifier_header(identifier: Identifier, name: str = "optid") -> str:
         "PARAMETERS": orders.parameters,
         "INPUTS": orders.inputs,
         "STRIDE": layout.stride(orders),
-        "HISTORY": layout.history_at(orders),
     }
+    places = layout.places(orders)
+    for field in ("OUTPUTS", "OUTPUTS_FILTERED", "RESIDUALS", "RESIDUALS_FILTERED", "PAST_INPUTS"):
+        constants[field] = places[getattr(layout, field)]
     scales = [1.0 / state[layout.table_at() + 3 * i + 2] for i in range(orders.inputs)]
     return _IDENTIFIER.format(
         name=name,

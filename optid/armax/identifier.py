@@ -275,10 +275,10 @@ class Identifier:
 
     def _histories(self) -> tuple[Array, Array, Array]:
         """Past outputs, inputs (oldest first; as many rows as the model reaches back) and residuals."""
-        o, scale = self.orders, self._state[at.SCALE]
-        y = -self._part(at.history_at(o), o.na)[::-1] * scale
-        e = self._part(at.residuals_at(o), o.nc)[::-1] * scale
-        start = at.inputs_at(o)
+        o, scale, places = self.orders, self._state[at.SCALE], at.places(self.orders)
+        y = -self._part(places[at.OUTPUTS], o.na)[::-1] * scale
+        e = self._part(places[at.RESIDUALS], o.nc)[::-1] * scale
+        start = places[at.PAST_INPUTS]
         rows = max([1, *(nb + nk for nb, nk in zip(o.nb, o.nk, strict=True))])
         u = np.zeros((rows, o.inputs))
         for i, (nb, nk) in enumerate(zip(o.nb, o.nk, strict=True)):
@@ -301,7 +301,9 @@ def fresh_state(orders: Orders, settings: Settings, output_scale: float, input_s
     s = np.zeros(at.size(orders))
     s[at.FORMAT] = at.CURRENT_FORMAT
     s[at.NA], s[at.NC], s[at.PARAMETERS], s[at.INPUTS] = orders.na, orders.nc, n, orders.inputs
-    s[at.STRIDE], s[at.HISTORY] = at.stride(orders), at.history_at(orders)
+    s[at.STRIDE] = at.stride(orders)
+    for field_, start in at.places(orders).items():
+        s[field_] = start
     s[at.FILTERED] = float(settings.method is Method.MAXIMUM_LIKELIHOOD and orders.nc > 0)
     settings.forgetting.write(s)
     s[at.OUTLIER] = settings.outliers or 0.0

@@ -13,7 +13,7 @@ gaps (n parameters, m inputs; S is n rounded up to a multiple of 4, what lies be
     U       S S   unit upper triangular, column after column
     work   2 nc   work of the stability test
     yh       na   outputs -y(t-1)..  yf    max(na, nc), filtered by 1/C
-    eh, ef 2 nc   residuals e(t-1).. and the same filtered
+    eh, ef 2 nc   residuals e(t-1).. and the same filtered; these four rounded up to multiples of 4
     uh, uf        for each input: nk + nb inputs u(t).., and max(nk + nb, nc), filtered
 """
 
@@ -57,10 +57,14 @@ PROJECTED: Final = 26  # updates after which C had to be brought back
 EASE: Final = 27  # how far the gradient's filter still is from 1/C
 
 STRIDE: Final = 28  # S
-HISTORY: Final = 29  # start of yh
-PATIENCE: Final = 30  # updates before C is learnt
+PATIENCE: Final = 29  # updates before C is learnt
+OUTPUTS: Final = 30  # start of yh
+OUTPUTS_FILTERED: Final = 31  # of yf
+RESIDUALS: Final = 32  # of eh
+RESIDUALS_FILTERED: Final = 33  # of ef
+PAST_INPUTS: Final = 34  # of the first input's uh
 
-HEADER: Final = 31
+HEADER: Final = 35
 CURRENT_FORMAT: Final = 2.0
 
 
@@ -74,9 +78,14 @@ def theta_at(orders: Orders) -> int:
     return HEADER + 4 * orders.inputs
 
 
+def padded(length: int) -> int:
+    """The multiple of 4 that holds so many numbers."""
+    return -(-length // 4) * 4
+
+
 def stride(orders: Orders) -> int:
     """S, the length of the padded arrays."""
-    return -(-orders.parameters // 4) * 4
+    return padded(orders.parameters)
 
 
 def diagonal_at(orders: Orders) -> int:
@@ -89,24 +98,24 @@ def triangle_at(orders: Orders) -> int:
     return theta_at(orders) + 7 * stride(orders)
 
 
-def history_at(orders: Orders) -> int:
-    """Start of yh."""
-    return triangle_at(orders) + stride(orders) ** 2 + 2 * orders.nc
-
-
-def residuals_at(orders: Orders) -> int:
-    """Start of eh."""
-    return history_at(orders) + orders.na + max(orders.na, orders.nc)
-
-
-def inputs_at(orders: Orders) -> int:
-    """Start of the first input's uh."""
-    return residuals_at(orders) + 2 * orders.nc
+def places(orders: Orders) -> dict[int, int]:
+    """Header field -> start of each past, for those the header holds."""
+    yh = triangle_at(orders) + stride(orders) ** 2 + 2 * orders.nc
+    yf = yh + padded(orders.na)
+    eh = yf + padded(max(orders.na, orders.nc))
+    ef = eh + padded(orders.nc)
+    return {
+        OUTPUTS: yh,
+        OUTPUTS_FILTERED: yf,
+        RESIDUALS: eh,
+        RESIDUALS_FILTERED: ef,
+        PAST_INPUTS: ef + padded(orders.nc),
+    }
 
 
 def size(orders: Orders) -> int:
     """Length of the whole array."""
-    total = inputs_at(orders)
+    total = places(orders)[PAST_INPUTS]
     for nb, nk in zip(orders.nb, orders.nk, strict=True):
         total += nb + nk + max(nb + nk, orders.nc)
     return total

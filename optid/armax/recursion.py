@@ -26,18 +26,22 @@ from optid.armax.layout import (
     EASE,
     FILTERED,
     HEADER,
-    HISTORY,
     HOLD,
     INPUTS,
     MISSING,
     NA,
     NC,
     OUTLIER,
+    OUTPUTS,
+    OUTPUTS_FILTERED,
     PARAMETERS,
+    PAST_INPUTS,
     PATIENCE,
     PREDICTION,
     PROJECTED,
     RADIUS,
+    RESIDUALS,
+    RESIDUALS_FILTERED,
     SAMPLES,
     SCALE,
     SQUARES,
@@ -49,7 +53,7 @@ from optid.armax.learning import learn
 from optid.armax.past import LARGEST_SIGNAL, filtered, newest
 from optid.armax.stability import roots_inside as roots_inside
 from optid.armax.stability import stabilise
-from optid.armax.vectors import copy, inner, part, project, shift
+from optid.armax.vectors import copy, enter, inner, part, project, shift
 from optid.core.model import Array
 
 LARGEST_PREDICTION = 1e90  # in scales of the signal
@@ -63,20 +67,15 @@ def regress(s: Array, share: float) -> float:
     nc = int(s[NC])
     n = int(s[PARAMETERS])
     m = int(s[INPUTS])
-    size = int(s[STRIDE])
-    nf = nc
-    if na > nc:
-        nf = na
     theta = HEADER + 4 * m
     c = part(s, theta + n - nc)
-    phi = theta + 2 * size
-    psi = theta + 3 * size
-    at = int(s[HISTORY])
-    copy(part(s, phi), part(s, at), na)
-    copy(part(s, psi), part(s, at + na), na)
-    copy(part(s, phi + n - nc), part(s, at + na + nf), nc)
-    copy(part(s, psi + n - nc), part(s, at + na + nf + nc), nc)
-    at += na + nf + 2 * nc
+    phi = theta + 2 * int(s[STRIDE])
+    psi = theta + 3 * int(s[STRIDE])
+    copy(part(s, phi), part(s, int(s[OUTPUTS])), na)
+    copy(part(s, psi), part(s, int(s[OUTPUTS_FILTERED])), na)
+    copy(part(s, phi + n - nc), part(s, int(s[RESIDUALS])), nc)
+    copy(part(s, psi + n - nc), part(s, int(s[RESIDUALS_FILTERED])), nc)
+    at = int(s[PAST_INPUTS])
     column = na
     for i in range(m):
         nb = int(s[HEADER + 3 * i])
@@ -112,10 +111,7 @@ def mend(s: Array) -> float:
     m = int(s[INPUTS])
     nc = int(s[NC])
     column = HEADER + 4 * m + 2 * int(s[STRIDE]) + int(s[NA])
-    nf = nc
-    if int(s[NA]) > nc:
-        nf = int(s[NA])
-    at = int(s[HISTORY]) + int(s[NA]) + nf + 2 * nc
+    at = int(s[PAST_INPUTS])
     missing = 0.0
     for i in range(m):
         nb = int(s[HEADER + 3 * i])
@@ -135,27 +131,19 @@ def mend(s: Array) -> float:
 
 @folded
 def remember(s: Array, measured: float, residual: float, share: float) -> float:
-    """The newest output and residual, and the same filtered by 1/C, move in front."""
-    na = int(s[NA])
+    """The newest output and residual, and the same filtered by 1/C, come in front."""
     nc = int(s[NC])
-    nf = nc
-    if na > nc:
-        nf = na
     c = part(s, HEADER + 4 * int(s[INPUTS]) + int(s[PARAMETERS]) - nc)
-    yh = part(s, int(s[HISTORY]))
-    yf = part(s, int(s[HISTORY]) + na)
-    eh = part(s, int(s[HISTORY]) + na + nf)
-    ef = part(s, int(s[HISTORY]) + na + nf + nc)
-    y = filtered(-measured, c, yf, nc, share)
-    e = filtered(residual, c, ef, nc, share)
-    shift(yh, na + nf + 2 * nc)
-    if na > 0:
-        yh[0] = -measured
-    if nf > 0:
-        yf[0] = y
-    if nc > 0:
-        eh[0] = residual
-        ef[0] = e
+    yh = int(s[OUTPUTS])
+    yf = int(s[OUTPUTS_FILTERED])
+    eh = int(s[RESIDUALS])
+    ef = int(s[RESIDUALS_FILTERED])
+    y = filtered(-measured, c, part(s, yf), nc, share)
+    e = filtered(residual, c, part(s, ef), nc, share)
+    enter(part(s, yh), yf - yh, -measured)
+    enter(part(s, yf), eh - yf, y)
+    enter(part(s, eh), ef - eh, residual)
+    enter(part(s, ef), int(s[PAST_INPUTS]) - ef, e)
     return 0.0
 
 
@@ -210,11 +198,8 @@ def advance(s: Array, y: float) -> float:
         for k in range(nc):
             factor = factor * share
             dc += factor * c[k]
-        nf = nc
-        if na > nc:
-            nf = na
-        yf = part(s, int(s[HISTORY]) + na)
-        for k in range(nf):
+        yf = part(s, int(s[OUTPUTS_FILTERED]))
+        for k in range(int(s[RESIDUALS]) - int(s[OUTPUTS_FILTERED])):
             yf[k] = -measured / dc
     else:
         residual = e

@@ -82,6 +82,15 @@ def shift(past: Array, length: int) -> float:
     return 0.0
 
 
+def enter(past: Array, length: int, x: float) -> float:
+    """Every number moves one place back and x comes in front; `length` is a multiple of 4."""
+    for back in range(1, length):
+        past[length - back] = past[length - back - 1]
+    if length > 0:
+        past[0] = x
+    return 0.0
+
+
 def copy(there: Array, here: Array, length: int) -> float:
     """`there` becomes what stands `here`."""
     for k in range(length):

@@ -75,8 +75,8 @@ def exact_start(identifier: Identifier, y: ArrayLike, u: ArrayLike | None, rows:
     state[at.TRACE] = float(np.sum((U[:n, :n] * D) * U[:n, :n]))
     state[at.UPDATES] = state[at.WEIGHT] = Phi.shape[0]
     state[at.SQUARES] = float(np.sum((target - Phi @ theta) ** 2))
-    start = at.residuals_at(orders)
-    state[start : start + 2 * orders.nc] = 0.0
+    places = at.places(orders)
+    state[places[at.RESIDUALS] : places[at.PAST_INPUTS]] = 0.0
     return used
 
 

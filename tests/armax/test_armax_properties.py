@@ -42,7 +42,7 @@ def test_covariance_stays_positive_for_any_input(case):
     n, state = orders.parameters, identifier.state
     assert np.all(np.isfinite(identifier.theta))
     D = state[at.diagonal_at(orders) : at.diagonal_at(orders) + n]
-    U = state[at.triangle_at(orders) : at.history_at(orders)]
+    U = state[at.triangle_at(orders) : at.places(orders)[at.OUTPUTS]]
     assert np.all(D > 0) and np.all(np.isfinite(D))
     assert np.all(np.isfinite(U))
     assert np.all(np.diag(identifier.scaled_covariance) > 0)

@@ -39,6 +39,11 @@ def shift(past, length):
 
 
 @numba.njit
+def enter(past, length, x):
+    return vectors.enter(past, length, x)
+
+
+@numba.njit
 def copy(there, here, length):
     return vectors.copy(there, here, length)
 
@@ -109,6 +114,14 @@ def test_shift_moves_everything_one_back(length):
     same(triangle.shift, shift, past, length)
     assert past[1:length].tolist() == list(range(length - 1))
     assert past[max(length, 1) :].tolist() == list(range(max(length, 1), 40))
+
+
+@pytest.mark.parametrize("length", [0, 4, 8, 16])
+def test_the_newest_enters_in_front(length):
+    past = np.arange(20.0)
+    same(triangle.enter, enter, past, length, -1.0)
+    assert past[:length].tolist() == [-1.0, *range(length - 1)][:length]
+    assert past[length:].tolist() == list(range(length, 20))
 
 
 @pytest.mark.parametrize("length", [0, 1, 3, 4, 7, 8, 30])
