@@ -12,8 +12,8 @@ from typing import Any
 
 import llvmlite.binding as llvm
 
-from optid.core import kernel
-from optid.core.emit import source, width
+from optid.core import kernel, normal
+from optid.core.emit import source, source_of_runs, width
 from optid.core.model import Model
 
 WORKERS = max(1, len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1)
@@ -43,8 +43,8 @@ class Compiled:
         kernel.carry(self.code, *arguments)
 
     def normal_equations(self, *arguments: Any) -> None:
-        """See `optid.core.kernel.normal_equations`."""
-        kernel.normal_equations(self.code, *arguments)
+        """See `optid.core.normal.normal_equations`."""
+        normal.normal_equations(self.code, *arguments)
 
     def trace(self, *arguments: Any) -> None:
         """See `optid.core.kernel.trace`."""
@@ -64,7 +64,19 @@ def compiled(model: Model, free: tuple[int, ...] = ()) -> Compiled:
     return Compiled(kernel.Code(**places, hoisted=hoisted), directions, width(directions), engine)
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=128)
+def compiled_runs(model: Model) -> Compiled:
+    """The machine code of a model for runs without slopes, for models of which many are tried."""
+    text, hoisted = source_of_runs(model)
+    engine = machine_code(text)
+    names = ("constants", "rates", "step", "sensors")
+    places = {name: engine.get_function_address(name) for name in names}
+    absent = {name: 0 for name in kernel.Code._fields if name != "hoisted" and name not in places}
+    nx = len(model.states)
+    return Compiled(kernel.Code(**places, **absent, hoisted=hoisted), nx, width(nx), engine)
+
+
+@lru_cache(maxsize=128)
 def machine_code(text: str) -> Any:
     """Compile LLVM's intermediate code; the engine that comes back owns it and knows its functions' addresses.
 
@@ -91,13 +103,16 @@ def _machine() -> Any:
     )
 
 
-def spread(count: int, work: Callable[[int, int], None]) -> None:
-    """Run ``work(first, last)`` over 0..count in as many threads as there are cores; the kernels hold no lock."""
-    chunks = min(2 * WORKERS, count)  # two per core: windows differ in effort
+def spread(count: int, work: Callable[[int, int], None], grain: int = 1) -> None:
+    """Run ``work(first, last)`` over 0..count in as many threads as there are cores; the kernels hold no lock.
+
+    `first` is a multiple of `grain`.
+    """
+    chunks = min(2 * WORKERS, -(-count // grain))  # two per core: windows differ in effort
     if chunks <= 1 or WORKERS == 1:
         work(0, count)
         return
-    edges = [round(i * count / chunks) for i in range(chunks + 1)]
+    edges = [*(round(i * count / chunks / grain) * grain for i in range(chunks)), count]
     for future in [_pool().submit(work, a, b) for a, b in itertools.pairwise(edges)]:
         future.result()
 

@@ -14,9 +14,9 @@ from collections.abc import Callable, Mapping, Sequence
 
 import casadi as ca
 from llvmlite import ir
+from numba.core import cgutils
 
 from optid.core.instructions import FORMS, REAL, Value, add, div, intrinsic, mul, number
-from optid.core.lanes import like
 from optid.core.model import Model
 
 # Dormand and Prince (1980), table 2: stages, and fifth minus fourth order weights.
@@ -33,7 +33,7 @@ E = (71 / 57600, 0.0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40
 
 _PLACE = REAL.as_pointer()
 _ARGUMENTS = ("x", "u", "p")
-_STATE, _PARAMETER = 0, 2  # positions among the arguments
+_PARAMETER = 2  # position of p among the arguments
 LANES = 4  # numbers of a vector: rows of S are padded to a multiple of it, and so many states move at once
 _SEVERAL = ir.VectorType(REAL, LANES)
 
@@ -53,10 +53,13 @@ def source(model: Model, free: Sequence[int]) -> tuple[str, int]:
     - ``slopes(x, S, u, c, k, T)``: also T = dS/dt, and behind k the largest relaxation rate |d x_i' / d x_i|.
     - ``step(x, S, u, c, k, T, tolerance, h)`` and ``step_slopes``: from the rates at x one step of length h,
       taken if the largest error as a share of `tolerance`, which is returned, is at most 1.
-    - ``many_rates`` and ``many_step``: as ``rates`` and ``step`` for `LANES` states at once under one input, with
-      rows x, k and c of `LANES` numbers; the largest error of all counts. Only where no parameter is free.
+    - ``many_rates`` and ``many_step``: as ``rates`` and ``step`` for `LANES` states at once: x, u, c and k are rows
+      of `LANES` numbers; the largest error of all counts. Only where no parameter is free.
     - ``sensors(x, S, u, c, y, R)`` and ``sensor_slopes``: y, one number behind it, and R = dy/d(start, free).
     - ``gather(R, H, g, a, b)``: H += a R' R and g += b R for one row R; H is (directions, width).
+    - ``many_slopes``, ``many_step_slopes``, ``many_sensor_slopes``: the same for `LANES` states at once, each with
+      slopes of its own: rows also in S, T (states, directions), y and R (outputs, directions).
+    - ``many_gather(R, H, g, a, b)``: the same, where a and b are places of rows and H is (directions, directions).
     """
     writer = _Writer(model, free)
     x = ca.SX.sym("x", len(model.states))
@@ -74,11 +77,26 @@ def source(model: Model, free: Sequence[int]) -> tuple[str, int]:
             writer.rates(plain, None, "many_rates", _SEVERAL)
         both = ca.Function(sensitive, [x, u, p], ca.cse([ca.densify(values), jacobian]))
         writer.rates(both, jacobian.sparsity())
+        writer.many_slopes(both, jacobian.sparsity())
     writer.step("step", "rates", False)
     writer.step("step_slopes", "slopes", True)
     if not free:
         writer.step("many_step", "many_rates", False, _SEVERAL)
+    writer.many_step_slopes()
     writer.gather()
+    writer.many_gather()
+    return writer.finish(), max(len(writer.slots), 1)
+
+
+def source_of_runs(model: Model) -> tuple[str, int]:
+    """As `source`, with ``constants``, ``rates``, ``step`` and ``sensors`` alone: a fraction of the time to compile."""
+    writer = _Writer(model, ())
+    x = ca.SX.sym("x", len(model.states))
+    u = ca.SX.sym("u", len(model.inputs))
+    p = ca.SX.sym("p", len(model.parameters))
+    for function, name in ((model.rates, "rates"), (model.sensors, "sensors")):
+        writer.rates(ca.Function(name, [x, u, p], [ca.cse(ca.densify(function(x, u, p)))]), None)
+    writer.step("step", "rates", False)
     return writer.finish(), max(len(writer.slots), 1)
 
 
@@ -138,18 +156,94 @@ class _Writer:
             b.call(self.module.globals[rates], (stage, stage_S, at["u"], at["c"], slope, slope_S))
             k.append([_load(b, slope, i, kind) for i in range(self.nx + 1)])
             T.append([_load(b, slope_S, i, self.row) for i in range(len(S))])
-        error = like(x[0], 0.0)
-        for i in range(self.nx):
-            total = _combine(b, like(x[0], 0.0), [number(w) for w in E], [r[i] for r in k])
-            scale = div(b, at["h"], _load(b, at["tolerance"], i))
-            share = mul(b, _splat(b, scale, kind), total)
-            error = intrinsic("maximum")(b, error, intrinsic("fabs")(b, share))  # NaN stays
-        error = _largest(b, error)
+        error = self._error(b, at, k, kind)
         with b.if_then(b.fcmp_ordered("<=", error, number(1.0))):
             for place, values in (("x", moved), ("k", k[-1]), ("S", new), ("T", T[-1])):
                 for i, value in enumerate(values):
                     _store(b, at[place], i, value)
         b.ret(error)
+
+    def many_slopes(self, function: ca.Function, pattern: ca.Sparsity) -> None:
+        """As `rates` with slopes; a loop goes through the directions, of which there may be many."""
+        b, at = self._function(f"many_{function.name()}", ("x", "S", "u", "c", "k", "T"))
+        outputs = self._equations(function, b, at, _SEVERAL)
+        for i, value in enumerate(outputs[0]):
+            _store(b, at["k"], i, value)
+        terms = list(zip(*pattern.get_triplet(), outputs[1], strict=True))
+        fastest = ir.Constant(_SEVERAL, None)
+        with cgutils.for_range(b, _size(self.nd)) as loop:
+            for i in range(len(outputs[0])):
+                total = ir.Constant(_SEVERAL, None)
+                for j, value in ((j, value) for row, j, value in terms if row == i and j < self.nx):
+                    total = add(b, total, mul(b, value, _at(b, at["S"], j * self.nd, loop.index)[1]))
+                b.store(total, _at(b, at["T"], i * self.nd, loop.index)[0], align=8)
+        for i, j, value in terms:
+            if j >= self.nx:
+                place = i * self.nd + j
+                _store(b, at["T"], place, add(b, _load(b, at["T"], place, _SEVERAL), value))
+            if i == j:
+                fastest = intrinsic("maxnum")(b, fastest, intrinsic("fabs")(b, value))
+        _store(b, at["k"], len(outputs[0]), _splat(b, _largest(b, fastest), _SEVERAL))
+        b.ret(number(0.0))
+
+    def many_step_slopes(self) -> None:
+        """As `step` with slopes; they stay in memory."""
+        b, at = self._function("many_step_slopes", ("x", "S", "u", "c", "k", "T", "tolerance"), ("h",))
+        rows = self.nx * self.nd
+        x = [_load(b, at["x"], i, _SEVERAL) for i in range(self.nx)]
+        k = [[_load(b, at["k"], i, _SEVERAL) for i in range(self.nx + 1)]]
+        stage, slope = (self._room(b, self.nx + 1) for _ in range(2))
+        S, T = self._room(b, rows), [at["T"], *(self._room(b, rows) for _ in A[1:])]
+        moved = x
+        for number_of, weights in enumerate(A[1:]):
+            scaled = [_splat(b, mul(b, at["h"], number(w)), _SEVERAL) if w else None for w in weights]
+            moved = [_combine(b, x[i], scaled, [r[i] for r in k]) for i in range(self.nx)]
+            for i, value in enumerate(moved):
+                _store(b, stage, i, value)
+            with cgutils.for_range(b, _size(rows)) as loop:
+                begin = _at(b, at["S"], 0, loop.index)[1]
+                seen = [
+                    _at(b, one, 0, loop.index)[1] if w else None for one, w in zip(T, weights, strict=False)
+                ]
+                b.store(_combine(b, begin, scaled, seen), _at(b, S, 0, loop.index)[0], align=8)
+            b.call(self.module.globals["many_slopes"], (stage, S, at["u"], at["c"], slope, T[number_of + 1]))
+            k.append([_load(b, slope, i, _SEVERAL) for i in range(self.nx + 1)])
+        error = self._error(b, at, k, _SEVERAL)
+        with b.if_then(b.fcmp_ordered("<=", error, number(1.0))):
+            for place, values in (("x", moved), ("k", k[-1])):
+                for i, value in enumerate(values):
+                    _store(b, at[place], i, value)
+            with cgutils.for_range(b, _size(rows)) as loop:
+                for into, out in ((at["S"], S), (at["T"], T[-1])):
+                    b.store(_at(b, out, 0, loop.index)[1], _at(b, into, 0, loop.index)[0], align=8)
+        b.ret(error)
+
+    def _room(self, b: Value, rows: int) -> Value:
+        return b.bitcast(b.alloca(_SEVERAL, _index(rows)), _PLACE)
+
+    def _error(self, b: Value, at: Mapping[str, Value], k: Sequence[Sequence[Value]], kind: Value) -> Value:
+        """The largest error of a step as a share of the tolerance; NaN stays."""
+        error = _splat(b, number(0.0), kind)
+        for i in range(self.nx):
+            total = _combine(b, _splat(b, number(0.0), kind), [number(w) for w in E], [r[i] for r in k])
+            scale = div(b, at["h"], _load(b, at["tolerance"], i))
+            share = mul(b, _splat(b, scale, kind), total)
+            error = intrinsic("maximum")(b, error, intrinsic("fabs")(b, share))
+        return _largest(b, error)
+
+    def many_gather(self) -> None:
+        """The rank-one updates of the normal equations by one residual each."""
+        b, at = self._function("many_gather", ("R", "H", "g", "a", "b"))
+        for_H, for_g = (_load(b, at[name], 0, _SEVERAL) for name in ("a", "b"))
+        with cgutils.for_range(b, _size(self.nd)) as outer:
+            here = _at(b, at["R"], 0, outer.index)[1]
+            place, g = _at(b, at["g"], 0, outer.index)
+            b.store(add(b, g, mul(b, for_g, here)), place, align=8)
+            scaled, row = mul(b, for_H, here), b.mul(outer.index, _size(self.nd))
+            with cgutils.for_range(b, _size(self.nd)) as inner:
+                place, H = _at(b, at["H"], 0, b.add(row, inner.index))
+                b.store(add(b, H, mul(b, scaled, _at(b, at["R"], 0, inner.index)[1])), place, align=8)
+        b.ret(number(0.0))
 
     def gather(self) -> None:
         """The rank-one update of the normal equations by one residual."""
@@ -207,9 +301,7 @@ class _Writer:
             elif code == ca.OP_INPUT and given[0] == _PARAMETER:
                 held[into[0]] = (self._parameter(given[1]), True)
             elif code == ca.OP_INPUT:
-                of_state = given[0] == _STATE
-                value = _load(b, at[_ARGUMENTS[given[0]]], given[1], kind if of_state else REAL)
-                held[into[0]] = (_splat(b, value, kind), False)
+                held[into[0]] = (_load(b, at[_ARGUMENTS[given[0]]], given[1], kind), False)
             elif code == ca.OP_OUTPUT:
                 outputs[into[0]][into[1]] = operand(given[0])
             else:
@@ -260,6 +352,17 @@ def _load(b: Value, place: Value, i: int, kind: Value = REAL) -> Value:
 
 def _store(b: Value, place: Value, i: int, value: Value) -> None:
     b.store(value, _place(b, place, i, value.type), align=8)
+
+
+def _size(count: int) -> Value:
+    return ir.Constant(ir.IntType(64), count)
+
+
+def _at(b: Value, place: Value, first: int, index: Value) -> tuple[Value, Value]:
+    """Where row first + index is, and what stands there."""
+    number_of = b.mul(b.add(index, _size(first)), _size(LANES))
+    where = b.bitcast(b.gep(place, [number_of]), _SEVERAL.as_pointer())
+    return where, b.load(where, align=8)
 
 
 def _splat(b: Value, value: Value, kind: Value) -> Value:

@@ -42,12 +42,16 @@ def _library(name: str) -> Form:
 
     def call(b: Value, *operands: Value) -> Value:
         kind = operands[0].type
-        if isinstance(kind, ir.VectorType):
-            return _SEVERAL[name](b, *operands) if name in _SEVERAL else apart(b, *operands)
-        known = b.module.globals.get(name)
-        return b.call(
-            known or ir.Function(b.module, ir.FunctionType(kind, [kind] * len(operands)), name), operands
-        )
+        several = isinstance(kind, ir.VectorType)
+        if several and name not in _SEVERAL:
+            return apart(b, *operands)
+        title = f"many_{name}" if several else name
+        function = b.module.globals.get(title)
+        if function is None:
+            function = ir.Function(b.module, ir.FunctionType(kind, [kind] * len(operands)), title)
+            if several:
+                _define(function, _SEVERAL[name])
+        return b.call(function, operands)
 
     def apart(b: Value, *operands: Value) -> Value:
         found = ir.Constant(operands[0].type, ir.Undefined)
@@ -58,6 +62,14 @@ def _library(name: str) -> Form:
         return found
 
     return call
+
+
+def _define(function: Value, form: Form) -> None:
+    """Write a function of its own, once in a module; calls of it dissolve in their surroundings."""
+    function.linkage = "private"
+    function.attributes.add("alwaysinline")
+    b = ir.IRBuilder(function.append_basic_block())
+    b.ret(form(b, *function.args))
 
 
 def _truth(b: Value, condition: Value, x: Value) -> Value:

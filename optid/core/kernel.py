@@ -38,6 +38,10 @@ class Code(NamedTuple):
     gather: int
     many_rates: int
     many_step: int
+    many_slopes: int
+    many_step_slopes: int
+    many_sensor_slopes: int
+    many_gather: int
     hoisted: int
 
 
@@ -175,70 +179,6 @@ def _carry(code, begin, count, closed, x, c, k, y, dt, U, tolerance, Y):
                 Y[n + 1 : begin + count + int(closed)] = np.nan
                 return False
     return True
-
-
-@compiled
-def normal_equations(
-    code, slopes, first, last, starts, counts, closed, X0, p, dt, U, Y, weight, huber, tolerance, end, slope, H, g,
-    cost,
-):  # fmt: skip
-    """Gauss-Newton terms of windows first..last-1, all at the parameters p.
-
-    Window w: the residuals (Y - y) * weight at its samples 0..counts-1 (also at its last one if closed[w]).
-    Receives end[w] (NX,) and cost[w] = (sum of the loss, samples), and with `slopes` also slope[w] = d end /
-    d(start, free) (NX, width), H[w] = sum J'J (directions, width), g[w] = sum J'r (width,) with J = d y /
-    d(start, free) * weight, all padded. NaN in Y is missing. Residuals beyond `huber` count linearly (Huber's
-    loss; infinity for none). A failed window has cost NaN.
-    """
-    nx, ny = X0.shape[1], Y.shape[1]
-    c, k, y = np.empty(code.hoisted), np.empty(nx + 1), np.empty(ny + 1)
-    T, R = np.empty((nx, slope.shape[2])), np.empty((ny, slope.shape[2]))
-    call(code.constants, (at(p, 0), at(c, 0)))
-    for w in range(first, last):
-        end[w] = X0[w]
-        slope[w] = 0.0
-        for i in range(nx):
-            slope[w, i, i] = 1.0
-        H[w] = 0.0
-        g[w] = 0.0
-        cost[w, 0], cost[w, 1] = _window(
-            code, slopes, starts[w], counts[w], closed[w], c, k, y, T, R, dt, U, Y, weight, huber, tolerance,
-            end[w], slope[w], H[w], g[w],
-        )  # fmt: skip
-
-
-@compiled
-def _window(
-    code, slopes, begin, count, closed, c, k, y, T, R, dt, U, Y, weight, huber, tolerance, x, S, H, g
-):  # fmt: skip
-    start, step = (code.slopes, code.step_slopes) if slopes else (code.rates, code.step)
-    sensors = code.sensor_slopes if slopes else code.sensors
-    loss, used, h = 0.0, 0.0, dt[begin]
-    for n in range(count + 1):
-        m = begin + n
-        u = at(U, m * U.shape[1])
-        if n < count or closed:
-            call(sensors, (at(x, 0), at(S, 0), u, at(c, 0), at(y, 0), at(R, 0)))
-            for o in range(Y.shape[1]):
-                r = (Y[m, o] - y[o]) * weight[m, o]
-                if r != r:  # a missing sample
-                    continue
-                factor = 1.0
-                if abs(r) > huber:
-                    factor = huber / abs(r)
-                    loss += huber * (2.0 * abs(r) - huber)
-                else:
-                    loss += r * r
-                used += 1.0
-                if slopes:
-                    scaled = factor * weight[m, o]
-                    row = at(R, o * R.shape[1])
-                    call(code.gather, (row, at(H, 0), at(g, 0), scaled * weight[m, o], scaled * r))
-        if n < count:
-            h = advance(start, step, at(x, 0), at(S, 0), u, at(c, 0), k, at(T, 0), at(tolerance, 0), dt[m], h)
-            if h < 0.0:
-                return np.nan, used
-    return loss, used
 
 
 @compiled

@@ -16,6 +16,7 @@ import numpy as np
 from scipy.linalg import LinAlgError, cho_solve, cho_solve_banded, cholesky_banded
 
 from optid.core.compiled import compiled, spread
+from optid.core.emit import LANES
 from optid.core.model import Array, Model
 from optid.errors import SolveError
 from optid.fit.problem import Booleans, Problem
@@ -96,7 +97,7 @@ def evaluate(o: Objective, at: Point, q: Array, slopes: bool) -> Terms:
     H, g, misfit = np.empty((w, nd, room)), np.empty((w, room)), np.empty((w, 2))
     given = (b.begins, b.counts, b.closed, at.X, at.p, b.dt, b.inputs, b.measured, o.weight, o.huber)
     found = (o.tolerance * o.model.scales, end, slope, H, g, misfit)
-    spread(w, lambda i, j: kernel.normal_equations(slopes, i, j, *given, *found))
+    spread(w, lambda i, j: kernel.normal_equations(slopes, i, j, *given, *found), LANES)
     defect = np.zeros((w, nx))
     defect[:-1] = (at.X[1:] - end[:-1]) * b.linked[:-1, None]
     terms = Terms(end, slope[:, :, :nd], H[:, :, :nd], g[:, :nd], misfit, defect, math.nan)

@@ -87,9 +87,10 @@ def moved(code, X, x, u, p, c, many, K, k, tolerance, h):
     for i in range(len(c)):
         many[i] = c[i]
     none = at(K, 0)
-    call(code.many_rates, (at(X, 0), none, at(u, 0), at(many, 0), at(K, 0), none))
+    held = np.repeat(u, LANES)
+    call(code.many_rates, (at(X, 0), none, at(held, 0), at(many, 0), at(K, 0), none))
     together = call(
-        code.many_step, (at(X, 0), none, at(u, 0), at(many, 0), at(K, 0), none, at(tolerance, 0), h)
+        code.many_step, (at(X, 0), none, at(held, 0), at(many, 0), at(K, 0), none, at(tolerance, 0), h)
     )
     alone = 0.0
     for lane in range(len(x)):
