@@ -165,7 +165,11 @@ class Guard:
         tally.response.add(done - begun)
         following = number + 1
         while clock.left(following, 1.0) == 0.0:  # its whole period has passed: a row without a measurement
-            self._write_down(following * self._settings.span, (math.nan,) * len(values), None)
+            due = following * self._settings.span
+            if (
+                due > begun or not self._wiring.time.column
+            ):  # times increase; without any, every sample has its row
+                self._write_down(due, (math.nan,) * len(values), None)
             following += 1
             tally.missed += 1
         return following

@@ -152,6 +152,21 @@ def test_samples_that_were_not_taken_are_rows_without_a_measurement(guarded):
     assert log["u"].notna().all()
 
 
+@pytest.mark.parametrize(("column", "rows"), [("t", 19), ("", 20)])
+def test_times_in_the_log_increase_however_late_a_sample_is(tmp_path, column, rows):
+    class VeryLate(LateClock):
+        def wait(self, sample):
+            return super().wait(sample) + (1.4e-3 if sample == 2 else 0.0)  # after sample 3 was due
+
+    wiring = replace(WIRING, time=replace(WIRING.time, column=column))
+    log = Log(tmp_path / "log.csv", Layout(wiring).columns)
+    end = Guard(Rig(), Loop(lambda n: 1.0), VeryLate(1e-3), wiring, SETTINGS, log).run(20)
+    log.close()
+    frame = pd.read_csv(tmp_path / "log.csv")
+    assert (len(frame), end.missed) == (rows, 2)
+    assert column == "" or frame["t"].is_monotonic_increasing
+
+
 def test_wild_wishes_do_not_reach_the_rig(guarded):
     wild = [1e9, -1e9, math.nan, math.inf, -math.inf, 3.0]
     rig = Rig()
