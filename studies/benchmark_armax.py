@@ -116,7 +116,8 @@ def simulate(model: Armax, N: int, rng: np.random.Generator, switch: float) -> t
 
 def speed(quick: bool) -> None:
     """Microseconds a sample of every route."""
-    N = 20_000 if quick else 200_000
+    N = 20_000  # some milliseconds a run: the shortest of many is then one that nothing interrupted
+    repeats = 20 if quick else 200
     y, u = simulate(ORDER_4, N, np.random.default_rng(0), 0.3)
     Phi, target = arx_rows(signals(y, u), Orders(4, (8,), 0, (1,)))  # 12 regressors for those that take rows
     extended = Settings(method=Method.EXTENDED_LEAST_SQUARES, forgetting=Constant(LAMBDA))
@@ -124,17 +125,19 @@ def speed(quick: bool) -> None:
     arrays: dict[str, float] = {}
     for name, settings in (("extended", extended), ("likelihood", likelihood)):
         identifier = Identifier(ORDER_4.orders, settings=settings)
-        arrays[f"optid, {name}"] = best(lambda i=identifier: i.run(y, u)) / N
+        arrays[f"optid, {name}"] = best(lambda i=identifier: i.run(y, u), repeats) / N
         if shutil.which("gcc"):
-            arrays[f"the same in C, {name}"] = exported(identifier, y, u) / N
+            arrays[f"the same in C, {name}"] = exported(identifier, y, u, repeats) / N
     if shutil.which("gcc"):
-        arrays["bare recursion in C, rows given"] = plain(Phi, target) / len(target)
+        arrays["bare recursion in C, rows given"] = plain(Phi, target, repeats) / len(target)
     else:
         print("no gcc: the C routes are left out")
-    rows = min(len(target), 20_000)
-    arrays["numpy textbook, rows given"] = best(lambda: textbook(Phi[:rows], target[:rows]), 3) / rows
+    rows = 2000
+    arrays["numpy textbook, rows given"] = (
+        best(lambda: textbook(Phi[:rows], target[:rows]), repeats // 10) / rows
+    )
     if importlib.util.find_spec("padasip"):
-        arrays["padasip, rows given"] = best(lambda: padasip(Phi[:rows], target[:rows]), 3) / rows
+        arrays["padasip, rows given"] = best(lambda: padasip(Phi[:rows], target[:rows]), repeats // 10) / rows
     else:
         print("padasip is not installed: left out")
     print("\nOver an array, order 4 (12 parameters), microseconds a sample")
@@ -142,7 +145,7 @@ def speed(quick: bool) -> None:
         print(f"  {1e6 * seconds:8.3f}  {name}")
     ratios(arrays)
     for name, settings in (("extended", extended), ("likelihood", likelihood)):
-        each = calls(Identifier(ORDER_4.orders, settings=settings), y[:50_000].tolist(), u[:50_000].tolist())
+        each = calls(Identifier(ORDER_4.orders, settings=settings), y.tolist(), u.tolist())
         print(f"One call of `step` from Python, {name}: median {1e6 * np.median(each):.3f} microseconds")
 
 
@@ -159,7 +162,7 @@ def ratios(arrays: dict[str, float]) -> None:
         print("  " + " ".join(said))
 
 
-def best(run: Callable[[], object], repeats: int = 7) -> float:
+def best(run: Callable[[], object], repeats: int) -> float:
     """Shortest of several runs, s."""
     run()
     times = []
@@ -214,7 +217,7 @@ def library(source: str, folder: str) -> ctypes.CDLL:
     return ctypes.CDLL(str(Path(folder) / "main.so"))
 
 
-def exported(identifier: Identifier, y: Array, u: Array) -> float:
+def exported(identifier: Identifier, y: Array, u: Array, repeats: int) -> float:
     """Seconds of the exported C over the whole array."""
     source = identifier_header(identifier, "rig") + (
         "void go(double *m, const double *y, const double *u, long n, double *e) {"
@@ -223,10 +226,11 @@ def exported(identifier: Identifier, y: Array, u: Array) -> float:
     memory, e = identifier.state, np.empty(y.size)
     with tempfile.TemporaryDirectory() as folder:
         go = library(source, folder).go
-        return best(lambda: go(pointer(memory), pointer(y), pointer(u), ctypes.c_long(y.size), pointer(e)))
+        arrays, size = [pointer(x) for x in (memory, y, u)], ctypes.c_long(y.size)
+        return best(lambda: go(*arrays, size, pointer(e)), repeats)
 
 
-def plain(Phi: Array, y: Array) -> float:
+def plain(Phi: Array, y: Array, repeats: int) -> float:
     """Seconds of the bare recursion in C over the whole array."""
     n = Phi.shape[1]
     theta, D, U, e = np.zeros(n), np.full(n, 1e4), np.eye(n), np.empty(y.size)
@@ -235,7 +239,7 @@ def plain(Phi: Array, y: Array) -> float:
         go = library(PLAIN_C, folder).plain
         size, forget = ctypes.c_long(y.size), ctypes.c_double(LAMBDA)
         arrays = [pointer(x) for x in (theta, D, U, Phi, y)]
-        return best(lambda: go(*arrays, size, forget, pointer(e)))
+        return best(lambda: go(*arrays, size, forget, pointer(e)), repeats)
 
 
 # Truth, agreement, idling.
