@@ -59,9 +59,11 @@ def compiled(model: Model, free: tuple[int, ...] = ()) -> Compiled:
     """
     text, hoisted = source(model, free)
     engine = machine_code(text)
-    places = {name: engine.get_function_address(name) for name in kernel.Code._fields if name != "hoisted"}
+    absent = {"many_rates": 0, "many_step": 0}
+    names = (name for name in kernel.Code._fields if name != "hoisted" and name not in absent)
+    places = {name: engine.get_function_address(name) for name in names}
     directions = len(model.states) + len(free)
-    return Compiled(kernel.Code(**places, hoisted=hoisted), directions, width(directions), engine)
+    return Compiled(kernel.Code(**places, **absent, hoisted=hoisted), directions, width(directions), engine)
 
 
 @lru_cache(maxsize=128)
@@ -69,7 +71,7 @@ def compiled_runs(model: Model) -> Compiled:
     """The machine code of a model for runs without slopes, for models of which many are tried."""
     text, hoisted = source_of_runs(model)
     engine = machine_code(text)
-    names = ("constants", "rates", "step", "sensors")
+    names = ("constants", "rates", "step", "sensors", "many_rates", "many_step")
     places = {name: engine.get_function_address(name) for name in names}
     absent = {name: 0 for name in kernel.Code._fields if name != "hoisted" and name not in places}
     nx = len(model.states)

@@ -53,8 +53,6 @@ def source(model: Model, free: Sequence[int]) -> tuple[str, int]:
     - ``slopes(x, S, u, c, k, T)``: also T = dS/dt, and behind k the largest relaxation rate |d x_i' / d x_i|.
     - ``step(x, S, u, c, k, T, tolerance, h)`` and ``step_slopes``: from the rates at x one step of length h,
       taken if the largest error as a share of `tolerance`, which is returned, is at most 1.
-    - ``many_rates`` and ``many_step``: as ``rates`` and ``step`` for `LANES` states at once: x, u, c and k are rows
-      of `LANES` numbers; the largest error of all counts. Only where no parameter is free.
     - ``sensors(x, S, u, c, y, R)`` and ``sensor_slopes``: y, one number behind it, and R = dy/d(start, free).
     - ``gather(R, H, g, a, b)``: H += a R' R and g += b R for one row R; H is (directions, width).
     - ``many_slopes``, ``many_step_slopes``, ``many_sensor_slopes``: the same for `LANES` states at once, each with
@@ -71,17 +69,12 @@ def source(model: Model, free: Sequence[int]) -> tuple[str, int]:
     ):
         values = function(x, u, p)
         jacobian = ca.jacobian(values, ca.vertcat(x, p[list(free)]) if free else x)
-        plain = ca.Function(name, [x, u, p], [ca.cse(ca.densify(values))])
-        writer.rates(plain, None)
-        if not free and function is model.rates:
-            writer.rates(plain, None, "many_rates", _SEVERAL)
+        writer.rates(ca.Function(name, [x, u, p], [ca.cse(ca.densify(values))]), None)
         both = ca.Function(sensitive, [x, u, p], ca.cse([ca.densify(values), jacobian]))
         writer.rates(both, jacobian.sparsity())
         writer.many_slopes(both, jacobian.sparsity())
     writer.step("step", "rates", False)
     writer.step("step_slopes", "slopes", True)
-    if not free:
-        writer.step("many_step", "many_rates", False, _SEVERAL)
     writer.many_step_slopes()
     writer.gather()
     writer.many_gather()
@@ -89,14 +82,24 @@ def source(model: Model, free: Sequence[int]) -> tuple[str, int]:
 
 
 def source_of_runs(model: Model) -> tuple[str, int]:
-    """As `source`, with ``constants``, ``rates``, ``step`` and ``sensors`` alone: a fraction of the time to compile."""
+    """A model without slopes, in a fraction of the time to compile: LLVM code, length of c.
+
+    As of `source` ``constants``, ``rates``, ``step`` and ``sensors``, and besides:
+
+    - ``many_rates`` and ``many_step``: for `LANES` states at once. x, u, c and k are rows of `LANES` numbers; the
+      largest error of all counts.
+    """
     writer = _Writer(model, ())
     x = ca.SX.sym("x", len(model.states))
     u = ca.SX.sym("u", len(model.inputs))
     p = ca.SX.sym("p", len(model.parameters))
     for function, name in ((model.rates, "rates"), (model.sensors, "sensors")):
-        writer.rates(ca.Function(name, [x, u, p], [ca.cse(ca.densify(function(x, u, p)))]), None)
+        plain = ca.Function(name, [x, u, p], [ca.cse(ca.densify(function(x, u, p)))])
+        writer.rates(plain, None)
+        if name == "rates":
+            writer.rates(plain, None, "many_rates", _SEVERAL)
     writer.step("step", "rates", False)
+    writer.step("many_step", "many_rates", False, _SEVERAL)
     return writer.finish(), max(len(writer.slots), 1)
 
 

@@ -6,7 +6,7 @@ import pytest
 from llvmlite import ir
 from numba import njit
 
-from optid.core.compiled import compiled, machine_code
+from optid.core.compiled import compiled_runs, machine_code
 from optid.core.emit import LANES
 from optid.core.instructions import FORMS, REAL
 from optid.core.kernel import at, call
@@ -107,7 +107,7 @@ def moved(code, X, x, u, p, c, many, K, k, tolerance, h):
 def test_states_that_move_together_move_as_alone(friction):
     model = build(servo_pneumatic, friction=friction)
     code, p, nx = (
-        compiled(model).code,
+        compiled_runs(model).code,
         model.vector(read_rig(DATA / "table1.toml").parameters),
         len(model.states),
     )
