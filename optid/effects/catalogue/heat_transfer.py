@@ -16,14 +16,14 @@ COEFFICIENT = Parameter(
     "heat_transfer_coefficient", "W/(m**2 K)", 50.0, "heat flow per wall area and temperature difference",
     "physics catalogue A.3: 20 to 200 W/(m2 K)", 0.0, (0.0, 2e3),
 )  # fmt: skip
-STILL = 5.0  # W/(m2 K): air at rest; the temperature itself always feels at least this, so that it forgets its start
+STILL = 1.0  # W/(m2 K): less than still air; the temperature always feels at least this, so that it forgets its start
 
 
 class HeatTransfer(Effect):
     """Energy balance of each chamber with its own temperature T and heat h A_w (T_w - T) from the walls.
 
     The paper's eqs. 9 and 10 let air of supply temperature in and out and exchange no heat. Air leaving at T, not
-    at supply temperature, counts by h / (h + 5 W/(m2 K)): nothing at h = 0, nearly in full at usual values.
+    at supply temperature, counts by h / (h + 1 W/(m2 K)): nothing at h = 0, nearly in full at usual values.
     """
 
     name = "heat_transfer"

@@ -16,18 +16,30 @@ WIDTH = Parameter(
     "physics catalogue A.2: 0 to 0.1 mm of 4 mm", 0.0, (0.0, 0.3),
 )  # fmt: skip
 
+AREA = Parameter(
+    "null_leakage", "m**2", 1e-7, "flow area that every edge has beside its opening, by worn corners",
+    "physics catalogue A.2: 0 to 0.5 mm2", 0.0, (0.0, 5e-6),
+)  # fmt: skip
+
 
 class ValveUnderlap(Effect):
-    """Every edge opens by `width` earlier: supply and exhaust edge of a port are both open in between."""
+    """Every edge opens by `width` earlier, so that both edges of a port are open in between, and leaks beside."""
 
     name = "valve_underlap"
     sites = ("flow.chamber_a", "flow.chamber_b")
     equation = "3-6"
-    parameters = (WIDTH,)
-    strength = {"width": 1e-3}
-    usual = ({"width": 4e-3}, {"width": 0.02})
-    law = "a chamber's edges open by max(s + w, 0) to supply and max(w - s, 0) to exhaust"
-    says = "the valve's edges overlap openly: up to {width} of full command both supply and exhaust are open"
+    parameters = (WIDTH, AREA)
+    strength = {"width": 1e-3, "null_leakage": 1e-8}
+    usual = (
+        {"width": 4e-3, "null_leakage": 0.0},
+        {"width": 0.02, "null_leakage": 0.0},
+        {"width": 0.0, "null_leakage": 1e-7},
+    )
+    law = "a chamber's edges open by W max(s + w, 0) + A_0 to supply and W max(w - s, 0) + A_0 to exhaust"
+    says = (
+        "the valve does not close: up to {width} of full command both supply and exhaust are open, and every edge "
+        "leaks through {null_leakage}"
+    )
     depends_on = ("command", "pressure_a", "pressure_b")
     needs = "holds and slow motion with commands near zero"
     look_alikes = ("valve_deadband", "cross_leakage", "ambient_leakage", "tube_restriction", "valve_offset")
@@ -40,6 +52,8 @@ class ValveUnderlap(Effect):
         s = near["spool"] if site.endswith("a") else -near["spool"]
         supply = ca.fmax(s + early, 0) - ca.fmax(s, 0)
         exhaust = ca.fmax(early - s, 0) - ca.fmax(-s, 0)
-        return nominal + sheet.plant_param("port_width") * (
-            supply * near["supply"] + exhaust * near["exhaust"]
+        width, leak = (
+            sheet.plant_param("port_width"),
+            sheet.param(AREA) / sheet.plant_param("discharge_coefficient"),
         )
+        return nominal + (width * supply + leak) * near["supply"] + (width * exhaust + leak) * near["exhaust"]
