@@ -2,8 +2,8 @@
 
 The filter is the divided difference filter of second order (Norgaard, Poulsen and Ravn, Automatica 36, 2000): its
 points reach sqrt(3) sd to either side whatever the number of states, so that it sees past the kinks of dry friction
-where a linearisation does not. Outputs are taken one at a time. States and covariances are in units of the
-states' usual sizes.
+where a linearisation does not. Points move `LANES` at a time, outputs are taken one at a time. States and
+covariances are in units of the states' usual sizes.
 """
 
 from __future__ import annotations
@@ -44,15 +44,16 @@ def filtered(
     """
     nx, ny = len(scales), Y.shape[1]
     n_points = 2 * nx + 1
-    c, k, many = np.empty(code.hoisted), np.empty(nx + 1), np.empty((code.hoisted, LANES))
-    points, C, L = np.empty((n_points, nx)), np.empty((nx, nx)), np.empty((nx, nx))
-    m, y, steps = np.empty(nx), np.empty((n_points, ny + 1)), np.empty((n_points + LANES - 1) // LANES)
-    room, held = np.empty((2 * nx + 1, LANES)), np.empty((U.shape[1], LANES))
+    groups, nu = -(-n_points // LANES), U.shape[1]
+    c, k, x = np.empty(code.hoisted), np.empty(nx + 1), np.empty(nx)
+    cs, us, ks = np.empty((code.hoisted, LANES)), np.empty((nu + 1, LANES)), np.empty((nx + 1) * LANES)
+    points, C, L = np.empty((groups, nx, LANES)), np.empty((nx, nx)), np.empty((nx, nx))
+    m, y, steps = np.empty(nx), np.empty((n_points, ny + 1)), np.empty(groups)
     for r in range(first, last):
         s, g = of_set[r], of_segment[r]
         call(code.constants, (at(P, s * P.shape[1]), at(c, 0)))
         for i in range(len(c)):
-            many[i] = c[i]
+            cs[i] = c[i]
         C[:] = 0.0
         for i in range(nx):
             m[i] = M0[s, i] / scales[i]
@@ -69,7 +70,7 @@ def filtered(
                     K[s, n, o] = 0.0
                 if Y[n, o] == Y[n, o]:
                     _scatter(m, C, L, points, scales)
-                    _look(code, points, at(U, n * U.shape[1]), c, k, y)
+                    _look(code, points, at(U, n * nu), c, k, x, y)
                     E[s, n, o], V[s, n, o] = _update(m, C, L, y[:, o], Y[n, o], R[s, o])
                     if keep:
                         for i in range(nx):
@@ -77,9 +78,9 @@ def filtered(
             if n == starts[g] + counts[g]:
                 break
             _scatter(m, C, L, points, scales)
-            for i in range(U.shape[1]):
-                held[i] = U[n, i]
-            if not _move(code, points, steps, at(held, 0), many, room, tolerance, dt[n]):
+            for i in range(nu):
+                us[i] = U[n, i]
+            if not _move(code, points, steps, us, cs, ks, tolerance, dt[n]):
                 E[s, n + 1 : starts[g] + counts[g] + 1] = np.inf
                 V[s, n + 1 : starts[g] + counts[g] + 1] = 1.0
                 break
@@ -122,48 +123,32 @@ def _scatter(m, C, L, points, scales):
             L[i, j] = total / L[j, j]
     reach = math.sqrt(REACH2)
     for i in range(nx):
-        points[0, i] = m[i] * scales[i]
-        for j in range(nx):
-            points[1 + 2 * j, i] = (m[i] + reach * L[i, j]) * scales[i]
-            points[2 + 2 * j, i] = (m[i] - reach * L[i, j]) * scales[i]
+        for q in range(points.shape[0] * LANES):
+            value = m[i]
+            if 0 < q <= 2 * nx:
+                value += (reach if q % 2 else -reach) * L[i, (q - 1) // 2]
+            points[q // LANES, i, q % LANES] = value * scales[i]
 
 
 @compiled
-def _look(code, points, u, c, k, y):
+def _look(code, points, u, c, k, x, y):
     none = at(k, 0)
-    for q in range(points.shape[0]):
-        call(code.sensors, (at(points, q * points.shape[1]), none, u, at(c, 0), at(y, q * y.shape[1]), none))
+    for q in range(y.shape[0]):
+        for i in range(len(x)):
+            x[i] = points[q // LANES, i, q % LANES]
+        call(code.sensors, (at(x, 0), none, u, at(c, 0), at(y, q * y.shape[1]), none))
 
 
 @compiled
-def _move(code, points, steps, u, c, room, tolerance, span):
-    """All points over one hold, `LANES` at a time; the last ones go along with themselves where there are fewer."""
-    count, nx = points.shape
-    x, k = room[:nx], room[nx:].reshape(-1)
-    none = at(k, 0)
-    for g in range(len(steps)):
-        for lane in range(LANES):
-            q = min(g * LANES + lane, count - 1)
-            for i in range(nx):
-                x[i, lane] = points[q, i]
+def _move(code, points, steps, us, cs, ks, tolerance, span):
+    none, size = at(ks, 0), points.shape[1] * LANES
+    for g in range(points.shape[0]):
         steps[g] = advance(
-            code.many_rates,
-            code.many_step,
-            at(x, 0),
-            none,
-            u,
-            at(c, 0),
-            k,
-            none,
-            at(tolerance, 0),
-            span,
-            steps[g],
-        )
+            code.many_rates, code.many_step, at(points, g * size), none, at(us, 0), at(cs, 0), ks, none,
+            at(tolerance, 0), span, steps[g],
+        )  # fmt: skip
         if steps[g] < 0.0:
             return False
-        for lane in range(min(LANES, count - g * LANES)):
-            for i in range(nx):
-                points[g * LANES + lane, i] = x[i, lane]
     return True
 
 
@@ -171,25 +156,23 @@ def _move(code, points, steps, u, c, room, tolerance, span):
 def _gather(points, m, C, scales):
     """Mean and covariance of what became of the points."""
     nx = len(m)
-    for i in range(nx):
-        total = (REACH2 - nx) * points[0, i]
-        for j in range(nx):
-            total += 0.5 * (points[1 + 2 * j, i] + points[2 + 2 * j, i])
-        m[i] = total / REACH2 / scales[i]
     first, second = 1.0 / (4.0 * REACH2), (REACH2 - 1.0) / (4.0 * REACH2 * REACH2)
     for i in range(nx):
-        for q in range(i + 1):
+        total = (REACH2 - nx) * points[0, i, 0]
+        for q in range(1, 2 * nx + 1):
+            total += 0.5 * points[q // LANES, i, q % LANES]
+        m[i] = total / REACH2 / scales[i]
+    for i in range(nx):
+        for o in range(i + 1):
             total = 0.0
             for j in range(nx):
                 a, b = 1 + 2 * j, 2 + 2 * j
-                total += first * (points[a, i] - points[b, i]) * (points[a, q] - points[b, q])
-                total += (
-                    second
-                    * (points[a, i] + points[b, i] - 2.0 * points[0, i])
-                    * (points[a, q] + points[b, q] - 2.0 * points[0, q])
-                )
-            C[i, q] = total / (scales[i] * scales[q])
-            C[q, i] = C[i, q]
+                ai, bi = points[a // LANES, i, a % LANES], points[b // LANES, i, b % LANES]
+                ao, bo = points[a // LANES, o, a % LANES], points[b // LANES, o, b % LANES]
+                total += first * (ai - bi) * (ao - bo)
+                total += second * (ai + bi - 2.0 * points[0, i, 0]) * (ao + bo - 2.0 * points[0, o, 0])
+            C[i, o] = total / (scales[i] * scales[o])
+            C[o, i] = C[i, o]
 
 
 @compiled

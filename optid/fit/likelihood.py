@@ -14,7 +14,7 @@ import casadi as ca
 import numpy as np
 
 from optid.core import filter as kernel
-from optid.core.compiled import compiled, spread
+from optid.core.compiled import compiled_runs, spread
 from optid.core.model import Array, Model
 from optid.fit.problem import Problem
 
@@ -101,7 +101,7 @@ def run_filter(
     X = np.zeros((sets, N, nx) if keep else (1, 1, 1))
     K = np.zeros((sets, N, ny, nx) if keep else (1, 1, 1, 1))
     of_set, of_segment = (np.ascontiguousarray(a) for a in _runs(sets, segments))
-    code = compiled(model).code
+    code = compiled_runs(model).code
     given = (of_set, of_segment, problem.begins, problem.counts, M0, S0, P, Q, R, problem.dt, problem.inputs)
     sizes = TOLERANCE * model.scales
     spread(
@@ -138,7 +138,7 @@ def run_steered(
         M0[:, nudge[0]] += nudge[1]
     E = np.full((sets, len(problem.time), len(model.outputs)), np.nan)
     of_set, of_segment = _runs(sets, segments)
-    code, places = compiled(model).code, np.array(common, dtype=np.int64)
+    code, places = compiled_runs(model).code, np.array(common, dtype=np.int64)
     given = (
         of_set,
         of_segment,
