@@ -3,6 +3,7 @@
     python studies/concealed.py draw --count 150 --out DIR [--seed S] [--kinds single,pair] [--open]
     python studies/concealed.py run DIR [--limit SECONDS] [--jobs N]
     python studies/concealed.py score DIR --key DIR.key
+    python studies/concealed.py page DIR --key DIR.key [--real DIAGNOSIS_DIR...] [--out concealed.html]
 
 `draw` writes the key beside DIR, not into it; without `--seed` nobody knows what was drawn. `run` opens no seal,
 and goes on where it was stopped.
@@ -20,6 +21,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))  # finds the studies beside i
 
 from studies.trial.case import KINDS
 from studies.trial.drawing import Order, draw
+from studies.trial.page import page
 from studies.trial.running import METHODS, Ran, run
 from studies.trial.scoring import score
 
@@ -40,15 +42,19 @@ def arguments() -> argparse.ArgumentParser:
     one.add_argument("--out", type=Path, required=True)
     one.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
     one.add_argument("--open", action="store_true", help="leave answer.json in every case, for development")
-    for name in ("run", "score"):
+    for name in ("run", "score", "page"):
         two = commands.add_parser(name)
         two.add_argument("folder", type=Path)
-        two.add_argument("--method", choices=METHODS, default="diagnose")
-        two.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
+        if name != "page":
+            two.add_argument("--method", choices=METHODS, default="diagnose")
+            two.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
         if name == "run":
             two.add_argument("--limit", type=float, default=1800.0, help="seconds that a case may take")
         else:
             two.add_argument("--key", type=Path, help="default: DIR.key")
+        if name == "page":
+            two.add_argument("--real", type=Path, nargs="*", default=[], help="diagnoses of real recordings")
+            two.add_argument("--out", type=Path, default=Path(__file__).with_suffix(".html"))
     return parser
 
 
@@ -67,7 +73,11 @@ def main() -> None:
         run(asked.folder, asked.method, asked.limit, asked.jobs, say)
     else:
         key = (asked.key or key_file(asked.folder)).read_text()
-        print(score(asked.folder, key, asked.method, asked.jobs))
+        if asked.command == "score":
+            print(score(asked.folder, key, asked.method, asked.jobs))
+        else:
+            asked.out.write_text(page(asked.folder, key, asked.real))
+            print(f"written to {asked.out}")
 
 
 def say(name: str, ran: Ran) -> None:

@@ -342,3 +342,10 @@ def test_from_draw_to_board(tmp_path, monkeypatch, capsys):
     assert "nothing missing, nothing named" in shown
     assert "100.0 %  2/2" in shown
     assert text(json.loads((folder / "scores/diagnose.json").read_text())) in shown
+    page = tmp_path / "concealed.html"
+    monkeypatch.setattr(sys, "argv", ["concealed.py", "page", str(folder), "--out", str(page)])
+    concealed.main()
+    html = page.read_text()
+    assert json.loads((folder / "cases.json").read_text())["answers_sha256"] in html
+    assert html.count("<svg") >= 3
+    assert "1 of 1 figures that were asked for are reached" in html
