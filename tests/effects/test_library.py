@@ -1,0 +1,77 @@
+"""Which effects a plant admits, and what is said when one does not fit."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from optid.core.sheet import build
+from optid.effects.library import admitted, built_in, find_effect
+from optid.errors import PlantError, RigError
+from optid.rigs.cascaded_tanks import cascaded_tanks
+from optid.rigs.emps import emps
+from optid.rigs.servo_pneumatic import servo_pneumatic
+from tests.effects.plants import grown
+
+
+@pytest.mark.parametrize(
+    ("plant", "options"),
+    [
+        (servo_pneumatic, {"friction": "smooth"}),
+        (servo_pneumatic, {"friction": "constant"}),
+        (servo_pneumatic, {"reversed_flow": False, "rod_force": False}),
+        (emps, {"direction": "separate"}),
+    ],
+)
+def test_every_variant_of_a_plant_takes_all_that_it_admits(plant, options):
+    plain = build(plant, **options)
+    model = build(plant, admitted(plain), **options)
+    rng = np.random.default_rng(1)
+    x, u = 0.1 * rng.normal(size=len(model.states)), 0.1 * rng.normal(size=len(model.inputs))
+    names, inputs = [s.name for s in model.states], [(q.role, q.ago) for q in model.inputs]
+    for name in ("pressure_a", "pressure_b"):
+        if name in names:
+            x[names.index(name)] = rng.uniform(2e5, 6e5)
+    own = [names.index(s.name) for s in plain.states]
+    base = {q.name: (q.typical if q.default is None else q.default) for q in plain.parameters}
+    rates = np.array(model.rates(x, u, model.vector(base))).ravel()
+    nominal = plain.rates(
+        x[own], u[[inputs.index((q.role, q.ago)) for q in plain.inputs]], plain.vector(base)
+    )
+    assert np.isfinite(rates[own]).all()
+    assert rates[own] == pytest.approx(np.array(nominal).ravel(), rel=1e-10, abs=1e-9)
+
+
+def test_bristles_are_needed_for_effects_within_them():
+    names = {effect.name for effect in admitted(build(servo_pneumatic, friction="smooth"))}
+    assert "presliding" not in names and "stribeck_friction" in names
+
+
+def test_an_effect_for_any_site_is_found_by_its_name():
+    effect = find_effect("saturation@flow.inlet", Path())
+    assert (effect.name, effect.sites, effect.site) == (
+        "saturation@flow.inlet",
+        ("flow.inlet",),
+        "flow.inlet",
+    )
+    with pytest.raises(RigError, match="saturation"):
+        find_effect("saturate@flow.inlet", Path())
+
+
+def test_an_effect_for_any_site_takes_the_size_that_the_plant_states():
+    plant = grown("cascaded-tanks")
+    (effect,) = (e for e in plant.effects if e.name == "dead_zone@flow.inlet")
+    assert effect.strength["width"] == pytest.approx(0.2 * 0.01)
+    read = build(cascaded_tanks, [find_effect("dead_zone@flow.inlet", Path())])
+    assert read.parameters[read.index("dead_zone@flow.inlet.width")].typical == pytest.approx(0.2 * 0.1)
+
+
+def test_a_signal_that_a_plant_does_not_declare_is_named():
+    def axis(s):
+        x, v = s.state("x", "m", 1.0), s.state("v", "m/s", 1.0)
+        s.rate(x, v)
+        s.rate(v, s.site("force.external", -x))
+        s.output("x", "m", x)
+
+    with pytest.raises(PlantError, match=r'spring_load.*"x".*force\.external'):
+        build(axis, [built_in()["spring_load"]])
