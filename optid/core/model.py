@@ -44,6 +44,7 @@ class Model:
     Attributes:
         sites: where effects can act.
         sizes: usual size of the signal at each site, SI; 0 where nothing flows without an effect.
+        near: names of the signals that the plant declares near each site.
         rates: (x, u, p) -> dx/dt.
         sensors: (x, u, p) -> y.
         start: p -> (mean, spread): what is known of the state at a record's start without data.
@@ -60,6 +61,7 @@ class Model:
     sensors: ca.Function
     start: ca.Function
     sizes: tuple[float, ...] = ()
+    near: tuple[tuple[str, ...], ...] = ()
 
     @property
     def recorded(self) -> tuple[Port, ...]:

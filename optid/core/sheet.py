@@ -73,7 +73,7 @@ class Sheet:
         self._inputs: dict[str, tuple[Port, ca.SX]] = {}
         self._outputs: dict[str, tuple[Port, Expression]] = {}
         self._parameters: dict[str, tuple[Parameter, ca.SX]] = {}
-        self._sites: dict[str, float] = {}
+        self._sites: dict[str, tuple[float, tuple[str, ...]]] = {}
         self._notes: dict[str, Expression] = {}
         self._prefix = ""  # of the effect that is writing
 
@@ -162,7 +162,7 @@ class Sheet:
             **near: other signals that an effect here may need; it finds `size` among them too.
         """
         here = ca.SX(nominal)
-        self._sites.setdefault(name, 0.0 if here.is_constant() else size)
+        self._sites.setdefault(name, (0.0 if here.is_constant() else size, tuple(near)))
         for effect in self._effects:
             if name in effect.sites:
                 self._prefix = f"{effect.name}."
@@ -226,7 +226,8 @@ class Sheet:
                 outputs=tuple(port for port, _ in self._outputs.values()),
                 parameters=tuple(parameter for parameter, _ in self._parameters.values()),
                 sites=tuple(self._sites),
-                sizes=tuple(self._sites.values()),
+                sizes=tuple(size for size, _ in self._sites.values()),
+                near=tuple(names for _, names in self._sites.values()),
                 effects=tuple(effect.name for effect in self._effects),
                 rates=ca.Function("rates", [x, u, p], [ca.cse(rates)], *names),
                 sensors=ca.Function("sensors", [x, u, p], [ca.cse(outputs)], names[0], ["y"]),

@@ -9,13 +9,17 @@ from collections.abc import Iterable
 from functools import lru_cache
 from pathlib import Path
 from types import ModuleType
+from typing import Any
+
+import casadi as ca
 
 from optid.core.loading import load_file
 from optid.core.model import Model
+from optid.core.sheet import Sheet
 from optid.effects import catalogue, generic
 from optid.effects.anywhere import MARK, Anywhere
 from optid.effects.effect import Effect
-from optid.errors import RigError, nearest
+from optid.errors import PlantError, RigError, nearest
 
 
 @lru_cache(maxsize=1)
@@ -88,13 +92,14 @@ def find_effect(name: str, base: Path) -> Effect:
 
 
 def admitted(model: Model, own: Iterable[Effect] = ()) -> tuple[Effect, ...]:
-    """The effects, built in and the user's `own`, whose sites a model offers and which it does not have yet.
+    """The effects, built in and the user's `own`, which a model can take and does not have yet.
 
-    Those that any site can carry are offered where none of the others acts and a signal flows.
+    It must offer their sites, the signals that they need there and the plant's parameters that they use. Those
+    that any site can carry are offered where none of the others acts and a signal flows.
     """
     every = {effect.name: effect for effect in (*built_in().values(), *own)}
     sites = set(model.sites)
-    fitting = [e for e in every.values() if sites.issuperset(e.sites)]
+    fitting = [e for e in every.values() if sites.issuperset(e.sites) and _takes(model, e)]
     taken = {site for effect in fitting for site in effect.sites}
     free = [
         (site, size)
@@ -103,3 +108,33 @@ def admitted(model: Model, own: Iterable[Effect] = ()) -> tuple[Effect, ...]:
     ]
     fitting += [kind(site, size) for site, size in free for kind in anywhere().values()]
     return tuple(e for e in fitting if e.name not in model.effects)
+
+
+class _Probe(Sheet):
+    """A sheet that offers what a frozen model says of its plant, to see whether an effect finds what it needs."""
+
+    def __init__(self, model: Model, effect: Effect) -> None:
+        super().__init__(model.name, (effect,))
+        self._plants = {q.name for q in model.parameters}
+        self._roles = {port.role for port in model.inputs}
+
+    def plant_param(self, name: str) -> ca.SX:
+        if name not in self._plants:
+            raise PlantError(f'no parameter "{name}"', where=self.name)
+        return ca.SX.sym(name)
+
+    def past(self, role: str, samples: int) -> ca.SX:
+        if role not in self._roles:
+            raise PlantError(f'no input "{role}"', where=self.name)
+        return ca.SX.sym(f"{role}@{samples}")
+
+
+def _takes(model: Model, effect: Effect) -> bool:
+    sheet = _Probe(model, effect)
+    try:
+        for site, near in zip(model.sites, model.near, strict=True):
+            signals: dict[str, Any] = {name: ca.SX.sym(name) for name in near}
+            sheet.site(site, ca.SX.sym("nominal"), **signals)
+    except PlantError:
+        return False
+    return True

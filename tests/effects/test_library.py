@@ -66,12 +66,19 @@ def test_an_effect_for_any_site_takes_the_size_that_the_plant_states():
     assert read.parameters[read.index("dead_zone@flow.inlet.width")].typical == pytest.approx(0.2 * 0.1)
 
 
-def test_a_signal_that_a_plant_does_not_declare_is_named():
-    def axis(s):
-        x, v = s.state("x", "m", 1.0), s.state("v", "m/s", 1.0)
-        s.rate(x, v)
-        s.rate(v, s.site("force.external", -x))
-        s.output("x", "m", x)
+def axis(s):
+    """A user's plant: its site has a known name, and no signals near."""
+    x, v = s.state("x", "m", 1.0), s.state("v", "m/s", 1.0)
+    s.rate(x, v)
+    s.rate(v, s.site("force.external", -x))
+    s.output("x", "m", x)
 
+
+def test_what_does_not_find_its_signals_is_not_offered():
+    names = {effect.name for effect in admitted(build(axis))}
+    assert names == {"constant_force", "periodic_disturbance"}
+
+
+def test_a_signal_that_a_plant_does_not_declare_is_named():
     with pytest.raises(PlantError, match=r'spring_load.*"x".*force\.external'):
         build(axis, [built_in()["spring_load"]])
