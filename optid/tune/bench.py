@@ -19,22 +19,29 @@ from optid.tune.demand import Episode
 from optid.tune.machine import compiled
 from optid.tune.score import Response, response
 
+SEED = 1  # of the sensor's noise
 TOLERANCE = 1e-6  # local error as a share of each state's size: micrometres in a second
 
 
 class PhysicalBench:
     """Runs gains on a rig's model.
 
+    With a sensor's noise, always the same one: an axis that just sticks or just slips in a clean simulation does the
+    other on a bench, and gains must not live on that.
+
     Args:
         rig: with one command; its file says what a full command is.
         episodes: to run, distances from where the rig starts.
         output: role of the controlled output.
+        noise: sd of what the controller's sensor adds, output's unit.
 
     Raises:
         InputError: the rig has no such output, or not one command.
     """
 
-    def __init__(self, rig: Rig, episodes: tuple[Episode, ...], output: str = "position") -> None:
+    def __init__(
+        self, rig: Rig, episodes: tuple[Episode, ...], output: str = "position", noise: float = 0.0
+    ) -> None:
         recorded = [port.role for port in rig.model.recorded]
         roles = [port.role for port in rig.model.outputs]
         if len(recorded) != 1:
@@ -47,6 +54,8 @@ class PhysicalBench:
             )
         self.rig, self._episodes, self._column = rig, episodes, roles.index(output)
         self._parameters = np.ascontiguousarray(rig.model.vector(rig.parameters), dtype=float)
+        shape = (len(episodes), max((episode.reference.size for episode in episodes), default=0))
+        self._noise = noise * np.random.default_rng(SEED).standard_normal(shape)
         self._per_unit = rig.channels[recorded[0]].per_unit
         self._start = np.array(rig.model.start(self._parameters)[0], dtype=float).ravel()
         # What each input of the model is fed: the command so many samples ago, or -1 the interval, -2 the clock.
@@ -57,7 +66,7 @@ class PhysicalBench:
     def __call__(self, gains: Gains, settings: Settings) -> tuple[Response, ...]:
         """One response an episode; NaN from where the equations leave the numbers."""
         vector = np.r_[gains.vector, settings.vector]
-        runs = (self._run(vector, settings, episode) for episode in self._episodes)
+        runs = (self._run(vector, settings, e, n) for e, n in zip(self._episodes, self._noise, strict=True))
         return tuple(
             response(episode, y, u, settings.sample_time)
             for episode, (y, u) in zip(self._episodes, runs, strict=True)
@@ -77,7 +86,7 @@ class PhysicalBench:
         spread(len(gains), run)
         return found
 
-    def _run(self, vector: Array, settings: Settings, episode: Episode) -> tuple[Array, Array]:
+    def _run(self, vector: Array, settings: Settings, episode: Episode, noise: Array) -> tuple[Array, Array]:
         code: Any = machine_code(self.rig.model).code
         n = episode.reference.size
         y, u = np.full(n, np.nan), np.full(n, np.nan)
@@ -85,7 +94,7 @@ class PhysicalBench:
         outputs = len(self.rig.model.outputs)
         _closed(
             code, vector, settings.sample_time, self._start, self._parameters, self._feeds, 1.0 / self._per_unit,
-            scales, episode.reference, episode.load, outputs, self._column, y, u,
+            scales, episode.reference, episode.load, noise, outputs, self._column, y, u,
         )  # fmt: skip
         return y, u
 
@@ -93,7 +102,7 @@ class PhysicalBench:
 @compiled
 def _closed(
     code: Any, s: Any, T: Any, start: Any, p: Any, feeds: Any, share: Any, tolerance: Any, reference: Any, load: Any,
-    outputs: Any, column: Any, y: Any, u: Any,
+    noise: Any, outputs: Any, column: Any, y: Any, u: Any,
 ) -> None:  # fmt: skip
     """One episode: sample, control, hold; distances from the output at the start."""
     x, held, k = start.copy(), np.zeros(feeds.size), np.empty(start.size + 1)
@@ -109,7 +118,7 @@ def _closed(
         if n == 0:
             zero = out[column]
         y[n] = out[column] - zero
-        u[n] = law(s, m, reference[n], y[n])
+        u[n] = law(s, m, reference[n], y[n] + noise[n])
         for j in range(past.size - 1, 0, -1):
             past[j] = past[j - 1]
         past[0] = (u[n] + load[n]) * share

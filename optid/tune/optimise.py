@@ -21,7 +21,7 @@ LAG_SAMPLES, LAG_SHARE = (
     1 / 80,
 )  # least derivative filter by default: samples, share of the ultimate period
 POINTS, SLOW_POINTS = 3000, 700  # of the grid at most; the latter where a physical model runs
-WITH_BENCH = 50  # generations of a search in which a physical model runs
+WITH_BENCH = 60  # generations of a search in which a physical model runs
 VALLEYS = 3  # of the grid that are followed down
 
 
@@ -116,7 +116,7 @@ def _screened(task: Task, within: Box, aside: int) -> tuple[Array, list[Evolved]
 
 
 def _evolved(task: Task, within: Box, *how: Any) -> Evolved:
-    return evolve(lambda points: task.fitness(within.gains(points)), *how)
+    return evolve(lambda points, bar: task.fitness(within.gains(points), bar), *how)
 
 
 def _polished(task: Task, within: Box, end: Evolved, gradient: Gradient | None) -> Evolved:

@@ -157,7 +157,7 @@ def pose(
         setpoints, assumed = (size,), [*assumed, words]
     episodes = _episodes(setpoints, wishes, samples, model.sample_time)
     plants = scenarios(model, wishes.scenarios, rng)
-    bench = None if rig is None else PhysicalBench(rig, episodes, contents.output)
+    bench = None if rig is None else PhysicalBench(rig, episodes, contents.output, plant.noise)
     on_rig = bench if tune_on_rig else None
     task = Task(plants, episodes, settings, wishes.criterion, wishes.required, wishes.over, on_rig)
     return Posed(task, model, command_unit, output_unit, bench, tuple(assumed))

@@ -14,7 +14,7 @@ from optid.pid.controller import Gains
 from optid.pid.law import DERIVATIVE_FILTER, DERIVATIVE_WEIGHT, KD, KI, KP, SETPOINT_WEIGHT
 from optid.tune.ultimate import Ultimate
 
-Fitness = Callable[[Array], Array]
+Fitness = Callable[[Array, Array | None], Array]
 
 PLACES = {
     "kp": KP, "ki": KI, "kd": KD, "derivative_filter": DERIVATIVE_FILTER, "setpoint_weight": SETPOINT_WEIGHT,
@@ -137,7 +137,7 @@ def evolve(
     """Differential evolution (Storn and Price 1997), each trial drawn some way towards the best one so far.
 
     Args:
-        fitness: of points (n, free), shape (n,); infinity and huge numbers are as good as anything bad.
+        fitness: of points (n, free), shape (n,); its second argument is what each point must undercut to count.
         part: lowest and highest coordinates.
         rng: source of everything random.
         seeds: points (k, free) to begin with, beside random ones.
@@ -153,7 +153,7 @@ def evolve(
     points = low + (high - low) * share
     if seeds is not None:
         points[: len(seeds)] = seeds
-    value, used, rows = fitness(points), size, np.arange(size)
+    value, used, rows = fitness(points, None), size, np.arange(size)
     for _ in range(generations * max(dimensions, 3) // 3):
         best = points[np.argmin(value)]
         others = rng.permuted(np.tile(np.arange(size - 1), (size, 1)), axis=1)[:, :3].T
@@ -166,7 +166,7 @@ def evolve(
         # Beyond a bound: somewhere between it and where the parent is.
         inwards = points + rng.random((size, dimensions)) * (np.where(trial < low, low, high) - points)
         trial = np.where((trial < low) | (trial > high), inwards, trial)
-        new = fitness(trial)
+        new = fitness(trial, value)
         used += size
         won = new <= value
         points[won], value[won] = trial[won], new[won]

@@ -105,19 +105,36 @@ class Task:
         each = [excess(p, grid, self.bounds, gains) for p, grid in zip(self.plants, self.grids, strict=True)]
         return np.asarray(np.max(each, axis=0))
 
-    def fitness(self, gains: Array) -> Array:
-        """The one number that is made small, for gains (n, GAINS); huge where a margin is missed."""
+    def fitness(self, gains: Array, bar: Array | None = None) -> Array:
+        """The one number that is made small, for gains (n, GAINS); huge where a margin is missed.
+
+        Args:
+            gains: candidates.
+            bar: what each must undercut, shape (n,): one that cannot is not run on the bench, its value is some
+                number above the bar.
+        """
         gains = np.ascontiguousarray(np.atleast_2d(gains))
         missed = self.missed(gains)
         value, kept = REFUSED * (1.0 + missed), missed <= 0.0
         if np.any(kept):
             each = self.course.costs(gains[kept])
             if self.bench is not None:
-                tried = self.bench.costs(gains[kept], self.settings, self.criterion, self.command_size)
-                each = np.column_stack([each, tried])
-            cost = self.together(each)
-            value[kept] = np.minimum(cost, REFUSED)
+                each = np.column_stack(
+                    [each, self._tried(gains[kept], each, None if bar is None else bar[kept])]
+                )
+            value[kept] = np.minimum(self.together(each), REFUSED)
         return value
+
+    def _tried(self, gains: Array, each: Array, bar: Array | None) -> Array:
+        """Costs on the bench, shape (n,); of gains that are too bad already, the worst of the other costs."""
+        assert self.bench is not None
+        found: Array = np.asarray(each.max(axis=1))
+        open_still = found < (np.inf if bar is None or self.over is not Over.WORST else bar)
+        if np.any(open_still):
+            found[open_still] = self.bench.costs(
+                gains[open_still], self.settings, self.criterion, self.command_size
+            )
+        return found
 
     def together(self, costs: Array) -> Array:
         """Of costs (n, plants): shape (n,)."""
