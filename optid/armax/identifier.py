@@ -306,6 +306,7 @@ def fresh_state(orders: Orders, settings: Settings, output_scale: float, input_s
         s[field_] = start
     s[at.FILTERED] = float(settings.method is Method.MAXIMUM_LIKELIHOOD and orders.nc > 0)
     settings.forgetting.write(s)
+    s[at.FADE] = 1.0 / s[at.FACTOR]
     s[at.OUTLIER] = settings.outliers or 0.0
     variances = settings.start_variances(orders)
     s[at.LIMIT] = settings.variance_limit or float(np.sum(variances))

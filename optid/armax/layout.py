@@ -63,8 +63,9 @@ OUTPUTS_FILTERED: Final = 31  # of yf
 RESIDUALS: Final = 32  # of eh
 RESIDUALS_FILTERED: Final = 33  # of ef
 PAST_INPUTS: Final = 34  # of the first input's uh
+FADE: Final = 35  # 1 / FACTOR
 
-HEADER: Final = 35
+HEADER: Final = 36
 CURRENT_FORMAT: Final = 2.0
 
 

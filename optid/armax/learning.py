@@ -10,6 +10,7 @@ from optid.armax.layout import (
     EASE,
     EASE_RATE,
     FACTOR,
+    FADE,
     FORGETTING,
     HEADER,
     INPUTS,
@@ -70,6 +71,7 @@ def learn(s: Array, n: int, e: float, news: float) -> float:
 
     # How much to forget. Fortescue, Kershenbaum and Ydstie (Automatica 17, 1981) for the variable factor.
     forget = s[FACTOR]
+    fade = s[FADE]  # 1 / forget, divided out of the way of what waits for it
     if s[MEMORY] > 0.0:
         forget = 1.0
         if s[SLOW] > 0.0:
@@ -81,6 +83,7 @@ def learn(s: Array, n: int, e: float, news: float) -> float:
             if span > 10.0 * s[MEMORY]:
                 span = 10.0 * s[MEMORY]
             s[SLOW] += (weight * e * e / (1.0 + news) - s[SLOW]) / span
+        fade = 1.0 / forget
     elif s[FORGETTING] == 0.0:
         # A sample that brings less news than forgetting costs is no reason to forget: at rest nothing fades.
         worth = 1.5
@@ -88,8 +91,10 @@ def learn(s: Array, n: int, e: float, news: float) -> float:
             worth = 0.5 * n
         if news < worth * (1.0 - forget):
             forget = 1.0
+            fade = 1.0
     if s[WARM] > 0.0:
         forget = forget * (1.0 - s[WARM])
+        fade = 1.0 / forget
         s[WARM] = s[WARM] * s[WARM_RATE]
         if s[WARM] < 1e-12:
             s[WARM] = 0.0
@@ -102,13 +107,13 @@ def learn(s: Array, n: int, e: float, news: float) -> float:
         forget = s[TRACE] / s[LIMIT]
         if forget > 1.0:
             forget = 1.0
+        fade = 1.0 / forget
 
-    fade = 1.0 / forget
     share = weight * fade
-    step = share * e / (1.0 + share * news)
+    step = e * (share / (1.0 + share * news))
     if s[FORGETTING] > 0.0 and s[WARM] == 0.0:
         # Only the direction of psi forgets (Kulhavý and Kárný, IFAC World Congress 1984).
-        step = weight * e / (1.0 + weight * news)
+        step = e * (weight / (1.0 + weight * news))
         share = weight * forget
         if news > SMALLEST_NEWS:
             share = share - (1.0 - forget) / news

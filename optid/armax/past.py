@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from optid.armax.compiling import folded
+from optid.armax.vectors import inner
 from optid.core.model import Array
 
 LARGEST_SIGNAL = 1e30  # in scales of the signal; what is larger counts as missing
@@ -11,14 +12,15 @@ LARGEST_SIGNAL = 1e30  # in scales of the signal; what is larger counts as missi
 @folded
 def filtered(x: float, c: Array, past: Array, order: int, share: float) -> float:
     """x(t) / C(q), given its own past; share < 1 draws the roots of C towards the origin."""
+    known = 0.0  # summed before x comes in, which others wait for
     if share == 1.0:
-        for i in range(order):
-            x -= c[i] * past[i]
+        known = inner(c, past, order)
     else:
         factor = 1.0
         for i in range(order):
             factor = factor * share
-            x -= factor * c[i] * past[i]
+            known += factor * c[i] * past[i]
+    x = x - known
     if not abs(x) < LARGEST_SIGNAL:
         return 0.0
     return x

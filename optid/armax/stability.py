@@ -2,8 +2,21 @@
 
 from __future__ import annotations
 
-from optid.armax.compiling import compiled
+from optid.armax.compiling import compiled, folded
 from optid.core.model import Array
+
+
+@folded
+def surely_inside(c: Array, order: int, radius: float) -> float:
+    """1 if the coefficients are so small that no root can lie outside (Rouché: z^order outweighs the rest)."""
+    total = 0.0
+    bound = 1.0
+    for i in range(order):
+        total += abs(c[i])
+        bound = bound * radius
+    if total < bound and total < radius:
+        return 1.0
+    return 0.0
 
 
 @compiled
@@ -12,12 +25,7 @@ def roots_inside(c: Array, order: int, radius: float, work: Array) -> float:
 
     Steps down from order to 0: each reflection coefficient must be smaller than 1.
     """
-    total = 0.0
-    bound = 1.0
-    for i in range(order):
-        total += abs(c[i])
-        bound = bound * radius
-    if total < bound and total < radius:  # Rouché: z^order outweighs the rest on the circle
+    if surely_inside(c, order, radius) > 0.0:
         return 1.0
     factor = 1.0
     inverse = 1.0 / radius

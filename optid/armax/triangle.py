@@ -2,8 +2,9 @@
 
 Bierman's update (Factorization Methods for Discrete Sequential Estimation, 1977, ch. V), written with
 beta_j = 1 + w (f_1 v_1 + .. + f_j v_j) so that the weight w of a sample may be zero or, for directional
-forgetting, negative. All arrays hold `size` numbers, a multiple of 4, U `size` columns of as many; behind the
-parameters stand zeros, and ones on U's diagonal. Sums run in four lanes, as processors add vectors.
+forgetting, negative. Arrays of the parameters hold `size` numbers, a multiple of 4, U `size` columns of as
+many; behind the parameters stand zeros, and ones on U's diagonal. Sums run in four lanes, as processors add
+vectors, and running sums in as few steps as they can.
 
 These functions say what happens; `optid.armax.vectors` does the same with vector instructions.
 """
@@ -15,18 +16,21 @@ from optid.core.model import Array
 SMALLEST_VARIANCE = 1e-200  # of D: far below anything data can reach, far above underflow
 
 
-def inner(x: Array, y: Array, size: int) -> float:
+def inner(x: Array, y: Array, length: int) -> float:
     """x' y."""
     a = 0.0
     b = 0.0
     c = 0.0
     d = 0.0
-    for k in range(size // 4):
+    for k in range(length // 4):
         a += x[4 * k] * y[4 * k]
         b += x[4 * k + 1] * y[4 * k + 1]
         c += x[4 * k + 2] * y[4 * k + 2]
         d += x[4 * k + 3] * y[4 * k + 3]
-    return (a + b) + (c + d)
+    total = (a + b) + (c + d)
+    for k in range(length // 4 * 4, length):
+        total += x[k] * y[k]
+    return total
 
 
 def project(U: Array, D: Array, psi: Array, F: Array, V: Array, size: int) -> float:
@@ -49,18 +53,31 @@ def project(U: Array, D: Array, psi: Array, F: Array, V: Array, size: int) -> fl
 
 def weigh(D: Array, F: Array, V: Array, size: int, w: float, fade: float) -> float:
     """D, and in F what each column of U takes of the sum before it; returns 1 + w psi' P psi."""
-    beta = 1.0
-    for j in range(size):
-        before = beta
-        beta = before + w * (F[j] * V[j])
-        inverse = 1.0 / (before * beta)
-        d = D[j] * (before * (before * inverse)) * fade
-        if d > SMALLEST_VARIANCE:
-            D[j] = d
-        else:
-            D[j] = SMALLEST_VARIANCE
-        F[j] = (w * F[j]) * (beta * inverse)
-    return beta
+    before = 1.0
+    inverse = 1.0
+    for k in range(size // 4):
+        x = w * (F[4 * k] * V[4 * k])
+        y = w * (F[4 * k + 1] * V[4 * k + 1])
+        z = w * (F[4 * k + 2] * V[4 * k + 2])
+        last = w * (F[4 * k + 3] * V[4 * k + 3])
+        start = before
+        for j in range(4):
+            beta = start + x
+            if j == 1:
+                beta = start + (y + x)
+            if j == 2:
+                beta = start + ((z + y) + x)
+            if j == 3:
+                beta = start + ((last + z) + (y + x))
+            F[4 * k + j] = (w * F[4 * k + j]) * inverse
+            inverse = 1.0 / beta
+            d = (D[4 * k + j] * fade) * (before * inverse)
+            if d > SMALLEST_VARIANCE:
+                D[4 * k + j] = d
+            else:
+                D[4 * k + j] = SMALLEST_VARIANCE
+            before = beta
+    return before
 
 
 def sweep(U: Array, V: Array, F: Array, G: Array, size: int) -> float:

@@ -58,12 +58,6 @@ class _Lanes:
         first = self.ir.insert_element(ir.Constant(_FOUR, ir.Undefined), value, ir.IntType(32)(0))
         return self.pick(first, first, (0, 0, 0, 0))
 
-    def join(self, numbers):
-        four = ir.Constant(_FOUR, ir.Undefined)
-        for k, number in enumerate(numbers):
-            four = self.ir.insert_element(four, number, ir.IntType(32)(k))
-        return four
-
     def pick(self, x, y, lanes):
         return self.ir.shuffle_vector(x, y, ir.Constant(ir.VectorType(ir.IntType(32), 4), list(lanes)))
 
@@ -128,7 +122,12 @@ def _inner(lanes, x, y, size):
     with lanes.every(4, size) as i:
         product = lanes.times(lanes.load(x, i), lanes.load(y, i))
         lanes.ir.store(lanes.plus(lanes.ir.load(total), product), total)
-    return lanes.total(lanes.ir.load(total))
+    b, rest = lanes.ir, cgutils.alloca_once(lanes.ir, _NUMBER)
+    b.store(lanes.total(b.load(total)), rest)
+    with cgutils.for_range(b, size, start=b.and_(size, _WHOLE(-4))) as loop:
+        x_k, y_k = (b.load(b.gep(pointer, [loop.index])) for pointer in (x, y))
+        b.store(b.fadd(b.load(rest), b.fmul(x_k, y_k)), rest)
+    return b.load(rest)
 
 
 @intrinsic
@@ -166,22 +165,24 @@ def weigh(typing, D, F, V, size, w, fade):
         w, fade = lanes.same(lanes.values[4]), lanes.same(lanes.values[5])
         ones = ir.Constant(_FOUR, [1.0] * 4)
         least = ir.Constant(_FOUR, [SMALLEST_VARIANCE] * 4)
-        beta = cgutils.alloca_once(b, _NUMBER)
-        b.store(_NUMBER(1.0), beta)
+        last, last_inverse = cgutils.alloca_once(b, _FOUR), cgutils.alloca_once(b, _FOUR)
+        b.store(ones, last)  # the last lane is beta so far
+        b.store(ones, last_inverse)
         with lanes.every(4, size) as j:
-            f = lanes.load(F, j)
+            f, old = lanes.load(F, j), b.load(last)
             steps = lanes.times(w, lanes.times(f, lanes.load(V, j)))
-            betas = [b.load(beta)]
-            for k in range(4):
-                betas.append(b.fadd(betas[k], b.extract_element(steps, ir.IntType(32)(k))))
-            b.store(betas[4], beta)
-            before, after = lanes.join(betas[:4]), lanes.join(betas[1:])
-            inverse = b.fdiv(ones, lanes.times(before, after))
-            ratio = lanes.times(before, lanes.times(before, inverse))
-            d = lanes.times(lanes.times(lanes.load(D, j), ratio), fade)
+            pairs = lanes.plus(steps, lanes.pick(_ZEROS, steps, (0, 4, 5, 6)))
+            sums = lanes.plus(pairs, lanes.pick(_ZEROS, pairs, (0, 1, 4, 5)))
+            after = lanes.plus(lanes.pick(old, old, (3, 3, 3, 3)), sums)
+            inverse = b.fdiv(ones, after)
+            before = lanes.pick(old, after, (3, 4, 5, 6))
+            inverse_before = lanes.pick(b.load(last_inverse), inverse, (3, 4, 5, 6))
+            d = lanes.times(lanes.times(lanes.load(D, j), fade), lanes.times(before, inverse))
             lanes.store(b.select(b.fcmp_ordered(">", d, least), d, least), D, j)
-            lanes.store(lanes.times(lanes.times(w, f), lanes.times(after, inverse)), F, j)
-        return b.load(beta)
+            lanes.store(lanes.times(lanes.times(w, f), inverse_before), F, j)
+            b.store(after, last)
+            b.store(inverse, last_inverse)
+        return b.extract_element(b.load(last), ir.IntType(32)(3))
 
     return types.float64(*[_ARRAY] * 3, types.int64, types.float64, types.float64), _emitted(write)
 

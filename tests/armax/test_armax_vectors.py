@@ -76,7 +76,8 @@ def test_every_function_is_its_plain_twin(size):
     U = np.triu(numbers(size, size), 1) + np.eye(size)
     columns, D, psi = U.T.ravel().copy(), np.abs(numbers(size)), numbers(size + 1)[:size].copy()
     F, V, G = np.zeros(size), np.zeros(size), np.zeros(size)
-    same(triangle.inner, inner, psi, D, size)
+    for length in (size, size - 1, size - 2, size - 3, 0):
+        same(triangle.inner, inner, psi, D, length)
     same(triangle.project, project, columns, D, psi, F, V, size)
     assert pytest.approx(U.T @ psi, rel=1e-9) == F
     for w in (1.01, 0.0, -0.5 / triangle.inner(F, V, size)):
