@@ -166,6 +166,17 @@ def test_difficult_models_are_tuned_with_a_warning(tmp_path):
     assert any("unstable" in remark for remark in strict(tmp_path / "out" / "pid.json")["remarks"])
 
 
+def test_a_sensitivity_nobody_asked_for_stops_nothing(tmp_path):
+    """A fast unstable pole behind a delay: no loop can be as calm as the default wants."""
+    path = written(tmp_path / "m.json", Armax((1.0, -1.25), ((0.1,),), nk=(3,), sample_time=T), "level")
+    result = run(path, "--out", tmp_path / "out", "--limits", "5", "--setpoint", "0.1", *QUICK)
+    assert result.exit_code == 0, result.output
+    assert "none is asked for" in result.output
+    assert strict(tmp_path / "out" / "pid.json")["margins"]["maximum_sensitivity"] > 2.0
+    asked = run(path, "--out", tmp_path / "no", "--limits", "5", "--setpoint", "0.1", "--ms", "2", *QUICK)
+    assert asked.exit_code == 1 and "no gains keep" in asked.output
+
+
 def test_a_model_in_other_units_gets_a_step_of_its_own(tmp_path):
     """Static gain 200: half of the command's range asks for a step of hundreds."""
     model = Armax((1.0, -0.98), ((4.0,),), nk=(1,), sample_time=0.1)
