@@ -131,7 +131,7 @@ def loop_process(plan: Plan, link: Connection, session: Connection, rings: tuple
         return
     tell(session, say="ready")
     _steady(plan)
-    every = max(1, round(settings.rate / SLOW))
+    every, due = max(1, round(settings.rate / SLOW)), 0
     try:
         with contextlib.suppress(EOFError, OSError):
             while True:
@@ -140,7 +140,8 @@ def loop_process(plan: Plan, link: Connection, session: Connection, rings: tuple
                 link.send_bytes(pack_reply(reply))
                 signals.add((sample.time, reply.reference, loop.measured, *reply[3:6], reply.command,
                              loop.innovation))  # fmt: skip
-                if sample.number % every == 0:
+                if sample.number >= due:  # not "every so many": that very sample may have been missed
+                    due = sample.number + every
                     _slow(loop, slow, sample.time)
                     if loop.taken_back is not None:
                         tell(session, say="taken back", gains=vars(loop.taken_back))

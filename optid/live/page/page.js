@@ -3,10 +3,12 @@
 
 const SHOWN = 12, INK = "#2b2f36", TEAL = "#0a7e8c", ORANGE = "#c8743a", GREY = "#9aa3ad", RED = "#b3372f";
 const MOST = 200;  // events on the page
+const TRIES = 10;  // to reach a session that does not answer, a second apart
 const by = (id) => document.getElementById(id);
-const page = { signals: null, slow: null, charts: [], news: null, socket: null, ended: false, stale: true };
+const page = { signals: null, slow: null, charts: [], news: null, socket: null, ended: false, stale: true, tries: 0 };
 
 function begin(hello) {
+  page.tries = 0; by("events").replaceChildren();
   const rate = Math.min(hello.rate, 250), at = Object.fromEntries(hello.signals.map((name, i) => [name, i]));
   page.signals = new Rows(hello.signals.length, Math.ceil(1.2 * SHOWN * rate));
   page.slow = new Rows(hello.slow.length, Math.ceil(20 * hello.keep));
@@ -41,6 +43,7 @@ function heed(news) {
   for (const row of news.slow) page.slow.add(row.map((x) => x === null ? NaN : x));
   for (const [time, words] of news.events) say(time, words);
   by("tune").disabled = news.tuning || page.ended; by("apply").disabled = !news.applicable || page.ended;
+  by("stop").disabled = page.ended;
   const parted = news.parted ? `Rig and model have parted. What is missing finds: ${news.diagnosis}` : "";
   by("parted").hidden = !parted;
   if (by("parted").textContent !== parted) by("parted").textContent = parted;
@@ -123,7 +126,11 @@ function order(wish) { if (page.socket.readyState === WebSocket.OPEN && !by(wish
 function connect() {
   page.socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/live`);
   page.socket.binaryType = "arraybuffer"; page.socket.onmessage = receive;
-  page.socket.onclose = () => { if (!page.ended) over("the session no longer answers"); };
+  page.socket.onclose = () => {
+    if (page.ended) return;
+    page.tries += 1; over(page.tries < TRIES ? "no answer; trying again" : "the session no longer answers");
+    if (page.tries < TRIES) setTimeout(connect, 1000);
+  };
 }
 
 for (const id of ["tune", "apply", "stop"]) by(id).addEventListener("click", () => order(id));

@@ -25,6 +25,7 @@ FILES = {"/": ("page.html", "text/html"), "/page.js": ("page.js", "text/javascri
 PACE = 0.1  # s between two messages to a reader
 DRAWN = 250.0  # rows a second that a reader gets at most
 POLL = 0.05  # s between looks at the session
+HEARTBEAT = 30.0  # s: a reader that does not answer for half as long has gone
 READERS = 8  # at a time
 LAST_WORD = 2.0  # s for readers to fetch how it ended
 HEADERS = {
@@ -71,7 +72,7 @@ class Page:
     async def _live(self, request: web.Request) -> web.WebSocketResponse:
         if len(self._readers) >= READERS:
             raise web.HTTPServiceUnavailable(text=f"{READERS} pages are open already\n")
-        socket = web.WebSocketResponse(heartbeat=10.0, max_msg_size=4096)
+        socket = web.WebSocketResponse(heartbeat=HEARTBEAT, max_msg_size=4096)
         await socket.prepare(request)
         feeder = asyncio.create_task(self._feed(socket))
         self._readers.add(feeder)
