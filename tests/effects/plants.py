@@ -1,7 +1,7 @@
 """The built-in plants with every effect they admit, and points of their state space to hold them to."""
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -31,7 +31,7 @@ FULL = {"servo-pneumatic": 1.0, "emps": 10.0, "cascaded-tanks": 10.0}
 SAMPLE = {"servo-pneumatic": 1e-3, "emps": 1e-3, "cascaded-tanks": 4.0}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Grown:
     """A plant without and with effects; the parameters of the plain one."""
 
@@ -72,7 +72,7 @@ class Grown:
         return self.model.vector({**self.values, **(own or {})})
 
 
-@lru_cache(maxsize=8)
+@cache
 def grown(name, effect=None):
     """A plant with one effect, or with all it admits."""
     plant, file = PLANTS[name]

@@ -1,5 +1,7 @@
 """Every effect at its null is no effect, and has finite, bounded and true slopes there and elsewhere."""
 
+from functools import cache
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -76,6 +78,7 @@ def corners(plant, rng):
     return X, U
 
 
+@cache
 def jacobian(plant):
     """(x, u, p) -> d(rates, sensors)/d(x, p)."""
     m = plant.model

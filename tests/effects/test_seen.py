@@ -21,9 +21,9 @@ OWN_EXCITATION = {"exhaust_restriction": strokes}
 
 @lru_cache(maxsize=2)
 def signatures(record, only=None):
-    """What effects change at a usual point: sd of the noise, summed over 0.5 s windows, by name, (outputs,)."""
+    """What effects change at a usual point: sd of noise, over every other 0.5 s window, by name, (outputs,)."""
     plant, (X, u) = grown("servo-pneumatic"), record()
-    model, first = plant.model, np.arange(0, N - WINDOW, WINDOW)
+    model, first = plant.model, np.arange(WINDOW, N - WINDOW, 2 * WINDOW)
     effects = [e for e in plant.effects if only in (None, e.name)]
     points = [(e.name, e.qualified(e.usual[len(e.usual) // 2])) for e in effects]
     P = np.array([plant.vector(), *(plant.vector(values) for _, values in points)])
