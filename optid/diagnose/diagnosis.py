@@ -11,7 +11,7 @@ import numpy as np
 from optid.check.noise import noise_sd
 from optid.core.recording import Recording
 from optid.diagnose.disturbance import Located, locate
-from optid.diagnose.judge import Comparison, Judged, compare
+from optid.diagnose.judge import EXCESS, Comparison, compare, excess
 from optid.diagnose.residuals import Residuals, residual_tests
 from optid.diagnose.rivals import indistinguishable
 from optid.diagnose.screen import Signature, screen
@@ -24,7 +24,6 @@ from optid.errors import InputError
 from optid.fit.result import Estimate
 from optid.rigs.rigfile import Rig
 
-EXCESS = 1.1  # windows' error over the noise above which a mismatch matters
 VISIBLE = 5.0  # sd at which an effect of the smallest size worth a name would be found for sure
 
 
@@ -132,10 +131,10 @@ def diagnose(
         raise InputError("nothing to fit", where=rig.path, field="[fit]", expected="at least one parameter")
     if not holdout:
         raise InputError("no recording held out", where="--holdout", expected="at least one recording")
-    data = Data(tuple(recordings), tuple(holdout), generator)
+    noise = _noise(rig, holdout)
+    data = Data(tuple(recordings), tuple(holdout), noise, generator)
     base = fit_base(rig, data, report)
     found = search(base, own, data, report)
-    noise = _noise(rig, data)
     last = found.rounds[-1].screened
     if found.dropped or found.rounds[-1].winner is not None:
         last = tuple(screen(found.best.answer, data.train, admitted(found.best.rig.model, own)))
@@ -143,7 +142,7 @@ def diagnose(
     best_parameters = estimates(found.best.answer, last)
     base_parameters = best_parameters if found.best is base else estimates(base.answer, ())
     findings = _findings(found, best_parameters, data, report)
-    verdict, best, extra = _judge(found, findings, noise, data, report)
+    verdict, best, extra = _judge(found, findings, data, report)
     if best is not found.best:
         best_parameters = estimates(best.answer, ())
     residuals = residual_tests(best.judged, best.answer, data.holdout)
@@ -156,23 +155,17 @@ def diagnose(
     return replace(diagnosis, summary=summary(diagnosis))
 
 
-def _noise(rig: Rig, data: Data) -> dict[str, float]:
+def _noise(rig: Rig, holdout: Sequence[Recording]) -> dict[str, float]:
     """Of the measurement itself, per channel: as stated in the rig file, else from neighbouring samples."""
     found = {}
     for port in rig.model.outputs:
         stated = rig.channels[port.role].sd if port.role in rig.channels else None
-        values = [r[port.role].values for r in data.holdout if port.role in r]
+        values = [r[port.role].values for r in holdout if port.role in r]
         if not values:
             continue
         sds = [noise_sd(v[np.isfinite(v)]) for v in values]
         found[port.role] = float(stated or np.sqrt(np.mean(np.square(sds))))
     return found
-
-
-def excess(judged: Judged, noise: dict[str, float]) -> float:
-    """The largest ratio of a window's error to the noise, over the channels."""
-    ratios = [s.rmse / noise[role] for role, s in judged.scores.items() if noise.get(role, 0.0) > 0.0]
-    return max(ratios, default=1.0)
 
 
 def _findings(
@@ -216,7 +209,7 @@ def _says(effect: Effect, best: Candidate) -> str:
 
 
 def _judge(
-    found: Search, findings: tuple[Finding, ...], noise: dict[str, float], data: Data, report: Report
+    found: Search, findings: tuple[Finding, ...], data: Data, report: Report
 ) -> tuple[Verdict, Candidate, tuple[Finding, ...]]:
     """The verdict, the improved model, and a finding without a name where something is left unexplained."""
     if findings:
@@ -224,9 +217,9 @@ def _judge(
     wide = widened(found.base, data)
     if wide is not None:
         gain = compare(found.base.judged, wide.judged, data.generator)
-        if gain.p_value < 0.01 and excess(wide.judged, noise) < EXCESS:
+        if gain.p_value < 0.01 and excess(wide.judged, data.noise) < EXCESS:
             return Verdict.PARAMETERS, wide, ()
-    if excess(found.base.judged, noise) <= EXCESS:
+    if excess(found.base.judged, data.noise) <= EXCESS:
         return Verdict.CONSISTENT, found.base, ()
     report(0.97, "nothing explains it: locating the mismatch")
     sites = locate(found.base, data)

@@ -18,6 +18,7 @@ from optid.fit.scoring import Answer
 
 BLOCK = 0.5  # s: samples nearer than this are not counted as independent of each other
 RESAMPLES = 4000
+EXCESS = 1.1  # windows' error over the noise above which a mismatch matters
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,6 +89,12 @@ def _windows(answer: Answer, recordings: Sequence[Recording], whole: Problem, st
         last = cut.counts[w] + (1 if cut.closed[w] else 0)
         out[cut.begins[w] : cut.begins[w] + last] = run.outputs[row, :last]
     return out
+
+
+def excess(judged: Judged, noise: Mapping[str, float]) -> float:
+    """The largest ratio of a window's error to the noise, over the channels."""
+    ratios = [s.rmse / noise[role] for role, s in judged.scores.items() if noise.get(role, 0.0) > 0.0]
+    return max(ratios, default=1.0)
 
 
 @dataclass(frozen=True)

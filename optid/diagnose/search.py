@@ -6,7 +6,7 @@ A screen picks the few worth a refit; the refits compete by likelihood; recordin
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -14,18 +14,19 @@ from scipy import stats
 
 from optid.core.model import Model
 from optid.core.recording import Recording
-from optid.diagnose.judge import Comparison, Judged, compare, judge
+from optid.diagnose.judge import EXCESS, Comparison, Judged, compare, excess, judge
 from optid.diagnose.screen import Signature, screen
 from optid.effects.effect import Effect
 from optid.effects.library import admitted
 from optid.fit.likelihood import WHOLE
 from optid.fit.problem import pose
-from optid.fit.scoring import Answer, maximise, question_of
+from optid.fit.scoring import Answer, maximise, question_of, quieted
 from optid.rigs.rigfile import Rig, with_effects
 
 LEVEL = 0.01  # of false alarms on a rig that lacks nothing, for the whole catalogue together
 REFITS = 5  # candidates of a round
 DEEPEST = 3  # effects at most
+QUIETER = 2.5  # log: how much less process noise the second look of a round allows
 NEAR = 0.5  # of the best gain: a refit below this share does not go on
 TINY = (
     0.25  # of the smallest size worth a name: what a screen or a first refit leaves below it is not followed
@@ -35,10 +36,11 @@ QUICK = 8  # iterations of a first refit; the best then converge
 
 @dataclass(frozen=True)
 class Data:
-    """Recordings to fit, recordings held out, and the randomness of the resampling."""
+    """Recordings to fit, recordings held out, sd of their noise by role, and the randomness of the resampling."""
 
     train: tuple[Recording, ...]
     holdout: tuple[Recording, ...]
+    noise: Mapping[str, float]
     generator: np.random.Generator
 
 
@@ -118,6 +120,14 @@ def search(base: Candidate, own: Sequence[Effect], data: Data, report: Report) -
         signatures = screen(current.answer, data.train, admitted(current.rig.model, own))
         rivals = _refit(current, signatures, data, plain, report, share)
         winner = next((rival for rival in rivals if not rival.why), None)
+        if winner is None and excess(current.judged, data.noise) > EXCESS:
+            # What is missing may hide in the process noise: look again with less of it.
+            report(share, f"round {depth + 1}: screening with less process noise")
+            tight = screen(quieted(current.answer, QUIETER), data.train, admitted(current.rig.model, own))
+            tried = {rival.effect.name for rival in rivals}
+            more = [signature for signature in tight if signature.effect.name not in tried]
+            rivals = _ranked([*rivals, *_refit(current, more, data, plain, report, share)])
+            winner = next((rival for rival in rivals if not rival.why), None)
         rounds.append(Round(tuple(signatures), tuple(rivals), winner))
         if winner is None or depth == DEEPEST:
             break
@@ -154,6 +164,11 @@ def _refit(
         against = compare(current.judged, candidate.judged, data.generator)
         why = _objection(effect, candidate, gain, against, len(signatures), len(few))
         rivals.append(Rival(effect, candidate, gain, against, why))
+    return _ranked(rivals)
+
+
+def _ranked(rivals: list[Rival]) -> list[Rival]:
+    """The best first; those with a reason against them last."""
     return sorted(rivals, key=lambda r: (bool(r.why), -(r.train_gain + r.against.gain)))
 
 

@@ -79,12 +79,13 @@ def _sentence(f: Finding) -> str:
 
 
 def _remains(d: Diagnosis) -> str:
-    from optid.diagnose.diagnosis import EXCESS, excess
+    from optid.diagnose.judge import EXCESS, excess
 
     ratio = excess(d.best.judged, d.noise)
     if ratio <= EXCESS:
         return ""
-    return f" What remains is {ratio:.1f} times the noise: the law's form may differ from the catalogue's."
+    much = f"{ratio:.1f} times the noise" if ratio < 100 else "far above the noise"
+    return f" What remains is {much}: the law's form may differ from the catalogue's."
 
 
 def _blind(d: Diagnosis) -> str:

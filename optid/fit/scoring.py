@@ -134,6 +134,14 @@ def maximise(
     return Answer(q, here.p, here.noise, here.filtered, here.score, here.slopes, information, settled)
 
 
+def quieted(answer: Answer, by: float) -> Answer:
+    """The same parameters where the states may move less: log levels of process noise lower by `by`."""
+    q = answer.question
+    here = _Place(q, answer.p, replace(answer.noise, levels=np.maximum(answer.noise.levels - by, LEVELS[0])))
+    _, information = here.expand(False)
+    return Answer(q, here.p, here.noise, here.filtered, here.score, here.slopes, information, answer.settled)
+
+
 def _descend(here: _Place, iterations: int, *, exact: bool) -> tuple[_Place, int, bool]:
     """Levenberg-Marquardt until a step gains too little; the place, the iterations used, whether it settled."""
     damping = 1e-3
