@@ -45,6 +45,14 @@ class Network:
         w = self.weights
         return np.asarray(FORCE * np.tanh(inputs @ w[:, :3].T + w[:, 3]) @ w[:, 4])
 
+    def slopes(self, inputs: Array) -> Array:
+        """Of the force by the weights, (n, HIDDEN * 5)."""
+        w = self.weights
+        bent = np.tanh(inputs @ w[:, :3].T + w[:, 3])
+        by_sum = w[:, 4] * (1.0 - bent**2)
+        parts = [*(by_sum * inputs[:, [k]] for k in range(3)), by_sum, bent]
+        return np.asarray(FORCE * np.stack(parts, axis=2).reshape(len(inputs), -1))
+
 
 class NeuralForce(Effect):
     """The network as a force on the piston; it has no parameters that a fit could move."""
@@ -74,7 +82,12 @@ def learned(inputs: Array, force: Array, rng: np.random.Generator) -> Network:
         off = (Network(theta.reshape(HIDDEN, 5))(inputs) - force) / spread
         return np.concatenate([off, DECAY * theta])
 
-    found = least_squares(residual, start, max_nfev=60)
+    def slopes(theta: Array) -> Array:
+        return np.concatenate(
+            [Network(theta.reshape(HIDDEN, 5)).slopes(inputs) / spread, DECAY * np.eye(len(theta))]
+        )
+
+    found = least_squares(residual, start, jac=slopes, method="lm", max_nfev=200)
     return Network(np.asarray(found.x).reshape(HIDDEN, 5))
 
 

@@ -41,7 +41,6 @@ def library(m: Motion) -> dict[str, Array]:
         "friction_drift": way * m.t,
         "compliant_load": m.a,
         "asymmetric_friction": np.abs(m.v),
-        "critical_pressure_ratio": m.P_a - m.P_b,
     }
 
 
@@ -94,8 +93,7 @@ def main() -> None:
     base = fit(task.rig, task.train, FitOptions(time_limit=300.0))
     rmse = window_rmse(task.rig, task.holdout, base)
     effect = named(task, base)
-    site = "flow" if effect == "critical_pressure_ratio" else "force"
-    findings = () if effect is None else (finding(effect, site),)
+    findings = () if effect is None else (finding(effect, "force"),)
     deliver(task, Said("missing-physics" if effect else "consistent", findings, parameters(base), rmse, rmse))
 
 
