@@ -21,7 +21,6 @@ _KERNELS = (
     triangle.enter,
     triangle.copy,
     triangle.move,
-    stability.surely_inside,
     stability.roots_inside,
     stability.stabilise,
     past.filtered,

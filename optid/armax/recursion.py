@@ -51,8 +51,7 @@ from optid.armax.layout import (
 )
 from optid.armax.learning import learn
 from optid.armax.past import LARGEST_SIGNAL, filtered, newest
-from optid.armax.stability import roots_inside as roots_inside
-from optid.armax.stability import stabilise, surely_inside
+from optid.armax.stability import roots_inside, stabilise
 from optid.armax.vectors import copy, enter, inner, part, project, shift
 from optid.core.model import Array
 
@@ -206,7 +205,8 @@ def advance(s: Array, y: float) -> float:
         news = project(U, D, psi, F, V, size)
         if news < LARGEST_NEWS:
             residual = e - learn(s, n, e, news) * inner(phi, G, size)
-            if surely_inside(c, nc, s[RADIUS]) == 0.0 and stabilise(c, nc, s[RADIUS], work) > 0.0:
+            if roots_inside(c, nc, s[RADIUS], work) == 0.0:
+                stabilise(c, nc, s[RADIUS], work)
                 s[PROJECTED] += 1.0
                 residual = measured - inner(phi, theta, size)
         bound = s[OUTLIER]

@@ -7,25 +7,17 @@ from optid.core.model import Array
 
 
 @folded
-def surely_inside(c: Array, order: int, radius: float) -> float:
-    """1 if the coefficients are so small that no root can lie outside (Rouché: z^order outweighs the rest)."""
-    total = 0.0
-    bound = 1.0
-    for i in range(order):
-        total += abs(c[i])
-        bound = bound * radius
-    if total < bound and total < radius:
-        return 1.0
-    return 0.0
-
-
-@compiled
 def roots_inside(c: Array, order: int, radius: float, work: Array) -> float:
     """1 if every root of z^order + c[0] z^(order-1) + ... lies inside the radius, else 0 (Schur and Cohn).
 
     Steps down from order to 0: each reflection coefficient must be smaller than 1.
     """
-    if surely_inside(c, order, radius) > 0.0:
+    total = 0.0
+    bound = 1.0
+    for i in range(order):
+        total += abs(c[i])
+        bound = bound * radius
+    if total < bound and total < radius:  # Rouché: z^order outweighs the rest on the circle
         return 1.0
     factor = 1.0
     inverse = 1.0 / radius
@@ -37,8 +29,9 @@ def roots_inside(c: Array, order: int, radius: float, work: Array) -> float:
         last = work[k - 1]
         if not abs(last) < 1.0:
             return 0.0
+        inverse = 1.0 / (1.0 - last * last)
         for i in range(k - 1):
-            work[order + i] = (work[i] - last * work[k - 2 - i]) / (1.0 - last * last)
+            work[order + i] = (work[i] - last * work[k - 2 - i]) * inverse
         for i in range(k - 1):
             work[i] = work[order + i]
     return 1.0
