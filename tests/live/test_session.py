@@ -57,14 +57,16 @@ def wait_for(session, there):
 
 
 def test_tune_review_apply(tmp_path, patient):
-    settings = live_settings(read_rig(patient), 200.0)
-    plan = Plan(patient, "simulated", tmp_path, tour(settings.limits), Choices(Gains(6.0)), rate=200.0)
+    settings = live_settings(read_rig(patient), 500.0)
+    plan = Plan(
+        patient, "simulated", tmp_path, tour(settings.limits), Choices(Gains(6.0)), rate=500.0, fast=True
+    )
     session = Session(plan)
     try:
         session.go()
         assert not session.applicable
         session.apply()  # nothing to apply
-        wait_for(session, lambda: session.slow.count > 60)  # 3 s
+        wait_for(session, lambda: session.slow.count > 200)  # 10 s of the session
         session.tune()
         assert session.busy
         session.tune()  # one at a time
