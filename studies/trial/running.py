@@ -58,7 +58,7 @@ def run(
         jobs: cases at a time; each is told to use one thread if there are several.
         report: is told of every case that ends.
     """
-    left = [name for name in cases_of(folder) if not (folder / name / method / "run.json").exists()]
+    left = [name for name in cases_of(folder) if not finished(folder / name / method)]
     environment = dict(os.environ)
     if jobs > 1:
         environment |= dict.fromkeys(THREADS, "1")
@@ -66,6 +66,15 @@ def run(
         work = partial(_one, folder, method, limit, environment)
         for name, ran in pool.map(work, left):
             report(name, ran)
+
+
+def finished(place: Path) -> bool:
+    """It came to an end of its own, or its time was up; a case that someone else stopped is run again."""
+    left = place / "run.json"
+    if not left.exists():
+        return False
+    status = json.loads(left.read_text())["status"]
+    return status is None or status >= 0
 
 
 def _one(folder: Path, method: str, limit: float, environment: dict[str, str], name: str) -> tuple[str, Ran]:

@@ -18,7 +18,7 @@ INSEPARABLE = Path(__file__).parents[1] / "inseparable.json"  # what studies/dis
 
 
 def score(folder: Path, key: str, method: str, workers: int) -> str:
-    """Judge what `method` said of a draw; the board as text.
+    """Judge what `method` said of the cases that it was run on; the board as text.
 
     Args:
         folder: of the draw; DIR/scores/METHOD.json and .txt are written.
@@ -28,13 +28,14 @@ def score(folder: Path, key: str, method: str, workers: int) -> str:
     """
     manifest = json.loads((folder / "cases.json").read_text())
     answers = unseal(folder / "answers.sealed", key, manifest["answers_sha256"])["cases"]
-    oracles = known_oracles(folder, answers, workers)
+    ran = [a for a in answers if (folder / a["case"]["name"] / method / "run.json").exists()]
+    oracles = known_oracles(folder, ran, workers)
     pairs = inseparable()
     judged = [
-        judge(a, outcome(folder / a["case"]["name"] / method, oracles[a["case"]["name"]], pairs))
-        for a in answers
+        judge(a, outcome(folder / a["case"]["name"] / method, oracles[a["case"]["name"]], pairs)) for a in ran
     ]
-    return written(folder / "scores", method, judged)
+    left = len(answers) - len(ran)
+    return written(folder / "scores", method, judged) + (f"\n\n{left} cases were not run yet" if left else "")
 
 
 def written(place: Path, method: str, judged: list[Judged]) -> str:
@@ -47,15 +48,16 @@ def written(place: Path, method: str, judged: list[Judged]) -> str:
 
 
 def known_oracles(folder: Path, answers: list[dict[str, Any]], workers: int) -> dict[str, float]:
-    """The oracle's RMSE of every case, computed once for all methods."""
+    """The oracle's RMSE of these cases, computed once for all methods."""
     kept = folder / "scores" / "oracle.json"
-    if kept.exists():
-        return {name: float(v) for name, v in json.loads(kept.read_text()).items()}
-    with ProcessPoolExecutor(workers) as pool:
-        found = dict(pool.map(_oracle, [a["case"] for a in answers], [a["seconds"] for a in answers]))
-    kept.parent.mkdir(exist_ok=True)
-    kept.write_text(json.dumps(found, indent=1) + "\n")
-    return found
+    found = json.loads(kept.read_text()) if kept.exists() else {}
+    left = [a for a in answers if a["case"]["name"] not in found]
+    if left:
+        with ProcessPoolExecutor(workers) as pool:
+            found |= dict(pool.map(_oracle, [a["case"] for a in left], [a["seconds"] for a in left]))
+        kept.parent.mkdir(exist_ok=True)
+        kept.write_text(json.dumps(found, indent=1) + "\n")
+    return {str(name): float(rmse) for name, rmse in found.items()}
 
 
 def _oracle(stated: dict[str, Any], seconds: float) -> tuple[str, float]:
@@ -64,8 +66,7 @@ def _oracle(stated: dict[str, Any], seconds: float) -> tuple[str, float]:
 
 def outcome(place: Path, oracle: float | None, pairs: Pairs) -> Ran:
     """What a method left in its folder of a case."""
-    left, said = place / "run.json", place / "diagnosis.json"
-    ended = json.loads(left.read_text()) if left.exists() else {"status": -1, "seconds": None}
+    said, ended = place / "diagnosis.json", json.loads((place / "run.json").read_text())
     usable = ended["status"] == 0 and said.exists()
     diagnosis = json.loads(said.read_text()) if usable else None
     return Ran(diagnosis, ended["status"], ended["seconds"], oracle, pairs)

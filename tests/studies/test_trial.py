@@ -315,7 +315,8 @@ def test_running_keeps_its_limits_and_goes_on_where_it_stopped(tmp_path, monkeyp
     assert sorted(told) == [("case-1", 0), ("case-2", None), ("case-3", 1)]
     assert json.loads((tmp_path / "case-1/diagnose/diagnosis.json").read_text()) == {"called with": 7}
     assert scoring.outcome(tmp_path / "case-2/diagnose", None, frozenset()).diagnosis is None
-    (tmp_path / "case-3/diagnose/run.json").unlink()
+    stopped = tmp_path / "case-3/diagnose/run.json"
+    stopped.write_text(json.dumps({**json.loads(stopped.read_text()), "status": -15}))  # someone ended it
     told.clear()
     running.run(tmp_path, "diagnose", 3.0, 3, lambda name, ran: told.append((name, ran.status)))
     assert told == [("case-3", 1)]
