@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from optid.armax.recursion import roots_inside
+from optid.armax.stability import roots_inside
 from optid.pid.law import DERIVATIVE_FILTER, KD, KI, KP
 from optid.tune.machine import compiled
 

@@ -12,7 +12,7 @@ from optid.errors import InputError, SolveError
 from optid.pid.controller import Gains
 from optid.tune.gradient import Gradient
 from optid.tune.polish import polish
-from optid.tune.search import Box, Evolved, box, evolve, slices
+from optid.tune.search import GENERATIONS, Box, Evolved, box, evolve, slices
 from optid.tune.task import REFUSED, Task
 from optid.tune.ultimate import Ultimate, ultimate
 
@@ -22,6 +22,11 @@ LAG_SAMPLES, LAG_SHARE = (
 )  # least derivative filter by default: samples, share of the ultimate period
 POINTS, SLOW_POINTS = 3000, 700  # of the grid at most; the latter where a physical model runs
 WITH_BENCH = 60  # generations of a search in which a physical model runs
+AROUND, ROUNDS, WORTHWHILE = (
+    0.06,
+    4,
+    5e-4,
+)  # of the cube; populations around the best end, and what each must gain
 VALLEYS = 3  # of the grid that are followed down
 
 
@@ -84,14 +89,35 @@ def optimise(task: Task, options: Options, rng: np.random.Generator, scale: Ulti
     if options.polish:
         gradient = None if task.criterion.own else Gradient(swift, options.free)
         ends = [_polished(swift, within, end, gradient) for end in kept]
+        ends += _closer(swift, within, min(ends, key=lambda end: end.fitness), rng, gradient)
     if task.bench is not None:
         seeds = np.array([end.point for end in ends])
         whole = slices(within, 1)[0]
         tried = [_evolved(task, within, whole, rng, begin, WITH_BENCH) for begin in (seeds, None)]
         ends = [_polished(task, within, min(tried, key=lambda end: end.fitness), None), *tried]
+        ends += _closer(task, within, ends[0], rng, None, WITH_BENCH // 2)
         costs, _ = _screened(task, within, min(options.grid, int(SLOW_POINTS ** (1.0 / len(options.free)))))
     best = min(ends, key=lambda end: end.fitness)
     return Search(as_gains(within.gains(best.point)[0]), tuple(ends), within, costs)
+
+
+def _closer(
+    task: Task, within: Box, best: Evolved, rng: np.random.Generator, gradient: Gradient | None,
+    generations: int = GENERATIONS,
+) -> list[Evolved]:  # fmt: skip
+    """Populations around the best end, for as long as they still gain: along a narrow ridge a polish stops early."""
+    found: list[Evolved] = []
+    for _ in range(ROUNDS):
+        part = np.clip(best.point - AROUND, 0.0, 1.0), np.clip(best.point + AROUND, 0.0, 1.0)
+        end = _polished(
+            task, within, _evolved(task, within, part, rng, best.point[None], generations), gradient
+        )
+        gained = end.fitness < best.fitness * (1.0 - WORTHWHILE)
+        found.append(end)
+        if not gained:
+            break
+        best = end
+    return found
 
 
 def _screened(task: Task, within: Box, aside: int) -> tuple[Array, list[Evolved]]:
