@@ -14,15 +14,15 @@ EQUAL = (
 
 @compiled
 def normal_equations(
-    code, slopes, first, last, starts, counts, closed, X0, p, dt, U, Y, weight, huber, tolerance, end, slope, H, g,
+    code, first, last, starts, counts, closed, X0, p, dt, U, Y, weight, huber, tolerance, end, slope, H, g,
     cost,
 ):  # fmt: skip
     """Gauss-Newton terms of windows first..last-1, all at the parameters p.
 
     Window w: the residuals (Y - y) * weight at its samples 0..counts-1 (also at its last one if closed[w]).
-    Receives end[w] (NX,) and cost[w] = (sum of the loss, samples), and with `slopes` also slope[w] = d end /
-    d(start, free) (NX, width), H[w] = sum J'J (directions, width), g[w] = sum J'r (width,) with J = d y /
-    d(start, free) * weight, all padded. NaN in Y is missing. Residuals beyond `huber` count linearly (Huber's
+    Receives end[w] (NX,), cost[w] = (sum of the loss, samples), slope[w] = d end / d(start, free) (NX, width),
+    H[w] = sum J'J (directions, width) and g[w] = sum J'r (width,) with J = d y / d(start, free) * weight, all
+    padded. NaN in Y is missing. Residuals beyond `huber` count linearly (Huber's
     loss; infinity for none). A failed window has cost NaN.
     """
     nx, ny = X0.shape[1], Y.shape[1]
@@ -31,27 +31,10 @@ def normal_equations(
     call(code.constants, (at(p, 0), at(c, 0)))
     for begin in range(first, last, LANES):
         stop, done = min(begin + LANES, last), 0
-        if slopes and stop - begin > 1:
+        if stop - begin > 1:
             done = _together(
-                code,
-                begin,
-                stop,
-                starts,
-                counts,
-                c,
-                X0,
-                dt,
-                U,
-                Y,
-                weight,
-                huber,
-                tolerance,
-                end,
-                slope,
-                H,
-                g,
-                cost,
-            )
+                code, begin, stop, starts, counts, c, X0, dt, U, Y, weight, huber, tolerance, end, slope, H, g, cost,
+            )  # fmt: skip
         for w in range(begin, stop):
             if done == 0:
                 end[w] = X0[w]
@@ -59,7 +42,7 @@ def normal_equations(
                 for i in range(nx):
                     slope[w, i, i] = 1.0
             loss, used = _window(
-                code, slopes, starts[w] + done, counts[w] - done, closed[w], c, k, y, T, R, dt, U, Y, weight, huber,
+                code, starts[w] + done, counts[w] - done, closed[w], c, k, y, T, R, dt, U, Y, weight, huber,
                 tolerance, end[w], slope[w], H[w], g[w],
             )  # fmt: skip
             cost[w, 0] += loss
@@ -144,16 +127,14 @@ def _weighed(begin, stop, n, o, starts, Y, y, weight, huber, a, b, loss, used):
 
 @compiled
 def _window(
-    code, slopes, begin, count, closed, c, k, y, T, R, dt, U, Y, weight, huber, tolerance, x, S, H, g
+    code, begin, count, closed, c, k, y, T, R, dt, U, Y, weight, huber, tolerance, x, S, H, g
 ):  # fmt: skip
-    start, step = (code.slopes, code.step_slopes) if slopes else (code.rates, code.step)
-    sensors = code.sensor_slopes if slopes else code.sensors
     loss, used, h = 0.0, 0.0, dt[begin]
     for n in range(count + 1):
         m = begin + n
         u = at(U, m * U.shape[1])
         if n < count or closed:
-            call(sensors, (at(x, 0), at(S, 0), u, at(c, 0), at(y, 0), at(R, 0)))
+            call(code.sensor_slopes, (at(x, 0), at(S, 0), u, at(c, 0), at(y, 0), at(R, 0)))
             for o in range(Y.shape[1]):
                 r = (Y[m, o] - y[o]) * weight[m, o]
                 if r != r:  # a missing sample
@@ -165,12 +146,23 @@ def _window(
                 else:
                     loss += r * r
                 used += 1.0
-                if slopes:
-                    scaled = factor * weight[m, o]
-                    row = at(R, o * R.shape[1])
-                    call(code.gather, (row, at(H, 0), at(g, 0), scaled * weight[m, o], scaled * r))
+                scaled = factor * weight[m, o]
+                row = at(R, o * R.shape[1])
+                call(code.gather, (row, at(H, 0), at(g, 0), scaled * weight[m, o], scaled * r))
         if n < count:
-            h = advance(start, step, at(x, 0), at(S, 0), u, at(c, 0), k, at(T, 0), at(tolerance, 0), dt[m], h)
+            h = advance(
+                code.slopes,
+                code.step_slopes,
+                at(x, 0),
+                at(S, 0),
+                u,
+                at(c, 0),
+                k,
+                at(T, 0),
+                at(tolerance, 0),
+                dt[m],
+                h,
+            )
             if h < 0.0:
                 return np.nan, used
     return loss, used

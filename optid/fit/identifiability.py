@@ -96,7 +96,7 @@ def examine(o: Objective, at: Point) -> tuple[Ties, Terms]:
         SolveError: the model cannot be simulated at the start.
     """
     theta, q = at.p[list(o.free)], LOOSE * o.model.scales
-    pinned, start = replace(o, low=theta, high=theta), evaluate(o, at, q, slopes=True)
+    pinned, start = replace(o, low=theta, high=theta), evaluate(o, at, q)
     at, terms, _ = descend(pinned, at, q, iterations=20, precision=1e-3, terms=start)
     return find_ties(o, at, terms, q, np.zeros(len(o.free), dtype=bool)), start
 

@@ -89,15 +89,15 @@ class System:
     step_x: Array  # A_xx^-1 rhs_x
 
 
-def evaluate(o: Objective, at: Point, q: Array, slopes: bool) -> Terms:
-    """Cost at a point with process noise `q` (states,), with the normal equations' terms on request."""
+def evaluate(o: Objective, at: Point, q: Array) -> Terms:
+    """The linearisation at a point, and its cost with process noise `q` (states,)."""
     kernel, b = compiled(o.model, o.free), o.problem
     w, nx, nd, room = len(b.begins), len(o.model.states), kernel.directions, kernel.width
     end, slope = np.empty((w, nx)), np.empty((w, nx, room))
     H, g, misfit = np.empty((w, nd, room)), np.empty((w, room)), np.empty((w, 2))
     given = (b.begins, b.counts, b.closed, at.X, at.p, b.dt, b.inputs, b.measured, o.weight, o.huber)
     found = (o.tolerance * o.model.scales, end, slope, H, g, misfit)
-    spread(w, lambda i, j: kernel.normal_equations(slopes, i, j, *given, *found), LANES)
+    spread(w, lambda i, j: kernel.normal_equations(i, j, *given, *found), LANES)
     defect = np.zeros((w, nx))
     defect[:-1] = (at.X[1:] - end[:-1]) * b.linked[:-1, None]
     terms = Terms(end, slope[:, :, :nd], H[:, :, :nd], g[:, :nd], misfit, defect, math.nan)
@@ -232,7 +232,7 @@ def descend(
     Raises:
         SolveError: the model cannot be simulated at the start.
     """
-    terms = evaluate(o, at, q, slopes=True) if terms is None else priced(o, at, terms, q)
+    terms = evaluate(o, at, q) if terms is None else priced(o, at, terms, q)
     if not math.isfinite(terms.cost):
         raise SolveError("the simulation leaves the numbers at the start values; check them and their units")
     damping = 1e-6
@@ -245,7 +245,7 @@ def descend(
                 # A refused step came to a kink (a stop, a reversal): what shorter ones promise is what is left.
                 if (refused or damping <= TRUSTED) and 0.0 <= promise <= 0.1 * enough and moved < 1e-2:
                     return at, terms, True
-                found = evaluate(o, trial, q, slopes=True)
+                found = evaluate(o, trial, q)
             except (LinAlgError, ValueError):  # not positive definite, or not finite
                 found, moved, trial = replace(terms, cost=math.inf), math.inf, at
             if found.cost <= terms.cost * (1 + 1e-12):

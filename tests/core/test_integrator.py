@@ -70,7 +70,7 @@ def test_slopes_of_a_window_are_those_of_its_end():
         H, g, cost = np.empty((1, nx + 2, kernel.width)), np.empty((1, kernel.width)), np.empty((1, 2))
         none = np.full((n, len(model.outputs)), np.nan)
         kernel.normal_equations(
-            True, 0, 1, np.array([0]), np.array([n - 1]), np.array([True]), x0[None], q, dt, u, none,
+            0, 1, np.array([0]), np.array([n - 1]), np.array([True]), x0[None], q, dt, u, none,
             np.ones_like(none), np.inf, 1e-9 * scales, end, slope, H, g, cost,
         )  # fmt: skip
         return end[0], slope[0]

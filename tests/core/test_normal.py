@@ -38,22 +38,8 @@ def terms(setting, dt, first, last, huber=np.inf, X0=None):
         np.full((w, machine.width), np.nan), np.full((w, 2), np.nan),
     )  # fmt: skip
     machine.normal_equations(
-        True,
-        first,
-        last,
-        BEGINS,
-        COUNTS,
-        CLOSED,
-        X0,
-        p,
-        dt,
-        U,
-        Y,
-        weight,
-        huber,
-        1e-11 * model.scales,
-        *found,
-    )
+        first, last, BEGINS, COUNTS, CLOSED, X0, p, dt, U, Y, weight, huber, 1e-11 * model.scales, *found,
+    )  # fmt: skip
     end, slope, H, g, cost = (part[first:last] for part in found)
     return dict(zip(NAMES, (end, slope[..., :nd], H[..., :nd], g[..., :nd], cost), strict=True))
 
