@@ -181,12 +181,12 @@ def _findings(
         gain = without.answer.score - best.answer.score
         p = best.answer.p.copy()
         for name, null in effect.qualified(effect.at_null()).items():
-            if name.rpartition(".")[2] in effect.strength:
+            if name.removeprefix(f"{effect.name}.") in effect.strength:
                 p[best.rig.model.index(name)] = null
         where = region(best.answer, contribution(best.answer, p), data.train)
         shown = tuple(telling(where.states, tuple(s for s in effect.depends_on if s in where.states)))
         mine = tuple(
-            replace(e, name=e.name.partition(".")[2])
+            replace(e, name=e.name.removeprefix(f"{effect.name}."))
             for e in parameters
             if e.name.startswith(f"{effect.name}.")
         )

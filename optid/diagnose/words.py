@@ -8,7 +8,7 @@ if TYPE_CHECKING:
     from optid.diagnose.diagnosis import Diagnosis, Finding
 
 _FRIENDLY = {
-    "m": (1e3, "mm"), "m/s": (1e3, "mm/s"), "Pa": (1e-5, "bar"), "m**2": (1e6, "mm2"), "s": (1e3, "ms"),
+    "m": (1e3, "mm"), "m/s": (1e3, "mm/s"), "Pa": (1e-5, "bar"), "m**2": (1e6, "mm2"),
     "1": (1.0, ""),
 }  # fmt: skip
 
@@ -18,6 +18,8 @@ def quantity(value: float, unit: str) -> str:
     factor, shown = _FRIENDLY.get(unit, (1.0, unit))
     if unit == "m" and abs(value) < 1e-4:
         factor, shown = 1e6, "um"
+    if unit == "s" and abs(value) < 1.0:
+        factor, shown = 1e3, "ms"
     return f"{value * factor:.3g} {shown}".rstrip()
 
 
@@ -75,7 +77,8 @@ def _sentence(f: Finding) -> str:
     if f.indistinguishable:
         also = f" These recordings cannot tell it from {', '.join(f.indistinguishable)}."
         also += f" What would: {f.effect.experiment}." if f.effect is not None and f.effect.experiment else ""
-    return f"{name} at the {f.site}: {f.sentence}{sure}.{where}{also}"
+    place = "" if "@" in name else f" at the {f.site}"
+    return f"{name.replace('@', ' at ')}{place}: {f.sentence}{sure}.{where}{also}"
 
 
 def _remains(d: Diagnosis) -> str:

@@ -21,6 +21,8 @@ SOLVER = 1e-6
 # Freed with the rest unless the rig file states them, with the sd of what is known before: friction at rest, and
 # the fraction of a sample that lies between a card's channels.
 NUISANCE = {"presliding_length": None, "friction_width": None, "sampling_skew": 2e-4}
+# Contacts that give by more than this before they slide are physics worth a name, not a nuisance.
+MOST = {"presliding_length": 6e-5}
 
 
 def freed_with_rest(rig: Rig) -> tuple[Freed, ...]:
@@ -28,7 +30,12 @@ def freed_with_rest(rig: Rig) -> tuple[Freed, ...]:
     freed = list(rig.freed)
     names = {f.name for f in freed}
     freed += [
-        Freed(parameter.name, *parameter.bounds, NUISANCE[parameter.name])
+        Freed(
+            parameter.name,
+            parameter.bounds[0],
+            min(parameter.bounds[1], MOST.get(parameter.name, math.inf)),
+            NUISANCE[parameter.name],
+        )
         for parameter in rig.model.parameters
         if parameter.name in NUISANCE and parameter.name not in names | set(rig.parameters)
     ]
