@@ -16,6 +16,8 @@ from optid.cli.common import OUT, deliver, results_folder, say_table, write_json
 from optid.errors import InputError, JobError
 
 if TYPE_CHECKING:
+    import socket
+
     from optid.live.page.door import Door
     from optid.live.plan import Plan
     from optid.live.session import Session
@@ -61,11 +63,12 @@ def live(rig: str, driver: str, out: str, **choices: Any) -> None:
     if (folder / LOG).exists():
         raise InputError(f"{out} holds a {LOG} already", where="--out", expected="a folder without one")
     plan = _plan(Path(rig), driver, folder, choices)
+    way_in = _way_in(choices) if choices["page"] else None
     folder.mkdir(parents=True, exist_ok=True)
     session = Session(plan)
     try:
         with _stopped_by_signals(session):
-            _run(session, choices)
+            _run(session, choices["tune_after"], way_in)
     finally:
         session.close()
     document, model = live_document(session), identified(session)
@@ -115,13 +118,20 @@ def _plan(rig: Path, driver: str, folder: Path, choices: dict[str, Any]) -> Plan
     )  # fmt: skip
 
 
-def _door(choices: dict[str, Any]) -> Door:
+def _way_in(choices: dict[str, Any]) -> tuple[Door, socket.socket]:
+    """Who may open the page, and where it listens: taken before the session begins."""
     try:
         from optid.live.page.door import Door
     except ImportError as error:
         raise InputError(f"{error}", where="--page", hint='pip install "optid[page]"') from None
     given = {"token": choices["token"]} if choices["token"] else {}
-    return Door(choices["host"], choices["port"], **given)
+    door = Door(choices["host"], choices["port"], **given)
+    try:
+        return door, door.listen()
+    except OSError as error:
+        raise InputError(
+            f"the page cannot be served at {door.host}:{door.port} ({error})", where="--port"
+        ) from None
 
 
 @contextmanager
@@ -139,9 +149,9 @@ def _stopped_by_signals(session: Session) -> Iterator[None]:
             signal.signal(number, handler)
 
 
-def _run(session: Session, choices: dict[str, Any]) -> None:
+def _run(session: Session, tune_after: float | None, way_in: tuple[Door, socket.socket] | None) -> None:
     """From the first sample to the last, with a page or without."""
-    said, look = 0, _pilot(session, choices["tune_after"])
+    said, look = 0, _pilot(session, tune_after)
 
     def after_poll() -> None:
         nonlocal said
@@ -155,15 +165,12 @@ def _run(session: Session, choices: dict[str, Any]) -> None:
             click.echo(f"the page: {address}")
         session.go()
 
-    if choices["page"]:
+    if way_in is not None:
         import asyncio
 
         from optid.live.page.server import watch
 
-        try:
-            asyncio.run(watch(session, _door(choices), begin, after_poll))
-        except OSError as error:
-            raise InputError(f"the page cannot be served ({error})", where="--port") from None
+        asyncio.run(watch(session, way_in, begin, after_poll))
         return
     begin()
     while session.end is None:

@@ -3,6 +3,7 @@
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -111,6 +112,16 @@ def test_wrong_calls_are_refused_in_one_line(tmp_path, arguments, words):
     assert result.exit_code == 2, result.output
     assert words in result.stderr
     assert "Traceback" not in result.output
+
+
+def test_a_port_that_is_taken_is_said_before_anything_begins(tmp_path):
+    pytest.importorskip("aiohttp")
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        result = run(BENCH, "--out", tmp_path / "out", "--page", "--port", port)
+    assert result.exit_code == 2
+    assert "the page cannot be served at 127.0.0.1" in result.stderr
+    assert not (tmp_path / "out").exists()
 
 
 def test_an_older_recording_is_never_overwritten(tmp_path):

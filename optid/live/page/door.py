@@ -5,6 +5,7 @@ from __future__ import annotations
 import hmac
 import ipaddress
 import secrets
+import socket
 from dataclasses import dataclass, field
 from urllib.parse import urlsplit
 
@@ -37,6 +38,15 @@ class Door:
             return ipaddress.ip_address(self.host).is_loopback
         except ValueError:
             return False
+
+    def listen(self) -> socket.socket:
+        """Take the address, before anything else begins.
+
+        Raises:
+            OSError: it is taken, or none of this machine's.
+        """
+        family = socket.AF_INET6 if ":" in self.host else socket.AF_INET
+        return socket.create_server((self.host, self.port), family=family)
 
     def url(self, port: int) -> str:
         """What the user opens."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import socket
 from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 from typing import Any
@@ -128,36 +129,35 @@ class Page:
 
 
 @contextlib.asynccontextmanager
-async def served(page: Page, door: Door) -> AsyncIterator[str]:
-    """The page's address, while it is served.
-
-    Raises:
-        OSError: it cannot listen there.
-    """
+async def served(page: Page, door: Door, listening: socket.socket) -> AsyncIterator[str]:
+    """The page's address, while it is served."""
     runner = web.AppRunner(page.application(), access_log=None, shutdown_timeout=1.0)
     await runner.setup()
     try:
-        site = web.TCPSite(runner, door.host, door.port)
-        await site.start()
-        yield door.url(runner.addresses[0][1])
+        await web.SockSite(runner, listening).start()
+        yield door.url(listening.getsockname()[1])
         await page.finish()
     finally:
         await runner.cleanup()
 
 
 async def watch(
-    session: Session, door: Door, open_at: Callable[[str], None], look: Callable[[], None]
+    session: Session,
+    way_in: tuple[Door, socket.socket],
+    open_at: Callable[[str], None],
+    look: Callable[[], None],
 ) -> None:
     """Serve the page until the session has ended.
 
     Args:
         session: begun already or by `open_at`.
-        door: who may come in.
+        way_in: who may come in, and where it listens.
         open_at: told the address once.
         look: called after each poll.
     """
+    door, listening = way_in
     page = Page(session, door)
-    async with served(page, door) as address:
+    async with served(page, door, listening) as address:
         open_at(address)
         while session.end is None:
             session.poll()
