@@ -25,7 +25,7 @@ import pandas as pd
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from optid.core import compiled as machine
-from optid.core.compiled import WORKERS, compiled
+from optid.core.compiled import WORKERS, compiled, compiled_runs
 from optid.core.readers import read_recording
 from optid.core.simulation import TOLERANCE, simulate
 from optid.fit.batch import FitOptions, fit
@@ -157,7 +157,7 @@ def simulations(record: Record, short: int = 500) -> None:
     )
     print("and against C at a twentieth of a sample over the whole record")
     print(f"{'':32}{'s per s':>9}{'short, um':>11}{'whole, um':>11}")
-    kernel, start = compiled(model), np.array([record.start_state])
+    kernel, start = compiled_runs(model), np.array([record.start_state])
     first, counts = np.zeros(1, dtype=np.int64), np.array([n - 1], dtype=np.int64)
     X, Y = np.empty((1, n, 4)), np.empty((1, n, len(model.outputs)))
     for tolerance in (TOLERANCE, 1e-6, 1e-5):

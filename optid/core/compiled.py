@@ -57,25 +57,20 @@ def compiled(model: Model, free: tuple[int, ...] = ()) -> Compiled:
 
     The first call in a run compiles for a fraction of a second.
     """
-    text, hoisted = source(model, free)
-    engine = machine_code(text)
-    absent = {"many_rates": 0, "many_step": 0}
-    names = (name for name in kernel.Code._fields if name != "hoisted" and name not in absent)
-    places = {name: engine.get_function_address(name) for name in names}
-    directions = len(model.states) + len(free)
-    return Compiled(kernel.Code(**places, **absent, hoisted=hoisted), directions, width(directions), engine)
+    return _bound(*source(model, free), len(model.states) + len(free))
 
 
 @lru_cache(maxsize=128)
 def compiled_runs(model: Model) -> Compiled:
     """The machine code of a model for runs without slopes, for models of which many are tried."""
-    text, hoisted = source_of_runs(model)
+    return _bound(*source_of_runs(model), len(model.states))
+
+
+def _bound(text: str, hoisted: int, directions: int) -> Compiled:
     engine = machine_code(text)
-    names = ("constants", "rates", "step", "sensors", "many_rates", "many_step")
-    places = {name: engine.get_function_address(name) for name in names}
-    absent = {name: 0 for name in kernel.Code._fields if name != "hoisted" and name not in places}
-    nx = len(model.states)
-    return Compiled(kernel.Code(**places, **absent, hoisted=hoisted), nx, width(nx), engine)
+    names = (name for name in kernel.Code._fields if name != "hoisted")
+    places = {name: engine.get_function_address(name) for name in names}  # 0 for what is not there
+    return Compiled(kernel.Code(**places, hoisted=hoisted), directions, width(directions), engine)
 
 
 @lru_cache(maxsize=128)

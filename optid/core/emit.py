@@ -46,7 +46,8 @@ def width(directions: int) -> int:
 def source(model: Model, free: Sequence[int]) -> tuple[str, int]:
     """A model's equations with slopes to the states and to the `free` parameters: LLVM code, length of c.
 
-    Every function returns a number and takes places of numbers; rows of S, T and R are padded to `width`:
+    Every function returns a number and takes places of numbers; rows of S, T and R are padded to `width`. Those
+    without slopes are there where no parameter is free:
 
     - ``constants(p, c)``.
     - ``rates(x, S, u, c, k, T)``: k = dx/dt, with a zero behind it; S and T are not touched.
@@ -69,11 +70,13 @@ def source(model: Model, free: Sequence[int]) -> tuple[str, int]:
     ):
         values = function(x, u, p)
         jacobian = ca.jacobian(values, ca.vertcat(x, p[list(free)]) if free else x)
-        writer.rates(ca.Function(name, [x, u, p], [ca.cse(ca.densify(values))]), None)
+        if not free:
+            writer.rates(ca.Function(name, [x, u, p], [ca.cse(ca.densify(values))]), None)
         both = ca.Function(sensitive, [x, u, p], ca.cse([ca.densify(values), jacobian]))
         writer.rates(both, jacobian.sparsity())
         writer.many_slopes(both, jacobian.sparsity())
-    writer.step("step", "rates", False)
+    if not free:
+        writer.step("step", "rates", False)
     writer.step("step_slopes", "slopes", True)
     writer.many_step_slopes()
     writer.gather()

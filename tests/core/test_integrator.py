@@ -8,7 +8,7 @@ import pytest
 from numba import njit
 from scipy.integrate import solve_ivp
 
-from optid.core.compiled import compiled
+from optid.core.compiled import compiled, compiled_runs
 from optid.core.kernel import at, call
 from optid.core.sheet import build
 from optid.core.simulation import simulate
@@ -105,7 +105,7 @@ def rates(code, x, u, p, c, out):
 def test_emitted_equations_are_casadis(options):
     model = build(servo_pneumatic, **options)
     p, rng = model.vector(VALUES), np.random.default_rng(1)
-    code = compiled(model).code
+    code = compiled_runs(model).code
     c, out = np.empty(code.hoisted), np.empty(len(model.states) + 1)
     for _ in range(50):
         x = np.array([*rng.normal(0, [0.05, 0.5]), *rng.uniform(0.8e5, 8e5, 2), *rng.uniform(-1, 1, 1)])
