@@ -38,7 +38,7 @@ class Wishes:
 
     Attributes:
         order: na of the model to take; the recommended one.
-        setpoints: steps from rest, each an episode; disturbances: steps of the command from outside, likewise.
+        setpoints: steps from rest, each an episode; disturbances: steps of the command from outside, likewise, beside them.
         profiles: name and path (samples,), each an episode.
         low, high, rate, resolution, deadband, anti_windup: of the controller's command.
         horizon: s of every episode.
@@ -152,7 +152,7 @@ def pose(
     settings = _settings(wishes, plant, (low, high), where)
     samples = _samples(wishes, plant)
     setpoints = wishes.setpoints
-    if not (setpoints or wishes.disturbances or wishes.profiles):
+    if not (setpoints or wishes.profiles):
         size, words = _usual_step(plant, output_unit, settings, samples)
         setpoints, assumed = (size,), [*assumed, words]
     episodes = _episodes(setpoints, wishes, samples, model.sample_time)

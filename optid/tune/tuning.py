@@ -22,7 +22,7 @@ from optid.tune.task import Task
 from optid.tune.ultimate import Ultimate, ultimate
 
 THIN = 2.0  # maximum sensitivity; Astrom and Hagglund (2006, section 4.6) recommend 1.2 to 2.0
-SAME = 5e-3  # relative: searches whose costs are that near to the best one agree with it
+SAME = 5e-2  # relative: searches that end that near to the best cost have found its valley
 Bench = Callable[[Gains, Settings], tuple[Response, ...]]
 
 
@@ -67,7 +67,7 @@ class Certificate:
         points: of the grid.
         best: smallest cost on it.
         ratio: cost found over that; at most 1 when the search beat the grid.
-        agreeing, starts: searches that ended within 0.5 % of the best one, of how many.
+        agreeing, starts: searches that ended within 5 % of the best cost, of how many.
         evaluations: of the cost, in the searches.
     """
 
