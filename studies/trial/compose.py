@@ -15,7 +15,10 @@ from studies.trial.sizes import Draw
 SHARES = {"nothing": 0.20, "single": 0.50, "pair": 0.18, "outside": 0.12}
 NOISE = {"low": (0.01e-3, 200.0), "usual": (0.03e-3, 500.0), "high": (0.1e-3, 1500.0)}  # sd, m and Pa
 TWELVE_BITS = 0.26 / 4096  # m: a potentiometer of the stroke's length behind a common converter
-ENDS = ("end_cushioning", "exhaust_restriction")  # visible only where a recording goes to the ends
+REACH, FAR = (
+    (0.09, 0.105),
+    0.12,
+)  # m; cushioning shows only near the ends, which even an overshoot should not hit
 
 
 def compose(seed: int, count: int, kinds: Sequence[str] = KINDS) -> list[Case]:
@@ -102,7 +105,7 @@ def conditions(
     controller = Controller(
         kp=rng.uniform(30.0, 40.0), ki=float(rng.choice([0.0, 10.0, 20.0, 40.0])), kd=rng.uniform(0.15, 0.35)
     )
-    reach = 0.127 if any(h.name in ENDS for h in hidden) else rng.uniform(0.09, 0.105)
+    reach = FAR if any(h.name == "end_cushioning" for h in hidden) else rng.uniform(*REACH)
     # A contact that yields a few micrometres is how some simulate dry friction; it is nothing to be named.
     bristles = not any("presliding" in h.fields for h in hidden) and rng.uniform() < 0.3
     variant = {"presliding": rng.uniform(2e-6, 6e-6)} if bristles else {}

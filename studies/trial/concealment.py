@@ -13,9 +13,8 @@ import numpy as np
 from studies.independent_rig import Rig, Run, replay, simulate
 from studies.independent_rig.rig import Array
 from studies.independent_rig.states import CREEP_A, CREEP_B, GEAR, PA, PB, SEEN, SEEN2, V2, WAY, X2, V, X
-from studies.references import REFERENCES
 from studies.trial.case import Case, Hidden, with_effects
-from studies.trial.record import DT, HELD_OUT, TRAIN, Recorded
+from studies.trial.record import DT, HELD_OUT, TRAIN, Recorded, wanted
 
 WINDOW = 500  # samples
 STRIDE, HORIZON = 5, 5  # samples between, and length of, the short replays that show when an effect acts
@@ -132,7 +131,7 @@ def loop_shows(recorded: Recorded) -> float:
     for number, name in enumerate(TRAIN):
         run = recorded.runs[name]
         rng = np.random.default_rng([case.seed, number])
-        reference = REFERENCES[name](len(run.t) * DT, DT, rng, case.reach)
+        reference = wanted(name, case, len(run.t) * DT, rng)
         other = simulate(
             case.plain, reference, rng, controller=case.controller, sensors=case.sensors, step=STEP
         )

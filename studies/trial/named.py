@@ -83,7 +83,7 @@ def friction_drift(d: Draw) -> Hidden:
 def end_cushioning(d: Draw) -> Hidden:
     """A tapered spear that throttles the air out of the ends."""
     length, side = d.evenly(14e-3, 28e-3), d.one_of(-1.0, 0.0, 0.0, 1.0)
-    area = 4e-6 / d.sized(1.0, 12.0)
+    area = 1.6e-6 / d.sized(1.0, 12.0)
     low, high = (0.13 - length, 0.13) if side >= 0.0 else (-0.13, -0.13 + length)
     fields = {"cushion_length": length, "cushion_area": area, "cushion_side": side}
     region = None if side == 0.0 else Region("position", low, high, "m")

@@ -9,11 +9,13 @@ import numpy as np
 import pandas as pd
 
 from studies.independent_rig import Run, recording, simulate
+from studies.independent_rig.rig import Array
 from studies.references import REFERENCES
 from studies.trial.case import Case
 
 TRAIN, HELD_OUT = ("steps", "multisine", "ramps"), "mixed"
 SECONDS, DT, STEP = 8.0, 1e-3, 2e-5
+USUAL, OFTEN = 0.11, 1.6  # m beyond which a reference goes far: stretched so much, and cut at its reach
 TOO_HARD = (
     0.1  # share of samples with the command at its limit beyond which someone would turn the gains down
 )
@@ -71,7 +73,7 @@ def record(case: Case, seconds: float = SECONDS) -> Recorded:
         runs, tables = {}, {}
         for number, name in enumerate((*TRAIN, HELD_OUT)):
             rng = np.random.default_rng([case.seed, number])
-            reference = REFERENCES[name](seconds, DT, rng, case.reach)
+            reference = wanted(name, case, seconds, rng)
             sensors = case.recorded_with
             run = simulate(case.rig, reference, rng, controller=case.controller, sensors=sensors, step=STEP)
             runs[name], tables[name] = run, recording(run, rng, sensors)
@@ -80,6 +82,12 @@ def record(case: Case, seconds: float = SECONDS) -> Recorded:
         c = case.controller
         case = replace(case, controller=replace(c, kp=0.6 * c.kp, ki=0.4 * c.ki, kd=0.6 * c.kd))
     return Recorded(case, runs, tables)
+
+
+def wanted(name: str, case: Case, seconds: float, rng: np.random.Generator) -> Array:
+    """The reference of a recording; one that goes far stays long at both ends of its reach."""
+    path = REFERENCES[name](seconds, DT, rng, case.reach)
+    return np.clip(OFTEN * path, -case.reach, case.reach) if case.reach > USUAL else path
 
 
 def write(recorded: Recorded, folder: Path) -> None:
