@@ -1,0 +1,75 @@
+"""Diagnoses of a user's own plant against a closed form: named when it is there, silent when nothing is missing."""
+
+import numpy as np
+import pytest
+
+from optid.diagnose.diagnosis import Verdict, diagnose
+from optid.errors import InputError
+from optid.report.diagnosis_document import diagnosis_document
+from optid.report.diagnosis_page import diagnosis_page
+from tests.diagnose.trolley import TRUTH, recording, rig
+
+WIDTH = 0.2
+
+
+def dead_band(u):
+    return np.sign(u) * np.maximum(np.abs(u) - WIDTH, 0.0)
+
+
+def asked(folder, concealed=lambda u: u):
+    train = [recording(seed, f"run{seed}.csv", concealed) for seed in (1, 2)]
+    held = [recording(3, "held.csv", concealed)]
+    return diagnose(rig(folder), train, held, generator=np.random.default_rng(0))
+
+
+@pytest.fixture(scope="module")
+def dead(tmp_path_factory):
+    return asked(tmp_path_factory.mktemp("dead"), dead_band)
+
+
+@pytest.fixture(scope="module")
+def sound(tmp_path_factory):
+    return asked(tmp_path_factory.mktemp("sound"))
+
+
+def test_nothing_missing_nothing_named(sound):
+    assert sound.verdict is Verdict.CONSISTENT
+    assert sound.findings == ()
+    assert sound.best.judged.scores["position"].rmse < 1.1 * sound.noise["position"]
+    for estimate in sound.best_parameters:
+        assert estimate.low < TRUTH[estimate.name] < estimate.high
+
+
+def test_a_dead_band_is_named_sized_and_proven(dead):
+    assert dead.verdict is Verdict.MISSING_PHYSICS
+    first = dead.findings[0]
+    assert first.effect.name == "dead_zone@drive.command"
+    assert first.site == "drive.command"  # an own plant speaks in its own sites
+    width = {e.name: e for e in first.parameters}["width"]
+    assert width.value == pytest.approx(WIDTH, rel=0.1)
+    assert first.evidence.p_value < 0.01
+    before, after = dead.base.judged.scores["position"].rmse, dead.best.judged.scores["position"].rmse
+    assert after < 1.2 * dead.noise["position"] < before
+
+
+def test_the_document_holds_what_the_contract_asks(dead):
+    document = diagnosis_document(dead)
+    assert document["verdict"] == "missing-physics"
+    keys = {"effect", "site", "equation", "parameters", "where", "evidence", "indistinguishable_from"}
+    assert keys <= set(document["findings"][0])
+    assert {"channels", "intervals", "states"} <= set(document["findings"][0]["where"])
+    assert {"holdout_fit_gain", "p_value", "delta_bic"} <= set(document["findings"][0]["evidence"])
+    assert document["baseline"]["holdout"]["position"]["unit"] == "m"
+    assert "dead zone" in document["summary"].lower()
+
+
+def test_the_page_stands_alone(dead):
+    page = diagnosis_page(dead)
+    assert page.count("<svg") >= 3
+    assert 'src="http' not in page and 'href="http' not in page
+    assert "dead zone" in page.lower()
+
+
+def test_without_a_hold_out_there_is_no_proof(tmp_path):
+    with pytest.raises(InputError, match="held out"):
+        diagnose(rig(tmp_path), [recording(1, "a.csv")], [], generator=np.random.default_rng(0))

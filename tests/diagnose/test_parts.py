@@ -1,0 +1,68 @@
+"""The parts of a diagnosis: comparison by blocks, residual tests, ranges of signals, words."""
+
+import numpy as np
+import pytest
+
+from optid.diagnose.judge import Judged, compare
+from optid.diagnose.residuals import _portmanteau
+from optid.diagnose.where import _range
+from optid.diagnose.words import quantity
+from optid.fit.result import Score
+
+
+def judged(deviance, rmse):
+    n = len(deviance)
+    blocks = np.arange(n) // 50
+    nothing = np.zeros((n, 1))
+    return Judged(
+        deviance, blocks, nothing, nothing, nothing, np.arange(n) / 100, np.zeros(n, dtype=int),
+        {"position": Score(90.0, rmse, "m")},
+    )  # fmt: skip
+
+
+def test_a_gain_in_every_block_is_significant_and_one_in_a_single_block_is_not():
+    rng = np.random.default_rng(0)
+    before = rng.normal(size=4000) ** 2
+    everywhere = judged(before - 0.3 + 0.1 * rng.normal(size=4000), 0.5)
+    once = before.copy()
+    once[100:150] -= 100.0
+    assert compare(judged(before, 1.0), everywhere, rng).p_value < 0.001
+    assert compare(judged(before, 1.0), judged(once, 1.0), rng).p_value > 0.05
+    assert compare(judged(before, 1.0), everywhere, rng).error_gain == pytest.approx(0.5)
+
+
+def test_without_a_gain_the_p_value_is_even():
+    rng = np.random.default_rng(1)
+    base = rng.normal(size=5000) ** 2
+    found = [
+        compare(judged(base, 1.0), judged(base + 0.2 * rng.normal(size=5000), 1.0), rng).p_value
+        for _ in range(120)
+    ]
+    assert 0.02 < np.mean(np.array(found) < 0.1) < 0.2  # expected 0.1
+
+
+def test_portmanteau_of_white_noise_has_as_much_as_lags():
+    rng = np.random.default_rng(2)
+    values = [_portmanteau(z, z) for z in rng.normal(size=(200, 2000))]
+    assert np.mean(values) == pytest.approx(20.0, abs=1.5)
+    coloured = np.convolve(rng.normal(size=2000), [1.0, 0.8])
+    assert _portmanteau(coloured, coloured) > 200
+
+
+def test_a_range_holds_most_of_the_mismatch_with_the_fewest_samples():
+    rng = np.random.default_rng(3)
+    v = rng.uniform(-1, 1, 20_000)
+    energy = np.where(np.abs(v - 0.3) < 0.1, 1.0, 0.01)
+    found = _range(v, energy, "m/s")
+    assert found.low == pytest.approx(0.2, abs=0.06)
+    assert found.high == pytest.approx(0.4, abs=0.06)
+    assert found.share >= 0.8
+    assert found.occupancy < 0.2
+
+
+def test_quantities_are_said_in_units_people_use():
+    assert quantity(0.0123, "m") == "12.3 mm"
+    assert quantity(3e-5, "m") == "30 um"
+    assert quantity(2.5e5, "Pa") == "2.5 bar"
+    assert quantity(0.004, "s") == "4 ms"
+    assert quantity(12.0, "s") == "12 s"
