@@ -19,7 +19,7 @@ from optid.core.compiled import machine_code
 from optid.core.instructions import FORMS, REAL, number
 from optid.core.kernel import at, call
 from optid.core.model import Array
-from optid.pid.law import GAINS, LAST_COMMAND, MEMORY
+from optid.pid.law import GAINS, LAST_COMMAND, MEMORY, PER_STEP, RESOLUTION
 from optid.pid.symbolic import symbolic
 from optid.tune.loop import PARTS
 from optid.tune.machine import compiled
@@ -31,13 +31,15 @@ def sample(task: Task, free: tuple[str, ...], plant: int = 0) -> ca.Function:
     """One sample of one plant's loop with derivatives.
 
     (w, g, e) -> w afterwards: w holds the state [plant, controller, parts of the cost] and behind it its derivative
-    to each free gain; g the free gains; e = (reference, load, weight, rise) of the sample. Settings are constants.
+    to each free gain; g the free gains; e = (reference, load, weight, rise) of the sample. Settings are constants;
+    the resolution of the command is left out, as its steps would hide every slope.
     """
     A, B = task.course.arrays[0][plant], task.course.arrays[1][plant]
     order, count = A.size, A.size + MEMORY + PARTS
     w, g, e = ca.SX.sym("w", count * (1 + len(free))), ca.SX.sym("g", len(free)), ca.SX.sym("e", 4)
     fixed = [ca.SX.sym(f"fixed{i}") for i in range(GAINS)]
     s = [*fixed, *(ca.SX(float(value)) for value in task.settings.vector)]
+    s[RESOLUTION] = s[PER_STEP] = ca.SX(0)
     for j, name in enumerate(free):
         s[PLACES[name]] = g[j]
     x = w[:count]

@@ -38,7 +38,8 @@ class Wishes:
 
     Attributes:
         order: na of the model to take; the recommended one.
-        setpoints: steps from rest, each an episode; disturbances: steps of the command from outside, likewise, beside them.
+        setpoints: steps from rest, each an episode.
+        disturbances: steps of the command from outside, each an episode beside those.
         profiles: name and path (samples,), each an episode.
         low, high, rate, resolution, deadband, anti_windup: of the controller's command.
         horizon: s of every episode.

@@ -126,6 +126,17 @@ def test_gradient_is_that_of_casadi(task):
     assert isinstance(w, ca.DM)
 
 
+def test_gradient_sees_through_the_resolution(model):
+    """The steps of the command have no slope of their own: the gradient is that of the loop without them."""
+    fine, stepped = (
+        Task((plant_of(model),), (step(0.06, 300, T),), Settings(T, -5, 5, resolution=resolution))
+        for resolution in (0.0, 0.01)
+    )
+    one, two = (Gradient(task, ("kp", "kd"))(FAST.vector) for task in (fine, stepped))
+    np.testing.assert_allclose(one[1], two[1], rtol=1e-12)
+    assert one[0] == pytest.approx(stepped.course.costs(FAST.vector)[0, 0], rel=0.05)
+
+
 def test_gradient_over_scenarios(model):
     from optid.tune.plant import scenarios
 
