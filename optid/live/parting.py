@@ -6,7 +6,9 @@ import math
 from dataclasses import dataclass
 
 MEMORY = 20.0  # s over which errors and motion are averaged
-PATIENCE = 10.0  # s for which the model must fit badly before anything is said
+PATIENCE = (
+    10.0  # s for which the model must fit badly before anything is said, and well before it is taken back
+)
 BAD_FIT = 95.0  # percent of the 0.5 s windowed prediction, below which rig and model have parted
 NOISES = 3.0  # an error of fewer sd of the sensor's noise is no parting, whatever the fit
 
@@ -29,7 +31,7 @@ class Parting:
     def __init__(self, span: float) -> None:
         self._share, self._span = span / MEMORY, span
         self._error = self._mean = self._square = self._weight = 0.0
-        self._bad = 0.0
+        self._contrary, self._parted = 0.0, False
 
     def add(self, measured: float, windowed: float, noise: float) -> None:
         """Take one sample; what is no number says nothing.
@@ -49,7 +51,9 @@ class Parting:
         self._square = keep * self._square + new * measured * measured
         rms = math.sqrt(self._error / self._weight)
         bad = rms > NOISES * noise and self.fit_percent < BAD_FIT
-        self._bad = self._bad + self._span if bad else 0.0
+        self._contrary = self._contrary + self._span if bad != self._parted else 0.0
+        if self._contrary > PATIENCE:
+            self._parted, self._contrary = bad, 0.0
 
     @property
     def fit_percent(self) -> float:
@@ -65,4 +69,4 @@ class Parting:
     @property
     def verdict(self) -> Verdict:
         """The judgement now."""
-        return Verdict(self.fit_percent, self._bad > PATIENCE)
+        return Verdict(self.fit_percent, self._parted)
