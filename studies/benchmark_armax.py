@@ -124,8 +124,10 @@ def speed(quick: bool) -> None:
     likelihood = Settings(forgetting=Constant(LAMBDA))
     arrays: dict[str, float] = {}
     for name, settings in (("extended", extended), ("likelihood", likelihood)):
-        identifier = Identifier(ORDER_4.orders, settings=settings)
+        identifier = Identifier(ORDER_4.orders, settings=settings, tailored=True)
         arrays[f"optid, {name}"] = best(lambda i=identifier: i.run(y, u), repeats) / N
+        usual = Identifier(ORDER_4.orders, settings=settings)
+        arrays[f"optid not tailored to the orders, {name}"] = best(lambda i=usual: i.run(y, u), repeats) / N
         if shutil.which("gcc"):
             arrays[f"the same in C, {name}"] = exported(identifier, y, u, repeats) / N
     if shutil.which("gcc"):
@@ -145,7 +147,7 @@ def speed(quick: bool) -> None:
         print(f"  {1e6 * seconds:8.3f}  {name}")
     ratios(arrays)
     for name, settings in (("extended", extended), ("likelihood", likelihood)):
-        each = calls(Identifier(ORDER_4.orders, settings=settings), y.tolist(), u.tolist())
+        each = calls(Identifier(ORDER_4.orders, settings=settings, tailored=True), y.tolist(), u.tolist())
         print(f"One call of `step` from Python, {name}: median {1e6 * np.median(each):.3f} microseconds")
 
 

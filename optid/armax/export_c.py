@@ -158,16 +158,6 @@ def identifier_header(identifier: Identifier, name: str = "optid") -> str:
 
     _check(name)
     state, orders = identifier.state, identifier.orders
-    constants = {
-        "NA": orders.na,
-        "NC": orders.nc,
-        "PARAMETERS": orders.parameters,
-        "INPUTS": orders.inputs,
-        "STRIDE": layout.stride(orders),
-    }
-    places = layout.places(orders)
-    for field in ("OUTPUTS", "OUTPUTS_FILTERED", "RESIDUALS", "RESIDUALS_FILTERED", "PAST_INPUTS"):
-        constants[field] = places[getattr(layout, field)]
     scales = [1.0 / state[layout.table_at() + 3 * i + 2] for i in range(orders.inputs)]
     return _IDENTIFIER.format(
         name=name,
@@ -182,7 +172,7 @@ def identifier_header(identifier: Identifier, name: str = "optid") -> str:
         scale=float(state[layout.SCALE]),
         input_scales=_numbers(scales or [1.0]),
         memory=_rows(state),
-        functions=translate(_KERNELS, f"{name}_", constants),
+        functions=translate(_KERNELS, f"{name}_", layout.shape(orders)._asdict()),
     )
 
 

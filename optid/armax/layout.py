@@ -19,7 +19,7 @@ gaps (n parameters, m inputs; S is n rounded up to a multiple of 4, what lies be
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Final, NamedTuple
 
 from optid.armax.structure import Orders
 
@@ -69,6 +69,23 @@ HEADER: Final = 36
 CURRENT_FORMAT: Final = 2.0
 
 
+class Shape(NamedTuple):
+    """The header's whole numbers, as the kernels take them: read at run time, or constants of the compilation."""
+
+    na: int
+    nc: int
+    n: int
+    m: int
+    size: int
+    nb: int  # of every input; -1 where they differ
+    nk: int
+    outputs: int
+    outputs_filtered: int
+    residuals: int
+    residuals_filtered: int
+    past_inputs: int
+
+
 def table_at() -> int:
     """Start of the inputs' table."""
     return HEADER
@@ -112,6 +129,21 @@ def places(orders: Orders) -> dict[int, int]:
         RESIDUALS_FILTERED: ef,
         PAST_INPUTS: ef + padded(orders.nc),
     }
+
+
+def shape(orders: Orders) -> Shape:
+    """The whole numbers of these orders."""
+    nb, nk = (each[0] if len(set(each)) == 1 else -1 for each in (orders.nb, orders.nk))
+    return Shape(
+        orders.na,
+        orders.nc,
+        orders.parameters,
+        orders.inputs,
+        stride(orders),
+        nb,
+        nk,
+        *places(orders).values(),
+    )
 
 
 def size(orders: Orders) -> int:

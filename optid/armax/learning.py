@@ -13,18 +13,17 @@ from optid.armax.layout import (
     FADE,
     FORGETTING,
     HEADER,
-    INPUTS,
     LIMIT,
     MEMORY,
     OUTLIER,
     SLOW,
     SQUARES,
-    STRIDE,
     TRACE,
     UPDATES,
     WARM,
     WARM_RATE,
     WEIGHT,
+    Shape,
 )
 from optid.armax.vectors import inner, move, part, sweep, weigh
 from optid.core.model import Array
@@ -48,10 +47,11 @@ def trace_of(U: Array, D: Array, size: int) -> float:
 
 
 @folded
-def learn(s: Array, n: int, e: float, news: float) -> float:
+def learn(s: Array, shape: Shape, e: float, news: float) -> float:
     """Move theta and P by one innovation; returns how many G theta has moved."""
-    size = int(s[STRIDE])
-    at = HEADER + 4 * int(s[INPUTS])
+    n = shape.n
+    size = shape.size
+    at = HEADER + 4 * shape.m
     theta = part(s, at)
     D = part(s, at + size)
     F = part(s, at + 4 * size)

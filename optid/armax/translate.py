@@ -40,7 +40,7 @@ def translate(functions: Sequence[Any], prefix: str, constants: Mapping[str, int
     Args:
         functions: compiled by numba; annotated with `Array`, `float` or `int`.
         prefix: of every name in C.
-        constants: header fields of the packed array that C may take as known, by name.
+        constants: what `shape.NAME` is; an argument `shape` falls away.
 
     Raises:
         JobError: a function uses more than this translator knows.
@@ -58,7 +58,11 @@ class _Function:
         if not isinstance(tree, ast.FunctionDef):
             raise JobError(f"{function} is not a function")
         self.tree = tree
-        self.types = {arg.arg: ast.unparse(arg.annotation) for arg in tree.args.args if arg.annotation}
+        self.types = {
+            arg.arg: ast.unparse(arg.annotation)
+            for arg in tree.args.args
+            if arg.annotation and arg.arg != "shape"
+        }
         self.declared = set(self.types)
 
     def text(self) -> str:
@@ -128,7 +132,7 @@ class _Function:
             if node.id in self.types:
                 return self.types[node.id]
             return "int" if isinstance(self.globals[node.id], int) else "float"
-        if isinstance(node, ast.Compare | ast.BoolOp):
+        if isinstance(node, ast.Compare | ast.BoolOp | ast.Attribute):
             return "int"
         if isinstance(node, ast.Call):
             return {"int": "int", "part": "Array"}.get(ast.unparse(node.func), "float")
@@ -165,20 +169,19 @@ class _Function:
             return self.call(node)
         if isinstance(node, ast.Attribute) and ast.unparse(node) == "math.nan":
             return "NAN"
+        if isinstance(node, ast.Attribute) and ast.unparse(node.value) == "shape":
+            return f"({self.constants[node.attr]})"
         raise JobError(f"cannot write in C: {ast.unparse(node)}")
 
     def call(self, node: ast.Call) -> str:
         function = ast.unparse(node.func)
         if function == "int":
-            field = node.args[0]
-            if isinstance(field, ast.Subscript) and isinstance(field.slice, ast.Name):
-                value = self.constants.get(field.slice.id)
-                if value is not None:
-                    return str(value)
-            return f"((long)({self.expression(field)}))"
+            return f"((long)({self.expression(node.args[0])}))"
         if function == "part":
             return "({} + {})".format(*(self.expression(argument) for argument in node.args))
-        arguments = ", ".join(self.expression(argument) for argument in node.args)
+        arguments = ", ".join(
+            self.expression(argument) for argument in node.args if ast.unparse(argument) != "shape"
+        )
         if function in self.known:
             return f"{self.prefix}{function}({arguments})"
         if function in {"abs", "math.sqrt"}:

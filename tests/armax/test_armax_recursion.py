@@ -129,6 +129,22 @@ def test_many_inputs_step(simulated):
     assert np.array_equal(whole.state, single.state)
 
 
+def test_tailored_kernels_give_the_same_bits(simulated):
+    system = Armax(
+        a=(1.0, -1.2, 0.5), b=((1.0, 0.4),), c=(1.0, 0.4, 0.1), nk=(1,), noise_variance=0.04
+    )  # fmt: skip
+    y, u = simulated(system, 600, 3, switch=0.3)
+    y[[100, 101, 300]] = np.nan
+    u[200, 0] = np.nan
+    settings = Settings(forgetting=Constant(0.99), outliers=4.0)
+    usual, own = (Identifier(system.orders, settings=settings, tailored=t) for t in (False, True))
+    expected, found = (identifier.run(y[:500], u[:500])[0] for identifier in (usual, own))
+    assert np.array_equal(expected, found, equal_nan=True)
+    for a, b in zip(y[500:].tolist(), u[500:, 0].tolist(), strict=True):
+        assert usual.step(a, b) == own.step(a, b)
+    assert np.array_equal(usual.state, own.state, equal_nan=True)
+
+
 def test_saved_memory_of_another_model_is_refused(truth):
     with pytest.raises(InputError, match="another model's memory"):
         Identifier(truth.orders).restored(Identifier(Orders.of(2, 2, 1)).state)
