@@ -42,7 +42,7 @@ from optid.tune.optimise import Options, optimise
 from optid.tune.plant import plant_of
 from optid.tune.score import Response, response
 from optid.tune.task import Task
-from optid.tune.tuning import Scored, Tuning, compared, tune
+from optid.tune.tuning import Scored, Tuning, compared, open_loop, tune
 from studies.benchmark_tune import LIMIT, ROOT, STEP, T, identified
 from studies.live_rig import LiveRig
 from studies.make_recording import BENCH
@@ -72,7 +72,7 @@ def main() -> None:
     table.to_csv(arguments.out / "pid_gains.csv", index=False)
     print(f"model: {model}\ngains: {tuning.gains}")
     print(table.to_string(index=False, float_format=lambda v: f"{v:.4g}"))
-    claims(tuning, model)
+    claims(tuning)
     if not arguments.quick:
         certify(task)
     draw(tuning, rig, model, arguments.out)
@@ -116,10 +116,8 @@ def compare(tuning: Tuning) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def claims(tuning: Tuning, model: Armax) -> None:
+def claims(tuning: Tuning) -> None:
     """What a tuning promises, looked at from outside."""
-    import control
-
     found: Scored = tuning.found
     command = np.concatenate(
         [run.command for run in (*found.responses, *found.bench, real(found.gains, tuning.task.episodes[0]))]
@@ -127,10 +125,7 @@ def claims(tuning: Tuning, model: Armax) -> None:
     print(f"command: {command.min():g} to {command.max():g} V within +-{LIMIT:g} V")
     tight = replace(tuning.task, required=Required(1.6), bench=None)
     gains = optimise(tight, Options(), np.random.default_rng(SEED)).gains
-    z = control.tf([1, 0], [1], T)
-    lag = gains.derivative_filter
-    C = gains.kp + gains.ki * T * z / (z - 1) + gains.kd * (z - 1) / ((lag + T) * z - lag)
-    L = (control.tf(*model.powers_of_z(), T) * C)(np.exp(1j * np.geomspace(1e-4, np.pi, 200_000)))
+    L = open_loop(tight.plant, gains)(np.exp(1j * np.geomspace(1e-4, np.pi, 200_000)))
     print(f'"maximum sensitivity at most 1.6": {np.max(1 / np.abs(1 + L)):.5f} by python-control')
     if tuning.unaware is not None:
         aware, unaware = tuning.aware.total("itae"), tuning.unaware.total("itae")

@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from optid.armax.loop import Gains as LoopGains
 from optid.errors import SolveError
 from optid.pid.controller import Controller, Gains, Settings
 from optid.tune.baselines import Baseline, nelder_mead, rules
@@ -15,11 +17,15 @@ from optid.tune.gradient import Gradient
 from optid.tune.loop import Course
 from optid.tune.margins import Margins, margins
 from optid.tune.optimise import Options, Search, as_gains, optimise
+from optid.tune.plant import Plant
 from optid.tune.polish import polish
 from optid.tune.score import Response, response
 from optid.tune.search import Box
 from optid.tune.task import Task
 from optid.tune.ultimate import Ultimate, ultimate
+
+if TYPE_CHECKING:
+    import control
 
 THIN = 2.0  # maximum sensitivity; Astrom and Hagglund (2006, section 4.6) recommend 1.2 to 2.0
 SAME = 5e-2  # relative: searches that end that near to the best cost have found its valley
@@ -112,6 +118,20 @@ class Tuning:
     def controller(self) -> Controller:
         """A running controller with these gains."""
         return Controller(self.gains, self.settings)
+
+    @property
+    def open_loop(self) -> control.TransferFunction:
+        """Controller and identified model in a row, without limits; its margins are those of `found`."""
+        return open_loop(self.task.plant, self.gains)
+
+
+def open_loop(plant: Plant, gains: Gains) -> control.TransferFunction:
+    """Loop gain L(z) of a plant and the feedback part of a controller, as python-control has it."""
+    import control
+
+    feedback = LoopGains(gains.kp, gains.ki, gains.kd, gains.derivative_filter)
+    C = control.TransferFunction(*feedback.polynomials(plant.sample_time), plant.sample_time)
+    return C * control.TransferFunction(plant.b, np.r_[1.0, plant.a], plant.sample_time)
 
 
 def tune(

@@ -61,6 +61,16 @@ def test_lower_than_every_baseline(tuned):
     assert tuned.found.stable
 
 
+def test_the_open_loop_is_a_control_object(tuned, model):
+    import control
+    from test_loop import python_control
+
+    L = tuned.open_loop
+    assert isinstance(L, control.TransferFunction) and L.dt == T
+    at = np.exp(1j * np.geomspace(1e-2, 3.0, 50))
+    np.testing.assert_allclose(L(at), python_control(model, tuned.gains)(at), rtol=1e-6)
+
+
 def test_knowing_the_limits_pays(tuned):
     assert tuned.unaware is not None
     assert tuned.aware.total("itae") < tuned.unaware.total("itae")
