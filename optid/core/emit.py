@@ -9,7 +9,6 @@ Integrator: one step of an explicit Runge-Kutta pair, all stages unrolled; `opti
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable, Mapping, Sequence
 
 import casadi as ca
@@ -18,6 +17,7 @@ from numba.core import cgutils
 
 from optid.core.instructions import FORMS, REAL, Value, add, div, intrinsic, mul, number
 from optid.core.model import Model
+from optid.core.rows import LANES, PLACE, SEVERAL, combine, index, largest, load, row_at, size, splat, store
 
 # Dormand and Prince (1980), table 2: stages, and fifth minus fourth order weights.
 A = (
@@ -31,11 +31,8 @@ A = (
 )
 E = (71 / 57600, 0.0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40)
 
-_PLACE = REAL.as_pointer()
 _ARGUMENTS = ("x", "u", "p")
 _PARAMETER = 2  # position of p among the arguments
-LANES = 4  # numbers of a vector: rows of S are padded to a multiple of it, and so many states move at once
-_SEVERAL = ir.VectorType(REAL, LANES)
 
 
 def width(directions: int) -> int:
@@ -100,9 +97,9 @@ def source_of_runs(model: Model) -> tuple[str, int]:
         plain = ca.Function(name, [x, u, p], [ca.cse(ca.densify(function(x, u, p)))])
         writer.rates(plain, None)
         if name == "rates":
-            writer.rates(plain, None, "many_rates", _SEVERAL)
+            writer.rates(plain, None, "many_rates", SEVERAL)
     writer.step("step", "rates", False)
-    writer.step("many_step", "many_rates", False, _SEVERAL)
+    writer.step("many_step", "many_rates", False, SEVERAL)
     return writer.finish(), max(len(writer.slots), 1)
 
 
@@ -124,150 +121,151 @@ class _Writer:
         b, at = self._function(name or function.name(), ("x", "S", "u", "c", "k", "T"))
         outputs = self._equations(function, b, at, kind)
         for i, value in enumerate(outputs[0]):
-            _store(b, at["k"], i, value)
+            store(b, at["k"], i, value)
         fastest = number(0.0)
         if pattern is not None:
-            S = [_load(b, at["S"], i, self.row) for i in range(self.nx)]
+            S = [load(b, at["S"], i, self.row) for i in range(self.nx)]
             rows: list[Value] = [None] * pattern.size1()
             for i, j, value in zip(*pattern.get_triplet(), outputs[1], strict=True):
                 if j < self.nx:
-                    term = mul(b, _splat(b, value, self.row), S[j])
+                    term = mul(b, splat(b, value, self.row), S[j])
                 else:
-                    term = b.insert_element(ir.Constant(self.row, None), value, _index(j))
+                    term = b.insert_element(ir.Constant(self.row, None), value, index(j))
                 rows[i] = term if rows[i] is None else add(b, rows[i], term)
                 if i == j:
                     fastest = intrinsic("maxnum")(b, fastest, intrinsic("fabs")(b, value))
             for i, row in enumerate(rows):
-                _store(b, at["T"], i, ir.Constant(self.row, None) if row is None else row)
-        _store(b, at["k"], len(outputs[0]), _splat(b, fastest, kind))
+                store(b, at["T"], i, ir.Constant(self.row, None) if row is None else row)
+        store(b, at["k"], len(outputs[0]), splat(b, fastest, kind))
         b.ret(number(0.0))
 
     def step(self, name: str, rates: str, sensitive: bool, kind: Value = REAL) -> None:
         """A Runge-Kutta step from the rates k (and slopes T) at x, unrolled; nothing moves when it errs too much."""
         b, at = self._function(name, ("x", "S", "u", "c", "k", "T", "tolerance"), ("h",))
-        x = [_load(b, at["x"], i, kind) for i in range(self.nx)]
-        k = [[_load(b, at["k"], i, kind) for i in range(self.nx + 1)]]
-        S = [_load(b, at["S"], i, self.row) for i in range(self.nx)] if sensitive else []
-        T = [[_load(b, at["T"], i, self.row) for i in range(len(S))]]
+        x = [load(b, at["x"], i, kind) for i in range(self.nx)]
+        k = [[load(b, at["k"], i, kind) for i in range(self.nx + 1)]]
+        S = [load(b, at["S"], i, self.row) for i in range(self.nx)] if sensitive else []
+        T = [[load(b, at["T"], i, self.row) for i in range(len(S))]]
         moved, new = x, S
-        stage, slope = (b.bitcast(b.alloca(kind, _index(self.nx + 1)), _PLACE) for _ in range(2))
-        stage_S, slope_S = (b.bitcast(b.alloca(self.row, _index(self.nx)), _PLACE) for _ in range(2))
+        stage, slope = (b.bitcast(b.alloca(kind, index(self.nx + 1)), PLACE) for _ in range(2))
+        stage_S, slope_S = (b.bitcast(b.alloca(self.row, index(self.nx)), PLACE) for _ in range(2))
         for weights in A[1:]:
             scaled = [mul(b, at["h"], number(w)) if w else None for w in weights]
-            moved = [_combine(b, x[i], scaled, [r[i] for r in k]) for i in range(self.nx)]
-            new = [_combine(b, S[i], scaled, [r[i] for r in T]) for i in range(len(S))]
+            moved = [combine(b, x[i], scaled, [r[i] for r in k]) for i in range(self.nx)]
+            new = [combine(b, S[i], scaled, [r[i] for r in T]) for i in range(len(S))]
             for place, values in ((stage, moved), (stage_S, new)):
                 for i, value in enumerate(values):
-                    _store(b, place, i, value)
+                    store(b, place, i, value)
             b.call(self.module.globals[rates], (stage, stage_S, at["u"], at["c"], slope, slope_S))
-            k.append([_load(b, slope, i, kind) for i in range(self.nx + 1)])
-            T.append([_load(b, slope_S, i, self.row) for i in range(len(S))])
+            k.append([load(b, slope, i, kind) for i in range(self.nx + 1)])
+            T.append([load(b, slope_S, i, self.row) for i in range(len(S))])
         error = self._error(b, at, k, kind)
         with b.if_then(b.fcmp_ordered("<=", error, number(1.0))):
             for place, values in (("x", moved), ("k", k[-1]), ("S", new), ("T", T[-1])):
                 for i, value in enumerate(values):
-                    _store(b, at[place], i, value)
+                    store(b, at[place], i, value)
         b.ret(error)
 
     def many_slopes(self, function: ca.Function, pattern: ca.Sparsity) -> None:
         """As `rates` with slopes; a loop goes through the directions, of which there may be many."""
         b, at = self._function(f"many_{function.name()}", ("x", "S", "u", "c", "k", "T"))
-        outputs = self._equations(function, b, at, _SEVERAL)
+        outputs = self._equations(function, b, at, SEVERAL)
         for i, value in enumerate(outputs[0]):
-            _store(b, at["k"], i, value)
+            store(b, at["k"], i, value)
         terms = list(zip(*pattern.get_triplet(), outputs[1], strict=True))
-        fastest = ir.Constant(_SEVERAL, None)
-        with cgutils.for_range(b, _size(self.nd)) as loop:
+        fastest = ir.Constant(SEVERAL, None)
+        with cgutils.for_range(b, size(self.nd)) as loop:
             for i in range(len(outputs[0])):
-                total = ir.Constant(_SEVERAL, None)
+                total = ir.Constant(SEVERAL, None)
                 for j, value in ((j, value) for row, j, value in terms if row == i and j < self.nx):
-                    total = add(b, total, mul(b, value, _at(b, at["S"], j * self.nd, loop.index)[1]))
-                b.store(total, _at(b, at["T"], i * self.nd, loop.index)[0], align=8)
+                    total = add(b, total, mul(b, value, row_at(b, at["S"], j * self.nd, loop.index)[1]))
+                b.store(total, row_at(b, at["T"], i * self.nd, loop.index)[0], align=8)
         for i, j, value in terms:
             if j >= self.nx:
                 place = i * self.nd + j
-                _store(b, at["T"], place, add(b, _load(b, at["T"], place, _SEVERAL), value))
+                store(b, at["T"], place, add(b, load(b, at["T"], place, SEVERAL), value))
             if i == j:
                 fastest = intrinsic("maxnum")(b, fastest, intrinsic("fabs")(b, value))
-        _store(b, at["k"], len(outputs[0]), _splat(b, _largest(b, fastest), _SEVERAL))
+        store(b, at["k"], len(outputs[0]), splat(b, largest(b, fastest), SEVERAL))
         b.ret(number(0.0))
 
     def many_step_slopes(self) -> None:
         """As `step` with slopes; they stay in memory."""
         b, at = self._function("many_step_slopes", ("x", "S", "u", "c", "k", "T", "tolerance"), ("h",))
         rows = self.nx * self.nd
-        x = [_load(b, at["x"], i, _SEVERAL) for i in range(self.nx)]
-        k = [[_load(b, at["k"], i, _SEVERAL) for i in range(self.nx + 1)]]
+        x = [load(b, at["x"], i, SEVERAL) for i in range(self.nx)]
+        k = [[load(b, at["k"], i, SEVERAL) for i in range(self.nx + 1)]]
         stage, slope = (self._room(b, self.nx + 1) for _ in range(2))
         S, T = self._room(b, rows), [at["T"], *(self._room(b, rows) for _ in A[1:])]
         moved = x
         for number_of, weights in enumerate(A[1:]):
-            scaled = [_splat(b, mul(b, at["h"], number(w)), _SEVERAL) if w else None for w in weights]
-            moved = [_combine(b, x[i], scaled, [r[i] for r in k]) for i in range(self.nx)]
+            scaled = [splat(b, mul(b, at["h"], number(w)), SEVERAL) if w else None for w in weights]
+            moved = [combine(b, x[i], scaled, [r[i] for r in k]) for i in range(self.nx)]
             for i, value in enumerate(moved):
-                _store(b, stage, i, value)
-            with cgutils.for_range(b, _size(rows)) as loop:
-                begin = _at(b, at["S"], 0, loop.index)[1]
+                store(b, stage, i, value)
+            with cgutils.for_range(b, size(rows)) as loop:
+                begin = row_at(b, at["S"], 0, loop.index)[1]
                 seen = [
-                    _at(b, one, 0, loop.index)[1] if w else None for one, w in zip(T, weights, strict=False)
+                    row_at(b, one, 0, loop.index)[1] if w else None
+                    for one, w in zip(T, weights, strict=False)
                 ]
-                b.store(_combine(b, begin, scaled, seen), _at(b, S, 0, loop.index)[0], align=8)
+                b.store(combine(b, begin, scaled, seen), row_at(b, S, 0, loop.index)[0], align=8)
             b.call(self.module.globals["many_slopes"], (stage, S, at["u"], at["c"], slope, T[number_of + 1]))
-            k.append([_load(b, slope, i, _SEVERAL) for i in range(self.nx + 1)])
-        error = self._error(b, at, k, _SEVERAL)
+            k.append([load(b, slope, i, SEVERAL) for i in range(self.nx + 1)])
+        error = self._error(b, at, k, SEVERAL)
         with b.if_then(b.fcmp_ordered("<=", error, number(1.0))):
             for place, values in (("x", moved), ("k", k[-1])):
                 for i, value in enumerate(values):
-                    _store(b, at[place], i, value)
-            with cgutils.for_range(b, _size(rows)) as loop:
+                    store(b, at[place], i, value)
+            with cgutils.for_range(b, size(rows)) as loop:
                 for into, out in ((at["S"], S), (at["T"], T[-1])):
-                    b.store(_at(b, out, 0, loop.index)[1], _at(b, into, 0, loop.index)[0], align=8)
+                    b.store(row_at(b, out, 0, loop.index)[1], row_at(b, into, 0, loop.index)[0], align=8)
         b.ret(error)
 
     def _room(self, b: Value, rows: int) -> Value:
-        return b.bitcast(b.alloca(_SEVERAL, _index(rows)), _PLACE)
+        return b.bitcast(b.alloca(SEVERAL, index(rows)), PLACE)
 
     def _error(self, b: Value, at: Mapping[str, Value], k: Sequence[Sequence[Value]], kind: Value) -> Value:
         """The largest error of a step as a share of the tolerance; NaN stays."""
-        error = _splat(b, number(0.0), kind)
+        error = splat(b, number(0.0), kind)
         for i in range(self.nx):
-            total = _combine(b, _splat(b, number(0.0), kind), [number(w) for w in E], [r[i] for r in k])
-            scale = div(b, at["h"], _load(b, at["tolerance"], i))
-            share = mul(b, _splat(b, scale, kind), total)
+            total = combine(b, splat(b, number(0.0), kind), [number(w) for w in E], [r[i] for r in k])
+            scale = div(b, at["h"], load(b, at["tolerance"], i))
+            share = mul(b, splat(b, scale, kind), total)
             error = intrinsic("maximum")(b, error, intrinsic("fabs")(b, share))
-        return _largest(b, error)
+        return largest(b, error)
 
     def many_gather(self) -> None:
         """The rank-one updates of the normal equations by one residual each."""
         b, at = self._function("many_gather", ("R", "H", "g", "a", "b"))
-        for_H, for_g = (_load(b, at[name], 0, _SEVERAL) for name in ("a", "b"))
-        with cgutils.for_range(b, _size(self.nd)) as outer:
-            here = _at(b, at["R"], 0, outer.index)[1]
-            place, g = _at(b, at["g"], 0, outer.index)
+        for_H, for_g = (load(b, at[name], 0, SEVERAL) for name in ("a", "b"))
+        with cgutils.for_range(b, size(self.nd)) as outer:
+            here = row_at(b, at["R"], 0, outer.index)[1]
+            place, g = row_at(b, at["g"], 0, outer.index)
             b.store(add(b, g, mul(b, for_g, here)), place, align=8)
-            scaled, row = mul(b, for_H, here), b.mul(outer.index, _size(self.nd))
-            with cgutils.for_range(b, _size(self.nd)) as inner:
-                place, H = _at(b, at["H"], 0, b.add(row, inner.index))
-                b.store(add(b, H, mul(b, scaled, _at(b, at["R"], 0, inner.index)[1])), place, align=8)
+            scaled, row = mul(b, for_H, here), b.mul(outer.index, size(self.nd))
+            with cgutils.for_range(b, size(self.nd)) as inner:
+                place, H = row_at(b, at["H"], 0, b.add(row, inner.index))
+                b.store(add(b, H, mul(b, scaled, row_at(b, at["R"], 0, inner.index)[1])), place, align=8)
         b.ret(number(0.0))
 
     def gather(self) -> None:
         """The rank-one update of the normal equations by one residual."""
         b, at = self._function("gather", ("R", "H", "g"), ("a", "b"))
-        R = _load(b, at["R"], 0, self.row)
-        scaled = mul(b, R, _splat(b, at["a"], self.row))
+        R = load(b, at["R"], 0, self.row)
+        scaled = mul(b, R, splat(b, at["a"], self.row))
         for i in range(self.nd):
-            one = b.extract_element(scaled, _index(i))
-            H = _load(b, at["H"], i, self.row)
-            _store(b, at["H"], i, add(b, H, mul(b, _splat(b, one, self.row), R)))
-        g = _load(b, at["g"], 0, self.row)
-        _store(b, at["g"], 0, add(b, g, mul(b, _splat(b, at["b"], self.row), R)))
+            one = b.extract_element(scaled, index(i))
+            H = load(b, at["H"], i, self.row)
+            store(b, at["H"], i, add(b, H, mul(b, splat(b, one, self.row), R)))
+        g = load(b, at["g"], 0, self.row)
+        store(b, at["g"], 0, add(b, g, mul(b, splat(b, at["b"], self.row), R)))
         b.ret(number(0.0))
 
     def finish(self) -> str:
         """Close `constants` and return the module's text."""
         for slot, value in self.slots.values():
-            _store(self._constants, self._of_constants["c"], slot, value)
+            store(self._constants, self._of_constants["c"], slot, value)
         self._constants.ret(number(0.0))
         return str(self.module)
 
@@ -275,7 +273,7 @@ class _Writer:
         self, name: str, places: Sequence[str], numbers: Sequence[str] = ()
     ) -> tuple[Value, dict[str, Value]]:
         """Begin a function of arrays that do not overlap, and of numbers."""
-        kind = ir.FunctionType(REAL, [_PLACE] * len(places) + [REAL] * len(numbers))
+        kind = ir.FunctionType(REAL, [PLACE] * len(places) + [REAL] * len(numbers))
         function = ir.Function(self.module, kind, name)
         arguments = dict(zip((*places, *numbers), function.args, strict=True))
         for place in places:
@@ -293,10 +291,10 @@ class _Writer:
         def operand(register: int) -> Value:
             value, constant = held[register]
             if not constant or isinstance(value, ir.Constant):
-                return _splat(b, value, kind)
+                return splat(b, value, kind)
             slot, _ = self.slots.setdefault(id(value), (len(self.slots), value))
             if slot not in loaded:
-                loaded[slot] = _load(b, at["c"], slot, kind)
+                loaded[slot] = load(b, at["c"], slot, kind)
             return loaded[slot]
 
         for k in range(function.n_instructions()):
@@ -307,7 +305,7 @@ class _Writer:
             elif code == ca.OP_INPUT and given[0] == _PARAMETER:
                 held[into[0]] = (self._parameter(given[1]), True)
             elif code == ca.OP_INPUT:
-                held[into[0]] = (_load(b, at[_ARGUMENTS[given[0]]], given[1], kind), False)
+                held[into[0]] = (load(b, at[_ARGUMENTS[given[0]]], given[1], kind), False)
             elif code == ca.OP_OUTPUT:
                 outputs[into[0]][into[1]] = operand(given[0])
             else:
@@ -334,65 +332,9 @@ class _Writer:
         return self._once(key, lambda: form(self._constants, *operands)), True
 
     def _parameter(self, i: int) -> Value:
-        return self._once(("p", i), lambda: _load(self._constants, self._of_constants["p"], i))
+        return self._once(("p", i), lambda: load(self._constants, self._of_constants["p"], i))
 
     def _once(self, key: tuple[object, ...], make: Callable[[], Value]) -> Value:
         if key not in self._named:
             self._named[key] = make()
         return self._named[key]
-
-
-def _index(i: int) -> Value:
-    return ir.Constant(ir.IntType(32), i)
-
-
-def _place(b: Value, place: Value, i: int, kind: Value) -> Value:
-    """Where the i-th number or row of numbers is."""
-    wide = kind.count if isinstance(kind, ir.VectorType) else 1
-    return b.bitcast(b.gep(place, [_index(i * wide)]), kind.as_pointer())
-
-
-def _load(b: Value, place: Value, i: int, kind: Value = REAL) -> Value:
-    return b.load(_place(b, place, i, kind), align=8)
-
-
-def _store(b: Value, place: Value, i: int, value: Value) -> None:
-    b.store(value, _place(b, place, i, value.type), align=8)
-
-
-def _size(count: int) -> Value:
-    return ir.Constant(ir.IntType(64), count)
-
-
-def _at(b: Value, place: Value, first: int, index: Value) -> tuple[Value, Value]:
-    """Where row first + index is, and what stands there."""
-    number_of = b.mul(b.add(index, _size(first)), _size(LANES))
-    where = b.bitcast(b.gep(place, [number_of]), _SEVERAL.as_pointer())
-    return where, b.load(where, align=8)
-
-
-def _splat(b: Value, value: Value, kind: Value) -> Value:
-    """One number in every lane of a row; what is of that kind already stays."""
-    if value.type == kind:
-        return value
-    if isinstance(value, ir.Constant):
-        return ir.Constant(kind, [value.constant] * kind.count)
-    first = b.insert_element(ir.Constant(kind, ir.Undefined), value, _index(0))
-    lanes = ir.Constant(ir.VectorType(ir.IntType(32), kind.count), None)
-    return b.shuffle_vector(first, ir.Constant(kind, ir.Undefined), lanes)
-
-
-def _largest(b: Value, row: Value) -> Value:
-    """The largest number of a row; NaN if there is one."""
-    if not isinstance(row.type, ir.VectorType):
-        return row
-    lanes = [b.extract_element(row, _index(i)) for i in range(row.type.count)]
-    return functools.reduce(lambda x, y: intrinsic("maximum")(b, x, y), lanes)
-
-
-def _combine(b: Value, start: Value, weights: Sequence[Value | None], terms: Sequence[Value]) -> Value:
-    """start + sum of weights times terms; None is a weight of zero."""
-    for weight, term in zip(weights, terms, strict=True):
-        if weight is not None:
-            start = add(b, start, mul(b, _splat(b, weight, term.type), term))
-    return start

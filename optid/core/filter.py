@@ -12,8 +12,8 @@ import math
 
 import numpy as np
 
-from optid.core.emit import LANES
 from optid.core.kernel import advance, at, call, compiled
+from optid.core.rows import LANES
 
 REACH2 = 3.0  # h^2 of the divided differences: the kurtosis of a normal distribution
 PIVOT = 1e-14  # of a covariance, as a share of its largest variance: below it a direction counts as known

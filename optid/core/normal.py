@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from optid.core.emit import LANES
 from optid.core.kernel import advance, at, call, compiled
+from optid.core.rows import LANES
 
 EQUAL = (
     1e-9  # relative difference up to which two samplings are the same: what rounding leaves of time stamps

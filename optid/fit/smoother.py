@@ -16,8 +16,8 @@ import numpy as np
 from scipy.linalg import LinAlgError, cho_solve, cho_solve_banded, cholesky_banded
 
 from optid.core.compiled import compiled, spread
-from optid.core.emit import LANES
 from optid.core.model import Array, Model
+from optid.core.rows import LANES
 from optid.errors import SolveError
 from optid.fit.problem import Booleans, Problem
 

@@ -7,9 +7,9 @@ from llvmlite import ir
 from numba import njit
 
 from optid.core.compiled import compiled_runs, machine_code
-from optid.core.emit import LANES
 from optid.core.instructions import FORMS, REAL
 from optid.core.kernel import at, call
+from optid.core.rows import LANES
 from optid.core.sheet import build
 from optid.rigs.rigfile import read_rig
 from optid.rigs.servo_pneumatic import servo_pneumatic

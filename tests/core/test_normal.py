@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from optid.core.compiled import compiled, spread
-from optid.core.emit import LANES
+from optid.core.rows import LANES
 from optid.core.sheet import build
 from optid.rigs.rigfile import read_rig
 from optid.rigs.servo_pneumatic import servo_pneumatic
