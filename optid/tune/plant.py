@@ -15,6 +15,7 @@ from optid.errors import InputError
 Complex = NDArray[np.complex128]
 
 MARGIN = 1e-9  # a pole this near to the unit circle integrates
+DRIFT = 2e-3  # beyond 1: slower than 500 samples, a real pole is an integrator whose estimate is off
 NEGLIGIBLE = 1e-12  # of the largest coefficient: below it the model does not answer to its command
 
 
@@ -111,10 +112,13 @@ def _difficulties(plant: Plant) -> list[str]:
     for pole in unstable:
         if pole.imag < 0.0:
             continue
-        grows = 1.0 / math.log(abs(pole)) * plant.sample_time
+        grows = f"left alone, it grows by e in {plant.sample_time / math.log(abs(pole)):.3g} s"
+        if pole.imag == 0.0 and 0.0 < pole.real - 1.0 < DRIFT:
+            said.append(f"The model drifts: {_said(pole)} is an integrator's pole a little outside; {grows}.")
+            continue
         said.append(
-            f"The model is unstable: left alone, its pole {_said(pole)} grows by e in {grows:.3g} s. "
-            "The loop must hold it, and what the loop cannot hold (at a limit) runs away."
+            f"The model is unstable: pole {_said(pole)}; {grows}. The loop must hold it, and what the loop cannot "
+            "hold (at a limit) runs away."
         )
     for zero in plant.zeros:
         if zero.real > 1.0 + 1e-6 and abs(zero.imag) < 1e-9 * abs(zero):

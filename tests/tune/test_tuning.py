@@ -175,6 +175,8 @@ def test_negative_gain_needs_negative_gains():
 def test_difficult_plants_are_named():
     unstable = plant_of(Armax((1.0, -1.05), ((0.1,),), nk=(1,), sample_time=T))
     assert any("unstable" in remark for remark in unstable.remarks)
+    drifting = plant_of(Armax((1.0, -1.0004), ((0.1,),), nk=(1,), sample_time=T))
+    assert any("drifts" in remark for remark in drifting.remarks)
     backwards = plant_of(Armax((1.0, -0.9), ((-0.1, 0.102),), nk=(1,), sample_time=T))
     assert any("non-minimum-phase" in remark for remark in backwards.remarks)
     sampled = plant_of(axis())  # its zeros outside the circle come from sampling and limit nothing
