@@ -24,10 +24,10 @@ from studies.trial.oracle import oracle_rmse
 from studies.trial.outside import OUTSIDE
 from studies.trial.overlap import interval_overlap, time_overlap
 from studies.trial.record import record
+from studies.trial.seal import SealError, seal, unseal
 from studies.trial.sizes import Draw
 
 pytest.importorskip("cryptography", reason="the trial's seal needs cryptography")
-from studies.trial.seal import SealError, seal, unseal
 
 BASE = {"viscous": 70.0, "coulomb": 80.0, "discharge": 0.75, "residual_length": 0.01}
 CONTRACT = """stribeck_friction asymmetric_friction constant_force position_dependent_friction spring_load
