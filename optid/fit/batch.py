@@ -25,6 +25,7 @@ from optid.fit.start import guess
 from optid.rigs.rigfile import Rig
 
 LEVELS = (0.3, 0.03, 1e-2, 3e-3, 1e-3, 3e-4)  # process noise per node as a share of each state's usual size
+PATIENCE = 2  # levels in a row that explain the data less well; one alone may not have come down all the way
 HARD = 1e-6  # the share that stands for none at all
 TIGHT = 1e-5  # as good as none, where the iteration still moves easily
 SETTLED = (
@@ -210,6 +211,7 @@ def _anneal(
     if asked is not None:
         levels = (*(level for level in LEVELS if level > max(asked, HARD)), max(asked, HARD))
     best: _Solution | None = None
+    worse_by = 0
     start = f"start {number + 1} of {run.options.starts}"
     for step, level in enumerate(levels):
         q = level * o.model.scales
@@ -222,7 +224,8 @@ def _anneal(
             best = _Solution(at, terms, q, score, Outcome.TIME_LIMIT)
         if run.late:
             return best
-        if worse:
+        worse_by = worse_by + 1 if worse else 0
+        if worse_by == PATIENCE:
             break  # tighter explains the data less well: the model is not better than this
     assert best is not None
     watch = _watch(o, run, f"{start}, settling", 1.0)
