@@ -5,7 +5,7 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 import pytest
-from conftest import T, axis
+from small_axis import T, axis, python_control
 
 from optid.errors import InputError
 from optid.pid.controller import Controller, Gains, Settings
@@ -150,17 +150,6 @@ def test_gradient_over_scenarios(model):
         up, down = task.together(task.course.costs(sides))
         assert value == pytest.approx(task.together(task.course.costs(FAST.vector))[0], rel=1e-9)
         assert slope[0] == pytest.approx((up - down) / (2 * h), rel=1e-3)
-
-
-def python_control(model, gains):
-    import control
-
-    z = control.tf([1, 0], [1], T)
-    h = T
-    C = gains.kp + gains.kd * (z - 1) / ((gains.derivative_filter + h) * z - gains.derivative_filter)
-    if gains.ki:
-        C = C + gains.ki * h * z / (z - 1)
-    return control.tf(*model.powers_of_z(), T) * C
 
 
 @pytest.mark.parametrize(

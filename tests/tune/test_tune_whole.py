@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import T, axis
+from small_axis import T, axis, python_control
 
 from optid.armax.model import Armax
 from optid.errors import InputError, SolveError
@@ -63,7 +63,6 @@ def test_lower_than_every_baseline(tuned):
 
 def test_the_open_loop_is_a_control_object(tuned, model):
     import control
-    from test_loop import python_control
 
     L = tuned.open_loop
     assert isinstance(L, control.TransferFunction) and L.dt == T
@@ -79,8 +78,6 @@ def test_knowing_the_limits_pays(tuned):
 
 
 def test_required_sensitivity_is_kept_by_python_control(task, model):
-    from test_loop import python_control
-
     asked = replace(task, required=Required(maximum_sensitivity=1.4))
     gains = optimise(asked, THREE, np.random.default_rng(0)).gains
     L = python_control(model, gains)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from conftest import T, axis
+from small_axis import T, axis
 
 from optid.armax.files import ArmaxFile, SavedModel, load, save
 from optid.armax.model import Armax
