@@ -136,7 +136,7 @@ def by_condition(cases: Sequence[Judged]) -> dict[str, list[Rate]]:
     """First name right of what is concealed, by everything that may matter."""
     asked = [c for c in cases if _asked(c)]
     table: dict[str, list[Rate]] = {}
-    for condition in ("sensors", "noise"):
+    for condition in ("sensors", "noise", "style"):
         values = sorted({c.conditions[condition] for c in asked})
         table[condition] = [
             rate(v, [c for c in asked if c.conditions[condition] == v], lambda c: c.in_set) for v in values

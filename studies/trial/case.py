@@ -52,7 +52,7 @@ class Hidden:
 
 @dataclass(frozen=True)
 class Case:
-    """One case of the draw, complete: `seed` makes its references and its noise."""
+    """One case of the draw, complete: `seed` makes its references, of that style and reach (m), and its noise."""
 
     name: str
     kind: str
@@ -64,6 +64,7 @@ class Case:
     sensors: Sensors
     controller: Controller
     reach: float
+    style: str = "lively"
     variant: dict[str, float] = field(default_factory=dict)
 
     @property

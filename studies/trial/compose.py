@@ -8,6 +8,7 @@ import numpy as np
 
 from studies.independent_rig import Controller, Sensors
 from studies.trial.case import KINDS, SIZES, Case, Hidden
+from studies.trial.excitation import STYLES
 from studies.trial.named import NAMED
 from studies.trial.outside import OUTSIDE
 from studies.trial.sizes import Draw
@@ -109,6 +110,8 @@ def conditions(
     # A contact that yields a few micrometres is how some simulate dry friction; it is nothing to be named.
     bristles = not any("presliding" in h.fields for h in hidden) and rng.uniform() < 0.3
     variant = {"presliding": rng.uniform(2e-6, 6e-6)} if bristles else {}
+    style = str(rng.choice(list(STYLES)))
     return Case(
-        name, kind, int(rng.integers(2**62)), base, hidden, with_pressures, noise, sensors, controller, reach, variant
+        name, kind, int(rng.integers(2**62)), base, hidden, with_pressures, noise, sensors, controller, reach, style,
+        variant,
     )  # fmt: skip

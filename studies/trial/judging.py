@@ -115,6 +115,7 @@ def judge(answer: Mapping[str, Any], ran: Ran) -> Judged:
     conditions = {
         "sensors": "with pressures" if case["with_pressures"] else "position only",
         "noise": case["noise"],
+        "style": case["style"],
         "hidden_by": ways,
     }
     sizes = tuple(h["size"] for h, _ in seen)

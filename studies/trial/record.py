@@ -10,8 +10,8 @@ import pandas as pd
 
 from studies.independent_rig import Run, recording, simulate
 from studies.independent_rig.rig import Array
-from studies.references import REFERENCES
 from studies.trial.case import Case
+from studies.trial.excitation import STYLES
 
 TRAIN, HELD_OUT = ("steps", "multisine", "ramps"), "mixed"
 SECONDS, DT, STEP = 8.0, 1e-3, 2e-5
@@ -86,7 +86,7 @@ def record(case: Case, seconds: float = SECONDS) -> Recorded:
 
 def wanted(name: str, case: Case, seconds: float, rng: np.random.Generator) -> Array:
     """The reference of a recording; one that goes far stays long at both ends of its reach."""
-    path = REFERENCES[name](seconds, DT, rng, case.reach)
+    path = STYLES[case.style][name](seconds, DT, rng, case.reach)
     return np.clip(OFTEN * path, -case.reach, case.reach) if case.reach > USUAL else path
 
 

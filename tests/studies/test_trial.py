@@ -18,6 +18,7 @@ from studies.trial.case import SIZES, Case, Hidden, case_from
 from studies.trial.compose import compose
 from studies.trial.concealment import Trace, acts_when, hidden_by, trace
 from studies.trial.drawing import Order, draw
+from studies.trial.excitation import STYLES
 from studies.trial.judging import Ran, judge
 from studies.trial.named import NAMED
 from studies.trial.oracle import oracle_rmse
@@ -115,6 +116,21 @@ def test_pairs_never_set_the_same_thing_twice():
 def test_a_case_is_stated_and_read_back():
     for c in compose(3, 40):
         assert case_from(json.loads(json.dumps(c.stated()))) == c
+
+
+@pytest.mark.parametrize("style", STYLES)
+@pytest.mark.parametrize("name", STYLES["calm"])
+def test_references_keep_to_their_reach(style, name):
+    for seed in range(5):
+        path = STYLES[style][name](8.0, 1e-3, np.random.default_rng(seed), 0.1)
+        assert path.shape == (8000,)
+        assert 0.03 < np.abs(path).max() <= 0.1 + 1e-12
+
+
+def test_triangles_go_at_one_speed():
+    speed = np.abs(np.diff(STYLES["calm"]["ramps"](8.0, 1e-3, np.random.default_rng(2), 0.1))) / 1e-3
+    assert np.mean(np.isclose(speed, np.median(speed))) > 0.98
+    assert 0.03 <= np.median(speed) <= 0.09
 
 
 def test_the_seal_opens_with_its_key_only(tmp_path):
