@@ -38,7 +38,10 @@ def normal_equations(
         for w in range(begin, stop):
             if done == 0:
                 end[w] = X0[w]
-                slope[w], H[w], g[w], cost[w] = 0.0, 0.0, 0.0, 0.0
+                slope[w] = 0.0
+                H[w] = 0.0
+                g[w] = 0.0
+                cost[w] = 0.0
                 for i in range(nx):
                     slope[w, i, i] = 1.0
             loss, used = _window(
@@ -59,7 +62,9 @@ def _together(
     is left of longer windows, is for `_window`. Fewer windows than lanes go along with the last of them.
     """
     nx, ny, nd = X0.shape[1], Y.shape[1], H.shape[1]
-    holds = counts[begin:stop].min()
+    holds = counts[begin]
+    for w in range(begin + 1, stop):
+        holds = min(holds, counts[w])
     for w in range(begin + 1, stop):
         for n in range(holds):
             if abs(dt[starts[w] + n] - dt[starts[begin] + n]) > EQUAL * dt[starts[begin] + n]:
@@ -70,11 +75,11 @@ def _together(
     J, r = np.zeros((nd, nd, LANES)), np.zeros((nd, LANES))
     many, a, b = np.empty((len(c), LANES)), np.zeros(LANES), np.zeros(LANES)
     loss, used = np.zeros(LANES), np.zeros(LANES)
-    for i in range(len(c)):
-        many[i] = c[i]
-    for i in range(nx):
-        S[i, i] = 1.0
-        for lane in range(LANES):
+    for lane in range(LANES):
+        for i in range(len(c)):
+            many[i, lane] = c[i]
+        for i in range(nx):
+            S[i, i, lane] = 1.0
             x[i, lane] = X0[min(begin + lane, stop - 1), i]
     h = dt[starts[begin]]
     for n in range(holds):
@@ -93,15 +98,21 @@ def _together(
             return 0
     for w in range(begin, stop):
         lane = w - begin
-        slope[w], H[w], g[w] = 0.0, 0.0, 0.0
-        end[w], slope[w, :, :nd], H[w, :, :nd], g[w, :nd] = (
-            x[:, lane],
-            S[:, :, lane],
-            J[:, :, lane],
-            r[:, lane],
-        )
+        for i in range(nx):
+            end[w, i] = x[i, lane]
+            _spread(S[i], lane, slope[w, i])
+        for i in range(nd):
+            _spread(J[i], lane, H[w, i])
+        _spread(r, lane, g[w])
         cost[w, 0], cost[w, 1] = loss[lane], used[lane]
     return holds
+
+
+@compiled
+def _spread(rows, lane, row):
+    """One lane of rows as a padded row."""
+    for i in range(len(row)):
+        row[i] = rows[i, lane] if i < len(rows) else 0.0
 
 
 @compiled
