@@ -26,10 +26,13 @@ _KERNELS = (
     past.filtered,
     past.newest,
     learning.trace_of,
+    learning.weight_of,
+    learning.forget_of,
     learning.learn,
     recursion.regress,
     recursion.mend,
     recursion.remember,
+    recursion.begin_again,
     recursion.advance,
 )
 

@@ -47,32 +47,23 @@ def trace_of(U: Array, D: Array, size: int) -> float:
 
 
 @folded
-def learn(s: Array, shape: Shape, e: float, news: float) -> float:
-    """Move theta and P by one innovation; returns how many G theta has moved."""
-    n = shape.n
-    size = shape.size
-    at = HEADER + 4 * shape.m
-    theta = part(s, at)
-    D = part(s, at + size)
-    F = part(s, at + 4 * size)
-    V = part(s, at + 5 * size)
-    G = part(s, at + 6 * size)
-    U = part(s, at + 7 * size)
-    updates = s[UPDATES]
-    s[UPDATES] = updates + 1.0
-
-    # An outlier counts with Huber's weight: its step is that of an innovation at the bound.
-    weight = 1.0
-    if s[OUTLIER] > 0.0 and updates > 2.0 * n + 10.0:
+def weight_of(s: Array, n: int, e: float) -> float:
+    """An outlier counts with Huber's weight: its step is that of an innovation at the bound."""
+    if s[OUTLIER] > 0.0 and s[UPDATES] > 2.0 * n + 10.0:
         bound = s[OUTLIER] * math.sqrt(s[SQUARES] / s[WEIGHT])
         if abs(e) > bound:
-            weight = bound / abs(e)
             s[BOUNDED] += 1.0
+            weight: float = bound / abs(e)
+            return weight
+    return 1.0
 
-    # How much to forget. Fortescue, Kershenbaum and Ydstie (Automatica 17, 1981) for the variable factor.
-    forget = s[FACTOR]
-    fade = s[FADE]  # 1 / forget, divided out of the way of what waits for it
-    if s[MEMORY] > 0.0:
+
+@folded
+def forget_of(s: Array, n: int, e: float, weight: float, news: float) -> float:
+    """By what factor earlier samples fade at this one."""
+    updates = s[UPDATES]
+    forget: float = s[FACTOR]
+    if s[MEMORY] > 0.0:  # Fortescue, Kershenbaum and Ydstie, Automatica 17 (1981)
         forget = 1.0
         if s[SLOW] > 0.0:
             forget = 1.0 - weight * e * e / ((1.0 + news) * s[MEMORY] * s[SLOW])
@@ -83,7 +74,6 @@ def learn(s: Array, shape: Shape, e: float, news: float) -> float:
             if span > 10.0 * s[MEMORY]:
                 span = 10.0 * s[MEMORY]
             s[SLOW] += (weight * e * e / (1.0 + news) - s[SLOW]) / span
-        fade = 1.0 / forget
     elif s[FORGETTING] == 0.0:
         # A sample that brings less news than forgetting costs is no reason to forget: at rest nothing fades.
         worth = 1.5
@@ -91,10 +81,8 @@ def learn(s: Array, shape: Shape, e: float, news: float) -> float:
             worth = 0.5 * n
         if news < worth * (1.0 - forget):
             forget = 1.0
-            fade = 1.0
     if s[WARM] > 0.0:
         forget = forget * (1.0 - s[WARM])
-        fade = 1.0 / forget
         s[WARM] = s[WARM] * s[WARM_RATE]
         if s[WARM] < 1e-12:
             s[WARM] = 0.0
@@ -107,8 +95,27 @@ def learn(s: Array, shape: Shape, e: float, news: float) -> float:
         forget = s[TRACE] / s[LIMIT]
         if forget > 1.0:
             forget = 1.0
-        fade = 1.0 / forget
+    return forget
 
+
+@folded
+def learn(s: Array, shape: Shape, e: float, news: float) -> float:
+    """Move theta and P by one innovation; returns how many G theta has moved."""
+    n = shape.n
+    size = shape.size
+    at = HEADER + 4 * shape.m
+    theta = part(s, at)
+    D = part(s, at + size)
+    F = part(s, at + 4 * size)
+    V = part(s, at + 5 * size)
+    G = part(s, at + 6 * size)
+    U = part(s, at + 7 * size)
+    weight = weight_of(s, n, e)
+    forget = forget_of(s, n, e, weight, news)
+    s[UPDATES] += 1.0
+    fade = s[FADE]  # divided out of the way of what waits for it
+    if forget != s[FACTOR]:
+        fade = 1.0 / forget
     share = weight * fade
     step = e * (share / (1.0 + share * news))
     if s[FORGETTING] > 0.0 and s[WARM] == 0.0:

@@ -157,6 +157,21 @@ def remember(s: Array, shape: Shape, measured: float, residual: float, share: fl
     return 0.0
 
 
+@compiled
+def begin_again(s: Array, shape: Shape, measured: float, share: float) -> float:
+    """After a gap the residuals start from zero, the filtered output as if it had been constant."""
+    c = part(s, HEADER + 4 * shape.m + shape.n - shape.nc)
+    gain = 1.0
+    factor = 1.0
+    for k in range(shape.nc):
+        factor = factor * share
+        gain += factor * c[k]
+    yf = part(s, shape.outputs_filtered)
+    for k in range(shape.residuals - shape.outputs_filtered):
+        yf[k] = -measured / gain
+    return 0.0
+
+
 @folded
 def advance(s: Array, shape: Shape, y: float) -> float:
     """Take one sample whose inputs stand in `now`; returns the innovation, NaN for a missing output."""
@@ -201,16 +216,8 @@ def advance(s: Array, shape: Shape, y: float) -> float:
     e = measured - prediction
 
     if hold > 0.0:
-        # After a gap the residuals start again from zero, the filtered output as if it had been constant.
         hold -= 1.0
-        dc = 1.0
-        factor = 1.0
-        for k in range(nc):
-            factor = factor * share
-            dc += factor * c[k]
-        yf = part(s, shape.outputs_filtered)
-        for k in range(shape.residuals - shape.outputs_filtered):
-            yf[k] = -measured / dc
+        begin_again(s, shape, measured, share)
     else:
         residual = e
         news = project(U, D, psi, F, V, size)
