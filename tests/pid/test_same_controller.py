@@ -7,13 +7,13 @@ import subprocess
 
 import numpy as np
 import pytest
-from structured_text import Instance, Program
 
 from optid.errors import InputError
 from optid.pid import law
 from optid.pid.controller import AntiWindup, Controller, Gains, Settings
 from optid.pid.export import c_header, structured_text
 from optid.pid.symbolic import controller as symbolic_controller
+from tests.pid.structured_text import Instance, Program
 
 GAINS = Gains(60.0, 200.0, 1.0, 2e-3, 0.9, 0.3)
 OTHER = Gains(35.0, 80.0, 0.4, 4e-3, 1.0, 0.0)

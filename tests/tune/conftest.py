@@ -1,12 +1,12 @@
 """The task of moving a small axis by 6 cm."""
 
 import pytest
-from small_axis import T, axis
 
 from optid.pid.controller import Settings
 from optid.tune.demand import step
 from optid.tune.plant import plant_of
 from optid.tune.task import Task
+from tests.tune.small_axis import T, axis
 
 
 @pytest.fixture(scope="session")

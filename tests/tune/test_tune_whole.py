@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from small_axis import T, axis, python_control
 
 from optid.armax.model import Armax
 from optid.errors import InputError, SolveError
@@ -21,6 +20,7 @@ from optid.tune.search import box
 from optid.tune.task import Over, Task
 from optid.tune.tuning import tune
 from optid.tune.ultimate import ultimate
+from tests.tune.small_axis import T, axis, python_control
 
 THREE = Options(free=("kp", "ki", "kd"), starts=2)
 
