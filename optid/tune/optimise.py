@@ -21,7 +21,7 @@ LAG_SAMPLES, LAG_SHARE = (
     1 / 80,
 )  # least derivative filter by default: samples, share of the ultimate period
 POINTS, SLOW_POINTS = 3000, 700  # of the grid at most; the latter where a physical model runs
-WITH_BENCH = 40  # generations of a search in which a physical model runs
+WITH_BENCH = 80  # generations of a search in which a physical model runs
 AROUND, ROUNDS, WORTHWHILE = (
     0.06,
     4,
