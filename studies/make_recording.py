@@ -1,4 +1,4 @@
-"""Write data/bench.csv, data/bench_holdout.csv and data/bench_truth.json from the independent rig.
+"""Write the recordings in data/ and what is true of them, from the independent rig.
 
     python studies/make_recording.py
 
@@ -20,15 +20,21 @@ from studies.independent_rig import Rig, recording, simulate  # noqa: E402
 from studies.references import mixed  # noqa: E402
 
 BENCH = Rig(viscous=61.3, coulomb=71.4, discharge=0.733, residual_length=9.2e-3)
-SECONDS = {"bench.csv": 8.0, "bench_holdout.csv": 6.0}
+WORN = BENCH._replace(leak_a=2e-7, leak_laminar=1.0)  # the same rig with a scored rod seal: chamber A leaks
+RUNS = {
+    "bench.csv": (BENCH, 8.0),
+    "bench_holdout.csv": (BENCH, 6.0),
+    "worn.csv": (WORN, 8.0),
+    "worn_holdout.csv": (WORN, 6.0),
+}
 SEED = 20210901
 
 
 def main(folder: Path = ROOT / "data") -> None:
-    """Write the three files into `folder`."""
-    for number, (name, seconds) in enumerate(SECONDS.items()):
+    """Write the files into `folder`."""
+    for number, (name, (rig, seconds)) in enumerate(RUNS.items()):
         rng = np.random.default_rng([SEED, number])
-        table = recording(simulate(BENCH, mixed(seconds, 1e-3, rng, 0.1), rng), rng)
+        table = recording(simulate(rig, mixed(seconds, 1e-3, rng, 0.1), rng), rng)
         table[["t", "u", "x", "r"]].round({"t": 3, "u": 4, "x": 3, "r": 3}).to_csv(folder / name, index=False)
     truth = {
         "viscous_friction": {"value": BENCH.viscous, "unit": "N s/m"},

@@ -81,10 +81,10 @@ def region(answer: Answer, mismatch: Array, recordings: tuple[Recording, ...]) -
 
 
 def telling(states: Mapping[str, Range], always: tuple[str, ...]) -> dict[str, Range]:
-    """The ranges that hold clearly more of the mismatch than of the samples, the sharpest first."""
+    """The ranges of the signals `always` told, then those that hold clearly more of the mismatch than of the samples."""
     ranked = sorted(states.items(), key=lambda item: -item[1].share / max(item[1].occupancy, 1e-9))
     sharp = [(name, r) for name, r in ranked if r.share > TELLING * r.occupancy][:3]
-    return dict(sharp) | {name: states[name] for name in always if name in states}
+    return {name: states[name] for name in always if name in states} | dict(sharp)
 
 
 def _signals(answer: Answer, owner: Integers) -> dict[str, tuple[Array, str]]:

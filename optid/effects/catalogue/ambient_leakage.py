@@ -8,6 +8,7 @@ from typing import Any
 from optid.core.parameter import Parameter
 from optid.core.sheet import Sheet
 from optid.effects.effect import Effect
+from optid.effects.gap import LAMINAR, laminar_flux
 
 LEAK = "physics catalogue A.3: 0 to 0.3 mm2"
 AREA_A = Parameter("area_a", "m**2", 1e-7, "flow area from chamber A to the room", LEAK, 0.0, (0.0, 5e-6))
@@ -20,15 +21,17 @@ class AmbientLeakage(Effect):
     name = "ambient_leakage"
     sites = ("flow.chamber_a", "flow.chamber_b")
     equation = "1, 2"
-    parameters = (AREA_A, AREA_B)
+    parameters = (AREA_A, AREA_B, LAMINAR)
     strength = {"area_a": 5e-9, "area_b": 5e-9}
-    usual = (
-        {"area_a": 1e-7, "area_b": 0.0},
-        {"area_a": 0.0, "area_b": 1e-7},
-        {"area_a": 1e-7, "area_b": 1e-7},
+    usual = tuple(
+        {"area_a": a, "area_b": b, "laminar_share": share}
+        for a, b in ((1e-7, 0.0), (0.0, 1e-7), (1e-7, 1e-7))
+        for share in (0.0, 1.0)
     )
-    law = "m_leak = C_0 area P f(P_atm / P) / sqrt(T) out of each chamber"
-    says = "air leaks to the room, from chamber A through {area_a}, from chamber B through {area_b}"
+    law = (
+        "m_leak = C_0 area P f(P_atm / P) / sqrt(T) out of each chamber, or with P^2 - P_atm^2 through a gap"
+    )
+    says = "air leaks to the room, from chamber A through {area_a}, from chamber B through {area_b}; {laminar_share} of it as through a gap"
     depends_on = (
         "pressure_a",
         "pressure_b",
@@ -41,4 +44,6 @@ class AmbientLeakage(Effect):
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
         """The flow into the chamber, kg/s, less what leaks."""
         area = sheet.param(AREA_A if site.endswith("a") else AREA_B)
-        return nominal + area / sheet.plant_param("discharge_coefficient") * near["ambient"]
+        orifice = near["ambient"] / sheet.plant_param("discharge_coefficient")
+        gap = laminar_flux(sheet, sheet.plant_param("atmospheric_pressure"), near["P"])
+        return nominal + area * (orifice + sheet.param(LAMINAR) * (gap - orifice))

@@ -8,6 +8,7 @@ from typing import Any
 from optid.core.parameter import Parameter
 from optid.core.sheet import Sheet
 from optid.effects.effect import Effect
+from optid.effects.gap import LAMINAR, laminar_flux
 
 AREA = Parameter(
     "area", "m**2", 1e-7, "flow area between the chambers", "physics catalogue A.3: 0 to 0.5 mm2, new below 0.005",
@@ -21,11 +22,14 @@ class CrossLeakage(Effect):
     name = "cross_leakage"
     sites = ("flow.chamber_a", "flow.chamber_b")
     equation = "1, 2"
-    parameters = (AREA,)
+    parameters = (AREA, LAMINAR)
     strength = {"area": 1e-8}
-    usual = ({"area": 1e-7},)
-    law = "m_leak = C_0 area P_high f(P_low / P_high) / sqrt(T) from the fuller chamber into the other"
-    says = "air leaks past the piston through {area}"
+    usual = ({"area": 1e-7, "laminar_share": 0.0}, {"area": 1e-7, "laminar_share": 1.0})
+    law = (
+        "m_leak = C_0 area P_high f(P_low / P_high) / sqrt(T) from the fuller chamber into the other, or with the "
+        "difference of P^2 through a gap"
+    )
+    says = "air leaks past the piston through {area}; {laminar_share} of it as through a gap"
     depends_on = (
         "pressure_a",
         "pressure_b",
@@ -37,5 +41,6 @@ class CrossLeakage(Effect):
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
         """The flow into the chamber, kg/s, with what comes from the other."""
-        area = sheet.param(AREA) / sheet.plant_param("discharge_coefficient")
-        return nominal + area * near["other"]
+        orifice = near["other"] / sheet.plant_param("discharge_coefficient")
+        gap = laminar_flux(sheet, near["other_P"], near["P"])
+        return nominal + sheet.param(AREA) * (orifice + sheet.param(LAMINAR) * (gap - orifice))
