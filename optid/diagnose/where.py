@@ -81,7 +81,7 @@ def region(answer: Answer, mismatch: Array, recordings: tuple[Recording, ...]) -
 
 
 def telling(states: Mapping[str, Range], always: tuple[str, ...]) -> dict[str, Range]:
-    """The ranges of the signals `always` told, then those that hold clearly more of the mismatch than of the samples."""
+    """The ranges of the signals `always` told, then those with clearly more of the mismatch than of the samples."""
     ranked = sorted(states.items(), key=lambda item: -item[1].share / max(item[1].occupancy, 1e-9))
     sharp = [(name, r) for name, r in ranked if r.share > TELLING * r.occupancy][:3]
     return {name: states[name] for name in always if name in states} | dict(sharp)

@@ -21,8 +21,9 @@ SOLVER = 1e-6
 # Freed with the rest unless the rig file states them, with the sd of what is known before: friction at rest, and
 # the fraction of a sample that lies between a card's channels.
 NUISANCE = {"presliding_length": None, "friction_width": None, "sampling_skew": 2e-4}
-# Contacts that give by more than this before they slide are physics worth a name, not a nuisance.
-MOST = {"presliding_length": 6e-5}
+# Contacts that give by more than this before they slide are physics worth a name, not a nuisance; by less than the
+# least, no sensor sees it, and the equations at rest would only become stiff.
+LEAST, MOST = {"presliding_length": 2e-6}, {"presliding_length": 6e-5}
 
 
 def freed_with_rest(rig: Rig) -> tuple[Freed, ...]:
@@ -32,7 +33,7 @@ def freed_with_rest(rig: Rig) -> tuple[Freed, ...]:
     freed += [
         Freed(
             parameter.name,
-            parameter.bounds[0],
+            max(parameter.bounds[0], LEAST.get(parameter.name, -math.inf)),
             min(parameter.bounds[1], MOST.get(parameter.name, math.inf)),
             NUISANCE[parameter.name],
         )
