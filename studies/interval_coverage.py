@@ -46,6 +46,7 @@ FAR = 5.0  # of the half-widths: no interval of a sound method misses by so much
 def repeat(number: int, seconds: float, colour: float) -> Rows:
     """Record, fit, and say for every known parameter where truth and interval lie."""
     from optid.core.readers import read_recording
+    from optid.errors import NotIdentifiable
     from optid.fit.batch import fit
     from optid.rigs.rigfile import read_rig
     from studies.independent_rig import Rig, Sensors, recording, simulate
@@ -63,7 +64,12 @@ def repeat(number: int, seconds: float, colour: float) -> Rows:
         table[["t", "u", "x", "r"]].to_csv(path, index=False)
         stated.write_text((ROOT / "data" / "bench.toml").read_text().replace("[fit]", f"[fit]\n{SHAPE}"))
         rig = read_rig(stated)
-        result = fit(rig, [read_recording(path, rig)])
+        try:
+            result = fit(rig, [read_recording(path, rig)])
+        except (
+            NotIdentifiable
+        ):  # this motion shows nothing of one parameter: the fit is refused, and said to be
+            return []
     return [
         {
             "repeat": number, "outcome": result.outcome.name, "parameter": e.name, "value": e.value,
