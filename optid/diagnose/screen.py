@@ -20,6 +20,7 @@ from optid.fit.scoring import Answer
 from optid.rigs.rigfile import with_effects
 
 SHARES = (0.3, 1.0)  # of an effect's usual size at which it is tried
+LOST = 30.0  # sd: a change beyond it is a model that lost track under held gains, and says nothing
 FARTHEST = 3.0  # the line from null through a branch's usual size is followed so far
 
 
@@ -118,6 +119,7 @@ def _best(answer: Answer, recordings: Sequence[Recording], effect: Effect, view:
         change = (e - view.base)[view.known] * view.scale * view.weight
         if not np.isfinite(change).all():
             continue
+        change[np.abs(change) > LOST] = 0.0
         d = view.projected(change)
         length = float(d @ d)
         if length < 1e-9:

@@ -1,8 +1,8 @@
 """Maximum likelihood by Fisher scoring on the filter's innovations: parameters and process noise together.
 
-An iteration filters once for every level of process noise and once for all parameters: their derivatives are taken
-with the gains held, as the prediction-error methods for the innovations form do (Ljung, System Identification,
-1999, section 9.4), which costs one plain simulation per parameter.
+The first iterations take the parameters' derivatives with the filter's gains held, as the prediction-error methods
+for the innovations form do (Ljung, System Identification, 1999, section 9.4): one plain simulation a parameter.
+Where that is not good enough, and for what is reported, every derivative is a difference of two filters.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ LEVELS = (math.log(1e-6), math.log(10.0))  # bounds of that log
 FIRST = math.log(0.1)
 ENOUGH = 0.5  # decrease of the score that ends the search
 TRIALS = 5  # of a step, with more and more damping
-EXACT = 3  # iterations on exact derivatives at the end
+KEPT = 0.5  # of what a step on cheap derivatives promised: less, and they are not trusted any more
 RESTARTS = 2  # from other levels of process noise
 SCAN = (-3.0, 0.0, 2.0)  # steps of a log level that are looked at
 
@@ -112,7 +112,7 @@ def maximise(
         p: start, (parameters,).
         levels: of the process noise to start from.
         iterations: at most.
-        polish: end with iterations on exact derivatives.
+        polish: end on exact derivatives, and look at other levels of process noise.
 
     Raises:
         SolveError: the model cannot be simulated at the start.
@@ -121,16 +121,14 @@ def maximise(
     here = _Place(q, np.clip(p, *_bounds(q, p)), noise)
     if not math.isfinite(here.score):
         raise SolveError("the simulation leaves the numbers at the start values; check them and their units")
-    here, used, settled = _descend(here, iterations, exact=False)
+    here, used, settled = _descend(here, iterations, polish)
     for _ in range(RESTARTS if polish else 0):
         other = _best_levels(here)
         if here.score - other.score < ENOUGH:
             break
-        here, more, settled = _descend(other, max(iterations - used, 4), exact=False)
+        here, more, settled = _descend(other, max(iterations - used, 4), polish)
         used += more
-    if polish:
-        here, _, settled = _descend(here, EXACT, exact=True)
-    _, information = here.expand(False)
+    _, information = here.expand(True)
     return Answer(q, here.p, here.noise, here.filtered, here.score, here.slopes, information, settled)
 
 
@@ -138,27 +136,38 @@ def quieted(answer: Answer, by: float) -> Answer:
     """The same parameters where the states may move less: log levels of process noise lower by `by`."""
     q = answer.question
     here = _Place(q, answer.p, replace(answer.noise, levels=np.maximum(answer.noise.levels - by, LEVELS[0])))
-    _, information = here.expand(False)
+    _, information = here.expand(True)
     return Answer(q, here.p, here.noise, here.filtered, here.score, here.slopes, information, answer.settled)
 
 
-def _descend(here: _Place, iterations: int, *, exact: bool) -> tuple[_Place, int, bool]:
-    """Levenberg-Marquardt until a step gains too little; the place, the iterations used, whether it settled."""
-    damping = 1e-3
+def _descend(here: _Place, iterations: int, polish: bool) -> tuple[_Place, int, bool]:
+    """Levenberg-Marquardt until a step gains too little; the place, the iterations used, whether it settled.
+
+    Derivatives with held gains are cheap, and useless where a model with held gains does not follow the data: after
+    the first step that keeps less than it promised, every derivative has a filter of its own.
+    """
+    damping, exact = 1e-3, False
     for number in range(iterations):
         gradient, information = here.expand(exact)
-        there: _Place | None = None
-        for _ in range(TRIALS):
-            trial = here.moved(_step(here, gradient, information, damping))
+        there, promised = None, 0.0
+        for _ in range(TRIALS if exact else 1):
+            step = _step(here, gradient, information, damping)
+            trial = here.moved(step)
             if trial.score < here.score:
-                there = trial
+                there, promised = trial, -float(step @ (2.0 * gradient + information @ step))
                 break
             damping = max(damping * 20.0, 1e-2)
         if there is None:
+            if exact:
+                return here, number + 1, True
+            damping, exact = 1e-3, True
+            continue
+        gain, here = here.score - there.score, there
+        if gain < ENOUGH and (exact or not polish):
             return here, number + 1, True
-        gain, here, damping = here.score - there.score, there, damping / 10.0
-        if gain < ENOUGH:
-            return here, number + 1, True
+        if gain < KEPT * promised or gain < ENOUGH:
+            exact = True
+        damping /= 10.0
     return here, iterations, False
 
 
@@ -215,6 +224,7 @@ class _Place:
         e, v = self.filtered.innovations[0], self.filtered.variances[0]
         if not exact:
             runs = run_steered(q.model, q.problem, np.vstack([self.p, P]), self.filtered.gains[0], range(nx))
+            runs[~np.isfinite(runs)] = np.nan  # a model with held gains may leave the numbers
             self.slopes = np.moveaxis((runs[1:] - runs[:1]) / nudges[:, None, None], 0, -1)
         levels = np.tile(self.noise.levels, (ng, 1)) + NUDGE_LEVEL * np.eye(ng)
         Q = [replace(self.noise, levels=one).spectrum(nx) for one in levels]
@@ -227,7 +237,9 @@ class _Place:
         other = run_filter(q.model, q.problem, sets, np.array(Q), R)
         de = np.moveaxis((other.innovations - e) / nudges[:, None, None], 0, -1)
         dv = np.moveaxis((np.log(other.variances) - np.log(v)) / nudges[:, None, None], 0, -1)
-        if not exact:
+        if exact:
+            self.slopes = de[..., :nf]
+        else:
             de = np.concatenate([self.slopes, de], axis=-1)
             dv = np.concatenate([np.zeros_like(self.slopes), dv], axis=-1)
         known = np.isfinite(e) & np.isfinite(de).all(axis=-1)
