@@ -24,6 +24,9 @@ from optid.errors import InputError
 from optid.fit.result import Estimate
 from optid.rigs.rigfile import Rig
 
+MUCH = 3.0  # windows' error over the noise that a named effect may leave when its law's form is not exact ...
+LEFT = 0.05  # ... unless it is less than this share of the squared error there was before
+FINE, HALF = 5e-5, 0.55
 VISIBLE = 5.0  # sd at which an effect of the smallest size worth a name would be found for sure
 
 
@@ -141,13 +144,19 @@ def diagnose(
     report(0.95, "intervals and residual tests")
     best_parameters = estimates(found.best.answer, last)
     base_parameters = best_parameters if found.best is base else estimates(base.answer, ())
-    findings = _findings(found, best_parameters, data, report)
-    verdict, best, extra = _judge(found, findings, data, report)
+    verdict, best = _verdict(found, data)
+    findings: tuple[Finding, ...] = ()
+    if verdict is Verdict.MISSING_PHYSICS:
+        findings = _findings(found, best_parameters, data, report)
+    elif verdict is Verdict.UNEXPLAINED:
+        report(0.97, "nothing explains it: locating the mismatch")
+        sites = locate(base, data)
+        findings = (_nameless(base, sites, data),) if sites else ()
     if best is not found.best:
         best_parameters = estimates(best.answer, ())
     residuals = residual_tests(best.judged, best.answer, data.holdout)
     diagnosis = Diagnosis(
-        verdict, "", base, best, base_parameters, best_parameters, (*findings, *extra), _rejected(found),
+        verdict, "", base, best, base_parameters, best_parameters, findings, _rejected(found, best),
         _not_testable(found, last, own), noise, residuals, found, data,
     )  # fmt: skip
     from optid.diagnose.words import summary
@@ -208,24 +217,33 @@ def _says(effect: Effect, best: Candidate) -> str:
     return effect.says.format(**{name: quantity(v, units[name]) for name, v in values.items()})
 
 
-def _judge(
-    found: Search, findings: tuple[Finding, ...], data: Data, report: Report
-) -> tuple[Verdict, Candidate, tuple[Finding, ...]]:
-    """The verdict, the improved model, and a finding without a name where something is left unexplained."""
-    if findings:
-        return Verdict.MISSING_PHYSICS, found.best, ()
-    wide = widened(found.base, data)
+def _verdict(found: Search, data: Data) -> tuple[Verdict, Candidate]:
+    """What the search amounts to, and the model that stands for it."""
+    base, best = found.base, found.best
+    if best.effects and not _unexplained(base, best, data):
+        return Verdict.MISSING_PHYSICS, best
+    wide = widened(base, data)
     if wide is not None:
-        gain = compare(found.base.judged, wide.judged, data.generator)
+        gain = compare(base.judged, wide.judged, data.generator)
         if gain.p_value < 0.01 and excess(wide.judged, data.noise) < EXCESS:
-            return Verdict.PARAMETERS, wide, ()
-    if excess(found.base.judged, data.noise) <= EXCESS:
-        return Verdict.CONSISTENT, found.base, ()
-    report(0.97, "nothing explains it: locating the mismatch")
-    sites = locate(found.base, data)
-    if not sites:
-        return Verdict.UNEXPLAINED, found.base, ()
-    return Verdict.UNEXPLAINED, found.base, (_nameless(found.base, sites, data),)
+            return Verdict.PARAMETERS, wide
+    if excess(base.judged, data.noise) <= EXCESS:
+        return Verdict.CONSISTENT, base
+    return Verdict.UNEXPLAINED, base
+
+
+def _unexplained(base: Candidate, best: Candidate, data: Data) -> bool:
+    """Much is left, and more than a law's form would leave: then a name would be a guess."""
+    left = excess(best.judged, data.noise)
+    before = excess(base.judged, data.noise)
+    spread = {
+        port.role: float(np.nanstd(base.judged.measured[:, j]))
+        for j, port in enumerate(base.rig.model.outputs)
+        if port.role in data.noise
+    }
+    # No model follows a sensor that is finer than this share of the motion; then only the share counts.
+    fine = all(data.noise[role] < FINE * spread[role] for role in spread)
+    return left > MUCH and (left**2 - 1.0) > (HALF if fine else LEFT) * (before**2 - 1.0)
 
 
 def _nameless(base: Candidate, sites: Sequence[Located], data: Data) -> Finding:
@@ -244,13 +262,17 @@ def _nameless(base: Candidate, sites: Sequence[Located], data: Data) -> Finding:
     return Finding(None, kind, first.site, (), where, shown, none, first.gain, 0.0, (), words, first)
 
 
-def _rejected(found: Search) -> tuple[tuple[str, str], ...]:
+def _rejected(found: Search, best: Candidate) -> tuple[tuple[str, str], ...]:
     """Every effect that was refitted and not kept, with the last reason."""
-    kept = {effect.name for effect in found.best.effects}
-    reasons: dict[str, str] = {}
+    kept = {effect.name for effect in best.effects}
+    reasons: dict[str, str] = {
+        effect.name: "explains a part, but leaves more than its law's form could"
+        for effect in found.best.effects
+        if effect.name not in kept
+    }
     for number, one in enumerate(found.rounds):
         for rival in one.rivals:
-            if rival.effect.name in kept:
+            if rival.effect.name in kept or rival is one.winner:
                 continue
             won = one.winner
             beaten = (

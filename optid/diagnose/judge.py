@@ -18,7 +18,7 @@ from optid.fit.scoring import Answer
 
 BLOCK = 0.5  # s: samples nearer than this are not counted as independent of each other
 RESAMPLES = 4000
-EXCESS = 1.1  # windows' error over the noise above which a mismatch matters
+EXCESS = 1.25  # windows' error over the noise above which a mismatch matters
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +105,7 @@ class Comparison:
         gain: fall of -2 log likelihood from `before` to `after`.
         p_value: of the hypothesis that the mean gain of a block is not positive (bootstrap of blocks).
         fit_gain: rise of the fit in percent points of the windows, of the first output.
-        error_gain: fall of the windows' root mean square error as a share, mean over outputs.
+        error_gain: fall of the windows' root mean square error as a share, of the output that gains most.
     """
 
     gain: float
@@ -128,5 +128,5 @@ def compare(before: Judged, after: Judged, generator: np.random.Generator) -> Co
         float(gains.sum()),
         (1 + below) / (1 + RESAMPLES),
         after.scores[roles[0]].fit_percent - before.scores[roles[0]].fit_percent,
-        1.0 - float(np.mean(ratio)),
+        1.0 - float(np.min(ratio)),
     )

@@ -26,6 +26,7 @@ from optid.rigs.rigfile import Rig, with_effects
 LEVEL = 0.01  # of false alarms on a rig that lacks nothing, for the whole catalogue together
 REFITS = 5  # candidates of a round
 DEEPEST = 3  # effects at most
+WORTH = 0.02  # share by which an effect must lower the windows' error on the hold-out: 4 % of its square
 QUIETER = 2.5  # log: how much less process noise the second look of a round allows
 NEAR = 0.5  # of the best gain: a refit below this share does not go on
 TINY = (
@@ -196,6 +197,8 @@ def _objection(
         return f"the refit leaves it at {100 * size:.0f} % of the smallest size worth a name"
     if against.p_value > LEVEL / max(tried, 1):
         return f"no gain on the recordings held out (p = {against.p_value:.2g})"
+    if against.error_gain < WORTH:
+        return f"held out, windows err by {100 * max(against.error_gain, 0):.1f} % less: too little to matter"
     return ""
 
 
