@@ -12,7 +12,6 @@ import enum
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -22,6 +21,7 @@ from optid.armax.regression import column_sizes, hannan_rissanen, least_squares,
 from optid.armax.signals import Mask, Signals, check_orders, signals, usable
 from optid.armax.stability import roots_inside, stabilise
 from optid.armax.structure import Orders
+from optid.core.compiling import kept
 from optid.core.model import Array
 from optid.errors import NotIdentifiable
 
@@ -63,7 +63,7 @@ class BatchFit:
     determined: bool
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kept(error_model="numpy", nogil=True)
 def _residuals(y, u, keep, theta, na, nbs, nks, nc, e, Psi):  # type: ignore[no-untyped-def]
     """Fill e (N,) and psi (N, n) of one record; both are zero where `keep` is false."""
     n = theta.size

@@ -10,12 +10,12 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-import numba
 import numpy as np
 from numpy.typing import ArrayLike
 
 from optid.armax.model import Armax
 from optid.armax.signals import signals
+from optid.core.compiling import kept
 from optid.core.model import Array
 from optid.errors import InputError, RecordingError
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kept(error_model="numpy", nogil=True)
 def _driven(u, taps, delays, t):  # type: ignore[no-untyped-def]
     """Sum of B_i u_i at time t."""
     total = 0.0
@@ -35,7 +35,7 @@ def _driven(u, taps, delays, t):  # type: ignore[no-untyped-def]
     return total
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kept(error_model="numpy", nogil=True)
 def _innovate(y, u, a, taps, delays, c, reach, e):  # type: ignore[no-untyped-def]
     """Residuals e of the one-step prediction; a missing output is replaced, in y, by its prediction."""
     drive = np.empty(y.size)
@@ -58,7 +58,7 @@ def _innovate(y, u, a, taps, delays, c, reach, e):  # type: ignore[no-untyped-de
     return drive
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kept(error_model="numpy", nogil=True)
 def _roll(y, e, drive, a, c, reach, steps, out):  # type: ignore[no-untyped-def]
     """Fill out[t] with the prediction of y(t) made at t - steps."""
     na, nc = a.size - 1, c.size - 1

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-import numba
 import numpy as np
 
 from optid.armax.signals import Mask, Signals, usable
 from optid.armax.structure import Orders
+from optid.core.compiling import kept
 from optid.core.model import Array
 
 BLOCK = 256  # rows
@@ -72,7 +72,7 @@ def triangle(tall: Array) -> Array:
     return R
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True, fastmath={"reassoc", "contract"})
+@kept(error_model="numpy", nogil=True, fastmath={"reassoc", "contract"})
 def _triangle(tall):  # type: ignore[no-untyped-def]
     """Block by block: the triangle so far lies above the next rows, and both are reflected together."""
     rows, n = tall.shape

@@ -1,6 +1,6 @@
 """Compiled loops over samples and windows, the same for every model.
 
-numba compiles this file once per installation. What differs between models, the equations and the step of the
+numba compiles this file once per version. What differs between models, the equations and the step of the
 integrator, is machine code made by `optid.core.compiled` from `optid.core.emit` and called here by its address.
 
 Integrator: an embedded Runge-Kutta pair, restarted at every sample because the held command jumps there, with
@@ -14,12 +14,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from llvmlite import ir
-from numba import njit, types
+from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
+from optid.core.compiling import kept
+
 # IEEE division instead of Python's check for zero, fused multiply-add allowed; NaN and infinity stay what they are.
-compiled = njit(nogil=True, cache=True, error_model="numpy", fastmath={"contract", "nsz", "arcp"})
+compiled = kept(nogil=True, error_model="numpy", fastmath={"contract", "nsz", "arcp"})
 
 STABLE = 2.5  # largest step times relaxation rate; the method's own limit on the real axis is 3.3
 SMALLEST = 1e-12  # of a hold: below this step the equations are singular, not stiff

@@ -6,10 +6,10 @@ import math
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-import numba
 import numpy as np
 
 from optid.core.compiled import compiled
+from optid.core.compiling import kept
 from optid.core.kernel import advance, at, call
 from optid.core.kernel import compiled as compiled_loop
 from optid.core.model import Array, Model
@@ -22,7 +22,7 @@ OUTLIER = 5.0  # sd of an innovation: one that is larger counts as one of this s
 HEED, MOST = 0.02, 1e8  # how fast the process noise follows innovations larger than expected, and how far
 
 Kernel = TypeVar("Kernel", bound=Callable[..., object])
-quick: Callable[[Kernel], Kernel] = numba.njit(cache=True)
+quick: Callable[[Kernel], Kernel] = kept()
 
 
 class Observer(Twin):

@@ -21,6 +21,8 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from optid.core.compiling import kept
+
 Array = NDArray[np.float64]
 
 # Settings. The first GAINS of them are what a tuning moves.
@@ -46,7 +48,7 @@ SLACK = 1e-9  # of a resolution step: a limit that stands on a step may miss it 
 
 Kernel = TypeVar("Kernel", bound=Callable[..., object])
 # No fused multiply-add: the exported C and structured text give the same bits.
-compiled: Callable[[Kernel], Kernel] = numba.njit(cache=True, error_model="numpy", nogil=True, _nrt=False)
+compiled: Callable[[Kernel], Kernel] = kept(error_model="numpy", nogil=True, _nrt=False)
 folded: Callable[[Kernel], Kernel] = numba.njit(error_model="numpy", nogil=True, _nrt=False, inline="always")
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TypeVar
 
-import numba
+from optid.core.compiling import kept
 
 Kernel = TypeVar("Kernel", bound=Callable[..., object])
 # No fused or reordered arithmetic: what is optimised is to the last bit what the exported controller computes.
-compiled: Callable[[Kernel], Kernel] = numba.njit(cache=True, error_model="numpy", nogil=True)
+compiled: Callable[[Kernel], Kernel] = kept(error_model="numpy", nogil=True)
