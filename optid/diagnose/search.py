@@ -32,6 +32,10 @@ NEAR = 0.5  # of the best gain: a refit below this share does not go on
 TINY = (
     0.25  # of the smallest size worth a name: what a screen or a first refit leaves below it is not followed
 )
+STUCK = {
+    "presliding_length": -1,
+    "presliding_shape": 1,
+}  # bounds at which friction at rest neither yields nor creeps
 QUICK = 8  # iterations of a first refit; the best then converge
 
 
@@ -89,9 +93,23 @@ Report = Callable[[float, str], None]
 
 
 def fit_base(rig: Rig, data: Data, report: Report) -> Candidate:
-    """The rig's own model at its likeliest parameters, from the file's values."""
+    """The rig's own model at its likeliest parameters, from the file's values.
+
+    How friction rests decides where a search goes, so there are two starts: a contact that yields, and one that
+    sticks (its length at its least, its shape abrupt).
+    """
     report(0.02, "fitting the base model")
-    return _settled((), rig, rig.model.vector(rig.parameters), None, data, rig.model)
+    question = question_of(rig, pose(rig.model, data.train, WHOLE), rig.model)
+    start = rig.model.vector(rig.parameters)
+    stuck = start.copy()
+    for k, i in enumerate(question.free):
+        name = rig.model.parameters[i].name
+        if name in STUCK:
+            stuck[i] = (question.low if STUCK[name] < 0 else question.high)[k]
+    starts = [start] if np.array_equal(start, stuck) else [start, stuck]
+    near = [maximise(question, p, iterations=QUICK, polish=False) for p in starts]
+    best = min(near, key=lambda answer: answer.score)
+    return _settled((), rig, best.p, best, data, rig.model)
 
 
 def widened(base: Candidate, data: Data) -> Candidate | None:

@@ -20,7 +20,12 @@ WINDOW = 0.25  # s between nodes; long against friction's microseconds, short ag
 SOLVER = 1e-6
 # Freed with the rest unless the rig file states them, with the sd of what is known before: friction at rest, and
 # the fraction of a sample that lies between a card's channels.
-NUISANCE = {"presliding_length": None, "friction_width": None, "sampling_skew": 2e-4}
+NUISANCE = {
+    "presliding_length": None,
+    "presliding_shape": None,
+    "friction_width": None,
+    "sampling_skew": 2e-4,
+}
 # Contacts that give by more than this before they slide are physics worth a name, not a nuisance; by less than the
 # least, no sensor sees it, and the equations at rest would only become stiff.
 LEAST, MOST = {"presliding_length": 2e-6}, {"presliding_length": 6e-5}

@@ -27,6 +27,7 @@ FIRST = math.log(0.1)
 ENOUGH = 0.5  # decrease of the score that ends the search
 TRIALS = 5  # of a step, with more and more damping
 KEPT = 0.5  # of what a step on cheap derivatives promised: less, and they are not trusted any more
+APPROACH = 10  # iterations at the first level of process noise
 RESTARTS = 2  # from other levels of process noise
 SCAN = (-3.0, 0.0, 2.0)  # steps of a log level that are looked at
 
@@ -110,7 +111,8 @@ def maximise(
     Args:
         q: the question.
         p: start, (parameters,).
-        levels: of the process noise to start from.
+        levels: of the process noise to start from; without them the parameters are first brought near at a
+            middling level, where wrong ones are not yet taken for noise.
         iterations: at most.
         polish: end on exact derivatives, and look at other levels of process noise.
 
@@ -121,6 +123,8 @@ def maximise(
     here = _Place(q, np.clip(p, *_bounds(q, p)), noise)
     if not math.isfinite(here.score):
         raise SolveError("the simulation leaves the numbers at the start values; check them and their units")
+    if levels is None:
+        here, _, _ = _descend(here, APPROACH, False, held=True)
     here, used, settled = _descend(here, iterations, polish)
     for _ in range(RESTARTS if polish else 0):
         other = _best_levels(here)
@@ -140,9 +144,10 @@ def quieted(answer: Answer, by: float) -> Answer:
     return Answer(q, here.p, here.noise, here.filtered, here.score, here.slopes, information, answer.settled)
 
 
-def _descend(here: _Place, iterations: int, polish: bool) -> tuple[_Place, int, bool]:
+def _descend(here: _Place, iterations: int, polish: bool, held: bool = False) -> tuple[_Place, int, bool]:
     """Levenberg-Marquardt until a step gains too little; the place, the iterations used, whether it settled.
 
+    `held` keeps the levels of process noise: the estimate is consistent at any (Ljung 1999, section 8.4).
     Derivatives with held gains are cheap, and useless where a model with held gains does not follow the data: after
     the first step that keeps less than it promised, every derivative has a filter of its own.
     """
@@ -151,7 +156,7 @@ def _descend(here: _Place, iterations: int, polish: bool) -> tuple[_Place, int, 
         gradient, information = here.expand(exact)
         there, promised = None, 0.0
         for _ in range(TRIALS if exact else 1):
-            step = _step(here, gradient, information, damping)
+            step = _step(here, gradient, information, damping, held)
             trial = here.moved(step)
             if trial.score < here.score:
                 there, promised = trial, -float(step @ (2.0 * gradient + information @ step))
@@ -254,11 +259,12 @@ class _Place:
         return gradient, information
 
 
-def _step(here: _Place, gradient: Array, information: Array, damping: float) -> Array:
+def _step(here: _Place, gradient: Array, information: Array, damping: float, levels_held: bool) -> Array:
     """The damped scoring step; parameters that would leave their bounds stay."""
     q, nf = here.q, len(here.q.free)
     theta = here.p[list(q.free)]
     held = np.zeros(len(gradient), dtype=bool)
+    held[nf:] = levels_held
     for _ in range(nf + 1):
         keep = ~held
         H = information[np.ix_(keep, keep)]

@@ -155,7 +155,7 @@ def test_references_have_their_length_and_reach(name):
 def test_the_recordings_in_data_are_those_of_the_script(tmp_path):
     make_recording.main(tmp_path)
     data = Path(make_recording.__file__).parents[1] / "data"
-    for name in make_recording.SECONDS:
+    for name in make_recording.RUNS:
         made, kept = (np.loadtxt(folder / name, delimiter=",", skiprows=1) for folder in (tmp_path, data))
         assert made == pytest.approx(
             kept, abs=3e-3
