@@ -1,0 +1,85 @@
+"""`optid diagnose` as a user calls it: files in, files out, a rig file that every other command accepts."""
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from tests.diagnose.trolley import recording, rig
+
+WIDTH = 0.2
+
+
+def optid(*arguments):
+    return subprocess.run(
+        [sys.executable, "-m", "optid.cli", *map(str, arguments)], capture_output=True, text=True, check=False
+    )
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("bench")
+    rig(folder)
+    for seed, name in ((1, "one.csv"), (2, "two.csv"), (3, "held.csv")):
+        made = recording(seed, name, lambda u: np.sign(u) * np.maximum(np.abs(u) - WIDTH, 0.0))
+        columns = [made.time, made["command"].values, made["position"].values]
+        np.savetxt(folder / name, np.column_stack(columns), delimiter=",", header="t,u,x", comments="")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def answered(bench):
+    out = bench / "out"
+    done = optid("diagnose", bench / "trolley.toml", bench / "one.csv", bench / "two.csv",
+                 "--holdout", bench / "held.csv", "--out", out)  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return out, done.stdout
+
+
+def test_it_writes_the_three_files_and_says_the_answer(answered):
+    out, said = answered
+    assert sorted(path.name for path in out.iterdir()) == ["diagnosis.json", "report.html", "rig.toml"]
+    document = json.loads((out / "diagnosis.json").read_text())
+    assert document["schema"] == "optid.diagnosis/1"
+    assert document["findings"][0]["effect"] == "dead_zone@drive.command"
+    assert document["summary"] in said
+
+
+def test_the_improved_rig_is_understood_and_predicts_to_the_noise(bench, answered):
+    out, _ = answered
+    for name, place in (("before", bench / "trolley.toml"), ("after", out / "rig.toml")):
+        done = optid("simulate", place, bench / "held.csv", "--out", bench / name)
+        assert done.returncode == 0, done.stderr
+    before, after = (
+        json.loads((bench / name / "metrics.json").read_text())["position"]["window"]["rmse"]
+        for name in ("before", "after")
+    )
+    assert after < 6.5e-4 < before  # the sensor's noise is 5e-4
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["nope.toml", "one.csv", "--holdout", "held.csv", "--out", "new"], "nope.toml"),
+        (["trolley.toml", "nope.csv", "--holdout", "held.csv", "--out", "new"], "nope.csv"),
+        (["trolley.toml", "one.csv", "--out", "new"], "--holdout"),
+        (["trolley.toml", "one.csv", "--holdout", "held.csv"], "--out"),
+        (
+            ["trolley.toml", "one.csv", "--holdout", "held.csv", "--effects", "nope.py", "--out", "new"],
+            "nope.py",
+        ),
+        (["trolley.toml", "one.csv", "--holdout", "held.csv", "--out", "."], "rig.toml"),
+    ],
+)
+def test_a_wrong_call_is_one_line_and_leaves_nothing(bench, arguments, said, monkeypatch):
+    monkeypatch.chdir(bench)
+    if arguments[-1] == ".":
+        (bench / "rig.toml").write_text((bench / "trolley.toml").read_text())
+        arguments = ["rig.toml", *arguments[1:]]
+    done = optid("diagnose", *arguments)
+    assert done.returncode == 2
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert said in done.stderr
+    assert not (bench / "new").exists()
