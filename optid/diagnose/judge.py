@@ -18,6 +18,7 @@ from optid.fit.scoring import Answer
 
 BLOCK = 0.5  # s: samples nearer than this are not counted as independent of each other
 RESAMPLES = 4000
+FIDELITY = 2e-4  # share of the motion that no model is expected to follow
 EXCESS = 1.25  # windows' error over the noise above which a mismatch matters
 
 
@@ -92,8 +93,15 @@ def _windows(answer: Answer, recordings: Sequence[Recording], whole: Problem, st
 
 
 def excess(judged: Judged, noise: Mapping[str, float]) -> float:
-    """The largest ratio of a window's error to the noise, over the channels."""
-    ratios = [s.rmse / noise[role] for role, s in judged.scores.items() if noise.get(role, 0.0) > 0.0]
+    """The largest ratio of a window's error to the noise, over the channels.
+
+    To the noise is added what no model of a rig gets right: `FIDELITY` of the channel's own spread.
+    """
+    ratios = []
+    for j, (role, score) in enumerate(judged.scores.items()):
+        floor = np.hypot(noise.get(role, 0.0), FIDELITY * float(np.nanstd(judged.measured[:, j])))
+        if floor > 0.0:
+            ratios.append(score.rmse / float(floor))
     return max(ratios, default=1.0)
 
 
