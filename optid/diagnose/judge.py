@@ -98,7 +98,8 @@ def excess(judged: Judged, noise: Mapping[str, float]) -> float:
     To the noise is added what no model of a rig gets right: `FIDELITY` of the channel's own spread.
     """
     ratios = []
-    for j, (role, score) in enumerate(judged.scores.items()):
+    measured = np.flatnonzero(np.isfinite(judged.measured).any(axis=0))
+    for j, (role, score) in zip(measured, judged.scores.items(), strict=True):
         floor = np.hypot(noise.get(role, 0.0), FIDELITY * float(np.nanstd(judged.measured[:, j])))
         if floor > 0.0:
             ratios.append(score.rmse / float(floor))
