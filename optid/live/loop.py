@@ -70,7 +70,9 @@ class Loop:
         low, high = limits.stroke
         scale = (high - low) / 4 if math.isfinite(high - low) else 1.0
         orders = Orders(choices.order, (choices.order,), choices.order, (1,))
-        self.identifier = Identifier(orders, settings.span, scales=(scale, (limits.high - limits.low) / 4))
+        scales = (scale, (limits.high - limits.low) / 4)
+        self.identifier = Identifier(orders, settings.span, scales=scales)
+        Identifier(orders, settings.span, scales=scales).step(0.0, 0.0)  # compile now: no sample waits for it
         self._dither, self._rng = choices.dither, np.random.default_rng(choices.seed)
         self._sign, self._hold = 0.0, max(1, round(DITHER_HOLD * settings.rate))
         self._time = self._position = self._asked = math.nan  # of the last sample; asked: its command
