@@ -72,7 +72,6 @@ class Loop:
         orders = Orders(choices.order, (choices.order,), choices.order, (1,))
         scales = (scale, (limits.high - limits.low) / 4)
         self.identifier = Identifier(orders, settings.span, scales=scales)
-        Identifier(orders, settings.span, scales=scales).step(0.0, 0.0)  # compile now: no sample waits for it
         self._dither, self._rng = choices.dither, np.random.default_rng(choices.seed)
         self._sign, self._hold = 0.0, max(1, round(DITHER_HOLD * settings.rate))
         self._time = self._position = self._asked = math.nan  # of the last sample; asked: its command
@@ -80,8 +79,14 @@ class Loop:
         self.measured = self.innovation = math.nan
         self._swings, self._before = Swings(settings.span, limits.high - limits.low), choices.gains
         self.taken_back: Gains | None = None
-        one_ahead(self.identifier.state)  # compile or load now
-        self.controller.step(0.0, 0.0)
+        # Compile or load now what a first sample calls: on a new machine each of these takes longer than a watchdog.
+        one_ahead(self.identifier.state)
+        Identifier(orders, settings.span, scales=scales).step(0.0, 0.0)
+        rehearsed = Controller(choices.gains, pid)
+        rehearsed.reset(0.0, 0.0, 0.0)
+        rehearsed.change(choices.gains)
+        rehearsed.restore(rehearsed.state)
+        rehearsed.step(0.0, 0.0)
 
     def step(self, sample: Sample) -> Reply:
         """One sample: its command, and what the models say of it."""
