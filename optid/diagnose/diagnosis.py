@@ -15,7 +15,17 @@ from optid.diagnose.judge import EXCESS, Comparison, compare, excess
 from optid.diagnose.residuals import Residuals, residual_tests
 from optid.diagnose.rivals import indistinguishable
 from optid.diagnose.screen import Signature, screen
-from optid.diagnose.search import Candidate, Data, Search, fit_base, own_values, refitted, search, widened
+from optid.diagnose.search import (
+    LEVEL,
+    Candidate,
+    Data,
+    Search,
+    fit_base,
+    own_values,
+    refitted,
+    search,
+    widened,
+)
 from optid.diagnose.uncertainty import estimates
 from optid.diagnose.where import Region, contribution, region, telling
 from optid.effects.effect import Effect
@@ -24,9 +34,9 @@ from optid.errors import InputError
 from optid.fit.result import Estimate
 from optid.rigs.rigfile import Rig
 
-MUCH = 3.0  # windows' error over the noise that a named effect may leave when its law's form is not exact ...
-LEFT = 0.05  # ... unless it is less than this share of the squared error there was before
-FINE, HALF = 5e-5, 0.55
+HALF = (
+    0.5  # of what an unknown signal gains on the hold-out, a name must gain (physics catalogue B.3, step 8)
+)
 VISIBLE = 5.0  # sd at which an effect of the smallest size worth a name would be found for sure
 
 
@@ -144,14 +154,12 @@ def diagnose(
     report(0.95, "intervals and residual tests")
     best_parameters = estimates(found.best.answer, last)
     base_parameters = best_parameters if found.best is base else estimates(base.answer, ())
-    verdict, best = _verdict(found, data)
+    verdict, best, sites = _verdict(found, data, report)
     findings: tuple[Finding, ...] = ()
     if verdict is Verdict.MISSING_PHYSICS:
         findings = _findings(found, best_parameters, data, report)
-    elif verdict is Verdict.UNEXPLAINED:
-        report(0.97, "nothing explains it: locating the mismatch")
-        sites = locate(base, data)
-        findings = (_nameless(base, sites, data),) if sites else ()
+    elif sites:
+        findings = (_nameless(base, sites, data),)
     if best is not found.best:
         best_parameters = estimates(best.answer, ())
     residuals = residual_tests(best.judged, best.answer, data.holdout)
@@ -217,33 +225,24 @@ def _says(effect: Effect, best: Candidate) -> str:
     return effect.says.format(**{name: quantity(v, units[name]) for name, v in values.items()})
 
 
-def _verdict(found: Search, data: Data) -> tuple[Verdict, Candidate]:
-    """What the search amounts to, and the model that stands for it."""
+def _verdict(found: Search, data: Data, report: Report) -> tuple[Verdict, Candidate, Sequence[Located]]:
+    """What the search amounts to, the model that stands for it, and the sites where something is left unexplained."""
     base, best = found.base, found.best
-    if best.effects and not _unexplained(base, best, data):
-        return Verdict.MISSING_PHYSICS, best
+    if best.effects and excess(best.judged, data.noise) <= EXCESS:
+        return Verdict.MISSING_PHYSICS, best, ()
     wide = widened(base, data)
-    if wide is not None:
+    if not best.effects and wide is not None:
         gain = compare(base.judged, wide.judged, data.generator)
-        if gain.p_value < 0.01 and excess(wide.judged, data.noise) < EXCESS:
-            return Verdict.PARAMETERS, wide
+        if gain.p_value < LEVEL and excess(wide.judged, data.noise) <= EXCESS:
+            return Verdict.PARAMETERS, wide, ()
     if excess(base.judged, data.noise) <= EXCESS:
-        return Verdict.CONSISTENT, base
-    return Verdict.UNEXPLAINED, base
-
-
-def _unexplained(base: Candidate, best: Candidate, data: Data) -> bool:
-    """Much is left, and more than a law's form would leave: then a name would be a guess."""
-    left = excess(best.judged, data.noise)
-    before = excess(base.judged, data.noise)
-    spread = {
-        port.role: float(np.nanstd(base.judged.measured[:, j]))
-        for j, port in enumerate(base.rig.model.outputs)
-        if port.role in data.noise
-    }
-    # No model follows a sensor that is finer than this share of the motion; then only the share counts.
-    fine = all(data.noise[role] < FINE * spread[role] for role in spread)
-    return left > MUCH and (left**2 - 1.0) > (HALF if fine else LEFT) * (before**2 - 1.0)
+        return (Verdict.MISSING_PHYSICS, best, ()) if best.effects else (Verdict.CONSISTENT, base, ())
+    report(0.94, "locating the mismatch with an unknown signal")
+    sites = locate(base, data)
+    unknown = max((base.judged.total - one.judged.total for one in sites), default=0.0)
+    if best.effects and base.judged.total - best.judged.total >= HALF * unknown:
+        return Verdict.MISSING_PHYSICS, best, ()
+    return Verdict.UNEXPLAINED, base, sites
 
 
 def _nameless(base: Candidate, sites: Sequence[Located], data: Data) -> Finding:
@@ -266,7 +265,7 @@ def _rejected(found: Search, best: Candidate) -> tuple[tuple[str, str], ...]:
     """Every effect that was refitted and not kept, with the last reason."""
     kept = {effect.name for effect in best.effects}
     reasons: dict[str, str] = {
-        effect.name: "explains a part, but leaves more than its law's form could"
+        effect.name: "gains less than half of what an unknown signal gains on the hold-out"
         for effect in found.best.effects
         if effect.name not in kept
     }

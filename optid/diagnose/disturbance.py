@@ -14,6 +14,7 @@ import numpy as np
 
 from optid.core.model import Array, Model
 from optid.core.sheet import Sheet
+from optid.diagnose.judge import Judged, judge
 from optid.diagnose.search import Candidate, Data
 from optid.effects.effect import Effect
 from optid.fit.likelihood import WHOLE, noisy_states, run_steered
@@ -58,12 +59,14 @@ class Located:
         gain: fall of -2 log likelihood against the states' own noise alone.
         signal: estimated from the past at each sample, in the site's own unit, (samples,).
         answer: the fit with the signal.
+        judged: that fit on the hold-out.
     """
 
     site: str
     gain: float
     signal: Array
     answer: Answer
+    judged: Judged
 
 
 def locate(candidate: Candidate, data: Data) -> list[Located]:
@@ -99,7 +102,8 @@ def _at(candidate: Candidate, data: Data, site: str) -> Located | None:
     levels = np.r_[candidate.answer.noise.levels + QUIETER, 0.0]
     answer = maximise(question, p, levels, iterations=8, polish=False)
     signal = answer.filtered.states[0][:, index]
-    return Located(site, candidate.answer.score - answer.score, signal, answer)
+    gain = candidate.answer.score - answer.score
+    return Located(site, gain, signal, answer, judge(answer, data.holdout))
 
 
 def _scale(candidate: Candidate, data: Data, site: str) -> float | None:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from optid.core.model import Array
+from optid.core.model import Array, Model
 from optid.core.recording import Recording
 from optid.core.simulation import simulate
 from optid.fit.likelihood import WHOLE, deviance, run_filter
@@ -18,8 +19,10 @@ from optid.fit.scoring import Answer
 
 BLOCK = 0.5  # s: samples nearer than this are not counted as independent of each other
 RESAMPLES = 4000
-FIDELITY = 2e-4  # share of the motion that no model is expected to follow
-EXCESS = 1.25  # windows' error over the noise above which a mismatch matters
+EXCESS = 1.2  # windows' error over the noise up to which a model counts as good to the noise
+NUMERICAL = (
+    "numerical"  # how the source of a parameter begins that is a setting of the equations, not physics
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +37,8 @@ class Judged:
         measured: what was recorded, (samples, outputs).
         time: of each sample in its recording, s; `recording` says which one.
         scores: of the windows, by role.
+        imperfection: change of the windows where a numerical setting is halved or doubled, by role, SI: what the
+            model's own smoothing leaves open.
     """
 
     deviance: Array
@@ -44,6 +49,7 @@ class Judged:
     time: Array
     recording: Integers
     scores: Mapping[str, Score]
+    imperfection: Mapping[str, float]
 
     @property
     def total(self) -> float:
@@ -54,10 +60,15 @@ class Judged:
 def judge(answer: Answer, recordings: Sequence[Recording]) -> Judged:
     """Filter held-out recordings with a fitted model's parameters and process noise."""
     model = answer.question.model
-    problem = pose(model, recordings, WHOLE)
-    Q = answer.noise.spectrum(len(model.states))[None]
-    f = run_filter(model, problem, answer.p[None], Q, answer.noise.measurement[None], keep=True)
-    windows = _windows(answer, recordings, problem, f.states[0])
+    problem, cut = pose(model, recordings, WHOLE), pose(model, recordings, HORIZON)
+    P = _settings(answer)
+    Q = np.tile(answer.noise.spectrum(len(model.states)), (len(P), 1))
+    f = run_filter(model, problem, P, Q, np.tile(answer.noise.measurement, (len(P), 1)), keep=True)
+    windows, *others = (_windows(model, p, problem, cut, X) for p, X in zip(P, f.states, strict=True))
+    imperfection = {
+        port.role: max((_rms(other[:, j] - windows[:, j]) for other in others), default=0.0)
+        for j, port in enumerate(model.outputs)
+    }
     scores = {
         port.role: Score.of(problem.measured[:, j], windows[:, j], port.unit)
         for j, port in enumerate(model.outputs)
@@ -69,13 +80,27 @@ def judge(answer: Answer, recordings: Sequence[Recording]) -> Judged:
     )[1].ravel()
     z = f.innovations[0] / np.sqrt(f.variances[0])
     each = deviance(f.innovations[0], f.variances[0])
-    return Judged(each, blocks, windows, z, problem.measured, problem.time, owner, scores)
+    return Judged(each, blocks, windows, z, problem.measured, problem.time, owner, scores, imperfection)
 
 
-def _windows(answer: Answer, recordings: Sequence[Recording], whole: Problem, states: Array) -> Array:
+def _settings(answer: Answer) -> Array:
+    """The fitted parameters, and then with each numerical setting that is not fitted halved and doubled."""
+    sets = [answer.p]
+    for i, parameter in enumerate(answer.question.model.parameters):
+        if parameter.source.startswith(NUMERICAL) and i not in answer.question.free:
+            for factor in (0.5, 2.0):
+                sets.append(answer.p.copy())
+                sets[-1][i] = np.clip(factor * answer.p[i], *parameter.bounds)
+    return np.array(sets)
+
+
+def _rms(values: Array) -> float:
+    known = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(known**2))) if len(known) else 0.0
+
+
+def _windows(model: Model, p: Array, whole: Problem, cut: Problem, states: Array) -> Array:
     """Predictions over windows of the contract's length from what the filter knew before each of them."""
-    model = answer.question.model
-    cut = pose(model, recordings, HORIZON)
     out = np.full_like(whole.measured, np.nan)
     heads = set(whole.begins.tolist())
     picked = np.array([w for w, begin in enumerate(cut.begins) if begin not in heads], dtype=int)
@@ -84,7 +109,7 @@ def _windows(answer: Answer, recordings: Sequence[Recording], whole: Problem, st
     starts = cut.begins[picked]
     longest = int(cut.counts[picked].max())
     run = simulate(
-        model, answer.p, states[starts], cut.dt, cut.inputs, first=starts, intervals=longest, tolerance=1e-6
+        model, p, states[starts], cut.dt, cut.inputs, first=starts, intervals=longest, tolerance=1e-6
     )
     for row, w in enumerate(picked):
         last = cut.counts[w] + (1 if cut.closed[w] else 0)
@@ -93,16 +118,12 @@ def _windows(answer: Answer, recordings: Sequence[Recording], whole: Problem, st
 
 
 def excess(judged: Judged, noise: Mapping[str, float]) -> float:
-    """The largest ratio of a window's error to the noise, over the channels.
-
-    To the noise is added what no model of a rig gets right: `FIDELITY` of the channel's own spread.
-    """
+    """The largest ratio of a window's error to noise and numerical imperfection together, over the channels."""
     ratios = []
-    measured = np.flatnonzero(np.isfinite(judged.measured).any(axis=0))
-    for j, (role, score) in zip(measured, judged.scores.items(), strict=True):
-        floor = np.hypot(noise.get(role, 0.0), FIDELITY * float(np.nanstd(judged.measured[:, j])))
+    for role, score in judged.scores.items():
+        floor = math.hypot(noise.get(role, 0.0), judged.imperfection[role])
         if floor > 0.0:
-            ratios.append(score.rmse / float(floor))
+            ratios.append(score.rmse / floor)
     return max(ratios, default=1.0)
 
 

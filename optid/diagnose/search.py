@@ -26,7 +26,7 @@ from optid.rigs.rigfile import Rig, with_effects
 LEVEL = 0.01  # of false alarms on a rig that lacks nothing, for the whole catalogue together
 REFITS = 5  # candidates of a round
 DEEPEST = 3  # effects at most
-WORTH = 0.02  # share by which an effect must lower the windows' error on the hold-out: 4 % of its square
+WORTH = 0.04  # share by which an effect must lower the windows' error on the hold-out (physics catalogue B.3, step 5)
 QUIETER = 2.5  # log: how much less process noise the second look of a round allows
 NEAR = 0.5  # of the best gain: a refit below this share does not go on
 TINY = (

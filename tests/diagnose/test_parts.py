@@ -16,7 +16,7 @@ def judged(deviance, rmse):
     nothing = np.zeros((n, 1))
     return Judged(
         deviance, blocks, nothing, nothing, nothing, np.arange(n) / 100, np.zeros(n, dtype=int),
-        {"position": Score(90.0, rmse, "m")},
+        {"position": Score(90.0, rmse, "m")}, {"position": 0.0},
     )  # fmt: skip
 
 

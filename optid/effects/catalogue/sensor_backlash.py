@@ -25,7 +25,7 @@ class SensorBacklash(Effect):
     sites = ("sensor.position",)
     equation = "output"
     parameters = (PLAY,)
-    strength = {"play": 2e-5}
+    strength = {"play": 1e-5}
     usual = ({"play": 5e-5}, {"play": 2e-4})
     law = "the sensor trails the axis by the play, and stands still while a reversal takes it up"
     says = "the position sensor has a play of {play} to either side"
