@@ -66,6 +66,12 @@ def compiled_runs(model: Model) -> Compiled:
     return _bound(*source_of_runs(model), len(model.states))
 
 
+@lru_cache(maxsize=128)
+def compiled_lanes(model: Model) -> Compiled:
+    """As `compiled_runs`, for the filter and its kin, which move several states at once."""
+    return _bound(*source_of_runs(model, lanes=True), len(model.states))
+
+
 def _bound(text: str, hoisted: int, directions: int) -> Compiled:
     engine = machine_code(text)
     names = (name for name in kernel.Code._fields if name != "hoisted")

@@ -81,10 +81,10 @@ def source(model: Model, free: Sequence[int]) -> tuple[str, int]:
     return writer.finish(), max(len(writer.slots), 1)
 
 
-def source_of_runs(model: Model) -> tuple[str, int]:
+def source_of_runs(model: Model, lanes: bool = False) -> tuple[str, int]:
     """A model without slopes, in a fraction of the time to compile: LLVM code, length of c.
 
-    As of `source` ``constants``, ``rates``, ``step`` and ``sensors``, and besides:
+    As of `source` ``constants``, ``rates``, ``step`` and ``sensors``; with `lanes` instead of rates and step:
 
     - ``many_rates`` and ``many_step``: for `LANES` states at once. x, u, c and k are rows of `LANES` numbers; the
       largest error of all counts.
@@ -93,13 +93,17 @@ def source_of_runs(model: Model) -> tuple[str, int]:
     x = ca.SX.sym("x", len(model.states))
     u = ca.SX.sym("u", len(model.inputs))
     p = ca.SX.sym("p", len(model.parameters))
-    for function, name in ((model.rates, "rates"), (model.sensors, "sensors")):
-        plain = ca.Function(name, [x, u, p], [ca.cse(ca.densify(function(x, u, p)))])
-        writer.rates(plain, None)
-        if name == "rates":
-            writer.rates(plain, None, "many_rates", SEVERAL)
-    writer.step("step", "rates", False)
-    writer.step("many_step", "many_rates", False, SEVERAL)
+    rates, sensors = (
+        ca.Function(name, [x, u, p], [ca.cse(ca.densify(function(x, u, p)))])
+        for function, name in ((model.rates, "rates"), (model.sensors, "sensors"))
+    )
+    writer.rates(sensors, None)
+    if lanes:
+        writer.rates(rates, None, "many_rates", SEVERAL)
+        writer.step("many_step", "many_rates", False, SEVERAL)
+    else:
+        writer.rates(rates, None)
+        writer.step("step", "rates", False)
     return writer.finish(), max(len(writer.slots), 1)
 
 

@@ -202,33 +202,65 @@ def steered(
 ):  # fmt: skip
     """Innovations with the gains of another filter run: x moves by the model and by K (y - h(x)).
 
+    Run r takes `LANES` parameter sets from of_set[r] on over segment of_segment[r]. Where they cannot go on together,
+    one of them has left the numbers: then each runs alone.
+
     Args:
         K: gains of the plain model's filter, (samples, outputs, plain states).
         common: index of each plain state among the model's own.
         E: receives innovations, (sets, samples, outputs); infinite after a failure.
     Others as for `filtered`.
     """
-    nx, ny = M0.shape[1], Y.shape[1]
-    c, k, x, y = np.empty(code.hoisted), np.empty(nx + 1), np.empty(nx), np.empty(ny + 1)
-    here, none = at(x, 0), at(k, 0)
+    nx, sets = M0.shape[1], np.empty(LANES, dtype=np.int64)
+    c, cs = np.empty((LANES, code.hoisted)), np.empty((code.hoisted, LANES))
+    us = np.empty((U.shape[1] + 1, LANES))
+    xs, ks, x, y = np.empty((nx, LANES)), np.empty((nx + 1) * LANES), np.empty(nx), np.empty(Y.shape[1] + 1)
+    room = (c, cs, us, xs, ks, x, y)
     for r in range(first, last):
-        s, g = of_set[r], of_segment[r]
-        call(code.constants, (at(P, s * P.shape[1]), at(c, 0)))
-        x[:] = M0[s]
-        h = dt[starts[g]]
-        stop = starts[g] + counts[g]
-        for n in range(starts[g], stop + 1):
-            u = at(U, n * U.shape[1])
-            for o in range(ny):
+        begin, count = starts[of_segment[r]], counts[of_segment[r]]
+        for lane in range(LANES):
+            sets[lane] = min(of_set[r] + lane, len(P) - 1)
+        if not _steered(code, sets, begin, count, M0, P, K, common, dt, U, Y, tolerance, E, room):
+            for s in range(of_set[r], min(of_set[r] + LANES, len(P))):
+                sets[:] = s
+                _steered(code, sets, begin, count, M0, P, K, common, dt, U, Y, tolerance, E, room)
+
+
+@compiled
+def _steered(code, sets, begin, count, M0, P, K, common, dt, U, Y, tolerance, E, room):
+    c, cs, us, xs, ks, x, y = room
+    nx, none = len(x), at(ks, 0)
+    for lane in range(LANES):
+        call(code.constants, (at(P, sets[lane] * P.shape[1]), at(c, lane * c.shape[1])))
+        for i in range(c.shape[1]):
+            cs[i, lane] = c[lane, i]
+        for i in range(nx):
+            xs[i, lane] = M0[sets[lane], i]
+    h = dt[begin]
+    for n in range(begin, begin + count + 1):
+        u = at(U, n * U.shape[1])
+        for o in range(Y.shape[1]):
+            seen = Y[n, o] == Y[n, o]
+            for lane in range(LANES):
+                s = sets[lane]
                 E[s, n, o] = np.nan
-                if Y[n, o] == Y[n, o]:
-                    call(code.sensors, (here, none, u, at(c, 0), at(y, 0), none))
+                if seen:
+                    for i in range(nx):
+                        x[i] = xs[i, lane]
+                    call(code.sensors, (at(x, 0), none, u, at(c, lane * c.shape[1]), at(y, 0), none))
                     E[s, n, o] = Y[n, o] - y[o]
                     for i in range(len(common)):
-                        x[common[i]] += K[n, o, i] * E[s, n, o]
-            if n == stop:
-                break
-            h = advance(code.rates, code.step, here, none, u, at(c, 0), k, none, at(tolerance, 0), dt[n], h)
-            if h < 0.0:
-                E[s, n + 1 : stop + 1] = np.inf
-                break
+                        xs[common[i], lane] += K[n, o, i] * E[s, n, o]
+        if n == begin + count:
+            break
+        for i in range(U.shape[1]):
+            us[i] = U[n, i]
+        h = advance(
+            code.many_rates, code.many_step, at(xs, 0), none, at(us, 0), at(cs, 0), ks, none,
+            at(tolerance, 0), dt[n], h,
+        )  # fmt: skip
+        if h < 0.0:
+            for lane in range(LANES):
+                E[sets[lane], n + 1 : begin + count + 1] = np.inf
+            return False
+    return True

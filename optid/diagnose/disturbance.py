@@ -100,7 +100,7 @@ def _at(candidate: Candidate, data: Data, site: str) -> Located | None:
     p = model.vector(rig.parameters)
     p[[model.index(parameter.name) for parameter in plain.parameters]] = candidate.answer.p
     levels = np.r_[candidate.answer.noise.levels + QUIETER, 0.0]
-    answer = maximise(question, p, levels, iterations=8, polish=False)
+    answer = maximise(question, p, levels, iterations=8, polish=False, near=candidate.answer)
     signal = answer.filtered.states[0][:, index]
     gain = candidate.answer.score - answer.score
     return Located(site, gain, signal, answer, judge(answer, data.holdout))

@@ -70,11 +70,12 @@ class View:
         f, q = answer.filtered, answer.question
         e, v = f.innovations[0], f.variances[0]
         own = run_steered(q.model, q.problem, answer.p[None], f.gains[0], range(len(q.model.states)))[0]
-        known = np.isfinite(e) & np.isfinite(own) & np.isfinite(answer.slopes).all(axis=-1)
+        slopes = answer.slopes.innovations[..., : len(q.free)]
+        known = np.isfinite(e) & np.isfinite(own) & np.isfinite(slopes).all(axis=-1)
         scale = 1.0 / np.sqrt(v[known])
         z = e[known] * scale
         weight = np.sqrt(np.minimum(1.0, FAR / np.maximum(np.abs(z), 1e-12)))
-        J = answer.slopes[known] * (scale * weight)[:, None]
+        J = slopes[known] * (scale * weight)[:, None]
         size = np.linalg.norm(J, axis=0)
         unit = J[:, size > 0] / size[size > 0]
         basis = np.linalg.svd(unit, full_matrices=False)[0] if unit.size else np.zeros((len(z), 0))

@@ -20,7 +20,7 @@ from optid.effects.effect import Effect
 from optid.effects.library import admitted
 from optid.fit.likelihood import WHOLE
 from optid.fit.problem import pose
-from optid.fit.scoring import Answer, maximise, question_of, quieted
+from optid.fit.scoring import Answer, approach, maximise, question_of, quieted
 from optid.rigs.rigfile import Rig, with_effects
 
 LEVEL = 0.01  # of false alarms on a rig that lacks nothing, for the whole catalogue together
@@ -28,6 +28,7 @@ REFITS = 5  # candidates of a round
 DEEPEST = 3  # effects at most
 WORTH = 0.04  # share by which an effect must lower the windows' error on the hold-out (physics catalogue B.3, step 5)
 QUIETER = 2.5  # log: how much less process noise the second look of a round allows
+SAME = 0.1  # of typical sizes: friction at rest that near is the same
 NEAR = 0.5  # of the best gain: a refit below this share does not go on
 TINY = (
     0.25  # of the smallest size worth a name: what a screen or a first refit leaves below it is not followed
@@ -107,9 +108,21 @@ def fit_base(rig: Rig, data: Data, report: Report) -> Candidate:
         if name in STUCK:
             stuck[i] = (question.low if STUCK[name] < 0 else question.high)[k]
     starts = [start] if np.array_equal(start, stuck) else [start, stuck]
-    near = [maximise(question, p, iterations=QUICK, polish=False) for p in starts]
+    near = [approach(question, p) for p in starts]
+    if len(near) > 1 and not _alike(*near):  # the level of process noise may yet turn the choice
+        near = [
+            maximise(one.question, one.p, one.noise.levels, iterations=QUICK, polish=False, near=one)
+            for one in near
+        ]
     best = min(near, key=lambda answer: answer.score)
     return _settled((), rig, best.p, best, data, rig.model)
+
+
+def _alike(one: Answer, other: Answer) -> bool:
+    """Friction rests in the same way at the ends of two searches."""
+    names = [one.question.model.parameters[i].name for i in one.question.free]
+    apart = (np.abs(one.p - other.p)[list(one.question.free)] / one.question.typical).tolist()
+    return all(gap < SAME for name, gap in zip(names, apart, strict=True) if name in STUCK)
 
 
 def widened(base: Candidate, data: Data) -> Candidate | None:
@@ -177,7 +190,7 @@ def _refit(
         near = current.answer.score - answer.score > NEAR * (current.answer.score - tried[0][2].score)
         if place < 2 and near and _size(effect, rig, answer) > TINY:
             report(share, f"refitting with {effect.name}")
-            answer = maximise(answer.question, answer.p, answer.noise.levels)
+            answer = maximise(answer.question, answer.p, answer.noise.levels, near=answer)
         candidate = Candidate((*current.effects, effect), rig, answer, judge(answer, data.holdout))
         gain = current.answer.score - answer.score
         against = compare(current.judged, candidate.judged, data.generator)
@@ -200,7 +213,8 @@ def _attempt(current: Candidate, signature: Signature, rig: Rig, data: Data, pla
         low, high = model.parameters[model.index(name)].bounds
         p[model.index(name)] = min(max(value, low), high)
     question = question_of(rig, pose(model, data.train, WHOLE), plain)
-    return maximise(question, p, current.answer.noise.levels, iterations=QUICK, polish=False)
+    levels = current.answer.noise.levels
+    return maximise(question, p, levels, iterations=QUICK, polish=False, near=current.answer)
 
 
 def _objection(
@@ -278,5 +292,5 @@ def _settled(
     effects: tuple[Effect, ...], rig: Rig, p: np.ndarray, near: Answer | None, data: Data, plain: Model
 ) -> Candidate:
     question = question_of(rig, pose(rig.model, data.train, WHOLE), plain)
-    answer = maximise(question, p, None if near is None else near.noise.levels)
+    answer = maximise(question, p, None if near is None else near.noise.levels, near=near)
     return Candidate(effects, rig, answer, judge(answer, data.holdout))

@@ -14,8 +14,9 @@ import casadi as ca
 import numpy as np
 
 from optid.core import filter as kernel
-from optid.core.compiled import compiled_runs, spread
+from optid.core.compiled import compiled_lanes, spread
 from optid.core.model import Array, Model
+from optid.core.rows import LANES
 from optid.fit.problem import Problem
 
 TOLERANCE = 1e-5  # local error of the integration as a share of each state's usual size
@@ -101,7 +102,7 @@ def run_filter(
     X = np.zeros((sets, N, nx) if keep else (1, 1, 1))
     K = np.zeros((sets, N, ny, nx) if keep else (1, 1, 1, 1))
     of_set, of_segment = (np.ascontiguousarray(a) for a in _runs(sets, segments))
-    code = compiled_runs(model).code
+    code = compiled_lanes(model).code
     given = (of_set, of_segment, problem.begins, problem.counts, M0, S0, P, Q, R, problem.dt, problem.inputs)
     sizes = TOLERANCE * model.scales
     spread(
@@ -137,22 +138,11 @@ def run_steered(
     if nudge is not None:
         M0[:, nudge[0]] += nudge[1]
     E = np.full((sets, len(problem.time), len(model.outputs)), np.nan)
-    of_set, of_segment = _runs(sets, segments)
-    code, places = compiled_runs(model).code, np.array(common, dtype=np.int64)
-    given = (
-        of_set,
-        of_segment,
-        problem.begins,
-        problem.counts,
-        M0,
-        P,
-        gains,
-        places,
-        problem.dt,
-        problem.inputs,
-    )
-    sizes = TOLERANCE * model.scales
-    spread(sets * segments, lambda a, b: kernel.steered(code, a, b, *given, problem.measured, sizes, E))
+    first_set, of_segment = _runs(-(-sets // LANES), segments)
+    code, places = compiled_lanes(model).code, np.array(common, dtype=np.int64)
+    given = (LANES * first_set, of_segment, problem.begins, problem.counts, M0, P, gains, places)
+    data = (problem.dt, problem.inputs, problem.measured, TOLERANCE * model.scales, E)
+    spread(len(first_set), lambda a, b: kernel.steered(code, a, b, *given, *data))
     return E
 
 

@@ -1,32 +1,34 @@
 """Maximum likelihood by Fisher scoring on the filter's innovations: parameters and process noise together.
 
-The first iterations take the parameters' derivatives with the filter's gains held, as the prediction-error methods
-for the innovations form do (Ljung, System Identification, 1999, section 9.4): one plain simulation a parameter.
-Where that is not good enough, and for what is reported, every derivative is a difference of two filters.
+Derivatives are differences of whole filters, one per parameter and level, and so dear. Once taken they are carried
+along by Broyden's update (Mathematics of Computation 19, 1965), which costs nothing because every step shows how the
+innovations moved; they are taken anew where a step keeps less than it promised, and before a search may end.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from optid.core.model import Array, Model
 from optid.errors import SolveError
-from optid.fit.likelihood import FAR, Filtered, Noise, deviance, noisy_states, run_filter, run_steered
+from optid.fit.likelihood import FAR, Filtered, Noise, deviance, noisy_states, run_filter
 from optid.fit.objective import freed_with_rest, objective_of
 from optid.fit.problem import Problem
 from optid.rigs.rigfile import Rig
 
 NUDGE = 1e-3  # of a parameter's typical size: the difference quotient of its innovations
 NUDGE_LEVEL = 0.1  # of the log of process noise
-LEVELS = (math.log(1e-6), math.log(10.0))  # bounds of that log
+LEVELS = (math.log(1e-5), math.log(10.0))  # bounds of that log
 FIRST = math.log(0.1)
-ENOUGH = 0.5  # decrease of the score that ends the search
-TRIALS = 5  # of a step, with more and more damping
-KEPT = 0.5  # of what a step on cheap derivatives promised: less, and they are not trusted any more
+ENOUGH = 1.0  # decrease of the score that ends the search, by a step on derivatives taken where it starts
+NEARBY, ROUGH = 2e-3, 2e-2  # of the whole decrease: ends an approach, and a search that only ranks
+TRIALS = (2, 5)  # of a step on carried and on fresh derivatives, with more and more damping
+KEPT = 0.25  # of what a step promised: less, and carried derivatives are taken anew
 APPROACH = 10  # iterations at the first level of process noise
 RESTARTS = 2  # from other levels of process noise
 SCAN = (-3.0, 0.0, 2.0)  # steps of a log level that are looked at
@@ -62,6 +64,19 @@ class Question:
 
 
 @dataclass(frozen=True, eq=False)
+class Slopes:
+    """Derivatives by free parameters in typical sizes and then by log levels, (samples, outputs, free + levels).
+
+    Attributes:
+        innovations: of the innovations.
+        variances: of the log of their variances.
+    """
+
+    innovations: Array
+    variances: Array
+
+
+@dataclass(frozen=True, eq=False)
 class Answer:
     """The likeliest parameters and process noise.
 
@@ -70,9 +85,9 @@ class Answer:
         noise: with the estimated levels.
         filtered: innovations, variances, states and gains there, sets = 1.
         score: -2 log likelihood with the priors, up to a constant of the data.
-        slopes: derivatives of the innovations by the free parameters' typical sizes, (samples, outputs, free).
+        slopes: of innovations and their variances.
         information: Fisher's, of free parameters in typical sizes and then of levels.
-        settled: the iteration converged.
+        settled: the iteration converged, on derivatives taken where it ended.
     """
 
     question: Question
@@ -80,7 +95,7 @@ class Answer:
     noise: Noise
     filtered: Filtered
     score: float
-    slopes: Array
+    slopes: Slopes
     information: Array
     settled: bool
 
@@ -104,76 +119,119 @@ def _measurement(weight: Array) -> Array:
 
 
 def maximise(
-    q: Question, p: Array, levels: Array | None = None, *, iterations: int = 30, polish: bool = True
+    q: Question,
+    p: Array,
+    levels: Array | None = None,
+    *,
+    iterations: int = 30,
+    polish: bool = True,
+    near: Answer | None = None,
 ) -> Answer:
     """From a start to the likeliest parameters and levels of process noise.
 
     Args:
         q: the question.
         p: start, (parameters,).
-        levels: of the process noise to start from; without them the parameters are first brought near at a
-            middling level, where wrong ones are not yet taken for noise.
+        levels: of the process noise to start from; without them the parameters are brought near at a middling
+            level, where wrong ones are not yet taken for noise, see `approach`.
         iterations: at most.
-        polish: end on exact derivatives, and look at other levels of process noise.
+        polish: end on derivatives taken there, and look at other levels of process noise.
+        near: an answer of a like model on the same recordings; its derivatives are a start.
 
     Raises:
         SolveError: the model cannot be simulated at the start.
     """
-    noise = Noise(q.measurement, q.groups, np.full(len(q.groups), FIRST) if levels is None else levels)
-    here = _Place(q, np.clip(p, *_bounds(q, p)), noise)
-    if not math.isfinite(here.score):
-        raise SolveError("the simulation leaves the numbers at the start values; check them and their units")
+    here = _start(q, p, np.full(len(q.groups), FIRST) if levels is None else levels)
     if levels is None:
-        here, _, _ = _descend(here, APPROACH, False, held=True)
-    here, used, settled = _descend(here, iterations, polish)
-    for _ in range(RESTARTS if polish else 0):
+        here, _, _ = _descend(here, APPROACH, NEARBY, held=True)
+    here.begin(near)
+    if not polish:
+        here, _, settled = _descend(here, iterations, ROUGH, first=None if near is None else near.score)
+        return here.answer(settled)
+    here, used, settled = _descend(here, iterations)
+    for _ in range(RESTARTS):
         other = _best_levels(here)
         if here.score - other.score < ENOUGH:
             break
-        here, more, settled = _descend(other, max(iterations - used, 4), polish)
+        here, more, settled = _descend(other, max(iterations - used, 4))
         used += more
-    _, information = here.expand(True)
-    return Answer(q, here.p, here.noise, here.filtered, here.score, here.slopes, information, settled)
+    return here.answer(settled)
+
+
+def approach(q: Question, p: Array) -> Answer:
+    """A few iterations from a start at a middling level of process noise: which of several starts is worth more.
+
+    Raises:
+        SolveError: the model cannot be simulated at the start.
+    """
+    here, _, settled = _descend(_start(q, p, np.full(len(q.groups), FIRST)), APPROACH, NEARBY, held=True)
+    return here.answer(settled)
 
 
 def quieted(answer: Answer, by: float) -> Answer:
     """The same parameters where the states may move less: log levels of process noise lower by `by`."""
-    q = answer.question
-    here = _Place(q, answer.p, replace(answer.noise, levels=np.maximum(answer.noise.levels - by, LEVELS[0])))
-    _, information = here.expand(True)
-    return Answer(q, here.p, here.noise, here.filtered, here.score, here.slopes, information, answer.settled)
+    here = _start(answer.question, answer.p, np.maximum(answer.noise.levels - by, LEVELS[0]))
+    return here.answer(answer.settled)
 
 
-def _descend(here: _Place, iterations: int, polish: bool, held: bool = False) -> tuple[_Place, int, bool]:
+def _start(q: Question, p: Array, levels: Array) -> _Place:
+    here = _Place(q, np.clip(p, *_bounds(q, p)), Noise(q.measurement, q.groups, levels))
+    if not math.isfinite(here.score):
+        raise SolveError("the simulation leaves the numbers at the start values; check them and their units")
+    return here
+
+
+def _descend(
+    here: _Place, iterations: int, rough: float = 0.0, *, held: bool = False, first: float | None = None
+) -> tuple[_Place, int, bool]:
     """Levenberg-Marquardt until a step gains too little; the place, the iterations used, whether it settled.
 
-    `held` keeps the levels of process noise: the estimate is consistent at any (Ljung 1999, section 8.4).
-    Derivatives with held gains are cheap, and useless where a model with held gains does not follow the data: after
-    the first step that keeps less than it promised, every derivative has a filter of its own.
+    Args:
+        here: start.
+        iterations: at most.
+        rough: share of the decrease since `first` that is already too little; 0 ends on fresh derivatives only.
+        held: keep the levels of process noise: the estimate is consistent at any (Ljung, System Identification,
+            1999, section 8.4).
+        first: the start's own score when absent.
     """
-    damping, exact = 1e-3, False
+    damping, first = 1e-3, here.score if first is None else first
     for number in range(iterations):
-        gradient, information = here.expand(exact)
-        there, promised = None, 0.0
-        for _ in range(TRIALS if exact else 1):
-            step = _step(here, gradient, information, damping, held)
-            trial = here.moved(step)
-            if trial.score < here.score:
-                there, promised = trial, -float(step @ (2.0 * gradient + information @ step))
-                break
-            damping = max(damping * 20.0, 1e-2)
+        enough = max(ENOUGH, rough * (first - here.score))
+        there, promised = _better(here, damping, held)
         if there is None:
-            if exact:
+            if here.fresh or (rough and promised < enough):
                 return here, number + 1, True
-            damping, exact = 1e-3, True
+            here.differentiate()
             continue
-        gain, here = here.score - there.score, there
-        if gain < ENOUGH and (exact or not polish):
+        gain = here.score - there.score
+        settled = gain < enough and (here.fresh or rough > 0.0)
+        here = there
+        if settled:
             return here, number + 1, True
-        if gain < KEPT * promised or gain < ENOUGH:
-            exact = True
+        if gain < KEPT * promised or gain < enough:
+            here.differentiate()
+            damping = 1e-3
         damping /= 10.0
     return here, iterations, False
+
+
+def _better(here: _Place, damping: float, held: bool) -> tuple[_Place | None, float]:
+    """The first of a few ever more damped steps that lowers the score, and what it, or the first one, promised."""
+    most = 0.0
+    for trial in range(TRIALS[here.fresh]):
+        gradient, information = here.expanded()
+        there = here.moved(_step(here, gradient, information, damping, held))
+        step = there.coordinates - here.coordinates
+        promised = -float(step @ (2.0 * gradient + information @ step))
+        slopes = here.carried(there, information)
+        if there.score < here.score:
+            there.slopes = slopes
+            return there, promised
+        if not here.fresh and math.isfinite(there.score):
+            here.slopes = slopes
+        most = promised if trial == 0 else most
+        damping = max(damping * 20.0, 1e-2)
+    return None, most
 
 
 def _best_levels(here: _Place) -> _Place:
@@ -195,7 +253,7 @@ def _bounds(q: Question, p: Array) -> tuple[Array, Array]:
 
 
 class _Place:
-    """A point of the search with its filter run; derivatives on request."""
+    """A point of the search with its filter run; derivatives are taken there or carried there."""
 
     def __init__(self, q: Question, p: Array, noise: Noise) -> None:
         self.q, self.p, self.noise = q, p, noise
@@ -206,6 +264,13 @@ class _Place:
         prior = float((((theta - q.prior) / q.prior_sd) ** 2).sum())
         total = float(deviance(self.filtered.innovations[0], self.filtered.variances[0]).sum()) + prior
         self.score = total if math.isfinite(total) else math.inf
+        self.slopes: Slopes | None = None
+        self.fresh = False  # the slopes were taken here
+
+    @property
+    def coordinates(self) -> Array:
+        """Free parameters in typical sizes, then log levels."""
+        return np.concatenate([self.p[list(self.q.free)] / self.q.typical, self.noise.levels])
 
     def moved(self, step: Array) -> _Place:
         nf = len(self.q.free)
@@ -215,41 +280,86 @@ class _Place:
         levels = np.clip(self.noise.levels + np.clip(step[nf:], -1.5, 1.5), *LEVELS)
         return _Place(self.q, p, replace(self.noise, levels=levels))
 
-    def expand(self, exact: bool) -> tuple[Array, Array]:
-        """Gradient of half the score and Fisher's information, in typical sizes and log levels.
+    def begin(self, near: Answer | None) -> None:
+        """Take over the slopes of a like model's answer, and take only those that it does not have."""
+        if near is None:
+            return
+        names = [near.question.model.parameters[i].name for i in near.question.free]
+        mine = [self.q.model.parameters[i].name for i in self.q.free]
+        if near.question.groups != self.q.groups or not set(names) & set(mine):
+            return
+        nf, count = len(mine), len(mine) + len(self.q.groups)
+        known = {name: k for k, name in enumerate(names)}
+        given = [known.get(name, -1) for name in mine] + list(range(len(names), len(names) + count - nf))
+        old, taken = near.slopes, [k for k, j in enumerate(given) if j >= 0]
+        e, v = np.zeros((*old.innovations.shape[:2], count)), np.zeros((*old.innovations.shape[:2], count))
+        source = [j for j in given if j >= 0]
+        scale = np.ones(count)
+        scale[:nf] = [
+            1.0 if j < 0 else size / near.question.typical[j]
+            for size, j in zip(self.q.typical, given[:nf], strict=True)
+        ]
+        e[..., taken], v[..., taken] = old.innovations[..., source], old.variances[..., source]
+        self.slopes = Slopes(e * scale, v * scale)
+        self.differentiate([k for k, j in enumerate(given) if j < 0])
 
-        Args:
-            exact: parameters' derivatives from filters of their own, instead of with the gains held.
-        """
-        q, nx = self.q, len(self.q.model.states)
-        nf, ng = len(q.free), len(q.groups)
-        nudges = np.where(self.p[list(q.free)] + NUDGE * q.typical > q.high, -NUDGE, NUDGE)
-        P = np.tile(self.p, (nf, 1))
-        P[range(nf), list(q.free)] += nudges * q.typical
+    def differentiate(self, columns: Sequence[int] | None = None) -> None:
+        """Take the slopes by filters beside this one; `columns` leaves the others as they are."""
+        q, nx, nf = self.q, len(self.q.model.states), len(self.q.free)
+        count = nf + len(q.groups)
+        chosen = list(range(count)) if columns is None else list(columns)
+        if not chosen:
+            return
+        P, R = np.tile(self.p, (len(chosen), 1)), np.tile(self.noise.measurement, (len(chosen), 1))
+        Q, nudges = np.tile(self.noise.spectrum(nx), (len(chosen), 1)), np.empty(len(chosen))
+        for row, k in enumerate(chosen):
+            if k < nf:
+                i, size = q.free[k], NUDGE * q.typical[k]
+                nudges[row] = -NUDGE if self.p[i] + size > q.high[k] else NUDGE
+                P[row, i] += nudges[row] * q.typical[k]
+            else:
+                levels = self.noise.levels.copy()
+                levels[k - nf] += NUDGE_LEVEL
+                nudges[row] = NUDGE_LEVEL
+                Q[row] = replace(self.noise, levels=levels).spectrum(nx)
+        other = run_filter(q.model, q.problem, P, Q, R)
         e, v = self.filtered.innovations[0], self.filtered.variances[0]
-        if not exact:
-            runs = run_steered(q.model, q.problem, np.vstack([self.p, P]), self.filtered.gains[0], range(nx))
-            runs[~np.isfinite(runs)] = np.nan  # a model with held gains may leave the numbers
-            self.slopes = np.moveaxis((runs[1:] - runs[:1]) / nudges[:, None, None], 0, -1)
-        levels = np.tile(self.noise.levels, (ng, 1)) + NUDGE_LEVEL * np.eye(ng)
-        Q = [replace(self.noise, levels=one).spectrum(nx) for one in levels]
-        sets, own = np.tile(self.p, (ng, 1)), self.noise.spectrum(nx)
-        if exact:
-            sets, Q, nudges = np.vstack([P, sets]), [own] * nf + Q, np.r_[nudges, [NUDGE_LEVEL] * ng]
-        else:
-            nudges = np.full(ng, NUDGE_LEVEL)
-        R = np.tile(self.noise.measurement, (len(sets), 1))
-        other = run_filter(q.model, q.problem, sets, np.array(Q), R)
         de = np.moveaxis((other.innovations - e) / nudges[:, None, None], 0, -1)
         dv = np.moveaxis((np.log(other.variances) - np.log(v)) / nudges[:, None, None], 0, -1)
-        if exact:
-            self.slopes = de[..., :nf]
+        if columns is None or self.slopes is None:
+            self.slopes, self.fresh = Slopes(de, dv), True
         else:
-            de = np.concatenate([self.slopes, de], axis=-1)
-            dv = np.concatenate([np.zeros_like(self.slopes), dv], axis=-1)
-        known = np.isfinite(e) & np.isfinite(de).all(axis=-1)
+            self.slopes.innovations[..., chosen] = de
+            self.slopes.variances[..., chosen] = dv
+
+    def carried(self, there: _Place, information: Array) -> Slopes:
+        """Broyden's update of the slopes by what a step showed, in the metric in which all parameters count alike."""
+        assert self.slopes is not None
+        s = there.coordinates - self.coordinates
+        along = np.diag(information) * s
+        length = float(s @ along)
+        if not length > 0.0:
+            return self.slopes
+        old, new = self.filtered, there.filtered
+        missed_e = new.innovations[0] - old.innovations[0] - self.slopes.innovations @ s
+        missed_v = np.log(new.variances[0] / old.variances[0]) - self.slopes.variances @ s
+        update = along / length
+        return Slopes(
+            self.slopes.innovations + missed_e[..., None] * update,
+            self.slopes.variances + missed_v[..., None] * update,
+        )
+
+    def expanded(self) -> tuple[Array, Array]:
+        """Gradient of half the score and Fisher's information, in typical sizes and log levels."""
+        if self.slopes is None:
+            self.differentiate()
+        assert self.slopes is not None
+        q, nf = self.q, len(self.q.free)
+        e, v = self.filtered.innovations[0], self.filtered.variances[0]
+        known = np.isfinite(e) & np.isfinite(self.slopes.innovations).all(axis=-1)
         sd = np.sqrt(v[known])
-        z, J, D = e[known] / sd, de[known] / sd[:, None], dv[known]
+        z, D = e[known] / sd, self.slopes.variances[known]
+        J = self.slopes.innovations[known] / sd[:, None]
         weight = np.minimum(1.0, FAR / np.maximum(np.abs(z), 1e-12))
         gradient = J.T @ (weight * z) + 0.5 * D.T @ (1.0 - weight * z**2)
         information = J.T @ (J * weight[:, None]) + 0.5 * D.T @ D
@@ -257,6 +367,14 @@ class _Place:
         gradient[:nf] += (self.p[list(q.free)] - q.prior) / q.typical * prior
         information[range(nf), range(nf)] += prior
         return gradient, information
+
+    def answer(self, settled: bool) -> Answer:
+        """What was found here."""
+        _, information = self.expanded()
+        assert self.slopes is not None
+        return Answer(
+            self.q, self.p, self.noise, self.filtered, self.score, self.slopes, information, settled
+        )
 
 
 def _step(here: _Place, gradient: Array, information: Array, damping: float, levels_held: bool) -> Array:
