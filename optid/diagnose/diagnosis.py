@@ -22,7 +22,6 @@ from optid.diagnose.search import (
     Search,
     fit_base,
     own_values,
-    refitted,
     search,
     widened,
 )
@@ -188,11 +187,10 @@ def _noise(rig: Rig, holdout: Sequence[Recording]) -> dict[str, float]:
 def _findings(
     found: Search, parameters: tuple[Estimate, ...], data: Data, report: Report
 ) -> tuple[Finding, ...]:
-    best, base = found.best, found.base
+    best = found.best
     findings = []
     for effect in best.effects:
-        others = tuple(e for e in best.effects if e is not effect)
-        without = refitted(base.rig, others, best, data, base.rig.model) if others else base
+        without = found.without[effect.name]
         report(0.96, f"what {effect.name} could be confused with")
         evidence = compare(without.judged, best.judged, data.generator)
         gain = without.answer.score - best.answer.score

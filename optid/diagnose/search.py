@@ -29,7 +29,7 @@ DEEPEST = 3  # effects at most
 WORTH = 0.04  # share by which an effect must lower the windows' error on the hold-out (physics catalogue B.3, step 5)
 QUIETER = 2.5  # log: how much less process noise the second look of a round allows
 SAME = 0.1  # of typical sizes: friction at rest that near is the same
-NEAR = 0.5  # of the best gain: a refit below this share does not go on
+NEAR = 0.8  # of the best gain: a refit below this share does not go on
 TINY = (
     0.25  # of the smallest size worth a name: what a screen or a first refit leaves below it is not followed
 )
@@ -82,11 +82,19 @@ class Round:
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """How the search went: the model before, the one it ended with, and every round."""
+    """How the search went.
+
+    Attributes:
+        base, best: the model before, and the one it ended with.
+        rounds: every step.
+        without: the best model without one of its effects, by that effect's name.
+        dropped: effects that a later one made idle.
+    """
 
     base: Candidate
     best: Candidate
     rounds: tuple[Round, ...]
+    without: Mapping[str, Candidate] = field(default_factory=dict)
     dropped: tuple[Effect, ...] = field(default=())
 
 
@@ -145,7 +153,7 @@ def widened(base: Candidate, data: Data) -> Candidate | None:
 
 def search(base: Candidate, own: Sequence[Effect], data: Data, report: Report) -> Search:
     """Add effects while held-out recordings confirm them."""
-    plain, current, rounds = base.rig.model, base, []
+    plain, current, before, rounds = base.rig.model, base, base, []
     for depth in range(DEEPEST + 1):
         share = 0.1 + 0.8 * depth / (DEEPEST + 1)
         report(share, f"round {depth + 1}: screening the catalogue")
@@ -163,9 +171,9 @@ def search(base: Candidate, own: Sequence[Effect], data: Data, report: Report) -
         rounds.append(Round(tuple(signatures), tuple(rivals), winner))
         if winner is None or depth == DEEPEST:
             break
-        current = winner.candidate
-    best, dropped = _thinned(base, current, data, plain, report)
-    return Search(base, best, tuple(rounds), dropped)
+        before, current = current, winner.candidate
+    best, without, dropped = _thinned(base, current, before, data, plain, report)
+    return Search(base, best, tuple(rounds), without, dropped)
 
 
 def _refit(
@@ -245,31 +253,38 @@ def _size(effect: Effect, rig: Rig, answer: Answer) -> float:
 
 
 def _thinned(
-    base: Candidate, current: Candidate, data: Data, plain: Model, report: Report
-) -> tuple[Candidate, tuple[Effect, ...]]:
-    """Without the effects that a later one made idle."""
+    base: Candidate, current: Candidate, before: Candidate, data: Data, plain: Model, report: Report
+) -> tuple[Candidate, dict[str, Candidate], tuple[Effect, ...]]:
+    """Without the effects that a later one made idle; what each of the others is needed for; those dropped.
+
+    `before` is the model before the last effect, which has just been confirmed in the others' presence.
+    """
     dropped: list[Effect] = []
-    while len(current.effects) > 1:
+    while True:
+        without: dict[str, Candidate] = {}
         weakest: tuple[float, Effect, Candidate] | None = None
-        for effect in current.effects[:-1]:  # the last one has just been confirmed in the others' presence
+        for effect in current.effects:
+            if before.effects == current.effects[:-1] and effect is current.effects[-1]:
+                without[effect.name] = before
+                continue
             report(0.92, f"whether {effect.name} is still needed")
-            without = refitted(
-                base.rig, tuple(e for e in current.effects if e is not effect), current, data, plain
-            )
-            loss = compare(without.judged, current.judged, data.generator)
+            others = tuple(e for e in current.effects if e is not effect)
+            one = refitted(base.rig, others, current, data, plain) if others else base
+            without[effect.name] = one
+            loss = compare(one.judged, current.judged, data.generator)
             needed = stats.chi2.isf(LEVEL, len(effect.parameters)) + len(effect.parameters) * math.log(1e4)
-            idle = loss.p_value > LEVEL or without.answer.score - current.answer.score < needed
-            if idle and (weakest is None or loss.gain < weakest[0]):
-                weakest = (loss.gain, effect, without)
+            idle = loss.p_value > LEVEL or one.answer.score - current.answer.score < needed
+            if idle and others and (weakest is None or loss.gain < weakest[0]):
+                weakest = (loss.gain, effect, one)
         if weakest is None:
-            break
+            return current, without, tuple(dropped)
         dropped.append(weakest[1])
-        current = weakest[2]
-    return current, tuple(dropped)
+        rough = weakest[2]
+        current = _settled(rough.effects, rough.rig, rough.answer.p, rough.answer, data, plain)
 
 
 def refitted(base: Rig, effects: tuple[Effect, ...], near: Candidate, data: Data, plain: Model) -> Candidate:
-    """A model with these effects, refitted from what a similar one found."""
+    """A model with these effects, refitted from what a similar one found: as well as needed to compare the two."""
     values = {
         name: float(near.answer.p[near.rig.model.index(name)])
         for name in (q.name for q in near.rig.model.parameters)
@@ -285,7 +300,10 @@ def refitted(base: Rig, effects: tuple[Effect, ...], near: Candidate, data: Data
     p = model.vector(rig.parameters)
     for i, parameter in enumerate(model.parameters):
         p[i] = values.get(parameter.name, p[i])
-    return _settled(effects, rig, p, near.answer, data, plain)
+    question = question_of(rig, pose(model, data.train, WHOLE), plain)
+    levels = near.answer.noise.levels
+    answer = maximise(question, p, levels, iterations=2 * QUICK, polish=False, near=near.answer)
+    return Candidate(effects, rig, answer, judge(answer, data.holdout))
 
 
 def _settled(

@@ -45,6 +45,7 @@ class Effect:
         depends_on: the signals it follows, the most telling first, each one of SIGNALS.
         needs: what a recording must hold for it to show: "motion over most of the stroke".
         look_alikes: names of the effects it is easily confused with.
+        excludes: names of the effects that cannot be there with it: the same thing with the other sign.
         experiment: what tells it from these.
         source: where law and sizes come from.
     """
@@ -60,6 +61,7 @@ class Effect:
     depends_on: tuple[str, ...]
     needs: str
     look_alikes: tuple[str, ...] = ()
+    excludes: tuple[str, ...] = ()
     experiment: str = ""
     source: str
 

@@ -100,14 +100,13 @@ def admitted(model: Model, own: Iterable[Effect] = ()) -> tuple[Effect, ...]:
     every = {effect.name: effect for effect in (*built_in().values(), *own)}
     sites = set(model.sites)
     fitting = [e for e in every.values() if sites.issuperset(e.sites) and _takes(model, e)]
-    taken = {site for effect in fitting for site in effect.sites}
+    used = {site for effect in fitting for site in effect.sites}
     free = [
-        (site, size)
-        for site, size in zip(model.sites, model.sizes, strict=True)
-        if size and site not in taken
+        (site, size) for site, size in zip(model.sites, model.sizes, strict=True) if size and site not in used
     ]
     fitting += [kind(site, size) for site, size in free for kind in anywhere().values()]
-    return tuple(e for e in fitting if e.name not in model.effects)
+    taken = set(model.effects)
+    return tuple(e for e in fitting if e.name not in taken and taken.isdisjoint(e.excludes))
 
 
 class _Probe(Sheet):

@@ -17,7 +17,7 @@ from optid.errors import InputError, NotIdentifiable, SolveError
 from optid.fit.checkpoint import Checkpoint, Kept
 from optid.fit.covariance import covariance
 from optid.fit.identifiability import Ties, examine, find_ties
-from optid.fit.objective import freed_with_rest, objective_of, window_length
+from optid.fit.objective import LEAST, freed_with_rest, objective_of, window_length
 from optid.fit.problem import Booleans, pose
 from optid.fit.result import Certificate, Estimate, Fit, Outcome
 from optid.fit.smoother import Objective, Point, Terms, Watch, descend, settled_system
@@ -276,10 +276,13 @@ def _result(
     _refuse_idle(rig, ties)
     fixed = bound | np.asarray(ties.mute)
     cov = covariance(o, at, terms, q, fixed)
-    freedom = max(len(o.problem.begins) - len(o.free), 2)
+    p = at.p.copy()
+    p[list(o.free)] += _without_floors(o, best, bound, fixed)
+    theta = np.where(bound, theta, np.clip(p[list(o.free)], o.low, o.high))
+    p[list(o.free)] = theta
     if compare and best.outcome is Outcome.CONVERGED:
         cov = cov + np.diag(_imperfection(o, best, cov, fixed))
-    half = special.stdtrit(freedom, 0.975) * np.sqrt(np.maximum(np.diag(cov), 0.0))
+    half = special.ndtri(0.975) * np.sqrt(np.maximum(np.diag(cov), 0.0))
     half = np.where(ties.mute, np.inf, half)
     estimates = []
     for k, i in enumerate(o.free):
@@ -291,11 +294,34 @@ def _result(
                 bool(bound[k]), not bool(ties.mute[k]),
             )
         )  # fmt: skip
-    values = {q_.name: float(v) for q_, v in zip(o.model.parameters, at.p, strict=True)}
+    values = {q_.name: float(v) for q_, v in zip(o.model.parameters, p, strict=True)}
     return Fit(
         best.outcome, tuple(estimates), values, cov, _noise(o, terms, at, q), q, at.X, ties.sentences,
         _certificate(o, terms, q), time.monotonic() - began,
     )  # fmt: skip
+
+
+def _without_floors(o: Objective, best: _Solution, bound: Booleans, fixed: Booleans) -> Array:
+    """How the estimates move, (free,), SI, when what stands at a floor of numerical reasons goes on to zero.
+
+    Friction that truly sticks drives the elastic motion before it slides to the least that is simulated, and what
+    is left of it biases the rest in proportion (viscous friction by 0.1 % at 2 um): the first-order step to zero.
+    """
+    names = [o.model.parameters[i].name for i in o.free]
+    at_floor = [bool(bound[k]) and o.low[k] == LEAST.get(name) for k, name in enumerate(names)]
+    floors = np.flatnonzero(at_floor)
+    moved = np.zeros(len(o.free))
+    kept = np.flatnonzero(~(bound | fixed))
+    if not len(floors) or not len(kept):
+        return moved
+    schur = settled_system(o, best.at, best.terms, best.q, np.zeros(len(o.free), dtype=bool)).schur
+    to_zero = -o.low[floors] / o.typical[floors]
+    try:
+        step = np.linalg.solve(schur[np.ix_(kept, kept)], -schur[np.ix_(kept, floors)] @ to_zero)
+    except np.linalg.LinAlgError:
+        return moved
+    moved[kept] = step * o.typical[kept]
+    return moved
 
 
 def _imperfection(o: Objective, best: _Solution, cov: Array, fixed: Booleans) -> Array:

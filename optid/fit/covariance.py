@@ -1,14 +1,14 @@
 """Covariance of fitted parameters that stays honest when residuals are coloured.
 
 Near the optimum theta moves by the sum over samples of (influence x residual). The influence follows from the
-factored normal equations, with all node states eliminated. Two estimates of that sum's variance are made, and
-the larger one counts for each parameter:
+factored normal equations, with all node states eliminated. Two estimates of that sum's variance are made:
 
 - *stationary*: residuals as an autoregression (order by AIC, Yule-Walker), its spectrum against the influences';
 - *blocks*: products of the contributions themselves over neighbouring windows (Newey and West 1987 with
   Bartlett weights), which needs no stationarity: mismatch in a few windows counts where it stands.
 
-The reference is Student's t with one degree of freedom per window less one.
+The first one is by far the less scattered. The second one counts for a parameter where it is larger by more than its
+own scatter allows once in twenty times; then Student's t takes the place of the normal distribution.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
+from scipy import special
 from scipy.fft import next_fast_len, rfft
 
 from optid.core.compiled import compiled, spread
@@ -23,11 +24,12 @@ from optid.core.model import Array
 from optid.fit.problem import Problem
 from optid.fit.smoother import Objective, Point, System, Terms, settled_system, solve_schur
 
+SCATTER = 0.05  # chance that the blocks' variance is taken where the stationary one would do
 HIGHEST_ORDER = 20  # of the autoregression; the noise of a sensor chain is short
 
 
 def covariance(o: Objective, at: Point, t: Terms, q: Array, held: np.ndarray) -> Array:
-    """Covariance of the free parameters, (free, free), in SI units; zero for the `held` ones."""
+    """Covariance of the free parameters, (free, free), SI, for normal quantiles; zero for the `held` ones."""
     s = settled_system(o, at, t, q, held)
     schur = s.schur + np.diag(held.astype(float))
     s = type(s)(s.factor, s.Z, schur, s.rhs_x, s.rhs_theta, s.step_x)
@@ -45,10 +47,12 @@ def covariance(o: Objective, at: Point, t: Terms, q: Array, held: np.ndarray) ->
     jumps = _defect_influence(o, t, s, q, held)
     contributions += jumps
     stationary += jumps.T @ jumps
-    blocks = _newey_west(contributions, o.problem)
+    blocks, freedom = _newey_west(contributions, o.problem)
     prior = solve_schur(s, np.diag((o.typical * ~held / o.prior_sd) ** 2))
     prior = solve_schur(s, prior.T)  # what the prior adds: S^-1 (1/sd^2) S^-1
-    sd = np.sqrt(np.maximum(np.diag(stationary), np.diag(blocks)))
+    more = np.diag(blocks) > special.chdtri(freedom, SCATTER) / freedom * np.diag(stationary)
+    wider = (special.stdtrit(freedom, 0.975) / special.ndtri(0.975)) ** 2
+    sd = np.sqrt(np.where(more, wider * np.diag(blocks), np.diag(stationary)))
     correlation = stationary / np.maximum(np.sqrt(np.outer(np.diag(stationary), np.diag(stationary))), 1e-300)
     total = correlation * np.outer(sd, sd) + prior
     scale = o.typical * ~held
@@ -123,8 +127,8 @@ def autoregression(pieces: list[Array], known: int) -> tuple[Array, float]:
     return best[1], best[2]
 
 
-def _newey_west(contributions: Array, b: Problem) -> Array:
-    """Sum of products over windows and their neighbours within a segment, Bartlett weights."""
+def _newey_west(contributions: Array, b: Problem) -> tuple[Array, float]:
+    """Sum of products over windows and their neighbours within a segment, Bartlett weights; degrees of freedom."""
     windows = len(contributions)
     segment = np.cumsum(np.r_[0, b.closed[:-1]])
     reach = max(1, int(4 * (windows / 100) ** (2 / 9)))
@@ -133,4 +137,5 @@ def _newey_west(contributions: Array, b: Problem) -> Array:
         same = (segment[lag:] == segment[:-lag])[:, None]
         cross = (contributions[lag:] * same).T @ contributions[:-lag]
         total += (1 - lag / (reach + 1)) * (cross + cross.T)
-    return np.asarray(total * windows / max(windows - 1, 1))
+    freedom = max(1.5 * windows / (reach + 1), 2.0)  # of Bartlett's weights
+    return np.asarray(total * windows / max(windows - 1, 1)), freedom

@@ -113,7 +113,7 @@ def profile(
         o, Point(fit.states, rig.model.vector(fit.values)), q, iterations=40, precision=PRECISION / 100
     )
     curved, sd = _curved(o, best, terms, fit, k), math.sqrt(fit.covariance[k, k])
-    limit = float(special.stdtrit(max(len(problem.begins) - len(o.free), 2), 0.975)) ** 2
+    limit = float(special.chdtri(1, 0.05))
     walk = _Walk(o, q, k, STRIDE * math.sqrt(limit) * sd, BEYOND * limit * (sd / curved) ** 2, progress)
     middle = (float(best.p[o.free[k]]), terms.cost, best.p)
     down, up = (_follow(walk, best, terms.cost, way) for way in (-1, 1))

@@ -21,7 +21,9 @@ from optid.fit.objective import freed_with_rest, objective_of
 from optid.fit.problem import Problem
 from optid.rigs.rigfile import Rig
 
-NUDGE = 1e-3  # of a parameter's typical size: the difference quotient of its innovations
+# Differences reach over REACH conditional standard deviations: dry friction makes the likelihood rough on the scale of
+# a few (a break-away more or less), and a quotient over less would see nothing else.
+REACH, NUDGES = 5.0, (1e-4, 1e-3, 3e-2)  # the least, the first and the largest, of a parameter's typical size
 NUDGE_LEVEL = 0.1  # of the log of process noise
 LEVELS = (math.log(1e-5), math.log(10.0))  # bounds of that log
 FIRST = math.log(0.1)
@@ -199,7 +201,7 @@ def _descend(
         enough = max(ENOUGH, rough * (first - here.score))
         there, promised = _better(here, damping, held)
         if there is None:
-            if here.fresh or (rough and promised < enough):
+            if here.fresh or (rough and here.score < first and 0.0 <= promised < enough):
                 return here, number + 1, True
             here.differentiate()
             continue
@@ -311,16 +313,15 @@ class _Place:
         if not chosen:
             return
         P, R = np.tile(self.p, (len(chosen), 1)), np.tile(self.noise.measurement, (len(chosen), 1))
-        Q, nudges = np.tile(self.noise.spectrum(nx), (len(chosen), 1)), np.empty(len(chosen))
+        Q, nudges = np.tile(self.noise.spectrum(nx), (len(chosen), 1)), self._nudges()[chosen]
         for row, k in enumerate(chosen):
             if k < nf:
-                i, size = q.free[k], NUDGE * q.typical[k]
-                nudges[row] = -NUDGE if self.p[i] + size > q.high[k] else NUDGE
+                i = q.free[k]
+                nudges[row] *= -1.0 if self.p[i] + nudges[row] * q.typical[k] > q.high[k] else 1.0
                 P[row, i] += nudges[row] * q.typical[k]
             else:
                 levels = self.noise.levels.copy()
-                levels[k - nf] += NUDGE_LEVEL
-                nudges[row] = NUDGE_LEVEL
+                levels[k - nf] += nudges[row]
                 Q[row] = replace(self.noise, levels=levels).spectrum(nx)
         other = run_filter(q.model, q.problem, P, Q, R)
         e, v = self.filtered.innovations[0], self.filtered.variances[0]
@@ -331,6 +332,15 @@ class _Place:
         else:
             self.slopes.innovations[..., chosen] = de
             self.slopes.variances[..., chosen] = dv
+
+    def _nudges(self) -> Array:
+        """By how much each parameter, in typical sizes, and each level is moved for its difference quotient."""
+        nf, ng = len(self.q.free), len(self.q.groups)
+        if self.slopes is None:
+            return np.concatenate([np.full(nf, NUDGES[1]), np.full(ng, NUDGE_LEVEL)])
+        size = np.sqrt(np.diag(self.expanded()[1])[:nf])
+        known = np.clip(REACH / np.maximum(size, 1e-12), NUDGES[0], NUDGES[2])
+        return np.concatenate([known, np.full(ng, NUDGE_LEVEL)])
 
     def carried(self, there: _Place, information: Array) -> Slopes:
         """Broyden's update of the slopes by what a step showed, in the metric in which all parameters count alike."""

@@ -30,6 +30,7 @@ class ValveDeadband(Effect):
     depends_on = ("command",)
     needs = "commands that pass slowly through zero"
     look_alikes = ("valve_underlap", "valve_hysteresis", "stribeck_friction", "tube_restriction")
+    excludes = ("valve_underlap",)
     experiment = "small steps of the command about zero at several pressures, with the pressures measured"
     source = "Tao, Meng and others, Math. Probl. Eng. 2034923, 2016; sizes from physics catalogue A.2, row 15"
 

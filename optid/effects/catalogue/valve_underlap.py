@@ -43,6 +43,7 @@ class ValveUnderlap(Effect):
     depends_on = ("command", "pressure_a", "pressure_b")
     needs = "holds and slow motion with commands near zero"
     look_alikes = ("valve_deadband", "cross_leakage", "ambient_leakage", "tube_restriction", "valve_offset")
+    excludes = ("valve_deadband",)
     experiment = "close the valve under pressure: underlap draws both chambers to one pressure of its own"
     source = "physics catalogue A.2, row 16"
 
