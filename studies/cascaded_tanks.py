@@ -16,10 +16,9 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from optid.core.readers import read_recording
-from optid.core.recording import Recording
+from optid.core.recording import Recording, held
 from optid.core.simulation import simulate
 from optid.fit.batch import FitOptions, fit
-from optid.fit.problem import held
 from optid.fit.result import Fit
 from optid.rigs.rigfile import Rig, read_rig
 

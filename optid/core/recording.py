@@ -163,8 +163,8 @@ class Recording:
 
     @cached_property
     def interval(self) -> float:
-        """Median time between samples, s."""
-        return float(np.median(np.diff(self.time)))
+        """Median time between samples, s, to ten digits: the rest is rounding of the times themselves."""
+        return float(f"{np.median(np.diff(self.time)):.10g}")
 
     @property
     def rate(self) -> float:
@@ -293,3 +293,13 @@ def frozen(values: Array) -> Array:
         array = array.copy()
         array.flags.writeable = False
     return array
+
+
+def held(values: Array) -> Array:
+    """A command with its missing samples filled by the value held before them (or the first one known)."""
+    known = np.isfinite(values)
+    if known.all() or not known.any():
+        return np.where(known, values, 0.0)
+    last = np.maximum.accumulate(np.where(known, np.arange(len(values)), 0))
+    filled = values[last]
+    return np.where(np.isfinite(filled), filled, values[np.argmax(known)])

@@ -10,6 +10,7 @@ import numpy as np
 
 from optid.check.noise import noise_sd
 from optid.core.recording import Recording
+from optid.core.thinning import thinned
 from optid.diagnose.disturbance import Located, locate
 from optid.diagnose.judge import EXCESS, Comparison, compare, excess
 from optid.diagnose.residuals import Residuals, residual_tests
@@ -128,7 +129,7 @@ def diagnose(
 
     Args:
         rig: the base model; its [fit] table says what may be fitted.
-        recordings: to fit.
+        recordings: to fit; what is sampled faster than a kilohertz is averaged down to it first.
         holdout: to judge on; the fits never see them.
         own: effects of the user's, beside the catalogue.
         generator: of the resampling.
@@ -143,6 +144,12 @@ def diagnose(
         raise InputError("nothing to fit", where=rig.path, field="[fit]", expected="at least one parameter")
     if not holdout:
         raise InputError("no recording held out", where="--holdout", expected="at least one recording")
+    commands = [port.role for port in rig.model.recorded]
+    recordings, given = [thinned(one, commands) for one in recordings], recordings
+    holdout = [thinned(one, commands) for one in holdout]
+    if any(one is not before for one, before in zip(recordings, given, strict=True)):
+        # The stated noise is that of a single sample; that of the averages is estimated.
+        rig = replace(rig, channels={role: replace(c, sd=None) for role, c in rig.channels.items()})
     noise = _noise(rig, holdout)
     data = Data(tuple(recordings), tuple(holdout), noise, generator)
     base = fit_base(rig, data, report)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optid.core.model import CLOCK, INTERVAL, Array, Model
-from optid.core.recording import Recording
+from optid.core.recording import Recording, held
 from optid.errors import RecordingError
 
 Integers = NDArray[np.int64]
@@ -99,13 +99,3 @@ def _arrays(model: Model, segment: Recording, start: float) -> tuple[Array, Arra
     for j in present:
         measured[:, j] = segment[model.outputs[j].role].values
     return segment.time, dt, inputs, measured
-
-
-def held(values: Array) -> Array:
-    """A command with its missing samples filled by the value held before them (or the first one known)."""
-    known = np.isfinite(values)
-    if known.all() or not known.any():
-        return np.where(known, values, 0.0)
-    last = np.maximum.accumulate(np.where(known, np.arange(len(values)), 0))
-    filled = values[last]
-    return np.where(np.isfinite(filled), filled, values[np.argmax(known)])

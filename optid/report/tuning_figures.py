@@ -11,6 +11,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from optid.core.model import Array
 from optid.report.figures import ALARM, FREE, INK, QUIET, STYLE, WINDOW, _label, _svg
@@ -146,9 +147,13 @@ def landscape(tuning: Tuning, pairs: Sequence[tuple[str, str]]) -> str:
                 mfc="white",
                 mec=INK,
             )
-            for name, scale in ((across, axis.set_xscale), (up, axis.set_yscale)):
+            sides = ((across, axis.set_xscale, axis.xaxis), (up, axis.set_yscale, axis.yaxis))
+            for name, scale, side in sides:
                 if name in SIGNED and getattr(tuning.gains, name) * tuning.within.sign > 0.0:
                     scale("log")
+                    side.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+                    side.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+                    side.set_minor_formatter(NullFormatter())
             axis.set_xlabel(across)
             axis.set_ylabel(up)
         figure.colorbar(image, ax=list(axes), label="cost, decades above the best", shrink=0.9)

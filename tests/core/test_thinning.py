@@ -1,0 +1,59 @@
+"""Recordings brought down to a kilohertz: the same motion, less noise, the same impulse of the command."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from optid.core.recording import Channel, Recording
+from optid.core.thinning import thinned
+
+
+def record(rate: float, noise: float = 0.0, seconds: float = 2.0) -> Recording:
+    rng, time = np.random.default_rng(1), np.arange(round(seconds * rate)) / rate
+    position = 0.05 * np.sin(2 * np.pi * 1.5 * time) + noise * rng.standard_normal(len(time))
+    command = np.sign(np.sin(2 * np.pi * 0.7 * time)) * 0.3 + 0.1 * rng.standard_normal(len(time))
+    return Recording(
+        "fast", time, {
+            "command": Channel("command", "u", "1", command),
+            "position": Channel("position", "x", "m", position, sd=noise or None),
+        },
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("rate", [2000.0, 5000.0, 10000.0])
+def test_the_motion_stays_and_the_noise_falls(rate):
+    slow, clean = thinned(record(rate, 3e-5), ["command"]), thinned(record(rate), ["command"])
+    count = rate / 1000.0
+    assert slow.rate == pytest.approx(1000.0)
+    exact = 0.05 * np.sin(2 * np.pi * 1.5 * clean.time)
+    assert clean["position"].values == pytest.approx(exact, abs=2e-7)
+    noise = (slow["position"].values - clean["position"].values)[1:-1]
+    assert np.std(noise) == pytest.approx(slow["position"].sd, rel=0.1)
+    assert 0.85 < slow["position"].sd / (3e-5 / np.sqrt(count)) <= 1.0
+    whole, few = record(rate)["command"].values, slow["command"].values
+    assert few == pytest.approx(whole.reshape(-1, int(count)).mean(axis=1))
+
+
+def test_what_is_missing_shifts_nothing():
+    fast = record(10000.0)
+    values = fast["position"].values.copy()
+    values[500:507] = np.nan  # most of one block, at one side of its middle
+    values[1000] = np.nan
+    channels = {**fast.channels, "position": replace(fast["position"], values=values)}
+    slow = thinned(replace(fast, channels=channels), ["command"])
+    known = np.isfinite(slow["position"].values)
+    assert not known[50]
+    assert known[100]
+    exact = 0.05 * np.sin(2 * np.pi * 1.5 * slow.time)
+    assert slow["position"].values[known] == pytest.approx(exact[known], abs=2e-7)
+
+
+def test_slow_recordings_and_those_with_gaps_stay_as_they_are():
+    slow = record(1000.0)
+    assert thinned(slow, ["command"]) is slow
+    fast = record(10000.0)
+    keep = np.r_[0:500, 700 : len(fast)]
+    channels = {k: replace(c, values=c.values[keep]) for k, c in fast.channels.items()}
+    gappy = replace(fast, time=fast.time[keep], channels=channels)
+    assert thinned(gappy, ["command"]) is gappy
