@@ -18,6 +18,7 @@ from optid.cli.diagnose import diagnose
 from optid.cli.fit import fit
 from optid.cli.identify import identify
 from optid.cli.live import live
+from optid.cli.plan import plan
 from optid.cli.simulate import simulate
 from optid.cli.tune import tune
 from optid.errors import InputError, JobError
@@ -33,6 +34,8 @@ HELP = """From recordings of a servo-pneumatic axis to a model you can trust.
       Fit the parameters of the [fit] table, and judge them on what they have not seen.
   optid diagnose bench.toml run1.csv run2.csv --holdout run3.csv --out out/diagnosis
       What physics does the model leave out, where, how big, and what does it gain on what it has not seen?
+  optid plan bench.toml --rivals valve_lag,input_delay --out out/plan
+      Which experiment tells these effects apart best? Writes its reference and what it would show.
   optid live bench.toml --driver simulated --out out/live
       Control a rig with its model running beside it: read, identify, simulate, control, log.
   optid identify run1.csv --rig bench.toml --out out/armax
@@ -41,7 +44,7 @@ HELP = """From recordings of a servo-pneumatic axis to a model you can trust.
       PID gains by direct ITAE optimisation under the actuator's limits.
 
 A rig file (TOML) names the plant, its parameters with units, what a fit may move, and which column is what.
-Recordings are CSV, Parquet, MATLAB .mat or NI TDMS.
+Recordings are CSV, Parquet, .mat or TDMS.
 
 Exit status: 0 done, 1 the job failed (and why), 2 the call or an input file is wrong (which, where, and what
 was expected).
@@ -98,7 +101,7 @@ def cli(context: click.Context) -> None:
         click.echo(context.get_help())
 
 
-for command in (check, simulate, fit, diagnose, live, identify, tune):
+for command in (check, simulate, fit, diagnose, plan, live, identify, tune):
     cli.add_command(command)
 
 

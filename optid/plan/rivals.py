@@ -1,0 +1,101 @@
+"""Which effects an experiment shall tell apart: named in the call, or what a diagnosis left open."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+from optid.effects.effect import Effect
+from optid.effects.library import admitted
+from optid.errors import InputError, nearest
+from optid.rigs.rigfile import Rig
+
+SCHEMA = "optid.diagnosis/1"
+MOST = (
+    6  # rivals taken from what a diagnosis could not test: more, and no experiment of seconds serves them all
+)
+
+
+def named(
+    names: Sequence[str], rig: Rig, own: Iterable[Effect] = (), where: str = "--rivals"
+) -> tuple[Effect, ...]:
+    """The effects of these names, in their order.
+
+    Args:
+        names: as a diagnosis writes them.
+        rig: takes them, and has none of them yet.
+        own: the user's effects, beside the catalogue.
+        where: the names stand, for messages.
+
+    Raises:
+        InputError: no name, one given twice, one that the rig has already or cannot take.
+    """
+    possible = {effect.name: effect for effect in admitted(rig.model, own)}
+    if not names or not all(names):
+        raise InputError("an empty name", where=where, expected='names of effects, "valve_lag,input_delay"')
+    for name in names:
+        if name in rig.model.effects:
+            raise InputError(
+                f'"{name}" is in the rig file already', where=where,
+                expected=f"a rig file without [effects.{name}]", hint=f"it was read from {rig.path}",
+            )  # fmt: skip
+        if name not in possible:
+            raise InputError(
+                f'this plant takes no effect "{name}"', where=where, hint=nearest(name, possible)
+            )
+        if names.count(name) > 1:
+            raise InputError(f'"{name}" is given twice', where=where, expected="every rival once")
+    return tuple(possible[name] for name in names)
+
+
+def from_diagnosis(path: Path) -> tuple[str, ...]:
+    """Names of what a diagnosis left open.
+
+    The effects found with those that explain the recordings as well; where nothing is indistinguishable, the
+    effects found and those that its recordings could not show, `MOST` in all.
+
+    Args:
+        path: a diagnosis.json, or the folder that holds one.
+
+    Raises:
+        InputError: no such file, not one of `optid diagnose`, or it left nothing open.
+    """
+    path = path / "diagnosis.json" if path.is_dir() else path
+    content = _read(path)
+    try:
+        findings = [f for f in content["findings"] if f["effect"] is not None]
+        rivals = [[f["effect"], *f["indistinguishable_from"]] for f in findings]
+        untested = [entry["effect"] for entry in content["not_testable"]]
+        if not all(isinstance(name, str) for name in [*untested, *(name for row in rivals for name in row)]):
+            raise TypeError("a name that is no text")
+    except (KeyError, TypeError) as error:
+        raise InputError(
+            f"not as optid diagnose writes it ({error})",
+            where=path,
+            field="findings",
+            expected="a diagnosis.json",
+        ) from None
+    names = [name for row in rivals for name in row]
+    if not any(len(row) > 1 for row in rivals):
+        names = [*names, *untested][:MOST]
+    if not names:
+        raise InputError(
+            "it left nothing open: no finding, and nothing that was not testable", where=path,
+            hint="name effects with --rivals",
+        )  # fmt: skip
+    return tuple(dict.fromkeys(names))
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise InputError("no such file", where=path, expected="a diagnosis.json or its folder") from None
+    except (OSError, ValueError) as error:
+        raise InputError(f"cannot be read ({error})", where=path, expected="a diagnosis.json") from None
+    schema = content.get("schema") if isinstance(content, dict) else None
+    if schema != SCHEMA:
+        raise InputError(f"{schema!r}", where=path, field="schema", expected=f'"{SCHEMA}"')
+    return dict(content)
