@@ -29,7 +29,7 @@ DEEPEST = 3  # effects at most
 WORTH = 0.04  # share by which an effect must lower the windows' error on the hold-out (physics catalogue B.3, step 5)
 QUIETER = 2.5  # log: how much less process noise the second look of a round allows
 SAME = 0.1  # of typical sizes: friction at rest that near is the same
-NEAR = 0.8  # of the best gain: a refit below this share does not go on
+NEAR = 0.5  # of the best gain: a refit below this share does not go on
 TINY = (
     0.25  # of the smallest size worth a name: what a screen or a first refit leaves below it is not followed
 )
@@ -37,7 +37,7 @@ STUCK = {
     "presliding_length": -1,
     "presliding_shape": 1,
 }  # bounds at which friction at rest neither yields nor creeps
-QUICK = 8  # iterations of a first refit; the best then converge
+QUICK = 15  # iterations of a first refit; the best then converge
 
 
 @dataclass(frozen=True)
@@ -302,7 +302,7 @@ def refitted(base: Rig, effects: tuple[Effect, ...], near: Candidate, data: Data
         p[i] = values.get(parameter.name, p[i])
     question = question_of(rig, pose(model, data.train, WHOLE), plain)
     levels = near.answer.noise.levels
-    answer = maximise(question, p, levels, iterations=2 * QUICK, polish=False, near=near.answer)
+    answer = maximise(question, p, levels, iterations=QUICK, polish=False, near=near.answer)
     return Candidate(effects, rig, answer, judge(answer, data.holdout))
 
 
