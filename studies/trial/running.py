@@ -8,11 +8,13 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from queue import Queue
 
 from studies.trial.record import HELD_OUT, TRAIN
 
@@ -55,15 +57,19 @@ def run(
         folder: of the draw. The seal in it stays shut.
         method: one of METHODS.
         limit: seconds that a case may take.
-        jobs: cases at a time; each is told to use one thread if there are several.
+        jobs: cases at a time; if there are several, each has a core and a thread of its own.
         report: is told of every case that ends.
     """
     left = [name for name in cases_of(folder) if not finished(folder / name / method)]
     environment = dict(os.environ)
     if jobs > 1:
         environment |= dict.fromkeys(THREADS, "1")
+    cores: Queue[set[int]] = Queue()
+    every = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else []
+    for job in range(jobs):
+        cores.put({every[job % len(every)]} if jobs > 1 and every else set(every))
     with ThreadPoolExecutor(jobs) as pool:
-        work = partial(_one, folder, method, limit, environment)
+        work = partial(_one, folder, method, limit, environment, cores)
         for name, ran in pool.map(work, left):
             report(name, ran)
 
@@ -77,22 +83,28 @@ def finished(place: Path) -> bool:
     return status is None or status >= 0
 
 
-def _one(folder: Path, method: str, limit: float, environment: dict[str, str], name: str) -> tuple[str, Ran]:
+def _one(
+    folder: Path, method: str, limit: float, environment: dict[str, str], cores: Queue[set[int]], name: str
+) -> tuple[str, Ran]:
     case, out = folder / name, folder / name / method
     recordings = [str(case / f"{r}.csv") for r in TRAIN]
     call = [
         sys.executable, *METHODS[method], str(case / "rig.toml"), *recordings,
         "--holdout", str(case / f"{HELD_OUT}.csv"), "--out", str(out),
     ]  # fmt: skip
-    ran = timed(call, limit, environment)
+    mine = cores.get()
+    try:
+        ran = timed(call, limit, environment, mine)
+    finally:
+        cores.put(mine)
     out.mkdir(exist_ok=True)
     record = {"status": ran.status, "seconds": round(ran.seconds, 1), "said": ran.said}
     (out / "run.json").write_text(json.dumps(record, indent=1) + "\n")
     return name, ran
 
 
-def timed(call: Sequence[str], limit: float, environment: dict[str, str]) -> Ran:
-    """Run a program, and end it with all it started when its time is up."""
+def timed(call: Sequence[str], limit: float, environment: dict[str, str], cores: Collection[int] = ()) -> Ran:
+    """Run a program, on these cores if any are named, and end it with all it started when its time is up."""
     began = time.monotonic()
     process = subprocess.Popen(
         call,
@@ -102,6 +114,9 @@ def timed(call: Sequence[str], limit: float, environment: dict[str, str]) -> Ran
         env=environment,
         start_new_session=True,
     )
+    if cores and hasattr(os, "sched_setaffinity"):
+        with suppress(ProcessLookupError):  # it may have ended already
+            os.sched_setaffinity(process.pid, cores)
     try:
         said, _ = process.communicate(timeout=limit)
         status: int | None = process.returncode
