@@ -20,7 +20,7 @@ from optid.effects.effect import Effect
 from optid.effects.library import admitted
 from optid.fit.likelihood import WHOLE
 from optid.fit.problem import pose
-from optid.fit.scoring import Answer, approach, maximise, question_of, quieted
+from optid.fit.scoring import Answer, approach, maximise, question_of, quieted, tightened
 from optid.rigs.rigfile import Rig, with_effects
 
 LEVEL = 0.01  # of false alarms on a rig that lacks nothing, for the whole catalogue together
@@ -222,7 +222,10 @@ def _attempt(current: Candidate, signature: Signature, rig: Rig, data: Data, pla
         p[model.index(name)] = min(max(value, low), high)
     question = question_of(rig, pose(model, data.train, WHOLE), plain)
     levels = current.answer.noise.levels
-    return maximise(question, p, levels, iterations=QUICK, polish=False, near=current.answer)
+    answer = maximise(question, p, levels, iterations=QUICK, polish=False, near=current.answer)
+    if excess(current.judged, data.noise) <= EXCESS:
+        return answer
+    return tightened(answer, QUIETER, QUICK)
 
 
 def _objection(

@@ -170,6 +170,23 @@ def approach(q: Question, p: Array) -> Answer:
     return here.answer(settled)
 
 
+def tightened(answer: Answer, by: float, iterations: int) -> Answer:
+    """The better of an answer and of what is found from it where the states may move less.
+
+    Likelihoods in the level of process noise have two tops where physics is missing: one where the noise stands for
+    it, and one where the model does. From the first the second is reached by fitting the parameters at a lower level.
+
+    Args:
+        answer: where to start from.
+        by: how much lower the log levels are at first.
+        iterations: at most, at the lower level and then with it free.
+    """
+    levels = np.maximum(answer.noise.levels - by, LEVELS[0])
+    here, _, _ = _descend(_start(answer.question, answer.p, levels), iterations, NEARBY, held=True)
+    here, _, settled = _descend(here, iterations, ROUGH, first=answer.score)
+    return here.answer(settled) if here.score < answer.score - ENOUGH else answer
+
+
 def quieted(answer: Answer, by: float) -> Answer:
     """The same parameters where the states may move less: log levels of process noise lower by `by`."""
     here = _start(answer.question, answer.p, np.maximum(answer.noise.levels - by, LEVELS[0]))
