@@ -61,7 +61,7 @@ def judge(answer: Answer, recordings: Sequence[Recording]) -> Judged:
     """Filter held-out recordings with a fitted model's parameters and process noise."""
     model = answer.question.model
     problem, cut = pose(model, recordings, WHOLE), pose(model, recordings, HORIZON)
-    P = _settings(answer)
+    P = np.vstack([answer.p, numerical_settings(answer)])
     Q = np.tile(answer.noise.spectrum(len(model.states)), (len(P), 1))
     f = run_filter(model, problem, P, Q, np.tile(answer.noise.measurement, (len(P), 1)), keep=True)
     windows, *others = (_windows(model, p, problem, cut, X) for p, X in zip(P, f.states, strict=True))
@@ -83,15 +83,15 @@ def judge(answer: Answer, recordings: Sequence[Recording]) -> Judged:
     return Judged(each, blocks, windows, z, problem.measured, problem.time, owner, scores, imperfection)
 
 
-def _settings(answer: Answer) -> Array:
-    """The fitted parameters, and then with each numerical setting that is not fitted halved and doubled."""
-    sets = [answer.p]
+def numerical_settings(answer: Answer) -> Array:
+    """The fitted parameters with each numerical setting that is not fitted halved, and then doubled, (2 n, all)."""
+    sets = []
     for i, parameter in enumerate(answer.question.model.parameters):
         if parameter.source.startswith(NUMERICAL) and i not in answer.question.free:
             for factor in (0.5, 2.0):
                 sets.append(answer.p.copy())
                 sets[-1][i] = np.clip(factor * answer.p[i], *parameter.bounds)
-    return np.array(sets)
+    return np.array(sets).reshape(-1, len(answer.p))
 
 
 def _rms(values: Array) -> float:

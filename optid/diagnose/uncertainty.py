@@ -1,8 +1,9 @@
 """Intervals of a diagnosed model's parameters that count what the catalogue could still hold.
 
-Three sources: the noise (Fisher's information), colour of the innovations (a sandwich over blocks), and every
-effect that was not named, which may be present up to the smallest size worth a name. The last one is a prior on
-the effects' sizes that the data may sharpen; it is what keeps intervals honest when a law's form is not exact.
+Four sources: the noise (Fisher's information), colour of the innovations (a sandwich over blocks), every effect that
+was not named, which may be present up to the smallest size worth a name, and the numerical settings, which may be
+wrong by a factor of two. The last two are priors on sizes that the data may sharpen; they are what keeps intervals
+honest when a law's form is not exact.
 """
 
 from __future__ import annotations
@@ -13,7 +14,9 @@ import numpy as np
 from scipy import stats
 
 from optid.core.model import Array
-from optid.diagnose.screen import Signature, View
+from optid.diagnose.judge import numerical_settings
+from optid.diagnose.screen import LOST, Signature, View
+from optid.fit.likelihood import run_steered
 from optid.fit.result import Estimate
 from optid.fit.scoring import Answer
 
@@ -49,8 +52,9 @@ def _covariance(answer: Answer, signatures: Sequence[Signature]) -> Array:
     view, q = View.of(answer), answer.question
     nf = len(q.free)
     extra = [s.change / s.size for s in signatures if len(s.change) == len(view.z) and s.size > 0]
-    J = np.column_stack([view.J, *extra]) if extra else view.J
-    prior = np.r_[(q.typical / q.prior_sd) ** 2, np.full(len(extra), UNNAMED**-2)]
+    numerical = _numerical(answer, view)
+    J = np.column_stack([view.J, *extra, *numerical])
+    prior = np.r_[(q.typical / q.prior_sd) ** 2, np.full(len(extra), UNNAMED**-2), np.ones(len(numerical))]
     H = J.T @ J + np.diag(prior)
     size = np.sqrt(np.maximum(np.diag(H), 1e-300))
     inverse = np.linalg.pinv(H / np.outer(size, size), rcond=1e-13) / np.outer(size, size)
@@ -64,3 +68,18 @@ def _covariance(answer: Answer, signatures: Sequence[Signature]) -> Array:
     wider = np.maximum(np.diag(sandwich)[:nf] / np.maximum(np.diag(inverse)[:nf], 1e-300), 1.0)
     scale = np.sqrt(wider)
     return np.asarray(inverse[:nf, :nf] * np.outer(scale, scale))
+
+
+def _numerical(answer: Answer, view: View) -> list[Array]:
+    """What each numerical setting changes in the scaled innovations: half the way from its half to its double."""
+    q = answer.question
+    pairs = numerical_settings(answer)
+    if not len(pairs):
+        return []
+    runs = run_steered(q.model, q.problem, pairs, answer.filtered.gains[0], range(len(q.model.states)))
+    changes = [
+        (high - low)[view.known] / 2 * view.scale * view.weight
+        for low, high in zip(runs[::2], runs[1::2], strict=True)
+    ]
+    # Beyond it a model that lost track under held gains says nothing.
+    return [np.where(np.abs(change) > LOST, 0.0, change) for change in changes if np.isfinite(change).all()]

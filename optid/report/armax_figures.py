@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from optid.armax.table2 import Table2
 from optid.armax.whole import Identification, names
 from optid.core.recording import Array
-from optid.report.figures import ALARM, FREE, INK, LAGS, QUIET, STYLE, WINDOW, _label, _svg, _thin
+from optid.report.figures import ALARM, FREE, INK, LAGS, QUIET, STYLE, WINDOW, axis_name, svg, thin
 
 COLOURS = (WINDOW, FREE, ALARM, "#6a4c93", "#4c8c4a", QUIET)
 CLOSE = 160  # samples of the close view
@@ -35,17 +35,17 @@ def responses(table: Table2, time: Array, group: Sequence[tuple[int, int]], name
         for (order, steps), colour in zip(group, COLOURS, strict=False):
             guess = table.traces[order, steps][first:last]
             close.plot(time[first:last], guess, color=colour, lw=1.0, label=said(order, steps))
-        close.set_ylabel(_label(name, table.unit))
+        close.set_ylabel(axis_name(name, table.unit))
         close.legend(loc="lower left", ncols=4, bbox_to_anchor=(0, 1.0), borderaxespad=0.2)
         for axis, (order, steps), colour in zip(axes[1:], group, COLOURS, strict=False):
-            axis.plot(*_thin(time, table.traces[order, steps] - table.real), color=colour, lw=0.7)
+            axis.plot(*thin(time, table.traces[order, steps] - table.real), color=colour, lw=0.7)
             axis.axvspan(time[first], time[last - 1], color=QUIET, alpha=0.15, lw=0)
-            axis.set_ylabel(_label("error", table.unit))
+            axis.set_ylabel(axis_name("error", table.unit))
             axis.set_title(said(order, steps), loc="left", fontsize=8, color="#4a525c", pad=2)
             axis.tick_params(labelbottom=axis is axes[-1])
         axes[-1].set_xlabel("time (s)")
         figure.align_ylabels()
-        return _svg(figure)
+        return svg(figure)
 
 
 def said(order: int, steps: int) -> str:
@@ -79,7 +79,7 @@ def path(taught: Identification, start: float) -> str:
             axis.legend(loc="lower left", ncols=6, bbox_to_anchor=(-0.02, 1.06), borderaxespad=0.2, fontsize=7,
                         columnspacing=0.7, handlelength=0.8, handletextpad=0.4)  # fmt: skip
             axis.set_xlabel("time (s)")
-        return _svg(figure)
+        return svg(figure)
 
 
 def correlations(e: Array, u: Array, sample_time: float, input_names: Sequence[str]) -> str:
@@ -104,7 +104,7 @@ def correlations(e: Array, u: Array, sample_time: float, input_names: Sequence[s
             axis.set_ylim(-1.2 * largest, 1.2 * largest)
             axis.set_title(f"residuals and {name.replace('_', ' ')}", loc="left", fontsize=9, color="#4a525c")
             axis.set_xlabel("lag (ms)")
-        return _svg(figure)
+        return svg(figure)
 
 
 def correlation(e: Array, suspect: Array) -> tuple[Array, Array, float]:

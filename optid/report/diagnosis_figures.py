@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import io
 from typing import Any
 
 import matplotlib as mpl
 import numpy as np
-from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
 from optid.core.model import Array
 from optid.diagnose.diagnosis import Diagnosis, Finding
 from optid.diagnose.judge import Judged
-from optid.report.figures import ALARM, FREE, INK, QUIET, STYLE, WINDOW
+from optid.report.figures import ALARM, FREE, INK, QUIET, STYLE, WINDOW, svg
 from optid.report.scores import friendly
 
 SLOT = 0.1  # s: a column of the mismatch map
@@ -40,7 +38,7 @@ def before_after(d: Diagnosis, output: int) -> str:
         axes.set_ylabel(f"error of 0.5 s windows ({unit})")
         axes.set_xlabel("time over the held-out recordings (s)")
         axes.legend(loc="lower left", ncols=3, bbox_to_anchor=(0, 1.0), borderaxespad=0.2)
-        return _svg(figure)
+        return svg(figure)
 
 
 def mismatch_map(finding: Finding, names: tuple[str, ...]) -> str:
@@ -64,7 +62,7 @@ def mismatch_map(finding: Finding, names: tuple[str, ...]) -> str:
             axis.grid(False)
             axis.set_ylabel(name, rotation=0, ha="right", va="center")
         axes[-1].set_xlabel("time (s)")
-        return _svg(figure)
+        return svg(figure)
 
 
 def over_state(finding: Finding, signal: str) -> str:
@@ -97,7 +95,7 @@ def over_state(finding: Finding, signal: str) -> str:
         axes.set_xlabel(f"{signal.replace('_', ' ')} ({shown})" if shown else signal.replace("_", " "))
         axes.set_ylabel("share")
         axes.legend(loc="lower left", ncols=2, bbox_to_anchor=(0, 1.0), borderaxespad=0.2)
-        return _svg(figure)
+        return svg(figure)
 
 
 def missing_signal(finding: Finding, names: tuple[str, ...]) -> str:
@@ -117,7 +115,7 @@ def missing_signal(finding: Finding, names: tuple[str, ...]) -> str:
             axes.axvline(start, color=QUIET, lw=0.6)
         axes.set_ylabel(f"signal at {finding.place}, SI")
         axes.set_xlabel("time over the recordings (s)")
-        return _svg(figure)
+        return svg(figure)
 
 
 def _clock(judged: Judged) -> Array:
@@ -134,11 +132,3 @@ def _breaks(axes: Any, judged: Judged) -> None:
     clock = _clock(judged)
     for at in np.flatnonzero(np.diff(judged.recording)):
         axes.axvline(clock[at], color=QUIET, lw=0.6)
-
-
-def _svg(figure: Figure) -> str:
-    FigureCanvasSVG(figure)
-    out = io.StringIO()
-    figure.savefig(out, format="svg", metadata={"Date": None})
-    text = out.getvalue()
-    return text[text.index("<svg") :]

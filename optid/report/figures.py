@@ -41,18 +41,18 @@ def overlay(recording: Recording, prediction: Prediction, role: str, inputs: Seq
             (role, INK, "measured", 1.7),
             (f"{role}_window", WINDOW, "0.5 s window", 1.0),
         ):
-            top.plot(*_thin(time, factor * np.asarray(frame[column], dtype=np.float64)), color=colour,
+            top.plot(*thin(time, factor * np.asarray(frame[column], dtype=np.float64)), color=colour,
                      lw=width, label=label)  # fmt: skip
         _bounded(top, factor * recording[role].values, factor * np.asarray(frame[f"{role}_free_run"]))
-        top.set_ylabel(_label(role, unit))
+        top.set_ylabel(axis_name(role, unit))
         top.legend(loc="lower left", ncols=3, bbox_to_anchor=(0, 1.0), borderaxespad=0.2)
         for name in inputs:
             channel = recording[name]
-            bottom.plot(*_thin(recording.time, channel.recorded), color=QUIET, lw=0.9)
-            bottom.set_ylabel(_label(name, channel.recorded_unit))
+            bottom.plot(*thin(recording.time, channel.recorded), color=QUIET, lw=0.9)
+            bottom.set_ylabel(axis_name(name, channel.recorded_unit))
         bottom.set_xlabel("time (s)")
         figure.align_ylabels()
-        return _svg(figure)
+        return svg(figure)
 
 
 def residuals(recording: Recording, prediction: Prediction, role: str, sd: float | None) -> str:
@@ -67,11 +67,11 @@ def residuals(recording: Recording, prediction: Prediction, role: str, sd: float
                          label="±2 sd of the noise")  # fmt: skip
             left.legend(loc="lower right", bbox_to_anchor=(1, 1.0), borderaxespad=0.2)
         left.plot(
-            *_thin(np.asarray(prediction.frame["time"], dtype=np.float64), factor * error),
+            *thin(np.asarray(prediction.frame["time"], dtype=np.float64), factor * error),
             color=WINDOW,
             lw=0.8,
         )
-        left.set_ylabel(_label("window residual", unit))
+        left.set_ylabel(axis_name("window residual", unit))
         left.set_xlabel("time (s)")
         lags, values, band = autocorrelation(error)
         right.axhspan(-band, band, color=QUIET, alpha=0.25, lw=0)
@@ -79,7 +79,7 @@ def residuals(recording: Recording, prediction: Prediction, role: str, sd: float
         right.set_ylim(-1.05, 1.05)
         right.set_ylabel("autocorrelation")
         right.set_xlabel("lag (ms)")
-        return _svg(figure)
+        return svg(figure)
 
 
 def certificate(frame: Any) -> str:
@@ -98,7 +98,7 @@ def certificate(frame: Any) -> str:
                 axis.scatter(at[~sound], values[~sound], s=9, color=ALARM, lw=0)
                 axis.set_title(f"{column} · {name}", loc="left", fontsize=9, color="#4a525c")
                 axis.set_xlabel("time (s)")
-        return _svg(figure)
+        return svg(figure)
 
 
 def profile(one: Profile) -> str:
@@ -114,10 +114,10 @@ def profile(one: Profile) -> str:
         axis.plot(factor * one.values, one.deviance, color=WINDOW, marker="o", ms=3.5, label="profile")
         axis.axhline(one.limit, color=ALARM, lw=0.8, ls=(0, (4, 3)), label="95 %")
         axis.set_ylim(-0.03 * one.limit, 1.1 * max(float(one.deviance.max()), one.limit))
-        axis.set_xlabel(_label(one.name, unit))
+        axis.set_xlabel(axis_name(one.name, unit))
         axis.set_ylabel("deviance")
         axis.legend(loc="lower left", ncols=3, bbox_to_anchor=(0, 1.0), borderaxespad=0.2)
-        return _svg(figure)
+        return svg(figure)
 
 
 def autocorrelation(error: Array) -> tuple[Array, Array, float]:
@@ -137,7 +137,7 @@ def autocorrelation(error: Array) -> tuple[Array, Array, float]:
     return np.arange(1.0, len(products)), products[1:] / products[0], band
 
 
-def _thin(time: Array, values: Array) -> tuple[Array, Array]:
+def thin(time: Array, values: Array) -> tuple[Array, Array]:
     """Lowest and highest value of every stretch, so that no spike is lost."""
     if len(values) <= POINTS:
         return time, values
@@ -166,12 +166,14 @@ def _bounded(axis: Any, measured: Array, predicted: Array) -> None:
     axis.set_ylim(low - 0.05 * span, high + 0.05 * span)
 
 
-def _label(name: str, unit: str) -> str:
+def axis_name(name: str, unit: str) -> str:
+    """A quantity and its unit, as an axis shows them."""
     plain = name.replace("_", " ")
     return f"{plain} ({unit})" if unit and unit != "1" else plain
 
 
-def _svg(figure: Figure) -> str:
+def svg(figure: Figure) -> str:
+    """A figure as text for a page."""
     buffer = io.BytesIO()
     FigureCanvasSVG(figure)
     figure.savefig(buffer, format="svg", metadata={"Date": None})

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from optid.live.results import Stretch
 from optid.live.review import Review
-from optid.report.figures import ALARM, FREE, INK, QUIET, STYLE, WINDOW, _label, _svg, _thin
+from optid.report.figures import ALARM, FREE, INK, QUIET, STYLE, WINDOW, axis_name, svg, thin
 from optid.report.scores import friendly
 
 LINES = (  # of a stretch: what, colour, width
@@ -26,17 +26,17 @@ def stretch(part: Stretch) -> str:
         figure = Figure(figsize=(9.2, 4.3), layout="constrained")
         top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
         for name, colour, width in LINES:
-            top.plot(*_thin(part.time, factor * part.positions[name]), color=colour, lw=width, label=name,
+            top.plot(*thin(part.time, factor * part.positions[name]), color=colour, lw=width, label=name,
                      ls=(0, (5, 3)) if name == "reference" else "-")  # fmt: skip
-        top.set_ylabel(_label(part.role, unit))
+        top.set_ylabel(axis_name(part.role, unit))
         top.legend(loc="lower left", ncols=4, bbox_to_anchor=(0, 1.0), borderaxespad=0.2)
-        bottom.plot(*_thin(part.time, part.command), color=INK, lw=0.9)
+        bottom.plot(*thin(part.time, part.command), color=INK, lw=0.9)
         for value in part.limits:
             bottom.axhline(value, color=ALARM, lw=0.8, ls=(0, (4, 3)))
-        bottom.set_ylabel(_label("command", part.command_unit))
+        bottom.set_ylabel(axis_name("command", part.command_unit))
         bottom.set_xlabel("time (s)")
         figure.align_ylabels()
-        return _svg(figure)
+        return svg(figure)
 
 
 def review(one: Review, unit: str) -> str:
@@ -50,10 +50,10 @@ def review(one: Review, unit: str) -> str:
                 itae = run.measures["itae"]
                 words = f"{name} gains, ITAE {itae:.3g}" if math.isfinite(itae) else f"{name} gains run away"
                 time = one.sample_time * np.arange(float(run.output.size))
-                axis.plot(*_thin(time, factor * run.output), color=colour, label=words)
+                axis.plot(*thin(time, factor * run.output), color=colour, label=words)
             axis.axhline(factor * one.step, color=INK, lw=0.7, ls=(0, (4, 3)))
             axis.set_title(f"{model} model", loc="left", fontsize=9, color="#4a525c")
             axis.set_xlabel("time (s)")
             axis.legend(loc="lower right")
-        axes[0].set_ylabel(_label("position", shown))
-        return _svg(figure)
+        axes[0].set_ylabel(axis_name("position", shown))
+        return svg(figure)

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from optid.live.settings import wiring_of
 from optid.plan.files import Planned
-from optid.report.figures import ALARM, INK, QUIET, STYLE, WINDOW, _label, _svg, _thin
+from optid.report.figures import ALARM, INK, QUIET, STYLE, WINDOW, axis_name, svg, thin
 from optid.report.scores import friendly
 
 
@@ -21,9 +21,9 @@ def experiment(planned: Planned) -> str:
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(9.2, 5.0), layout="constrained")
         top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
-        top.plot(*_thin(time, factor * run.reference), color=QUIET, lw=1.0, label="reference")
-        top.plot(*_thin(time, factor * loop.position(run)), color=WINDOW, lw=1.3, label="position, predicted")
-        bottom.plot(*_thin(time, run.command), color=INK, lw=0.7)
+        top.plot(*thin(time, factor * run.reference), color=QUIET, lw=1.0, label="reference")
+        top.plot(*thin(time, factor * loop.position(run)), color=WINDOW, lw=1.3, label="position, predicted")
+        bottom.plot(*thin(time, run.command), color=INK, lw=0.7)
         for axis, pair in (
             (top, [factor * value for value in limits.stroke]),
             (bottom, [limits.low, limits.high]),
@@ -36,9 +36,9 @@ def experiment(planned: Planned) -> str:
             top.annotate(f"{number}", (begin, 1.0), xycoords=("data", "axes fraction"), xytext=(3, -10),
                          textcoords="offset points", fontsize=8, color=QUIET)  # fmt: skip
         top.margins(y=0.12)  # room for the numbers
-        top.set_ylabel(_label("position", unit))
+        top.set_ylabel(axis_name("position", unit))
         top.legend(loc="lower left", ncols=2, bbox_to_anchor=(0, 1.0), borderaxespad=0.2)
-        bottom.set_ylabel(_label("command", wiring_of(loop.rig).command.recorded_unit))
+        bottom.set_ylabel(axis_name("command", wiring_of(loop.rig).command.recorded_unit))
         bottom.set_xlabel("time (s)")
         figure.align_ylabels()
-        return _svg(figure)
+        return svg(figure)

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from optid.core.model import Array
-from optid.report.figures import ALARM, FREE, INK, QUIET, STYLE, WINDOW, _label, _svg
+from optid.report.figures import ALARM, FREE, INK, QUIET, STYLE, WINDOW, axis_name, svg
 from optid.report.scores import friendly
 from optid.tune.margins import Frequencies, loop_response
 from optid.tune.score import Response
@@ -64,12 +64,12 @@ def responses(
             bottom.axhline(value, color=ALARM, lw=0.8, ls=(0, (4, 3)))
         _window(top, factor, tuning, episode, bench)
         top.set_xlim(0.0, _interesting(tuning, episode, bench, time))
-        top.set_ylabel(_label("output", unit))
-        bottom.set_ylabel(_label("command", units[1]))
+        top.set_ylabel(axis_name("output", unit))
+        bottom.set_ylabel(axis_name("command", units[1]))
         bottom.set_xlabel("time (s)")
         top.legend(loc="lower left", ncols=4, bbox_to_anchor=(0, 1.0), borderaxespad=0.2)
         figure.align_ylabels()
-        return _svg(figure)
+        return svg(figure)
 
 
 def _window(axis: Any, factor: float, tuning: Tuning, episode: int, bench: bool) -> None:
@@ -119,7 +119,7 @@ def loop(tuning: Tuning) -> str:
         right.set_ylim(max(1e-3, float(np.abs(S).min())), 3.0 * margins.maximum_sensitivity)
         right.set_xlabel("frequency (Hz)")
         right.legend(loc="lower right")
-        return _svg(figure)
+        return svg(figure)
 
 
 def landscape(tuning: Tuning, pairs: Sequence[tuple[str, str]]) -> str:
@@ -157,7 +157,7 @@ def landscape(tuning: Tuning, pairs: Sequence[tuple[str, str]]) -> str:
             axis.set_xlabel(across)
             axis.set_ylabel(up)
         figure.colorbar(image, ax=list(axes), label="cost, decades above the best", shrink=0.9)
-        return _svg(figure)
+        return svg(figure)
 
 
 def _valley(axis: Any, x: Array, y: Array, decades: Array) -> Any:
