@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 HORIZON = 0.5  # s, of a window
 MEMORY = 4  # windows of the past that are estimated anew; what lies before them is a Gaussian prior
 LOOSER = (0.3, 0.03, 3e-3)  # shares of each state's size through which the process noise is annealed
+SURPRISED = 2.0  # squared residuals a sample, in noise variances, above which a young estimate is tried from elsewhere
 PROCESS_NOISE = 3e-3  # per window as a share of each state's size, when no fit says better
 
 
@@ -124,7 +125,30 @@ def _past(o: Objective, first: int, stop: int, mean: Array, spread: Array) -> Ob
 def _first_state(o: Objective, at: Point, q: Array) -> Array:
     stop = min(MEMORY, len(o.problem.begins))
     past = _past(o, 0, stop, o.start, o.spread)
-    return np.asarray(_annealed(past, Point(at.X[:stop], at.p), q)[0].X[0])
+    return np.asarray(_best(past, Point(at.X[:stop], at.p), q)[0].X[0])
+
+
+def _best(o: Objective, at: Point, q: Array) -> tuple[Point, Terms]:
+    """The estimate, from further starts where the first one explains the data badly.
+
+    An axis that sticks in the model and moves on the rig leaves no slope to follow: then each state in turn starts at
+    either end of what is thought possible.
+    """
+    found, terms = _annealed(o, at, q)
+    samples = int(np.isfinite(o.problem.measured).sum())
+    for i in range(len(q)):
+        for side in (1.0, -1.0):
+            if terms.cost <= SURPRISED * samples:
+                return found, terms
+            X = at.X.copy()
+            X[:, i] += side * o.spread[i]
+            try:
+                other, its = _annealed(o, Point(X, at.p), q)
+            except SolveError:
+                continue
+            if its.cost < terms.cost:
+                found, terms = other, its
+    return found, terms
 
 
 def _annealed(o: Objective, at: Point, q: Array) -> tuple[Point, Terms]:
@@ -147,7 +171,8 @@ def _windows(o: Objective, at: Point, q: Array) -> list[tuple[int, int, int, Arr
     for w in range(1, len(b.begins)):
         past = _past(o, first, w, mean, spread)
         try:
-            found, terms = _annealed(past, Point(X[first:w], at.p), q)
+            estimate = _best if first == 0 else _annealed
+            found, terms = estimate(past, Point(X[first:w], at.p), q)
             X[first:w], X[w] = found.X, terms.end[-1]
             if w - first >= MEMORY:
                 mean, spread = _arrival(past, found, terms, q)

@@ -95,7 +95,9 @@ def sliding(s: Sheet, v: Any, kind: str) -> Any:
     share = z / most
     squared = share * share  # no power: it would be the costliest term of the plant
     yielding = 1 + s.param(PRESLIDING_SHAPE) * (squared * squared - 1)
-    z_dot = (v - ca.fabs(v) * share * yielding) / (length + s.param(BRISTLE_LAG) * ca.fabs(v))
+    # Whichever is longer counts: at the speeds where Stribeck's curve bends the lag must not stretch the contact.
+    reach = ca.sqrt(length**2 + (s.param(BRISTLE_LAG) * v) ** 2)
+    z_dot = (v - ca.fabs(v) * share * yielding) / reach
     s.rate(z, z_dot)
     return z + s.param(BRISTLE_DAMPING) * z_dot
 

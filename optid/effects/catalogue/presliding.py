@@ -53,7 +53,6 @@ class Presliding(Effect):
             sheet.note("most", near["most"])
             return sheet.noted("length")
         v, length, z = near["v"], sheet.noted("length"), sheet.noted("z")
-        rate = (v - ca.fabs(v) * z / sheet.noted("most")) / (
-            length + sheet.plant_param("bristle_lag") * ca.fabs(v)
-        )
+        reach = ca.sqrt(length**2 + (sheet.plant_param("bristle_lag") * v) ** 2)
+        rate = (v - ca.fabs(v) * z / sheet.noted("most")) / reach
         return nominal + sheet.param(DAMPING) * distance * rate
