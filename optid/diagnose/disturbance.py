@@ -17,6 +17,7 @@ from optid.core.sheet import Sheet
 from optid.diagnose.judge import Judged, judge
 from optid.diagnose.search import Candidate, Data
 from optid.effects.effect import Effect
+from optid.errors import SolveError
 from optid.fit.likelihood import WHOLE, noisy_states, run_steered
 from optid.fit.problem import pose
 from optid.fit.scoring import Answer, maximise, question_of
@@ -100,7 +101,10 @@ def _at(candidate: Candidate, data: Data, site: str) -> Located | None:
     p = model.vector(rig.parameters)
     p[[model.index(parameter.name) for parameter in plain.parameters]] = candidate.answer.p
     levels = np.r_[candidate.answer.noise.levels + QUIETER, 0.0]
-    answer = maximise(question, p, levels, iterations=8, polish=False, near=candidate.answer)
+    try:
+        answer = maximise(question, p, levels, iterations=8, polish=False, near=candidate.answer)
+    except SolveError:
+        return None  # an unknown signal there takes the model out of the numbers
     signal = answer.filtered.states[0][:, index]
     gain = candidate.answer.score - answer.score
     return Located(site, gain, signal, answer, judge(answer, data.holdout))

@@ -18,6 +18,7 @@ from optid.diagnose.judge import EXCESS, Comparison, Judged, compare, excess, ju
 from optid.diagnose.screen import Signature, screen
 from optid.effects.effect import Effect
 from optid.effects.library import admitted
+from optid.errors import SolveError
 from optid.fit.likelihood import WHOLE
 from optid.fit.problem import pose
 from optid.fit.scoring import Answer, approach, maximise, question_of, quieted, tightened
@@ -25,6 +26,7 @@ from optid.rigs.rigfile import Rig, with_effects
 
 LEVEL = 0.01  # of false alarms on a rig that lacks nothing, for the whole catalogue together
 REFITS = 5  # candidates of a round
+TIGHT = 3  # of a round's first refits are tried again with less process noise
 DEEPEST = 3  # effects at most
 WORTH = 0.04  # share by which an effect must lower the windows' error on the hold-out (physics catalogue B.3, step 5)
 QUIETER = 2.5  # log: how much less process noise the second look of a round allows
@@ -191,8 +193,17 @@ def _refit(
     for signature in few:
         report(share, f"trying {signature.effect.name}")
         rig = with_effects(current.rig, (signature.effect,), signature.effect.qualified(signature.values))
-        tried.append((signature.effect, rig, _attempt(current, signature, rig, data, plain)))
+        try:
+            tried.append((signature.effect, rig, _attempt(current, signature, rig, data, plain)))
+        except SolveError:
+            continue  # with this effect the model leaves the numbers where the screen would have it
     tried.sort(key=lambda t: t[2].score)
+    if excess(current.judged, data.noise) > EXCESS:
+        report(share, "with less process noise")
+        tried[:TIGHT] = [
+            (effect, rig, tightened(answer, QUIETER, QUICK)) for effect, rig, answer in tried[:TIGHT]
+        ]
+        tried.sort(key=lambda t: t[2].score)
     rivals = []
     for place, (effect, rig, answer) in enumerate(tried):
         near = current.answer.score - answer.score > NEAR * (current.answer.score - tried[0][2].score)
@@ -222,10 +233,7 @@ def _attempt(current: Candidate, signature: Signature, rig: Rig, data: Data, pla
         p[model.index(name)] = min(max(value, low), high)
     question = question_of(rig, pose(model, data.train, WHOLE), plain)
     levels = current.answer.noise.levels
-    answer = maximise(question, p, levels, iterations=QUICK, polish=False, near=current.answer)
-    if excess(current.judged, data.noise) <= EXCESS:
-        return answer
-    return tightened(answer, QUIETER, QUICK)
+    return maximise(question, p, levels, iterations=QUICK, polish=False, near=current.answer)
 
 
 def _objection(

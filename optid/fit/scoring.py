@@ -182,15 +182,22 @@ def tightened(answer: Answer, by: float, iterations: int) -> Answer:
         iterations: at most, at the lower level and then with it free.
     """
     levels = np.maximum(answer.noise.levels - by, LEVELS[0])
-    here, _, _ = _descend(_start(answer.question, answer.p, levels), iterations, NEARBY, held=True)
+    here = _Place(answer.question, answer.p, replace(answer.noise, levels=levels))
+    if not math.isfinite(here.score):
+        return answer
+    here, _, _ = _descend(here, iterations, NEARBY, held=True)
     here, _, settled = _descend(here, iterations, ROUGH, first=answer.score)
     return here.answer(settled) if here.score < answer.score - ENOUGH else answer
 
 
 def quieted(answer: Answer, by: float) -> Answer:
     """The same parameters where the states may move less: log levels of process noise lower by `by`."""
-    here = _start(answer.question, answer.p, np.maximum(answer.noise.levels - by, LEVELS[0]))
-    return here.answer(answer.settled)
+    for share in (1.0, 0.5, 0.25):
+        levels = np.maximum(answer.noise.levels - share * by, LEVELS[0])
+        here = _Place(answer.question, answer.p, replace(answer.noise, levels=levels))
+        if math.isfinite(here.score):
+            return here.answer(answer.settled)
+    return answer
 
 
 def _start(q: Question, p: Array, levels: Array) -> _Place:
