@@ -1,0 +1,116 @@
+"""The likelihood search finds the closed form's parameters, and what it carries along is what a filter shows."""
+
+import numpy as np
+import pytest
+
+from optid.errors import SolveError
+from optid.fit.likelihood import WHOLE
+from optid.fit.problem import pose
+from optid.fit.scoring import (
+    LEVELS,
+    Slopes,
+    _Place,
+    _start,
+    approach,
+    maximise,
+    question_of,
+    quieted,
+    tightened,
+)
+from tests.fit.cart import TRUTH, recording, rig
+
+
+@pytest.fixture(scope="module")
+def asked(tmp_path_factory):
+    """The cart's two parameters asked of 8 s of its motion, and a start far from them."""
+    cart = rig(tmp_path_factory.mktemp("cart"))
+    data = [recording(np.random.default_rng(1))]
+    return question_of(cart, pose(cart.model, data, WHOLE), cart.model), cart.model.vector(cart.parameters)
+
+
+@pytest.fixture(scope="module")
+def found(asked):
+    return maximise(*asked)
+
+
+def test_it_finds_the_truth_within_its_own_uncertainty(asked, found):
+    q, _ = asked
+    assert found.settled
+    covariance = np.linalg.inv(found.information)[: len(q.free), : len(q.free)]
+    for k, i in enumerate(q.free):
+        error = (found.p[i] - TRUTH[q.model.parameters[i].name]) / q.typical[k]
+        assert abs(error) < 3.5 * np.sqrt(covariance[k, k])
+    # Nothing moves the states but the push: the noise of the states goes away.
+    assert (found.noise.levels < np.log(0.02)).all()
+
+
+def test_its_information_is_the_curvature_of_the_score(asked, found):
+    q, _ = asked
+    levels = found.noise.levels
+    for k, i in enumerate(q.free):
+        h = 3.0 / np.sqrt(found.information[k, k]) * q.typical[k]
+        scores = []
+        for side in (-1.0, 1.0):
+            p = found.p.copy()
+            p[i] += side * h
+            scores.append(_start(q, p, levels).score)
+        curvature = (scores[0] + scores[1] - 2 * found.score) / h**2 * q.typical[k] ** 2
+        assert curvature == pytest.approx(2 * found.information[k, k], rel=0.05)
+
+
+def test_carried_slopes_say_what_the_step_showed(asked):
+    q, p = asked
+    here = _start(q, p, np.full(len(q.groups), -3.0))
+    _, information = here.expanded()
+    step = np.array([0.03, -0.02, *np.full(len(q.groups), 0.4)])
+    there = here.moved(step)
+    s = there.coordinates - here.coordinates
+    slopes = here.carried(there, information)
+    seen = there.filtered.innovations[0] - here.filtered.innovations[0]
+    known = np.isfinite(seen)
+    assert (slopes.innovations @ s)[known] == pytest.approx(seen[known], abs=1e-12)
+    # Across the step, in the metric of the information, nothing changes.
+    across = np.array([1.0, *np.zeros(len(step) - 1)])
+    across -= s * (across @ (np.diag(information) * s)) / (s @ (np.diag(information) * s))
+    assert (slopes.innovations @ across)[known] == pytest.approx(
+        (here.slopes.innovations @ across)[known], abs=1e-9
+    )
+
+
+def test_a_like_model_starts_where_the_other_ended(asked, found, monkeypatch):
+    q, _ = asked
+    taken = []
+    whole = _Place.differentiate
+    monkeypatch.setattr(
+        _Place, "differentiate", lambda self, columns=None: (taken.append(columns), whole(self, columns))[1]
+    )
+    again = maximise(q, found.p, found.noise.levels, near=found)
+    assert again.score <= found.score + 1e-6
+    assert taken[0] == []  # nothing is taken anew before the first step
+    assert isinstance(again.slopes, Slopes)
+
+
+def test_less_process_noise_is_tried_and_never_makes_it_worse(asked, found):
+    q, p = asked
+    loud = _start(q, p, np.full(len(q.groups), 0.0)).answer(False)
+    better = tightened(loud, 3.0, 15)
+    assert better.score < loud.score - 100
+    assert tightened(found, 1.0, 5).score <= found.score
+    quiet = quieted(loud, 2.5)
+    assert quiet.noise.levels == pytest.approx(np.maximum(loud.noise.levels - 2.5, LEVELS[0]))
+    assert np.array_equal(quiet.p, loud.p)
+
+
+def test_an_approach_keeps_the_level(asked):
+    q, p = asked
+    near = approach(q, p)
+    assert near.noise.levels == pytest.approx(np.log(0.1))
+    assert near.p[list(q.free)] == pytest.approx([TRUTH["gain"], TRUTH["drag"]], rel=0.05)
+
+
+def test_a_start_without_numbers_is_refused(asked):
+    q, p = asked
+    broken = p.copy()
+    broken[q.free[0]] = np.nan
+    with pytest.raises(SolveError, match="leaves the numbers at the start"):
+        maximise(q, broken)
