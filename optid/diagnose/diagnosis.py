@@ -9,10 +9,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from optid.check.noise import noise_sd
-from optid.core.recording import Recording
+from optid.core.recording import Array, Recording
 from optid.core.thinning import thinned
-from optid.diagnose.disturbance import Located, locate
+from optid.diagnose.disturbance import Located, locate, locate_at
 from optid.diagnose.judge import EXCESS, Comparison, compare, excess
+from optid.diagnose.law import law_at
 from optid.diagnose.residuals import Residuals, residual_tests
 from optid.diagnose.rivals import indistinguishable
 from optid.diagnose.screen import Signature, screen
@@ -64,7 +65,8 @@ class Finding:
         delta_bic: that fall less what its parameters cost.
         indistinguishable: names of effects that explain the recordings as well.
         sentence: what an engineer would say.
-        signal: the unknown signal at the site, where it was estimated.
+        signal: the unknown signal at the site, where it was estimated on the model as it came.
+        law: what the named effects make of that site's signal, (samples,).
     """
 
     effect: Effect | None
@@ -79,6 +81,7 @@ class Finding:
     indistinguishable: tuple[str, ...]
     sentence: str
     signal: Located | None = None
+    law: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,10 +219,20 @@ def _findings(
         findings.append(
             Finding(
                 effect, effect.site, effect.sites[0], mine, where, shown, evidence, gain, gain - count,
-                indistinguishable(found, effect, data), _says(effect, best),
+                indistinguishable(found, effect, data), _says(effect, best), *_signal(found, effect, data, report),
             )
         )  # fmt: skip
     return tuple(sorted(findings, key=lambda f: -f.train_gain))
+
+
+def _signal(found: Search, effect: Effect, data: Data, report: Report) -> tuple[Located | None, Array | None]:
+    """The unknown signal at the effect's site and the law there, at the first of its sites that the law changes."""
+    for site in effect.sites:
+        law = law_at(found.base, found.best, site)
+        if np.isfinite(law).all() and np.ptp(law) > 0.0:
+            report(0.97, f"the unknown signal at {site}")
+            return locate_at(found.base, data, site), law
+    return None, None
 
 
 def _says(effect: Effect, best: Candidate) -> str:

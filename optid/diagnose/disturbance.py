@@ -72,7 +72,9 @@ class Located:
 
 def locate(candidate: Candidate, data: Data) -> list[Located]:
     """Every site with an unknown signal of its own, the best first."""
-    found = [one for site in places(candidate.rig.model) if (one := _at(candidate, data, site)) is not None]
+    found = [
+        one for site in places(candidate.rig.model) if (one := locate_at(candidate, data, site)) is not None
+    ]
     return sorted(found, key=lambda one: -one.gain)
 
 
@@ -88,7 +90,8 @@ def places(model: Model) -> tuple[str, ...]:
     return tuple(chosen)
 
 
-def _at(candidate: Candidate, data: Data, site: str) -> Located | None:
+def locate_at(candidate: Candidate, data: Data, site: str) -> Located | None:
+    """An unknown signal at one site; ``None`` where none would show."""
     scale = _scale(candidate, data, site)
     if scale is None:
         return None
@@ -111,7 +114,10 @@ def _at(candidate: Candidate, data: Data, site: str) -> Located | None:
 
 
 def _scale(candidate: Candidate, data: Data, site: str) -> float | None:
-    """A constant at the site that moves the innovations by about one sd; ``None`` where none does."""
+    """A constant at the site that moves the innovations by about one sd; ``None`` where none does.
+
+    Where a model with held gains loses track before that, the largest one tried under which it does not.
+    """
     rig = with_effects(candidate.rig, (Disturbance(site, "1", 1.0),), {})
     model, plain, answer = rig.model, candidate.rig.model, candidate.answer
     p = model.vector(rig.parameters)
@@ -120,7 +126,7 @@ def _scale(candidate: Candidate, data: Data, site: str) -> float | None:
     common = [names.index(state.name) for state in plain.states]
     problem = pose(model, data.train, WHOLE)
     sd = np.sqrt(answer.filtered.variances[0])
-    size = 1e-9
+    size, seen = 1e-9, 0.0
     for _ in range(14):
         moved = run_steered(
             model,
@@ -133,9 +139,9 @@ def _scale(candidate: Candidate, data: Data, site: str) -> float | None:
         still = run_steered(model, problem, p[None], answer.filtered.gains[0], common)[0]
         change = (moved - still) / sd
         if not np.isfinite(change[np.isfinite(answer.filtered.innovations[0])]).all():
-            return None
+            return size / 10.0 if seen > 0.0 else None
         rms = float(np.sqrt(np.nanmean(change**2)))
         if rms > 0.1:
             return size / rms
-        size *= 10.0
+        size, seen = size * 10.0, rms
     return None

@@ -11,11 +11,12 @@ from matplotlib.figure import Figure
 from optid.core.model import Array
 from optid.diagnose.diagnosis import Diagnosis, Finding
 from optid.diagnose.judge import Judged
-from optid.report.figures import ALARM, FREE, INK, QUIET, STYLE, WINDOW, svg
+from optid.report.figures import ALARM, FREE, INK, QUIET, STYLE, WINDOW, svg, thin
 from optid.report.scores import friendly
 
 SLOT = 0.1  # s: a column of the mismatch map
 BINS = 60
+DOTS = 4000  # points of a scatter plot
 
 
 def before_after(d: Diagnosis, output: int) -> str:
@@ -99,23 +100,49 @@ def over_state(finding: Finding, signal: str) -> str:
 
 
 def missing_signal(finding: Finding, names: tuple[str, ...]) -> str:
-    """The unknown signal at a site, as estimated with the states."""
+    """The unknown signal at a site as estimated with the states, the named law through it, and its likely cause."""
     assert finding.signal is not None
-    region, w = finding.region, finding.signal.signal
+    region, w, law = finding.region, finding.signal.signal, finding.law
+    cause = next((name for name in finding.shown if name in region.signals), None)
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(9.2, 2.6), layout="constrained")
-        axes: Any = figure.subplots()
+        figure = Figure(figsize=(9.2, 2.8), layout="constrained")
+        axes: Any = figure.subplots(
+            1, 1 if cause is None else 2, squeeze=False, width_ratios=(1,) if cause is None else (2.2, 1)
+        )[0]
         start = 0.0
-        for number, name in enumerate(names):
+        for number in range(len(names)):
             mine = region.owner == number
             time = region.time[mine] - region.time[mine][0] + start
-            axes.plot(time, w[mine], color=INK, lw=0.9)
-            axes.annotate(name, (start, 1.0), xycoords=("data", "axes fraction"), va="bottom", fontsize=8)
+            axes[0].plot(*thin(time, w[mine]), color=INK, lw=0.9, label=None if number else "unknown signal")
+            if law is not None:
+                axes[0].plot(
+                    *thin(time, law[mine]), color=WINDOW, lw=1.0, label=None if number else "named law"
+                )
             start = float(time[-1])
-            axes.axvline(start, color=QUIET, lw=0.6)
-        axes.set_ylabel(f"signal at {finding.place}, SI")
-        axes.set_xlabel("time over the recordings (s)")
+            axes[0].axvline(start, color=QUIET, lw=0.6)
+        bounds = _range(w, law)
+        axes[0].set_ylim(*bounds)
+        axes[0].set_ylabel(f"signal at {finding.signal.site}, SI")
+        axes[0].set_xlabel(f"time over {', '.join(names)} (s)")
+        axes[0].legend(loc="lower left", ncols=2, bbox_to_anchor=(0, 1.0), borderaxespad=0.2)
+        if cause is not None:
+            values, unit = region.signals[cause]
+            factor, shown = friendly(unit)
+            some = slice(None, None, max(len(w) // DOTS, 1))
+            axes[1].plot(factor * values[some], w[some], ".", ms=1.5, color=INK, alpha=0.4)
+            if law is not None:
+                axes[1].plot(factor * values[some], law[some], ".", ms=1.5, color=WINDOW)
+            axes[1].set_ylim(*bounds)
+            axes[1].set_xlabel(f"{cause.replace('_', ' ')} ({shown})" if shown else cause.replace("_", " "))
         return svg(figure)
+
+
+def _range(w: Array, law: Array | None) -> tuple[float, float]:
+    """Nearly all of both: where nothing moves the unknown signal wanders."""
+    both = w if law is None else np.concatenate([w, law])
+    low, high = np.quantile(both[np.isfinite(both)], [0.01, 0.99])
+    room = 0.15 * (high - low) or 1.0
+    return float(low - room), float(high + room)
 
 
 def _clock(judged: Judged) -> Array:

@@ -52,6 +52,18 @@ def test_a_dead_band_is_named_sized_and_proven(dead):
     assert after < 1.2 * dead.noise["position"] < before
 
 
+def test_the_unknown_signal_goes_where_the_law_says(dead):
+    (finding,) = dead.findings
+    assert finding.signal is not None
+    assert finding.law.shape == finding.signal.signal.shape
+    # Where the command is beyond the band the law takes its width away from it, to the side of the command.
+    u = np.concatenate([recording["command"].values for recording in dead.data.train])
+    driven = np.abs(u) > 2 * WIDTH
+    assert np.abs(finding.law[driven] + WIDTH * np.sign(u[driven])).max() < 0.1 * WIDTH
+    assert finding.signal.site == finding.place
+    assert finding.signal.gain > 100.0
+
+
 def test_the_document_holds_what_the_contract_asks(dead):
     document = diagnosis_document(dead)
     assert document["verdict"] == "missing-physics"

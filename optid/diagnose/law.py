@@ -1,0 +1,56 @@
+"""What named effects make of the signal at a site, sample by sample: to be held against the unknown signal there."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from optid.core.model import Array
+from optid.core.sheet import Sheet
+from optid.diagnose.search import Candidate
+from optid.effects.effect import Effect
+from optid.rigs.rigfile import with_effects
+
+
+class Probe(Effect):
+    """Shows the signal at a site as an output, and leaves it as it is."""
+
+    equation = ""
+    parameters = ()
+    strength: Mapping[str, float] = {}
+    usual = ()
+    law = "the signal itself"
+    says = ""
+    depends_on = ()
+    needs = ""
+    source = ""
+
+    def __init__(self, name: str, site: str) -> None:
+        self.name, self.sites = name, (site,)
+
+    def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
+        """The signal as it came."""
+        sheet.output(self.name, "1", nominal)
+        return nominal
+
+
+def law_at(base: Candidate, best: Candidate, site: str) -> Array:
+    """What the best model's effects add to a site's signal along the recordings, SI, (samples,).
+
+    Args:
+        base: the model without them.
+        best: their fitted values, and the states that the filter saw.
+        site: of the plant, as "force.external".
+    """
+    rig = with_effects(base.rig, (Probe("before", site), *best.effects, Probe("after", site)), {})
+    model, own, answer = rig.model, best.rig.model, best.answer
+    p = model.vector(rig.parameters)
+    p[[model.index(parameter.name) for parameter in own.parameters]] = answer.p
+    names = [state.name for state in own.states]
+    X = answer.filtered.states[0][:, [names.index(state.name) for state in model.states]]
+    U = answer.question.problem.inputs
+    roles = [port.role for port in model.outputs]
+    shown = np.array(model.sensors.map(len(X))(X.T, U.T, p))
+    return np.asarray(shown[roles.index("after")] - shown[roles.index("before")])
