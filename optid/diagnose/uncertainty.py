@@ -65,8 +65,9 @@ def _covariance(answer: Answer, signatures: Sequence[Signature]) -> Array:
     np.add.at(summed, where.ravel(), scores)
     meat = summed.T @ summed + np.diag(prior)
     sandwich = inverse @ meat @ inverse
-    wider = np.maximum(np.diag(sandwich)[:nf] / np.maximum(np.diag(inverse)[:nf], 1e-300), 1.0)
-    scale = np.sqrt(wider)
+    own = np.diag(inverse)[:nf]
+    wider = np.divide(np.diag(sandwich)[:nf], own, out=np.ones(nf), where=own > 1e-30)  # 0: without influence
+    scale = np.sqrt(np.maximum(wider, 1.0))
     return np.asarray(inverse[:nf, :nf] * np.outer(scale, scale))
 
 
