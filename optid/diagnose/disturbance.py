@@ -137,7 +137,8 @@ def _scale(candidate: Candidate, data: Data, site: str) -> float | None:
             nudge=(names.index("unknown.signal"), size),
         )[0]
         still = run_steered(model, problem, p[None], answer.filtered.gains[0], common)[0]
-        change = (moved - still) / sd
+        with np.errstate(invalid="ignore"):  # both may have left the numbers
+            change = (moved - still) / sd
         if not np.isfinite(change[np.isfinite(answer.filtered.innovations[0])]).all():
             return size / 10.0 if seen > 0.0 else None
         rms = float(np.sqrt(np.nanmean(change**2)))

@@ -117,7 +117,7 @@ def _best(answer: Answer, recordings: Sequence[Recording], effect: Effect, view:
     own = view.projected(view.z)
     best: Signature | None = None
     for point, e in zip(points, E, strict=True):
-        change = (e - view.base)[view.known] * view.scale * view.weight
+        change = (e[view.known] - view.base[view.known]) * view.scale * view.weight
         if not np.isfinite(change).all():
             continue
         change[np.abs(change) > LOST] = 0.0

@@ -78,9 +78,10 @@ def _numerical(answer: Answer, view: View) -> list[Array]:
     if not len(pairs):
         return []
     runs = run_steered(q.model, q.problem, pairs, answer.filtered.gains[0], range(len(q.model.states)))
-    changes = [
-        (high - low)[view.known] / 2 * view.scale * view.weight
-        for low, high in zip(runs[::2], runs[1::2], strict=True)
-    ]
+    with np.errstate(invalid="ignore"):  # both may have left the numbers
+        changes = [
+            (high - low)[view.known] / 2 * view.scale * view.weight
+            for low, high in zip(runs[::2], runs[1::2], strict=True)
+        ]
     # Beyond it a model that lost track under held gains says nothing.
     return [np.where(np.abs(change) > LOST, 0.0, change) for change in changes if np.isfinite(change).all()]
