@@ -14,13 +14,14 @@ import numpy as np
 
 from optid.core.model import Array, Model
 from optid.core.sheet import Sheet
+from optid.diagnose.instrument import Instrument
 from optid.diagnose.judge import Judged, judge
 from optid.diagnose.search import Candidate, Data
-from optid.effects.effect import Effect
 from optid.errors import SolveError
 from optid.fit.likelihood import WHOLE, noisy_states, run_steered
+from optid.fit.place import Answer
 from optid.fit.problem import pose
-from optid.fit.scoring import Answer, maximise, question_of
+from optid.fit.scoring import maximise, question_of
 from optid.rigs.rigfile import with_effects
 
 # Where a disturbance stands for all that can go wrong at a kind of site; other plants' sites stand for themselves.
@@ -28,18 +29,8 @@ TYPICAL = ("valve.command", "flow.chamber_a", "flow.chamber_b", "force.external"
 QUIETER = -3.0  # log: the states' own noise is started this much lower, so that the signal can take over
 
 
-class Disturbance(Effect):
+class Disturbance(Instrument):
     """nominal + w, with w a random walk."""
-
-    equation = ""
-    parameters = ()
-    strength: Mapping[str, float] = {}
-    usual = ()
-    law = "an unknown signal"
-    says = ""
-    depends_on = ()
-    needs = ""
-    source = "random walk"
 
     def __init__(self, site: str, unit: str, scale: float) -> None:
         self.name, self.sites, self.unit, self.scale = "unknown", (site,), unit, scale

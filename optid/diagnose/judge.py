@@ -12,10 +12,10 @@ from optid.core.model import Array, Model
 from optid.core.recording import Recording
 from optid.core.simulation import simulate
 from optid.fit.likelihood import WHOLE, deviance, run_filter
+from optid.fit.place import Answer
 from optid.fit.prediction import HORIZON
 from optid.fit.problem import Integers, Problem, pose
 from optid.fit.result import Score
-from optid.fit.scoring import Answer
 
 BLOCK = 0.5  # s: samples nearer than this are not counted as independent of each other
 RESAMPLES = 4000

@@ -9,23 +9,13 @@ import numpy as np
 
 from optid.core.model import Array
 from optid.core.sheet import Sheet
+from optid.diagnose.instrument import Instrument
 from optid.diagnose.search import Candidate
-from optid.effects.effect import Effect
 from optid.rigs.rigfile import with_effects
 
 
-class Probe(Effect):
+class Probe(Instrument):
     """Shows the signal at a site as an output, and leaves it as it is."""
-
-    equation = ""
-    parameters = ()
-    strength: Mapping[str, float] = {}
-    usual = ()
-    law = "the signal itself"
-    says = ""
-    depends_on = ()
-    needs = ""
-    source = ""
 
     def __init__(self, name: str, site: str) -> None:
         self.name, self.sites = name, (site,)

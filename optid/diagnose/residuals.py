@@ -11,7 +11,7 @@ from scipy import stats
 from optid.core.model import Array
 from optid.core.recording import Recording
 from optid.diagnose.judge import Judged
-from optid.fit.scoring import Answer
+from optid.fit.place import Answer
 
 LAGS = 20
 ERROR_RATE = 0.01  # at which a right model fails a test

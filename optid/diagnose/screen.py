@@ -15,8 +15,8 @@ from optid.core.model import Array
 from optid.core.recording import Recording
 from optid.effects.effect import Effect
 from optid.fit.likelihood import FAR, WHOLE, run_steered
+from optid.fit.place import Answer
 from optid.fit.problem import Booleans, Integers, Problem, pose
-from optid.fit.scoring import Answer
 from optid.rigs.rigfile import with_effects
 
 SHARES = (0.3, 1.0)  # of an effect's usual size at which it is tried

@@ -20,8 +20,9 @@ from optid.effects.effect import Effect
 from optid.effects.library import admitted
 from optid.errors import SolveError
 from optid.fit.likelihood import WHOLE
+from optid.fit.place import Answer
 from optid.fit.problem import pose
-from optid.fit.scoring import Answer, approach, maximise, question_of, quieted, tightened
+from optid.fit.scoring import approach, maximise, question_of, quieted, tightened
 from optid.rigs.rigfile import Rig, with_effects
 
 LEVEL = 0.01  # of false alarms on a rig that lacks nothing, for the whole catalogue together

@@ -17,8 +17,8 @@ from optid.core.model import Array
 from optid.diagnose.judge import numerical_settings
 from optid.diagnose.screen import LOST, Signature, View
 from optid.fit.likelihood import run_steered
+from optid.fit.place import Answer
 from optid.fit.result import Estimate
-from optid.fit.scoring import Answer
 
 UNNAMED = 0.5  # sd of an unnamed effect's size, in smallest sizes worth a name
 BLOCK = 0.25  # s of innovations that count as one

@@ -10,8 +10,8 @@ import numpy as np
 from optid.core.model import Array
 from optid.core.recording import Recording
 from optid.fit.likelihood import run_steered
+from optid.fit.place import Answer
 from optid.fit.problem import Integers
-from optid.fit.scoring import Answer
 
 SLOT = 0.1  # s: resolution of the intervals
 LOUD = 0.1  # of the loudest slot's energy: a slot above it belongs to an interval

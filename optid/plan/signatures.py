@@ -16,8 +16,9 @@ from optid.core.model import Array
 from optid.core.recording import Recording
 from optid.effects.effect import Effect
 from optid.fit.likelihood import FAR, WHOLE, run_steered
+from optid.fit.place import Answer
 from optid.fit.problem import pose
-from optid.fit.scoring import Answer, maximise, question_of
+from optid.fit.scoring import maximise, question_of
 from optid.rigs.rigfile import Rig, with_effects
 
 # Log level of process noise of a model that is nearly right, in usual sizes per sqrt(s). With a tenth of it models

@@ -5,18 +5,9 @@ import pytest
 
 from optid.errors import SolveError
 from optid.fit.likelihood import WHOLE
+from optid.fit.place import LEVELS, Place, Slopes
 from optid.fit.problem import pose
-from optid.fit.scoring import (
-    LEVELS,
-    Slopes,
-    _Place,
-    _start,
-    approach,
-    maximise,
-    question_of,
-    quieted,
-    tightened,
-)
+from optid.fit.scoring import _start, approach, maximise, question_of, quieted, tightened
 from tests.fit.cart import TRUTH, recording, rig
 
 
@@ -80,9 +71,9 @@ def test_carried_slopes_say_what_the_step_showed(asked):
 def test_a_like_model_starts_where_the_other_ended(asked, found, monkeypatch):
     q, _ = asked
     taken = []
-    whole = _Place.differentiate
+    whole = Place.differentiate
     monkeypatch.setattr(
-        _Place, "differentiate", lambda self, columns=None: (taken.append(columns), whole(self, columns))[1]
+        Place, "differentiate", lambda self, columns=None: (taken.append(columns), whole(self, columns))[1]
     )
     again = maximise(q, found.p, found.noise.levels, near=found)
     assert again.score <= found.score + 1e-6
