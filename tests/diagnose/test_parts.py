@@ -1,13 +1,20 @@
 """The parts of a diagnosis: comparison by blocks, residual tests, ranges of signals, words."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from optid.diagnose import search as search_of
 from optid.diagnose.judge import Judged, compare
 from optid.diagnose.residuals import _portmanteau
+from optid.diagnose.screen import screen
 from optid.diagnose.where import _range
 from optid.diagnose.words import quantity
+from optid.effects.library import admitted
+from optid.errors import SolveError
 from optid.fit.result import Score
+from tests.diagnose.trolley import recording, rig
 
 
 def judged(deviance, rmse):
@@ -66,3 +73,21 @@ def test_quantities_are_said_in_units_people_use():
     assert quantity(2.5e5, "Pa") == "2.5 bar"
     assert quantity(0.004, "s") == "4 ms"
     assert quantity(12.0, "s") == "12 s"
+
+
+def test_a_candidate_that_leaves_the_numbers_drops_out(tmp_path, monkeypatch):
+    train = [recording(seed, f"run{seed}.csv", lambda u: u) for seed in (1, 2)]
+    data = search_of.Data(tuple(train), tuple(train), {}, np.random.default_rng(0))
+    base = search_of.fit_base(rig(tmp_path), data, lambda share, words: None)
+    signatures = screen(base.answer, data.train, admitted(base.rig.model))[:2]
+    bold = [replace(one, gain=1e6, values=one.effect.usual[0]) for one in signatures]
+    whole = search_of._attempt
+
+    def attempt(current, signature, *others):
+        if signature is bold[0]:
+            raise SolveError("the simulation leaves the numbers")
+        return whole(current, signature, *others)
+
+    monkeypatch.setattr(search_of, "_attempt", attempt)
+    rivals = search_of._refit(base, bold, data, base.rig.model, lambda share, words: None, 0.0)
+    assert [rival.effect.name for rival in rivals] == [bold[1].effect.name]

@@ -82,3 +82,13 @@ def test_what_does_not_find_its_signals_is_not_offered():
 def test_a_signal_that_a_plant_does_not_declare_is_named():
     with pytest.raises(PlantError, match=r'spring_load.*"x".*force\.external'):
         build(axis, [built_in()["spring_load"]])
+
+
+def test_overlap_and_underlap_of_one_valve_exclude_each_other():
+    plain = build(servo_pneumatic)
+    assert {"valve_deadband", "valve_underlap"} <= {effect.name for effect in admitted(plain)}
+    for there, out in (("valve_deadband", "valve_underlap"), ("valve_underlap", "valve_deadband")):
+        model = build(servo_pneumatic, (built_in()[there],))
+        names = {effect.name for effect in admitted(model)}
+        assert out not in names
+        assert "valve_lag" in names
