@@ -13,7 +13,7 @@ from typing import Any
 import llvmlite.binding as llvm
 
 from optid.core import kernel, normal
-from optid.core.emit import source, source_of_runs, width
+from optid.core.emit import source, source_of_lanes, source_of_runs, width
 from optid.core.model import Model
 
 WORKERS = max(1, len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1)
@@ -69,7 +69,7 @@ def compiled_runs(model: Model) -> Compiled:
 @lru_cache(maxsize=128)
 def compiled_lanes(model: Model) -> Compiled:
     """As `compiled_runs`, for the filter and its kin, which move several states at once."""
-    return _bound(*source_of_runs(model, lanes=True), len(model.states))
+    return _bound(*source_of_lanes(model), len(model.states))
 
 
 def _bound(text: str, hoisted: int, directions: int) -> Compiled:

@@ -17,6 +17,7 @@ from numba.core import cgutils
 
 from optid.core.instructions import FORMS, REAL, Value, add, div, intrinsic, mul, number
 from optid.core.model import Model
+from optid.core.rosenbrock import rosenbrock
 from optid.core.rows import LANES, PLACE, SEVERAL, combine, index, largest, load, row_at, size, splat, store
 
 # Dormand and Prince (1980), table 2: stages, and fifth minus fourth order weights.
@@ -31,7 +32,7 @@ A = (
 )
 E = (71 / 57600, 0.0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40)
 
-_ARGUMENTS = ("x", "u", "p")
+_ARGUMENTS = ("x", "u", "p", "h")
 _PARAMETER = 2  # position of p among the arguments
 
 
@@ -68,7 +69,7 @@ def source(model: Model, free: Sequence[int]) -> tuple[str, int]:
         values = function(x, u, p)
         jacobian = ca.jacobian(values, ca.vertcat(x, p[list(free)]) if free else x)
         if not free:
-            writer.rates(ca.Function(name, [x, u, p], [ca.cse(ca.densify(values))]), None)
+            writer.rates(_plain(name, model, function), None)
         both = ca.Function(sensitive, [x, u, p], ca.cse([ca.densify(values), jacobian]))
         writer.rates(both, jacobian.sparsity())
         writer.many_slopes(both, jacobian.sparsity())
@@ -81,30 +82,37 @@ def source(model: Model, free: Sequence[int]) -> tuple[str, int]:
     return writer.finish(), max(len(writer.slots), 1)
 
 
-def source_of_runs(model: Model, lanes: bool = False) -> tuple[str, int]:
+def source_of_runs(model: Model) -> tuple[str, int]:
     """A model without slopes, in a fraction of the time to compile: LLVM code, length of c.
 
-    As of `source` ``constants``, ``rates``, ``step`` and ``sensors``; with `lanes` instead of rates and step:
-
-    - ``many_rates`` and ``many_step``: for `LANES` states at once. x, u, c and k are rows of `LANES` numbers; the
-      largest error of all counts.
+    As of `source` ``constants``, ``rates``, ``step`` and ``sensors``.
     """
     writer = _Writer(model, ())
+    writer.rates(_plain("rates", model, model.rates), None)
+    writer.rates(_plain("sensors", model, model.sensors), None)
+    writer.step("step", "rates", False)
+    return writer.finish(), max(len(writer.slots), 1)
+
+
+def source_of_lanes(model: Model) -> tuple[str, int]:
+    """A model for the filter and its kin, which move several states at once: LLVM code, length of c.
+
+    As of `source` ``constants`` and ``sensors``, and:
+
+    - ``many_step(x, u, c, tolerance, h)``: a step of `optid.core.rosenbrock` for `LANES` states at once. x, u and c are
+      rows of `LANES` numbers; the largest error of all counts.
+    """
+    writer = _Writer(model, ())
+    writer.rates(_plain("sensors", model, model.sensors), None)
+    writer.many_step(rosenbrock(model))
+    return writer.finish(), max(len(writer.slots), 1)
+
+
+def _plain(name: str, model: Model, function: Callable[..., ca.SX]) -> ca.Function:
     x = ca.SX.sym("x", len(model.states))
     u = ca.SX.sym("u", len(model.inputs))
     p = ca.SX.sym("p", len(model.parameters))
-    rates, sensors = (
-        ca.Function(name, [x, u, p], [ca.cse(ca.densify(function(x, u, p)))])
-        for function, name in ((model.rates, "rates"), (model.sensors, "sensors"))
-    )
-    writer.rates(sensors, None)
-    if lanes:
-        writer.rates(rates, None, "many_rates", SEVERAL)
-        writer.step("many_step", "many_rates", False, SEVERAL)
-    else:
-        writer.rates(rates, None)
-        writer.step("step", "rates", False)
-    return writer.finish(), max(len(writer.slots), 1)
+    return ca.Function(name, [x, u, p], [ca.cse(ca.densify(function(x, u, p)))])
 
 
 class _Writer:
@@ -118,12 +126,10 @@ class _Writer:
         self._constants, self._of_constants = self._function("constants", ("p", "c"))
         self._named: dict[tuple[object, ...], Value] = {}  # instruction and operands -> what holds it
 
-    def rates(
-        self, function: ca.Function, pattern: ca.Sparsity | None, name: str | None = None, kind: Value = REAL
-    ) -> None:
+    def rates(self, function: ca.Function, pattern: ca.Sparsity | None) -> None:
         """Values and behind them the largest |J_ii|; with the `pattern` of the Jacobian their slopes along S."""
-        b, at = self._function(name or function.name(), ("x", "S", "u", "c", "k", "T"))
-        outputs = self._equations(function, b, at, kind)
+        b, at = self._function(function.name(), ("x", "S", "u", "c", "k", "T"))
+        outputs = self._equations(function, b, at, REAL)
         for i, value in enumerate(outputs[0]):
             store(b, at["k"], i, value)
         fastest = number(0.0)
@@ -140,18 +146,18 @@ class _Writer:
                     fastest = intrinsic("maxnum")(b, fastest, intrinsic("fabs")(b, value))
             for i, row in enumerate(rows):
                 store(b, at["T"], i, ir.Constant(self.row, None) if row is None else row)
-        store(b, at["k"], len(outputs[0]), splat(b, fastest, kind))
+        store(b, at["k"], len(outputs[0]), fastest)
         b.ret(number(0.0))
 
-    def step(self, name: str, rates: str, sensitive: bool, kind: Value = REAL) -> None:
+    def step(self, name: str, rates: str, sensitive: bool) -> None:
         """A Runge-Kutta step from the rates k (and slopes T) at x, unrolled; nothing moves when it errs too much."""
         b, at = self._function(name, ("x", "S", "u", "c", "k", "T", "tolerance"), ("h",))
-        x = [load(b, at["x"], i, kind) for i in range(self.nx)]
-        k = [[load(b, at["k"], i, kind) for i in range(self.nx + 1)]]
+        x = [load(b, at["x"], i) for i in range(self.nx)]
+        k = [[load(b, at["k"], i) for i in range(self.nx + 1)]]
         S = [load(b, at["S"], i, self.row) for i in range(self.nx)] if sensitive else []
         T = [[load(b, at["T"], i, self.row) for i in range(len(S))]]
         moved, new = x, S
-        stage, slope = (b.bitcast(b.alloca(kind, index(self.nx + 1)), PLACE) for _ in range(2))
+        stage, slope = (b.bitcast(b.alloca(REAL, index(self.nx + 1)), PLACE) for _ in range(2))
         stage_S, slope_S = (b.bitcast(b.alloca(self.row, index(self.nx)), PLACE) for _ in range(2))
         for weights in A[1:]:
             scaled = [mul(b, at["h"], number(w)) if w else None for w in weights]
@@ -161,13 +167,27 @@ class _Writer:
                 for i, value in enumerate(values):
                     store(b, place, i, value)
             b.call(self.module.globals[rates], (stage, stage_S, at["u"], at["c"], slope, slope_S))
-            k.append([load(b, slope, i, kind) for i in range(self.nx + 1)])
+            k.append([load(b, slope, i) for i in range(self.nx + 1)])
             T.append([load(b, slope_S, i, self.row) for i in range(len(S))])
-        error = self._error(b, at, k, kind)
+        error = self._error(b, at, k, REAL)
         with b.if_then(b.fcmp_ordered("<=", error, number(1.0))):
             for place, values in (("x", moved), ("k", k[-1]), ("S", new), ("T", T[-1])):
                 for i, value in enumerate(values):
                     store(b, at[place], i, value)
+        b.ret(error)
+
+    def many_step(self, function: ca.Function) -> None:
+        """A step of `rosenbrock` for `LANES` states at once; nothing moves when it errs too much."""
+        b, at = self._function("many_step", ("x", "u", "c", "tolerance"), ("h",))
+        moved = self._equations(function, b, at, SEVERAL)[0]
+        error = ir.Constant(SEVERAL, None)
+        for i, missed in enumerate(moved[self.nx :]):
+            share = div(b, missed, splat(b, load(b, at["tolerance"], i), SEVERAL))
+            error = intrinsic("maximum")(b, error, intrinsic("fabs")(b, share))
+        error = largest(b, error)
+        with b.if_then(b.fcmp_ordered("<=", error, number(1.0))):
+            for i, value in enumerate(moved[: self.nx]):
+                store(b, at["x"], i, value)
         b.ret(error)
 
     def many_slopes(self, function: ca.Function, pattern: ca.Sparsity) -> None:
@@ -308,6 +328,8 @@ class _Writer:
                 held[into[0]] = (number(float(function.instruction_constant(k))), True)
             elif code == ca.OP_INPUT and given[0] == _PARAMETER:
                 held[into[0]] = (self._parameter(given[1]), True)
+            elif code == ca.OP_INPUT and _ARGUMENTS[given[0]] == "h":
+                held[into[0]] = (splat(b, at["h"], kind), False)
             elif code == ca.OP_INPUT:
                 held[into[0]] = (load(b, at[_ARGUMENTS[given[0]]], given[1], kind), False)
             elif code == ca.OP_OUTPUT:

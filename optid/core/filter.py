@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from optid.core.kernel import advance, at, call, compiled
+from optid.core.kernel import advance_many, at, call, compiled
 from optid.core.rows import LANES
 
 REACH2 = 3.0  # h^2 of the divided differences: the kurtosis of a normal distribution
@@ -45,8 +45,8 @@ def filtered(
     nx, ny = len(scales), Y.shape[1]
     n_points = 2 * nx + 1
     groups, nu = -(-n_points // LANES), U.shape[1]
-    c, k, x = np.empty(code.hoisted), np.empty(nx + 1), np.empty(nx)
-    cs, us, ks = np.empty((code.hoisted, LANES)), np.empty((nu + 1, LANES)), np.empty((nx + 1) * LANES)
+    c, x = np.empty(code.hoisted), np.empty(nx)
+    cs, us = np.empty((code.hoisted, LANES)), np.empty((nu + 1, LANES))
     points, C, L = np.empty((groups, nx, LANES)), np.empty((nx, nx)), np.empty((nx, nx))
     m, y, steps = np.empty(nx), np.empty((n_points, ny + 1)), np.empty(groups)
     for r in range(first, last):
@@ -70,7 +70,7 @@ def filtered(
                     K[s, n, o] = 0.0
                 if Y[n, o] == Y[n, o]:
                     _scatter(m, C, L, points, scales)
-                    _look(code, points, at(U, n * nu), c, k, x, y)
+                    _look(code, points, at(U, n * nu), c, x, y)
                     E[s, n, o], V[s, n, o] = _update(m, C, L, y[:, o], Y[n, o], R[s, o])
                     if keep:
                         for i in range(nx):
@@ -80,7 +80,7 @@ def filtered(
             _scatter(m, C, L, points, scales)
             for i in range(nu):
                 us[i] = U[n, i]
-            if not _move(code, points, steps, us, cs, ks, tolerance, dt[n]):
+            if not _move(code, points, steps, us, cs, tolerance, dt[n]):
                 E[s, n + 1 : starts[g] + counts[g] + 1] = np.inf
                 V[s, n + 1 : starts[g] + counts[g] + 1] = 1.0
                 break
@@ -131,8 +131,8 @@ def _scatter(m, C, L, points, scales):
 
 
 @compiled
-def _look(code, points, u, c, k, x, y):
-    none = at(k, 0)
+def _look(code, points, u, c, x, y):
+    none = at(x, 0)  # what stands for slopes is never touched
     for q in range(y.shape[0]):
         for i in range(len(x)):
             x[i] = points[q // LANES, i, q % LANES]
@@ -140,13 +140,12 @@ def _look(code, points, u, c, k, x, y):
 
 
 @compiled
-def _move(code, points, steps, us, cs, ks, tolerance, span):
-    none, size = at(ks, 0), points.shape[1] * LANES
+def _move(code, points, steps, us, cs, tolerance, span):
+    size = points.shape[1] * LANES
     for g in range(points.shape[0]):
-        steps[g] = advance(
-            code.many_rates, code.many_step, at(points, g * size), none, at(us, 0), at(cs, 0), ks, none,
-            at(tolerance, 0), span, steps[g],
-        )  # fmt: skip
+        steps[g] = advance_many(
+            code.many_step, at(points, g * size), at(us, 0), at(cs, 0), at(tolerance, 0), span, steps[g]
+        )
         if steps[g] < 0.0:
             return False
     return True
@@ -214,8 +213,8 @@ def steered(
     nx, sets = M0.shape[1], np.empty(LANES, dtype=np.int64)
     c, cs = np.empty((LANES, code.hoisted)), np.empty((code.hoisted, LANES))
     us = np.empty((U.shape[1] + 1, LANES))
-    xs, ks, x, y = np.empty((nx, LANES)), np.empty((nx + 1) * LANES), np.empty(nx), np.empty(Y.shape[1] + 1)
-    room = (c, cs, us, xs, ks, x, y)
+    xs, x, y = np.empty((nx, LANES)), np.empty(nx), np.empty(Y.shape[1] + 1)
+    room = (c, cs, us, xs, x, y)
     for r in range(first, last):
         begin, count = starts[of_segment[r]], counts[of_segment[r]]
         for lane in range(LANES):
@@ -228,8 +227,8 @@ def steered(
 
 @compiled
 def _steered(code, sets, begin, count, M0, P, K, common, dt, U, Y, tolerance, E, room):
-    c, cs, us, xs, ks, x, y = room
-    nx, none = len(x), at(ks, 0)
+    c, cs, us, xs, x, y = room
+    nx, none = len(x), at(x, 0)
     for lane in range(LANES):
         call(code.constants, (at(P, sets[lane] * P.shape[1]), at(c, lane * c.shape[1])))
         for i in range(c.shape[1]):
@@ -255,10 +254,7 @@ def _steered(code, sets, begin, count, M0, P, K, common, dt, U, Y, tolerance, E,
             break
         for i in range(U.shape[1]):
             us[i] = U[n, i]
-        h = advance(
-            code.many_rates, code.many_step, at(xs, 0), none, at(us, 0), at(cs, 0), ks, none,
-            at(tolerance, 0), dt[n], h,
-        )  # fmt: skip
+        h = advance_many(code.many_step, at(xs, 0), at(us, 0), at(cs, 0), at(tolerance, 0), dt[n], h)
         if h < 0.0:
             for lane in range(LANES):
                 E[sets[lane], n + 1 : begin + count + 1] = np.inf

@@ -4,7 +4,8 @@ numba compiles this file once per version. What differs between models, the equa
 integrator, is machine code made by `optid.core.compiled` from `optid.core.emit` and called here by its address.
 
 Integrator: an embedded Runge-Kutta pair, restarted at every sample because the held command jumps there, with
-step control on the states. Sensitivities are the exact derivative of the same steps.
+step control on the states. Sensitivities are the exact derivative of the same steps. Several states at once, as the
+filter moves them, take linearly implicit steps (`optid.core.rosenbrock`).
 """
 
 from __future__ import annotations
@@ -38,7 +39,6 @@ class Code(NamedTuple):
     sensors: int
     sensor_slopes: int
     gather: int
-    many_rates: int
     many_step: int
     many_slopes: int
     many_step_slopes: int
@@ -71,11 +71,11 @@ def at(array, i):
 
 
 @compiled
-def next_step(h, error):
-    """Step size after a step with this scaled error: the usual power law within a factor 0.2 to 5."""
+def next_step(h, error, order):
+    """Step size after a step with this scaled error of this order: the power law within a factor 0.2 to 5."""
     if error < 1e-5:
         return 5.0 * h
-    return h * min(5.0, max(0.2, 0.9 * math.exp(-0.2 * math.log(error))))
+    return h * min(5.0, max(0.2, 0.9 * math.exp(-math.log(error) / order)))
 
 
 @compiled
@@ -95,11 +95,32 @@ def advance(begin, step, x, S, u, c, k, T, tolerance, span, h):
         error = call(step, (x, S, u, c, at(k, 0), T, tolerance, length))
         if error <= 1.0:
             left -= length
-            h = max(h, next_step(length, error)) if length < h else next_step(length, error)
+            h = max(h, next_step(length, error, 5)) if length < h else next_step(length, error, 5)
             if left < SMALLEST * span:
                 left = 0.0
         else:
-            h = next_step(length, error) if error < 1e300 else 0.1 * length
+            h = next_step(length, error, 5) if error < 1e300 else 0.1 * length
+            if not h > SMALLEST * span:
+                return -1.0
+    return h
+
+
+@compiled
+def advance_many(step, x, u, c, tolerance, span, h):
+    """As `advance` for `LANES` states at once, with steps that are stable at any length."""
+    left = span
+    while left > 0.0:
+        length = min(h, left)
+        if length < left < 2.0 * length:
+            length = 0.5 * left  # two equal steps instead of a long and a short one
+        error = call(step, (x, u, c, tolerance, length))
+        if error <= 1.0:
+            left -= length
+            h = max(h, next_step(length, error, 3)) if length < h else next_step(length, error, 3)
+            if left < SMALLEST * span:
+                left = 0.0
+        else:
+            h = next_step(length, error, 3) if error < 1e300 else 0.1 * length
             if not h > SMALLEST * span:
                 return -1.0
     return h

@@ -20,6 +20,7 @@ from optid.core.rows import LANES
 from optid.fit.problem import Problem
 
 TOLERANCE = 1e-5  # local error of the integration as a share of each state's usual size
+SHARE = 50.0  # times the tolerance of states without unit: a contact's own forget an error within microns of motion
 QUIET = 1e-4  # process noise of states that carry none of their own, in usual sizes per sqrt(s)
 WHOLE = 1e9  # s: the windows of a problem to be filtered are whole segments
 FAR = 6.0  # innovations beyond so many sd count linearly
@@ -104,7 +105,7 @@ def run_filter(
     of_set, of_segment = (np.ascontiguousarray(a) for a in _runs(sets, segments))
     code = compiled_lanes(model).code
     given = (of_set, of_segment, problem.begins, problem.counts, M0, S0, P, Q, R, problem.dt, problem.inputs)
-    sizes = TOLERANCE * model.scales
+    sizes = _tolerance(model)
     spread(
         sets * segments,
         lambda a, b: kernel.filtered(
@@ -141,9 +142,13 @@ def run_steered(
     first_set, of_segment = _runs(-(-sets // LANES), segments)
     code, places = compiled_lanes(model).code, np.array(common, dtype=np.int64)
     given = (LANES * first_set, of_segment, problem.begins, problem.counts, M0, P, gains, places)
-    data = (problem.dt, problem.inputs, problem.measured, TOLERANCE * model.scales, E)
+    data = (problem.dt, problem.inputs, problem.measured, _tolerance(model), E)
     spread(len(first_set), lambda a, b: kernel.steered(code, a, b, *given, *data))
     return E
+
+
+def _tolerance(model: Model) -> Array:
+    return TOLERANCE * model.scales * [SHARE if state.unit == "1" else 1.0 for state in model.states]
 
 
 def _starts(model: Model, P: Array) -> tuple[Array, Array]:
