@@ -90,8 +90,9 @@ def fit(rig: str, recordings: tuple[str, ...], holdout: tuple[str, ...], out: st
     _say_fit(result)
     for one in profiles:
         click.echo(f"  {one.sentence}")
-    say_scores("training, 0.5 s windows", document["train"])
-    say_scores("held out, 0.5 s windows", document["holdout"])
+    for use, scores in (("training", "train"), ("held out", "holdout")):
+        span = max((one.horizon for one in used[use]), default=0.0)
+        say_scores(f"{use}, {span:g} s windows", document[scores])
     click.echo(f"written to {out}: fit.json, rig.toml, report.html")
     if result.outcome is Outcome.NOT_CONVERGED:
         raise JobError(f"{result.outcome.value} The best found is in {out}.")

@@ -33,6 +33,6 @@ def simulate(rig: str, recording: str, out: str) -> None:
         (place / "report.html").write_text(page, encoding="utf-8")
 
     deliver(folder, write)
-    for kind, words in (("window", "0.5 s windows"), ("free_run", "free run")):
+    for kind, words in (("window", f"{prediction.horizon:g} s windows"), ("free_run", "free run")):
         say_scores(words, {role: kinds[kind] for role, kinds in metrics.items()})
     click.echo(f"written to {out}: prediction.csv, metrics.json, report.html")

@@ -13,11 +13,10 @@ from optid.core.recording import Recording
 from optid.core.simulation import simulate
 from optid.fit.likelihood import WHOLE, deviance, run_filter
 from optid.fit.place import Answer
-from optid.fit.prediction import HORIZON
+from optid.fit.prediction import horizon
 from optid.fit.problem import Integers, Problem, pose
 from optid.fit.result import Score
 
-BLOCK = 0.5  # s: samples nearer than this are not counted as independent of each other
 RESAMPLES = 4000
 EXCESS = 1.2  # windows' error over the noise up to which a model counts as good to the noise
 NUMERICAL = (
@@ -31,8 +30,9 @@ class Judged:
 
     Attributes:
         deviance: -2 log likelihood of each sample, (samples,).
-        blocks: block of `BLOCK` seconds that each sample belongs to, (samples,).
-        windows: 0.5 s predictions, (samples, outputs); NaN in a recording's first 0.5 s.
+        horizon: length of a window, s.
+        blocks: block of that length that each sample belongs to, (samples,); nearer ones count as dependent.
+        windows: predictions over that length, (samples, outputs); NaN in a recording's first.
         innovations: scaled to unit variance, (samples, outputs).
         measured: what was recorded, (samples, outputs).
         time: of each sample in its recording, s; `recording` says which one.
@@ -41,6 +41,7 @@ class Judged:
             model's own smoothing leaves open.
     """
 
+    horizon: float
     deviance: Array
     blocks: Integers
     windows: Array
@@ -60,7 +61,8 @@ class Judged:
 def judge(answer: Answer, recordings: Sequence[Recording]) -> Judged:
     """Filter held-out recordings with a fitted model's parameters and process noise."""
     model = answer.question.model
-    problem, cut = pose(model, recordings, WHOLE), pose(model, recordings, HORIZON)
+    length = max(horizon(recording.interval) for recording in recordings)
+    problem, cut = pose(model, recordings, WHOLE), pose(model, recordings, length)
     P = np.vstack([answer.p, numerical_settings(answer)])
     Q = np.tile(answer.noise.spectrum(len(model.states)), (len(P), 1))
     f = run_filter(model, problem, P, Q, np.tile(answer.noise.measurement, (len(P), 1)), keep=True)
@@ -76,11 +78,13 @@ def judge(answer: Answer, recordings: Sequence[Recording]) -> Judged:
     }
     owner = np.repeat(problem.recording, problem.counts + 1)
     blocks = np.unique(
-        np.stack([owner, np.floor(problem.time / BLOCK).astype(int)]), axis=1, return_inverse=True
+        np.stack([owner, np.floor(problem.time / length).astype(int)]), axis=1, return_inverse=True
     )[1].ravel()
     z = f.innovations[0] / np.sqrt(f.variances[0])
     each = deviance(f.innovations[0], f.variances[0])
-    return Judged(each, blocks, windows, z, problem.measured, problem.time, owner, scores, imperfection)
+    return Judged(
+        length, each, blocks, windows, z, problem.measured, problem.time, owner, scores, imperfection
+    )
 
 
 def numerical_settings(answer: Answer) -> Array:

@@ -28,10 +28,11 @@ def summary(d: Diagnosis) -> str:
     from optid.diagnose.diagnosis import Verdict
 
     before, after = (_errors(d, one.judged.scores) for one in (d.base, d.best))
+    span = f"{d.base.judged.horizon:g} s"
     floor = ", ".join(f"{role} {quantity(sd, _unit(d, role))}" for role, sd in d.noise.items())
     if d.verdict is Verdict.CONSISTENT:
         return (
-            f"The fitted model is good to the noise: held out, its 0.5 s windows err by {before}; the noise is "
+            f"The fitted model is good to the noise: held out, its {span} windows err by {before}; the noise is "
             f"{floor}. No effect of the catalogue improves it. {_blind(d)}"
         ).strip()
     if d.verdict is Verdict.PARAMETERS:
@@ -49,7 +50,7 @@ def summary(d: Diagnosis) -> str:
         )
     found = " ".join(_sentence(f) for f in d.findings)
     return (
-        f"{found} Held out, the error of 0.5 s windows falls from {before} to {after}; the noise is {floor}."
+        f"{found} Held out, the error of {span} windows falls from {before} to {after}; the noise is {floor}."
         f"{_remains(d)}"
     )
 

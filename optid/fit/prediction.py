@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 HORIZON = 0.5  # s, of a window
+FEWEST = 50  # samples of it, where sampling is too slow for that many in HORIZON
 MEMORY = 4  # windows of the past that are estimated anew; what lies before them is a Gaussian prior
 LOOSER = (0.3, 0.03, 3e-3)  # shares of each state's size through which the process noise is annealed
 SURPRISED = 2.0  # squared residuals a sample, in noise variances, above which a young estimate is tried from elsewhere
@@ -31,10 +32,19 @@ PROCESS_NOISE = 3e-3  # per window as a share of each state's size, when no fit 
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """`frame`: time, then NAME, NAME_free_run, NAME_window per measured output; `scores`: kind -> role -> Score."""
+    """`frame`: time, then NAME, NAME_free_run, NAME_window per measured output; `scores`: kind -> role -> Score.
+
+    `horizon` is the length of a window, s.
+    """
 
     frame: pd.DataFrame
     scores: Mapping[str, Mapping[str, Score]]
+    horizon: float
+
+
+def horizon(interval: float) -> float:
+    """Length of a window, s, of a recording with a sample every `interval` seconds."""
+    return max(HORIZON, FEWEST * interval)
 
 
 def predict(
@@ -47,7 +57,7 @@ def predict(
 
     The free run starts from the state that the recording's first window shows and follows the command to the
     end. A window's start state is estimated from data before the window only (moving horizon), so the first
-    0.5 s have no window prediction: NaN.
+    one has no window prediction: NaN.
 
     Args:
         rig: model and channels.
@@ -62,7 +72,8 @@ def predict(
 
     model = rig.model
     p = model.vector(dict(values) if values is not None else rig.parameters)
-    problem = pose(model, [recording], HORIZON)
+    length = horizon(recording.interval)
+    problem = pose(model, [recording], length)
     objective, _ = objective_of(rig, (), problem)
     q = PROCESS_NOISE * model.scales if process_noise is None else np.asarray(process_noise)
     free_run, windows = _predict(objective, p, q)
@@ -75,7 +86,7 @@ def predict(
         frame |= {port.role: y, f"{port.role}_free_run": free_run[:, j], f"{port.role}_window": windows[:, j]}
         scores["free_run"][port.role] = Score.of(y, free_run[:, j], port.unit)
         scores["window"][port.role] = Score.of(y, windows[:, j], port.unit)
-    return Prediction(pd.DataFrame(frame), scores)
+    return Prediction(pd.DataFrame(frame), scores, length)
 
 
 def _predict(o: Objective, p: Array, q: Array) -> tuple[Array, Array]:

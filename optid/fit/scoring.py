@@ -21,7 +21,7 @@ from optid.fit.place import LEVELS, Answer, Place, Question
 from optid.fit.problem import Problem
 from optid.rigs.rigfile import Rig
 
-FIRST = math.log(0.1)
+MIDDLING = 3e-3  # of their usual sizes: what process noise moves states by from sample to sample where a search begins
 ENOUGH = 1.0  # decrease of the score that ends the search, by a step on derivatives taken where it starts
 NEARBY, ROUGH = 2e-3, 2e-2  # of the whole decrease: ends an approach, and a search that only ranks
 TRIALS = (2, 5)  # of a step on carried and on fresh derivatives, with more and more damping
@@ -72,7 +72,7 @@ def maximise(
     Raises:
         SolveError: the model cannot be simulated at the start.
     """
-    here = _start(q, p, np.full(len(q.groups), FIRST) if levels is None else levels)
+    here = _start(q, p, _middling(q) if levels is None else levels)
     if levels is None:
         here, _, _ = _descend(here, APPROACH, NEARBY, held=True)
     here.begin(near)
@@ -95,7 +95,7 @@ def approach(q: Question, p: Array) -> Answer:
     Raises:
         SolveError: the model cannot be simulated at the start.
     """
-    here, _, settled = _descend(_start(q, p, np.full(len(q.groups), FIRST)), APPROACH, NEARBY, held=True)
+    here, _, settled = _descend(_start(q, p, _middling(q)), APPROACH, NEARBY, held=True)
     return here.answer(settled)
 
 
@@ -127,6 +127,12 @@ def quieted(answer: Answer, by: float) -> Answer:
         if math.isfinite(here.score):
             return here.answer(answer.settled)
     return answer
+
+
+def _middling(q: Question) -> Array:
+    """Log levels to begin with: by the sample, so that slow plants and fast ones begin alike."""
+    level = math.log(MIDDLING / math.sqrt(float(np.median(q.problem.dt))))
+    return np.full(len(q.groups), min(max(level, LEVELS[0]), LEVELS[1]))
 
 
 def _start(q: Question, p: Array, levels: Array) -> Place:

@@ -36,7 +36,7 @@ def before_after(d: Diagnosis, output: int) -> str:
             -2 * factor * sd, 2 * factor * sd, color=QUIET, alpha=0.3, lw=0, label="±2 sd of the noise"
         )
         _breaks(axes, d.base.judged)
-        axes.set_ylabel(f"error of 0.5 s windows ({unit})")
+        axes.set_ylabel(f"error of {d.base.judged.horizon:g} s windows ({unit})")
         axes.set_xlabel("time over the held-out recordings (s)")
         axes.legend(loc="lower left", ncols=3, bbox_to_anchor=(0, 1.0), borderaxespad=0.2)
         return svg(figure)

@@ -37,6 +37,7 @@ def diagnosis_page(d: Diagnosis) -> str:
     return environment.get_template("diagnosis.html.j2").render(
         title=f"{d.base.rig.name}: diagnosis", headline=_HEADLINES[d.verdict.value], d=d, names=names,
         held=[recording.name for recording in d.data.holdout], outputs=outputs, scores=_scores(d),
+        horizon=f"{d.base.judged.horizon:g}",
         findings=[_finding(f, names) for f in d.findings], rivals=_rivals(d),
         before=[_row(e) for e in d.base_parameters], after=[_row(e) for e in d.best_parameters],
     )  # fmt: skip

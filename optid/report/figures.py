@@ -39,7 +39,7 @@ def overlay(recording: Recording, prediction: Prediction, role: str, inputs: Seq
         for column, colour, label, width in (
             (f"{role}_free_run", FREE, "free run", 1.1),
             (role, INK, "measured", 1.7),
-            (f"{role}_window", WINDOW, "0.5 s window", 1.0),
+            (f"{role}_window", WINDOW, f"{prediction.horizon:g} s window", 1.0),
         ):
             top.plot(*thin(time, factor * np.asarray(frame[column], dtype=np.float64)), color=colour,
                      lw=width, label=label)  # fmt: skip

@@ -82,7 +82,7 @@ def _render(rig: Rig, title: str, exhibits: Sequence[Exhibit], **more: Any) -> s
         ]
         tables.append((use, rows))
     return environment.get_template("report.html.j2").render(
-        title=title, rig=rig, exhibits=shown, tables=tables, **more
+        title=title, rig=rig, exhibits=shown, tables=tables, horizon=f"{_horizon(exhibits):g}", **more
     )
 
 
@@ -113,9 +113,13 @@ def _in_short(exhibits: Sequence[Exhibit]) -> str:
     unseen = [one.prediction for one in exhibits if one.use == "held out"]
     scores = score_rows(pooled(unseen or [one.prediction for one in exhibits], "window"))
     what = "held-out data" if unseen else "the data it was fitted to"
-    return f"0.5 s ahead on {what}: " + ", ".join(
+    return f"{_horizon(exhibits):g} s ahead on {what}: " + ", ".join(
         f"{role.replace('_', ' ')} to {rmse} rms ({percent})" for role, percent, rmse in scores
     ) + "."  # fmt: skip
+
+
+def _horizon(exhibits: Sequence[Exhibit]) -> float:
+    return max(one.prediction.horizon for one in exhibits)
 
 
 def _row(estimate: Estimate) -> dict[str, str]:

@@ -22,7 +22,7 @@ def judged(deviance, rmse):
     blocks = np.arange(n) // 50
     nothing = np.zeros((n, 1))
     return Judged(
-        deviance, blocks, nothing, nothing, nothing, np.arange(n) / 100, np.zeros(n, dtype=int),
+        0.5, deviance, blocks, nothing, nothing, nothing, np.arange(n) / 100, np.zeros(n, dtype=int),
         {"position": Score(90.0, rmse, "m")}, {"position": 0.0},
     )  # fmt: skip
 
