@@ -229,7 +229,7 @@ def _signal(found: Search, effect: Effect, data: Data, report: Report) -> tuple[
     """The unknown signal at the effect's site and the law there, at the first of its sites that the law changes."""
     for site in effect.sites:
         law = law_at(found.base, found.best, site)
-        if np.isfinite(law).all() and np.ptp(law) > 0.0:
+        if law is not None and np.isfinite(law).all() and np.ptp(law) > 0.0:
             report(0.97, f"the unknown signal at {site}")
             return locate_at(found.base, data, site), law
     return None, None

@@ -11,6 +11,7 @@ from optid.core.model import Array
 from optid.core.sheet import Sheet
 from optid.diagnose.instrument import Instrument
 from optid.diagnose.search import Candidate
+from optid.errors import InputError
 from optid.rigs.rigfile import with_effects
 
 
@@ -26,15 +27,20 @@ class Probe(Instrument):
         return nominal
 
 
-def law_at(base: Candidate, best: Candidate, site: str) -> Array:
+def law_at(base: Candidate, best: Candidate, site: str) -> Array | None:
     """What the best model's effects add to a site's signal along the recordings, SI, (samples,).
+
+    ``None`` at a site that the equations pass more than once, as "flow.ratio" of every port: no one signal is there.
 
     Args:
         base: the model without them.
         best: their fitted values, and the states that the filter saw.
         site: of the plant, as "force.external".
     """
-    rig = with_effects(base.rig, (Probe("before", site), *best.effects, Probe("after", site)), {})
+    try:
+        rig = with_effects(base.rig, (Probe("before", site), *best.effects, Probe("after", site)), {})
+    except InputError:  # declared twice
+        return None
     model, own, answer = rig.model, best.rig.model, best.answer
     p = model.vector(rig.parameters)
     p[[model.index(parameter.name) for parameter in own.parameters]] = answer.p

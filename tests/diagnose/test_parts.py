@@ -1,19 +1,23 @@
 """The parts of a diagnosis: comparison by blocks, residual tests, ranges of signals, words."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from optid.diagnose import search as search_of
 from optid.diagnose.judge import Judged, compare
+from optid.diagnose.law import law_at
 from optid.diagnose.residuals import _portmanteau
 from optid.diagnose.screen import screen
+from optid.diagnose.search import Candidate
 from optid.diagnose.where import _range
 from optid.diagnose.words import quantity
 from optid.effects.library import admitted
 from optid.errors import SolveError
 from optid.fit.result import Score
+from optid.rigs.rigfile import read_rig
 from tests.diagnose.trolley import recording, rig
 
 
@@ -91,3 +95,8 @@ def test_a_candidate_that_leaves_the_numbers_drops_out(tmp_path, monkeypatch):
     monkeypatch.setattr(search_of, "_attempt", attempt)
     rivals = search_of._refit(base, bold, data, base.rig.model, lambda share, words: None, 0.0)
     assert [rival.effect.name for rival in rivals] == [bold[1].effect.name]
+
+
+def test_a_site_that_equations_pass_several_times_has_no_one_signal():
+    bench = Candidate((), read_rig(Path(__file__).parents[2] / "data" / "bench.toml"), None, None)
+    assert law_at(bench, bench, "flow.ratio") is None
