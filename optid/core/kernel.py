@@ -26,6 +26,7 @@ compiled = kept(nogil=True, error_model="numpy", fastmath={"contract", "nsz", "a
 
 STABLE = 2.5  # largest step times relaxation rate; the method's own limit on the real axis is 3.3
 SMALLEST = 1e-12  # of a hold: below this step the equations are singular, not stiff
+MOST = 1000  # linearly implicit steps tried in a hold: equations that need more have left the numbers
 
 
 class Code(NamedTuple):
@@ -109,7 +110,7 @@ def advance(begin, step, x, S, u, c, k, T, tolerance, span, h):
 def advance_many(step, x, u, c, tolerance, span, h):
     """As `advance` for `LANES` states at once, with steps that are stable at any length."""
     left = span
-    while left > 0.0:
+    for _ in range(MOST):
         length = min(h, left)
         if length < left < 2.0 * length:
             length = 0.5 * left  # two equal steps instead of a long and a short one
@@ -118,12 +119,10 @@ def advance_many(step, x, u, c, tolerance, span, h):
             left -= length
             h = max(h, next_step(length, error, 3)) if length < h else next_step(length, error, 3)
             if left < SMALLEST * span:
-                left = 0.0
+                return h
         else:
             h = next_step(length, error, 3) if error < 1e300 else 0.1 * length
-            if not h > SMALLEST * span:
-                return -1.0
-    return h
+    return -1.0
 
 
 @compiled
