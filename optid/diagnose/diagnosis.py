@@ -12,7 +12,7 @@ from optid.check.noise import noise_sd
 from optid.core.recording import Array, Recording
 from optid.core.thinning import thinned
 from optid.diagnose.disturbance import Located, locate, locate_at
-from optid.diagnose.judge import EXCESS, Comparison, compare, excess
+from optid.diagnose.judge import EXCESS, Comparison, cleared, compare, excess
 from optid.diagnose.law import law_at
 from optid.diagnose.residuals import Residuals, residual_tests
 from optid.diagnose.rivals import indistinguishable
@@ -258,7 +258,8 @@ def _verdict(found: Search, data: Data, report: Report) -> tuple[Verdict, Candid
     report(0.94, "locating the mismatch with an unknown signal")
     sites = locate(base, data)
     unknown = max((base.judged.total - one.judged.total for one in sites), default=0.0)
-    if best.effects and base.judged.total - best.judged.total >= HALF * unknown:
+    likelier = base.judged.total - best.judged.total >= HALF * unknown
+    if best.effects and likelier and cleared(base.judged, best.judged, data.noise) >= HALF:
         return Verdict.MISSING_PHYSICS, best, ()
     return Verdict.UNEXPLAINED, base, sites
 
@@ -283,7 +284,7 @@ def _rejected(found: Search, best: Candidate) -> tuple[tuple[str, str], ...]:
     """Every effect that was refitted and not kept, with the last reason."""
     kept = {effect.name for effect in best.effects}
     reasons: dict[str, str] = {
-        effect.name: "gains less than half of what an unknown signal gains on the hold-out"
+        effect.name: "clears less than half of what the model errs by, or of what an unknown signal would"
         for effect in found.best.effects
         if effect.name not in kept
     }

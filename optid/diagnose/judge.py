@@ -131,6 +131,18 @@ def excess(judged: Judged, noise: Mapping[str, float]) -> float:
     return max(ratios, default=1.0)
 
 
+def cleared(before: Judged, after: Judged, noise: Mapping[str, float]) -> float:
+    """Share of the windows' squared error beyond the floor that is gone, in the channel that had most of it."""
+    worst, share = 0.0, 1.0
+    for role, score in before.scores.items():
+        floor = math.hypot(noise.get(role, 0.0), before.imperfection[role])
+        too_much = score.rmse**2 - floor**2
+        if floor > 0.0 and too_much / floor**2 > worst:
+            worst = too_much / floor**2
+            share = 1.0 - max(after.scores[role].rmse ** 2 - floor**2, 0.0) / too_much
+    return share
+
+
 @dataclass(frozen=True)
 class Comparison:
     """One model against another on the same held-out samples.

@@ -27,10 +27,10 @@ from optid.rigs.rigfile import Rig, with_effects
 
 LEVEL = 0.01  # of false alarms on a rig that lacks nothing, for the whole catalogue together
 REFITS = 5  # candidates of a round
-TIGHT = 3  # of a round's first refits are tried again with less process noise
+SECOND = 3  # candidates of a round that only the look at the fitted process noise brings in
 DEEPEST = 3  # effects at most
 WORTH = 0.04  # share by which an effect must lower the windows' error on the hold-out (physics catalogue B.3, step 5)
-QUIETER = 2.5  # log: how much less process noise the second look of a round allows
+QUIETER = 2.5  # log: how much less process noise a second look and a first refit allow where much is missing
 SAME = 0.1  # of typical sizes: friction at rest that near is the same
 NEAR = 0.5  # of the best gain: a refit below this share does not go on
 TINY = (
@@ -160,17 +160,14 @@ def search(base: Candidate, own: Sequence[Effect], data: Data, report: Report) -
     for depth in range(DEEPEST + 1):
         share = 0.1 + 0.8 * depth / (DEEPEST + 1)
         report(share, f"round {depth + 1}: screening the catalogue")
-        signatures = screen(current.answer, data.train, admitted(current.rig.model, own))
-        rivals = _refit(current, signatures, data, plain, report, share)
+        effects = admitted(current.rig.model, own)
+        signatures = screen(current.answer, data.train, effects)
+        tight = []
+        if excess(current.judged, data.noise) > EXCESS:
+            # What is missing may hide in the process noise: look with less of it, too.
+            tight = screen(quieted(current.answer, QUIETER), data.train, effects)
+        rivals = _refit(current, _promising(signatures, tight), len(signatures), data, plain, report, share)
         winner = next((rival for rival in rivals if not rival.why), None)
-        if winner is None and excess(current.judged, data.noise) > EXCESS:
-            # What is missing may hide in the process noise: look again with less of it.
-            report(share, f"round {depth + 1}: screening with less process noise")
-            tight = screen(quieted(current.answer, QUIETER), data.train, admitted(current.rig.model, own))
-            tried = {rival.effect.name for rival in rivals}
-            more = [signature for signature in tight if signature.effect.name not in tried]
-            rivals = _ranked([*rivals, *_refit(current, more, data, plain, report, share)])
-            winner = next((rival for rival in rivals if not rival.why), None)
         rounds.append(Round(tuple(signatures), tuple(rivals), winner))
         if winner is None or depth == DEEPEST:
             break
@@ -179,17 +176,27 @@ def search(base: Candidate, own: Sequence[Effect], data: Data, report: Report) -
     return Search(base, best, tuple(rounds), without, dropped)
 
 
+def _promising(plain: Sequence[Signature], tight: Sequence[Signature]) -> list[Signature]:
+    """What is worth a refit, of each look the best, an effect once."""
+    few: dict[str, Signature] = {}
+    for look, most in ((tight, REFITS), (plain, REFITS if not tight else SECOND)):
+        gate = stats.chi2.isf(LEVEL / max(len(look), 1), 1)
+        good = [s for s in look if s.gain > gate and s.effect.size(s.values) > TINY]
+        for signature in good[:most]:
+            few.setdefault(signature.effect.name, signature)
+    return list(few.values())
+
+
 def _refit(
     current: Candidate,
-    signatures: Sequence[Signature],
+    few: Sequence[Signature],
+    screened: int,
     data: Data,
     plain: Model,
     report: Report,
     share: float,
 ) -> list[Rival]:
     """Refits of the few most promising, best first; a rival without a reason against it may win."""
-    gate = stats.chi2.isf(LEVEL / max(len(signatures), 1), 1)
-    few = [s for s in signatures if s.gain > gate and s.effect.size(s.values) > TINY][:REFITS]
     tried = []
     for signature in few:
         report(share, f"trying {signature.effect.name}")
@@ -199,12 +206,6 @@ def _refit(
         except SolveError:
             continue  # with this effect the model leaves the numbers where the screen would have it
     tried.sort(key=lambda t: t[2].score)
-    if excess(current.judged, data.noise) > EXCESS:
-        report(share, "with less process noise")
-        tried[:TIGHT] = [
-            (effect, rig, tightened(answer, QUIETER, QUICK)) for effect, rig, answer in tried[:TIGHT]
-        ]
-        tried.sort(key=lambda t: t[2].score)
     rivals = []
     for place, (effect, rig, answer) in enumerate(tried):
         near = current.answer.score - answer.score > NEAR * (current.answer.score - tried[0][2].score)
@@ -214,7 +215,7 @@ def _refit(
         candidate = Candidate((*current.effects, effect), rig, answer, judge(answer, data.holdout))
         gain = current.answer.score - answer.score
         against = compare(current.judged, candidate.judged, data.generator)
-        why = _objection(effect, candidate, gain, against, len(signatures), len(few))
+        why = _objection(effect, candidate, gain, against, screened, len(few))
         rivals.append(Rival(effect, candidate, gain, against, why))
     return _ranked(rivals)
 
@@ -233,7 +234,14 @@ def _attempt(current: Candidate, signature: Signature, rig: Rig, data: Data, pla
         low, high = model.parameters[model.index(name)].bounds
         p[model.index(name)] = min(max(value, low), high)
     question = question_of(rig, pose(model, data.train, WHOLE), plain)
-    levels = current.answer.noise.levels
+    levels, score = current.answer.noise.levels, current.answer.score
+    if excess(current.judged, data.noise) > EXCESS:
+        try:
+            answer = tightened(question, p, levels - QUIETER, QUICK, score)
+        except SolveError:
+            answer = None  # it holds on to the data only with the noise
+        if answer is not None and answer.score < score:
+            return answer
     return maximise(question, p, levels, iterations=QUICK, polish=False, near=current.answer)
 
 

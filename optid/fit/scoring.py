@@ -99,24 +99,24 @@ def approach(q: Question, p: Array) -> Answer:
     return here.answer(settled)
 
 
-def tightened(answer: Answer, by: float, iterations: int) -> Answer:
-    """The better of an answer and of what is found from it where the states may move less.
+def tightened(q: Question, p: Array, levels: Array, iterations: int, first: float) -> Answer:
+    """From a start at low levels of process noise, at first held: as rough as a search that only ranks.
 
     Likelihoods in the level of process noise have two tops where physics is missing: one where the noise stands for
-    it, and one where the model does. From the first the second is reached by fitting the parameters at a lower level.
+    it, and one where the model does. The second is reached by fitting the parameters where the states may not move.
 
     Args:
-        answer: where to start from.
-        by: how much lower the log levels are at first.
-        iterations: at most, at the lower level and then with it free.
+        q, p: the question and the start.
+        levels: to begin at.
+        iterations: at most, with the levels held and then with them free.
+        first: score of the model that is to be improved upon.
+
+    Raises:
+        SolveError: the model cannot be simulated at the start.
     """
-    levels = np.maximum(answer.noise.levels - by, LEVELS[0])
-    here = Place(answer.question, answer.p, replace(answer.noise, levels=levels))
-    if not math.isfinite(here.score):
-        return answer
-    here, _, _ = _descend(here, iterations, NEARBY, held=True)
-    here, _, settled = _descend(here, iterations, ROUGH, first=answer.score)
-    return here.answer(settled) if here.score < answer.score - ENOUGH else answer
+    here, _, _ = _descend(_start(q, p, np.maximum(levels, LEVELS[0])), iterations, NEARBY, held=True)
+    here, _, settled = _descend(here, iterations, ROUGH, first=first)
+    return here.answer(settled)
 
 
 def quieted(answer: Answer, by: float) -> Answer:

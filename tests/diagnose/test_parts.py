@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from optid.diagnose import search as search_of
-from optid.diagnose.judge import Judged, compare
+from optid.diagnose.judge import Judged, cleared, compare
 from optid.diagnose.law import law_at
 from optid.diagnose.residuals import _portmanteau
 from optid.diagnose.screen import screen
@@ -71,6 +71,14 @@ def test_a_range_holds_most_of_the_mismatch_with_the_fewest_samples():
     assert found.occupancy < 0.2
 
 
+def test_what_a_model_clears_is_counted_in_the_channel_that_erred_most():
+    before, half, none = (judged(np.zeros(100), rmse) for rmse in (5.0, 3.0, 5.0))
+    assert cleared(before, half, {"position": 1.0}) == pytest.approx((25.0 - 9.0) / 24.0)
+    assert cleared(before, none, {"position": 1.0}) == 0.0
+    assert cleared(before, judged(np.zeros(100), 0.5), {"position": 1.0}) == 1.0
+    assert cleared(judged(np.zeros(100), 1.0), none, {"position": 1.0}) == 1.0  # nothing erred
+
+
 def test_quantities_are_said_in_units_people_use():
     assert quantity(0.0123, "m") == "12.3 mm"
     assert quantity(3e-5, "m") == "30 um"
@@ -93,7 +101,7 @@ def test_a_candidate_that_leaves_the_numbers_drops_out(tmp_path, monkeypatch):
         return whole(current, signature, *others)
 
     monkeypatch.setattr(search_of, "_attempt", attempt)
-    rivals = search_of._refit(base, bold, data, base.rig.model, lambda share, words: None, 0.0)
+    rivals = search_of._refit(base, bold, len(bold), data, base.rig.model, lambda share, words: None, 0.0)
     assert [rival.effect.name for rival in rivals] == [bold[1].effect.name]
 
 

@@ -60,7 +60,7 @@ def test_its_usual_points_are_whole_admissible_and_worth_a_name(effect):
     for point in effect.usual:
         assert set(point) == set(bounds), point
         assert all(low <= point[name] <= high for name, (low, high) in bounds.items()), point
-        assert 1.5 < effect.size(point) <= 60.0, point
+        assert 1.5 < effect.size(point) <= 200.0, point
     assert effect.size(effect.at_null()) == 0.0
 
 
