@@ -13,7 +13,7 @@ from optid.effects.effect import Effect
 
 RATE = Parameter(
     "rate", "1/s", 0.01, "relative change of dry friction per second at the start of a recording",
-    "physics catalogue A.1: 5 to 40 % within a recording", 0.0, (-0.1, 0.1),
+    "physics catalogue A.1: 5 to 40 % within a recording", 0.0, (-1.0, 1.0),
 )  # fmt: skip
 SETTLING = Parameter(
     "settling_time", "s", 10.0, "time constant with which it settles; long for a steady drift",
