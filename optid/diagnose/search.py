@@ -22,7 +22,8 @@ from optid.errors import SolveError
 from optid.fit.likelihood import WHOLE
 from optid.fit.place import Answer
 from optid.fit.problem import pose
-from optid.fit.scoring import approach, maximise, question_of, quieted, tightened
+from optid.fit.scoring import approach, likeliest_levels, maximise, question_of, quieted
+from optid.fit.steering import steered_fit
 from optid.rigs.rigfile import Rig, with_effects
 
 LEVEL = 0.01  # of false alarms on a rig that lacks nothing, for the whole catalogue together
@@ -31,6 +32,7 @@ SECOND = 3  # candidates of a round that only the look at the fitted process noi
 DEEPEST = 3  # effects at most
 WORTH = 0.04  # share by which an effect must lower the windows' error on the hold-out (physics catalogue B.3, step 5)
 QUIETER = 2.5  # log: how much less process noise a second look and a first refit allow where much is missing
+SCANNED = (0.0, 1.25, 2.5, 3.75)  # log: by how much less process noise may suit a first refit
 SAME = 0.1  # of typical sizes: friction at rest that near is the same
 NEAR = 0.5  # of the best gain: a refit below this share does not go on
 TINY = (
@@ -162,11 +164,13 @@ def search(base: Candidate, own: Sequence[Effect], data: Data, report: Report) -
         report(share, f"round {depth + 1}: screening the catalogue")
         effects = admitted(current.rig.model, own)
         signatures = screen(current.answer, data.train, effects)
-        tight = []
+        tight, guide = [], current.answer
         if excess(current.judged, data.noise) > EXCESS:
             # What is missing may hide in the process noise: look with less of it, too.
-            tight = screen(quieted(current.answer, QUIETER), data.train, effects)
-        rivals = _refit(current, _promising(signatures, tight), len(signatures), data, plain, report, share)
+            guide = quieted(current.answer, QUIETER)
+            tight = screen(guide, data.train, effects)
+        few = _promising(signatures, tight)
+        rivals = _refit(current, guide, few, len(signatures), data, plain, report, share)
         winner = next((rival for rival in rivals if not rival.why), None)
         rounds.append(Round(tuple(signatures), tuple(rivals), winner))
         if winner is None or depth == DEEPEST:
@@ -189,6 +193,7 @@ def _promising(plain: Sequence[Signature], tight: Sequence[Signature]) -> list[S
 
 def _refit(
     current: Candidate,
+    guide: Answer,
     few: Sequence[Signature],
     screened: int,
     data: Data,
@@ -202,7 +207,7 @@ def _refit(
         report(share, f"trying {signature.effect.name}")
         rig = with_effects(current.rig, (signature.effect,), signature.effect.qualified(signature.values))
         try:
-            tried.append((signature.effect, rig, _attempt(current, signature, rig, data, plain)))
+            tried.append((signature.effect, rig, _attempt(current, guide, signature, rig, data, plain)))
         except SolveError:
             continue  # with this effect the model leaves the numbers where the screen would have it
     tried.sort(key=lambda t: t[2].score)
@@ -225,7 +230,10 @@ def _ranked(rivals: list[Rival]) -> list[Rival]:
     return sorted(rivals, key=lambda r: (bool(r.why), -(r.train_gain + r.against.gain)))
 
 
-def _attempt(current: Candidate, signature: Signature, rig: Rig, data: Data, plain: Model) -> Answer:
+def _attempt(
+    current: Candidate, guide: Answer, signature: Signature, rig: Rig, data: Data, plain: Model
+) -> Answer:
+    """A first refit: by the gains of the guide, which may move the states less than the current model's, then rough."""
     model = rig.model
     p = model.vector(rig.parameters)
     own = current.rig.model
@@ -234,15 +242,9 @@ def _attempt(current: Candidate, signature: Signature, rig: Rig, data: Data, pla
         low, high = model.parameters[model.index(name)].bounds
         p[model.index(name)] = min(max(value, low), high)
     question = question_of(rig, pose(model, data.train, WHOLE), plain)
-    levels, score = current.answer.noise.levels, current.answer.score
-    if excess(current.judged, data.noise) > EXCESS:
-        try:
-            answer = tightened(question, p, levels - QUIETER, QUICK, score)
-        except SolveError:
-            answer = None  # it holds on to the data only with the noise
-        if answer is not None and answer.score < score:
-            return answer
-    return maximise(question, p, levels, iterations=QUICK, polish=False, near=current.answer)
+    p = steered_fit(question, p, guide, QUICK)
+    levels = likeliest_levels(question, p, current.answer.noise.levels, SCANNED)
+    return maximise(question, p, levels, iterations=QUICK, polish=False, near=guide)
 
 
 def _objection(

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -99,26 +100,6 @@ def approach(q: Question, p: Array) -> Answer:
     return here.answer(settled)
 
 
-def tightened(q: Question, p: Array, levels: Array, iterations: int, first: float) -> Answer:
-    """From a start at low levels of process noise, at first held: as rough as a search that only ranks.
-
-    Likelihoods in the level of process noise have two tops where physics is missing: one where the noise stands for
-    it, and one where the model does. The second is reached by fitting the parameters where the states may not move.
-
-    Args:
-        q, p: the question and the start.
-        levels: to begin at.
-        iterations: at most, with the levels held and then with them free.
-        first: score of the model that is to be improved upon.
-
-    Raises:
-        SolveError: the model cannot be simulated at the start.
-    """
-    here, _, _ = _descend(_start(q, p, np.maximum(levels, LEVELS[0])), iterations, NEARBY, held=True)
-    here, _, settled = _descend(here, iterations, ROUGH, first=first)
-    return here.answer(settled)
-
-
 def quieted(answer: Answer, by: float) -> Answer:
     """The same parameters where the states may move less: log levels of process noise lower by `by`."""
     for share in (1.0, 0.5, 0.25):
@@ -133,6 +114,26 @@ def _middling(q: Question) -> Array:
     """Log levels to begin with: by the sample, so that slow plants and fast ones begin alike."""
     level = math.log(MIDDLING / math.sqrt(float(np.median(q.problem.dt))))
     return np.full(len(q.groups), min(max(level, LEVELS[0]), LEVELS[1]))
+
+
+def likeliest_levels(q: Question, p: Array, levels: Array, lower: Sequence[float]) -> Array:
+    """Those of some levels of process noise, each lower than the given ones by so much, that suit the parameters best.
+
+    Raises:
+        SolveError: the model cannot be simulated at any of them.
+    """
+    grid = np.array([np.clip(levels - by, *LEVELS) for by in lower])
+    scores = _scores_of_levels(q, p, Noise(q.measurement, q.groups, levels), grid)
+    if not np.isfinite(scores).any():
+        raise SolveError("the simulation leaves the numbers at the start values; check them and their units")
+    return np.asarray(grid[int(np.nanargmin(scores))])
+
+
+def _scores_of_levels(q: Question, p: Array, noise: Noise, grid: Array) -> Array:
+    Q = np.array([replace(noise, levels=levels).spectrum(len(q.model.states)) for levels in grid])
+    P, R = np.tile(p, (len(grid), 1)), np.tile(noise.measurement, (len(grid), 1))
+    f = run_filter(q.model, q.problem, P, Q, R)
+    return np.asarray(deviance(f.innovations, f.variances).sum(axis=-1))
 
 
 def _start(q: Question, p: Array, levels: Array) -> Place:
@@ -200,10 +201,7 @@ def _best_levels(here: Place) -> Place:
     q, count = here.q, len(here.q.groups)
     grid = np.array(list(itertools.product(SCAN, repeat=count)))
     grid = np.clip(here.noise.levels + grid[np.abs(grid).sum(axis=1) > 0], *LEVELS)
-    Q = np.array([replace(here.noise, levels=levels).spectrum(len(q.model.states)) for levels in grid])
-    P, R = np.tile(here.p, (len(grid), 1)), np.tile(here.noise.measurement, (len(grid), 1))
-    f = run_filter(q.model, q.problem, P, Q, R)
-    best = int(np.argmin(deviance(f.innovations, f.variances).sum(axis=-1)))
+    best = int(np.argmin(_scores_of_levels(q, here.p, here.noise, grid)))
     return Place(q, here.p, replace(here.noise, levels=grid[best]))
 
 

@@ -95,13 +95,15 @@ def test_a_candidate_that_leaves_the_numbers_drops_out(tmp_path, monkeypatch):
     bold = [replace(one, gain=1e6, values=one.effect.usual[0]) for one in signatures]
     whole = search_of._attempt
 
-    def attempt(current, signature, *others):
+    def attempt(current, guide, signature, *others):
         if signature is bold[0]:
             raise SolveError("the simulation leaves the numbers")
-        return whole(current, signature, *others)
+        return whole(current, guide, signature, *others)
 
     monkeypatch.setattr(search_of, "_attempt", attempt)
-    rivals = search_of._refit(base, bold, len(bold), data, base.rig.model, lambda share, words: None, 0.0)
+    rivals = search_of._refit(
+        base, base.answer, bold, len(bold), data, base.rig.model, lambda share, words: None, 0.0
+    )
     assert [rival.effect.name for rival in rivals] == [bold[1].effect.name]
 
 

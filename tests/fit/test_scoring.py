@@ -7,7 +7,8 @@ from optid.errors import SolveError
 from optid.fit.likelihood import WHOLE
 from optid.fit.place import LEVELS, Place, Slopes
 from optid.fit.problem import pose
-from optid.fit.scoring import _middling, _start, approach, maximise, question_of, quieted, tightened
+from optid.fit.scoring import _middling, _start, approach, likeliest_levels, maximise, question_of, quieted
+from optid.fit.steering import steered_fit
 from tests.fit.cart import TRUTH, recording, rig
 
 
@@ -81,14 +82,27 @@ def test_a_like_model_starts_where_the_other_ended(asked, found, monkeypatch):
     assert isinstance(again.slopes, Slopes)
 
 
-def test_less_process_noise_finds_the_better_top(asked):
+def test_quieter_states_keep_the_parameters(asked):
     q, p = asked
     loud = _start(q, p, np.full(len(q.groups), 0.0)).answer(False)
-    better = tightened(q, loud.p, loud.noise.levels - 3.0, 15, loud.score)
-    assert better.score < loud.score - 100
     quiet = quieted(loud, 2.5)
     assert quiet.noise.levels == pytest.approx(np.maximum(loud.noise.levels - 2.5, LEVELS[0]))
     assert np.array_equal(quiet.p, loud.p)
+
+
+def test_held_gains_lead_to_the_truth(asked):
+    q, p = asked
+    guide = _start(q, p, np.full(len(q.groups), -3.0)).answer(False)
+    near = steered_fit(q, p, guide, 15)
+    assert near[list(q.free)] == pytest.approx([TRUTH["gain"], TRUTH["drag"]], rel=0.02)
+    others = [i for i in range(len(p)) if i not in q.free]
+    assert np.array_equal(near[others], p[others])
+
+
+def test_levels_are_chosen_by_likelihood(asked, found):
+    q, _ = asked
+    loud = np.zeros(len(q.groups))
+    assert (likeliest_levels(q, found.p, loud, (0.0, 2.0, 4.0)) == -4.0).all()
 
 
 def test_an_approach_keeps_the_level(asked):

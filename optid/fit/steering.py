@@ -1,0 +1,70 @@
+"""Parameters by prediction error under held gains: a search that costs a fraction of one on the filter's likelihood.
+
+Each model follows the recordings by the gains of a filter that has run already, on a plainer model or at other
+parameters, instead of by a filter of its own. Estimates by such innovations are consistent at any gains (Ljung, System
+Identification, 1999, section 8.4); the likelihood then takes them as a start.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from optid.core.model import Array
+from optid.errors import SolveError
+from optid.fit.likelihood import FAR, run_steered
+from optid.fit.place import NUDGES, REACH, Answer, Question
+
+LOST = 1e3  # sd: an innovation of a model that has left the numbers
+
+
+def steered_fit(q: Question, p: Array, guide: Answer, iterations: int) -> Array:
+    """The parameters under which innovations are least, from a start.
+
+    Args:
+        q: the question.
+        p: start, (parameters,).
+        guide: whose gains and variances hold; its model's states are among the question's.
+        iterations: evaluations at most.
+
+    Returns:
+        The whole parameter vector.
+
+    Raises:
+        SolveError: the model cannot be simulated at the start.
+    """
+    names = [state.name for state in q.model.states]
+    common = [names.index(state.name) for state in guide.question.model.states]
+    gains, free = guide.filtered.gains[0], list(q.free)
+    known = np.isfinite(guide.filtered.innovations[0])
+    scale = 1.0 / np.sqrt(guide.filtered.variances[0][known])
+    low, high = q.low / q.typical, q.high / q.typical
+    nudges = np.full(len(free), NUDGES[1])
+
+    def innovations(X: Array) -> Array:
+        P = np.tile(p, (len(X), 1))
+        P[:, free] = X * q.typical
+        E = run_steered(q.model, q.problem, P, gains, common)
+        return np.asarray(np.nan_to_num(E[:, known] * scale, nan=LOST, posinf=LOST, neginf=-LOST))
+
+    def residuals(x: Array) -> Array:
+        prior = (x * q.typical - q.prior) / q.prior_sd
+        return np.concatenate([innovations(x[None])[0], prior])
+
+    def slopes(x: Array) -> Array:
+        step = np.where(x + nudges > high, -nudges, nudges)
+        here, *others = innovations(np.vstack([x, x + np.diag(step)]))
+        J = (np.array(others) - here).T / step
+        nudges[:] = np.clip(REACH / np.maximum(np.linalg.norm(J, axis=0), 1e-12), NUDGES[0], NUDGES[2])
+        return np.vstack([J, np.diag(q.typical / q.prior_sd)])
+
+    start = np.clip(p[free] / q.typical, low, high)
+    if not np.abs(residuals(start)[: -len(free)]).min() < LOST:
+        raise SolveError("the simulation leaves the numbers at the start values; check them and their units")
+    found = least_squares(
+        residuals, start, slopes, bounds=(low, high), loss="huber", f_scale=FAR, max_nfev=iterations,
+        ftol=1e-3, xtol=1e-6, gtol=1e-12,
+    )  # fmt: skip
+    best = p.copy()
+    best[free] = np.clip(found.x * q.typical, q.low, q.high)
+    return best
