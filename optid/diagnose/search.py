@@ -5,6 +5,7 @@ A screen picks the few worth a refit; the refits compete by likelihood; recordin
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -22,7 +23,7 @@ from optid.errors import SolveError
 from optid.fit.likelihood import WHOLE
 from optid.fit.place import Answer
 from optid.fit.problem import pose
-from optid.fit.scoring import approach, likeliest_levels, maximise, question_of, quieted
+from optid.fit.scoring import approach, likeliest, maximise, question_of, quieted
 from optid.fit.steering import steered_fit
 from optid.rigs.rigfile import Rig, with_effects
 
@@ -32,9 +33,10 @@ SECOND = 3  # candidates of a round that only the look at the fitted process noi
 DEEPEST = 3  # effects at most
 WORTH = 0.04  # share by which an effect must lower the windows' error on the hold-out (physics catalogue B.3, step 5)
 QUIETER = 2.5  # log: how much less process noise a second look and a first refit allow where much is missing
+FAINT = 0.03  # of a signature's strength
 SCANNED = (0.0, 1.25, 2.5, 3.75)  # log: by how much less process noise may suit a first refit
 SAME = 0.1  # of typical sizes: friction at rest that near is the same
-NEAR = 0.5  # of the best gain: a refit below this share does not go on
+NEAR = 0.8  # of the best gain: a refit below this share does not go on
 TINY = (
     0.25  # of the smallest size worth a name: what a screen or a first refit leaves below it is not followed
 )
@@ -242,9 +244,21 @@ def _attempt(
         low, high = model.parameters[model.index(name)].bounds
         p[model.index(name)] = min(max(value, low), high)
     question = question_of(rig, pose(model, data.train, WHOLE), plain)
-    p = steered_fit(question, p, guide, QUICK)
-    levels = likeliest_levels(question, p, current.answer.noise.levels, SCANNED)
+    starts = [p, _faint(p, signature, model)]
+    with contextlib.suppress(SolveError):  # it holds on to the data by more noise than the guide allows
+        starts.insert(0, steered_fit(question, p, guide, QUICK))
+    p, levels = likeliest(question, starts, current.answer.noise.levels, SCANNED)
     return maximise(question, p, levels, iterations=QUICK, polish=False, near=guide)
+
+
+def _faint(p: np.ndarray, signature: Signature, model: Model) -> np.ndarray:
+    """The same with a trace of the effect only: as likely as without it, wherever the screen would have led."""
+    p, effect = p.copy(), signature.effect
+    for name, null in effect.at_null().items():
+        if name in effect.strength:
+            i = model.index(f"{effect.name}.{name}")
+            p[i] = null + FAINT * (p[i] - null)
+    return p
 
 
 def _objection(

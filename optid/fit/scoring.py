@@ -116,23 +116,26 @@ def _middling(q: Question) -> Array:
     return np.full(len(q.groups), min(max(level, LEVELS[0]), LEVELS[1]))
 
 
-def likeliest_levels(q: Question, p: Array, levels: Array, lower: Sequence[float]) -> Array:
-    """Those of some levels of process noise, each lower than the given ones by so much, that suit the parameters best.
+def likeliest(
+    q: Question, starts: Sequence[Array], levels: Array, lower: Sequence[float]
+) -> tuple[Array, Array]:
+    """The likeliest of some parameter vectors and levels of process noise, these lower than the given by so much.
 
     Raises:
         SolveError: the model cannot be simulated at any of them.
     """
-    grid = np.array([np.clip(levels - by, *LEVELS) for by in lower])
-    scores = _scores_of_levels(q, p, Noise(q.measurement, q.groups, levels), grid)
+    pairs = [(p, np.clip(levels - by, *LEVELS)) for p in starts for by in lower]
+    scores = _scores(q, np.array([p for p, _ in pairs]), np.array([one for _, one in pairs]))
     if not np.isfinite(scores).any():
         raise SolveError("the simulation leaves the numbers at the start values; check them and their units")
-    return np.asarray(grid[int(np.nanargmin(scores))])
+    return pairs[int(np.nanargmin(np.where(np.isfinite(scores), scores, np.nan)))]
 
 
-def _scores_of_levels(q: Question, p: Array, noise: Noise, grid: Array) -> Array:
-    Q = np.array([replace(noise, levels=levels).spectrum(len(q.model.states)) for levels in grid])
-    P, R = np.tile(p, (len(grid), 1)), np.tile(noise.measurement, (len(grid), 1))
-    f = run_filter(q.model, q.problem, P, Q, R)
+def _scores(q: Question, P: Array, levels: Array) -> Array:
+    """-2 log likelihood without priors at parameters (sets, parameters) and levels (sets, groups)."""
+    noise = Noise(q.measurement, q.groups, levels[0])
+    Q = np.array([replace(noise, levels=one).spectrum(len(q.model.states)) for one in levels])
+    f = run_filter(q.model, q.problem, P, Q, np.tile(q.measurement, (len(P), 1)))
     return np.asarray(deviance(f.innovations, f.variances).sum(axis=-1))
 
 
@@ -201,7 +204,7 @@ def _best_levels(here: Place) -> Place:
     q, count = here.q, len(here.q.groups)
     grid = np.array(list(itertools.product(SCAN, repeat=count)))
     grid = np.clip(here.noise.levels + grid[np.abs(grid).sum(axis=1) > 0], *LEVELS)
-    best = int(np.argmin(_scores_of_levels(q, here.p, here.noise, grid)))
+    best = int(np.argmin(_scores(q, np.tile(here.p, (len(grid), 1)), grid)))
     return Place(q, here.p, replace(here.noise, levels=grid[best]))
 
 

@@ -7,7 +7,7 @@ from optid.errors import SolveError
 from optid.fit.likelihood import WHOLE
 from optid.fit.place import LEVELS, Place, Slopes
 from optid.fit.problem import pose
-from optid.fit.scoring import _middling, _start, approach, likeliest_levels, maximise, question_of, quieted
+from optid.fit.scoring import _middling, _start, approach, likeliest, maximise, question_of, quieted
 from optid.fit.steering import steered_fit
 from tests.fit.cart import TRUTH, recording, rig
 
@@ -99,10 +99,12 @@ def test_held_gains_lead_to_the_truth(asked):
     assert np.array_equal(near[others], p[others])
 
 
-def test_levels_are_chosen_by_likelihood(asked, found):
+def test_a_start_is_chosen_by_likelihood(asked, found):
     q, _ = asked
     loud = np.zeros(len(q.groups))
-    assert (likeliest_levels(q, found.p, loud, (0.0, 2.0, 4.0)) == -4.0).all()
+    p, levels = likeliest(q, [asked[1], found.p], loud, (0.0, 2.0, 4.0))
+    assert p is found.p
+    assert (levels == -4.0).all()
 
 
 def test_an_approach_keeps_the_level(asked):
