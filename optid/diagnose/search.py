@@ -222,7 +222,7 @@ def _refit(
         candidate = Candidate((*current.effects, effect), rig, answer, judge(answer, data.holdout))
         gain = current.answer.score - answer.score
         against = compare(current.judged, candidate.judged, data.generator)
-        why = _objection(effect, candidate, gain, against, screened, len(few))
+        why = _objection(effect, candidate, gain, against, screened, place)
         rivals.append(Rival(effect, candidate, gain, against, why))
     return _ranked(rivals)
 
@@ -262,16 +262,19 @@ def _faint(p: np.ndarray, signature: Signature, model: Model) -> np.ndarray:
 
 
 def _objection(
-    effect: Effect, candidate: Candidate, gain: float, against: Comparison, screened: int, tried: int
+    effect: Effect, candidate: Candidate, gain: float, against: Comparison, screened: int, place: int
 ) -> str:
-    """Why a refitted effect is not taken; empty when nothing speaks against it."""
+    """Why a refitted effect is not taken; empty when nothing speaks against it.
+
+    The refits take their turn by likelihood, and the error rate of the hold-out is shared among the turns as 1/k^2.
+    """
     size, count = _size(effect, candidate.rig, candidate.answer), len(effect.parameters)
     needed = stats.chi2.isf(LEVEL / max(screened, 1), count) + count * math.log(1e4)
     if gain < needed:
         return f"the refit gains {gain:.0f} in -2 log likelihood where {needed:.0f} are needed"
     if size < 1.0:
         return f"the refit leaves it at {100 * size:.0f} % of the smallest size worth a name"
-    if against.p_value > LEVEL / max(tried, 1):
+    if against.p_value > LEVEL * 6.0 / (math.pi * (place + 1)) ** 2:
         return f"no gain on the recordings held out (p = {against.p_value:.2g})"
     if against.error_gain < WORTH:
         return f"held out, windows err by {100 * max(against.error_gain, 0):.1f} % less: too little to matter"
