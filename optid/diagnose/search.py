@@ -244,10 +244,12 @@ def _attempt(
         low, high = model.parameters[model.index(name)].bounds
         p[model.index(name)] = min(max(value, low), high)
     question = question_of(rig, pose(model, data.train, WHOLE), plain)
-    starts = [p, _faint(p, signature, model)]
+    levels = current.answer.noise.levels
+    starts = [(p, levels), (_faint(p, signature, model), levels)]
     with contextlib.suppress(SolveError):  # it holds on to the data by more noise than the guide allows
-        starts.insert(0, steered_fit(question, p, guide, QUICK))
-    p, levels = likeliest(question, starts, current.answer.noise.levels, SCANNED)
+        led = steered_fit(question, p, guide, QUICK)
+        starts += [(led, levels - by) for by in SCANNED]
+    p, levels = likeliest(question, starts)
     return maximise(question, p, levels, iterations=QUICK, polish=False, near=guide)
 
 

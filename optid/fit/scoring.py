@@ -116,16 +116,14 @@ def _middling(q: Question) -> Array:
     return np.full(len(q.groups), min(max(level, LEVELS[0]), LEVELS[1]))
 
 
-def likeliest(
-    q: Question, starts: Sequence[Array], levels: Array, lower: Sequence[float]
-) -> tuple[Array, Array]:
-    """The likeliest of some parameter vectors and levels of process noise, these lower than the given by so much.
+def likeliest(q: Question, starts: Sequence[tuple[Array, Array]]) -> tuple[Array, Array]:
+    """The likeliest of some starts, each a parameter vector and levels of process noise.
 
     Raises:
         SolveError: the model cannot be simulated at any of them.
     """
-    pairs = [(p, np.clip(levels - by, *LEVELS)) for p in starts for by in lower]
-    scores = _scores(q, np.array([p for p, _ in pairs]), np.array([one for _, one in pairs]))
+    pairs = [(p, np.clip(levels, *LEVELS)) for p, levels in starts]
+    scores = _scores(q, np.array([p for p, _ in pairs]), np.array([levels for _, levels in pairs]))
     if not np.isfinite(scores).any():
         raise SolveError("the simulation leaves the numbers at the start values; check them and their units")
     return pairs[int(np.nanargmin(np.where(np.isfinite(scores), scores, np.nan)))]

@@ -102,7 +102,7 @@ def test_held_gains_lead_to_the_truth(asked):
 def test_a_start_is_chosen_by_likelihood(asked, found):
     q, _ = asked
     loud = np.zeros(len(q.groups))
-    p, levels = likeliest(q, [asked[1], found.p], loud, (0.0, 2.0, 4.0))
+    p, levels = likeliest(q, [(p, loud - by) for p in (asked[1], found.p) for by in (0.0, 2.0, 4.0)])
     assert p is found.p
     assert (levels == -4.0).all()
 
