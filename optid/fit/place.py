@@ -15,7 +15,7 @@ from optid.rigs.rigfile import Rig
 
 # Differences reach over REACH conditional standard deviations: dry friction makes the likelihood rough on the scale of
 # a few (a break-away more or less), and a quotient over less would see nothing else.
-REACH, NUDGES = 5.0, (1e-4, 1e-3, 3e-2)  # the least, the first and the largest, of a parameter's typical size
+REACH, NUDGES = 5.0, (1e-3, 2e-3, 3e-2)  # the least, the first and the largest, of a parameter's typical size
 NUDGE_LEVEL = 0.1  # of the log of process noise
 LEVELS = (math.log(1e-5), math.log(10.0))  # bounds of that log
 

@@ -101,9 +101,10 @@ def approach(q: Question, p: Array) -> Answer:
 
 
 def quieted(answer: Answer, by: float) -> Answer:
-    """The same parameters where the states may move less: log levels of process noise lower by `by`."""
+    """The same parameters where the states may move less: log levels lower by `by`, from a middling one at most."""
+    there = np.minimum(answer.noise.levels, _middling(answer.question)) - by
     for share in (1.0, 0.5, 0.25):
-        levels = np.maximum(answer.noise.levels - share * by, LEVELS[0])
+        levels = np.maximum(answer.noise.levels + share * (there - answer.noise.levels), LEVELS[0])
         here = Place(answer.question, answer.p, replace(answer.noise, levels=levels))
         if math.isfinite(here.score):
             return here.answer(answer.settled)

@@ -86,7 +86,8 @@ def test_quieter_states_keep_the_parameters(asked):
     q, p = asked
     loud = _start(q, p, np.full(len(q.groups), 0.0)).answer(False)
     quiet = quieted(loud, 2.5)
-    assert quiet.noise.levels == pytest.approx(np.maximum(loud.noise.levels - 2.5, LEVELS[0]))
+    assert quiet.noise.levels == pytest.approx(np.maximum(_middling(q) - 2.5, LEVELS[0]))
+    assert quieted(quiet, 0.5).noise.levels == pytest.approx(np.maximum(quiet.noise.levels - 0.5, LEVELS[0]))
     assert np.array_equal(quiet.p, loud.p)
 
 
