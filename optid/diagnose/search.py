@@ -247,7 +247,7 @@ def _attempt(
     levels = current.answer.noise.levels
     starts = [(p, levels), (_faint(p, signature, model), levels)]
     with contextlib.suppress(SolveError):  # it holds on to the data by more noise than the guide allows
-        led = steered_fit(question, p, guide, QUICK)
+        led = steered_fit(question, p, guide.question.model, guide.filtered, QUICK)
         starts += [(led, levels - by) for by in SCANNED]
     p, levels = likeliest(question, starts)
     return maximise(question, p, levels, iterations=QUICK, polish=False, near=guide)

@@ -188,12 +188,15 @@ class Place:
         return np.concatenate([known, np.full(ng, NUDGE_LEVEL)])
 
     def carried(self, there: Place, information: Array) -> Slopes:
-        """Broyden's update of the slopes by what a step showed, in the metric in which all parameters count alike."""
+        """Broyden's update of the slopes by what a step showed, in the metric in which all parameters count alike.
+
+        A step of less than a conditional standard deviation shows the integrator's error rather than slopes.
+        """
         assert self.slopes is not None
         s = there.coordinates - self.coordinates
         along = np.diag(information) * s
         length = float(s @ along)
-        if not length > 0.0:
+        if not length > 1.0:
             return self.slopes
         old, new = self.filtered, there.filtered
         missed_e = new.innovations[0] - old.innovations[0] - self.slopes.innovations @ s

@@ -20,6 +20,7 @@ from optid.fit.likelihood import Noise, deviance, noisy_states, run_filter
 from optid.fit.objective import freed_with_rest, objective_of
 from optid.fit.place import LEVELS, Answer, Place, Question
 from optid.fit.problem import Problem
+from optid.fit.steering import steered_fit
 from optid.rigs.rigfile import Rig
 
 MIDDLING = 3e-3  # of their usual sizes: what process noise moves states by from sample to sample where a search begins
@@ -27,6 +28,7 @@ ENOUGH = 1.0  # decrease of the score that ends the search, by a step on derivat
 NEARBY, ROUGH = 2e-3, 2e-2  # of the whole decrease: ends an approach, and a search that only ranks
 TRIALS = (2, 5)  # of a step on carried and on fresh derivatives, with more and more damping
 KEPT = 0.25  # of what a step promised: less, and carried derivatives are taken anew
+LED = 3  # times at most that a start is led by the gains of the filter run before
 APPROACH = 10  # iterations at the first level of process noise
 RESTARTS = 2  # from other levels of process noise
 SCAN = (-3.0, 0.0, 2.0)  # steps of a log level that are looked at
@@ -75,7 +77,7 @@ def maximise(
     """
     here = _start(q, p, _middling(q) if levels is None else levels)
     if levels is None:
-        here, _, _ = _descend(here, APPROACH, NEARBY, held=True)
+        here, _, _ = _descend(_led(here), APPROACH, NEARBY, held=True)
     here.begin(near)
     if not polish:
         here, _, settled = _descend(here, iterations, ROUGH, first=None if near is None else near.score)
@@ -96,8 +98,19 @@ def approach(q: Question, p: Array) -> Answer:
     Raises:
         SolveError: the model cannot be simulated at the start.
     """
-    here, _, settled = _descend(_start(q, p, _middling(q)), APPROACH, NEARBY, held=True)
+    here, _, settled = _descend(_led(_start(q, p, _middling(q))), APPROACH, NEARBY, held=True)
     return here.answer(settled)
+
+
+def _led(here: Place) -> Place:
+    """Where held gains lead from a place, and from there once more, as long as that is likelier."""
+    for _ in range(LED):
+        p = steered_fit(here.q, here.p, here.q.model, here.filtered, APPROACH)
+        there = Place(here.q, p, here.noise)
+        if not there.score < here.score - ENOUGH:
+            break
+        here = there
+    return here
 
 
 def quieted(answer: Answer, by: float) -> Answer:

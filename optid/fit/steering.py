@@ -10,21 +10,22 @@ from __future__ import annotations
 import numpy as np
 from scipy.optimize import least_squares
 
-from optid.core.model import Array
+from optid.core.model import Array, Model
 from optid.errors import SolveError
-from optid.fit.likelihood import FAR, run_steered
-from optid.fit.place import NUDGES, REACH, Answer, Question
+from optid.fit.likelihood import FAR, Filtered, run_steered
+from optid.fit.place import NUDGES, REACH, Question
 
 LOST = 1e3  # sd: an innovation of a model that has left the numbers
 
 
-def steered_fit(q: Question, p: Array, guide: Answer, iterations: int) -> Array:
+def steered_fit(q: Question, p: Array, plain: Model, guide: Filtered, iterations: int) -> Array:
     """The parameters under which innovations are least, from a start.
 
     Args:
         q: the question.
         p: start, (parameters,).
-        guide: whose gains and variances hold; its model's states are among the question's.
+        plain: model of the guide, whose states are among the question's.
+        guide: whose gains and variances hold, with gains kept.
         iterations: evaluations at most.
 
     Returns:
@@ -34,10 +35,10 @@ def steered_fit(q: Question, p: Array, guide: Answer, iterations: int) -> Array:
         SolveError: the model cannot be simulated at the start.
     """
     names = [state.name for state in q.model.states]
-    common = [names.index(state.name) for state in guide.question.model.states]
-    gains, free = guide.filtered.gains[0], list(q.free)
-    known = np.isfinite(guide.filtered.innovations[0])
-    scale = 1.0 / np.sqrt(guide.filtered.variances[0][known])
+    common = [names.index(state.name) for state in plain.states]
+    gains, free = guide.gains[0], list(q.free)
+    known = np.isfinite(guide.innovations[0])
+    scale = 1.0 / np.sqrt(guide.variances[0][known])
     low, high = q.low / q.typical, q.high / q.typical
     nudges = np.full(len(free), NUDGES[1])
 

@@ -94,7 +94,7 @@ def test_quieter_states_keep_the_parameters(asked):
 def test_held_gains_lead_to_the_truth(asked):
     q, p = asked
     guide = _start(q, p, np.full(len(q.groups), -3.0)).answer(False)
-    near = steered_fit(q, p, guide, 15)
+    near = steered_fit(q, p, q.model, guide.filtered, 15)
     assert near[list(q.free)] == pytest.approx([TRUTH["gain"], TRUTH["drag"]], rel=0.02)
     others = [i for i in range(len(p)) if i not in q.free]
     assert np.array_equal(near[others], p[others])
