@@ -9,9 +9,12 @@ from numba import njit
 from optid.core.compiled import compiled_lanes, machine_code
 from optid.core.instructions import FORMS, REAL
 from optid.core.kernel import at, call
+from optid.core.recording import Channel, Recording
 from optid.core.rosenbrock import rosenbrock
 from optid.core.rows import LANES
 from optid.core.sheet import build
+from optid.fit.likelihood import WHOLE, run_filter
+from optid.fit.problem import pose
 from optid.rigs.rigfile import read_rig
 from optid.rigs.servo_pneumatic import servo_pneumatic
 from tests.core.test_integrator import DATA
@@ -108,3 +111,26 @@ def test_states_that_move_together_move_as_alone(friction):
         before = X.copy()
         assert moved(code, X, u, p, c, many, 1e-30 * model.scales, 1e-4) > 1.0
         assert np.array_equal(X, before)
+
+
+def relay(s):
+    """x' = -1000 sign x: at zero it never comes to rest."""
+    x = s.state("position", "m", 1.0, start=100.0, spread=1e-3)
+    s.rate(x, -1e3 * ca.sign(x) + 0.0 * s.input("command", "1"))
+    s.output("position", "m", x)
+
+
+def test_equations_that_need_ever_smaller_steps_are_given_up():
+    model = build(relay)
+    time = np.arange(30) / 100
+    channels = {
+        "command": Channel("command", "u", "1", np.zeros(30)),
+        "position": Channel("position", "x", "m", np.full(30, np.nan)),
+    }
+    problem = pose(model, [Recording("run.csv", time, channels)], WHOLE)
+    seen = run_filter(
+        model, problem, model.vector({})[None], np.zeros((1, 1)), np.ones((1, 1)), keep=True
+    )  # no process noise, no measurement
+    before = time < 0.095
+    assert seen.states[0][before, 0] == pytest.approx(100.0 - 1e3 * time[before], rel=1e-6)
+    assert np.isinf(seen.innovations[0][time > 0.115]).all()
