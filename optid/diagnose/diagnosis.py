@@ -18,6 +18,7 @@ from optid.diagnose.residuals import Residuals, residual_tests
 from optid.diagnose.rivals import indistinguishable
 from optid.diagnose.screen import Signature, screen
 from optid.diagnose.search import (
+    DEEPEST,
     LEVEL,
     Candidate,
     Data,
@@ -38,6 +39,9 @@ from optid.rigs.rigfile import Rig
 HALF = (
     0.5  # of what an unknown signal gains on the hold-out, a name must gain (physics catalogue B.3, step 8)
 )
+EVEN = 1 / (
+    DEEPEST + 1
+)  # of the windows' squared error: less than an even share of what could be missing at once
 VISIBLE = 5.0  # sd at which an effect of the smallest size worth a name would be found for sure
 
 
@@ -259,7 +263,7 @@ def _verdict(found: Search, data: Data, report: Report) -> tuple[Verdict, Candid
     sites = locate(base, data)
     unknown = max((base.judged.total - one.judged.total for one in sites), default=0.0)
     likelier = base.judged.total - best.judged.total >= HALF * unknown
-    if best.effects and likelier and cleared(base.judged, best.judged, data.noise) >= HALF:
+    if best.effects and likelier and cleared(base.judged, best.judged, data.noise) >= EVEN:
         return Verdict.MISSING_PHYSICS, best, ()
     return Verdict.UNEXPLAINED, base, sites
 
@@ -284,7 +288,7 @@ def _rejected(found: Search, best: Candidate) -> tuple[tuple[str, str], ...]:
     """Every effect that was refitted and not kept, with the last reason."""
     kept = {effect.name for effect in best.effects}
     reasons: dict[str, str] = {
-        effect.name: "clears less than half of what the model errs by, or of what an unknown signal would"
+        effect.name: "clears less than an even share of what the model errs by, or half of what an unknown signal would"
         for effect in found.best.effects
         if effect.name not in kept
     }
