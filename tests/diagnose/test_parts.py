@@ -71,6 +71,13 @@ def test_a_range_holds_most_of_the_mismatch_with_the_fewest_samples():
     assert found.occupancy < 0.2
 
 
+def test_three_lucky_blocks_do_not_outweigh_the_many_that_got_worse():
+    before = np.ones(2000)
+    after = before + 0.02  # 40 blocks of 50 samples: worse by 1 each
+    after[:150] -= 2.0  # but three, better by 100
+    assert compare(judged(before, 1.0), judged(after, 1.0), np.random.default_rng(0)).p_value > 0.5
+
+
 def test_what_a_model_clears_is_counted_in_the_channel_that_erred_most():
     before, half, none = (judged(np.zeros(100), rmse) for rmse in (5.0, 3.0, 5.0))
     assert cleared(before, half, {"position": 1.0}) == pytest.approx((25.0 - 9.0) / 24.0)
