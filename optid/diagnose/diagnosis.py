@@ -39,9 +39,8 @@ from optid.rigs.rigfile import Rig
 HALF = (
     0.5  # of what an unknown signal gains on the hold-out, a name must gain (physics catalogue B.3, step 8)
 )
-EVEN = 1 / (
-    DEEPEST + 1
-)  # of the windows' squared error: less than an even share of what could be missing at once
+# Share of the windows' squared error that names must clear: an even one among as many as can be named and a rest.
+EVEN = 1 / (DEEPEST + 1)
 VISIBLE = 5.0  # sd at which an effect of the smallest size worth a name would be found for sure
 
 

@@ -268,7 +268,7 @@ def _objection(
 ) -> str:
     """Why a refitted effect is not taken; empty when nothing speaks against it.
 
-    The refits take their turn by likelihood, and the error rate of the hold-out is shared among the turns as 1/k^2.
+    The refits take their turn by likelihood, and each turn has half of the hold-out's error rate that is left.
     """
     size, count = _size(effect, candidate.rig, candidate.answer), len(effect.parameters)
     needed = stats.chi2.isf(LEVEL / max(screened, 1), count) + count * math.log(1e4)
@@ -276,7 +276,7 @@ def _objection(
         return f"the refit gains {gain:.0f} in -2 log likelihood where {needed:.0f} are needed"
     if size < 1.0:
         return f"the refit leaves it at {100 * size:.0f} % of the smallest size worth a name"
-    if against.p_value > LEVEL * 6.0 / (math.pi * (place + 1)) ** 2:
+    if against.p_value > LEVEL / 2 ** (place + 1):
         return f"no gain on the recordings held out (p = {against.p_value:.2g})"
     if against.error_gain < WORTH:
         return f"held out, windows err by {100 * max(against.error_gain, 0):.1f} % less: too little to matter"
