@@ -7,6 +7,7 @@ from numba import njit
 from studies.independent_rig.states import ELEMENT, PA, PB, REST, SHARES, V2, X2, V, X
 
 RECORD = 8.0  # s: drifts are stated per so long a record
+DAMPING = 0.2  # of a contact that sticks, in sqrt(k m): a tenth of critical, 200 to 1500 N s/m on this axis
 
 
 @njit(cache=True)
@@ -90,7 +91,8 @@ def contact(rig, x, v, y):
         else:
             total += 0.25 * z / yield_at
             free += 0.25
-    return total + 2e-3 * free * v / rig.presliding  # elements that stick are damped a little
+    # Elements that stick are damped a little.
+    return total + DAMPING * free * v * math.sqrt(rig.mass / (rig.coulomb * rig.presliding))
 
 
 @njit(cache=True)
