@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
+import functools
 import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import special
 
 Array = NDArray[np.float64]
 
 _ORDER = 4  # of the differences: cubic motion between five samples leaves nothing behind
 _GOLDEN = 0.6180339887498949  # its multiples modulo 1 fill an interval evenly
 _NORMAL_MEDIAN = 0.6744897501960817  # median of |z| of a standard normal
-_STRETCH, _BEND, _QUIET = (
-    48,
-    5,
-    0.1,
-)  # samples, degree of the curve, and the share of stretches counted as quiet
+_STRETCH, _BEND = 48, 5  # samples, degree of the curve
+_QUIET = 0.2  # share of stretches counted as quiet
+_COLOURS = np.linspace(0.0, 0.95, 20)
+_WHITE = 0.1  # four standard deviations of what 8 s of white noise at 1 kHz seem to have
 _FEWEST_LEVELS = 6  # with fewer values any set looks like a grid
 
 
@@ -37,7 +36,7 @@ def noise_sd(values: Array) -> float:
         The standard deviation; 0 where fewer than 20 differences are whole.
     """
     step = grid(values)
-    return max(scatter(values, step), quietest(values), step / math.sqrt(12))
+    return max(scatter(values, step), quietest(values)[0], step / math.sqrt(12))
 
 
 def scatter(values: Array, step: float = 0.0) -> float:
@@ -55,27 +54,62 @@ def scatter(values: Array, step: float = 0.0) -> float:
     return math.sqrt(variance / math.comb(2 * _ORDER, _ORDER))
 
 
-def quietest(values: Array) -> float:
-    """Standard deviation around smooth curves through the quietest stretches, where hardly anything moves.
+def quietest(values: Array) -> tuple[float, float]:
+    """Standard deviation and colour of the noise, from the stretches where hardly anything moves.
 
-    Noise whose correlation dies out within a few samples is seen nearly whole (0.86 of it at a coefficient of 0.5);
-    what the curves leave of a fast axis at 1 kHz is below a micrometre.
+    A smooth curve is taken out of every stretch; those left with the least are compared with what stretches of noise
+    of known colour are left with, of which the same share is kept. What the curves leave of a fast axis at 1 kHz is
+    a few micrometres at most.
 
     Returns:
-        The standard deviation; 0 where fewer than ten stretches of `_STRETCH` samples are whole.
+        The standard deviation, and the correlation from sample to sample of a first-order noise, 0 where it cannot
+        be told from white noise; both 0 where fewer than ten stretches of `_STRETCH` samples are whole.
     """
     count = len(values) // _STRETCH
     stretches = values[: count * _STRETCH].reshape(count, _STRETCH)
     stretches = stretches[np.isfinite(stretches).all(axis=1)]
     if len(stretches) < 10:
-        return 0.0
+        return 0.0, 0.0
+    correlation, power = _left(stretches)
+    known = _known_noise()
+    colour = float(np.interp(correlation, known[:, 0], _COLOURS))
+    sd = math.sqrt(power / float(np.interp(colour, _COLOURS, known[:, 1])))
+    return sd, colour if colour > _WHITE else 0.0
+
+
+def colour(values: Array) -> float:
+    """Correlation of the measurement noise from sample to sample, 0 to 0.95; see `quietest`.
+
+    Rounding is taken for white: where it makes up most of the noise, what little else there is does not count.
+    """
+    sd, found = quietest(values)
+    return found if sd > 0.5 * noise_sd(values) else 0.0
+
+
+def _left(stretches: Array) -> tuple[float, float]:
+    """What curves leave of the quietest stretches: its correlation from sample to sample, and its mean square sum."""
     curves, _ = np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, _STRETCH), _BEND + 1))
     # Around the stretch's mean: the curves would lose what a value far from zero has behind its ninth digit.
     centred = stretches - stretches.mean(axis=1, keepdims=True)
     left = centred - (centred @ curves) @ curves.T
-    freedom = _STRETCH - _BEND - 1
-    low = float(np.quantile((left**2).sum(axis=1), _QUIET))
-    return math.sqrt(low / float(2.0 * special.gammaincinv(freedom / 2.0, _QUIET)))
+    sums = (left**2).sum(axis=1)
+    quiet = sums <= np.quantile(sums, _QUIET)
+    power = float(sums[quiet].mean())
+    neighbours = float((left[quiet, 1:] * left[quiet, :-1]).sum())
+    return (neighbours / float(sums[quiet].sum()) if power > 0.0 else 0.0), power
+
+
+@functools.cache
+def _known_noise() -> Array:
+    """What `_left` gives for noise of unit variance and each of `_COLOURS`, (colours, 2)."""
+    white = np.random.default_rng(0).normal(size=(4000, _STRETCH))
+    rows = []
+    for c in _COLOURS:
+        noise = white.copy()
+        for n in range(1, _STRETCH):
+            noise[:, n] = c * noise[:, n - 1] + math.sqrt(1.0 - c * c) * white[:, n]
+        rows.append(_left(noise))
+    return np.array(rows)
 
 
 def grid(values: Array) -> float:

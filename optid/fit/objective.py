@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from optid.check.noise import noise_sd
+from optid.check.noise import colour, noise_sd
 from optid.core.model import Array, Model
 from optid.core.recording import Recording
 from optid.fit.problem import Problem
@@ -84,12 +84,14 @@ def objective_of(
 
 
 def _sd(rig: Rig, problem: Problem, output: int, role: str) -> float:
-    stated = rig.channels[role].sd if role in rig.channels else None
-    if stated:
-        return stated
+    """Of the white noise that tells as little of slow motion as the output's own: coloured noise averages out later."""
     y = problem.measured[:, output]
-    if not np.isfinite(y).any():
+    y = y[np.isfinite(y)]
+    if not len(y):
         return 1.0
-    floor = 1e-6 * max(float(np.nanstd(y)), 1e-12)
-    found = noise_sd(y[np.isfinite(y)])
-    return max(found, floor) if math.isfinite(found) else floor
+    stated = rig.channels[role].sd if role in rig.channels else None
+    floor = 1e-6 * max(float(np.std(y)), 1e-12)
+    found = stated or noise_sd(y)
+    found = max(found, floor) if math.isfinite(found) else floor
+    c = colour(y)
+    return found * math.sqrt((1.0 + c) / (1.0 - c))
