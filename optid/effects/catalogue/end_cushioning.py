@@ -19,6 +19,10 @@ LENGTH = Parameter(
     "length", "m", 0.02, "distance from either end of the stroke at which the cushion begins",
     "physics catalogue A.3: 10 to 25 mm", 0.02, (2e-3, 0.1),
 )  # fmt: skip
+SIDE = Parameter(
+    "side", "1", 1.0, "which end's needle throttles: 0 both alike, 1 only the one at the far end, -1 only the other",
+    "each end has a needle of its own", 0.0, (-1.0, 1.0),
+)  # fmt: skip
 BLEND = 2e-3  # m: way over which the spear closes the bore
 
 
@@ -31,15 +35,19 @@ class EndCushioning(Effect):
     name = "end_cushioning"
     sites = ("flow.exhaust_area",)
     equation = "1, 2"
-    parameters = (THROTTLING, LENGTH)
+    parameters = (THROTTLING, LENGTH, SIDE)
     strength = {"throttling": 2.0}
-    usual = tuple({"throttling": 20.0, "length": length} for length in (0.01, 0.018, 0.028))
+    usual = tuple(
+        {"throttling": throttling, "length": length, "side": side}
+        for throttling, length in ((20.0, 0.01), (20.0, 0.018), (20.0, 0.028), (100.0, 0.012))
+        for side in (0.0, 1.0, -1.0)
+    )
     law = (
         "near an end the shrinking chamber vents through both: 1/A^2 = 1/A_valve^2 + (throttling / A_full)^2"
     )
     says = (
         "cushions throttle the outflow over the last {length}, to a needle {throttling} times smaller than the "
-        "open valve"
+        "open valve (side {side}: 0 both ends, 1 the far one, -1 the near one)"
     )
     depends_on = ("position", "flow")
     needs = "motion into the last 10 to 25 mm before an end of the stroke"
@@ -53,5 +61,8 @@ class EndCushioning(Effect):
         distance = ca.if_else(s > 0, half - x, half + x)
         inside = ca.fmin(ca.fmax((sheet.param(LENGTH) - distance) / BLEND, 0), 1)
         share = inside**2 * (3 - 2 * inside)
+        # Throttling is whole at the ends that have it: the side takes from the other one only.
+        side = sheet.param(SIDE)
+        share *= 1 - ca.fmax(ca.if_else(s > 0, -side, side), 0)
         full = sheet.plant_param("port_width") * sheet.plant_param("spool_travel")
         return nominal / ca.sqrt(1 + (sheet.param(THROTTLING) * share * nominal / full) ** 2)

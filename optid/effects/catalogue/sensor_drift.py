@@ -5,27 +5,39 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import casadi as ca
+
 from optid.core.parameter import Parameter
 from optid.core.sheet import Sheet
 from optid.effects.effect import Effect
 
 RATE = Parameter(
-    "rate", "m/s", 3e-5, "speed at which the zero moves", "physics catalogue A.4: 0.1 to 1 mm within a recording",
-    0.0, (-1e-2, 1e-2),
+    "rate", "m/s", 3e-5, "speed at which the zero moves at the start of a recording",
+    "physics catalogue A.4: 0.1 to 1 mm within a recording", 0.0, (-1e-2, 1e-2),
+)  # fmt: skip
+SETTLING = Parameter(
+    "settling_time", "s", 10.0, "time constant with which it settles; long for a steady drift",
+    "an amplifier warms up in seconds to minutes", 60.0, (0.5, 1e4), logarithmic=True,
 )  # fmt: skip
 
 
 class SensorDrift(Effect):
-    """x + r t, with t from the start of each recording."""
+    """x + r s (1 - exp(-t / s)), with t from the start of each recording: x + r t for t << s."""
 
     name = "sensor_drift"
     sites = ("sensor.position",)
     equation = "output"
-    parameters = (RATE,)
+    parameters = (RATE, SETTLING)
     strength = {"rate": 6e-6}
-    usual = ({"rate": 5e-5}, {"rate": -5e-5})
-    law = "shown position is x + r t with the time t since the recording began"
-    says = "the position sensor's zero drifts by {rate}"
+    usual = tuple(
+        {"rate": sign * rate, "settling_time": settling}
+        for rate, settling in ((5e-5, 60.0), (2e-4, 3.0))
+        for sign in (1, -1)
+    )
+    law = (
+        "shown position moves away from x at the rate r and settles, with the time since the recording began"
+    )
+    says = "the position sensor's zero drifts by {rate} at first, and settles with {settling_time}"
     depends_on = ("time",)
     needs = "a long recording that returns to the same places, best to a stop"
     look_alikes = ("valve_offset", "sensor_nonlinearity", "friction_drift", "sensor_gain")
@@ -34,4 +46,5 @@ class SensorDrift(Effect):
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
         """What the sensor shows, m."""
-        return nominal + sheet.param(RATE) * sheet.clock()
+        settling = sheet.param(SETTLING)
+        return nominal + sheet.param(RATE) * settling * (1 - ca.exp(-sheet.clock() / settling))
