@@ -160,8 +160,8 @@ def diagnose(
     data = Data(tuple(recordings), tuple(holdout), noise, generator)
     base = fit_base(rig, data, report)
     found = search(base, own, data, report)
-    last = found.rounds[-1].screened
-    if found.dropped or found.rounds[-1].winner is not None:
+    last = next((one.screened for one in found.rounds if one.model is found.best), None)
+    if last is None:
         last = tuple(screen(found.best.answer, data.train, admitted(found.best.rig.model, own)))
     report(0.95, "intervals and residual tests")
     best_parameters = estimates(found.best.answer, last)

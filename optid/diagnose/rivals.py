@@ -13,9 +13,9 @@ LEVEL = 0.05  # at which the hold-out must prefer the winner to tell them apart
 def indistinguishable(found: Search, effect: Effect, data: Data) -> tuple[str, ...]:
     """Names of the rivals of an effect's round that recordings and hold-out cannot tell from it."""
     for one in found.rounds:
-        if one.winner is None or one.winner.effect.name != effect.name:
+        mine = one.ahead
+        if mine is None or mine.effect.name != effect.name:
             continue
-        mine = one.winner
         return tuple(
             rival.effect.name
             for rival in one.rivals

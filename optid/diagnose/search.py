@@ -1,13 +1,15 @@
 """Which effects are missing: added one at a time with a refit of everything, dropped again where idle.
 
-A screen picks the few worth a refit; the refits compete by likelihood; recordings kept out of the refits decide.
+A screen picks the few worth a refit; the refits compete by likelihood; recordings kept out of the refits decide. Where
+two effects are missing either may need the other before it predicts better: one step may go ahead unconfirmed, and
+counts only if the next one is confirmed and both turn out to be needed.
 """
 
 from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -20,8 +22,8 @@ from optid.diagnose.screen import Signature, screen
 from optid.effects.effect import Effect
 from optid.effects.library import admitted
 from optid.errors import SolveError
-from optid.fit.likelihood import WHOLE
-from optid.fit.place import Answer
+from optid.fit.likelihood import WHOLE, Noise
+from optid.fit.place import Answer, Place, Question
 from optid.fit.problem import pose
 from optid.fit.scoring import approach, likeliest, maximise, question_of, quieted
 from optid.fit.steering import steered_fit
@@ -44,6 +46,7 @@ STUCK = {
     "presliding_length": -1,
     "presliding_shape": 1,
 }  # bounds at which friction at rest neither yields nor creeps
+TURNS = 3  # of a first refit that follows the gains of its own filter
 QUICK = 15  # iterations of a first refit; the best then converge
 
 
@@ -69,22 +72,36 @@ class Candidate:
 
 @dataclass(frozen=True, eq=False)
 class Rival:
-    """An effect that was refitted in a round: against the model of that round, and why it was not taken."""
+    """An effect that was refitted in a round: against the model of that round, and why it was not taken.
+
+    `hopeful` says that it fits the recordings it was given, whatever those held out say.
+    """
 
     effect: Effect
     candidate: Candidate
     train_gain: float
     against: Comparison
     why: str
+    hopeful: bool
 
 
 @dataclass(frozen=True, eq=False)
 class Round:
-    """One step of the search: what the screen saw, who was refitted, who won (``None`` ends the search)."""
+    """One step of the search.
 
+    Attributes:
+        model: from which it went.
+        screened: what the screen saw.
+        rivals: who was refitted.
+        winner: who was confirmed, if anyone.
+        ahead: with whom the search went on, confirmed or not; ``None`` ends it.
+    """
+
+    model: Candidate
     screened: tuple[Signature, ...]
     rivals: tuple[Rival, ...]
     winner: Rival | None
+    ahead: Rival | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,6 +178,7 @@ def widened(base: Candidate, data: Data) -> Candidate | None:
 def search(base: Candidate, own: Sequence[Effect], data: Data, report: Report) -> Search:
     """Add effects while held-out recordings confirm them."""
     plain, current, before, rounds = base.rig.model, base, base, []
+    confirmed = base
     for depth in range(DEEPEST + 1):
         share = 0.1 + 0.8 * depth / (DEEPEST + 1)
         report(share, f"round {depth + 1}: screening the catalogue")
@@ -174,11 +192,17 @@ def search(base: Candidate, own: Sequence[Effect], data: Data, report: Report) -
         few = _promising(signatures, tight)
         rivals = _refit(current, guide, few, len(signatures), data, plain, report, share)
         winner = next((rival for rival in rivals if not rival.why), None)
-        rounds.append(Round(tuple(signatures), tuple(rivals), winner))
-        if winner is None or depth == DEEPEST:
+        ahead = winner
+        if winner is None and current is confirmed and depth + 1 < DEEPEST and tight:
+            hopeful = [rival for rival in rivals if rival.hopeful]
+            ahead = max(hopeful, key=lambda rival: rival.train_gain, default=None)
+        rounds.append(Round(current, tuple(signatures), tuple(rivals), winner, ahead))
+        if ahead is None or depth == DEEPEST:
             break
-        before, current = current, winner.candidate
-    best, without, dropped = _thinned(base, current, before, data, plain, report)
+        before, current = current, ahead.candidate
+        if winner is not None:
+            confirmed = current
+    best, without, dropped = _thinned(base, confirmed, before, data, plain, report)
     return Search(base, best, tuple(rounds), without, dropped)
 
 
@@ -222,8 +246,9 @@ def _refit(
         candidate = Candidate((*current.effects, effect), rig, answer, judge(answer, data.holdout))
         gain = current.answer.score - answer.score
         against = compare(current.judged, candidate.judged, data.generator)
-        why = _objection(effect, candidate, gain, against, screened, place)
-        rivals.append(Rival(effect, candidate, gain, against, why))
+        misfit = _misfit(effect, candidate, gain, screened)
+        why = misfit or _unproven(against, place)
+        rivals.append(Rival(effect, candidate, gain, against, why, not misfit))
     return _ranked(rivals)
 
 
@@ -247,10 +272,26 @@ def _attempt(
     levels = current.answer.noise.levels
     starts = [(p, levels), (_faint(p, signature, model), levels)]
     with contextlib.suppress(SolveError):  # it holds on to the data by more noise than the guide allows
-        led = steered_fit(question, p, guide.question.model, guide.filtered, QUICK)
-        starts += [(led, levels - by) for by in SCANNED]
+        for led in _led(question, p, guide):
+            starts += [(led, levels - by) for by in SCANNED]
     p, levels = likeliest(question, starts)
     return maximise(question, p, levels, iterations=QUICK, polish=False, near=guide)
+
+
+def _led(question: Question, p: np.ndarray, guide: Answer) -> Iterator[np.ndarray]:
+    """Where a guide's gains lead from a start, and from there the gains of a filter of its own, again and again.
+
+    Not every turn is likelier than the one before: where an effect is large, the first gains are those of a model that
+    is far off, and the way leads through worse places.
+    """
+    p = steered_fit(question, p, guide.question.model, guide.filtered, QUICK)
+    yield p
+    for _ in range(TURNS):
+        here = Place(question, p, Noise(question.measurement, question.groups, guide.noise.levels))
+        if not math.isfinite(here.score):
+            return
+        p = steered_fit(question, p, question.model, here.filtered, QUICK)
+        yield p
 
 
 def _faint(p: np.ndarray, signature: Signature, model: Model) -> np.ndarray:
@@ -263,19 +304,22 @@ def _faint(p: np.ndarray, signature: Signature, model: Model) -> np.ndarray:
     return p
 
 
-def _objection(
-    effect: Effect, candidate: Candidate, gain: float, against: Comparison, screened: int, place: int
-) -> str:
-    """Why a refitted effect is not taken; empty when nothing speaks against it.
-
-    The refits take their turn by likelihood, and each turn has half of the hold-out's error rate that is left.
-    """
+def _misfit(effect: Effect, candidate: Candidate, gain: float, screened: int) -> str:
+    """Why a refitted effect does not even fit the recordings it was given; empty when it does."""
     size, count = _size(effect, candidate.rig, candidate.answer), len(effect.parameters)
     needed = stats.chi2.isf(LEVEL / max(screened, 1), count) + count * math.log(1e4)
     if gain < needed:
         return f"the refit gains {gain:.0f} in -2 log likelihood where {needed:.0f} are needed"
     if size < 1.0:
         return f"the refit leaves it at {100 * size:.0f} % of the smallest size worth a name"
+    return ""
+
+
+def _unproven(against: Comparison, place: int) -> str:
+    """What the recordings held out have against a refitted effect; empty when they confirm it.
+
+    The refits take their turn by likelihood, and each turn has half of the hold-out's error rate that is left.
+    """
     if against.p_value > LEVEL / 2 ** (place + 1):
         return f"no gain on the recordings held out (p = {against.p_value:.2g})"
     if against.error_gain < WORTH:
@@ -315,13 +359,17 @@ def _thinned(
             loss = compare(one.judged, current.judged, data.generator)
             needed = stats.chi2.isf(LEVEL, len(effect.parameters)) + len(effect.parameters) * math.log(1e4)
             idle = loss.p_value > LEVEL or one.answer.score - current.answer.score < needed
-            if idle and others and (weakest is None or loss.gain < weakest[0]):
+            if idle and (weakest is None or loss.gain < weakest[0]):
                 weakest = (loss.gain, effect, one)
         if weakest is None:
             return current, without, tuple(dropped)
         dropped.append(weakest[1])
         rough = weakest[2]
-        current = _settled(rough.effects, rough.rig, rough.answer.p, rough.answer, data, plain)
+        current = (
+            base
+            if rough is base
+            else _settled(rough.effects, rough.rig, rough.answer.p, rough.answer, data, plain)
+        )
 
 
 def refitted(base: Rig, effects: tuple[Effect, ...], near: Candidate, data: Data, plain: Model) -> Candidate:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
@@ -82,14 +83,16 @@ def _finding(f: Finding, names: tuple[str, ...]) -> dict[str, Any]:
 
 
 def _rivals(d: Diagnosis) -> list[list[dict[str, str]]]:
-    return [[_rival(r, r is one.winner) for r in one.rivals] for one in d.search.rounds]
+    kept = {effect.name for effect in d.best.effects}
+    return [[_rival(r, r is one.winner, kept) for r in one.rivals] for one in d.search.rounds]
 
 
-def _rival(r: Rival, won: bool) -> dict[str, str]:
+def _rival(r: Rival, won: bool, kept: Collection[str]) -> dict[str, str]:
+    later = "; taken all the same, with what was missing beside it" if r.why and r.effect.name in kept else ""
     return {
         "name": r.effect.name.replace("_", " "), "gain": f"{r.train_gain:.0f}",
         "held": f"{r.against.gain:.0f}", "p": f"{r.against.p_value:.2g}",
-        "why": "taken" if won else r.why or "explains less than the one taken",
+        "why": "taken" if won else r.why + later or "explains less than the one taken",
     }  # fmt: skip
 
 

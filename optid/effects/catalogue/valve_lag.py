@@ -59,4 +59,6 @@ class ValveLag(Effect):
         sheet.rate(s, w / t)
         sheet.rate(w, pull)
         share = t0 / t
-        return s + 2 * z * share * w + share**2 * t * pull
+        stands = s + 2 * z * share * w + share**2 * t * pull
+        stop = ca.fmax(1, ca.fabs(nominal))  # a spool that overshoots ends where its travel does
+        return ca.fmin(ca.fmax(stands, -stop), stop)
