@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from optid.diagnose.judge import Judged, cleared, compare
 from optid.diagnose.law import law_at
 from optid.diagnose.residuals import _portmanteau
 from optid.diagnose.screen import screen
-from optid.diagnose.search import Candidate
+from optid.diagnose.search import Candidate, Rival
 from optid.diagnose.where import _range
 from optid.diagnose.words import quantity
 from optid.effects.library import admitted
@@ -117,3 +118,28 @@ def test_a_candidate_that_leaves_the_numbers_drops_out(tmp_path, monkeypatch):
 def test_a_site_that_equations_pass_several_times_has_no_one_signal():
     bench = Candidate((), read_rig(Path(__file__).parents[2] / "data" / "bench.toml"), None, None)
     assert law_at(bench, bench, "flow.ratio") is None
+
+
+@pytest.mark.parametrize("second", [True, False])
+def test_an_unconfirmed_step_counts_only_if_the_next_is_confirmed(second, monkeypatch):
+    """Of two effects that are both missing neither may help before the other is there."""
+    names = {(): "one", ("one",): "two"}
+    rig = SimpleNamespace(model=None)
+
+    def rivals(current, *others):
+        name = names.get(tuple(current.effects))
+        if name is None:
+            return []
+        candidate = Candidate((*current.effects, name), rig, None, None)
+        why = "" if name == "two" and second else "no gain on the recordings held out"
+        return [Rival(name, candidate, 100.0, None, why, hopeful=True)]
+
+    monkeypatch.setattr(search_of, "_refit", rivals)
+    monkeypatch.setattr(search_of, "_thinned", lambda base, current, *others: (current, {}, ()))
+    monkeypatch.setattr(search_of, "excess", lambda judged, noise: 9.0)
+    for name in ("screen", "admitted", "quieted", "_promising"):
+        monkeypatch.setattr(search_of, name, lambda *others: [1])
+    data = search_of.Data((), (), {}, np.random.default_rng(0))
+    found = search_of.search(Candidate((), rig, None, None), (), data, lambda share, words: None)
+    assert found.best.effects == (("one", "two") if second else ())
+    assert [one.winner is not None for one in found.rounds][:2] == [False, second]

@@ -127,3 +127,35 @@ def test_two_masses_share_the_force():
             plant.plain.rates(x[plant.shared[0]], [0.1], plant.plain.vector(plant.values))
         ).ravel()[1]
         assert (1 - share) * both[v] + share * (both[v] + both[swing]) == pytest.approx(stiff, rel=1e-9)
+
+
+def test_a_spool_that_overshoots_opens_no_more_than_its_stops_let_it():
+    plant = grown(AXIS, "valve_lag")
+    p = plant.vector({"valve_lag.time_constant": 3e-3, "valve_lag.damping_ratio": 0.3})
+    names = [state.name for state in plant.model.states]
+    x = np.array(plant.model.start(p)[0]).ravel()
+    u = inputs_of(plant.model, np.ones(1))[0]
+    rises = []
+    for spool in (0.9, 1.0, 1.4):
+        x[names.index("valve_lag.spool")] = spool
+        rises.append(float(plant.model.rates(x, u, p)[names.index("pressure_a")]))
+    assert rises[0] < 0.95 * rises[1] and rises[2] == pytest.approx(rises[1], rel=1e-3)
+
+
+def test_a_cushion_at_one_end_leaves_the_other_alone():
+    X, u = run()
+    none, far, near = (
+        simulated("end_cushioning", {"throttling": t, "length": 0.1, "side": side}, u, X[0])[0]
+        for t, side in ((0.0, 0.0), (50.0, 1.0), (50.0, -1.0))
+    )
+    inside = none[:, 0] > 0.03  # from the far end's side of the middle on, its cushion may work
+    first = int(np.argmax(inside))
+    assert inside.any() and np.abs(far - none)[:first, 0].max() < 1e-9
+    assert np.abs(near - none)[:, 0].max() > 1e-4
+
+
+def test_a_drift_settles_at_its_rate_times_its_time():
+    X, u = run()
+    states, shown, _ = simulated("sensor_drift", {"rate": 1e-3, "settling_time": 0.5}, u, X[0])
+    time = (np.arange(len(shown)) + 0.5) * DT  # a sample shows the middle of its interval
+    assert shown - states[:, 0] == pytest.approx(5e-4 * (1 - np.exp(-time / 0.5)), abs=1e-9)

@@ -8,6 +8,7 @@ import pytest
 
 from studies import independent_rig, make_recording
 from studies.independent_rig import Controller, Rig, Sensors, balanced, orifice, recording, replay, simulate
+from studies.independent_rig.states import V, X
 from studies.peers import axis
 from studies.references import REFERENCES, mixed, ramps
 
@@ -196,6 +197,20 @@ def test_the_memoryless_states_replay_the_loop():
     states, clean = replay(rig, run.command / 5.0, run.states[700], 700, 500, step=5e-5)
     assert states == pytest.approx(run.states[700:1200], abs=1e-12, rel=1e-12)
     assert clean == pytest.approx(run.clean[700:1200], abs=1e-15)
+
+
+@pytest.mark.parametrize("yielding", [2e-6, 1e-4])
+def test_an_elastic_contact_is_damped_far_below_critical(yielding):
+    """Struck within its yield it swings through: critically damped it would come back to rest from one side."""
+    rig = RIG._replace(presliding=yielding)
+    start = simulate(rig, np.zeros(2), np.random.default_rng(0), controller=IDLE, sensors=QUIET).states[0]
+    frequency = np.sqrt(
+        rig.coulomb / (yielding * rig.mass)
+    )  # rad/s, but for the spread of the elements' yields
+    start[V] = 0.1 * yielding * frequency
+    states, _ = replay(rig, np.zeros(400), start, 0, 400, step=0.005 / frequency, dt=0.05 / frequency)
+    swing = states[:, X] - states[-1, X]
+    assert swing.min() < -0.3 * swing.max()
 
 
 @pytest.mark.parametrize("yielding", [4e-6, 1e-4])
