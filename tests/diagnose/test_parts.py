@@ -79,6 +79,12 @@ def test_three_lucky_blocks_do_not_outweigh_the_many_that_got_worse():
     assert compare(judged(before, 1.0), judged(after, 1.0), np.random.default_rng(0)).p_value > 0.5
 
 
+def test_one_block_that_went_astray_does_not_veto_the_many_that_got_better():
+    per_block = np.array([1.5, 1.0, 1.2, 0.2, 1.2, -114.0, 2.5, 2.6, 2.6, 3.0, 2.1, 3.0, -0.1, 3.7, 2.5, 3.6])
+    better = judged(np.repeat(-per_block, 50), 1.0)
+    assert compare(judged(np.zeros(800), 1.0), better, np.random.default_rng(0)).p_value < 0.005
+
+
 def test_what_a_model_clears_is_counted_in_the_channel_that_erred_most():
     before, half, none = (judged(np.zeros(100), rmse) for rmse in (5.0, 3.0, 5.0))
     assert cleared(before, half, {"position": 1.0}) == pytest.approx((25.0 - 9.0) / 24.0)
