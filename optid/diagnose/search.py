@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -22,8 +22,8 @@ from optid.diagnose.screen import Signature, screen
 from optid.effects.effect import Effect
 from optid.effects.library import admitted
 from optid.errors import SolveError
-from optid.fit.likelihood import WHOLE, Noise
-from optid.fit.place import Answer, Place, Question
+from optid.fit.likelihood import WHOLE
+from optid.fit.place import Answer, Place
 from optid.fit.problem import pose
 from optid.fit.scoring import approach, likeliest, maximise, question_of, quieted
 from optid.fit.steering import steered_fit
@@ -46,7 +46,7 @@ STUCK = {
     "presliding_length": -1,
     "presliding_shape": 1,
 }  # bounds at which friction at rest neither yields nor creeps
-TURNS = 3  # of a first refit that follows the gains of its own filter
+TURNS = 4  # of a refit that follows the gains of its own filter
 QUICK = 15  # iterations of a first refit; the best then converge
 
 
@@ -242,7 +242,7 @@ def _refit(
         near = current.answer.score - answer.score > NEAR * (current.answer.score - tried[0][2].score)
         if place < 2 and near and _size(effect, rig, answer) > TINY:
             report(share, f"refitting with {effect.name}")
-            answer = maximise(answer.question, answer.p, answer.noise.levels, near=answer)
+            answer = maximise(answer.question, *_followed(answer, guide), near=answer)
         candidate = Candidate((*current.effects, effect), rig, answer, judge(answer, data.holdout))
         gain = current.answer.score - answer.score
         against = compare(current.judged, candidate.judged, data.generator)
@@ -270,28 +270,30 @@ def _attempt(
         p[model.index(name)] = min(max(value, low), high)
     question = question_of(rig, pose(model, data.train, WHOLE), plain)
     levels = current.answer.noise.levels
-    starts = [(p, levels), (_faint(p, signature, model), levels)]
+    best = likeliest(question, [(p, levels), (_faint(p, signature, model), levels)])
     with contextlib.suppress(SolveError):  # it holds on to the data by more noise than the guide allows
-        for led in _led(question, p, guide):
-            starts += [(led, levels - by) for by in SCANNED]
-    p, levels = likeliest(question, starts)
-    return maximise(question, p, levels, iterations=QUICK, polish=False, near=guide)
+        led = steered_fit(question, p, guide.question.model, guide.filtered, QUICK)
+        best = likeliest(question, [best, *((led, levels - by) for by in SCANNED)])
+    return maximise(question, *best, iterations=QUICK, polish=False, near=guide)
 
 
-def _led(question: Question, p: np.ndarray, guide: Answer) -> Iterator[np.ndarray]:
-    """Where a guide's gains lead from a start, and from there the gains of a filter of its own, again and again.
+def _followed(answer: Answer, guide: Answer) -> tuple[np.ndarray, np.ndarray]:
+    """Where a first refit leads when it follows the gains of its own filter, which may move the states little.
 
     Not every turn is likelier than the one before: where an effect is large, the first gains are those of a model that
     is far off, and the way leads through worse places.
     """
-    p = steered_fit(question, p, guide.question.model, guide.filtered, QUICK)
-    yield p
-    for _ in range(TURNS):
-        here = Place(question, p, Noise(question.measurement, question.groups, guide.noise.levels))
-        if not math.isfinite(here.score):
-            return
-        p = steered_fit(question, p, question.model, here.filtered, QUICK)
-        yield p
+    question, p, levels = answer.question, answer.p, answer.noise.levels
+    noise = replace(answer.noise, levels=np.minimum(guide.noise.levels, levels))
+    best = (p, levels)
+    with contextlib.suppress(SolveError):
+        for _ in range(TURNS):
+            here = Place(question, p, noise)
+            if not math.isfinite(here.score):
+                break
+            p = steered_fit(question, p, question.model, here.filtered, QUICK)
+            best = likeliest(question, [best, *((p, levels - by) for by in SCANNED)])
+    return best
 
 
 def _faint(p: np.ndarray, signature: Signature, model: Model) -> np.ndarray:

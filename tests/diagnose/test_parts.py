@@ -82,7 +82,27 @@ def test_three_lucky_blocks_do_not_outweigh_the_many_that_got_worse():
 def test_one_block_that_went_astray_does_not_veto_the_many_that_got_better():
     per_block = np.array([1.5, 1.0, 1.2, 0.2, 1.2, -114.0, 2.5, 2.6, 2.6, 3.0, 2.1, 3.0, -0.1, 3.7, 2.5, 3.6])
     better = judged(np.repeat(-per_block, 50), 1.0)
-    assert compare(judged(np.zeros(800), 1.0), better, np.random.default_rng(0)).p_value < 0.005
+    assert compare(judged(np.zeros(800), 1.0), better, np.random.default_rng(0)).p_value < 0.01
+
+
+def test_windows_that_err_less_count_where_the_likelihood_is_lost():
+    rng = np.random.default_rng(0)
+    before, after = (judged(np.zeros(800), 1.0) for _ in range(2))
+    off = rng.normal(size=(800, 1))
+    before, closer = (
+        replace(before, windows=off),
+        replace(after, windows=0.5 * off, deviance=np.full(800, 0.1)),
+    )
+    assert compare(before, closer, rng).p_value < 0.002
+
+
+def test_windows_that_err_alike_say_nothing():
+    rng = np.random.default_rng(0)
+    pairs = [
+        [replace(judged(np.zeros(800), 1.0), windows=rng.normal(size=(800, 1))) for _ in range(2)]
+        for _ in range(60)
+    ]
+    assert sum(compare(*pair, rng).p_value < 0.1 for pair in pairs) < 12  # expected at most 6
 
 
 def test_what_a_model_clears_is_counted_in_the_channel_that_erred_most():
