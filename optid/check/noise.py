@@ -17,6 +17,7 @@ _STRETCH, _BEND = 48, 5  # samples, degree of the curve
 _QUIET = 0.2  # share of stretches counted as quiet
 _COLOURS = np.linspace(0.0, 0.95, 20)
 _WHITE = 0.1  # four standard deviations of what 8 s of white noise at 1 kHz seem to have
+_MOTION = 0.93  # what remembers for longer is motion that the curves did not follow
 _FEWEST_LEVELS = 6  # with fewer values any set looks like a grid
 
 
@@ -63,7 +64,7 @@ def quietest(values: Array) -> tuple[float, float]:
 
     Returns:
         The standard deviation, and the correlation from sample to sample of a first-order noise, 0 where it cannot
-        be told from white noise; both 0 where fewer than ten stretches of `_STRETCH` samples are whole.
+        be told from white noise or is motion; both 0 where fewer than ten stretches of `_STRETCH` samples are whole.
     """
     count = len(values) // _STRETCH
     stretches = values[: count * _STRETCH].reshape(count, _STRETCH)
@@ -73,12 +74,13 @@ def quietest(values: Array) -> tuple[float, float]:
     correlation, power = _left(stretches)
     known = _known_noise()
     colour = float(np.interp(correlation, known[:, 0], _COLOURS))
-    sd = math.sqrt(power / float(np.interp(colour, _COLOURS, known[:, 1])))
-    return sd, colour if colour > _WHITE else 0.0
+    if not _WHITE < colour < _MOTION:
+        colour = 0.0
+    return math.sqrt(power / float(np.interp(colour, _COLOURS, known[:, 1]))), colour
 
 
 def colour(values: Array) -> float:
-    """Correlation of the measurement noise from sample to sample, 0 to 0.95; see `quietest`.
+    """Correlation of the measurement noise from sample to sample, 0 to 0.93; see `quietest`.
 
     Rounding is taken for white: where it makes up most of the noise, what little else there is does not count.
     """

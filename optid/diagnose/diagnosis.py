@@ -260,8 +260,10 @@ def _verdict(found: Search, data: Data, report: Report) -> tuple[Verdict, Candid
         return (Verdict.MISSING_PHYSICS, best, ()) if best.effects else (Verdict.CONSISTENT, base, ())
     report(0.94, "locating the mismatch with an unknown signal")
     sites = locate(base, data)
-    unknown = max((base.judged.total - one.judged.total for one in sites), default=0.0)
-    likelier = base.judged.total - best.judged.total >= HALF * unknown
+    gained = [compare(base.judged, one.judged, data.generator).bounded_gain for one in sites]
+    likelier = compare(base.judged, best.judged, data.generator).bounded_gain >= HALF * max(
+        gained, default=0.0
+    )
     if best.effects and likelier and cleared(base.judged, best.judged, data.noise) >= EVEN:
         return Verdict.MISSING_PHYSICS, best, ()
     return Verdict.UNEXPLAINED, base, sites
@@ -278,7 +280,7 @@ def _nameless(base: Candidate, sites: Sequence[Located], data: Data) -> Finding:
     near = [one.site for one in sites[1:] if one.gain > 0.95 * first.gain]
     also = f"; {', '.join(near)} would do nearly as well" if near else ""
     words = f"an unknown signal at {first.site} explains the recordings best{also}"
-    none = Comparison(0.0, 1.0, 0.0, 0.0)
+    none = Comparison(0.0, 0.0, 1.0, 0.0, 0.0)
     shown = tuple(telling(where.states, ()))
     return Finding(None, kind, first.site, (), where, shown, none, first.gain, 0.0, (), words, first)
 

@@ -55,11 +55,6 @@ class Judged:
     scores: Mapping[str, Score]
     imperfection: Mapping[str, float]
 
-    @property
-    def total(self) -> float:
-        """-2 log likelihood of all."""
-        return float(self.deviance.sum())
-
 
 def judge(answer: Answer, recordings: Sequence[Recording]) -> Judged:
     """Filter held-out recordings with a fitted model's parameters and process noise."""
@@ -152,12 +147,14 @@ class Comparison:
 
     Attributes:
         gain: fall of -2 log likelihood from `before` to `after`.
+        bounded_gain: the same with no window counting more than the fourth largest.
         p_value: of the hypothesis that a block's gain is not positive (bootstrap and flipped signs).
         fit_gain: rise of the fit in percent points of the windows, of the first output.
         error_gain: fall of the windows' root mean square error as a share, of the output that gains most.
     """
 
     gain: float
+    bounded_gain: float
     p_value: float
     fit_gain: float
     error_gain: float
@@ -215,6 +212,7 @@ def compare(before: Judged, after: Judged, generator: np.random.Generator) -> Co
     ratio = [after.scores[r].rmse / before.scores[r].rmse for r in roles]
     return Comparison(
         float(gains.sum()),
+        float(_bounded(gains, 1.0).sum()),
         min(1.0, 3.0 * least),
         after.scores[roles[0]].fit_percent - before.scores[roles[0]].fit_percent,
         1.0 - float(np.min(ratio)),

@@ -253,8 +253,15 @@ def _refit(
 
 
 def _ranked(rivals: list[Rival]) -> list[Rival]:
-    """The best first; those with a reason against them last."""
-    return sorted(rivals, key=lambda r: (bool(r.why), -(r.train_gain + r.against.gain)))
+    """The best first, of two as good the one with fewer parameters; those with a reason against them last."""
+    return sorted(
+        rivals, key=lambda r: (bool(r.why), _cost(r.effect) - r.train_gain - r.against.bounded_gain)
+    )
+
+
+def _cost(effect: Effect) -> float:
+    """What parameters gain by themselves in -2 log likelihood, as Schwarz's criterion has it."""
+    return len(effect.parameters) * math.log(1e4)
 
 
 def _attempt(
@@ -309,7 +316,7 @@ def _faint(p: np.ndarray, signature: Signature, model: Model) -> np.ndarray:
 def _misfit(effect: Effect, candidate: Candidate, gain: float, screened: int) -> str:
     """Why a refitted effect does not even fit the recordings it was given; empty when it does."""
     size, count = _size(effect, candidate.rig, candidate.answer), len(effect.parameters)
-    needed = stats.chi2.isf(LEVEL / max(screened, 1), count) + count * math.log(1e4)
+    needed = stats.chi2.isf(LEVEL / max(screened, 1), count) + _cost(effect)
     if gain < needed:
         return f"the refit gains {gain:.0f} in -2 log likelihood where {needed:.0f} are needed"
     if size < 1.0:
@@ -359,7 +366,7 @@ def _thinned(
             one = refitted(base.rig, others, current, data, plain) if others else base
             without[effect.name] = one
             loss = compare(one.judged, current.judged, data.generator)
-            needed = stats.chi2.isf(LEVEL, len(effect.parameters)) + len(effect.parameters) * math.log(1e4)
+            needed = stats.chi2.isf(LEVEL, len(effect.parameters)) + _cost(effect)
             idle = loss.p_value > LEVEL or one.answer.score - current.answer.score < needed
             if idle and (weakest is None or loss.gain < weakest[0]):
                 weakest = (loss.gain, effect, one)

@@ -120,6 +120,7 @@ def quieted(answer: Answer, by: float) -> Answer:
         levels = np.maximum(answer.noise.levels + share * (there - answer.noise.levels), LEVELS[0])
         here = Place(answer.question, answer.p, replace(answer.noise, levels=levels))
         if math.isfinite(here.score):
+            here.glance()
             return here.answer(answer.settled)
     return answer
 
@@ -172,13 +173,16 @@ def _descend(
         first: the start's own score when absent.
     """
     damping, first = 1e-3, here.score if first is None else first
+    look = Place.glance if rough else Place.differentiate
+    if here.slopes is None:
+        look(here)
     for number in range(iterations):
         enough = max(ENOUGH, rough * (first - here.score))
         there, promised = _better(here, damping, held)
         if there is None:
             if here.fresh or (rough and here.score < first and 0.0 <= promised < enough):
                 return here, number + 1, True
-            here.differentiate()
+            look(here)
             continue
         gain = here.score - there.score
         settled = gain < enough and (here.fresh or rough > 0.0)
@@ -186,7 +190,7 @@ def _descend(
         if settled:
             return here, number + 1, True
         if gain < KEPT * promised or gain < enough:
-            here.differentiate()
+            look(here)
             damping = 1e-3
         damping /= 10.0
     return here, iterations, False
