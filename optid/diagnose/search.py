@@ -17,7 +17,7 @@ from scipy import stats
 
 from optid.core.model import Model
 from optid.core.recording import Recording
-from optid.diagnose.judge import EXCESS, Comparison, Judged, compare, excess, judge
+from optid.diagnose.judge import EXCESS, Comparison, Judged, cleared, compare, excess, judge
 from optid.diagnose.screen import Signature, screen
 from optid.effects.effect import Effect
 from optid.effects.library import admitted
@@ -34,6 +34,9 @@ REFITS = 5  # candidates of a round
 SECOND = 3  # candidates of a round that only the look at the fitted process noise brings in
 DEEPEST = 3  # effects at most
 WORTH = 0.04  # share by which an effect must lower the windows' error on the hold-out (physics catalogue B.3, step 5)
+# Of the squared error that the plain model began with, what an effect beside others must clear: true laws follow those
+# of the catalogue within a tenth or two of their size.
+FORM = 0.02
 QUIETER = 2.5  # log: how much less process noise a second look and a first refit allow where much is missing
 FAINT = 0.03  # of a signature's strength
 SCANNED = (0.0, 1.25, 2.5, 3.75)  # log: by how much less process noise may suit a first refit
@@ -190,7 +193,7 @@ def search(base: Candidate, own: Sequence[Effect], data: Data, report: Report) -
             guide = quieted(current.answer, QUIETER)
             tight = screen(guide, data.train, effects)
         few = _promising(signatures, tight)
-        rivals = _refit(current, guide, few, len(signatures), data, plain, report, share)
+        rivals = _refit(base, current, guide, few, len(signatures), data, report, share)
         winner = next((rival for rival in rivals if not rival.why), None)
         ahead = winner
         if winner is None and current is confirmed and depth + 1 < DEEPEST and tight:
@@ -218,17 +221,17 @@ def _promising(plain: Sequence[Signature], tight: Sequence[Signature]) -> list[S
 
 
 def _refit(
+    base: Candidate,
     current: Candidate,
     guide: Answer,
     few: Sequence[Signature],
     screened: int,
     data: Data,
-    plain: Model,
     report: Report,
     share: float,
 ) -> list[Rival]:
     """Refits of the few most promising, best first; a rival without a reason against it may win."""
-    tried = []
+    tried, plain = [], base.rig.model
     for signature in few:
         report(share, f"trying {signature.effect.name}")
         rig = with_effects(current.rig, (signature.effect,), signature.effect.qualified(signature.values))
@@ -247,7 +250,10 @@ def _refit(
         gain = current.answer.score - answer.score
         against = compare(current.judged, candidate.judged, data.generator)
         misfit = _misfit(effect, candidate, gain, screened)
-        why = misfit or _unproven(against, place)
+        more = cleared(base.judged, candidate.judged, data.noise)
+        if current.effects:
+            more -= cleared(base.judged, current.judged, data.noise)
+        why = misfit or _unproven(against, place) or _formal(current, more)
         rivals.append(Rival(effect, candidate, gain, against, why, not misfit))
     return _ranked(rivals)
 
@@ -333,6 +339,13 @@ def _unproven(against: Comparison, place: int) -> str:
         return f"no gain on the recordings held out (p = {against.p_value:.2g})"
     if against.error_gain < WORTH:
         return f"held out, windows err by {100 * max(against.error_gain, 0):.1f} % less: too little to matter"
+    return ""
+
+
+def _formal(current: Candidate, more: float) -> str:
+    """Whether an effect beside others clears no more than the form of their laws may have left; empty if it does."""
+    if current.effects and more < FORM:
+        return f"it clears {100 * max(more, 0):.1f} % of the first error: the form of the laws before it may leave that"
     return ""
 
 

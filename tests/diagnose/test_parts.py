@@ -135,9 +135,7 @@ def test_a_candidate_that_leaves_the_numbers_drops_out(tmp_path, monkeypatch):
         return whole(current, guide, signature, *others)
 
     monkeypatch.setattr(search_of, "_attempt", attempt)
-    rivals = search_of._refit(
-        base, base.answer, bold, len(bold), data, base.rig.model, lambda share, words: None, 0.0
-    )
+    rivals = search_of._refit(base, base, base.answer, bold, len(bold), data, lambda share, words: None, 0.0)
     assert [rival.effect.name for rival in rivals] == [bold[1].effect.name]
 
 
@@ -152,7 +150,7 @@ def test_an_unconfirmed_step_counts_only_if_the_next_is_confirmed(second, monkey
     names = {(): "one", ("one",): "two"}
     rig = SimpleNamespace(model=None)
 
-    def rivals(current, *others):
+    def rivals(base, current, *others):
         name = names.get(tuple(current.effects))
         if name is None:
             return []
@@ -169,3 +167,9 @@ def test_an_unconfirmed_step_counts_only_if_the_next_is_confirmed(second, monkey
     found = search_of.search(Candidate((), rig, None, None), (), data, lambda share, words: None)
     assert found.best.effects == (("one", "two") if second else ())
     assert [one.winner is not None for one in found.rounds][:2] == [False, second]
+
+
+def test_beside_others_an_effect_must_clear_more_than_the_form_of_their_laws_leaves():
+    one = Candidate(("one",), None, None, None)
+    assert search_of._formal(one, 0.01) and not search_of._formal(one, 0.03)
+    assert not search_of._formal(Candidate((), None, None, None), 0.0)
