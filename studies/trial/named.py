@@ -221,6 +221,12 @@ def sensor_drift(d: Draw) -> Hidden:
     return Hidden("sensor_drift", "sensor", d.size, fields)
 
 
+def clock_drift(d: Draw) -> Hidden:
+    """Position and command are sampled by two clocks that drift apart."""
+    late = d.sized(3e-4, 3e-3)
+    return Hidden("clock_drift", "sensor", d.size, {"clock_drift": -late}, {"rate": late})
+
+
 def presliding(d: Draw) -> Hidden:
     """A seal that yields before it slides: elements that give way one after the other (Iwan)."""
     return Hidden("presliding", "force", d.size, {"presliding": d.sized(5e-5, 1e-3)})
@@ -233,6 +239,6 @@ NAMED: dict[str, Make] = {
         quadratic_drag, periodic_disturbance, friction_drift, end_cushioning, compliant_load, cross_leakage,
         ambient_leakage, heat_transfer, critical_pressure_ratio, supply_droop, exhaust_restriction,
         valve_deadband, valve_offset, valve_lag, input_delay, valve_hysteresis, valve_saturation, valve_underlap,
-        sensor_backlash, sensor_lag, sensor_nonlinearity, sensor_drift, presliding,
+        sensor_backlash, sensor_lag, sensor_nonlinearity, sensor_drift, clock_drift, presliding,
     )
 }  # fmt: skip

@@ -67,15 +67,10 @@ def wiper_bounce(d: Draw) -> Hidden:
     return Hidden("wiper_bounce", "sensor", d.size, fields)
 
 
-def clock_drift(d: Draw) -> Hidden:
-    """Position and command are sampled by two clocks that drift apart."""
-    return Hidden("clock_drift", "sensor", d.size, {"clock_drift": -d.sized(3e-4, 3e-3)})
-
-
 OUTSIDE: dict[str, Make] = {
     make.__name__: make
     for make in (
         supply_pulsation, flow_force, spool_stiction, cogging, relief_leak, tube_creep, dwell_friction, side_load,
-        sensor_crosstalk, wiper_bounce, clock_drift,
+        sensor_crosstalk, wiper_bounce,
     )
 }  # fmt: skip

@@ -5,19 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-import casadi as ca
-
 from optid.core.parameter import Parameter
 from optid.core.sheet import Sheet
 from optid.effects.effect import Effect
+from optid.effects.late import command_ago
 
 DELAY = Parameter(
     "delay", "s", 4e-3, "time from the command to its effect", "physics catalogue A.2: 0.5 to 10 ms",
     0.0, (0.0, 0.1),
 )  # fmt: skip
-# Samples ago that are looked up: every one for short delays, fewer for long ones. A delay beyond the last counts
-# as the last: 12 ms at 5 kHz, 64 ms at 1 kHz.
-TAPS = (0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 12, 16, 24, 40, 64)
 
 
 class InputDelay(Effect):
@@ -33,18 +29,10 @@ class InputDelay(Effect):
     says = "the command takes effect {delay} late"
     depends_on = ("command_rate",)
     needs = "commands that change fast: steps, reversals, a binary sequence"
-    look_alikes = ("valve_lag", "sensor_lag", "valve_rate_limit", "valve_hysteresis")
+    look_alikes = ("valve_lag", "sensor_lag", "valve_rate_limit", "valve_hysteresis", "clock_drift")
     experiment = "record the spool's position signal, or the pressures at 5 kHz around steps of the command"
     source = "physics D.6; sizes from physics catalogue A.2, row 21"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
         """The command as it was, a share of full command."""
-        ago = sheet.param(DELAY) / sheet.interval()
-        held = [nominal, *(sheet.past("command", k) for k in TAPS[1:])]
-        late = nominal
-        for k, left, right in zip(range(len(TAPS)), TAPS, TAPS[1:], strict=False):
-            way = (ago - left) / (right - left)
-            # Without a floor at 0 for the first, so that the slope at the null is that of the right side.
-            share = ca.fmin(way if k == 0 else ca.fmax(way, 0), 1)
-            late = late + share * (held[k + 1] - held[k])
-        return late
+        return command_ago(sheet, nominal, sheet.param(DELAY))
