@@ -25,19 +25,24 @@ from optid.fit.scoring import maximise, question_of
 from optid.rigs.rigfile import with_effects
 
 # Where a disturbance stands for all that can go wrong at a kind of site; other plants' sites stand for themselves.
-TYPICAL = ("valve.command", "flow.chamber_a", "flow.chamber_b", "force.external", "sensor.position")
+# What goes wrong with the air may do so in both chambers.
+TYPICAL = (
+    ("valve.command",), ("flow.chamber_a",), ("flow.chamber_b",), ("flow.chamber_a", "flow.chamber_b"),
+    ("force.external",), ("sensor.position",),
+)  # fmt: skip
 QUIETER = -3.0  # log: the states' own noise is started this much lower, so that the signal can take over
 
 
 class Disturbance(Instrument):
-    """nominal + w, with w a random walk."""
+    """nominal + w, with w a random walk at each site."""
 
-    def __init__(self, site: str, unit: str, scale: float) -> None:
-        self.name, self.sites, self.unit, self.scale = "unknown", (site,), unit, scale
+    def __init__(self, sites: tuple[str, ...], unit: str, scale: float) -> None:
+        self.name, self.sites, self.unit, self.scale = "unknown", sites, unit, scale
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
         """The nominal signal with the unknown one on top."""
-        w = sheet.state("signal", self.unit, self.scale, spread=1e-3 * self.scale)
+        name = f"signal_{self.sites.index(site)}"
+        w = sheet.state(name, self.unit, self.scale, spread=1e-3 * self.scale)
         sheet.rate(w, 0.0 * w)
         return nominal + w
 
@@ -47,7 +52,7 @@ class Located:
     """A site, how much better an unknown signal there explains the recordings, and the signal itself.
 
     Attributes:
-        site: of the plant, as "flow.chamber_a".
+        site: of the plant, as "flow.chamber_a"; of several the one with the larger signal.
         gain: fall of -2 log likelihood against the states' own noise alone.
         signal: estimated from the past at each sample, in the site's own unit, (samples,).
         answer: the fit with the signal.
@@ -64,44 +69,48 @@ class Located:
 def locate(candidate: Candidate, data: Data) -> list[Located]:
     """Every site with an unknown signal of its own, the best first."""
     found = [
-        one for site in places(candidate.rig.model) if (one := locate_at(candidate, data, site)) is not None
+        one
+        for sites in places(candidate.rig.model)
+        if (one := locate_at(candidate, data, *sites)) is not None
     ]
     return sorted(found, key=lambda one: -one.gain)
 
 
-def places(model: Model) -> tuple[str, ...]:
+def places(model: Model) -> tuple[tuple[str, ...], ...]:
     """The sites to try: the typical ones, and one of every other kind that the plant offers."""
-    chosen = [site for site in TYPICAL if site in model.sites]
-    kinds = {site.partition(".")[0] for site in chosen}
+    chosen = [sites for sites in TYPICAL if set(sites) <= set(model.sites)]
+    kinds = {site.partition(".")[0] for sites in chosen for site in sites}
     for site in reversed(model.sites):
         kind = site.partition(".")[0]
         if kind not in kinds:
             kinds.add(kind)
-            chosen.append(site)
+            chosen.append((site,))
     return tuple(chosen)
 
 
-def locate_at(candidate: Candidate, data: Data, site: str) -> Located | None:
-    """An unknown signal at one site; ``None`` where none would show."""
-    scale = _scale(candidate, data, site)
+def locate_at(candidate: Candidate, data: Data, *sites: str) -> Located | None:
+    """An unknown signal at one site, or one at each of several alike; ``None`` where none would show."""
+    scale = _scale(candidate, data, sites[0])
     if scale is None:
         return None
-    rig = with_effects(candidate.rig, (Disturbance(site, "1", scale),), {})
+    rig = with_effects(candidate.rig, (Disturbance(sites, "1", scale),), {})
     model, plain = rig.model, candidate.rig.model
     names = [state.name for state in plain.states]
     question = question_of(rig, pose(model, data.train, WHOLE), plain)
-    index = [state.name for state in model.states].index("unknown.signal")
-    question = replace(question, groups=(*noisy_states(model, names), (index,)))
+    own = [state.name for state in model.states]
+    walks = tuple(own.index(f"unknown.signal_{k}") for k in range(len(sites)))
+    question = replace(question, groups=(*noisy_states(model, names), walks))
     p = model.vector(rig.parameters)
     p[[model.index(parameter.name) for parameter in plain.parameters]] = candidate.answer.p
     levels = np.r_[candidate.answer.noise.levels + QUIETER, 0.0]
     try:
-        answer = maximise(question, p, levels, iterations=8, polish=False, near=candidate.answer)
+        answer = maximise(question, p, levels, iterations=12, polish=False, near=candidate.answer)
     except SolveError:
         return None  # an unknown signal there takes the model out of the numbers
-    signal = answer.filtered.states[0][:, index]
+    signals = answer.filtered.states[0][:, list(walks)]
+    most = int(np.argmax(np.nanstd(signals, axis=0)))
     gain = candidate.answer.score - answer.score
-    return Located(site, gain, signal, answer, judge(answer, data.holdout))
+    return Located(sites[most], gain, signals[:, most], answer, judge(answer, data.holdout))
 
 
 def _scale(candidate: Candidate, data: Data, site: str) -> float | None:
@@ -109,7 +118,7 @@ def _scale(candidate: Candidate, data: Data, site: str) -> float | None:
 
     Where a model with held gains loses track before that, the largest one tried under which it does not.
     """
-    rig = with_effects(candidate.rig, (Disturbance(site, "1", 1.0),), {})
+    rig = with_effects(candidate.rig, (Disturbance((site,), "1", 1.0),), {})
     model, plain, answer = rig.model, candidate.rig.model, candidate.answer
     p = model.vector(rig.parameters)
     p[[model.index(parameter.name) for parameter in plain.parameters]] = answer.p
@@ -125,7 +134,7 @@ def _scale(candidate: Candidate, data: Data, site: str) -> float | None:
             p[None],
             answer.filtered.gains[0],
             common,
-            nudge=(names.index("unknown.signal"), size),
+            nudge=(names.index("unknown.signal_0"), size),
         )[0]
         still = run_steered(model, problem, p[None], answer.filtered.gains[0], common)[0]
         with np.errstate(invalid="ignore"):  # both may have left the numbers

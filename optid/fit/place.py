@@ -163,9 +163,15 @@ class Place:
         P = np.tile(self.p, (nf + 1, 1))
         P[range(1, nf + 1), list(q.free)] += nudges * q.typical
         E = run_steered(q.model, q.problem, P, self.filtered.gains[0], own)
+        lost = np.asarray(~np.isfinite(E[:, np.isfinite(e)]).all(axis=1))
+        if lost[0]:
+            self.differentiate()
+            return
+        with np.errstate(invalid="ignore"):
+            slopes = np.moveaxis((E[1:] - E[0]) / nudges[:, None, None], 0, -1)
         self.slopes = Slopes(np.zeros((*e.shape, count)), np.zeros((*e.shape, count)))
-        self.slopes.innovations[..., :nf] = np.moveaxis((E[1:] - E[0]) / nudges[:, None, None], 0, -1)
-        self.differentiate(range(nf, count))
+        self.slopes.innovations[..., :nf] = slopes
+        self.differentiate([*np.flatnonzero(lost[1:]).tolist(), *range(nf, count)])
         self.fresh = True
 
     def differentiate(self, columns: Sequence[int] | None = None) -> None:
