@@ -23,9 +23,9 @@ from optid.effects.effect import Effect
 from optid.effects.library import admitted
 from optid.errors import SolveError
 from optid.fit.likelihood import WHOLE
-from optid.fit.place import Answer, Place
+from optid.fit.place import Answer
 from optid.fit.problem import pose
-from optid.fit.scoring import approach, likeliest, maximise, question_of, quieted
+from optid.fit.scoring import approach, followed, likeliest, maximise, question_of, quieted
 from optid.fit.steering import steered_fit
 from optid.rigs.rigfile import Rig, with_effects
 
@@ -49,7 +49,6 @@ STUCK = {
     "presliding_length": -1,
     "presliding_shape": 1,
 }  # bounds at which friction at rest neither yields nor creeps
-TURNS = 4  # of a refit that follows the gains of its own filter
 QUICK = 15  # iterations of a first refit; the best then converge
 
 
@@ -150,7 +149,17 @@ def fit_base(rig: Rig, data: Data, report: Report) -> Candidate:
             for one in near
         ]
     best = min(near, key=lambda answer: answer.score)
-    return _settled((), rig, best.p, best, data, rig.model)
+    base = _settled((), rig, best.p, best, data, rig.model)
+    if excess(base.judged, data.noise) > EXCESS:  # something is missing, or this is not the highest top
+        report(0.08, "following the base model's own filter")
+        answer = base.answer
+        p, levels = followed(answer, quieted(answer, QUIETER).noise.levels, SCANNED)
+        if p is not answer.p:
+            other = _settled(
+                (), rig, p, replace(answer, p=p, noise=replace(answer.noise, levels=levels)), data, rig.model
+            )
+            base = min(base, other, key=lambda one: one.answer.score)
+    return base
 
 
 def _alike(one: Answer, other: Answer) -> bool:
@@ -245,7 +254,7 @@ def _refit(
         near = current.answer.score - answer.score > NEAR * (current.answer.score - tried[0][2].score)
         if place < 2 and near and _size(effect, rig, answer) > TINY:
             report(share, f"refitting with {effect.name}")
-            answer = maximise(answer.question, *_followed(answer, guide), near=answer)
+            answer = maximise(answer.question, *followed(answer, guide.noise.levels, SCANNED), near=answer)
         candidate = Candidate((*current.effects, effect), rig, answer, judge(answer, data.holdout))
         gain = current.answer.score - answer.score
         against = compare(current.judged, candidate.judged, data.generator)
@@ -288,25 +297,6 @@ def _attempt(
         led = steered_fit(question, p, guide.question.model, guide.filtered, QUICK)
         best = likeliest(question, [best, *((led, levels - by) for by in SCANNED)])
     return maximise(question, *best, iterations=QUICK, polish=False, near=guide)
-
-
-def _followed(answer: Answer, guide: Answer) -> tuple[np.ndarray, np.ndarray]:
-    """Where a first refit leads when it follows the gains of its own filter, which may move the states little.
-
-    Not every turn is likelier than the one before: where an effect is large, the first gains are those of a model that
-    is far off, and the way leads through worse places.
-    """
-    question, p, levels = answer.question, answer.p, answer.noise.levels
-    noise = replace(answer.noise, levels=np.minimum(guide.noise.levels, levels))
-    best = (p, levels)
-    with contextlib.suppress(SolveError):
-        for _ in range(TURNS):
-            here = Place(question, p, noise)
-            if not math.isfinite(here.score):
-                break
-            p = steered_fit(question, p, question.model, here.filtered, QUICK)
-            best = likeliest(question, [best, *((p, levels - by) for by in SCANNED)])
-    return best
 
 
 def _faint(p: np.ndarray, signature: Signature, model: Model) -> np.ndarray:

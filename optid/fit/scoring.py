@@ -7,6 +7,7 @@ innovations moved; they are taken anew where a step keeps less than it promised,
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import math
 from collections.abc import Sequence
@@ -29,6 +30,7 @@ NEARBY, ROUGH = 2e-3, 2e-2  # of the whole decrease: ends an approach, and a sea
 TRIALS = (2, 5)  # of a step on carried and on fresh derivatives, with more and more damping
 KEPT = 0.25  # of what a step promised: less, and carried derivatives are taken anew
 LED = 3  # times at most that a start is led by the gains of the filter run before
+TURNS, TURN = 4, 15  # times that an answer follows its own filter's gains, and evaluations of each
 APPROACH = 10  # iterations at the first level of process noise
 RESTARTS = 2  # from other levels of process noise
 SCAN = (-3.0, 0.0, 2.0)  # steps of a log level that are looked at
@@ -111,6 +113,33 @@ def _led(here: Place) -> Place:
             break
         here = there
     return here
+
+
+def followed(answer: Answer, levels: Array, less: Sequence[float]) -> tuple[Array, Array]:
+    """Where parameters lead that follow the gains of their own filter at other levels of process noise.
+
+    Scoring climbs the top that it stands on; a filter that may move the states little shows the higher ones. Not every
+    turn is likelier than the one before: where a model is far off, the way leads through worse places.
+
+    Args:
+        answer: where it starts.
+        levels: of the filters whose gains are held.
+        less: by how much less process noise than the answer's may suit what is found.
+
+    Returns:
+        The likeliest parameters and levels met on the way, the answer's own if nothing is likelier.
+    """
+    q, p = answer.question, answer.p
+    noise = replace(answer.noise, levels=np.minimum(levels, answer.noise.levels))
+    best = (p, answer.noise.levels)
+    with contextlib.suppress(SolveError):
+        for _ in range(TURNS):
+            here = Place(q, p, noise)
+            if not math.isfinite(here.score):
+                break
+            p = steered_fit(q, p, q.model, here.filtered, TURN)
+            best = likeliest(q, [best, *((p, answer.noise.levels - by) for by in less)])
+    return best
 
 
 def quieted(answer: Answer, by: float) -> Answer:
