@@ -42,6 +42,7 @@ FAINT = 0.03  # of a signature's strength
 SCANNED = (0.0, 1.25, 2.5, 3.75)  # log: by how much less process noise may suit a first refit
 SAME = 0.1  # of typical sizes: friction at rest that near is the same
 NEAR = 0.8  # of the best gain: a refit below this share does not go on
+ALIKE = 0.3  # the same for an effect that is easily confused with the best: it may only have lost its way
 TINY = (
     0.25  # of the smallest size worth a name: what a screen or a first refit leaves below it is not followed
 )
@@ -251,8 +252,11 @@ def _refit(
     tried.sort(key=lambda t: t[2].score)
     rivals = []
     for place, (effect, rig, answer) in enumerate(tried):
-        near = current.answer.score - answer.score > NEAR * (current.answer.score - tried[0][2].score)
-        if place < 2 and near and _size(effect, rig, answer) > TINY:
+        first, best = tried[0][0], tried[0][2]
+        alike = effect.name in first.look_alikes or first.name in effect.look_alikes
+        least = (ALIKE if alike else NEAR) * (current.answer.score - best.score)
+        further = place < (3 if alike else 2) and current.answer.score - answer.score > least
+        if further and _size(effect, rig, answer) > TINY:
             report(share, f"refitting with {effect.name}")
             answer = maximise(answer.question, *followed(answer, guide.noise.levels, SCANNED), near=answer)
         candidate = Candidate((*current.effects, effect), rig, answer, judge(answer, data.holdout))
