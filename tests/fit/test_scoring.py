@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from optid.errors import SolveError
-from optid.fit.likelihood import WHOLE
+from optid.fit import place
+from optid.fit.likelihood import WHOLE, run_steered
 from optid.fit.place import LEVELS, Place, Slopes
 from optid.fit.problem import pose
-from optid.fit.scoring import _middling, _start, approach, likeliest, maximise, question_of, quieted
+from optid.fit.scoring import _middling, _start, approach, followed, likeliest, maximise, question_of, quieted
 from optid.fit.steering import steered_fit
 from tests.fit.cart import TRUTH, recording, rig
 
@@ -67,6 +68,41 @@ def test_carried_slopes_say_what_the_step_showed(asked):
     assert (slopes.innovations @ across)[known] == pytest.approx(
         (here.slopes.innovations @ across)[known], abs=1e-9
     )
+
+
+def test_a_glance_sees_the_slopes_that_filters_show(asked, found, monkeypatch):
+    """At small process noise gains hardly move with the parameters, and held ones show their slopes whole."""
+    q, _ = asked
+    glanced, whole = (_start(q, found.p, np.full(len(q.groups), -5.0)) for _ in range(2))
+    glanced.glance()
+    whole.differentiate()
+    for k in range(len(q.free)):
+        seen, true = (np.nan_to_num(one.slopes.innovations[..., k]).ravel() for one in (glanced, whole))
+        assert seen @ true > 0.99 * np.linalg.norm(true) ** 2 > 0.0
+    assert np.array_equal(
+        glanced.slopes.innovations[..., len(q.free) :], whole.slopes.innovations[..., len(q.free) :]
+    )
+    # Where a model is lost beside the present one, filters show that column after all.
+    steered = run_steered
+
+    def losing(model, problem, P, *others):
+        E = steered(model, problem, P, *others)
+        E[1, 5:] = np.inf
+        return E
+
+    monkeypatch.setattr(place, "run_steered", losing)
+    glanced.glance()
+    seen, true = (one.slopes.innovations[..., 0] for one in (glanced, whole))
+    assert seen == pytest.approx(true, rel=1e-3, abs=1e-9, nan_ok=True)
+
+
+def test_an_answer_that_follows_its_own_filter_leaves_a_wrong_place(asked, found):
+    q, p = asked
+    far = _start(q, p, _middling(q)).answer(False)
+    best, levels = followed(far, np.full(len(q.groups), -5.0), (0.0, 2.5))
+    assert _start(q, best, levels).score < far.score - 100.0
+    there, kept = followed(found, found.noise.levels, (0.0,))
+    assert _start(q, there, kept).score <= found.score + 1e-9
 
 
 def test_a_like_model_starts_where_the_other_ended(asked, found, monkeypatch):
