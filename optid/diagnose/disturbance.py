@@ -14,9 +14,9 @@ import numpy as np
 
 from optid.core.model import Array, Model
 from optid.core.sheet import Sheet
+from optid.diagnose.candidate import Candidate, Data
 from optid.diagnose.instrument import Instrument
 from optid.diagnose.judge import Judged, judge
-from optid.diagnose.search import Candidate, Data
 from optid.errors import SolveError
 from optid.fit.likelihood import WHOLE, noisy_states, run_steered
 from optid.fit.place import Answer

@@ -9,8 +9,8 @@ import numpy as np
 
 from optid.core.model import Array
 from optid.core.sheet import Sheet
+from optid.diagnose.candidate import Candidate
 from optid.diagnose.instrument import Instrument
-from optid.diagnose.search import Candidate
 from optid.errors import InputError
 from optid.rigs.rigfile import with_effects
 

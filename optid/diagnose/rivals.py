@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from optid.diagnose.candidate import Candidate, Data
 from optid.diagnose.judge import compare
-from optid.diagnose.search import Candidate, Data, Rival, Search
+from optid.diagnose.search import Rival, Search
 from optid.effects.effect import Effect
 
 AS_GOOD = 0.9  # share of the winner's gain in likelihood that a rival must reach

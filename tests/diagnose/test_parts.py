@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 
 from optid.diagnose import search as search_of
+from optid.diagnose.candidate import Candidate, Data, fit_base
+from optid.diagnose.disturbance import places
 from optid.diagnose.judge import Judged, cleared, compare
 from optid.diagnose.law import law_at
 from optid.diagnose.residuals import _portmanteau
 from optid.diagnose.screen import screen
-from optid.diagnose.search import Candidate, Rival
+from optid.diagnose.search import Rival
 from optid.diagnose.where import _range
 from optid.diagnose.words import quantity
 from optid.effects.library import admitted
@@ -123,8 +125,8 @@ def test_quantities_are_said_in_units_people_use():
 
 def test_a_candidate_that_leaves_the_numbers_drops_out(tmp_path, monkeypatch):
     train = [recording(seed, f"run{seed}.csv", lambda u: u) for seed in (1, 2)]
-    data = search_of.Data(tuple(train), tuple(train), {}, np.random.default_rng(0))
-    base = search_of.fit_base(rig(tmp_path), data, lambda share, words: None)
+    data = Data(tuple(train), tuple(train), {}, np.random.default_rng(0))
+    base = fit_base(rig(tmp_path), data, lambda share, words: None)
     signatures = screen(base.answer, data.train, admitted(base.rig.model))[:2]
     bold = [replace(one, gain=1e6, values=one.effect.usual[0]) for one in signatures]
     whole = search_of._attempt
@@ -163,7 +165,7 @@ def test_an_unconfirmed_step_counts_only_if_the_next_is_confirmed(second, monkey
     monkeypatch.setattr(search_of, "excess", lambda judged, noise: 9.0)
     for name in ("screen", "admitted", "quieted", "_promising"):
         monkeypatch.setattr(search_of, name, lambda *others: [1])
-    data = search_of.Data((), (), {}, np.random.default_rng(0))
+    data = Data((), (), {}, np.random.default_rng(0))
     found = search_of.search(Candidate((), rig, None, None), (), data, lambda share, words: None)
     assert found.best.effects == (("one", "two") if second else ())
     assert [one.winner is not None for one in found.rounds][:2] == [False, second]
@@ -173,3 +175,18 @@ def test_beside_others_an_effect_must_clear_more_than_the_form_of_their_laws_lea
     one = Candidate(("one",), None, None, None)
     assert search_of._formal(one, 0.01) and not search_of._formal(one, 0.03)
     assert not search_of._formal(Candidate((), None, None, None), 0.0)
+
+
+def test_of_two_as_good_the_effect_with_fewer_parameters_leads():
+    def rival(count, gain):
+        effect, against = SimpleNamespace(parameters=range(count)), SimpleNamespace(bounded_gain=0.0)
+        return Rival(effect, None, gain, against, "", hopeful=True)
+
+    plain, rich, richer = rival(1, 1000.0), rival(2, 1001.0), rival(3, 1500.0)
+    assert search_of._ranked([rich, plain]) == [plain, rich]
+    assert search_of._ranked([plain, richer]) == [richer, plain]
+
+
+def test_the_air_may_go_wrong_in_both_chambers_at_once():
+    tried = places(read_rig(Path(__file__).parents[2] / "data" / "bench.toml").model)
+    assert ("flow.chamber_a", "flow.chamber_b") in tried and ("valve.command",) in tried

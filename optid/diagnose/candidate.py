@@ -1,0 +1,141 @@
+"""A model fitted to recordings and judged on others: the rig's own, with wider bounds, or with effects."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from optid.core.model import Model
+from optid.core.recording import Recording
+from optid.diagnose.judge import EXCESS, Judged, excess, judge
+from optid.effects.effect import Effect
+from optid.fit.likelihood import WHOLE
+from optid.fit.place import Answer
+from optid.fit.problem import pose
+from optid.fit.scoring import approach, followed, maximise, question_of, quieted
+from optid.rigs.rigfile import Rig, with_effects
+
+QUIETER = 2.5  # log: how much less process noise a second look and a first refit allow where much is missing
+SCANNED = (0.0, 1.25, 2.5, 3.75)  # log: by how much less process noise may suit a first refit
+SAME = 0.1  # of typical sizes: friction at rest that near is the same
+STUCK = {
+    "presliding_length": -1,
+    "presliding_shape": 1,
+}  # bounds at which friction at rest neither yields nor creeps
+QUICK = 15  # iterations of a first refit; the best then converge
+
+Report = Callable[[float, str], None]
+
+
+@dataclass(frozen=True)
+class Data:
+    """Recordings to fit, recordings held out, sd of their noise by role, and the randomness of the resampling."""
+
+    train: tuple[Recording, ...]
+    holdout: tuple[Recording, ...]
+    noise: Mapping[str, float]
+    generator: np.random.Generator
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A fitted model, judged: the effects it has beyond the rig file's, its fit, and how it does on the hold-out."""
+
+    effects: tuple[Effect, ...]
+    rig: Rig
+    answer: Answer
+    judged: Judged
+
+
+def fit_base(rig: Rig, data: Data, report: Report) -> Candidate:
+    """The rig's own model at its likeliest parameters, from the file's values.
+
+    How friction rests decides where a search goes, so there are two starts: a contact that yields, and one that
+    sticks (its length at its least, its shape abrupt).
+    """
+    report(0.02, "fitting the base model")
+    question = question_of(rig, pose(rig.model, data.train, WHOLE), rig.model)
+    start = rig.model.vector(rig.parameters)
+    stuck = start.copy()
+    for k, i in enumerate(question.free):
+        name = rig.model.parameters[i].name
+        if name in STUCK:
+            stuck[i] = (question.low if STUCK[name] < 0 else question.high)[k]
+    starts = [start] if np.array_equal(start, stuck) else [start, stuck]
+    near = [approach(question, p) for p in starts]
+    if len(near) > 1 and not _alike(*near):  # the level of process noise may yet turn the choice
+        near = [
+            maximise(one.question, one.p, one.noise.levels, iterations=QUICK, polish=False, near=one)
+            for one in near
+        ]
+    best = min(near, key=lambda answer: answer.score)
+    base = settled((), rig, best.p, best, data, rig.model)
+    if excess(base.judged, data.noise) > EXCESS:  # something is missing, or this is not the highest top
+        report(0.08, "following the base model's own filter")
+        answer = base.answer
+        p, levels = followed(answer, quieted(answer, QUIETER).noise.levels, SCANNED)
+        if p is not answer.p:
+            other = settled(
+                (), rig, p, replace(answer, p=p, noise=replace(answer.noise, levels=levels)), data, rig.model
+            )
+            base = min(base, other, key=lambda one: one.answer.score)
+    return base
+
+
+def _alike(one: Answer, other: Answer) -> bool:
+    """Friction rests in the same way at the ends of two searches."""
+    names = [one.question.model.parameters[i].name for i in one.question.free]
+    apart = (np.abs(one.p - other.p)[list(one.question.free)] / one.question.typical).tolist()
+    return all(gap < SAME for name, gap in zip(names, apart, strict=True) if name in STUCK)
+
+
+def widened(base: Candidate, data: Data) -> Candidate | None:
+    """The base model with the bounds of the [fit] table lifted to the plant's own; ``None`` if none was reached."""
+    rig, p = base.rig, base.answer.p
+    own = {parameter.name: parameter.bounds for parameter in rig.model.parameters}
+    at = {f.name: float(p[rig.model.index(f.name)]) for f in rig.freed}
+    edge = {
+        f.name for f in rig.freed
+        if min(at[f.name] - f.low, f.high - at[f.name]) <= 1e-6 * max(abs(at[f.name]), f.high - f.low)
+        and (f.low, f.high) != own[f.name]
+    }  # fmt: skip
+    if not edge:
+        return None
+    freed = tuple(
+        replace(f, low=own[f.name][0], high=own[f.name][1]) if f.name in edge else f for f in rig.freed
+    )
+    return settled((), replace(rig, freed=freed), p, base.answer, data, rig.model)
+
+
+def refitted(base: Rig, effects: tuple[Effect, ...], near: Candidate, data: Data, plain: Model) -> Candidate:
+    """A model with these effects, refitted from what a similar one found: as well as needed to compare the two."""
+    values = {
+        name: float(near.answer.p[near.rig.model.index(name)])
+        for name in (q.name for q in near.rig.model.parameters)
+    }
+    own = {
+        name: value
+        for effect in effects
+        for name in (f"{effect.name}.{q.name}" for q in effect.parameters)
+        if (value := values.get(name)) is not None
+    }
+    rig = with_effects(base, effects, own) if effects else base
+    model = rig.model
+    p = model.vector(rig.parameters)
+    for i, parameter in enumerate(model.parameters):
+        p[i] = values.get(parameter.name, p[i])
+    question = question_of(rig, pose(model, data.train, WHOLE), plain)
+    levels = near.answer.noise.levels
+    answer = maximise(question, p, levels, iterations=QUICK, polish=False, near=near.answer)
+    return Candidate(effects, rig, answer, judge(answer, data.holdout))
+
+
+def settled(
+    effects: tuple[Effect, ...], rig: Rig, p: np.ndarray, near: Answer | None, data: Data, plain: Model
+) -> Candidate:
+    """The likeliest model from a start, judged; the process noise of `near`, if any, is where the search begins."""
+    question = question_of(rig, pose(rig.model, data.train, WHOLE), plain)
+    answer = maximise(question, p, None if near is None else near.noise.levels, near=near)
+    return Candidate(effects, rig, answer, judge(answer, data.holdout))
