@@ -10,7 +10,7 @@ import numpy as np
 
 from optid.core.model import Array
 from optid.core.recording import Recording
-from optid.fit.objective import freed_with_rest, objective_of, window_length
+from optid.fit.objective import NUISANCE, freed_with_rest, objective_of, window_length
 from optid.fit.problem import pose
 from optid.fit.smoother import Objective, Point, Terms, descend, evaluate, settled_system
 from optid.fit.start import guess
@@ -75,6 +75,9 @@ def find_ties(o: Objective, at: Point, t: Terms, q: Array, held: Any) -> Ties:
         together = [names[i] for i in members]
         if sd > MUTE:
             mute[members] = True
+        if NUISANCE.keys() >= set(together):
+            continue  # nobody asked how friction rests, and it is kept apart from the rest
+        if sd > MUTE:
             sentences.append(_in_words(together, vector[members]))
         elif sd > WEAK and len(members) > 1:
             sentences.append(

@@ -58,9 +58,20 @@ BRISTLE_DAMPING = Parameter(
     "s",
     2e-4,
     "damping of the elastic motion at rest as a time: sigma_1 / sigma_0 of the LuGre law",
-    "numerical; studies/smoothing.py states its error",
+    "Canudas de Wit et al., IEEE Trans. Automatic Control 40(3), 1995: 3 ms; pneumatic seals less",
     2e-4,
     (0.0, 1.0),
+)
+BRISTLE_FADING = Parameter(
+    "bristle_fading",
+    "m/s",
+    0.02,
+    "speed at which that damping has fallen to half",
+    # Constant damping would make the law active at speed.
+    "Olsson et al., European Journal of Control 4(3), 1998: sigma_1 falls with speed",
+    0.02,
+    (1e-4, 1e3),
+    logarithmic=True,
 )
 FRICTION_WIDTH = Parameter(
     "friction_width",
@@ -99,7 +110,8 @@ def sliding(s: Sheet, v: Any, kind: str) -> Any:
     reach = ca.sqrt(length**2 + (s.param(BRISTLE_LAG) * v) ** 2)
     z_dot = (v - ca.fabs(v) * share * yielding) / reach
     s.rate(z, z_dot)
-    return z + s.param(BRISTLE_DAMPING) * z_dot
+    damping = s.param(BRISTLE_DAMPING) / (1 + (v / s.param(BRISTLE_FADING)) ** 2)
+    return z + damping * z_dot
 
 
 def dry_friction(s: Sheet, v: Any, kind: str, **near: Any) -> Any:
