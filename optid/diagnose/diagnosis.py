@@ -157,7 +157,7 @@ def diagnose(
     report(0.95, "intervals and residual tests")
     best_parameters = estimates(found.best.answer, last)
     base_parameters = best_parameters if found.best is base else estimates(base.answer, ())
-    verdict, best, sites = _verdict(found, data, report)
+    verdict, best, sites, short = _verdict(found, data, report)
     findings: tuple[Finding, ...] = ()
     if verdict is Verdict.MISSING_PHYSICS:
         findings = _findings(found, best_parameters, data, report)
@@ -167,7 +167,7 @@ def diagnose(
         best_parameters = estimates(best.answer, ())
     residuals = residual_tests(best.judged, best.answer, data.holdout)
     diagnosis = Diagnosis(
-        verdict, "", base, best, base_parameters, best_parameters, findings, _rejected(found, best),
+        verdict, "", base, best, base_parameters, best_parameters, findings, _rejected(found, best, short),
         _not_testable(found, last, own), noise, residuals, found, data,
     )  # fmt: skip
     from optid.diagnose.words import summary
@@ -237,27 +237,30 @@ def _says(effect: Effect, best: Candidate) -> str:
     return effect.says.format(**{name: quantity(v, units[name]) for name, v in values.items()})
 
 
-def _verdict(found: Search, data: Data, report: Report) -> tuple[Verdict, Candidate, Sequence[Located]]:
-    """What the search amounts to, the model that stands for it, and the sites where something is left unexplained."""
+def _verdict(found: Search, data: Data, report: Report) -> tuple[Verdict, Candidate, Sequence[Located], str]:
+    """What the search amounts to, the model that stands for it, where a rest lies, and what names fell short of."""
     base, best = found.base, found.best
     if best.effects and excess(best.judged, data.noise) <= EXCESS:
-        return Verdict.MISSING_PHYSICS, best, ()
+        return Verdict.MISSING_PHYSICS, best, (), ""
     wide = widened(base, data)
     if not best.effects and wide is not None:
         gain = compare(base.judged, wide.judged, data.generator)
         if gain.p_value < LEVEL and excess(wide.judged, data.noise) <= EXCESS:
-            return Verdict.PARAMETERS, wide, ()
+            return Verdict.PARAMETERS, wide, (), ""
     if excess(base.judged, data.noise) <= EXCESS:
-        return (Verdict.MISSING_PHYSICS, best, ()) if best.effects else (Verdict.CONSISTENT, base, ())
+        return (Verdict.MISSING_PHYSICS if best.effects else Verdict.CONSISTENT), best, (), ""
     report(0.94, "locating the mismatch with an unknown signal")
     sites = locate(base, data)
-    gained = [compare(base.judged, one.judged, data.generator).bounded_gain for one in sites]
-    likelier = compare(base.judged, best.judged, data.generator).bounded_gain >= HALF * max(
-        gained, default=0.0
+    unknown = max((compare(base.judged, s.judged, data.generator).bounded_gain for s in sites), default=0.0)
+    named = compare(base.judged, best.judged, data.generator).bounded_gain
+    share = cleared(base.judged, best.judged, data.noise)
+    if best.effects and named >= HALF * unknown and share >= EVEN:
+        return Verdict.MISSING_PHYSICS, best, (), ""
+    short = (
+        f"with what was found it clears {100 * share:.0f} % of the squared error, where {100 * EVEN:.0f} % are needed, "
+        f"and gains {named:.0f} where half of an unknown signal's {unknown:.0f} is"
     )
-    if best.effects and likelier and cleared(base.judged, best.judged, data.noise) >= EVEN:
-        return Verdict.MISSING_PHYSICS, best, ()
-    return Verdict.UNEXPLAINED, base, sites
+    return Verdict.UNEXPLAINED, base, sites, short
 
 
 def _nameless(base: Candidate, sites: Sequence[Located], data: Data) -> Finding:
@@ -276,14 +279,10 @@ def _nameless(base: Candidate, sites: Sequence[Located], data: Data) -> Finding:
     return Finding(None, kind, first.site, (), where, shown, none, first.gain, 0.0, (), words, first)
 
 
-def _rejected(found: Search, best: Candidate) -> tuple[tuple[str, str], ...]:
-    """Every effect that was refitted and not kept, with the last reason."""
+def _rejected(found: Search, best: Candidate, short: str) -> tuple[tuple[str, str], ...]:
+    """Every effect that was refitted and not kept, with the last reason; `short` is that of names that fell short."""
     kept = {effect.name for effect in best.effects}
-    reasons: dict[str, str] = {
-        effect.name: "clears less than an even share of what the model errs by, or half of what an unknown signal would"
-        for effect in found.best.effects
-        if effect.name not in kept
-    }
+    reasons: dict[str, str] = {effect.name: short for effect in found.best.effects if effect.name not in kept}
     for number, one in enumerate(found.rounds):
         for rival in one.rivals:
             if rival.effect.name in kept or rival is one.winner:

@@ -23,7 +23,7 @@ from optid.effects.effect import Effect
 from optid.effects.library import admitted
 from optid.errors import SolveError
 from optid.fit.likelihood import WHOLE
-from optid.fit.place import Answer
+from optid.fit.place import Answer, Question
 from optid.fit.problem import pose
 from optid.fit.scoring import followed, likeliest, maximise, question_of, quieted
 from optid.fit.steering import steered_fit
@@ -40,6 +40,7 @@ FORM = 0.02
 FAINT = 0.03  # of a signature's strength
 NEAR = 0.8  # of the best gain: a refit below this share does not go on
 ALIKE = 0.3  # the same for an effect that is easily confused with the best: it may only have lost its way
+CLOSE = 0.9  # of the best gain: first refits leave up to a tenth, and rivals nearer than that are settled
 TINY = (
     0.25  # of the smallest size worth a name: what a screen or a first refit leaves below it is not followed
 )
@@ -150,34 +151,77 @@ def _refit(
     share: float,
 ) -> list[Rival]:
     """Refits of the few most promising, best first; a rival without a reason against it may win."""
-    tried, plain = [], base.rig.model
+    tried = []
     for signature in few:
         report(share, f"trying {signature.effect.name}")
         rig = with_effects(current.rig, (signature.effect,), signature.effect.qualified(signature.values))
-        try:
-            tried.append((signature.effect, rig, _attempt(current, guide, signature, rig, data, plain)))
-        except SolveError:
-            continue  # with this effect the model leaves the numbers where the screen would have it
-    tried.sort(key=lambda t: t[2].score)
-    rivals = []
-    for place, (effect, rig, answer) in enumerate(tried):
-        first, best = tried[0][0], tried[0][2]
-        alike = effect.name in first.look_alikes or first.name in effect.look_alikes
-        least = (ALIKE if alike else NEAR) * (current.answer.score - best.score)
-        further = place < (3 if alike else 2) and current.answer.score - answer.score > least
-        if further and _size(effect, rig, answer) > TINY:
-            report(share, f"refitting with {effect.name}")
-            answer = maximise(answer.question, *followed(answer, guide.noise.levels, SCANNED), near=answer)
-        candidate = Candidate((*current.effects, effect), rig, answer, judge(answer, data.holdout))
-        gain = current.answer.score - answer.score
-        against = compare(current.judged, candidate.judged, data.generator)
-        misfit = _misfit(effect, candidate, gain, screened)
-        more = cleared(base.judged, candidate.judged, data.noise)
-        if current.effects:
-            more -= cleared(base.judged, current.judged, data.noise)
-        why = misfit or _unproven(against, place) or _formal(current, more)
-        rivals.append(Rival(effect, candidate, gain, against, why, not misfit))
-    return _ranked(rivals)
+        with contextlib.suppress(SolveError):  # with this effect the model may leave the numbers at once
+            first = _attempt(current, guide, signature, rig, data, base.rig.model)
+            tried.append(_Refit(signature.effect, rig, first))
+    tried.sort(key=lambda t: t.answer.score)
+    _follow(tried, current, guide, report, share)
+
+    def rival(place: int) -> Rival:
+        t = tried[place]
+        return _rival(t.effect, Candidate((*current.effects, t.effect), t.rig, t.answer, judge(t.answer, data.holdout)),
+                      base, current, place, screened, data)  # fmt: skip
+
+    rivals = _ranked([rival(place) for place in range(len(tried))])
+    for place, t in enumerate(tried):
+        if rivals and rivals[0].effect is t.effect and not t.settled and not rivals[0].why:
+            _settle(t, report, share)
+            rivals = _ranked([rival(place), *rivals[1:]])
+            break
+    return rivals
+
+
+@dataclass(eq=False)
+class _Refit:
+    """An effect on its way through a round: roughly fitted, followed, settled."""
+
+    effect: Effect
+    rig: Rig
+    answer: Answer
+    settled: bool = False
+
+
+def _follow(tried: list[_Refit], current: Candidate, guide: Answer, report: Report, share: float) -> None:
+    """Bring the best of the first refits further, and settle those that then are close together."""
+    here = current.answer.score
+    gains = [here - t.answer.score for t in tried]
+    for place, (t, gain) in enumerate(zip(tried, gains, strict=True)):
+        alike = t.effect.name in tried[0].effect.look_alikes or tried[0].effect.name in t.effect.look_alikes
+        near = place < (3 if alike else 2) and gain > (ALIKE if alike else NEAR) * gains[0]
+        if near and _size(t.effect, t.rig, t.answer) > TINY:
+            report(share, f"refitting with {t.effect.name}")
+            start = followed(t.answer, guide.noise.levels, SCANNED)
+            t.answer = maximise(t.answer.question, *start, iterations=QUICK, polish=False, near=t.answer)
+    gains = [here - t.answer.score for t in tried]
+    for t, gain in zip(tried, gains, strict=True):
+        if gain > CLOSE * max(gains) and _size(t.effect, t.rig, t.answer) > TINY:
+            _settle(t, report, share)
+    tried.sort(key=lambda t: t.answer.score)
+
+
+def _settle(t: _Refit, report: Report, share: float) -> None:
+    report(share, f"settling {t.effect.name}")
+    t.answer = maximise(t.answer.question, t.answer.p, t.answer.noise.levels, near=t.answer)
+    t.settled = True
+
+
+def _rival(
+    effect: Effect, candidate: Candidate, base: Candidate, current: Candidate, place: int, screened: int,
+    data: Data,
+) -> Rival:  # fmt: skip
+    """A refitted effect against the model of its round, in its turn by likelihood."""
+    gain = current.answer.score - candidate.answer.score
+    against = compare(current.judged, candidate.judged, data.generator)
+    misfit = _misfit(effect, candidate, gain, screened)
+    more = cleared(base.judged, candidate.judged, data.noise)
+    if current.effects:
+        more -= cleared(base.judged, current.judged, data.noise)
+    why = misfit or _unproven(against, place) or _formal(current, more)
+    return Rival(effect, candidate, gain, against, why, not misfit)
 
 
 def _ranked(rivals: list[Rival]) -> list[Rival]:
@@ -195,26 +239,40 @@ def _cost(effect: Effect) -> float:
 def _attempt(
     current: Candidate, guide: Answer, signature: Signature, rig: Rig, data: Data, plain: Model
 ) -> Answer:
-    """A first refit: by the gains of the guide, which may move the states less than the current model's, then rough."""
-    model = rig.model
-    p = model.vector(rig.parameters)
-    own = current.rig.model
+    """A first refit from where the screen would have the effect; from its usual sizes, too, if that loses it."""
+    question = question_of(rig, pose(rig.model, data.train, WHOLE), plain)
+    effect = signature.effect
+    best = _started(question, current, guide, effect, signature.values)
+    if effect.size(signature.values) < 1.0 or _size(effect, rig, best) >= 1.0:
+        return best
+    for usual in effect.usual:
+        with contextlib.suppress(SolveError):
+            other = _started(question, current, guide, effect, {**signature.values, **usual})
+            best = min(best, other, key=lambda answer: answer.score)
+    return best
+
+
+def _started(
+    question: Question, current: Candidate, guide: Answer, effect: Effect, values: Mapping[str, float]
+) -> Answer:
+    """By the gains of the guide, which may move the states less than the current model's, then a rough refit."""
+    model, own = question.model, current.rig.model
+    p = model.vector(question.rig.parameters)
     p[[model.index(parameter.name) for parameter in own.parameters]] = current.answer.p
-    for name, value in signature.effect.qualified(signature.values).items():
+    for name, value in effect.qualified(values).items():
         low, high = model.parameters[model.index(name)].bounds
         p[model.index(name)] = min(max(value, low), high)
-    question = question_of(rig, pose(model, data.train, WHOLE), plain)
     levels = current.answer.noise.levels
-    best = likeliest(question, [(p, levels), (_faint(p, signature, model), levels)])
+    best = likeliest(question, [(p, levels), (_faint(p, effect, model), levels)])
     with contextlib.suppress(SolveError):  # it holds on to the data by more noise than the guide allows
         led = steered_fit(question, p, guide.question.model, guide.filtered, QUICK)
         best = likeliest(question, [best, *((led, levels - by) for by in SCANNED)])
     return maximise(question, *best, iterations=QUICK, polish=False, near=guide)
 
 
-def _faint(p: np.ndarray, signature: Signature, model: Model) -> np.ndarray:
+def _faint(p: np.ndarray, effect: Effect, model: Model) -> np.ndarray:
     """The same with a trace of the effect only: as likely as without it, wherever the screen would have led."""
-    p, effect = p.copy(), signature.effect
+    p = p.copy()
     for name, null in effect.at_null().items():
         if name in effect.strength:
             i = model.index(f"{effect.name}.{name}")

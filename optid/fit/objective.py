@@ -24,14 +24,14 @@ NUISANCE = {
     "presliding_length": None,
     "presliding_shape": None,
     "friction_width": None,
-    "bristle_damping": 5e-4,
+    "bristle_damping": 5e-3,
     "bristle_fading": 0.05,
     "sampling_skew": 2e-4,
 }
 # Contacts that give by more than this before they slide are physics worth a name, not a nuisance; by less than the
 # least, no sensor sees it, and the equations at rest would only become stiff.
 LEAST = {"presliding_length": 2e-6, "bristle_fading": 2e-3}
-MOST = {"presliding_length": 6e-5, "bristle_damping": 2e-3, "bristle_fading": 0.5}
+MOST = {"presliding_length": 6e-5, "bristle_damping": 2e-2, "bristle_fading": 0.5}
 
 
 def freed_with_rest(rig: Rig) -> tuple[Freed, ...]:
