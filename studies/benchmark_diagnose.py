@@ -24,9 +24,9 @@ ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))  # the studies are no package: find their neighbours from any folder
 
 from optid.core.recording import Channel, Recording  # noqa: E402
+from optid.diagnose.candidate import Data, fit_base  # noqa: E402
 from optid.diagnose.diagnosis import diagnose  # noqa: E402
 from optid.diagnose.judge import judge  # noqa: E402
-from optid.diagnose.search import Data, fit_base  # noqa: E402
 from optid.effects.effect import Effect  # noqa: E402
 from optid.effects.library import admitted  # noqa: E402
 from optid.errors import SolveError  # noqa: E402
@@ -97,7 +97,7 @@ def _refit(rig: Rig, effect: Effect, branch: object, p0: np.ndarray, data: Data)
         answer = maximise(question_of(grown, pose(model, data.train, WHOLE), rig.model), p)
     except SolveError:  # from this size the model leaves the numbers
         return math.inf
-    return judge(answer, data.holdout).total
+    return float(judge(answer, data.holdout).deviance.sum())
 
 
 def main() -> None:

@@ -15,10 +15,11 @@ from optid.diagnose.candidate import Candidate, Data, fit_base, widened
 from optid.diagnose.disturbance import Located, locate, locate_at
 from optid.diagnose.judge import EXCESS, Comparison, cleared, compare, excess
 from optid.diagnose.law import law_at
+from optid.diagnose.refit import LEVEL, own_values
 from optid.diagnose.residuals import Residuals, residual_tests
 from optid.diagnose.rivals import indistinguishable
 from optid.diagnose.screen import Signature, screen
-from optid.diagnose.search import DEEPEST, LEVEL, Search, own_values, search
+from optid.diagnose.search import DEEPEST, Search, search
 from optid.diagnose.uncertainty import estimates
 from optid.diagnose.where import Region, contribution, region, telling
 from optid.effects.effect import Effect

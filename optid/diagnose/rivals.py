@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from optid.diagnose.candidate import Candidate, Data
 from optid.diagnose.judge import compare
-from optid.diagnose.search import Rival, Search
+from optid.diagnose.refit import Rival
+from optid.diagnose.search import Search
 from optid.effects.effect import Effect
 
 AS_GOOD = 0.9  # share of the winner's gain in likelihood that a rival must reach

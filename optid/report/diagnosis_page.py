@@ -10,7 +10,7 @@ import jinja2
 from markupsafe import Markup
 
 from optid.diagnose.diagnosis import Diagnosis, Finding
-from optid.diagnose.search import Rival
+from optid.diagnose.refit import Rival
 from optid.diagnose.words import quantity
 from optid.fit.result import Estimate
 from optid.report import diagnosis_figures as figures

@@ -7,14 +7,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from optid.diagnose import refit as refit_of
 from optid.diagnose import search as search_of
 from optid.diagnose.candidate import Candidate, Data, fit_base
 from optid.diagnose.disturbance import places
 from optid.diagnose.judge import Judged, cleared, compare
 from optid.diagnose.law import law_at
+from optid.diagnose.refit import Rival
 from optid.diagnose.residuals import _portmanteau
 from optid.diagnose.screen import screen
-from optid.diagnose.search import Rival
 from optid.diagnose.where import _range
 from optid.diagnose.words import quantity
 from optid.effects.library import admitted
@@ -129,15 +130,15 @@ def test_a_candidate_that_leaves_the_numbers_drops_out(tmp_path, monkeypatch):
     base = fit_base(rig(tmp_path), data, lambda share, words: None)
     signatures = screen(base.answer, data.train, admitted(base.rig.model))[:2]
     bold = [replace(one, gain=1e6, values=one.effect.usual[0]) for one in signatures]
-    whole = search_of._attempt
+    whole = refit_of._attempt
 
     def attempt(current, guide, signature, *others):
         if signature is bold[0]:
             raise SolveError("the simulation leaves the numbers")
         return whole(current, guide, signature, *others)
 
-    monkeypatch.setattr(search_of, "_attempt", attempt)
-    rivals = search_of._refit(base, base, base.answer, bold, len(bold), data, lambda share, words: None, 0.0)
+    monkeypatch.setattr(refit_of, "_attempt", attempt)
+    rivals = refit_of.refit(base, base, base.answer, bold, len(bold), data, lambda share, words: None, 0.0)
     assert [rival.effect.name for rival in rivals] == [bold[1].effect.name]
 
 
@@ -160,7 +161,7 @@ def test_an_unconfirmed_step_counts_only_if_the_next_is_confirmed(second, monkey
         why = "" if name == "two" and second else "no gain on the recordings held out"
         return [Rival(name, candidate, 100.0, None, why, hopeful=True)]
 
-    monkeypatch.setattr(search_of, "_refit", rivals)
+    monkeypatch.setattr(search_of, "refit", rivals)
     monkeypatch.setattr(search_of, "_thinned", lambda base, current, *others: (current, {}, ()))
     monkeypatch.setattr(search_of, "excess", lambda judged, noise: 9.0)
     for name in ("screen", "admitted", "quieted", "_promising"):
@@ -173,8 +174,8 @@ def test_an_unconfirmed_step_counts_only_if_the_next_is_confirmed(second, monkey
 
 def test_beside_others_an_effect_must_clear_more_than_the_form_of_their_laws_leaves():
     one = Candidate(("one",), None, None, None)
-    assert search_of._formal(one, 0.01) and not search_of._formal(one, 0.03)
-    assert not search_of._formal(Candidate((), None, None, None), 0.0)
+    assert refit_of._formal(one, 0.01) and not refit_of._formal(one, 0.03)
+    assert not refit_of._formal(Candidate((), None, None, None), 0.0)
 
 
 def test_of_two_as_good_the_effect_with_fewer_parameters_leads():
@@ -183,8 +184,29 @@ def test_of_two_as_good_the_effect_with_fewer_parameters_leads():
         return Rival(effect, None, gain, against, "", hopeful=True)
 
     plain, rich, richer = rival(1, 1000.0), rival(2, 1001.0), rival(3, 1500.0)
-    assert search_of._ranked([rich, plain]) == [plain, rich]
-    assert search_of._ranked([plain, richer]) == [richer, plain]
+    assert sorted([rich, plain], key=refit_of._order) == [plain, rich]
+    assert sorted([plain, richer], key=refit_of._order) == [richer, plain]
+
+
+@pytest.mark.parametrize("again", [True, False])
+def test_an_effect_that_its_refit_loses_is_tried_again_from_others(again, monkeypatch):
+    effect = SimpleNamespace(
+        size=lambda values: values["much"], at_null=lambda: {"much": 0.0}, strength={"much": 1.0}
+    )
+    scores = {2.0: -10.0, 1.0: -500.0, 4.0: -50.0}  # from the screen's size the refit ends at nothing
+
+    def started(question, current, guide, effect, values):
+        much = values["much"]
+        return SimpleNamespace(score=scores[much], size=0.0 if much == 2.0 else much)
+
+    monkeypatch.setattr(refit_of, "_started", started)
+    monkeypatch.setattr(refit_of, "_size", lambda effect, rig, answer: answer.size)
+    for name in ("question_of", "pose"):
+        monkeypatch.setattr(refit_of, name, lambda *others: None)
+    signature, rig = SimpleNamespace(effect=effect, values={"much": 2.0}), SimpleNamespace(model=None)
+    data = Data((), (), {}, np.random.default_rng(0))
+    found = refit_of._attempt(None, None, signature, rig, data, None, again)
+    assert found.score == (-500.0 if again else -10.0)
 
 
 def test_the_air_may_go_wrong_in_both_chambers_at_once():

@@ -31,9 +31,7 @@ def choked(tmp_path_factory):
     return read_rig(path)
 
 
-REST = (
-    'presliding_length = "0.01 mm"\nbristle_damping = "0.2 ms"\nbristle_fading = "20 mm/s"\nsampling_skew = "0 s"\n'
-)
+REST = 'presliding_length = "0.01 mm"\nbristle_damping = "0.2 ms"\nbristle_fading = "20 mm/s"\nsampling_skew = "0 s"\n'
 SIZES = 'supply_pressure = { bounds = ["2 bar", "15 bar"] }\npayload_mass = { bounds = ["0.5 kg", "9 kg"] }\n'
 
 

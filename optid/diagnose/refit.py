@@ -1,0 +1,240 @@
+"""A round's refits: the effects that a screen found promising compete by likelihood, and what is held out decides."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from scipy import stats
+
+from optid.core.model import Array, Model
+from optid.diagnose.candidate import QUICK, SCANNED, Candidate, Data, Report
+from optid.diagnose.judge import Comparison, cleared, compare, judge
+from optid.diagnose.screen import Signature
+from optid.effects.effect import Effect
+from optid.errors import SolveError
+from optid.fit.likelihood import WHOLE
+from optid.fit.place import Answer, Question
+from optid.fit.problem import pose
+from optid.fit.scoring import followed, likeliest, maximise, question_of
+from optid.fit.steering import steered_fit
+from optid.rigs.rigfile import Rig, with_effects
+
+LEVEL = 0.01  # of false alarms on a rig that lacks nothing, for the whole catalogue together
+WORTH = 0.04  # share by which an effect must lower the windows' error on the hold-out (physics catalogue B.3, step 5)
+# Of the squared error that the plain model began with, what an effect beside others must clear: true laws follow those
+# of the catalogue within a tenth or two of their size.
+FORM = 0.02
+FAINT = 0.03  # of a signature's strength
+AGAIN = (0.5, 2.0)  # the same, where a refit from the whole of it ends at next to nothing
+NEAR = 0.8  # of the best gain: a refit below this share does not go on
+ALIKE = 0.3  # the same for an effect that is easily confused with the best: it may only have lost its way
+CLOSE = 0.9  # of the best gain: first refits leave up to a tenth, and rivals nearer than that are settled
+TINY = (
+    0.25  # of the smallest size worth a name: what a screen or a first refit leaves below it is not followed
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Rival:
+    """An effect that was refitted in a round: against the model of that round, and why it was not taken.
+
+    `hopeful` says that it fits the recordings it was given, whatever those held out say.
+    """
+
+    effect: Effect
+    candidate: Candidate
+    train_gain: float
+    against: Comparison
+    why: str
+    hopeful: bool
+
+
+def refit(
+    base: Candidate,
+    current: Candidate,
+    guide: Answer,
+    few: Sequence[Signature],
+    screened: int,
+    data: Data,
+    report: Report,
+    share: float,
+) -> list[Rival]:
+    """Refits of the few most promising, best first; a rival without a reason against it may win."""
+    tried = []
+    for signature in few:
+        effect = signature.effect
+        report(share, f"trying {effect.name}")
+        rig = with_effects(current.rig, (effect,), effect.qualified(signature.values))
+        with contextlib.suppress(SolveError):  # with this effect the model may leave the numbers at once
+            answer = _attempt(current, guide, signature, rig, data, base.rig.model, signature is few[0])
+            tried.append(_Refit(effect, rig, answer))
+    tried.sort(key=lambda t: t.answer.score)
+    _follow(tried, current, guide, report, share)
+
+    def rival(place: int) -> Rival:
+        t = tried[place]
+        candidate = Candidate((*current.effects, t.effect), t.rig, t.answer, judge(t.answer, data.holdout))
+        return _rival(t.effect, candidate, base, current, place, screened, data)
+
+    rivals = [rival(place) for place in range(len(tried))]
+    first = min(range(len(tried)), key=lambda place: _order(rivals[place]), default=None)
+    if first is not None and not tried[first].settled and not rivals[first].why:
+        _settle(tried[first], report, share)
+        rivals[first] = rival(first)
+    return sorted(rivals, key=_order)
+
+
+@dataclass(eq=False)
+class _Refit:
+    """An effect on its way through a round: roughly fitted, followed, settled."""
+
+    effect: Effect
+    rig: Rig
+    answer: Answer
+    settled: bool = False
+
+
+def _follow(tried: list[_Refit], current: Candidate, guide: Answer, report: Report, share: float) -> None:
+    """Bring the best of the first refits further, and settle those that then are close together."""
+    here = current.answer.score
+    gains = [here - t.answer.score for t in tried]
+    for place, (t, gain) in enumerate(zip(tried, gains, strict=True)):
+        alike = t.effect.name in tried[0].effect.look_alikes or tried[0].effect.name in t.effect.look_alikes
+        near = place < (3 if alike else 2) and gain > (ALIKE if alike else NEAR) * gains[0]
+        if near and _size(t.effect, t.rig, t.answer) > TINY:
+            report(share, f"refitting with {t.effect.name}")
+            start = followed(t.answer, guide.noise.levels, SCANNED)
+            t.answer = maximise(t.answer.question, *start, iterations=QUICK, polish=False, near=t.answer)
+    gains = [here - t.answer.score for t in tried]
+    for t, gain in zip(tried, gains, strict=True):
+        if gain > CLOSE * max(gains) and _size(t.effect, t.rig, t.answer) > TINY:
+            _settle(t, report, share)
+    tried.sort(key=lambda t: t.answer.score)
+
+
+def _settle(t: _Refit, report: Report, share: float) -> None:
+    report(share, f"settling {t.effect.name}")
+    t.answer = maximise(t.answer.question, t.answer.p, t.answer.noise.levels, near=t.answer)
+    t.settled = True
+
+
+def _rival(
+    effect: Effect, candidate: Candidate, base: Candidate, current: Candidate, place: int, screened: int,
+    data: Data,
+) -> Rival:  # fmt: skip
+    """A refitted effect against the model of its round, in its turn by likelihood."""
+    gain = current.answer.score - candidate.answer.score
+    against = compare(current.judged, candidate.judged, data.generator)
+    misfit = _misfit(effect, candidate, gain, screened)
+    more = cleared(base.judged, candidate.judged, data.noise)
+    if current.effects:
+        more -= cleared(base.judged, current.judged, data.noise)
+    why = misfit or _unproven(against, place) or _formal(current, more)
+    return Rival(effect, candidate, gain, against, why, not misfit)
+
+
+def _order(rival: Rival) -> tuple[bool, float]:
+    """The best first, of two as good the one with fewer parameters; those with a reason against them last."""
+    return bool(rival.why), cost(rival.effect) - rival.train_gain - rival.against.bounded_gain
+
+
+def cost(effect: Effect) -> float:
+    """What parameters gain by themselves in -2 log likelihood, as Schwarz's criterion has it."""
+    return len(effect.parameters) * math.log(1e4)
+
+
+def _attempt(
+    current: Candidate,
+    guide: Answer,
+    signature: Signature,
+    rig: Rig,
+    data: Data,
+    plain: Model,
+    again: bool,
+) -> Answer:
+    """A first refit from where the screen would have the effect; `again` from other sizes if that loses it."""
+    question = question_of(rig, pose(rig.model, data.train, WHOLE), plain)
+    effect = signature.effect
+    best = _started(question, current, guide, effect, signature.values)
+    if not again or effect.size(signature.values) < 1.0 or _size(effect, rig, best) >= 1.0:
+        return best
+    for factor in AGAIN:
+        with contextlib.suppress(SolveError):
+            other = _started(question, current, guide, effect, _scaled(effect, signature.values, factor))
+            best = min(best, other, key=lambda answer: answer.score)
+    return best
+
+
+def _started(
+    question: Question, current: Candidate, guide: Answer, effect: Effect, values: Mapping[str, float]
+) -> Answer:
+    """By the gains of the guide, which may move the states less than the current model's, then a rough refit."""
+    model, own = question.model, current.rig.model
+
+    def placed(values: Mapping[str, float]) -> Array:
+        p = model.vector(question.rig.parameters)
+        p[[model.index(parameter.name) for parameter in own.parameters]] = current.answer.p
+        for name, value in effect.qualified(values).items():
+            low, high = model.parameters[model.index(name)].bounds
+            p[model.index(name)] = min(max(value, low), high)
+        return p
+
+    # A trace of it is as likely as none, wherever the screen would have led.
+    p, faint, levels = placed(values), placed(_scaled(effect, values, FAINT)), current.answer.noise.levels
+    best = likeliest(question, [(p, levels), (faint, levels)])
+    with contextlib.suppress(SolveError):  # it holds on to the data by more noise than the guide allows
+        led = steered_fit(question, p, guide.question.model, guide.filtered, QUICK)
+        best = likeliest(question, [best, *((led, levels - by) for by in SCANNED)])
+    return maximise(question, *best, iterations=QUICK, polish=False, near=guide)
+
+
+def _scaled(effect: Effect, values: Mapping[str, float], factor: float) -> dict[str, float]:
+    """The same effect of another strength."""
+    null = effect.at_null()
+    return {
+        name: null[name] + factor * (value - null[name]) if name in effect.strength else value
+        for name, value in values.items()
+    }
+
+
+def _misfit(effect: Effect, candidate: Candidate, gain: float, screened: int) -> str:
+    """Why a refitted effect does not even fit the recordings it was given; empty when it does."""
+    size, count = _size(effect, candidate.rig, candidate.answer), len(effect.parameters)
+    needed = stats.chi2.isf(LEVEL / max(screened, 1), count) + cost(effect)
+    if gain < needed:
+        return f"the refit gains {gain:.0f} in -2 log likelihood where {needed:.0f} are needed"
+    if size < 1.0:
+        return f"the refit leaves it at {100 * size:.0f} % of the smallest size worth a name"
+    return ""
+
+
+def _unproven(against: Comparison, place: int) -> str:
+    """What the recordings held out have against a refitted effect; empty when they confirm it.
+
+    The refits take their turn by likelihood, and each turn has half of the hold-out's error rate that is left.
+    """
+    if against.p_value > LEVEL / 2 ** (place + 1):
+        return f"no gain on the recordings held out (p = {against.p_value:.2g})"
+    if against.error_gain < WORTH:
+        return f"held out, windows err by {100 * max(against.error_gain, 0):.1f} % less: too little to matter"
+    return ""
+
+
+def _formal(current: Candidate, more: float) -> str:
+    """Whether an effect beside others clears no more than the form of their laws may have left; empty if it does."""
+    if current.effects and more < FORM:
+        return f"it clears {100 * max(more, 0):.1f} % of the first error: the form of the laws before it may leave that"
+    return ""
+
+
+def own_values(effect: Effect, rig: Rig, answer: Answer) -> dict[str, float]:
+    """The fitted values of an effect's parameters by own name, SI."""
+    index = rig.model.index
+    return {q.name: float(answer.p[index(f"{effect.name}.{q.name}")]) for q in effect.parameters}
+
+
+def _size(effect: Effect, rig: Rig, answer: Answer) -> float:
+    return effect.size(own_values(effect, rig, answer))
