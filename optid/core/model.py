@@ -48,6 +48,8 @@ class Model:
         rates: (x, u, p) -> dx/dt.
         sensors: (x, u, p) -> y.
         start: p -> (mean, spread): what is known of the state at a record's start without data.
+        laws_leave: share of the squared error that right laws of another form leave in 19 of 20 blind cases; None
+            where no trial has measured it.
     """
 
     name: str
@@ -62,6 +64,7 @@ class Model:
     start: ca.Function
     sizes: tuple[float, ...] = ()
     near: tuple[tuple[str, ...], ...] = ()
+    laws_leave: float | None = None
 
     @property
     def recorded(self) -> tuple[Port, ...]:

@@ -71,17 +71,22 @@ def fit_base(rig: Rig, data: Data, report: Report) -> Candidate:
             for one in near
         ]
     best = min(near, key=lambda answer: answer.score)
+    known = excess(judge(best, data.holdout), data.noise) > EXCESS
+    if known:
+        best = _followed(best)
+    report(0.06, "settling the base model")
     base = settled((), rig, best.p, best, data, rig.model)
-    if excess(base.judged, data.noise) > EXCESS:  # something is missing, or this is not the highest top
-        report(0.08, "following the base model's own filter")
-        answer = base.answer
-        p, levels = followed(answer, quieted(answer, QUIETER).noise.levels, SCANNED)
-        if p is not answer.p:
-            other = settled(
-                (), rig, p, replace(answer, p=p, noise=replace(answer.noise, levels=levels)), data, rig.model
-            )
-            base = min(base, other, key=lambda one: one.answer.score)
-    return base
+    if known or excess(base.judged, data.noise) <= EXCESS:
+        return base
+    other = _followed(base.answer)
+    again = settled((), rig, other.p, other, data, rig.model)
+    return min(base, again, key=lambda one: one.answer.score)
+
+
+def _followed(answer: Answer) -> Answer:
+    """Where its own filter leads a model that errs: something is missing, or it does not stand on the highest top."""
+    p, levels = followed(answer, quieted(answer, QUIETER).noise.levels, SCANNED)
+    return replace(answer, p=p, noise=replace(answer.noise, levels=levels))
 
 
 def _alike(one: Answer, other: Answer) -> bool:

@@ -46,13 +46,20 @@ def summary(d: Diagnosis) -> str:
         told = " ".join(_sentence(f) for f in d.findings) or "No site could be told."
         return (
             f"The recordings hold something that neither parameters nor the catalogue explain: held out, windows "
-            f"err by {before} where the noise is {floor}. {told}"
+            f"err by {before} where the noise is {floor}. {told}{_closest(d)}"
         )
     found = " ".join(_sentence(f) for f in d.findings)
     return (
         f"{found} Held out, the error of {span} windows falls from {before} to {after}; the noise is {floor}."
         f"{_remains(d)}"
     )
+
+
+def _closest(d: Diagnosis) -> str:
+    """Which names came closest to explaining it, and how far."""
+    names = " with ".join(effect.name.replace("_", " ") for effect in d.search.best.effects)
+    short = dict(d.rejected).get(d.search.best.effects[0].name) if names else None
+    return f" Closest comes {names}: it {short}." if short else ""
 
 
 def _errors(d: Diagnosis, scores: object) -> str:

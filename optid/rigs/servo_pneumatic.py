@@ -106,6 +106,8 @@ STOP_DAMPING = Parameter(
     2.0,
     (0.0, 1e3),
 )
+# Of the squared error of held-out windows, in 19 of 20 blind cases; studies/concealed.py prints "right names leave".
+LAWS_LEAVE = 0.06
 LENGTH_FLOOR = Parameter(
     "length_floor", "m", 5e-4, "no chamber is shorter than this", "numerical", 5e-4, (1e-6, 0.1)
 )
@@ -128,6 +130,7 @@ def servo_pneumatic(
             `friction_width`: creeps instead of sticking), "constant" (the print's F_r taken to the letter: a
             force that does not know the direction of motion and pushes the piston).
     """
+    s.laws_leave(LAWS_LEAVE)
     P_s, P_e, P_atm = s.param(SUPPLY_PRESSURE), s.param(EXHAUST_PRESSURE), s.param(ATMOSPHERIC_PRESSURE)
     K, R, T_s = s.param(SPECIFIC_HEAT_RATIO), s.param(GAS_CONSTANT), s.param(SUPPLY_TEMPERATURE)
     L, Delta, M = s.param(STROKE), s.param(RESIDUAL_LENGTH), s.param(PAYLOAD_MASS)

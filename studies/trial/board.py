@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
@@ -13,6 +14,7 @@ from scipy.stats import beta
 from studies.trial.judging import Judged
 
 Test = Callable[[Judged], bool]
+RIGHT_LEAVE = "right names leave of the squared error"
 SENSORS = ("position only", "with pressures")
 
 
@@ -115,16 +117,25 @@ def spreads(cases: Sequence[Judged]) -> dict[str, dict[str, float | int]]:
         "hold-out RMSE before, over the oracle's, something missing": before,
         "hold-out RMSE after, over before, something missing": gain,
         "relative error of the named effects' parameters": [e.error for c in cases for e in c.estimates],
+        RIGHT_LEAVE: [c.left for c in cases if c.exact and _asked(c) and c.left is not None],
         "overlap of times": [c.times for c in cases if c.times is not None],
         "... of flagging everything": [c.chance for c in cases if c.chance is not None],
         "overlap of regions": [c.region for c in cases if c.region is not None],
         "seconds": [c.seconds for c in cases if c.seconds is not None],
     }
-    return {
+    table: dict[str, dict[str, float | int]] = {
         name: {"median": float(np.median(v)), "p90": float(np.quantile(v, 0.9)), "count": len(v)}
         for name, v in found.items()
         if v
     }
+    if len(found[RIGHT_LEAVE]) >= 19:
+        table[RIGHT_LEAVE]["in 19 of 20"] = conformal(found[RIGHT_LEAVE])
+    return table
+
+
+def conformal(values: Sequence[float]) -> float:
+    """What a further value of the same kind stays below with a probability of 0.95; it takes 19 values at least."""
+    return sorted(values)[math.ceil(0.95 * (len(values) + 1)) - 1]
 
 
 def _asked(case: Judged) -> bool:
@@ -193,8 +204,9 @@ def text(result: dict[str, Any]) -> str:
     lines = [f"{result['cases']} cases", ""]
     lines += [*map(_line, result["rates"]), ""]
     for name, spread in result["spreads"].items():
+        also = f"  in 19 of 20 at most {spread['in 19 of 20']:.3g}" if "in 19 of 20" in spread else ""
         lines.append(
-            f"{name:64}median {spread['median']:8.3g}  p90 {spread['p90']:8.3g}  of {spread['count']}"
+            f"{name:64}median {spread['median']:8.3g}  p90 {spread['p90']:8.3g}  of {spread['count']}{also}"
         )
     for condition, group in result["by"].items():
         lines += ["", f"first name right, by {condition}"]

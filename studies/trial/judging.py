@@ -9,6 +9,7 @@ from typing import Any
 from studies.trial.overlap import interval_overlap, time_overlap
 
 Pairs = frozenset[frozenset[str]]
+NOISE = 1.2  # times the oracle's error: what a diagnosis takes for the noise
 BASE = {
     "viscous": "viscous_friction", "coulomb": "coulomb_friction",
     "discharge": "discharge_coefficient", "residual_length": "residual_length",
@@ -74,6 +75,15 @@ class Judged:
     after: float | None = None
     oracle: float | None = None
     seconds: float | None = None
+
+    @property
+    def left(self) -> float | None:
+        """Share of the squared error on the hold-out, beyond the oracle's, that the names leave; 0 at the noise."""
+        if self.before is None or self.after is None or self.oracle is None:
+            return None
+        if self.after <= NOISE * self.oracle:
+            return 0.0
+        return (self.after**2 - self.oracle**2) / (max(self.before, self.after) ** 2 - self.oracle**2)
 
     @property
     def called(self) -> str:
