@@ -9,6 +9,8 @@ from typing import Any
 from studies.trial.overlap import interval_overlap, time_overlap
 
 Pairs = frozenset[frozenset[str]]
+# The rig has leaks by their geometric area, a diagnosis by the effective one: times the discharge coefficient.
+LEAKS = ("cross_leakage", "ambient_leakage")
 NOISE = 1.2  # times the oracle's error: what a diagnosis takes for the noise
 BASE = {
     "viscous": "viscous_friction", "coulomb": "coulomb_friction",
@@ -152,7 +154,7 @@ def judge(answer: Mapping[str, Any], ran: Ran) -> Judged:
         times=times,
         chance=chance,
         region=_region(d["findings"], seen),
-        estimates=_estimates(d["findings"], seen),
+        estimates=_estimates(d["findings"], seen, case["base"]),
         base=_base(d, case["base"]),
         before=_rmse(d.get("baseline")),
         after=_rmse(d.get("improved")) or _rmse(d.get("baseline")),
@@ -210,13 +212,17 @@ def _region(
 
 
 def _estimates(
-    findings: list[dict[str, Any]], seen: list[tuple[dict[str, Any], dict[str, Any]]]
+    findings: list[dict[str, Any]],
+    seen: list[tuple[dict[str, Any], dict[str, Any]]],
+    base: Mapping[str, float],
 ) -> tuple[Estimate, ...]:
     out = []
     for hidden, _ in seen:
         finding = _matching(findings, hidden["name"])
         for name, truth in hidden["quantities"].items():
             if finding is not None and name in finding["parameters"]:
+                if hidden["name"] in LEAKS:
+                    truth *= base["discharge"]
                 out.append(_estimate(f"{hidden['name']}.{name}", truth, finding["parameters"][name]))
     return tuple(out)
 

@@ -1,8 +1,11 @@
 """Diagnoses of a user's own plant against a closed form: named when it is there, silent when nothing is missing."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from optid.diagnose import diagnosis as diagnosis_of
 from optid.diagnose.diagnosis import Verdict, diagnose
 from optid.errors import InputError
 from optid.report.diagnosis_document import diagnosis_document
@@ -85,3 +88,24 @@ def test_the_page_stands_alone(dead):
 def test_without_a_hold_out_there_is_no_proof(tmp_path):
     with pytest.raises(InputError, match="held out"):
         diagnose(rig(tmp_path), [recording(1, "a.csv")], [], generator=np.random.default_rng(0))
+
+
+@pytest.mark.parametrize(
+    ("leave", "share", "verdict"),
+    [
+        (0.06, 0.95, Verdict.MISSING_PHYSICS), (0.06, 0.93, Verdict.UNEXPLAINED),
+        (None, 0.93, Verdict.MISSING_PHYSICS), (None, 0.2, Verdict.UNEXPLAINED),
+    ],
+)  # fmt: skip
+def test_names_that_leave_more_than_right_ones_do_are_no_answer(leave, share, verdict, monkeypatch):
+    """Where a blind trial has measured what right names leave, that decides; elsewhere a quarter is asked."""
+    rig = SimpleNamespace(model=SimpleNamespace(laws_leave=leave))
+    base = SimpleNamespace(effects=(), judged="base", rig=rig)
+    best = SimpleNamespace(effects=("lag",), judged="best")
+    for name, value in (("excess", 9.0), ("cleared", share), ("widened", None), ("locate", ["here"])):
+        monkeypatch.setattr(diagnosis_of, name, lambda *others, value=value: value)
+    data = SimpleNamespace(noise={}, generator=None)
+    found = diagnosis_of._verdict(SimpleNamespace(base=base, best=best), data, lambda share, words: None)
+    assert found[0] is verdict
+    assert found[1] is (best if verdict is Verdict.MISSING_PHYSICS else base)
+    assert bool(found[2]) is (verdict is Verdict.UNEXPLAINED)

@@ -56,3 +56,23 @@ def test_sliding_is_full_friction_against_the_motion(shape, speed):
         "f", model.rates.sx_in(), [ca.jacobian(model.rates(*model.rates.sx_in()), model.rates.sx_in(0))]
     )
     assert float(slope([z], [speed], p)) < 0  # it comes back to it
+
+
+def test_damping_of_the_contact_fades_with_speed():
+    """Half of it is left at `bristle_fading`, a fifth at twice that speed."""
+    model = build(contact)
+    values = {
+        "presliding_length": LENGTH,
+        "bristle_lag": 1e-7,
+        "bristle_damping": 3e-4,
+        "bristle_fading": 0.02,
+    }
+    p = model.vector(values)
+
+    def damping(speed):
+        z = [0.3]
+        return float((model.sensors(z, [speed], p) - z) / model.rates(z, [speed], p))
+
+    assert damping(1e-6) == pytest.approx(3e-4, rel=1e-6)
+    assert damping(0.02) == pytest.approx(1.5e-4, rel=1e-6)
+    assert damping(-0.04) == pytest.approx(0.6e-4, rel=1e-6)

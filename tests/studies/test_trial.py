@@ -4,6 +4,7 @@ import ast
 import json
 import sys
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from optid.effects.library import built_in
 from studies import concealed, trial
 from studies.independent_rig import Controller, Rig, Sensors
 from studies.trial import running, scoring
-from studies.trial.board import Rate, board, text
+from studies.trial.board import Rate, board, conformal, text
 from studies.trial.case import SIZES, Case, Hidden, case_from
 from studies.trial.compose import compose
 from studies.trial.concealment import Trace, acts_when, hidden_by, trace
@@ -366,3 +367,28 @@ def test_from_draw_to_board(tmp_path, monkeypatch, capsys):
     assert json.loads((folder / "cases.json").read_text())["answers_sha256"] in html
     assert html.count("<svg") >= 3
     assert "1 of 1 figures that were asked for are reached" in html
+
+
+def test_what_right_names_leave_is_counted_beyond_the_oracle():
+    given = said("missing-physics", finding("valve_offset", "valve"))
+    right = replace(judge(answered(OFFSET), given), before=5e-4)  # then 4e-5 m, where the true model has 3e-5
+    assert right.left == pytest.approx((4e-5**2 - 3e-5**2) / (5e-4**2 - 3e-5**2))
+    assert replace(right, after=3.5e-5).left == 0.0  # good to the noise
+    assert replace(right, oracle=None).left is None
+
+
+def test_the_share_that_19_of_20_stay_below():
+    values = np.arange(1.0, 40.0)  # 39 values: of 40 with the next one two may lie above the 38th
+    assert conformal(values) == 38.0
+    drawn = np.random.default_rng(0).random((4000, 40))
+    assert np.mean([row[-1] <= conformal(row[:-1]) for row in drawn]) == pytest.approx(0.95, abs=0.01)
+
+
+def test_a_leak_is_compared_by_its_effective_area():
+    leak = Hidden("cross_leakage", "flow", "large", {"leak_cross": 1e-7}, {"area": 1e-7})
+    area = {"area": {"value": 7.4e-8, "ci95": [7.3e-8, 7.6e-8]}}
+    (estimate,) = judge(
+        answered(leak), said("missing-physics", finding("cross_leakage", "flow", parameters=area))
+    ).estimates
+    assert estimate.truth == pytest.approx(1e-7 * BASE["discharge"])
+    assert estimate.held is True
