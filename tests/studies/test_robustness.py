@@ -1,0 +1,51 @@
+"""The robustness study: its recordings are as bad as it says, and a row tells right from wrong."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from studies import robustness
+from studies.robustness import CONDITIONS, RIGS, recorded, rig_file
+
+
+@pytest.mark.parametrize("name", ["250_Hz", "missing_2_percent", "12_bits", "4_s"])
+def test_recordings_are_as_bad_as_they_are_called(name):
+    condition = CONDITIONS[name]
+    one = recorded(RIGS["sound"][0], condition)[0]
+    x = one["position"].values
+    assert one.interval == pytest.approx(1.0 / condition.rate)
+    assert len(one) == condition.rate * condition.seconds
+    assert np.isnan(x).any() == (name == "missing_2_percent")
+    if name == "12_bits":
+        steps = x / (0.26 / 4096)
+        assert np.abs(steps - np.round(steps)).max() < 2e-3  # the table has a tenth of a micrometre
+
+
+def test_start_values_are_wrong_within_their_bounds():
+    usual, low = (rig_file(CONDITIONS[name]) for name in ("usual", "start_values_50_percent_low"))
+    for freed in usual.freed:
+        wanted = max(0.5 * usual.parameters[freed.name], freed.low)
+        assert low.parameters[freed.name] == pytest.approx(wanted)
+    assert low.parameters["viscous_friction"] == pytest.approx(0.5 * usual.parameters["viscous_friction"])
+
+
+@pytest.mark.parametrize(
+    ("rig", "names", "verdict", "result"),
+    [
+        ("sound", [], "consistent", "right"), ("sound", [], "unexplained", "silent"),
+        ("sound", ["valve_lag"], "missing-physics", "wrong name"),
+        ("leaking", ["ambient_leakage"], "missing-physics", "right"),
+        ("leaking", ["ambient_leakage", "valve_lag"], "missing-physics", "wrong name"),
+        ("leaking", [], "consistent", "silent"),
+    ],
+)  # fmt: skip
+def test_a_row_tells_right_from_silent_and_wrong(rig, names, verdict, result, monkeypatch):
+    findings = [SimpleNamespace(effect=SimpleNamespace(name=name)) for name in names]
+    said = SimpleNamespace(
+        findings=findings, verdict=SimpleNamespace(value=verdict), best=SimpleNamespace(judged=None), noise={}
+    )
+    monkeypatch.setattr(robustness, "recorded", lambda *others: [None, None])
+    monkeypatch.setattr(robustness, "diagnose", lambda *others, **more: said)
+    monkeypatch.setattr(robustness, "excess", lambda *others: 1.0)
+    assert robustness.row(("usual", rig)).result == result
