@@ -3,36 +3,43 @@
 Four sources: the noise (Fisher's information), colour of the innovations (a sandwich over blocks), every effect that
 was not named, which may be present up to the smallest size worth a name, and the numerical settings, which may be
 wrong by a factor of two. The last two are priors on sizes that the data may sharpen; they are what keeps intervals
-honest when a law's form is not exact.
+honest when a law's form is not exact. Where it visibly is not, recordings disagree, and that counts as well.
 """
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Sequence
 
 import numpy as np
 from scipy import stats
 
-from optid.core.model import Array
+from optid.core.model import Array, Model
+from optid.diagnose.candidate import QUICK, Candidate, Data
 from optid.diagnose.judge import numerical_settings
 from optid.diagnose.screen import LOST, Signature, View
-from optid.fit.likelihood import run_steered
+from optid.errors import SolveError
+from optid.fit.likelihood import WHOLE, run_steered
 from optid.fit.place import Answer
+from optid.fit.problem import pose
 from optid.fit.result import Estimate
+from optid.fit.scoring import maximise, question_of
 
 UNNAMED = 0.5  # sd of an unnamed effect's size, in smallest sizes worth a name
 BLOCK = 0.25  # s of innovations that count as one
 
 
-def estimates(answer: Answer, signatures: Sequence[Signature]) -> tuple[Estimate, ...]:
-    """Every free parameter with its 95 % interval, SI."""
+def estimates(
+    answer: Answer, signatures: Sequence[Signature], least: Array | None = None
+) -> tuple[Estimate, ...]:
+    """Every free parameter with its 95 % interval, SI; `least` is the least half-width of each, (free,), SI."""
     q = answer.question
     theta = answer.p[list(q.free)]
     covariance = _covariance(answer, signatures)
     sd = np.sqrt(np.maximum(np.diag(covariance), 0.0)) * q.typical
     span = np.where(np.isfinite(q.high - q.low), q.high - q.low, np.abs(theta) + q.typical)
     bound = (theta - q.low <= 1e-9 * span) | (q.high - theta <= 1e-9 * span)
-    half = stats.norm.ppf(0.975) * sd
+    half = np.maximum(stats.norm.ppf(0.975) * sd, 0.0 if least is None else least)
     found = []
     for k, i in enumerate(q.free):
         parameter = q.model.parameters[i]
@@ -45,6 +52,28 @@ def estimates(answer: Answer, signatures: Sequence[Signature]) -> tuple[Estimate
             )
         )  # fmt: skip
     return tuple(found)
+
+
+def disagreement(model: Candidate, data: Data, plain: Model) -> Array:
+    """Half-widths of 95 % intervals by the jackknife over recordings (Miller, Biometrika 61, 1974), (free,), SI.
+
+    A law of another form than the truth's comes out differently where the excitation differs.
+    """
+    q, found = model.answer.question, []
+    for number in range(len(data.train) if len(data.train) > 1 else 0):
+        rest = [recording for k, recording in enumerate(data.train) if k != number]
+        question = question_of(model.rig, pose(q.model, rest, WHOLE), plain)
+        with contextlib.suppress(SolveError):
+            answer = maximise(
+                question, model.answer.p, model.answer.noise.levels, iterations=QUICK, polish=False
+            )
+            found.append(answer.p[list(q.free)])
+    count = len(found)
+    if count < 2:
+        return np.zeros(len(q.free))
+    squares = (np.array(found) - np.mean(found, axis=0)) ** 2
+    spread = np.sqrt((count - 1) / count * squares.sum(axis=0))
+    return np.asarray(stats.t.ppf(0.975, count - 1) * spread)
 
 
 def _covariance(answer: Answer, signatures: Sequence[Signature]) -> Array:

@@ -16,6 +16,7 @@ from optid.diagnose.law import law_at
 from optid.diagnose.refit import Rival
 from optid.diagnose.residuals import _portmanteau
 from optid.diagnose.screen import screen
+from optid.diagnose.uncertainty import disagreement, estimates
 from optid.diagnose.where import _range
 from optid.diagnose.words import quantity
 from optid.effects.library import admitted
@@ -212,3 +213,19 @@ def test_an_effect_that_its_refit_loses_is_tried_again_from_others(again, monkey
 def test_the_air_may_go_wrong_in_both_chambers_at_once():
     tried = places(read_rig(Path(__file__).parents[2] / "data" / "bench.toml").model)
     assert ("flow.chamber_a", "flow.chamber_b") in tried and ("valve.command",) in tried
+
+
+def test_recordings_that_disagree_widen_the_intervals(tmp_path):
+    def said(factors):
+        train = [recording(k, f"run{k}.csv", lambda u, f=f: f * u) for k, f in enumerate(factors)]
+        data = Data(tuple(train), tuple(train), {}, np.random.default_rng(0))
+        base = fit_base(rig(tmp_path), data, lambda share, words: None)
+        gain = [base.rig.model.parameters[i].name for i in base.answer.question.free].index("gain")
+        return base, disagreement(base, data, base.rig.model), gain
+
+    base, apart, gain = said((1.1, 0.9, 1.0))
+    # Without one of them 2.85, 3.15 and 3: a spread of 0.17, and Student's 4.3 with two degrees of freedom.
+    assert apart[gain] == pytest.approx(4.3 * 0.173, rel=0.2)
+    least = estimates(base.answer, (), apart)[gain]
+    assert least.high - least.low > 1.9 * apart[gain]
+    assert said((1.0, 1.0, 1.0))[1][gain] < 0.05
