@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from scipy import stats
 
-from optid.core.model import Array, Model
-from optid.diagnose.candidate import QUICK, SCANNED, Candidate, Data, Report
+from optid.core.model import Array
+from optid.diagnose.candidate import QUICK, SCANNED, Candidate, Data
 from optid.diagnose.judge import Comparison, cleared, compare, judge
 from optid.diagnose.screen import Signature
 from optid.effects.effect import Effect
@@ -52,39 +52,24 @@ class Rival:
     hopeful: bool
 
 
-def refit(
-    base: Candidate,
-    current: Candidate,
-    guide: Answer,
-    few: Sequence[Signature],
-    screened: int,
-    data: Data,
-    report: Report,
-    share: float,
-) -> list[Rival]:
-    """Refits of the few most promising, best first; a rival without a reason against it may win."""
-    tried = []
-    for signature in few:
-        effect = signature.effect
-        report(share, f"trying {effect.name}")
-        rig = with_effects(current.rig, (effect,), effect.qualified(signature.values))
-        with contextlib.suppress(SolveError):  # with this effect the model may leave the numbers at once
-            answer = _attempt(current, guide, signature, rig, data, base.rig.model, signature is few[0])
-            tried.append(_Refit(effect, rig, answer))
-    tried.sort(key=lambda t: t.answer.score)
-    _follow(tried, current, guide, report, share)
+@dataclass(frozen=True, eq=False)
+class Contest:
+    """What the refits of a round have in common.
 
-    def rival(place: int) -> Rival:
-        t = tried[place]
-        candidate = Candidate((*current.effects, t.effect), t.rig, t.answer, judge(t.answer, data.holdout))
-        return _rival(t.effect, candidate, base, current, place, screened, data)
+    Attributes:
+        base, current: the model before any effect, and the one that the round goes from.
+        guide: whose filter's gains lead first refits.
+        screened: how many effects the screen saw.
+        data: recordings.
+        tell: is told what is being done.
+    """
 
-    rivals = [rival(place) for place in range(len(tried))]
-    first = min(range(len(tried)), key=lambda place: _order(rivals[place]), default=None)
-    if first is not None and not tried[first].settled and not rivals[first].why:
-        _settle(tried[first], report, share)
-        rivals[first] = rival(first)
-    return sorted(rivals, key=_order)
+    base: Candidate
+    current: Candidate
+    guide: Answer
+    screened: int
+    data: Data
+    tell: Callable[[str], None]
 
 
 @dataclass(eq=False)
@@ -96,44 +81,64 @@ class _Refit:
     answer: Answer
     settled: bool = False
 
+    @property
+    def size(self) -> float:
+        """In smallest sizes worth a name."""
+        return self.effect.size(own_values(self.effect, self.rig, self.answer))
 
-def _follow(tried: list[_Refit], current: Candidate, guide: Answer, report: Report, share: float) -> None:
+
+def refit(c: Contest, few: Sequence[Signature]) -> list[Rival]:
+    """Refits of the few most promising, best first; a rival without a reason against it may win."""
+    tried = []
+    for signature in few:
+        c.tell(f"trying {signature.effect.name}")
+        with contextlib.suppress(SolveError):  # with this effect the model may leave the numbers at once
+            tried.append(_attempt(c, signature, again=signature is few[0]))
+    tried.sort(key=lambda t: t.answer.score)
+    _follow(c, tried)
+    rivals = [_rival(c, t, place) for place, t in enumerate(tried)]
+    first = min(range(len(tried)), key=lambda place: _order(rivals[place]), default=None)
+    if first is not None and not tried[first].settled and not rivals[first].why:
+        _settle(c, tried[first])
+        rivals[first] = _rival(c, tried[first], first)
+    return sorted(rivals, key=_order)
+
+
+def _follow(c: Contest, tried: list[_Refit]) -> None:
     """Bring the best of the first refits further, and settle those that then are close together."""
-    here = current.answer.score
+    here = c.current.answer.score
     gains = [here - t.answer.score for t in tried]
     for place, (t, gain) in enumerate(zip(tried, gains, strict=True)):
         alike = t.effect.name in tried[0].effect.look_alikes or tried[0].effect.name in t.effect.look_alikes
         near = place < (3 if alike else 2) and gain > (ALIKE if alike else NEAR) * gains[0]
-        if near and _size(t.effect, t.rig, t.answer) > TINY:
-            report(share, f"refitting with {t.effect.name}")
-            start = followed(t.answer, guide.noise.levels, SCANNED)
+        if near and t.size > TINY:
+            c.tell(f"refitting with {t.effect.name}")
+            start = followed(t.answer, c.guide.noise.levels, SCANNED)
             t.answer = maximise(t.answer.question, *start, iterations=QUICK, polish=False, near=t.answer)
     gains = [here - t.answer.score for t in tried]
     for t, gain in zip(tried, gains, strict=True):
-        if gain > CLOSE * max(gains) and _size(t.effect, t.rig, t.answer) > TINY:
-            _settle(t, report, share)
+        if gain > CLOSE * max(gains) and t.size > TINY:
+            _settle(c, t)
     tried.sort(key=lambda t: t.answer.score)
 
 
-def _settle(t: _Refit, report: Report, share: float) -> None:
-    report(share, f"settling {t.effect.name}")
+def _settle(c: Contest, t: _Refit) -> None:
+    c.tell(f"settling {t.effect.name}")
     t.answer = maximise(t.answer.question, t.answer.p, t.answer.noise.levels, near=t.answer)
     t.settled = True
 
 
-def _rival(
-    effect: Effect, candidate: Candidate, base: Candidate, current: Candidate, place: int, screened: int,
-    data: Data,
-) -> Rival:  # fmt: skip
+def _rival(c: Contest, t: _Refit, place: int) -> Rival:
     """A refitted effect against the model of its round, in its turn by likelihood."""
-    gain = current.answer.score - candidate.answer.score
-    against = compare(current.judged, candidate.judged, data.generator)
-    misfit = _misfit(effect, candidate, gain, screened)
-    more = cleared(base.judged, candidate.judged, data.noise)
-    if current.effects:
-        more -= cleared(base.judged, current.judged, data.noise)
-    why = misfit or _unproven(against, place) or _formal(current, more)
-    return Rival(effect, candidate, gain, against, why, not misfit)
+    candidate = Candidate((*c.current.effects, t.effect), t.rig, t.answer, judge(t.answer, c.data.holdout))
+    gain = c.current.answer.score - t.answer.score
+    against = compare(c.current.judged, candidate.judged, c.data.generator)
+    misfit = _misfit(t, gain, c.screened)
+    more = cleared(c.base.judged, candidate.judged, c.data.noise)
+    if c.current.effects:
+        more -= cleared(c.base.judged, c.current.judged, c.data.noise)
+    why = misfit or _unproven(against, place) or _formal(c.current, more)
+    return Rival(t.effect, candidate, gain, against, why, not misfit)
 
 
 def _order(rival: Rival) -> tuple[bool, float]:
@@ -146,49 +151,39 @@ def cost(effect: Effect) -> float:
     return len(effect.parameters) * math.log(1e4)
 
 
-def _attempt(
-    current: Candidate,
-    guide: Answer,
-    signature: Signature,
-    rig: Rig,
-    data: Data,
-    plain: Model,
-    again: bool,
-) -> Answer:
+def _attempt(c: Contest, signature: Signature, again: bool) -> _Refit:
     """A first refit from where the screen would have the effect; `again` from other sizes if that loses it."""
-    question = question_of(rig, pose(rig.model, data.train, WHOLE), plain)
     effect = signature.effect
-    best = _started(question, current, guide, effect, signature.values)
-    if not again or effect.size(signature.values) < 1.0 or _size(effect, rig, best) >= 1.0:
-        return best
-    for factor in AGAIN:
-        with contextlib.suppress(SolveError):
-            other = _started(question, current, guide, effect, _scaled(effect, signature.values, factor))
-            best = min(best, other, key=lambda answer: answer.score)
+    rig = with_effects(c.current.rig, (effect,), effect.qualified(signature.values))
+    question = question_of(rig, pose(rig.model, c.data.train, WHOLE), c.base.rig.model)
+    best = _Refit(effect, rig, _started(c, question, effect, signature.values))
+    if again and effect.size(signature.values) >= 1.0 > best.size:
+        for factor in AGAIN:
+            with contextlib.suppress(SolveError):
+                other = _started(c, question, effect, _scaled(effect, signature.values, factor))
+                best.answer = min(best.answer, other, key=lambda answer: answer.score)
     return best
 
 
-def _started(
-    question: Question, current: Candidate, guide: Answer, effect: Effect, values: Mapping[str, float]
-) -> Answer:
+def _started(c: Contest, question: Question, effect: Effect, values: Mapping[str, float]) -> Answer:
     """By the gains of the guide, which may move the states less than the current model's, then a rough refit."""
-    model, own = question.model, current.rig.model
+    model, own = question.model, c.current.rig.model
 
     def placed(values: Mapping[str, float]) -> Array:
         p = model.vector(question.rig.parameters)
-        p[[model.index(parameter.name) for parameter in own.parameters]] = current.answer.p
+        p[[model.index(parameter.name) for parameter in own.parameters]] = c.current.answer.p
         for name, value in effect.qualified(values).items():
             low, high = model.parameters[model.index(name)].bounds
             p[model.index(name)] = min(max(value, low), high)
         return p
 
     # A trace of it is as likely as none, wherever the screen would have led.
-    p, faint, levels = placed(values), placed(_scaled(effect, values, FAINT)), current.answer.noise.levels
+    p, faint, levels = placed(values), placed(_scaled(effect, values, FAINT)), c.current.answer.noise.levels
     best = likeliest(question, [(p, levels), (faint, levels)])
     with contextlib.suppress(SolveError):  # it holds on to the data by more noise than the guide allows
-        led = steered_fit(question, p, guide.question.model, guide.filtered, QUICK)
+        led = steered_fit(question, p, c.guide.question.model, c.guide.filtered, QUICK)
         best = likeliest(question, [best, *((led, levels - by) for by in SCANNED)])
-    return maximise(question, *best, iterations=QUICK, polish=False, near=guide)
+    return maximise(question, *best, iterations=QUICK, polish=False, near=c.guide)
 
 
 def _scaled(effect: Effect, values: Mapping[str, float], factor: float) -> dict[str, float]:
@@ -200,14 +195,13 @@ def _scaled(effect: Effect, values: Mapping[str, float], factor: float) -> dict[
     }
 
 
-def _misfit(effect: Effect, candidate: Candidate, gain: float, screened: int) -> str:
+def _misfit(t: _Refit, gain: float, screened: int) -> str:
     """Why a refitted effect does not even fit the recordings it was given; empty when it does."""
-    size, count = _size(effect, candidate.rig, candidate.answer), len(effect.parameters)
-    needed = stats.chi2.isf(LEVEL / max(screened, 1), count) + cost(effect)
+    needed = stats.chi2.isf(LEVEL / max(screened, 1), len(t.effect.parameters)) + cost(t.effect)
     if gain < needed:
         return f"the refit gains {gain:.0f} in -2 log likelihood where {needed:.0f} are needed"
-    if size < 1.0:
-        return f"the refit leaves it at {100 * size:.0f} % of the smallest size worth a name"
+    if t.size < 1.0:
+        return f"the refit leaves it at {100 * t.size:.0f} % of the smallest size worth a name"
     return ""
 
 
@@ -234,7 +228,3 @@ def own_values(effect: Effect, rig: Rig, answer: Answer) -> dict[str, float]:
     """The fitted values of an effect's parameters by own name, SI."""
     index = rig.model.index
     return {q.name: float(answer.p[index(f"{effect.name}.{q.name}")]) for q in effect.parameters}
-
-
-def _size(effect: Effect, rig: Rig, answer: Answer) -> float:
-    return effect.size(own_values(effect, rig, answer))

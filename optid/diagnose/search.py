@@ -9,13 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 from scipy import stats
 
 from optid.core.model import Model
 from optid.diagnose.candidate import QUIETER, Candidate, Data, Report, refitted, settled
 from optid.diagnose.judge import EXCESS, compare, excess
-from optid.diagnose.refit import LEVEL, TINY, Rival, cost, refit
+from optid.diagnose.refit import LEVEL, TINY, Contest, Rival, cost, refit
 from optid.diagnose.screen import Signature, screen
 from optid.effects.effect import Effect
 from optid.effects.library import admitted
@@ -78,7 +79,8 @@ def search(base: Candidate, own: Sequence[Effect], data: Data, report: Report) -
             guide = quieted(current.answer, QUIETER)
             tight = screen(guide, data.train, effects)
         few = _promising(signatures, tight)
-        rivals = refit(base, current, guide, few, len(signatures), data, report, share)
+        contest = Contest(base, current, guide, len(signatures), data, partial(report, share))
+        rivals = refit(contest, few) if depth < DEEPEST else []
         winner = next((rival for rival in rivals if not rival.why), None)
         ahead = winner
         if winner is None and current is confirmed and depth + 1 < DEEPEST and tight:

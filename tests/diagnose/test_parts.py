@@ -133,13 +133,14 @@ def test_a_candidate_that_leaves_the_numbers_drops_out(tmp_path, monkeypatch):
     bold = [replace(one, gain=1e6, values=one.effect.usual[0]) for one in signatures]
     whole = refit_of._attempt
 
-    def attempt(current, guide, signature, *others):
+    def attempt(contest, signature, again):
         if signature is bold[0]:
             raise SolveError("the simulation leaves the numbers")
-        return whole(current, guide, signature, *others)
+        return whole(contest, signature, again)
 
     monkeypatch.setattr(refit_of, "_attempt", attempt)
-    rivals = refit_of.refit(base, base, base.answer, bold, len(bold), data, lambda share, words: None, 0.0)
+    contest = refit_of.Contest(base, base, base.answer, len(bold), data, lambda words: None)
+    rivals = refit_of.refit(contest, bold)
     assert [rival.effect.name for rival in rivals] == [bold[1].effect.name]
 
 
@@ -154,11 +155,11 @@ def test_an_unconfirmed_step_counts_only_if_the_next_is_confirmed(second, monkey
     names = {(): "one", ("one",): "two"}
     rig = SimpleNamespace(model=None)
 
-    def rivals(base, current, *others):
-        name = names.get(tuple(current.effects))
+    def rivals(contest, few):
+        name = names.get(tuple(contest.current.effects))
         if name is None:
             return []
-        candidate = Candidate((*current.effects, name), rig, None, None)
+        candidate = Candidate((*contest.current.effects, name), rig, None, None)
         why = "" if name == "two" and second else "no gain on the recordings held out"
         return [Rival(name, candidate, 100.0, None, why, hopeful=True)]
 
@@ -192,22 +193,24 @@ def test_of_two_as_good_the_effect_with_fewer_parameters_leads():
 @pytest.mark.parametrize("again", [True, False])
 def test_an_effect_that_its_refit_loses_is_tried_again_from_others(again, monkeypatch):
     effect = SimpleNamespace(
-        size=lambda values: values["much"], at_null=lambda: {"much": 0.0}, strength={"much": 1.0}
-    )
+        size=lambda values: values["much"], at_null=lambda: {"much": 0.0}, strength={"much": 1.0},
+        qualified=lambda values: values,
+    )  # fmt: skip
     scores = {2.0: -10.0, 1.0: -500.0, 4.0: -50.0}  # from the screen's size the refit ends at nothing
 
-    def started(question, current, guide, effect, values):
+    def started(contest, question, effect, values):
         much = values["much"]
-        return SimpleNamespace(score=scores[much], size=0.0 if much == 2.0 else much)
+        return SimpleNamespace(score=scores[much], much=0.0 if much == 2.0 else much)
 
     monkeypatch.setattr(refit_of, "_started", started)
-    monkeypatch.setattr(refit_of, "_size", lambda effect, rig, answer: answer.size)
-    for name in ("question_of", "pose"):
-        monkeypatch.setattr(refit_of, name, lambda *others: None)
-    signature, rig = SimpleNamespace(effect=effect, values={"much": 2.0}), SimpleNamespace(model=None)
+    monkeypatch.setattr(refit_of, "own_values", lambda effect, rig, answer: {"much": answer.much})
+    for name in ("question_of", "pose", "with_effects"):
+        monkeypatch.setattr(refit_of, name, lambda *others: SimpleNamespace(model=None))
+    model = SimpleNamespace(rig=SimpleNamespace(model=None))
     data = Data((), (), {}, np.random.default_rng(0))
-    found = refit_of._attempt(None, None, signature, rig, data, None, again)
-    assert found.score == (-500.0 if again else -10.0)
+    contest = refit_of.Contest(model, model, None, 1, data, lambda words: None)
+    found = refit_of._attempt(contest, SimpleNamespace(effect=effect, values={"much": 2.0}), again)
+    assert found.answer.score == (-500.0 if again else -10.0)
 
 
 def test_the_air_may_go_wrong_in_both_chambers_at_once():
