@@ -71,12 +71,14 @@ def fit_base(rig: Rig, data: Data, report: Report) -> Candidate:
             for one in near
         ]
     best = min(near, key=lambda answer: answer.score)
-    known = excess(judge(best, data.holdout), data.noise) > EXCESS
-    if known:
-        best = _followed(best)
     report(0.06, "settling the base model")
+    if excess(judge(best, data.holdout), data.noise) > EXCESS:
+        best = _followed(best)
+        # What is missing leaves more open than the last few units of likelihood would close.
+        best = maximise(question, best.p, best.noise.levels, polish=False)
+        return Candidate((), rig, best, judge(best, data.holdout))
     base = settled((), rig, best.p, best, data, rig.model)
-    if known or excess(base.judged, data.noise) <= EXCESS:
+    if excess(base.judged, data.noise) <= EXCESS:
         return base
     other = _followed(base.answer)
     again = settled((), rig, other.p, other, data, rig.model)
