@@ -5,14 +5,14 @@ from __future__ import annotations
 import contextlib
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from scipy import stats
 
 from optid.core.model import Array
 from optid.diagnose.candidate import QUICK, SCANNED, Candidate, Data
 from optid.diagnose.judge import Comparison, cleared, compare, judge
-from optid.diagnose.screen import Signature
+from optid.diagnose.screen import Signature, grown
 from optid.effects.effect import Effect
 from optid.errors import SolveError
 from optid.fit.likelihood import WHOLE
@@ -20,7 +20,7 @@ from optid.fit.place import Answer, Question
 from optid.fit.problem import pose
 from optid.fit.scoring import followed, likeliest, maximise, question_of
 from optid.fit.steering import steered_fit
-from optid.rigs.rigfile import Rig, with_effects
+from optid.rigs.rigfile import Rig
 
 LEVEL = 0.01  # of false alarms on a rig that lacks nothing, for the whole catalogue together
 WORTH = 0.04  # share by which an effect must lower the windows' error on the hold-out (physics catalogue B.3, step 5)
@@ -154,7 +154,8 @@ def cost(effect: Effect) -> float:
 def _attempt(c: Contest, signature: Signature, again: bool) -> _Refit:
     """A first refit from where the screen would have the effect; `again` from other sizes if that loses it."""
     effect = signature.effect
-    rig = with_effects(c.current.rig, (effect,), effect.qualified(signature.values))
+    rig = grown(c.current.rig, effect)
+    rig = replace(rig, parameters={**rig.parameters, **effect.qualified(signature.values)})
     question = question_of(rig, pose(rig.model, c.data.train, WHOLE), c.base.rig.model)
     best = _Refit(effect, rig, _started(c, question, effect, signature.values))
     if again and effect.size(signature.values) >= 1.0 > best.size:
@@ -179,11 +180,11 @@ def _started(c: Contest, question: Question, effect: Effect, values: Mapping[str
 
     # A trace of it is as likely as none, wherever the screen would have led.
     p, faint, levels = placed(values), placed(_scaled(effect, values, FAINT)), c.current.answer.noise.levels
-    best = likeliest(question, [(p, levels), (faint, levels)])
+    starts = [(p, levels), (faint, levels)]
     with contextlib.suppress(SolveError):  # it holds on to the data by more noise than the guide allows
         led = steered_fit(question, p, c.guide.question.model, c.guide.filtered, QUICK)
-        best = likeliest(question, [best, *((led, levels - by) for by in SCANNED)])
-    return maximise(question, *best, iterations=QUICK, polish=False, near=c.guide)
+        starts += [(led, levels - by) for by in SCANNED]
+    return maximise(question, *likeliest(question, starts), iterations=QUICK, polish=False, near=c.guide)
 
 
 def _scaled(effect: Effect, values: Mapping[str, float], factor: float) -> dict[str, float]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from optid.effects.effect import Effect
 from optid.fit.likelihood import FAR, WHOLE, run_steered
 from optid.fit.place import Answer
 from optid.fit.problem import Booleans, Integers, Problem, pose
-from optid.rigs.rigfile import with_effects
+from optid.rigs.rigfile import Rig, with_effects
 
 SHARES = (0.3, 1.0)  # of an effect's usual size at which it is tried
 LOST = 30.0  # sd: a change beyond it is a model that lost track under held gains, and says nothing
@@ -95,8 +96,14 @@ class View:
         return np.asarray(column - self.basis @ (self.basis.T @ column))
 
 
+@lru_cache(maxsize=64)
+def grown(rig: Rig, effect: Effect) -> Rig:
+    """A rig with one more effect, at nothing; remembered, so that every look of a round has one compiled model."""
+    return with_effects(rig, (effect,), {})
+
+
 def _best(answer: Answer, recordings: Sequence[Recording], effect: Effect, view: View) -> Signature | None:
-    rig = with_effects(answer.question.rig, (effect,), {})
+    rig = grown(answer.question.rig, effect)
     model, plain = rig.model, answer.question.model
     problem = pose(model, recordings, WHOLE)
     null = effect.at_null()

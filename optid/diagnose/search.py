@@ -15,8 +15,8 @@ from scipy import stats
 
 from optid.core.model import Model
 from optid.diagnose.candidate import QUIETER, Candidate, Data, Report, refitted, settled
-from optid.diagnose.judge import EXCESS, compare, excess
-from optid.diagnose.refit import LEVEL, TINY, Contest, Rival, cost, refit
+from optid.diagnose.judge import EXCESS, cleared, compare, excess
+from optid.diagnose.refit import FORM, LEVEL, TINY, Contest, Rival, cost, refit
 from optid.diagnose.screen import Signature, screen
 from optid.effects.effect import Effect
 from optid.effects.library import admitted
@@ -73,6 +73,9 @@ def search(base: Candidate, own: Sequence[Effect], data: Data, report: Report) -
         report(share, f"round {depth + 1}: screening the catalogue")
         effects = admitted(current.rig.model, own)
         signatures = screen(current.answer, data.train, effects)
+        if _nothing_left(base, current, data):
+            rounds.append(Round(current, tuple(signatures), (), None, None))
+            break
         tight, guide = [], current.answer
         if excess(current.judged, data.noise) > EXCESS:
             # What is missing may hide in the process noise: look with less of it, too.
@@ -80,20 +83,27 @@ def search(base: Candidate, own: Sequence[Effect], data: Data, report: Report) -
             tight = screen(guide, data.train, effects)
         few = _promising(signatures, tight)
         contest = Contest(base, current, guide, len(signatures), data, partial(report, share))
-        rivals = refit(contest, few) if depth < DEEPEST else []
+        rivals = refit(contest, few)
         winner = next((rival for rival in rivals if not rival.why), None)
         ahead = winner
         if winner is None and current is confirmed and depth + 1 < DEEPEST and tight:
             hopeful = [rival for rival in rivals if rival.hopeful]
             ahead = max(hopeful, key=lambda rival: rival.train_gain, default=None)
         rounds.append(Round(current, tuple(signatures), tuple(rivals), winner, ahead))
-        if ahead is None or depth == DEEPEST:
+        if ahead is None:
             break
         before, current = current, ahead.candidate
         if winner is not None:
             confirmed = current
     best, without, dropped = _thinned(base, confirmed, before, data, plain, report)
     return Search(base, best, tuple(rounds), without, dropped)
+
+
+def _nothing_left(base: Candidate, current: Candidate, data: Data) -> bool:
+    """No further effect may be named: there are as many as can be, or they leave less than another must clear."""
+    if len(current.effects) == DEEPEST:
+        return True
+    return bool(current.effects) and 1.0 - cleared(base.judged, current.judged, data.noise) < FORM
 
 
 def _promising(plain: Sequence[Signature], tight: Sequence[Signature]) -> list[Signature]:

@@ -166,6 +166,7 @@ def test_an_unconfirmed_step_counts_only_if_the_next_is_confirmed(second, monkey
     monkeypatch.setattr(search_of, "refit", rivals)
     monkeypatch.setattr(search_of, "_thinned", lambda base, current, *others: (current, {}, ()))
     monkeypatch.setattr(search_of, "excess", lambda judged, noise: 9.0)
+    monkeypatch.setattr(search_of, "cleared", lambda *others: 0.5)
     for name in ("screen", "admitted", "quieted", "_promising"):
         monkeypatch.setattr(search_of, name, lambda *others: [1])
     data = Data((), (), {}, np.random.default_rng(0))
@@ -204,8 +205,10 @@ def test_an_effect_that_its_refit_loses_is_tried_again_from_others(again, monkey
 
     monkeypatch.setattr(refit_of, "_started", started)
     monkeypatch.setattr(refit_of, "own_values", lambda effect, rig, answer: {"much": answer.much})
-    for name in ("question_of", "pose", "with_effects"):
-        monkeypatch.setattr(refit_of, name, lambda *others: SimpleNamespace(model=None))
+    for name in ("question_of", "pose", "grown", "replace"):
+        monkeypatch.setattr(
+            refit_of, name, lambda *others, **more: SimpleNamespace(model=None, parameters={})
+        )
     model = SimpleNamespace(rig=SimpleNamespace(model=None))
     data = Data((), (), {}, np.random.default_rng(0))
     contest = refit_of.Contest(model, model, None, 1, data, lambda words: None)
@@ -232,3 +235,28 @@ def test_recordings_that_disagree_widen_the_intervals(tmp_path):
     least = estimates(base.answer, (), apart)[gain]
     assert least.high - least.low > 1.9 * apart[gain]
     assert said((1.0, 1.0, 1.0))[1][gain] < 0.05
+
+
+@pytest.mark.parametrize(("share", "asked"), [(0.99, 1), (0.9, 2)])
+def test_a_search_ends_when_no_further_effect_could_clear_enough(share, asked, monkeypatch):
+    rounds = []
+
+    def rivals(contest, few):
+        rounds.append(contest.current.effects)
+        name = f"effect {len(rounds)}"
+        if len(rounds) > 1:
+            return []
+        candidate = Candidate((name,), SimpleNamespace(model=None), None, None)
+        return [Rival(name, candidate, 100.0, None, "", hopeful=True)]
+
+    monkeypatch.setattr(search_of, "refit", rivals)
+    monkeypatch.setattr(search_of, "_thinned", lambda base, current, *others: (current, {}, ()))
+    monkeypatch.setattr(search_of, "excess", lambda judged, noise: 9.0)
+    monkeypatch.setattr(search_of, "cleared", lambda *others: share)
+    for name in ("screen", "admitted", "quieted", "_promising"):
+        monkeypatch.setattr(search_of, name, lambda *others: [1])
+    base = Candidate((), SimpleNamespace(model=None), None, None)
+    data = Data((), (), {}, np.random.default_rng(0))
+    found = search_of.search(base, (), data, lambda share, words: None)
+    assert len(rounds) == asked
+    assert found.best.effects == ("effect 1",)
