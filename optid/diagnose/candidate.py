@@ -24,6 +24,9 @@ STUCK = {
     "presliding_length": -1,
     "presliding_shape": 1,
 }  # bounds at which friction at rest neither yields nor creeps
+FADES = (
+    0.02  # m/s: where a search for the fading of the contact's damping begins; at its default it hardly shows
+)
 QUICK = 15  # iterations of a first refit; the best then converge
 
 Report = Callable[[float, str], None]
@@ -58,6 +61,9 @@ def fit_base(rig: Rig, data: Data, report: Report) -> Candidate:
     report(0.02, "fitting the base model")
     question = question_of(rig, pose(rig.model, data.train, WHOLE), rig.model)
     start = rig.model.vector(rig.parameters)
+    for i in question.free:
+        if rig.model.parameters[i].name == "bristle_fading":
+            start[i] = FADES
     stuck = start.copy()
     for k, i in enumerate(question.free):
         name = rig.model.parameters[i].name

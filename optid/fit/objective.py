@@ -9,6 +9,7 @@ import numpy as np
 
 from optid.check.noise import colour, noise_sd
 from optid.core.model import Array, Model
+from optid.core.parameter import Parameter
 from optid.core.recording import Recording
 from optid.fit.problem import Problem
 from optid.fit.smoother import Objective
@@ -24,29 +25,32 @@ NUISANCE = {
     "presliding_length": None,
     "presliding_shape": None,
     "friction_width": None,
-    "bristle_damping": 5e-3,
-    "bristle_fading": 0.05,
     "sampling_skew": 2e-4,
 }
+# Freed as well where fits are by filter: a smoother of short recordings loses its way in them (one fit in five of 4 s).
+CONTACT = {"bristle_damping": 5e-3, "bristle_fading": None}
 # Contacts that give by more than this before they slide are physics worth a name, not a nuisance; by less than the
 # least, no sensor sees it, and the equations at rest would only become stiff.
 LEAST = {"presliding_length": 2e-6, "bristle_fading": 2e-3}
 MOST = {"presliding_length": 6e-5, "bristle_damping": 2e-2, "bristle_fading": 0.5}
 
 
-def freed_with_rest(rig: Rig) -> tuple[Freed, ...]:
-    """What the fit moves: the rig's [fit] table, and friction at rest where the file does not state it."""
-    freed = list(rig.freed)
+def freed_with_rest(rig: Rig, *, contact: bool = False) -> tuple[Freed, ...]:
+    """What the fit moves: the rig's [fit] table, and friction at rest where the file does not state it.
+
+    With `contact` also how the elastic motion before sliding is damped.
+    """
+    freed, nuisance = list(rig.freed), NUISANCE | (CONTACT if contact else {})
     names = {f.name for f in freed}
     freed += [
         Freed(
             parameter.name,
             max(parameter.bounds[0], LEAST.get(parameter.name, -math.inf)),
             min(parameter.bounds[1], MOST.get(parameter.name, math.inf)),
-            NUISANCE[parameter.name],
+            nuisance[parameter.name],
         )
         for parameter in rig.model.parameters
-        if parameter.name in NUISANCE and parameter.name not in names | set(rig.parameters)
+        if parameter.name in nuisance and parameter.name not in names | set(rig.parameters)
     ]
     return tuple(freed)
 
@@ -74,7 +78,7 @@ def objective_of(
         free,
         np.array([f.low for f in freed]),
         np.array([f.high for f in freed]),
-        np.array([abs(p[i]) or model.parameters[i].typical for i in free]),
+        np.array([_size(model.parameters[i], p[i]) for i in free]),
         p[list(free)],
         sd,
         weight,
@@ -84,6 +88,11 @@ def objective_of(
         SOLVER,
     )
     return objective, p
+
+
+def _size(parameter: Parameter, value: float) -> float:
+    """A parameter's usual size, of which searches take their steps."""
+    return parameter.typical if parameter.name in CONTACT else abs(value) or parameter.typical
 
 
 def _sd(rig: Rig, problem: Problem, output: int, role: str) -> float:

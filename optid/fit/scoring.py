@@ -38,7 +38,7 @@ SCAN = (-3.0, 0.0, 2.0)  # steps of a log level that are looked at
 
 def question_of(rig: Rig, problem: Problem, plain: Model | None = None) -> Question:
     """What the recordings are asked of everything that the rig frees; effects' states carry no process noise."""
-    o, _ = objective_of(rig, freed_with_rest(rig), problem)
+    o, _ = objective_of(rig, freed_with_rest(rig, contact=True), problem)
     names = None if plain is None else [state.name for state in plain.states]
     typical = [
         rig.model.parameters[i].typical if "." in rig.model.parameters[i].name else size

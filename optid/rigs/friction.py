@@ -69,7 +69,7 @@ BRISTLE_FADING = Parameter(
     "speed at which that damping has fallen to half",
     # Constant damping would make the law active at speed.
     "Olsson et al., European Journal of Control 4(3), 1998: sigma_1 falls with speed",
-    0.02,
+    50.0,
     (1e-4, 1e3),
     logarithmic=True,
 )
