@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import itertools
 import os
 from collections.abc import Callable
@@ -13,6 +14,7 @@ from typing import Any
 import llvmlite.binding as llvm
 
 from optid.core import kernel, normal
+from optid.core.compiling import stored
 from optid.core.emit import source, source_of_lanes, source_of_runs, width
 from optid.core.model import Model
 
@@ -55,36 +57,47 @@ class Compiled:
 def compiled(model: Model, free: tuple[int, ...] = ()) -> Compiled:
     """The machine code of a model, with slopes to the states and to the `free` parameters.
 
-    The first call in a run compiles for a fraction of a second.
+    What was never compiled on this machine takes a fraction of a second.
     """
-    return _bound(*source(model, free), len(model.states) + len(free))
+    return _bound(f"slopes {free}", model, lambda: source(model, free), len(model.states) + len(free))
 
 
 @lru_cache(maxsize=128)
 def compiled_runs(model: Model) -> Compiled:
     """The machine code of a model for runs without slopes, for models of which many are tried."""
-    return _bound(*source_of_runs(model), len(model.states))
+    return _bound("runs", model, lambda: source_of_runs(model), len(model.states))
 
 
 @lru_cache(maxsize=128)
 def compiled_lanes(model: Model) -> Compiled:
     """As `compiled_runs`, for the filter and its kin, which move several states at once."""
-    return _bound(*source_of_lanes(model), len(model.states))
+    return _bound("lanes", model, lambda: source_of_lanes(model), len(model.states))
 
 
-def _bound(text: str, hoisted: int, directions: int) -> Compiled:
-    engine = machine_code(text)
+def _bound(kind: str, model: Model, write: Callable[[], str], directions: int) -> Compiled:
+    engine = machine_code(f"{kind} {model.rates.serialize()} {model.sensors.serialize()}", write)
     names = (name for name in kernel.Code._fields if name != "hoisted")
     places = {name: engine.get_function_address(name) for name in names}  # 0 for what is not there
-    return Compiled(kernel.Code(**places, hoisted=hoisted), directions, width(directions), engine)
+    hoisted = ctypes.CFUNCTYPE(ctypes.c_double)(engine.get_function_address("hoisted"))()
+    return Compiled(kernel.Code(**places, hoisted=int(hoisted)), directions, width(directions), engine)
 
 
-@lru_cache(maxsize=128)
-def machine_code(text: str) -> Any:
-    """Compile LLVM's intermediate code; the engine that comes back owns it and knows its functions' addresses.
+def machine_code(content: str, write: Callable[[], str]) -> Any:
+    """An engine that owns the machine code of LLVM's intermediate code and knows its functions' addresses.
 
-    Remembered by content: a model that is read anew does not compile again.
+    `content` is what the code depends on: `write` is asked for the code where no run has compiled that before.
     """
+    machine = _machine()
+    host = f"{llvm.llvm_version_info} {machine.triple} {llvm.get_host_cpu_name()} {_features()}"
+    code = stored(f"{host} {content}", lambda: object_code(write()))
+    engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
+    engine.add_object_file(llvm.ObjectFileRef.from_data(code))
+    engine.finalize_object()
+    return engine
+
+
+def object_code(text: str) -> bytes:
+    """Compile LLVM's intermediate code for the processor this runs on."""
     machine = _machine()
     module = llvm.parse_assembly(text)
     module.triple = machine.triple
@@ -92,9 +105,8 @@ def machine_code(text: str) -> Any:
     options = llvm.create_pipeline_tuning_options(speed_level=2)
     passes = llvm.create_pass_builder(machine, options)
     passes.getModulePassManager().run(module, passes)
-    engine = llvm.create_mcjit_compiler(module, machine)
-    engine.finalize_object()
-    return engine
+    code: bytes = machine.emit_object(module)
+    return code
 
 
 def _machine() -> Any:
@@ -102,8 +114,13 @@ def _machine() -> Any:
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     return llvm.Target.from_default_triple().create_target_machine(
-        cpu=llvm.get_host_cpu_name(), features=llvm.get_host_cpu_features().flatten(), opt=2, jit=True
+        cpu=llvm.get_host_cpu_name(), features=_features(), opt=2, jit=True
     )
+
+
+def _features() -> str:
+    features: str = llvm.get_host_cpu_features().flatten()
+    return features
 
 
 def spread(count: int, work: Callable[[int, int], None], grain: int = 1) -> None:

@@ -41,13 +41,13 @@ def width(directions: int) -> int:
     return -(-directions // LANES) * LANES
 
 
-def source(model: Model, free: Sequence[int]) -> tuple[str, int]:
-    """A model's equations with slopes to the states and to the `free` parameters: LLVM code, length of c.
+def source(model: Model, free: Sequence[int]) -> str:
+    """A model's equations with slopes to the states and to the `free` parameters: LLVM code.
 
     Every function returns a number and takes places of numbers; rows of S, T and R are padded to `width`. Those
     without slopes are there where no parameter is free:
 
-    - ``constants(p, c)``.
+    - ``constants(p, c)``, and ``hoisted()``, the length of c.
     - ``rates(x, S, u, c, k, T)``: k = dx/dt, with a zero behind it; S and T are not touched.
     - ``slopes(x, S, u, c, k, T)``: also T = dS/dt, and behind k the largest relaxation rate |d x_i' / d x_i|.
     - ``step(x, S, u, c, k, T, tolerance, h)`` and ``step_slopes``: from the rates at x one step of length h,
@@ -79,11 +79,11 @@ def source(model: Model, free: Sequence[int]) -> tuple[str, int]:
     writer.many_step_slopes()
     writer.gather()
     writer.many_gather()
-    return writer.finish(), max(len(writer.slots), 1)
+    return writer.finish()
 
 
-def source_of_runs(model: Model) -> tuple[str, int]:
-    """A model without slopes, in a fraction of the time to compile: LLVM code, length of c.
+def source_of_runs(model: Model) -> str:
+    """A model without slopes, in a fraction of the time to compile: LLVM code.
 
     As of `source` ``constants``, ``rates``, ``step`` and ``sensors``.
     """
@@ -91,11 +91,11 @@ def source_of_runs(model: Model) -> tuple[str, int]:
     writer.rates(_plain("rates", model, model.rates), None)
     writer.rates(_plain("sensors", model, model.sensors), None)
     writer.step("step", "rates", False)
-    return writer.finish(), max(len(writer.slots), 1)
+    return writer.finish()
 
 
-def source_of_lanes(model: Model) -> tuple[str, int]:
-    """A model for the filter and its kin, which move several states at once: LLVM code, length of c.
+def source_of_lanes(model: Model) -> str:
+    """A model for the filter and its kin, which move several states at once: LLVM code.
 
     As of `source` ``constants`` and ``sensors``, and:
 
@@ -105,7 +105,7 @@ def source_of_lanes(model: Model) -> tuple[str, int]:
     writer = _Writer(model, ())
     writer.rates(_plain("sensors", model, model.sensors), None)
     writer.many_step(rosenbrock(model))
-    return writer.finish(), max(len(writer.slots), 1)
+    return writer.finish()
 
 
 def _plain(name: str, model: Model, function: Callable[..., ca.SX]) -> ca.Function:
@@ -291,6 +291,8 @@ class _Writer:
         for slot, value in self.slots.values():
             store(self._constants, self._of_constants["c"], slot, value)
         self._constants.ret(number(0.0))
+        b, _ = self._function("hoisted", ())
+        b.ret(number(float(max(len(self.slots), 1))))
         return str(self.module)
 
     def _function(

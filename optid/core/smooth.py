@@ -15,6 +15,14 @@ def signed_root(q: Any, width: Any) -> Any:
     return q / ca.sqrt(ca.sqrt(q * q + width * width))
 
 
+def soft_power(q: Any, exponent: Any, width: Any) -> Any:
+    """sign(q) |q|^exponent with a finite slope at q = 0; q itself at exponent 1, whatever the width.
+
+    The relative error is (exponent - 1)/2 (width/q)^2 for |q| >> width.
+    """
+    return q * (q * q + width * width) ** ((exponent - 1) / 2)
+
+
 def soft_floor(value: Any, floor: Any, width: Any) -> Any:
     """max(value, floor) with one continuous derivative: exact outside floor +- width, at most width/4 above inside."""
     inside = (value - floor + width) ** 2 / (4 * width) + floor

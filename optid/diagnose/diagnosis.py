@@ -77,6 +77,19 @@ class Finding:
     law: Array | None = None
 
 
+@dataclass(frozen=True)
+class Closest:
+    """Names that fell short: effects, the share of the squared error that they clear, and the share needed."""
+
+    effects: tuple[str, ...]
+    cleared: float
+    needed: float
+
+    def __str__(self) -> str:
+        """As a reason against them."""
+        return f"clears {100 * self.cleared:.0f} % of the squared error, where {100 * self.needed:.0f} % are needed"
+
+
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
     """All that was found.
@@ -92,6 +105,7 @@ class Diagnosis:
         residuals: tests of what remains on the hold-out.
         search: how it went.
         data: what it was given.
+        closest: what came closest to explaining what is unexplained.
     """
 
     verdict: Verdict
@@ -107,6 +121,7 @@ class Diagnosis:
     residuals: Residuals
     search: Search
     data: Data
+    closest: Closest | None
 
 
 Report = Callable[[float, str], None]
@@ -160,7 +175,7 @@ def diagnose(
         least = disagreement(found.best, data, rig.model)
     best_parameters = estimates(found.best.answer, last, least)
     base_parameters = best_parameters if found.best is base else estimates(base.answer, ())
-    verdict, best, sites, short = _verdict(found, data, report)
+    verdict, best, sites, closest = _verdict(found, data, report)
     findings: tuple[Finding, ...] = ()
     if verdict is Verdict.MISSING_PHYSICS:
         findings = _findings(found, best_parameters, data, report)
@@ -170,8 +185,8 @@ def diagnose(
         best_parameters = estimates(best.answer, ())
     residuals = residual_tests(best.judged, best.answer, data.holdout)
     diagnosis = Diagnosis(
-        verdict, "", base, best, base_parameters, best_parameters, findings, _rejected(found, best, short),
-        _not_testable(found, last, own), noise, residuals, found, data,
+        verdict, "", base, best, base_parameters, best_parameters, findings, _rejected(found, best, closest),
+        _not_testable(found, last, own), noise, residuals, found, data, closest,
     )  # fmt: skip
     from optid.diagnose.words import summary
 
@@ -240,25 +255,27 @@ def _says(effect: Effect, best: Candidate) -> str:
     return effect.says.format(**{name: quantity(v, units[name]) for name, v in values.items()})
 
 
-def _verdict(found: Search, data: Data, report: Report) -> tuple[Verdict, Candidate, Sequence[Located], str]:
-    """What the search amounts to, the model that stands for it, where a rest lies, and what names fell short of."""
+def _verdict(
+    found: Search, data: Data, report: Report
+) -> tuple[Verdict, Candidate, Sequence[Located], Closest | None]:
+    """What the search amounts to, the model that stands for it, where a rest lies, and names that fell short."""
     base, best = found.base, found.best
     if best.effects and excess(best.judged, data.noise) <= EXCESS:
-        return Verdict.MISSING_PHYSICS, best, (), ""
+        return Verdict.MISSING_PHYSICS, best, (), None
     wide = widened(base, data)
     if not best.effects and wide is not None:
         gain = compare(base.judged, wide.judged, data.generator)
         if gain.p_value < LEVEL and excess(wide.judged, data.noise) <= EXCESS:
-            return Verdict.PARAMETERS, wide, (), ""
+            return Verdict.PARAMETERS, wide, (), None
     if excess(base.judged, data.noise) <= EXCESS:
-        return (Verdict.MISSING_PHYSICS if best.effects else Verdict.CONSISTENT), best, (), ""
+        return (Verdict.MISSING_PHYSICS if best.effects else Verdict.CONSISTENT), best, (), None
     share, leave = cleared(base.judged, best.judged, data.noise), base.rig.model.laws_leave
     needed = EVEN if leave is None else 1.0 - leave
     if best.effects and share >= needed:
-        return Verdict.MISSING_PHYSICS, best, (), ""
+        return Verdict.MISSING_PHYSICS, best, (), None
     report(0.94, "locating the mismatch with an unknown signal")
-    short = f"clears {100 * share:.0f} % of the squared error, where {100 * needed:.0f} % are needed"
-    return Verdict.UNEXPLAINED, base, locate(base, data), short
+    names = tuple(effect.name for effect in best.effects)
+    return Verdict.UNEXPLAINED, base, locate(base, data), Closest(names, share, needed) if names else None
 
 
 def _nameless(base: Candidate, sites: Sequence[Located], data: Data) -> Finding:
@@ -277,10 +294,10 @@ def _nameless(base: Candidate, sites: Sequence[Located], data: Data) -> Finding:
     return Finding(None, kind, first.site, (), where, shown, none, first.gain, 0.0, (), words, first)
 
 
-def _rejected(found: Search, best: Candidate, short: str) -> tuple[tuple[str, str], ...]:
-    """Every effect that was refitted and not kept, with the last reason; `short` is that of names that fell short."""
+def _rejected(found: Search, best: Candidate, closest: Closest | None) -> tuple[tuple[str, str], ...]:
+    """Every effect that was refitted and not kept, with the last reason."""
     kept = {effect.name for effect in best.effects}
-    reasons: dict[str, str] = {effect.name: short for effect in found.best.effects if effect.name not in kept}
+    reasons: dict[str, str] = {name: str(closest) for name in (closest.effects if closest else ())}
     for number, one in enumerate(found.rounds):
         for rival in one.rivals:
             if rival.effect.name in kept or rival is one.winner:

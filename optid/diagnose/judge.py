@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from optid.core.model import Array, Model
 from optid.core.recording import Recording
 from optid.core.simulation import simulate
-from optid.fit.likelihood import WHOLE, deviance, run_filter
+from optid.fit.likelihood import WHOLE, Filtered, deviance, run_filter
 from optid.fit.place import Answer
 from optid.fit.prediction import horizon
 from optid.fit.problem import Integers, Problem, pose
@@ -40,8 +41,7 @@ class Judged:
         measured: what was recorded, (samples, outputs).
         time: of each sample in its recording, s; `recording` says which one.
         scores: of the windows, by role.
-        imperfection: change of the windows where a numerical setting is halved or doubled, by role, SI: what the
-            model's own smoothing leaves open.
+        find_imperfection: gives `imperfection`.
     """
 
     horizon: float
@@ -53,7 +53,16 @@ class Judged:
     time: Array
     recording: Integers
     scores: Mapping[str, Score]
-    imperfection: Mapping[str, float]
+    find_imperfection: Callable[[], Mapping[str, float]]
+
+    @cached_property
+    def imperfection(self) -> Mapping[str, float]:
+        """Largest change of the windows where a numerical setting is halved or doubled, by role, SI.
+
+        It is what the model's own smoothing leaves open. Found when first asked for: it costs several filters, and of
+        most rivals nobody asks.
+        """
+        return self.find_imperfection()
 
 
 def judge(answer: Answer, recordings: Sequence[Recording]) -> Judged:
@@ -61,14 +70,13 @@ def judge(answer: Answer, recordings: Sequence[Recording]) -> Judged:
     model = answer.question.model
     length = max(horizon(recording.interval) for recording in recordings)
     problem, cut = pose(model, recordings, WHOLE), pose(model, recordings, length)
-    P = np.vstack([answer.p, numerical_settings(answer)])
-    Q = np.tile(answer.noise.spectrum(len(model.states)), (len(P), 1))
-    f = run_filter(model, problem, P, Q, np.tile(answer.noise.measurement, (len(P), 1)), keep=True)
-    windows, *others = (_windows(model, p, problem, cut, X) for p, X in zip(P, f.states, strict=True))
-    imperfection = {
-        port.role: max((_rms(other[:, j] - windows[:, j]) for other in others), default=0.0)
-        for j, port in enumerate(model.outputs)
-    }
+
+    def seen(P: Array) -> tuple[Filtered, list[Array]]:
+        Q = np.tile(answer.noise.spectrum(len(model.states)), (len(P), 1))
+        f = run_filter(model, problem, P, Q, np.tile(answer.noise.measurement, (len(P), 1)), keep=True)
+        return f, [_windows(model, p, problem, cut, X) for p, X in zip(P, f.states, strict=True)]
+
+    f, (windows,) = seen(answer.p[None])
     scores = {
         port.role: Score.of(problem.measured[:, j], windows[:, j], port.unit)
         for j, port in enumerate(model.outputs)
@@ -80,6 +88,15 @@ def judge(answer: Answer, recordings: Sequence[Recording]) -> Judged:
     )[1].ravel()
     z = f.innovations[0] / np.sqrt(f.variances[0])
     each = deviance(f.innovations[0], f.variances[0])
+
+    def imperfection() -> dict[str, float]:
+        settings = numerical_settings(answer)
+        others = seen(settings)[1] if len(settings) else []
+        return {
+            port.role: max((_rms(other[:, j] - windows[:, j]) for other in others), default=0.0)
+            for j, port in enumerate(model.outputs)
+        }
+
     return Judged(
         length, each, blocks, windows, z, problem.measured, problem.time, owner, scores, imperfection
     )

@@ -11,27 +11,30 @@ from scipy import stats
 
 from optid.core.model import Array
 from optid.diagnose.candidate import QUICK, SCANNED, Candidate, Data
-from optid.diagnose.judge import Comparison, cleared, compare, judge
+from optid.diagnose.judge import EXCESS, Comparison, cleared, compare, excess, judge
 from optid.diagnose.screen import Signature, grown
 from optid.effects.effect import Effect
 from optid.errors import SolveError
 from optid.fit.likelihood import WHOLE
 from optid.fit.place import Answer, Question
 from optid.fit.problem import pose
-from optid.fit.scoring import followed, likeliest, maximise, question_of
+from optid.fit.scoring import NEARBY, followed, likeliest, maximise, question_of
 from optid.fit.steering import steered_fit
 from optid.rigs.rigfile import Rig
 
 LEVEL = 0.01  # of false alarms on a rig that lacks nothing, for the whole catalogue together
 WORTH = 0.04  # share by which an effect must lower the windows' error on the hold-out (physics catalogue B.3, step 5)
 # Of the squared error that the plain model began with, what an effect beside others must clear: true laws follow those
-# of the catalogue within a tenth or two of their size.
+# of the catalogue within a tenth or two of their size. One that brings the windows to the noise need not: what the
+# form of other laws leaves has no reason to end just there.
 FORM = 0.02
 FAINT = 0.03  # of a signature's strength
 AGAIN = (0.5, 2.0)  # the same, where a refit from the whole of it ends at next to nothing
 NEAR = 0.8  # of the best gain: a refit below this share does not go on
 ALIKE = 0.3  # the same for an effect that is easily confused with the best: it may only have lost its way
-CLOSE = 0.9  # of the best gain: first refits leave up to a tenth, and rivals nearer than that are settled
+CLOSE = (
+    0.9  # of the best gain: first refits leave up to a tenth, and rivals nearer than that are taken further
+)
 TINY = (
     0.25  # of the smallest size worth a name: what a screen or a first refit leaves below it is not followed
 )
@@ -74,12 +77,11 @@ class Contest:
 
 @dataclass(eq=False)
 class _Refit:
-    """An effect on its way through a round: roughly fitted, followed, settled."""
+    """An effect on its way through a round."""
 
     effect: Effect
     rig: Rig
     answer: Answer
-    settled: bool = False
 
     @property
     def size(self) -> float:
@@ -98,14 +100,19 @@ def refit(c: Contest, few: Sequence[Signature]) -> list[Rival]:
     _follow(c, tried)
     rivals = [_rival(c, t, place) for place, t in enumerate(tried)]
     first = min(range(len(tried)), key=lambda place: _order(rivals[place]), default=None)
-    if first is not None and not tried[first].settled and not rivals[first].why:
+    # Where much is missing still, more than the last units of likelihood would close is left open.
+    if (
+        first is not None
+        and not rivals[first].why
+        and excess(rivals[first].candidate.judged, c.data.noise) <= EXCESS
+    ):
         _settle(c, tried[first])
         rivals[first] = _rival(c, tried[first], first)
     return sorted(rivals, key=_order)
 
 
 def _follow(c: Contest, tried: list[_Refit]) -> None:
-    """Bring the best of the first refits further, and settle those that then are close together."""
+    """Bring the best of the first refits further, and once more those that then are close together."""
     here = c.current.answer.score
     gains = [here - t.answer.score for t in tried]
     for place, (t, gain) in enumerate(zip(tried, gains, strict=True)):
@@ -118,14 +125,15 @@ def _follow(c: Contest, tried: list[_Refit]) -> None:
     gains = [here - t.answer.score for t in tried]
     for t, gain in zip(tried, gains, strict=True):
         if gain > CLOSE * max(gains) and t.size > TINY:
-            _settle(c, t)
+            c.tell(f"refitting further with {t.effect.name}")
+            at, levels = t.answer.p, t.answer.noise.levels
+            t.answer = maximise(t.answer.question, at, levels, polish=False, rough=NEARBY, near=t.answer)
     tried.sort(key=lambda t: t.answer.score)
 
 
 def _settle(c: Contest, t: _Refit) -> None:
     c.tell(f"settling {t.effect.name}")
     t.answer = maximise(t.answer.question, t.answer.p, t.answer.noise.levels, near=t.answer)
-    t.settled = True
 
 
 def _rival(c: Contest, t: _Refit, place: int) -> Rival:
@@ -137,7 +145,9 @@ def _rival(c: Contest, t: _Refit, place: int) -> Rival:
     more = cleared(c.base.judged, candidate.judged, c.data.noise)
     if c.current.effects:
         more -= cleared(c.base.judged, c.current.judged, c.data.noise)
-    why = misfit or _unproven(against, place) or _formal(c.current, more)
+    why = misfit or _unproven(against, place)
+    if not why and excess(candidate.judged, c.data.noise) > EXCESS:
+        why = _formal(c.current, more)
     return Rival(t.effect, candidate, gain, against, why, not misfit)
 
 

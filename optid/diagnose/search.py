@@ -2,12 +2,13 @@
 
 A screen picks the few worth a refit; the refits compete by likelihood; recordings kept out of the refits decide. Where
 two effects are missing either may need the other before it predicts better: one step may go ahead unconfirmed, and
-counts only if the next one is confirmed and both turn out to be needed.
+counts only if the next one is confirmed and both turn out to be needed. In the end the first one, which was chosen
+alone, has to hold its place beside the others.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 
@@ -23,6 +24,7 @@ from optid.effects.library import admitted
 from optid.fit.scoring import quieted
 
 REFITS = 5  # candidates of a round
+LITTLE = 2  # candidates of a round when little is left to explain
 SECOND = 3  # candidates of a round that only the look at the fitted process noise brings in
 DEEPEST = 3  # effects at most
 
@@ -69,40 +71,80 @@ def search(base: Candidate, own: Sequence[Effect], data: Data, report: Report) -
     plain, current, before, rounds = base.rig.model, base, base, []
     confirmed = base
     for depth in range(DEEPEST + 1):
-        share = 0.1 + 0.8 * depth / (DEEPEST + 1)
-        report(share, f"round {depth + 1}: screening the catalogue")
-        effects = admitted(current.rig.model, own)
-        signatures = screen(current.answer, data.train, effects)
-        if _nothing_left(base, current, data):
-            rounds.append(Round(current, tuple(signatures), (), None, None))
-            break
-        tight, guide = [], current.answer
-        if excess(current.judged, data.noise) > EXCESS:
-            # What is missing may hide in the process noise: look with less of it, too.
-            guide = quieted(current.answer, QUIETER)
-            tight = screen(guide, data.train, effects)
-        few = _promising(signatures, tight)
-        contest = Contest(base, current, guide, len(signatures), data, partial(report, share))
-        rivals = refit(contest, few)
+        tell = partial(report, 0.1 + 0.8 * depth / (DEEPEST + 1))
+        tell(f"round {depth + 1}: screening the catalogue")
+        little, much = _little_left(base, current, data), excess(current.judged, data.noise) > EXCESS
+        ended = len(current.effects) == DEEPEST or (little and not much)
+        signatures, rivals = _round(
+            base, current, own, data, tell, 0 if ended else LITTLE if little else None
+        )
         winner = next((rival for rival in rivals if not rival.why), None)
         ahead = winner
-        if winner is None and current is confirmed and depth + 1 < DEEPEST and tight:
+        if winner is None and current is confirmed and depth + 1 < DEEPEST and much and not little:
             hopeful = [rival for rival in rivals if rival.hopeful]
             ahead = max(hopeful, key=lambda rival: rival.train_gain, default=None)
-        rounds.append(Round(current, tuple(signatures), tuple(rivals), winner, ahead))
+        rounds.append(Round(current, signatures, rivals, winner, ahead))
         if ahead is None:
             break
         before, current = current, ahead.candidate
         if winner is not None:
             confirmed = current
     best, without, dropped = _thinned(base, confirmed, before, data, plain, report)
+    if len(best.effects) > 1 and excess(best.judged, data.noise) > EXCESS:
+        other = _exchanged(base, best, without, own, data, partial(report, 0.92))
+        if other is not None and other.winner is not None:
+            rounds.append(other)
+            best, without, more = _thinned(base, other.winner.candidate, other.model, data, plain, report)
+            dropped += more
     return Search(base, best, tuple(rounds), without, dropped)
 
 
-def _nothing_left(base: Candidate, current: Candidate, data: Data) -> bool:
-    """No further effect may be named: there are as many as can be, or they leave less than another must clear."""
-    if len(current.effects) == DEEPEST:
-        return True
+def _round(
+    base: Candidate,
+    current: Candidate,
+    own: Sequence[Effect],
+    data: Data,
+    tell: Callable[[str], None],
+    most: int | None = None,
+) -> tuple[tuple[Signature, ...], tuple[Rival, ...]]:
+    """What a screen of the catalogue shows from a model, and refits of the `most` promising, best first."""
+    effects = admitted(current.rig.model, own)
+    signatures, tight, guide = screen(current.answer, data.train, effects), [], current.answer
+    if most == 0:
+        return tuple(signatures), ()
+    if excess(current.judged, data.noise) > EXCESS:
+        # What is missing may hide in the process noise: look with less of it, too.
+        guide = quieted(current.answer, QUIETER)
+        tight = screen(guide, data.train, effects)
+    contest = Contest(base, current, guide, len(signatures), data, tell)
+    return tuple(signatures), tuple(refit(contest, _promising(signatures, tight)[:most]))
+
+
+def _exchanged(
+    base: Candidate,
+    best: Candidate,
+    without: Mapping[str, Candidate],
+    own: Sequence[Effect],
+    data: Data,
+    tell: Callable[[str], None],
+) -> Round | None:
+    """A round from the others alone, won by what does better in the first effect's place; ``None`` if nothing does.
+
+    The first was chosen where the others were not there yet.
+    """
+    first = best.effects[0]
+    tell(f"whether something else does better than {first.name}")
+    start = without[first.name]
+    signatures, rivals = _round(base, start, own, data, tell)
+    winner = next((rival for rival in rivals if not rival.why), None)
+    if winner is None:
+        return None
+    gain = best.answer.score + cost(first) - winner.candidate.answer.score - cost(winner.effect)
+    return Round(start, signatures, rivals, winner, winner) if gain > 0.0 else None
+
+
+def _little_left(base: Candidate, current: Candidate, data: Data) -> bool:
+    """What the form of a law may leave: only an effect that brings the windows to the noise is still named."""
     return bool(current.effects) and 1.0 - cleared(base.judged, current.judged, data.noise) < FORM
 
 

@@ -57,9 +57,10 @@ def summary(d: Diagnosis) -> str:
 
 def _closest(d: Diagnosis) -> str:
     """Which names came closest to explaining it, and how far."""
-    names = " with ".join(effect.name.replace("_", " ") for effect in d.search.best.effects)
-    short = dict(d.rejected).get(d.search.best.effects[0].name) if names else None
-    return f" Closest comes {names}: it {short}." if short else ""
+    if d.closest is None:
+        return ""
+    names = " with ".join(name.replace("_", " ") for name in d.closest.effects)
+    return f" Closest comes {names}: it {d.closest}."
 
 
 def _errors(d: Diagnosis, scores: object) -> str:

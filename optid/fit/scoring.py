@@ -61,6 +61,7 @@ def maximise(
     *,
     iterations: int = 30,
     polish: bool = True,
+    rough: float = ROUGH,
     near: Answer | None = None,
 ) -> Answer:
     """From a start to the likeliest parameters and levels of process noise.
@@ -72,6 +73,7 @@ def maximise(
             level, where wrong ones are not yet taken for noise, see `approach`.
         iterations: at most.
         polish: end on derivatives taken there, and look at other levels of process noise.
+        rough: without that, the share of the whole decrease that ends the search.
         near: an answer of a like model on the same recordings; its derivatives are a start.
 
     Raises:
@@ -82,7 +84,7 @@ def maximise(
         here, _, _ = _descend(_led(here), APPROACH, NEARBY, held=True)
     here.begin(near)
     if not polish:
-        here, _, settled = _descend(here, iterations, ROUGH, first=None if near is None else near.score)
+        here, _, settled = _descend(here, iterations, rough, first=None if near is None else near.score)
         return here.answer(settled)
     here, used, settled = _descend(here, iterations)
     for _ in range(RESTARTS):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from optid.diagnose.diagnosis import Diagnosis, Finding
+from optid.diagnose.diagnosis import Closest, Diagnosis, Finding
 from optid.fit.result import Estimate, Score
 from optid.report.scores import number
 
@@ -24,6 +24,7 @@ def diagnosis_document(d: Diagnosis) -> dict[str, Any]:
             role: {"rmse": number(sd), "unit": _unit(d, role)} for role, sd in d.noise.items()
         },
         "findings": [_finding(f) for f in d.findings],
+        "closest": _closest(d.closest),
         "rejected": [{"effect": name, "why": why} for name, why in d.rejected],
         "not_testable": [
             {"effect": name, "why": why, "smallest_visible": smallest} for name, why, smallest in d.not_testable
@@ -33,6 +34,10 @@ def diagnosis_document(d: Diagnosis) -> dict[str, Any]:
             "p_white": number(d.residuals.whiteness), "p_independent": number(d.residuals.independence),
         },
     }  # fmt: skip
+
+
+def _closest(c: Closest | None) -> dict[str, Any] | None:
+    return None if c is None else {"effects": list(c.effects), "cleared": number(c.cleared)}
 
 
 def _unit(d: Diagnosis, role: str) -> str:

@@ -132,7 +132,7 @@ class _Code:
 
     @classmethod
     def of(cls, function: ca.Function) -> _Code:
-        engine = machine_code(_text(function))
+        engine = machine_code(function.serialize(), lambda: _text(function))
         return cls(engine.get_function_address("sample"), engine)
 
 

@@ -117,7 +117,10 @@ def spreads(cases: Sequence[Judged]) -> dict[str, dict[str, float | int]]:
         "hold-out RMSE before, over the oracle's, something missing": before,
         "hold-out RMSE after, over before, something missing": gain,
         "relative error of the named effects' parameters": [e.error for c in cases for e in c.estimates],
-        RIGHT_LEAVE: [c.left for c in cases if c.exact and _asked(c) and c.left is not None],
+        # Refused ones count: the figure is what right laws leave, not what the rule that it sets lets through.
+        RIGHT_LEAVE: [
+            c.left for c in cases if (c.exact or c.refused is not None) and _asked(c) and c.left is not None
+        ],
         "overlap of times": [c.times for c in cases if c.times is not None],
         "... of flagging everything": [c.chance for c in cases if c.chance is not None],
         "overlap of regions": [c.region for c in cases if c.region is not None],

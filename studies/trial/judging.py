@@ -55,6 +55,7 @@ class Judged:
         base: of the base parameters.
         before, after, oracle: RMSE on the held-out recording, m.
         seconds: that the diagnosis took.
+        refused: share of the squared error that the right names leave where they were refused for it.
     """
 
     name: str
@@ -77,10 +78,13 @@ class Judged:
     after: float | None = None
     oracle: float | None = None
     seconds: float | None = None
+    refused: float | None = None
 
     @property
     def left(self) -> float | None:
         """Share of the squared error on the hold-out, beyond the oracle's, that the names leave; 0 at the noise."""
+        if self.refused is not None:
+            return self.refused
         if self.before is None or self.after is None or self.oracle is None:
             return None
         if self.after <= NOISE * self.oracle:
@@ -160,7 +164,14 @@ def judge(answer: Mapping[str, Any], ran: Ran) -> Judged:
         after=_rmse(d.get("improved")) or _rmse(d.get("baseline")),
         oracle=ran.oracle,
         seconds=ran.seconds,
+        refused=_refused(d.get("closest"), wanted),
     )
+
+
+def _refused(closest: Mapping[str, Any] | None, wanted: tuple[str, ...]) -> float | None:
+    if closest is None or set(closest["effects"]) != set(wanted):
+        return None
+    return 1.0 - float(closest["cleared"])
 
 
 def _reported_together(findings: list[dict[str, Any]], true: tuple[str, ...], inseparable: Pairs) -> bool:

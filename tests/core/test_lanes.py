@@ -44,7 +44,7 @@ def machine():
     for code, (count, form) in FORMS.items():
         function(module, f"one_{code}", REAL, form, count)
         function(module, f"many_{code}", SEVERAL, form, count)
-    return machine_code(str(module))
+    return machine_code(str(module), lambda: str(module))
 
 
 def run(machine, kind, code, x, y):

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
+from optid.core import compiled as module
 from optid.core.compiled import compiled
 from optid.core.parameter import Parameter
 from optid.core.sheet import build
@@ -74,9 +75,10 @@ def test_a_window_that_leaves_the_numbers_ends_there(cut):
     assert found.ends[0, 2] > 0.5
 
 
-def test_equal_equations_are_compiled_once():
+def test_equal_equations_are_compiled_once(monkeypatch):
     one, same = build(decay), build(decay)
     assert one != same
     assert compiled(one) is compiled(one)
-    assert compiled(one).engine is compiled(same).engine
     assert compiled(one, (0,)).engine is not compiled(one).engine
+    monkeypatch.setattr(module, "object_code", lambda text: pytest.fail("compiled again"))
+    assert compiled(same) is not compiled(one)

@@ -101,7 +101,7 @@ def test_names_that_leave_more_than_right_ones_do_are_no_answer(leave, share, ve
     """Where a blind trial has measured what right names leave, that decides; elsewhere a quarter is asked."""
     rig = SimpleNamespace(model=SimpleNamespace(laws_leave=leave))
     base = SimpleNamespace(effects=(), judged="base", rig=rig)
-    best = SimpleNamespace(effects=("lag",), judged="best")
+    best = SimpleNamespace(effects=(SimpleNamespace(name="lag"),), judged="best")
     for name, value in (("excess", 9.0), ("cleared", share), ("widened", None), ("locate", ["here"])):
         monkeypatch.setattr(diagnosis_of, name, lambda *others, value=value: value)
     data = SimpleNamespace(noise={}, generator=None)
@@ -109,3 +109,6 @@ def test_names_that_leave_more_than_right_ones_do_are_no_answer(leave, share, ve
     assert found[0] is verdict
     assert found[1] is (best if verdict is Verdict.MISSING_PHYSICS else base)
     assert bool(found[2]) is (verdict is Verdict.UNEXPLAINED)
+    if verdict is Verdict.UNEXPLAINED:
+        assert found[3].effects == ("lag",)
+        assert str(found[3]).startswith(f"clears {100 * share:.0f} %")

@@ -32,7 +32,7 @@ def judged(deviance, rmse):
     nothing = np.zeros((n, 1))
     return Judged(
         0.5, deviance, blocks, nothing, nothing, nothing, np.arange(n) / 100, np.zeros(n, dtype=int),
-        {"position": Score(90.0, rmse, "m")}, {"position": 0.0},
+        {"position": Score(90.0, rmse, "m")}, lambda: {"position": 0.0},
     )  # fmt: skip
 
 
@@ -165,6 +165,7 @@ def test_an_unconfirmed_step_counts_only_if_the_next_is_confirmed(second, monkey
 
     monkeypatch.setattr(search_of, "refit", rivals)
     monkeypatch.setattr(search_of, "_thinned", lambda base, current, *others: (current, {}, ()))
+    monkeypatch.setattr(search_of, "_exchanged", lambda *others: None)
     monkeypatch.setattr(search_of, "excess", lambda judged, noise: 9.0)
     monkeypatch.setattr(search_of, "cleared", lambda *others: 0.5)
     for name in ("screen", "admitted", "quieted", "_promising"):
@@ -237,12 +238,17 @@ def test_recordings_that_disagree_widen_the_intervals(tmp_path):
     assert said((1.0, 1.0, 1.0))[1][gain] < 0.05
 
 
-@pytest.mark.parametrize(("share", "asked"), [(0.99, 1), (0.9, 2)])
-def test_a_search_ends_when_no_further_effect_could_clear_enough(share, asked, monkeypatch):
+@pytest.mark.parametrize(
+    ("left", "noisy", "asked"), [(0.01, False, [9]), (0.01, True, [9, 2]), (0.1, True, [9, 9])]
+)
+def test_a_search_goes_on_while_something_is_left_and_with_few_where_it_is_little(
+    left, noisy, asked, monkeypatch
+):
+    """Little is left and the windows are at the noise: it ends. They are not: the two best are still tried."""
     rounds = []
 
     def rivals(contest, few):
-        rounds.append(contest.current.effects)
+        rounds.append(len(few))
         name = f"effect {len(rounds)}"
         if len(rounds) > 1:
             return []
@@ -251,12 +257,98 @@ def test_a_search_ends_when_no_further_effect_could_clear_enough(share, asked, m
 
     monkeypatch.setattr(search_of, "refit", rivals)
     monkeypatch.setattr(search_of, "_thinned", lambda base, current, *others: (current, {}, ()))
-    monkeypatch.setattr(search_of, "excess", lambda judged, noise: 9.0)
-    monkeypatch.setattr(search_of, "cleared", lambda *others: share)
+    monkeypatch.setattr(search_of, "excess", lambda judged, noise: 9.0 if noisy or not rounds else 1.1)
+    monkeypatch.setattr(search_of, "cleared", lambda *others: 1.0 - left)
     for name in ("screen", "admitted", "quieted", "_promising"):
-        monkeypatch.setattr(search_of, name, lambda *others: [1])
+        monkeypatch.setattr(search_of, name, lambda *others: list(range(9)))
     base = Candidate((), SimpleNamespace(model=None), None, None)
     data = Data((), (), {}, np.random.default_rng(0))
     found = search_of.search(base, (), data, lambda share, words: None)
-    assert len(rounds) == asked
+    assert rounds == asked
     assert found.best.effects == ("effect 1",)
+
+
+@pytest.mark.parametrize(("noise_left", "named"), [(1.1, True), (1.5, False)])
+def test_beside_others_an_effect_that_brings_the_windows_to_the_noise_may_be_small(
+    noise_left, named, monkeypatch
+):
+    effect = SimpleNamespace(name="small", parameters=(), look_alikes=())
+    answer = SimpleNamespace(score=0.0)
+    tried = SimpleNamespace(effect=effect, rig=None, answer=answer, size=5.0)
+    current = Candidate(("large",), None, SimpleNamespace(score=1000.0), "before")
+    base = Candidate((), None, None, "base")
+    proof = SimpleNamespace(p_value=1e-4, error_gain=0.5, bounded_gain=9.0)
+    monkeypatch.setattr(refit_of, "judge", lambda answer, holdout: "after")
+    monkeypatch.setattr(refit_of, "compare", lambda *others: proof)
+    monkeypatch.setattr(
+        refit_of, "cleared", lambda base, after, noise: {"before": 0.991, "after": 0.999}[after]
+    )
+    monkeypatch.setattr(refit_of, "excess", lambda judged, noise: noise_left)
+    data = Data((), (), {}, np.random.default_rng(0))
+    contest = refit_of.Contest(base, current, None, 1, data, lambda words: None)
+    rival = refit_of._rival(contest, tried, 0)
+    assert (not rival.why) is named
+    assert named or rival.why.startswith("it clears 0.8 % of the first error")
+
+
+@pytest.mark.parametrize(("noise_left", "settled"), [(1.1, 1), (1.5, 0)])
+def test_a_winner_is_settled_where_nothing_more_is_missing(noise_left, settled, monkeypatch):
+    calls = []
+    effect = SimpleNamespace(name="one", parameters=(), look_alikes=())
+    tried = SimpleNamespace(effect=effect, answer=SimpleNamespace(score=0.0), size=5.0)
+    won = Rival(
+        effect, Candidate((effect,), None, None, None), 10.0, SimpleNamespace(bounded_gain=1.0), "", True
+    )
+    monkeypatch.setattr(refit_of, "_attempt", lambda *others, again: tried)
+    monkeypatch.setattr(refit_of, "_follow", lambda *others: None)
+    monkeypatch.setattr(refit_of, "_rival", lambda *others: won)
+    monkeypatch.setattr(refit_of, "_settle", lambda *others: calls.append(1))
+    monkeypatch.setattr(refit_of, "excess", lambda judged, noise: noise_left)
+    data = Data((), (), {}, np.random.default_rng(0))
+    contest = refit_of.Contest(None, None, None, 1, data, lambda words: None)
+    assert refit_of.refit(contest, [SimpleNamespace(effect=effect)]) == [won]
+    assert len(calls) == settled
+
+
+@pytest.mark.parametrize(
+    ("score", "why", "noisy", "kept"),
+    [
+        (-200.0, "", True, ("other", "second")), (-90.0, "", True, ("first", "second")),
+        (-200.0, "no gain on the recordings held out", True, ("first", "second")),
+        (-200.0, "", False, ("first", "second")),
+    ],
+)  # fmt: skip
+def test_the_first_effect_has_to_hold_its_place_beside_the_others(score, why, noisy, kept, monkeypatch):
+    """It was chosen alone: what does better in its place takes it, where the windows are not at the noise."""
+    first, second, other = (
+        SimpleNamespace(name=name, parameters=()) for name in ("first", "second", "other")
+    )
+
+    def candidate(effects, score):
+        rig = SimpleNamespace(model=None)
+        return Candidate(effects, rig, SimpleNamespace(score=score), None)
+
+    base, alone = candidate((), 0.0), candidate((second,), -50.0)
+    both, exchanged = candidate((first, second), -100.0), candidate((second, other), score)
+    following = {
+        "": (first, candidate((first,), -40.0), ""), "first": (second, both, ""), "second": (other, exchanged, why),
+    }  # fmt: skip
+
+    def one_round(base, current, own, data, tell, most=None):
+        found = following.get(" ".join(effect.name for effect in current.effects))
+        if found is None:
+            return (), ()
+        effect, there, why = found
+        return (), (Rival(effect, there, 100.0, None, why, hopeful=False),)
+
+    def thinned(base, current, before, data, plain, report):
+        return current, {"first": alone}, ()
+
+    monkeypatch.setattr(search_of, "_round", one_round)
+    monkeypatch.setattr(search_of, "_thinned", thinned)
+    monkeypatch.setattr(search_of, "excess", lambda judged, noise: 9.0 if noisy else 1.1)
+    monkeypatch.setattr(search_of, "cleared", lambda *others: 0.5)
+    data = Data((), (), {}, np.random.default_rng(0))
+    found = search_of.search(base, (), data, lambda share, words: None)
+    assert sorted(effect.name for effect in found.best.effects) == sorted(kept)
+    assert len(found.rounds) == (4 if kept[0] == "other" else 3)

@@ -172,3 +172,86 @@ def test_a_clock_that_drifts_shows_the_motion_of_another_time(rate):
     moved = np.abs(at - shown)[whole].max()
     # Late it is exact but for the straight lines between held commands; early it is carried on at its speed.
     assert np.abs(drifted - at)[whole].max() < (0.05 if rate > 0 else 0.25) * moved
+
+
+def test_a_bend_of_the_sensor_is_the_sum_of_its_shapes():
+    X, u = run()
+    sizes = {"zero": 1e-3, "slope": -5e-4, "bow": 3e-4, "curl": -2e-4}
+    sizes |= {f"{name}_{k}": 1e-4 * k * sign for k in (2, 3, 4) for name, sign in (("bow", 1), ("curl", -1))}
+    states, shown, _ = simulated("sensor_nonlinearity", sizes, u, X[0])
+    way = states[:, 0] / 0.26
+    bent = sizes["zero"] + sizes["slope"] * 2 * way
+    for k in (1, 2, 3, 4):
+        end = "" if k == 1 else f"_{k}"
+        bent = bent + sizes[f"bow{end}"] * np.cos((2 * k - 1) * np.pi * way)
+        bent = bent + sizes[f"curl{end}"] * np.sin(2 * k * np.pi * way)
+    assert shown - states[:, 0] == pytest.approx(bent, abs=1e-12)
+    assert np.ptp(bent) > 5e-4
+
+
+def test_a_conical_spear_throttles_less_before_it_is_home():
+    X, u = run()
+    none, straight, conical = (
+        simulated("end_cushioning", {"throttling": t, "length": 0.1, "side": 0.0, "taper": taper}, u, X[0])[0]
+        for t, taper in ((0.0, 0.0), (50.0, 0.0), (50.0, 50.0))
+    )
+    away = [np.abs(one - none)[:, 0].max() for one in (straight, conical)]
+    assert 0.0 < away[1] < 0.8 * away[0]
+
+
+@pytest.mark.parametrize("power", [1.0, 2.0])
+def test_a_supply_sags_by_a_power_of_what_is_drawn(power):
+    """Flow into a chamber is choked: as much less as the supply pressure is."""
+    plant = grown(AXIS, "supply_droop")
+    names = [state.name for state in plant.model.states]
+    drawn, at = 5e-3, names.index("supply_droop.flow")
+    rises = []
+    for droop in (0.0, 1e5):
+        p = plant.vector({"supply_droop.droop": droop, "supply_droop.exponent": power})
+        x = np.array(plant.model.start(p)[0]).ravel()
+        x[names.index("pressure_a")], x[at] = 1.2e5, drawn
+        u = inputs_of(plant.model, np.full(1, 0.5))[0]
+        rises.append(float(plant.model.rates(x, u, p)[names.index("pressure_a")]))
+    supply = plant.values["supply_pressure"]
+    assert 1 - rises[1] / rises[0] == pytest.approx(1e5 * 0.5**power / supply, rel=1e-3)
+
+
+def test_a_recording_may_have_its_own_phase_of_a_disturbance():
+    plant = grown(AXIS, "periodic_disturbance")
+    names = [state.name for state in plant.model.states]
+    u = inputs_of(plant.model, np.zeros(1))[0]
+
+    def push(phase, sine, cosine):
+        p = plant.vector(
+            {
+                f"periodic_disturbance.{n}": v
+                for n, v in (("amplitude", 7.0), ("frequency", 3.0), ("phase", phase))
+            }
+        )
+        x = np.array(plant.model.start(p)[0]).ravel()
+        x[names.index("periodic_disturbance.sine")] = sine
+        x[names.index("periodic_disturbance.cosine")] = cosine
+        return float(plant.model.rates(x, u, p)[names.index("velocity")])
+
+    turned = push(1.0, np.cos(2.2) - np.cos(1.0), np.sin(2.2) - np.sin(1.0))
+    assert turned == pytest.approx(push(2.2, 0.0, 0.0), rel=1e-12)
+    assert turned != pytest.approx(push(1.0, 0.0, 0.0), rel=1e-3)
+
+
+@pytest.mark.parametrize("second", [0.0, 1.0])
+def test_a_lagging_sensor_is_a_filter_of_first_or_second_order(second):
+    time = 8e-3
+    X, u = run()
+    states, shown, _ = simulated("sensor_lag", {"time_constant": time, "second": second}, u, X[0])
+    want, fine = states[:, 0], 50
+    for constant in (time, second * time):
+        if constant > 0.0:  # the motion is smooth: straight lines between samples, in fine steps
+            at = np.interp(np.arange(fine * len(want)) / fine, np.arange(len(want)), want)
+            lagged, keep = np.empty_like(at), np.exp(-DT / fine / constant)
+            lagged[0] = at[0]
+            for k in range(1, len(at)):
+                lagged[k] = keep * lagged[k - 1] + (1 - keep) * at[k]
+            want = lagged[::fine]
+    after = slice(200, None)  # the start is forgotten
+    assert np.abs(shown - want)[after].max() < 0.02 * np.abs(shown - states[:, 0])[after].max()
+    assert np.abs(shown - states[:, 0])[after].max() > 1e-4

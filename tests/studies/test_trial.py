@@ -14,7 +14,7 @@ from optid.effects.library import built_in
 from studies import concealed, trial
 from studies.independent_rig import Controller, Rig, Sensors
 from studies.trial import running, scoring
-from studies.trial.board import Rate, board, conformal, text
+from studies.trial.board import Rate, board, conformal, spreads, text
 from studies.trial.case import SIZES, Case, Hidden, case_from
 from studies.trial.compose import compose
 from studies.trial.concealment import Trace, acts_when, hidden_by, trace
@@ -375,6 +375,21 @@ def test_what_right_names_leave_is_counted_beyond_the_oracle():
     assert right.left == pytest.approx((4e-5**2 - 3e-5**2) / (5e-4**2 - 3e-5**2))
     assert replace(right, after=3.5e-5).left == 0.0  # good to the noise
     assert replace(right, oracle=None).left is None
+
+
+def test_right_names_that_were_refused_count_with_what_they_leave():
+    def refused(*effects):
+        diagnosis = {
+            **said("unexplained", finding(None, "valve")).diagnosis,
+            "closest": {"effects": effects, "cleared": 0.8},
+        }
+        return judge(answered(OFFSET), Ran(diagnosis, 0, 1.0))
+
+    right = refused("valve_offset")
+    assert right.left == right.refused == pytest.approx(0.2)
+    assert refused("valve_lag").refused is None
+    table = spreads([replace(right, before=None)] * 19)
+    assert table["right names leave of the squared error"]["in 19 of 20"] == pytest.approx(0.2)
 
 
 def test_the_share_that_19_of_20_stay_below():

@@ -23,6 +23,10 @@ SIDE = Parameter(
     "side", "1", 1.0, "which end's needle throttles: 0 both alike, 1 only the one at the far end, -1 only the other",
     "each end has a needle of its own", 0.0, (-1.0, 1.0),
 )  # fmt: skip
+TAPER = Parameter(
+    "taper", "1", 5.0, "by how many times its least the needle's area has grown where the cushion begins",
+    "spears are turned conical so that they enter gently", 0.0, (0.0, 100.0),
+)  # fmt: skip
 BLEND = 2e-3  # m: way over which the spear closes the bore
 
 
@@ -35,19 +39,25 @@ class EndCushioning(Effect):
     name = "end_cushioning"
     sites = ("flow.exhaust_area",)
     equation = "1, 2"
-    parameters = (THROTTLING, LENGTH, SIDE)
+    parameters = (THROTTLING, LENGTH, SIDE, TAPER)
     strength = {"throttling": 2.0}
     usual = tuple(
-        {"throttling": throttling, "length": length, "side": side}
-        for throttling, length in ((20.0, 0.01), (20.0, 0.018), (20.0, 0.028), (100.0, 0.012))
+        {"throttling": throttling, "length": length, "side": side, "taper": taper}
+        for throttling, length, taper in (
+            (20.0, 0.01, 0.0),
+            (20.0, 0.018, 0.0),
+            (20.0, 0.028, 5.0),
+            (100.0, 0.012, 0.0),
+        )
         for side in (0.0, 1.0, -1.0)
     )
     law = (
-        "near an end the shrinking chamber vents through both: 1/A^2 = 1/A_valve^2 + (throttling / A_full)^2"
+        "near an end the shrinking chamber vents through both: 1/A^2 = 1/A_valve^2 + (throttling / A_full)^2; the "
+        "needle's area grows with the distance from the end, by the taper where the cushion begins"
     )
     says = (
         "cushions throttle the outflow over the last {length}, to a needle {throttling} times smaller than the "
-        "open valve (side {side}: 0 both ends, 1 the far one, -1 the near one)"
+        "open valve (side {side}: 0 both ends, 1 the far one, -1 the near one; {taper} times wider where it begins)"
     )
     depends_on = ("position", "flow")
     needs = "motion into the last 10 to 25 mm before an end of the stroke"
@@ -65,4 +75,5 @@ class EndCushioning(Effect):
         side = sheet.param(SIDE)
         share *= 1 - ca.fmax(ca.if_else(s > 0, -side, side), 0)
         full = sheet.plant_param("port_width") * sheet.plant_param("spool_travel")
-        return nominal / ca.sqrt(1 + (sheet.param(THROTTLING) * share * nominal / full) ** 2)
+        wider = 1 + sheet.param(TAPER) * ca.fmin(ca.fmax(distance / sheet.param(LENGTH), 0), 1)
+        return nominal / ca.sqrt(1 + (sheet.param(THROTTLING) * share * nominal / (full * wider)) ** 2)

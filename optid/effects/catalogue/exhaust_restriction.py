@@ -9,6 +9,7 @@ import casadi as ca
 
 from optid.core.parameter import Parameter
 from optid.core.sheet import Sheet
+from optid.core.smooth import soft_power
 from optid.effects.effect import Effect
 
 BACK = Parameter(
@@ -58,8 +59,7 @@ class ExhaustRestriction(Effect):
             leaving = sheet.state("flow", "kg/s", 5e-3, spread=5e-3)
             sheet.note("leaving", leaving)
             sheet.note("area", near["area"])
-            m = ca.fmax(leaving, 0) / FLOW
-            power = m * (m * m + SMALL**2) ** ((sheet.param(EXPONENT) - 1) / 2)
+            power = soft_power(ca.fmax(leaving, 0) / FLOW, sheet.param(EXPONENT), SMALL)
             return nominal + sheet.param(BACK) * power
         if site == "flow.chamber_a":
             sheet.note("into_a", near["exhaust"])

@@ -27,12 +27,16 @@ PHASE = Parameter(
     "phase", "1", 1.0, "mean phase at the start of a recording, rad; every recording has its own around it", "any",
     0.0, (-7.0, 7.0),
 )  # fmt: skip
+OWN = 1.0  # of the amplitude: by how much a recording's quadratures may differ from the mean phase's
 LOUDEST = 3  # lines of a spectrum that are tried
 NEIGHBOURS = 41  # bins of the spectrum whose median a line is held against
 
 
 class PeriodicDisturbance(Effect):
-    """A sin(2 pi f t + phase); the phase is a state that stands still, so that every recording has its own."""
+    """A sin(2 pi f t + phase), and of either quadrature what a recording has of its own: states that stand still.
+
+    The force is linear in them, so that a filter finds a recording's phase from any start.
+    """
 
     name = "periodic_disturbance"
     sites = ("force.external",)
@@ -73,7 +77,9 @@ class PeriodicDisturbance(Effect):
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
         """External force, N."""
-        own = sheet.state("phase", "1", 0.3, spread=2.0)
-        sheet.rate(own, 0.0)
-        turns = sheet.param(FREQUENCY) * sheet.clock()
-        return nominal + sheet.param(AMPLITUDE) * ca.sin(2 * math.pi * turns + sheet.param(PHASE) + own)
+        sine, cosine = (sheet.state(name, "1", 0.3, spread=OWN) for name in ("sine", "cosine"))
+        for own in (sine, cosine):
+            sheet.rate(own, 0.0)
+        phase, turns = sheet.param(PHASE), 2 * math.pi * sheet.param(FREQUENCY) * sheet.clock()
+        swing = (ca.cos(phase) + sine) * ca.sin(turns) + (ca.sin(phase) + cosine) * ca.cos(turns)
+        return nominal + sheet.param(AMPLITUDE) * swing

@@ -13,25 +13,34 @@ TIME = Parameter(
     "time_constant", "s", 3e-3, "time constant of the sensor's filter", "physics catalogue A.4: 0.5 to 10 ms",
     0.0, (0.0, 0.1),
 )  # fmt: skip
+SECOND = Parameter(
+    "second", "1", 0.5, "time constant of a second lag behind the first, as a share of it", "filters of second order",
+    0.0, (0.0, 1.0),
+)  # fmt: skip
 FLOOR = 5e-4  # s: keeps the equations from becoming stiff at the null
 
 
 class SensorLag(Effect):
-    """(1 + t0 p) / (1 + (t + t0) p) with p = d/dt, t = time constant: 1 at the null.
+    """(1 + t0 p) / (1 + (t + t0) p) with p = d/dt, t = time constant: 1 at the null; and another one behind it.
 
     t0 falls from FLOOR with the square of t, so that a lag of usual size is the plain first-order one.
 
-    The state is how far the axis is ahead of the filter, so that it is small and starts near zero.
+    The states are how far each filter's input is ahead of it, so that they are small and start near zero.
     """
 
     name = "sensor_lag"
     sites = ("sensor.position",)
     equation = "output"
-    parameters = (TIME,)
+    parameters = (TIME, SECOND)
     strength = {"time_constant": 4e-4}
-    usual = ({"time_constant": 2e-3}, {"time_constant": 8e-3})
-    law = "t y' + y = x"
-    says = "the position sensor lags with a time constant of {time_constant}"
+    usual = (
+        {"time_constant": 2e-3, "second": 0.0}, {"time_constant": 8e-3, "second": 0.0},
+        {"time_constant": 4e-3, "second": 1.0},
+    )  # fmt: skip
+    law = "t y' + y = x, and again with a share of t"
+    says = (
+        "the position sensor lags with a time constant of {time_constant}, and once more with {second} of it"
+    )
     depends_on = ("velocity",)
     needs = "motion at changing speed"
     look_alikes = ("valve_lag", "input_delay", "valve_rate_limit", "sensor_backlash")
@@ -40,8 +49,13 @@ class SensorLag(Effect):
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
         """What the sensor shows, m."""
-        time = sheet.param(TIME)
-        ahead = sheet.state("ahead", "m", 1e-3, spread=5e-3)
-        floor = FLOOR * (FLOOR / (time + FLOOR)) ** 2
-        sheet.rate(ahead, near["v"] - ahead / (time + floor))
-        return nominal - time / (time + floor) * ahead
+        rate, shown = near["v"], nominal
+        for name, time in (
+            ("ahead", sheet.param(TIME)),
+            ("second_ahead", sheet.param(TIME) * sheet.param(SECOND)),
+        ):
+            ahead = sheet.state(name, "m", 1e-3, spread=5e-3)
+            floor = FLOOR * (FLOOR / (time + FLOOR)) ** 2
+            sheet.rate(ahead, rate - ahead / (time + floor))
+            rate, shown = ahead / (time + floor), shown - time / (time + floor) * ahead
+        return shown

@@ -25,10 +25,25 @@ ZERO = Parameter("zero", "m", 1e-3, "error everywhere: what the even part has at
 SLOPE = Parameter(
     "slope", "m", 1e-3, "error at the far end of one that grows with the way", SIZE, 0.0, WITHIN
 )
+FINER = (2, 3, 4)  # times as many waves along the stroke
+BOWS, CURLS = (
+    tuple(
+        Parameter(
+            f"{name}_{k}", "m", 3e-4, f"the same of a finer shape, the {k}. of its kind", SIZE, 0.0, WITHIN
+        )
+        for k in FINER
+    )
+    for name in ("bow", "curl")
+)
+
+SMALLEST = {"zero": 4e-4, "slope": 2e-4} | {
+    q.name: 8e-5 for q in (BOW, CURL, *BOWS, *CURLS)
+}  # m, worth a name
+TRIED = 5.0  # times that
 
 
 class SensorNonlinearity(Effect):
-    """x + zero + slope 2 x / L + bow cos(pi x / L) + curl sin(2 pi x / L): lowest even and odd shapes.
+    """x + zero + slope 2 x / L + sum_k bow_k cos((2 k - 1) pi x / L) + curl_k sin(2 k pi x / L), k = 1..4.
 
     Any smooth bend is nearly such a sum; its zero and slope show in the motion as well, through the dead volumes.
     """
@@ -36,17 +51,17 @@ class SensorNonlinearity(Effect):
     name = "sensor_nonlinearity"
     sites = ("sensor.position",)
     equation = "output"
-    parameters = (BOW, CURL, ZERO, SLOPE)
-    strength = {"bow": 8e-5, "curl": 8e-5, "zero": 4e-4, "slope": 2e-4}
+    parameters = (BOW, CURL, ZERO, SLOPE, *BOWS, *CURLS)
+    strength = SMALLEST
     usual = tuple(
-        {"bow": 0.0, "curl": 0.0, "zero": 0.0, "slope": 0.0, name: sign * size}
-        for name, size in (("bow", 4e-4), ("curl", 4e-4), ("zero", 1e-3), ("slope", 1e-3))
-        for sign in (1, -1)
-    )
-    law = "shown position is x + zero + slope 2 x / L + bow cos(pi x / L) + curl sin(2 pi x / L)"
+        dict.fromkeys(SMALLEST, 0.0) | {name: sign * TRIED * least}
+        for name, least in SMALLEST.items() for sign in (1, -1)
+    )  # fmt: skip
+    law = "shown position is x + zero + slope 2 x / L + sum of bow_k cos((2 k - 1) pi x / L) + curl_k sin(2 k pi x / L)"
     says = (
-        "the position sensor is bent: it errs by {bow} at mid-stroke and by {curl} a quarter of the stroke beyond, "
-        "apart from {zero} everywhere and {slope} more at the far end"
+        "the position sensor is bent: it errs by {bow} at mid-stroke and by {curl} a quarter of the stroke beyond, in "
+        "finer shapes by {bow_2}, {bow_3}, {bow_4} evenly and by {curl_2}, {curl_3}, {curl_4} oddly, apart from {zero} "
+        "everywhere and {slope} more at the far end"
     )
     depends_on = ("position",)
     needs = "motion over most of the stroke"
@@ -57,6 +72,12 @@ class SensorNonlinearity(Effect):
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
         """What the sensor shows, m."""
         way = near["x"] / near["L"]
-        even = sheet.param(ZERO) + sheet.param(BOW) * ca.cos(math.pi * way)
-        odd = 2 * sheet.param(SLOPE) * way + sheet.param(CURL) * ca.sin(2 * math.pi * way)
+        even, odd = sheet.param(ZERO), 2 * sheet.param(SLOPE) * way
+        c, s = ca.cos(math.pi * way), ca.sin(math.pi * way)
+        c_2, s_2 = c * c - s * s, 2 * s * c  # one cosine and one sine, turned on: they are dear
+        c_even, s_even = c_2, s_2
+        for bow, curl in zip((BOW, *BOWS), (CURL, *CURLS), strict=True):
+            even += sheet.param(bow) * (c_even * c + s_even * s)
+            odd += sheet.param(curl) * s_even
+            c_even, s_even = c_even * c_2 - s_even * s_2, s_even * c_2 + c_even * s_2
         return nominal + even + odd

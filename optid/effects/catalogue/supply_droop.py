@@ -9,6 +9,7 @@ import casadi as ca
 
 from optid.core.parameter import Parameter
 from optid.core.sheet import Sheet
+from optid.core.smooth import soft_power
 from optid.effects.effect import Effect
 
 DROOP = Parameter(
@@ -20,23 +21,37 @@ RECOVERY = Parameter(
     "recovery_time", "s", 0.05, "time constant with which the supply sags and recovers",
     "physics catalogue A.3: 20 to 300 ms", 0.05, (5e-3, 2.0), logarithmic=True,
 )  # fmt: skip
+EXPONENT = Parameter(
+    "exponent",
+    "1",
+    1.0,
+    "power of the flow with which it sags",
+    "a regulator has 1, a wide line 2",
+    1.0,
+    (1.0, 2.0),
+)
 FLOW = 0.01  # kg/s
+SMALL = 1e-3  # flow over FLOW below which the power law is a line
 LEAST = 0.25  # share of the supply pressure that is always left: keeps the flow function in its range
 
 
 class SupplyDroop(Effect):
-    """P_s - R m, with m the flow drawn through the valve behind a first-order lag."""
+    """P_s - droop (m / 10 g/s)^k, with m the flow drawn through the valve behind a first-order lag."""
 
     name = "supply_droop"
     sites = ("flow.supply", "flow.chamber_a", "flow.chamber_b")
     equation = "3-6"
-    parameters = (DROOP, RECOVERY)
+    parameters = (DROOP, RECOVERY, EXPONENT)
     strength = {"droop": 2e3}
     usual = tuple(
-        {"droop": droop, "recovery_time": time} for droop in (1e5, 2e4) for time in (0.01, 0.05, 0.25)
+        {"droop": droop, "recovery_time": time, "exponent": k}
+        for droop, k in ((1e5, 1.0), (2e4, 1.0), (2e5, 2.0)) for time in (0.01, 0.05, 0.25)
+    )  # fmt: skip
+    law = "P_s falls by droop (m / 10 g/s)^k, with m the flow that is drawn, with a lag"
+    says = (
+        "the supply pressure sags by {droop} at a flow of 10 g/s (power {exponent} of the flow) and takes "
+        "{recovery_time} to follow"
     )
-    law = "P_s falls by droop per 10 g/s drawn, with a lag"
-    says = "the supply pressure sags by {droop} at a flow of 10 g/s and takes {recovery_time} to follow"
     depends_on = ("flow", "pressure_a", "pressure_b")
     needs = "fast strokes that draw much air"
     look_alikes = (
@@ -55,8 +70,8 @@ class SupplyDroop(Effect):
             drawn = sheet.state("flow", "kg/s", 5e-3, spread=5e-3)
             sheet.note("drawn", drawn)
             sheet.note("area", near["area"])
-            sag = sheet.param(DROOP) * ca.fmax(drawn, 0) / FLOW
-            return ca.fmax(nominal - sag, LEAST * nominal)
+            power = soft_power(ca.fmax(drawn, 0) / FLOW, sheet.param(EXPONENT), SMALL)
+            return ca.fmax(nominal - sheet.param(DROOP) * power, LEAST * nominal)
         if site == "flow.chamber_a":
             sheet.note("into_a", near["supply"])
         else:

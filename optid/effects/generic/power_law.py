@@ -7,6 +7,7 @@ from typing import Any
 
 from optid.core.parameter import Parameter
 from optid.core.sheet import Sheet
+from optid.core.smooth import soft_power
 from optid.effects.anywhere import Anywhere
 
 EXPONENT = Parameter("exponent", "1", 0.3, "power of the signal", "square roots to squares", 1.0, (0.2, 4.0))
@@ -27,5 +28,4 @@ class PowerLaw(Anywhere):
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
         """The signal's power."""
-        share = nominal / near["size"]
-        return nominal * (share * share + SMALL**2) ** ((self.own(EXPONENT, near, sheet) - 1) / 2)
+        return near["size"] * soft_power(nominal / near["size"], self.own(EXPONENT, near, sheet), SMALL)
