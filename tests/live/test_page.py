@@ -150,6 +150,26 @@ def test_only_so_many_readers(session):
     with_client(session, Door(), job)
 
 
+def test_what_happens_while_a_message_leaves_is_in_the_next_one(session):
+    class Slow:
+        closed, heard = False, []
+
+        async def send_str(self, text):
+            if "events" not in (message := json.loads(text)):
+                return
+            self.heard.append([words for _, words in message["events"]])
+            if len(self.heard) == 1:
+                session.events.note("applied")  # the session goes on while the network takes its time
+            self.closed = len(self.heard) == 3
+
+    async def listen():
+        socket = Slow()
+        await asyncio.wait_for(Page(session, Door())._feed(socket), 5)
+        return socket.heard
+
+    assert asyncio.run(listen()) == [[], ["applied"], []]
+
+
 # In a browser.
 
 

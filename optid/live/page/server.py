@@ -115,8 +115,8 @@ class Page:
             if len(rows):
                 await socket.send_bytes(np.ascontiguousarray(rows, dtype="<f8").tobytes())
             slow, parameters = session.slow.since(slow)
-            await socket.send_str(json.dumps(news(session, parameters, events)))
-            events = session.events.number
+            told, events = events, session.events.number  # what happens from here on is for the next message
+            await socket.send_str(json.dumps(news(session, parameters, told)))
             if ended:
                 await socket.close(message=b"ended")
                 return
