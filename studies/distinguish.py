@@ -3,11 +3,17 @@
     python studies/distinguish.py [--quick] [--out studies/distinguishability.json]
 
 For each excitation and set of sensors: the signatures of all effects along one recording, what base parameters and
-window starts can imitate taken out (physics catalogue A.5), and for each pair the part of one signature that no
-size or form of the other can imitate. Sizes are in units of the effect's medium size; a test that errs in one of a
-hundred cases needs `NEEDED` standard deviations. The noise is white, the rest of the model exact: what is found here
-no tool can beat. Pairs that stay together at their medium size go to studies/inseparable.json, which the blind trial
-reads. It imports nothing of optid.
+window starts can imitate taken out (physics catalogue A.5), and for each pair the part of one signature that the
+other does not imitate. Look-alikes are searched in two ways, and the better imitation counts. The linear look takes
+any combination of seven drawn forms of the rival. Signatures bend with size, so it passes by a rival that is the very
+same at one size only: a rival that leaves less than `MOSTLY` is itself compared, too, at the one size that imitates
+best, in the drawn form (and with the sign) that comes closest in direction; its other parameters stay as drawn. A
+rival that would have to be of another form, or that no combination of its drawn forms comes near, is not found.
+
+Sizes are in units of the effect's medium size; a test that errs in one of a hundred cases needs `NEEDED` standard
+deviations. The noise is white, the rest of the model exact: against the rivals looked at, no tool can beat what is
+found here. Pairs that stay together at their medium size go to studies/inseparable.json, which the blind trial reads.
+It imports nothing of optid.
 """
 
 from __future__ import annotations
@@ -19,6 +25,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 
 sys.path.insert(0, str(Path(__file__).parents[1]))  # finds the studies beside it from any folder
 
@@ -29,7 +36,10 @@ from studies.trial.signatures import Projector, Sight, excited
 from studies.trial.sizes import Draw
 
 NEEDED = 4.65  # sd between two hypotheses that a test confuses in 1 % of the cases either way
-FORMS = 6  # draws of an effect that span what it can do
+DRAWN = ("medium", *SIZES, *SIZES)  # draws of an effect that span what it can do
+MOSTLY = 0.5  # of a signature's norm: a rival that leaves less is searched for its best size
+PITCH = 0.2  # between the sizes that a search looks at first, as shares of the logarithmic range
+SHARES = np.linspace(-0.5, 1.1, 9)  # these; higher up, a choking ratio or a valve's travel would be negative
 EXCITATIONS = {
     "sine": ("sine",),
     "rich": ("steps", "multisine", "ramps"),
@@ -38,11 +48,37 @@ EXCITATIONS = {
 SENSORS = {"position only": None, "with pressures": 500.0}
 
 
-def forms(name: str, seed: int = 0) -> list[Hidden]:
+def forms(name: str) -> list[Hidden]:
     """The effect at medium size first, then at all sizes in the forms that it takes."""
-    rng = np.random.default_rng(seed)
-    medium = NAMED[name](Draw("medium", rng))
-    return [medium, *(NAMED[name](Draw(SIZES[k % 3], rng)) for k in range(FORMS))]
+    rng = np.random.default_rng(0)
+    return [NAMED[name](Draw(size, rng)) for size in DRAWN]
+
+
+def resized(name: str, form: int, share: float | None, flipped: bool = False) -> Hidden:
+    """One of `forms` at another size, and with the other sign, if it has one."""
+    rng = np.random.default_rng(0)
+    for size in DRAWN[:form]:
+        NAMED[name](Draw(size, rng))
+    return NAMED[name](Draw(DRAWN[form], rng, share, flipped))
+
+
+class Looks:
+    """Signatures along the same recordings, each computed once."""
+
+    def __init__(self, sights: list[Sight]) -> None:
+        self.projector = Projector(sights)
+        self.known: dict[tuple[tuple[str, float], ...], Array] = {}
+
+    def signature(self, hidden: Hidden) -> Array:
+        """In sd, (rows,)."""
+        fields = tuple(sorted(hidden.fields.items()))
+        if fields not in self.known:
+            self.known[fields] = self.projector.signature(hidden)
+        return self.known[fields]
+
+    def forms(self, name: str) -> Array:
+        """Of all drawn forms, (rows, forms)."""
+        return np.stack([self.signature(hidden) for hidden in forms(name)], axis=1)
 
 
 def left_over(signature: Array, rival: Array) -> float:
@@ -56,15 +92,48 @@ def left_over(signature: Array, rival: Array) -> float:
     return float(np.linalg.norm(signature - u @ (u.T @ signature)))
 
 
+def closest(signature: Array, rival: Array, name: str) -> tuple[int, bool]:
+    """The form of the rival that points most nearly where `signature` does, and whether with its sign flipped."""
+    lengths = np.linalg.norm(rival, axis=0)
+    along = signature @ rival / np.where(lengths > 0, lengths, 1.0)
+    if resized(name, 0, None) != resized(name, 0, None, flipped=True):  # it has a sign
+        form = int(np.argmax(np.abs(along)))
+        return form, bool(along[form] < 0.0)
+    return int(np.argmax(along)), False
+
+
+def searched(signature: Array, looks: Looks, name: str) -> float:
+    """Norm of what the rival `name` leaves of a signature at the one size that leaves least; coarse if it is much."""
+    form, flipped = closest(signature, looks.forms(name), name)
+
+    def left(share: float) -> float:  # squared: smooth at its minimum
+        rest = signature - looks.signature(resized(name, form, float(share), flipped))
+        return float(rest @ rest)
+
+    start = min(SHARES, key=left)
+    if left(start) > MOSTLY**2 * float(signature @ signature):
+        return float(np.sqrt(left(start)))  # were a size nearby exact, this one would leave less
+    bounds = max(start - PITCH, SHARES[0]), min(start + PITCH, SHARES[-1])
+    found = minimize_scalar(left, bounds=bounds, method="bounded", options={"xatol": 1e-5, "maxiter": 25})
+    return float(np.sqrt(min(found.fun, left(start))))
+
+
+def separation(signature: Array, looks: Looks, name: str) -> float:
+    """Norm of what the rival `name` cannot imitate, by either look; what does not show alone is not searched for."""
+    whole, linear = float(np.linalg.norm(signature)), left_over(signature, looks.forms(name))
+    if whole < NEEDED or linear > MOSTLY * whole:
+        return linear
+    return min(linear, searched(signature, looks, name))
+
+
 def table(sights: list[Sight], names: list[str]) -> dict[str, dict[str, float | None]]:
     """Row: the effect that is there; column: the rival; "alone": against nothing missing. Shares of medium size."""
-    projector = Projector(sights)
-    columns = {name: np.stack([projector.signature(h) for h in forms(name)], axis=1) for name in names}
+    looks = Looks(sights)
     out: dict[str, dict[str, float | None]] = {}
     for name in names:
-        own = columns[name][:, 0]
+        own = looks.signature(forms(name)[0])
         row: dict[str, float | None] = {"alone": _size(float(np.linalg.norm(own)))}
-        row |= {rival: _size(left_over(own, columns[rival])) for rival in names if rival != name}
+        row |= {rival: _size(separation(own, looks, rival)) for rival in names if rival != name}
         out[name] = row
     return out
 

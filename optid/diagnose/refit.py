@@ -18,7 +18,7 @@ from optid.errors import SolveError
 from optid.fit.likelihood import WHOLE
 from optid.fit.place import Answer, Question
 from optid.fit.problem import pose
-from optid.fit.scoring import NEARBY, followed, likeliest, maximise, question_of
+from optid.fit.scoring import NEARBY, followed, likeliest, maximise, question_of, standing
 from optid.fit.steering import steered_fit
 from optid.rigs.rigfile import Rig
 
@@ -28,8 +28,12 @@ WORTH = 0.04  # share by which an effect must lower the windows' error on the ho
 # of the catalogue within a tenth or two of their size. One that brings the windows to the noise need not: what the
 # form of other laws leaves has no reason to end just there.
 FORM = 0.02
+# ... and one that clears most of what the laws before it left need not either: what their form leaves has no reason to
+# look like another law.
+MOST = 0.5
 FAINT = 0.03  # of a signature's strength
 AGAIN = (0.5, 2.0)  # the same, where a refit from the whole of it ends at next to nothing
+SIZES = (0.5, 1.0, 1.6, 2.5)  # the same, beside parameters that have found where they belong
 NEAR = 0.8  # of the best gain: a refit below this share does not go on
 ALIKE = 0.3  # the same for an effect that is easily confused with the best: it may only have lost its way
 CLOSE = (
@@ -77,11 +81,12 @@ class Contest:
 
 @dataclass(eq=False)
 class _Refit:
-    """An effect on its way through a round."""
+    """An effect on its way through a round: `values` is where the screen would have it, SI, by own name."""
 
     effect: Effect
     rig: Rig
     answer: Answer
+    values: Mapping[str, float]
 
     @property
     def size(self) -> float:
@@ -97,6 +102,7 @@ def refit(c: Contest, few: Sequence[Signature]) -> list[Rival]:
         with contextlib.suppress(SolveError):  # with this effect the model may leave the numbers at once
             tried.append(_attempt(c, signature, again=signature is few[0]))
     tried.sort(key=lambda t: t.answer.score)
+    _start_again(c, tried)
     _follow(c, tried)
     rivals = [_rival(c, t, place) for place, t in enumerate(tried)]
     first = min(range(len(tried)), key=lambda place: _order(rivals[place]), default=None)
@@ -111,12 +117,55 @@ def refit(c: Contest, few: Sequence[Signature]) -> list[Rival]:
     return sorted(rivals, key=_order)
 
 
+def _start_again(c: Contest, tried: list[_Refit]) -> None:
+    """Second starts for refits that may have lost their way, which is: to much process noise and next to no effect.
+
+    If none of them explains anything, all of them, with as little noise as the guide has until they stand. Else the
+    look-alikes of the best that fell behind it, from where the best stands.
+    """
+    if not tried or c.guide is c.current.answer:  # there is no other look than the one that led here
+        return
+    best = tried[0]
+    gain = c.current.answer.score - best.answer.score
+    lost = bool(_misfit(best, gain, c.screened))
+    behind = [t for t in tried if _alike(t, best) and c.current.answer.score - t.answer.score < ALIKE * gain]
+    for t in tried if lost else behind:
+        c.tell(f"starting again with {t.effect.name}")
+        with contextlib.suppress(SolveError):
+            other = _quiet(c, t) if lost else _beside(c, t, best)
+            t.answer = min(t.answer, other, key=lambda answer: answer.score)
+    tried.sort(key=lambda t: t.answer.score)
+
+
+def _alike(one: _Refit, other: _Refit) -> bool:
+    return one.effect.name in other.effect.look_alikes or other.effect.name in one.effect.look_alikes
+
+
+def _quiet(c: Contest, t: _Refit) -> Answer:
+    """Led by the guide's gains and then brought to stand at its levels of process noise before these are free."""
+    question = t.answer.question
+    start = _placed(c, question, t.effect.qualified(t.values), c.current.answer)
+    led = steered_fit(question, start, c.guide.question.model, c.guide.filtered, QUICK)
+    stood = standing(question, led, c.guide.noise.levels, QUICK)
+    return maximise(question, stood.p, stood.noise.levels, iterations=QUICK, polish=False, near=stood)
+
+
+def _beside(c: Contest, t: _Refit, best: _Refit) -> Answer:
+    """From the parameters and the process noise that the best of the round found, at the likeliest of some sizes."""
+    question, levels = t.answer.question, best.answer.noise.levels
+    starts = [
+        (_placed(c, question, t.effect.qualified(_scaled(t.effect, t.values, much)), best.answer), levels)
+        for much in SIZES
+    ]
+    return maximise(question, *likeliest(question, starts), iterations=QUICK, polish=False, near=t.answer)
+
+
 def _follow(c: Contest, tried: list[_Refit]) -> None:
     """Bring the best of the first refits further, and once more those that then are close together."""
     here = c.current.answer.score
     gains = [here - t.answer.score for t in tried]
     for place, (t, gain) in enumerate(zip(tried, gains, strict=True)):
-        alike = t.effect.name in tried[0].effect.look_alikes or tried[0].effect.name in t.effect.look_alikes
+        alike = _alike(t, tried[0])
         near = place < (3 if alike else 2) and gain > (ALIKE if alike else NEAR) * gains[0]
         if near and t.size > TINY:
             c.tell(f"refitting with {t.effect.name}")
@@ -142,12 +191,9 @@ def _rival(c: Contest, t: _Refit, place: int) -> Rival:
     gain = c.current.answer.score - t.answer.score
     against = compare(c.current.judged, candidate.judged, c.data.generator)
     misfit = _misfit(t, gain, c.screened)
-    more = cleared(c.base.judged, candidate.judged, c.data.noise)
-    if c.current.effects:
-        more -= cleared(c.base.judged, c.current.judged, c.data.noise)
     why = misfit or _unproven(against, place)
-    if not why and excess(candidate.judged, c.data.noise) > EXCESS:
-        why = _formal(c.current, more)
+    if not why and c.current.effects and excess(candidate.judged, c.data.noise) > EXCESS:
+        why = _formal(c, candidate)
     return Rival(t.effect, candidate, gain, against, why, not misfit)
 
 
@@ -163,38 +209,42 @@ def cost(effect: Effect) -> float:
 
 def _attempt(c: Contest, signature: Signature, again: bool) -> _Refit:
     """A first refit from where the screen would have the effect; `again` from other sizes if that loses it."""
-    effect = signature.effect
+    effect, values = signature.effect, signature.values
     rig = grown(c.current.rig, effect)
-    rig = replace(rig, parameters={**rig.parameters, **effect.qualified(signature.values)})
+    rig = replace(rig, parameters={**rig.parameters, **effect.qualified(values)})
     question = question_of(rig, pose(rig.model, c.data.train, WHOLE), c.base.rig.model)
-    best = _Refit(effect, rig, _started(c, question, effect, signature.values))
-    if again and effect.size(signature.values) >= 1.0 > best.size:
+    best = _Refit(effect, rig, _started(c, question, effect, values), values)
+    if again and effect.size(values) >= 1.0 > best.size:
         for factor in AGAIN:
             with contextlib.suppress(SolveError):
-                other = _started(c, question, effect, _scaled(effect, signature.values, factor))
+                other = _started(c, question, effect, _scaled(effect, values, factor))
                 best.answer = min(best.answer, other, key=lambda answer: answer.score)
     return best
 
 
 def _started(c: Contest, question: Question, effect: Effect, values: Mapping[str, float]) -> Answer:
     """By the gains of the guide, which may move the states less than the current model's, then a rough refit."""
-    model, own = question.model, c.current.rig.model
-
-    def placed(values: Mapping[str, float]) -> Array:
-        p = model.vector(question.rig.parameters)
-        p[[model.index(parameter.name) for parameter in own.parameters]] = c.current.answer.p
-        for name, value in effect.qualified(values).items():
-            low, high = model.parameters[model.index(name)].bounds
-            p[model.index(name)] = min(max(value, low), high)
-        return p
-
+    here = c.current.answer
+    p = _placed(c, question, effect.qualified(values), here)
     # A trace of it is as likely as none, wherever the screen would have led.
-    p, faint, levels = placed(values), placed(_scaled(effect, values, FAINT)), c.current.answer.noise.levels
-    starts = [(p, levels), (faint, levels)]
+    faint = _placed(c, question, effect.qualified(_scaled(effect, values, FAINT)), here)
+    starts = [(p, here.noise.levels), (faint, here.noise.levels)]
     with contextlib.suppress(SolveError):  # it holds on to the data by more noise than the guide allows
         led = steered_fit(question, p, c.guide.question.model, c.guide.filtered, QUICK)
-        starts += [(led, levels - by) for by in SCANNED]
+        starts += [(led, here.noise.levels - by) for by in SCANNED]
     return maximise(question, *likeliest(question, starts), iterations=QUICK, polish=False, near=c.guide)
+
+
+def _placed(c: Contest, question: Question, values: Mapping[str, float], source: Answer) -> Array:
+    """All parameters of a question: the current model's as `source` has them, and an effect's `values`."""
+    model, other = question.model, source.question.model
+    p = model.vector(question.rig.parameters)
+    for parameter in c.current.rig.model.parameters:
+        p[model.index(parameter.name)] = source.p[other.index(parameter.name)]
+    for name, value in values.items():
+        low, high = model.parameters[model.index(name)].bounds
+        p[model.index(name)] = min(max(value, low), high)
+    return p
 
 
 def _scaled(effect: Effect, values: Mapping[str, float], factor: float) -> dict[str, float]:
@@ -228,11 +278,13 @@ def _unproven(against: Comparison, place: int) -> str:
     return ""
 
 
-def _formal(current: Candidate, more: float) -> str:
+def _formal(c: Contest, candidate: Candidate) -> str:
     """Whether an effect beside others clears no more than the form of their laws may have left; empty if it does."""
-    if current.effects and more < FORM:
-        return f"it clears {100 * max(more, 0):.1f} % of the first error: the form of the laws before it may leave that"
-    return ""
+    before = cleared(c.base.judged, c.current.judged, c.data.noise)
+    more = cleared(c.base.judged, candidate.judged, c.data.noise) - before
+    if more >= min(FORM, MOST * (1.0 - before)):
+        return ""
+    return f"it clears {100 * max(more, 0):.1f} % of the first error: the form of the laws before it may leave that"
 
 
 def own_values(effect: Effect, rig: Rig, answer: Answer) -> dict[str, float]:

@@ -106,6 +106,16 @@ def approach(q: Question, p: Array) -> Answer:
     return here.answer(settled)
 
 
+def standing(q: Question, p: Array, levels: Array, iterations: int) -> Answer:
+    """The likeliest parameters at levels of process noise that stay, roughly: what is far off cannot be called noise.
+
+    Raises:
+        SolveError: the model cannot be simulated at the start.
+    """
+    here, _, settled = _descend(_start(q, p, levels), iterations, NEARBY, held=True)
+    return here.answer(settled)
+
+
 def _led(here: Place) -> Place:
     """Where held gains lead from a place, and from there once more, as long as that is likelier."""
     for _ in range(LED):

@@ -12,16 +12,25 @@ from studies.trial.case import SIZES
 
 @dataclass(frozen=True)
 class Draw:
-    """The randomness of one effect, and its size."""
+    """The randomness of one effect, and its size.
+
+    Attributes:
+        size: small, medium or large.
+        rng: what is drawn from.
+        share: of the range (in logarithms), in place of a drawn one; below 0 and above 1 is beyond its ends.
+        flipped: every sign comes out the other way.
+    """
 
     size: str
     rng: np.random.Generator
+    share: float | None = None
+    flipped: bool = False
 
     def sized(self, least: float, most: float) -> float:
         """From the lower, middle or upper third (in logarithms) of the range; `most` is the strongest."""
         third = SIZES.index(self.size)
-        share = (third + self.rng.uniform(0.15, 0.85)) / 3
-        return float(least * (most / least) ** share)
+        drawn = (third + self.rng.uniform(0.15, 0.85)) / 3  # in any case: what is drawn next hangs on it
+        return float(least * (most / least) ** (drawn if self.share is None else self.share))
 
     def between(self, low: float, high: float) -> float:
         """Anywhere in the range, evenly in logarithms."""
@@ -33,7 +42,7 @@ class Draw:
 
     def sign(self) -> float:
         """+1 or -1."""
-        return float(self.rng.choice([-1.0, 1.0]))
+        return float(self.rng.choice([-1.0, 1.0])) * (-1.0 if self.flipped else 1.0)
 
     def one_of(self, *choices: float) -> float:
         """Any of these."""

@@ -4,7 +4,20 @@ import numpy as np
 import pytest
 
 from studies import distinguish
-from studies.distinguish import inseparable, left_over, study, table
+from studies.distinguish import (
+    DRAWN,
+    NEEDED,
+    SHARES,
+    Looks,
+    forms,
+    inseparable,
+    left_over,
+    resized,
+    searched,
+    study,
+    table,
+)
+from studies.trial.named import NAMED
 from studies.trial.signatures import Sight, excited
 
 
@@ -39,6 +52,39 @@ def test_no_rival_makes_an_effect_easier_to_see(sine):
     for name in ("input_delay", "sensor_lag", "valve_offset"):
         rivals = [size for rival, size in sine[name].items() if rival != "alone"]
         assert min(rivals) >= sine[name]["alone"] * (1 - 1e-3)
+
+
+@pytest.fixture(scope="module")
+def steps():
+    """Steps with pressures: a short look with every sensor."""
+    return Looks([Sight(excited("steps", 1.3, np.random.default_rng(0)))])
+
+
+def test_a_force_and_friction_that_is_stronger_one_way_are_the_same_thing(steps):
+    names = ["constant_force", "asymmetric_friction", "spring_load", "cross_leakage"]
+    rows = table(steps.projector.sights, names)
+    assert inseparable({"rich": {"with pressures": rows}}) == [["asymmetric_friction", "constant_force"]]
+    for one, other in (names[:2], names[1::-1]):  # either way, and though its drawn forms do not span it
+        own = steps.signature(forms(one)[0])
+        assert left_over(own, steps.forms(other)) > NEEDED
+        assert searched(own, steps, other) < 1e-2
+
+
+def test_a_search_finds_the_size_and_the_sign_of_what_is_there(steps):
+    hidden = resized("valve_offset", 0, 0.777, flipped=True)
+    own = steps.signature(hidden)
+    assert hidden.fields["valve_offset"] * forms("valve_offset")[0].fields["valve_offset"] < 0.0
+    assert searched(own, steps, "valve_offset") < 1e-3 * np.linalg.norm(own)
+
+
+@pytest.mark.parametrize("name", NAMED)
+def test_a_form_at_another_size_keeps_the_rest_of_its_draws(name):
+    drawn = forms(name)
+    for form in range(len(DRAWN)):
+        assert resized(name, form, None) == drawn[form]
+        weak, strong = (resized(name, form, share).fields for share in (SHARES[0], SHARES[-1]))
+        assert weak.keys() == strong.keys() == drawn[form].fields.keys()
+        assert weak != strong
 
 
 def test_pairs_need_more_than_their_medium_size_to_be_inseparable():

@@ -1,0 +1,55 @@
+"""The smoother's process noise: every unit's own level, none of it where it explains nothing."""
+
+import numpy as np
+import pytest
+
+from optid.fit import annealing
+from optid.fit.annealing import RUNG, TIGHT, Pace, Solution, anneal
+from optid.fit.objective import freed_with_rest, objective_of
+from optid.fit.problem import pose
+from optid.fit.result import Outcome
+from optid.fit.smoother import Point
+from optid.fit.start import guess
+from tests.fit.cart import RATE, SD, moved, record, rig
+
+PACE = Pace(lambda stage, share: lambda iteration, cost, p: False, lambda: False, lambda at: None)
+
+
+def posed(cart, data):
+    problem = pose(cart.model, data, 0.1)
+    o, p = objective_of(cart, freed_with_rest(cart), problem)
+    return o, Point(guess(cart.model, problem, p), p)
+
+
+def test_noise_goes_where_the_model_errs(tmp_path):
+    """Knocks on the cart change its speed, not its place: the speed's equation gets the process noise."""
+    rng, dt = np.random.default_rng(11), 1 / RATE
+    x, v, pieces = 0.0, 0.0, []
+    push = np.repeat(rng.uniform(-1.0, 1.0, 40), 50)
+    for piece in np.split(push, 20):
+        *run, before, after = moved([*piece, 0.0, 0.0], dt, x, v)
+        pieces.append(run)
+        x, v = before, (after - before) / dt + 0.3 * rng.standard_normal()
+    seen = np.concatenate(pieces) + SD * rng.standard_normal(len(push))
+    o, at = posed(rig(tmp_path), [record(push, seen)])
+    found = anneal(o, at, None, None, PACE)
+    levels = dict(zip((state.name for state in o.model.states), found.q / o.model.scales, strict=True))
+    assert found.outcome is Outcome.CONVERGED
+    assert levels["velocity"] > 10.0 * levels["position"]
+
+
+@pytest.mark.parametrize("best", [(1.0, 1.0), (1.0, RUNG), (RUNG**-2, 1.0)])
+def test_every_unit_climbs_to_its_own_level(best, monkeypatch, tmp_path):
+    """One rung at a time, either way, within what the ladder spans."""
+    o, at = posed(rig(tmp_path), [record(np.ones(200), moved(np.ones(200), 1 / 200))])
+    aim = 1e-3 * np.array(best)
+
+    def descended(o, at, terms, q, watch):
+        levels = q / o.model.scales
+        assert levels.min() >= TIGHT * 0.999
+        return Solution(at, terms, q, float((np.log(levels / aim) ** 2).sum()), Outcome.TIME_LIMIT)
+
+    monkeypatch.setattr(annealing, "_descended", descended)
+    start = descended(o, at, None, 1e-3 * o.model.scales, None)
+    found = annealing._by_unit(o, start, 1.0, PACE)
+    assert found.q / o.model.scales == pytest.approx(aim)
