@@ -40,6 +40,7 @@ DRAWN = ("medium", *SIZES, *SIZES)  # draws of an effect that span what it can d
 MOSTLY = 0.5  # of a signature's norm: a rival that leaves less is searched for its best size
 PITCH = 0.2  # between the sizes that a search looks at first, as shares of the logarithmic range
 SHARES = np.linspace(-0.5, 1.1, 9)  # these; higher up, a choking ratio or a valve's travel would be negative
+SAME = 1e-3  # sd: what is nearer is the same, and how near depends on the search's last digits
 EXCITATIONS = {
     "sine": ("sine",),
     "rich": ("steps", "multisine", "ramps"),
@@ -133,7 +134,7 @@ def table(sights: list[Sight], names: list[str]) -> dict[str, dict[str, float | 
     for name in names:
         own = looks.signature(forms(name)[0])
         row: dict[str, float | None] = {"alone": _size(float(np.linalg.norm(own)))}
-        row |= {rival: _size(separation(own, looks, rival)) for rival in names if rival != name}
+        row |= {rival: _size(max(separation(own, looks, rival), SAME)) for rival in names if rival != name}
         out[name] = row
     return out
 

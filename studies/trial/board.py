@@ -63,7 +63,8 @@ def _naming(cases: Sequence[Judged]) -> list[Rate]:
     out.append(rate("... named and nothing else", single, lambda c: c.exact))
     for sensors, target in zip(SENSORS, (0.75, 0.85), strict=True):
         some = [c for c in pair if c.conditions["sensors"] == sensors]
-        out.append(rate(f"pair, both named and nothing else, {sensors}", some, lambda c: c.exact, target))
+        out.append(rate(f"pair, both named and nothing else, {sensors}", some, lambda c: c.whole, target))
+    out.append(rate("... of pairs, inseparable look-alikes not counted", pair, lambda c: c.exact))
     out.append(rate("... one of them first", pair, lambda c: c.in_set))
     out.append(rate("right site", single + pair, lambda c: c.site_right, 0.95))
     return out
@@ -88,7 +89,9 @@ def _restraint(cases: Sequence[Judged]) -> list[Rate]:
 
 def _coverage(cases: Sequence[Judged]) -> list[Rate]:
     own = [e for c in cases for e in c.estimates if e.held is not None]
-    base = [e for c in cases if c.exact for e in c.base if e.held is not None]
+    # Beside physics that no effect stands for, parameters take it in.
+    known = [c for c in cases if c.exact and c.kind != "outside"]
+    base = [e for c in known for e in c.base if e.held is not None]
     return [
         Rate(
             "the effects' parameters within their intervals", sum(e.held is True for e in own), len(own), 0.90

@@ -48,6 +48,7 @@ class Judged:
         first_right: the first name is one that is there.
         in_set: ... or is proven inseparable from one that is there, and reported with it.
         exact: all names are there, and no other is given.
+        whole: the same, where a name proven inseparable from the true one, and reported with it, counts for it.
         site_right: every concealed effect's site is given; without names, that of the unexplained part.
         times, chance: overlap of the flagged times with the true ones, and that of flagging everything.
         region: overlap of the flagged range of states, where the effect has one; None if it has none.
@@ -68,6 +69,7 @@ class Judged:
     first_right: bool = False
     in_set: bool = False
     exact: bool = False
+    whole: bool = False
     site_right: bool = False
     times: float | None = None
     chance: float | None = None
@@ -152,8 +154,9 @@ def judge(answer: Mapping[str, Any], ran: Ran) -> Judged:
         str(d["verdict"]),
         named=named,
         first_right=first,
-        in_set=first or _reported_together(d["findings"], wanted, ran.inseparable),
+        in_set=any(name in wanted for name in _counted(d["findings"], wanted, ran.inseparable)[:1]),
         exact=set(named) == set(wanted) and len(named) == len(wanted),
+        whole=sorted(_counted(d["findings"], wanted, ran.inseparable)) == sorted(wanted),
         site_right=all(at_site) if at_site else not found_sites,
         times=times,
         chance=chance,
@@ -174,14 +177,17 @@ def _refused(closest: Mapping[str, Any] | None, wanted: tuple[str, ...]) -> floa
     return 1.0 - float(closest["cleared"])
 
 
-def _reported_together(findings: list[dict[str, Any]], true: tuple[str, ...], inseparable: Pairs) -> bool:
-    """The first finding holds, among what it cannot tell apart, a true effect that nothing can tell from it."""
-    named = [f for f in findings if f["effect"] is not None]
-    if not named:
-        return False
-    first = named[0]
-    others = set(first.get("indistinguishable_from", ())) & set(true)
-    return any(frozenset((first["effect"], other)) in inseparable for other in others)
+def _counted(findings: list[dict[str, Any]], true: tuple[str, ...], inseparable: Pairs) -> list[str]:
+    """The names given; one that nothing can tell from a true one, which is reported with it, counts as that."""
+    counted = []
+    for finding in findings:
+        name = finding["effect"]
+        if name is None:
+            continue
+        others = set(finding.get("indistinguishable_from", ())) & set(true)
+        same = [other for other in sorted(others) if frozenset((name, other)) in inseparable]
+        counted.append(same[0] if same and name not in true else name)
+    return counted
 
 
 def _matching(findings: list[dict[str, Any]], name: str) -> dict[str, Any] | None:

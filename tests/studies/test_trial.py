@@ -255,7 +255,9 @@ def test_a_wrong_name_and_one_too_many():
 
 def test_a_look_alike_counts_only_if_proven_and_reported():
     lag = finding("valve_lag", "valve", indistinguishable_from=["input_delay"])
-    assert judge(answered(DELAY), said("missing-physics", lag)).in_set
+    alike = judge(answered(DELAY), said("missing-physics", lag))
+    assert alike.in_set and alike.whole
+    assert not (alike.first_right or alike.exact)
     assert not judge(answered(DELAY), said("missing-physics", finding("valve_lag", "valve"))).in_set
     unproven = finding("valve_lag", "valve", indistinguishable_from=["valve_offset"])
     assert not judge(answered(OFFSET), said("missing-physics", unproven)).in_set
@@ -264,8 +266,14 @@ def test_a_look_alike_counts_only_if_proven_and_reported():
 def test_both_of_a_pair_are_needed():
     pair = answered(OFFSET, DELAY, kind="pair")
     both = said("missing-physics", finding("input_delay", "valve"), finding("valve_offset", "valve"))
-    assert judge(pair, both).exact
-    assert not judge(pair, said("missing-physics", finding("input_delay", "valve"))).exact
+    assert judge(pair, both).exact and judge(pair, both).whole
+    one = judge(pair, said("missing-physics", finding("input_delay", "valve")))
+    assert not (one.exact or one.whole)
+    lag = finding("valve_lag", "valve", indistinguishable_from=["input_delay"])
+    alike = judge(pair, said("missing-physics", lag, finding("valve_offset", "valve")))
+    assert alike.whole and not alike.exact
+    twice = judge(pair, said("missing-physics", lag, finding("input_delay", "valve")))
+    assert not twice.whole
 
 
 def test_outside_the_list_a_name_is_wrong_and_silence_too():
