@@ -21,13 +21,11 @@ from optid.fit.checkpoint import Checkpoint, Kept
 from optid.fit.covariance import covariance
 from optid.fit.identifiability import Ties, examine, find_ties
 from optid.fit.objective import LEAST, freed_with_rest, objective_of, window_length
-from optid.fit.problem import Booleans, Integers, pose
+from optid.fit.problem import Booleans, pose
 from optid.fit.result import Certificate, Estimate, Fit, Outcome
-from optid.fit.smoother import Objective, Point, Terms, Watch, evaluate, settled_system
+from optid.fit.smoother import Objective, Point, Terms, Watch, settled_system
 from optid.fit.start import guess
 from optid.rigs.rigfile import Rig
-
-DAMPING = "bristle_damping"
 
 
 @dataclass(frozen=True)
@@ -221,7 +219,7 @@ def _result(
     theta = np.where(bound, theta, np.clip(p[list(o.free)], o.low, o.high))
     p[list(o.free)] = theta
     if compare and best.outcome is Outcome.CONVERGED:
-        cov = cov + np.diag(_imperfection(o, best, cov, fixed)) + _unfitted(rig, o, best, fixed)
+        cov = cov + np.diag(_imperfection(o, best, cov, fixed))
     half = special.ndtri(0.975) * np.sqrt(np.maximum(np.diag(cov), 0.0))
     half = np.where(ties.mute, np.inf, half)
     estimates = []
@@ -254,44 +252,12 @@ def _without_floors(o: Objective, best: Solution, bound: Booleans, fixed: Boolea
     kept = np.flatnonzero(~(bound | fixed))
     if not len(floors) or not len(kept):
         return moved
-    moved[kept] = _response(o, best, best.terms, kept, floors, -o.low[floors])
-    return moved
-
-
-def _response(
-    o: Objective, best: Solution, terms: Terms, kept: Integers, others: Integers, by: Array
-) -> Array:
-    """How the parameters `kept` follow if `others` are moved `by` so much, to first order, SI; 0 where they cannot."""
-    schur = settled_system(o, best.at, terms, best.q, np.zeros(len(o.free), dtype=bool)).schur
-    pull, follow = -schur[np.ix_(kept, others)] @ (by / o.typical[others]), np.zeros(len(kept))
+    schur = settled_system(o, best.at, best.terms, best.q, np.zeros(len(o.free), dtype=bool)).schur
+    to_zero = -o.low[floors] / o.typical[floors]
     with contextlib.suppress(np.linalg.LinAlgError):
-        follow[:] = np.linalg.solve(schur[np.ix_(kept, kept)], pull) * o.typical[kept]
-    return follow
-
-
-def _unfitted(rig: Rig, o: Objective, best: Solution, fixed: Booleans) -> Array:
-    """Covariance added, (free, free), for how a contact's motion at rest is damped.
-
-    A smoother does not fit it: anything from none to twice as much is taken to be possible, as 95 %. A tenth of a
-    millisecond more or less moves viscous friction by 0.02 % on the bench.
-    """
-    i = next((k for k, q in enumerate(o.model.parameters) if q.name == DAMPING), None)
-    kept, added = np.flatnonzero(~fixed), np.zeros((len(o.free), len(o.free)))
-    if i is None or i in o.free or DAMPING in rig.parameters or not len(kept):
-        return added
-    size = best.at.p[i]
-
-    def more(values: Array, value: float) -> Array:
-        return np.append(values, value)
-
-    wider = replace(
-        o, free=(*o.free, i), low=more(o.low, 0.0), high=more(o.high, np.inf), typical=more(o.typical, size),
-        prior=more(o.prior, size), prior_sd=more(o.prior_sd, np.inf),
-    )  # fmt: skip
-    terms = evaluate(wider, best.at, best.q)
-    follow = _response(wider, best, terms, kept, np.array([len(o.free)]), np.array([size / 2.0]))
-    added[np.ix_(kept, kept)] = np.outer(follow, follow)
-    return added
+        step = np.linalg.solve(schur[np.ix_(kept, kept)], -schur[np.ix_(kept, floors)] @ to_zero)
+        moved[kept] = step * o.typical[kept]
+    return moved
 
 
 def _imperfection(o: Objective, best: Solution, cov: Array, fixed: Booleans) -> Array:

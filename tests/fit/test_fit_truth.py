@@ -63,19 +63,3 @@ def test_elastic_motion_that_is_only_simulated_does_not_bias_the_rest(monkeypatc
     drag = found["viscous_friction"]
     # Without the step to zero it comes out 0.2 low.
     assert drag.value == pytest.approx(61.3, abs=0.12)
-
-
-def test_a_contact_that_nobody_stated_widens_the_intervals(tmp_path):
-    """How friction at rest is damped is not fitted: as much as it may be off counts, unless the rig file states it."""
-    text = (DATA / "bench.toml").read_text()
-    (tmp_path / "stated.toml").write_text(text.replace("[fit]", 'bristle_damping = "0.2 ms"\n\n[fit]'))
-    rigs = read_rig(DATA / "bench.toml"), read_rig(tmp_path / "stated.toml")
-    assert (
-        rigs[1].parameters["bristle_damping"]
-        == rigs[0].model.vector(rigs[0].parameters)[rigs[0].model.index("bristle_damping")]
-    )
-    data = [read_recording(DATA / "bench.csv", rigs[0])]
-    open_, stated = ({e.name: e for e in fit(rig, data).parameters} for rig in rigs)
-    for name in ("viscous_friction", "coulomb_friction", "residual_length"):
-        assert open_[name].value == pytest.approx(stated[name].value, rel=1e-9)
-        assert open_[name].high - open_[name].low > stated[name].high - stated[name].low
