@@ -120,16 +120,23 @@ def refit(c: Contest, few: Sequence[Signature]) -> list[Rival]:
 def _start_again(c: Contest, tried: list[_Refit]) -> None:
     """Second starts for refits that may have lost their way, which is: to much process noise and next to no effect.
 
-    If none of them explains anything, all of them, with as little noise as the guide has until they stand. Else the
-    look-alikes of the best that fell behind it, from where the best stands.
+    If none of them explains anything, all of them, with as little noise as the guide has until they stand; not where
+    no more is left than right laws may leave. Else the look-alikes of the best that fell behind it, from where the
+    best stands.
     """
     if not tried or c.guide is c.current.answer:  # there is no other look than the one that led here
         return
     best = tried[0]
     gain = c.current.answer.score - best.answer.score
     lost = bool(_misfit(best, gain, c.screened))
-    behind = [t for t in tried if _alike(t, best) and c.current.answer.score - t.answer.score < ALIKE * gain]
-    for t in tried if lost else behind:
+    if lost:
+        left = 1.0 - cleared(c.base.judged, c.current.judged, c.data.noise)
+        again = tried if left > (c.base.rig.model.laws_leave or 0.0) else []
+    else:
+        again = [
+            t for t in tried if _alike(t, best) and c.current.answer.score - t.answer.score < ALIKE * gain
+        ]
+    for t in again:
         c.tell(f"starting again with {t.effect.name}")
         with contextlib.suppress(SolveError):
             other = _quiet(c, t) if lost else _beside(c, t, best)

@@ -186,10 +186,11 @@ def servo_pneumatic(
     external = s.site("force.external", end_stops(s, x, v, L), x=x, v=v, L=L)
     net = drive - drag + external
     s.rate(x, v)
-    s.rate(v, s.site("force.acceleration", net / M, net=net, mass=M, x=x, v=v))
+    a = s.site("force.acceleration", net / M, net=net, mass=M, x=x, v=v)
+    s.rate(v, a)
 
     skewed = x - s.param(SAMPLING_SKEW) * v
-    s.output("position", "m", s.site("sensor.position", skewed, x=x, v=v, L=L))
+    s.output("position", "m", s.site("sensor.position", skewed, x=x, v=v, a=a, L=L))
     s.output("pressure_a", "Pa", s.site("sensor.pressure_a", P_a))
     s.output("pressure_b", "Pa", s.site("sensor.pressure_b", P_b))
 

@@ -212,16 +212,17 @@ def test_an_effect_that_its_refit_loses_is_tried_again_from_others(again, monkey
 
 
 @pytest.mark.parametrize(
-    ("gains", "found", "again"),
+    ("gains", "left", "found", "again"),
     [
-        # Nothing explains anything: all of them, held at little process noise first.
-        ({"lag": 3.0, "delay": 1.0, "drag": 0.0}, "_quiet", ["lag", "delay", "drag"]),
+        # Nothing explains anything: all of them, held at little process noise first, if much is left.
+        ({"lag": 3.0, "delay": 1.0, "drag": 0.0}, 1.0, "_quiet", ["lag", "delay", "drag"]),
+        ({"lag": 3.0, "delay": 1.0, "drag": 0.0}, 0.1, "_quiet", []),
         # One does: what is easily confused with it and fell behind, from where it stands.
-        ({"lag": 900.0, "delay": 1.0, "drag": 0.0}, "_beside", ["delay"]),
-        ({"lag": 900.0, "delay": 600.0, "drag": 0.0}, "_beside", []),
+        ({"lag": 900.0, "delay": 1.0, "drag": 0.0}, 0.1, "_beside", ["delay"]),
+        ({"lag": 900.0, "delay": 600.0, "drag": 0.0}, 1.0, "_beside", []),
     ],
 )
-def test_refits_that_lost_their_way_start_again(gains, found, again, monkeypatch):
+def test_refits_that_lost_their_way_start_again(gains, left, found, again, monkeypatch):
     def refit(name, gain):
         effect = SimpleNamespace(name=name, parameters=(1,), look_alikes=("delay",) if name == "lag" else ())
         return SimpleNamespace(effect=effect, answer=SimpleNamespace(score=-gain), size=2.0)
@@ -233,8 +234,9 @@ def test_refits_that_lost_their_way_start_again(gains, found, again, monkeypatch
     calls, tried = [], [refit(name, gain) for name, gain in gains.items()]
     for name in ("_quiet", "_beside"):
         monkeypatch.setattr(refit_of, name, better if name == found else None)
+    monkeypatch.setattr(refit_of, "cleared", lambda *others: 1.0 - left)
     here, data = SimpleNamespace(score=0.0), Data((), (), {}, np.random.default_rng(0))
-    current = Candidate((), None, here, None)
+    current = Candidate((), SimpleNamespace(model=SimpleNamespace(laws_leave=0.13)), here, None)
     contest = refit_of.Contest(current, current, SimpleNamespace(), 30, data, lambda words: None)
     refit_of._start_again(contest, tried)
     assert calls == again

@@ -161,17 +161,29 @@ def test_a_drift_settles_at_its_rate_times_its_time():
     assert shown - states[:, 0] == pytest.approx(5e-4 * (1 - np.exp(-time / 0.5)), abs=1e-9)
 
 
-@pytest.mark.parametrize("rate", [2e-3, -2e-3])
-def test_a_clock_that_drifts_shows_the_motion_of_another_time(rate):
+def at_of(values, time, rate):
+    """What a channel shows whose clock runs otherwise."""
+    return np.interp(time * (1 - rate), time, values)
+
+
+@pytest.mark.parametrize(
+    ("rate", "others", "error"), [(2e-3, 1.0, 0.05), (2e-3, 0.5, 0.12), (2e-3, 0.0, 0.2), (-2e-3, 1.0, 0.2)]
+)
+def test_a_clock_that_drifts_shows_the_motion_of_another_time(rate, others, error):
     X, u = run()
-    shown = simulated("clock_drift", {"rate": 0.0}, u, X[0])[1]
-    drifted = simulated("clock_drift", {"rate": rate}, u, X[0])[1]
+    plain, shown, _ = simulated("clock_drift", {"rate": 0.0}, u, X[0])
+    states, drifted, _ = simulated("clock_drift", {"rate": rate, "others": others}, u, X[0])
     time = np.arange(len(shown)) * DT
     whole = slice(200, -200)
-    at = np.interp(time * (1 - rate), time, shown)
+    at = at_of(shown, time, rate)
     moved = np.abs(at - shown)[whole].max()
-    # Late it is exact but for the straight lines between held commands; early it is carried on at its speed.
-    assert np.abs(drifted - at)[whole].max() < (0.05 if rate > 0 else 0.25) * moved
+    # Late with the others it is exact but for the straight lines between held commands; alone it is carried on.
+    assert np.abs(drifted - at)[whole].max() < error * moved
+    then = at_of(plain[:, 2], time, max(rate, 0.0) * others)
+    assert (
+        np.abs(states[:, 2] - then)[whole].max()
+        < 0.1 * np.abs(plain[:, 2] - at_of(plain[:, 2], time, 2e-3)).max()
+    )
 
 
 def test_a_bend_of_the_sensor_is_the_sum_of_its_shapes():

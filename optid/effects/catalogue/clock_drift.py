@@ -17,22 +17,34 @@ RATE = Parameter(
     "crystals differ by 1e-5 to 2e-4, timers of a program by 1e-4 to 1e-2", 0.0, (-1e-2, 1e-2),
 )  # fmt: skip
 
+OTHERS = Parameter(
+    "others", "1", 0.5, "share of the position's lateness that all other channels have, too", "one card or several",
+    1.0, (0.0, 1.0),
+)  # fmt: skip
+
 
 class ClockDrift(Effect):
     """Shown at t is the position of t - r t, with t from the start of each recording.
 
-    Where the position comes late so does all that the command does: the command of r t ago is taken, exactly. Where
-    it comes early it is carried on at its speed, x + v |r| t.
+    Where the position comes late and other channels do, too, all that the command does comes late: the command of r t
+    ago is taken, exactly. What is late or early of the position alone is carried on at its speed and acceleration,
+    x - v r t + a (r t)^2 / 2.
     """
 
     name = "clock_drift"
     sites = ("sensor.position", "valve.input")
     equation = "output"
-    parameters = (RATE,)
+    parameters = (RATE, OTHERS)
     strength = {"rate": 5e-5}
-    usual = ({"rate": 3e-4}, {"rate": 2e-3}, {"rate": -3e-4}, {"rate": -2e-3})
+    usual = (
+        {"rate": 3e-4, "others": 1.0}, {"rate": 2e-3, "others": 1.0}, {"rate": 3e-4, "others": 0.0},
+        {"rate": 2e-3, "others": 0.0}, {"rate": -3e-4, "others": 1.0}, {"rate": -2e-3, "others": 1.0},
+    )  # fmt: skip
     law = "shown at t is the position of t - r t"
-    says = "position and command are sampled by clocks that differ by {rate}: the position comes ever later, or earlier"
+    says = (
+        "position and command are sampled by clocks that differ by {rate}: the position comes ever later, or earlier, "
+        "and of that the other channels {others}"
+    )
     depends_on = ("time", "velocity")
     needs = "fast motion late in a long recording"
     look_alikes = ("input_delay", "sensor_lag", "valve_lag", "sensor_drift")
@@ -44,6 +56,8 @@ class ClockDrift(Effect):
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
         """What the sensor shows, m; the command as it was, a share of full command."""
         late = sheet.param(RATE) * sheet.clock()
+        together = sheet.param(OTHERS) * ca.fmax(late, 0)
         if site == "valve.input":
-            return command_ago(sheet, nominal, ca.fmax(late, 0))
-        return nominal - near["v"] * ca.fmin(late, 0)
+            return command_ago(sheet, nominal, together)
+        alone = late - together
+        return nominal - near["v"] * alone + near.get("a", 0.0) * alone**2 / 2
