@@ -14,7 +14,7 @@ from optid.effects.library import built_in
 from studies import concealed, trial
 from studies.independent_rig import Controller, Rig, Sensors
 from studies.trial import running, scoring
-from studies.trial.board import Rate, board, conformal, spreads, text
+from studies.trial.board import Rate, board, conformal, rates, spreads, text
 from studies.trial.case import SIZES, Case, Hidden, case_from
 from studies.trial.compose import compose
 from studies.trial.concealment import Trace, acts_when, hidden_by, trace
@@ -274,6 +274,9 @@ def test_both_of_a_pair_are_needed():
     assert alike.whole and not alike.exact
     twice = judge(pair, said("missing-physics", lag, finding("input_delay", "valve")))
     assert not twice.whole
+    lagging = Hidden("valve_lag", "valve", "small", {"valve_time": 2e-3})
+    given = said("missing-physics", lag, finding("input_delay", "valve"))
+    assert judge(answered(lagging, DELAY, kind="pair"), given).whole
 
 
 def test_outside_the_list_a_name_is_wrong_and_silence_too():
@@ -375,6 +378,14 @@ def test_from_draw_to_board(tmp_path, monkeypatch, capsys):
     assert json.loads((folder / "cases.json").read_text())["answers_sha256"] in html
     assert html.count("<svg") >= 3
     assert "1 of 1 figures that were asked for are reached" in html
+
+
+def test_base_intervals_are_not_asked_where_no_effect_could_stand_for_what_is_missing():
+    outside = judge(answered(CREEP, kind="outside"), said("unexplained", finding(None, "flow")))
+    single = judge(answered(OFFSET), said("missing-physics", finding("valve_offset", "valve")))
+    assert outside.exact and single.exact
+    counted = {one.figure: one.trials for one in rates([outside, single])}
+    assert counted["... the base parameters, effects named exactly"] == len(single.base)
 
 
 def test_what_right_names_leave_is_counted_beyond_the_oracle():
