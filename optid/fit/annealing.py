@@ -53,7 +53,12 @@ def anneal(o: Objective, at: Point, terms: Terms | None, asked: float | None, pa
     worse_by = 0
     for step, level in enumerate(levels):
         watch = pace.watch(f"process noise {level:g}", step / (len(levels) + 1))
-        found = _descended(o, at, terms, level * o.model.scales, watch)
+        try:
+            found = _descended(o, at, terms, level * o.model.scales, watch)
+        except SolveError:
+            if best is None or asked is not None:
+                raise
+            break  # what is left hangs on no more than rounding: the looser level stands
         at, terms = found.at, found.terms
         pace.keep(at)
         worse = best is not None and asked is None and found.score > best.score

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from optid.errors import SolveError
 from optid.fit import annealing
 from optid.fit.annealing import LEVELS, RUNG, TIGHT, Pace, Solution, anneal
 from optid.fit.objective import freed_with_rest, objective_of
@@ -56,3 +57,24 @@ def test_every_unit_climbs_to_its_own_level(best, reached, monkeypatch, tmp_path
     found = annealing._by_unit(o, start, 1.0, PACE)
     assert found.q / o.model.scales == pytest.approx(1e-3 * np.array(reached))
     assert (found.q / o.model.scales).min() >= TIGHT and (found.q / o.model.scales).max() <= LEVELS[0]
+
+
+@pytest.mark.parametrize(("fails_at", "asked"), [(3e-3, None), (0.3, None), (3e-3, 1e-4)])
+def test_a_level_that_cannot_be_solved_ends_the_way_down(fails_at, asked, monkeypatch, tmp_path):
+    """The last looser level stands; without one, or where that very level was asked for, there is no answer."""
+    o, at = posed(rig(tmp_path), [record(np.ones(200), moved(np.ones(200), 1 / 200))])
+
+    def descended(o, at, terms, q, watch):
+        level = float((q / o.model.scales)[0])
+        if level < 1.001 * fails_at:
+            raise SolveError("the normal equations are singular")
+        return Solution(at, terms, q, level, Outcome.TIME_LIMIT)
+
+    monkeypatch.setattr(annealing, "_descended", descended)
+    monkeypatch.setattr(annealing, "_by_unit", lambda o, best, share, pace: best)
+    monkeypatch.setattr(annealing, "_settled", lambda o, best, pace: best)
+    if fails_at == 0.3 or asked is not None:
+        with pytest.raises(SolveError):
+            anneal(o, at, None, asked, PACE)
+    else:
+        assert anneal(o, at, None, asked, PACE).q / o.model.scales == pytest.approx(1e-2)
