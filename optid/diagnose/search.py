@@ -144,7 +144,7 @@ def _exchanged(
 
 
 def _little_left(base: Candidate, current: Candidate, data: Data) -> bool:
-    """What the form of a law may leave: only an effect that brings the windows to the noise is still named."""
+    """What the form of a law may leave: only an effect that takes most of it, or all but the noise, is still named."""
     return bool(current.effects) and 1.0 - cleared(base.judged, current.judged, data.noise) < FORM
 
 

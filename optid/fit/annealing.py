@@ -81,7 +81,10 @@ def _by_unit(o: Objective, best: Solution, share: float, pace: Pace) -> Solution
     What a law gets wrong stands in one equation; as much noise in all of them would blur what the others say.
     """
     for unit, states in _units(o.model).items():
+        first = best
         for factor in (1.0 / RUNG, RUNG):
+            if best is not first:
+                break  # the other way lies where it came from
             while not pace.late():
                 q = best.q.copy()
                 q[states] *= factor

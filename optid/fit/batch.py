@@ -37,8 +37,8 @@ class FitOptions:
         time_limit: s; the best point so far is returned.
         huber: residuals beyond so many sd count linearly; infinity for least squares.
         process_noise: share of each state's usual size that a node may jump in the end; 0 is simulation error;
-            ``None`` lets the marginal likelihood choose and widens the intervals by what a deterministic fit
-            says otherwise.
+            ``None`` lets the marginal likelihood choose, for the states of each unit, and widens the intervals by
+            what a deterministic fit says otherwise.
         window: s between nodes; ``None`` adapts to sampling.
         seed: of the drawn starts.
         checkpoint: file that keeps the best point; read back when it belongs to the same fit.
