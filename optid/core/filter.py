@@ -34,7 +34,7 @@ def filtered(
         Q: process noise, variance a second in squared scales, (sets, states).
         R: variance of the measurement noise, (sets, outputs).
         dt, U, Y: time to the next sample, inputs, measured outputs (NaN is missing), (samples, ...).
-        tolerance: local error of the integration, (states,).
+        tolerance: local error of the integration, (sets, states).
         keep: also fill X and K.
         E, V: receive innovations and their variances, (sets, samples, outputs); NaN where nothing is measured.
         X: receives the states predicted from the past alone, (sets, samples, states).
@@ -48,7 +48,7 @@ def filtered(
     c, x = np.empty(code.hoisted), np.empty(nx)
     cs, us = np.empty((code.hoisted, LANES)), np.empty((nu + 1, LANES))
     points, C, L = np.empty((groups, nx, LANES)), np.empty((nx, nx)), np.empty((nx, nx))
-    m, y, steps = np.empty(nx), np.empty((n_points, ny + 1)), np.empty(groups)
+    m, shared, y, steps = np.empty(nx), np.empty(nx), np.empty((n_points, ny + 1)), np.empty(groups)
     for r in range(first, last):
         s, g = of_set[r], of_segment[r]
         call(code.constants, (at(P, s * P.shape[1]), at(c, 0)))
@@ -71,31 +71,22 @@ def filtered(
                 if Y[n, o] == Y[n, o]:
                     _scatter(m, C, L, points, scales)
                     _look(code, points, at(U, n * nu), c, x, y)
-                    E[s, n, o], V[s, n, o] = _update(m, C, L, y[:, o], Y[n, o], R[s, o])
+                    E[s, n, o], V[s, n, o] = _update(m, C, L, y[:, o], Y[n, o], R[s, o], shared)
                     if keep:
                         for i in range(nx):
-                            K[s, n, o, i] = k_of(L, y[:, o], i) / V[s, n, o] * scales[i]
+                            K[s, n, o, i] = shared[i] / V[s, n, o] * scales[i]
             if n == starts[g] + counts[g]:
                 break
             _scatter(m, C, L, points, scales)
             for i in range(nu):
                 us[i] = U[n, i]
-            if not _move(code, points, steps, us, cs, tolerance, dt[n]):
+            if not _move(code, points, steps, us, cs, tolerance[s], dt[n]):
                 E[s, n + 1 : starts[g] + counts[g] + 1] = np.inf
                 V[s, n + 1 : starts[g] + counts[g] + 1] = 1.0
                 break
             _gather(points, m, C, scales)
             for i in range(nx):
                 C[i, i] += Q[s, i] * dt[n]
-
-
-@compiled
-def k_of(L, y, i):
-    """Covariance of state i with an output known at the points of L, in scales."""
-    total = 0.0
-    for j in range(L.shape[0]):
-        total += L[i, j] * (y[1 + 2 * j] - y[2 + 2 * j])
-    return total / (2.0 * math.sqrt(REACH2))
 
 
 @compiled
@@ -175,8 +166,11 @@ def _gather(points, m, C, scales):
 
 
 @compiled
-def _update(m, C, L, y, measured, noise):
-    """Take one output into mean and covariance; returns the innovation and its variance."""
+def _update(m, C, L, y, measured, noise, shared):
+    """Take one output, known at the points of L, into mean and covariance.
+
+    Fills `shared`, the covariance of states and output in scales; returns the innovation and its variance.
+    """
     nx = len(m)
     mean = (REACH2 - nx) * y[0]
     variance = noise
@@ -187,10 +181,14 @@ def _update(m, C, L, y, measured, noise):
         variance += (REACH2 - 1.0) * (a + b - 2.0 * y[0]) ** 2 / (4.0 * REACH2 * REACH2)
     innovation = measured - mean / REACH2
     for i in range(nx):
-        gain = k_of(L, y, i) / variance
+        shared[i] = 0.0
+        for j in range(i + 1):
+            shared[i] += L[i, j] * (y[1 + 2 * j] - y[2 + 2 * j])
+        shared[i] /= 2.0 * math.sqrt(REACH2)
+        gain = shared[i] / variance
         m[i] += gain * innovation
         for q in range(i + 1):
-            C[i, q] -= gain * k_of(L, y, q)
+            C[i, q] -= gain * shared[q]
             C[q, i] = C[i, q]
     return innovation, variance
 
@@ -207,6 +205,7 @@ def steered(
     Args:
         K: gains of the plain model's filter, (samples, outputs, plain states).
         common: index of each plain state among the model's own.
+        tolerance: local error of the integration, (states,).
         E: receives innovations, (sets, samples, outputs); infinite after a failure.
     Others as for `filtered`.
     """

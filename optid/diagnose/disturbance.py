@@ -132,11 +132,11 @@ def _scale(candidate: Candidate, data: Data, site: str) -> float | None:
             model,
             problem,
             p[None],
-            answer.filtered.gains[0],
+            answer.filtered,
             common,
             nudge=(names.index("unknown.signal_0"), size),
         )[0]
-        still = run_steered(model, problem, p[None], answer.filtered.gains[0], common)[0]
+        still = run_steered(model, problem, p[None], answer.filtered, common)[0]
         with np.errstate(invalid="ignore"):  # both may have left the numbers
             change = (moved - still) / sd
         if not np.isfinite(change[np.isfinite(answer.filtered.innovations[0])]).all():

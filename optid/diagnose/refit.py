@@ -31,6 +31,7 @@ FORM = 0.02
 # ... and one that clears most of what the laws before it left need not either: what their form leaves has no reason to
 # look like another law.
 MOST = 0.5
+FIRST = 4  # iterations that show which refits are worth more
 FAINT = 0.03  # of a signature's strength
 AGAIN = (0.5, 2.0)  # the same, where a refit from the whole of it ends at next to nothing
 SIZES = (0.5, 1.0, 1.6, 2.5)  # the same, beside parameters that have found where they belong
@@ -96,11 +97,16 @@ class _Refit:
 
 def refit(c: Contest, few: Sequence[Signature]) -> list[Rival]:
     """Refits of the few most promising, best first; a rival without a reason against it may win."""
-    tried = []
+    tried: list[_Refit] = []
+    whole: list[_Refit] = []
     for signature in few:
+        if whole and not any(_alike(signature, t) for t in whole):
+            continue  # one explains all there is: only what resembles it could do as well
         c.tell(f"trying {signature.effect.name}")
         with contextlib.suppress(SolveError):  # with this effect the model may leave the numbers at once
             tried.append(_attempt(c, signature, again=signature is few[0]))
+            if excess(judge(tried[-1].answer, c.data.holdout), c.data.noise) <= EXCESS:
+                whole.append(tried[-1])
     tried.sort(key=lambda t: t.answer.score)
     _start_again(c, tried)
     _follow(c, tried)
@@ -144,7 +150,7 @@ def _start_again(c: Contest, tried: list[_Refit]) -> None:
     tried.sort(key=lambda t: t.answer.score)
 
 
-def _alike(one: _Refit, other: _Refit) -> bool:
+def _alike(one: _Refit | Signature, other: _Refit) -> bool:
     return one.effect.name in other.effect.look_alikes or other.effect.name in one.effect.look_alikes
 
 
@@ -239,7 +245,9 @@ def _started(c: Contest, question: Question, effect: Effect, values: Mapping[str
     with contextlib.suppress(SolveError):  # it holds on to the data by more noise than the guide allows
         led = steered_fit(question, p, c.guide.question.model, c.guide.filtered, QUICK)
         starts += [(led, here.noise.levels - by) for by in SCANNED]
-    return maximise(question, *likeliest(question, starts), iterations=QUICK, polish=False, near=c.guide)
+    best = likeliest(question, starts)
+    # The guide's derivatives are a start, but not its score: with less noise than suits the model that is far off.
+    return maximise(question, *best, iterations=FIRST, polish=False, near=c.guide, since=here.score)
 
 
 def _placed(c: Contest, question: Question, values: Mapping[str, float], source: Answer) -> Array:

@@ -70,7 +70,7 @@ class View:
         """At a fitted model."""
         f, q = answer.filtered, answer.question
         e, v = f.innovations[0], f.variances[0]
-        own = run_steered(q.model, q.problem, answer.p[None], f.gains[0], range(len(q.model.states)))[0]
+        own = run_steered(q.model, q.problem, answer.p[None], f, range(len(q.model.states)))[0]
         slopes = answer.slopes.innovations[..., : len(q.free)]
         known = np.isfinite(e) & np.isfinite(own) & np.isfinite(slopes).all(axis=-1)
         scale = 1.0 / np.sqrt(v[known])
@@ -120,7 +120,7 @@ def _best(answer: Answer, recordings: Sequence[Recording], effect: Effect, view:
             row[model.index(name)] = value
     names = [state.name for state in model.states]
     common = [names.index(state.name) for state in plain.states]
-    E = run_steered(model, problem, P, answer.filtered.gains[0], common)
+    E = run_steered(model, problem, P, answer.filtered, common)
     own = view.projected(view.z)
     best: Signature | None = None
     for point, e in zip(points, E, strict=True):

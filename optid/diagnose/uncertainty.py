@@ -106,7 +106,7 @@ def _numerical(answer: Answer, view: View) -> list[Array]:
     pairs = numerical_settings(answer)
     if not len(pairs):
         return []
-    runs = run_steered(q.model, q.problem, pairs, answer.filtered.gains[0], range(len(q.model.states)))
+    runs = run_steered(q.model, q.problem, pairs, answer.filtered, range(len(q.model.states)))
     with np.errstate(invalid="ignore"):  # both may have left the numbers
         changes = [
             (high - low)[view.known] / 2 * view.scale * view.weight

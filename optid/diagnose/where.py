@@ -56,9 +56,8 @@ class Region:
 def contribution(answer: Answer, without: Array) -> Array:
     """What a part of a model does to the scaled innovations, (samples, outputs): against the parameters `without`."""
     q, f = answer.question, answer.filtered
-    both = run_steered(
-        q.model, q.problem, np.stack([answer.p, without]), f.gains[0], range(len(q.model.states))
-    )
+    own = range(len(q.model.states))
+    both = run_steered(q.model, q.problem, np.stack([answer.p, without]), f, own)
     return np.asarray((both[1] - both[0]) / np.sqrt(f.variances[0]))
 
 

@@ -17,9 +17,10 @@ from optid.core import filter as kernel
 from optid.core.compiled import compiled_lanes, spread
 from optid.core.model import Array, Model
 from optid.core.rows import LANES
-from optid.fit.problem import Problem
+from optid.fit.problem import Integers, Problem
 
-TOLERANCE = 1e-5  # local error of the integration as a share of each state's usual size
+TOLERANCE = 1e-5  # local error of the integration as a share of each state's usual size,
+BESIDE = 0.01  # or of what process noise adds to the state from sample to sample, if that is more
 SHARE = 50.0  # times the tolerance of states without unit: a contact's own forget an error within microns of motion
 QUIET = 1e-4  # process noise of states that carry none of their own, in usual sizes per sqrt(s)
 WHOLE = 1e9  # s: the windows of a problem to be filtered are whole segments
@@ -35,12 +36,14 @@ class Filtered:
         variances: of the innovations.
         states: predicted from the past alone, (sets, samples, states), SI; empty unless kept.
         gains: (sets, samples, outputs, states), SI; empty unless kept.
+        tolerance: local error that the integration was allowed, (sets, states), SI.
     """
 
     innovations: Array
     variances: Array
     states: Array
     gains: Array
+    tolerance: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,17 +89,26 @@ def _sizes(model: Model) -> tuple[int, int, int]:
 
 
 def run_filter(
-    model: Model, problem: Problem, P: Array, Q: Array, R: Array, *, keep: bool = False
+    model: Model,
+    problem: Problem,
+    P: Array,
+    Q: Array,
+    R: Array,
+    *,
+    keep: bool = False,
+    only: Sequence[int] | None = None,
 ) -> Filtered:
-    """Filter all segments with all parameter sets, in parallel.
+    """Filter segments with all parameter sets, in parallel.
 
     Args:
         model: the plant.
         problem: posed with one window per segment.
         P: (sets, parameters); `Q` (sets, states) and `R` (sets, outputs) as `filtered` takes them.
         keep: also give states and gains.
+        only: these segments, all if absent; NaN in the others.
     """
-    sets, segments = len(P), len(problem.begins)
+    sets = len(P)
+    segments = np.array(range(len(problem.begins)) if only is None else only)
     nx, N, ny = len(model.states), len(problem.time), len(model.outputs)
     M0, S0 = (np.ascontiguousarray(a) for a in _starts(model, P))
     E, V = np.full((sets, N, ny), np.nan), np.full((sets, N, ny), np.nan)
@@ -105,21 +117,22 @@ def run_filter(
     of_set, of_segment = (np.ascontiguousarray(a) for a in _runs(sets, segments))
     code = compiled_lanes(model).code
     given = (of_set, of_segment, problem.begins, problem.counts, M0, S0, P, Q, R, problem.dt, problem.inputs)
-    sizes = _tolerance(model)
+    noise = np.sqrt(Q * float(np.median(problem.dt))) * model.scales
+    tolerance = np.ascontiguousarray(np.maximum(_tolerance(model), BESIDE * noise))
     spread(
-        sets * segments,
+        len(of_set),
         lambda a, b: kernel.filtered(
-            code, a, b, *given, problem.measured, sizes, model.scales, keep, E, V, X, K
+            code, a, b, *given, problem.measured, tolerance, model.scales, keep, E, V, X, K
         ),
     )
-    return Filtered(E, V, X, K)
+    return Filtered(E, V, X, K, tolerance)
 
 
 def run_steered(
     model: Model,
     problem: Problem,
     P: Array,
-    gains: Array,
+    guide: Filtered,
     common: Sequence[int],
     *,
     nudge: tuple[int, float] | None = None,
@@ -127,28 +140,31 @@ def run_steered(
     """Innovations (sets, samples, outputs) of models that are corrected with a filter's gains instead of their own.
 
     Args:
-        model: its states hold those of the filter's model at the places `common`.
+        model: its states hold those of the guide's model at the places `common`.
         problem: posed with one window per segment.
         P: (sets, parameters).
-        gains: (samples, outputs, states of the filter's model).
+        guide: the filter, with gains kept, sets = 1.
         common: see `model`.
         nudge: a state and what is added to it at every segment's start.
     """
-    sets, segments = len(P), len(problem.begins)
+    sets, segments = len(P), np.array(range(len(problem.begins)))
     M0 = np.ascontiguousarray(_starts(model, P)[0])
     if nudge is not None:
         M0[:, nudge[0]] += nudge[1]
     E = np.full((sets, len(problem.time), len(model.outputs)), np.nan)
     first_set, of_segment = _runs(-(-sets // LANES), segments)
     code, places = compiled_lanes(model).code, np.array(common, dtype=np.int64)
-    given = (LANES * first_set, of_segment, problem.begins, problem.counts, M0, P, gains, places)
-    data = (problem.dt, problem.inputs, problem.measured, _tolerance(model), E)
+    tolerance = _tolerance(model)
+    tolerance[places] = guide.tolerance[0]
+    given = (LANES * first_set, of_segment, problem.begins, problem.counts, M0, P, guide.gains[0], places)
+    data = (problem.dt, problem.inputs, problem.measured, tolerance, E)
     spread(len(first_set), lambda a, b: kernel.steered(code, a, b, *given, *data))
     return E
 
 
 def _tolerance(model: Model) -> Array:
-    return TOLERANCE * model.scales * [SHARE if state.unit == "1" else 1.0 for state in model.states]
+    shares = [SHARE if state.unit == "1" else 1.0 for state in model.states]
+    return np.asarray(TOLERANCE * model.scales * shares)
 
 
 def _starts(model: Model, P: Array) -> tuple[Array, Array]:
@@ -157,8 +173,8 @@ def _starts(model: Model, P: Array) -> tuple[Array, Array]:
     return mean, sd
 
 
-def _runs(sets: int, segments: int) -> tuple[Array, Array]:
-    s, g = np.meshgrid(np.arange(sets), np.arange(segments), indexing="ij")
+def _runs(sets: int, segments: Integers) -> tuple[Array, Array]:
+    s, g = np.meshgrid(np.arange(sets), segments, indexing="ij")
     return np.ascontiguousarray(s.ravel()), np.ascontiguousarray(g.ravel())
 
 

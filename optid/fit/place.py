@@ -99,6 +99,7 @@ class Place:
         score: -2 log likelihood with the priors; infinite where the model leaves the numbers.
         slopes: of innovations and variances, ``None`` until taken or carried here.
         fresh: the slopes were taken here.
+        glanced: they were taken at a glance.
     """
 
     def __init__(self, q: Question, p: Array, noise: Noise) -> None:
@@ -111,7 +112,7 @@ class Place:
         total = float(deviance(self.filtered.innovations[0], self.filtered.variances[0]).sum()) + prior
         self.score = total if math.isfinite(total) else math.inf
         self.slopes: Slopes | None = None
-        self.fresh = False  # the slopes were taken here
+        self.fresh = self.glanced = False
 
     @property
     def coordinates(self) -> Array:
@@ -162,7 +163,7 @@ class Place:
         nudges = np.where(theta + nudges > q.high / q.typical, -nudges, nudges)
         P = np.tile(self.p, (nf + 1, 1))
         P[range(1, nf + 1), list(q.free)] += nudges * q.typical
-        E = run_steered(q.model, q.problem, P, self.filtered.gains[0], own)
+        E = run_steered(q.model, q.problem, P, self.filtered, own)
         lost = np.asarray(~np.isfinite(E[:, np.isfinite(e)]).all(axis=1))
         if lost[0]:
             self.differentiate()
@@ -172,7 +173,7 @@ class Place:
         self.slopes = Slopes(np.zeros((*e.shape, count)), np.zeros((*e.shape, count)))
         self.slopes.innovations[..., :nf] = slopes
         self.differentiate([*np.flatnonzero(lost[1:]).tolist(), *range(nf, count)])
-        self.fresh = True
+        self.fresh = self.glanced = True
 
     def differentiate(self, columns: Sequence[int] | None = None) -> None:
         """Take the slopes by filters beside this one; `columns` leaves the others as they are."""
@@ -197,7 +198,7 @@ class Place:
         de = np.moveaxis((other.innovations - e) / nudges[:, None, None], 0, -1)
         dv = np.moveaxis((np.log(other.variances) - np.log(v)) / nudges[:, None, None], 0, -1)
         if columns is None or self.slopes is None:
-            self.slopes, self.fresh = Slopes(de, dv), True
+            self.slopes, self.fresh, self.glanced = Slopes(de, dv), True, False
         else:
             self.slopes.innovations[..., chosen] = de
             self.slopes.variances[..., chosen] = dv

@@ -63,6 +63,7 @@ def maximise(
     polish: bool = True,
     rough: float = ROUGH,
     near: Answer | None = None,
+    since: float | None = None,
 ) -> Answer:
     """From a start to the likeliest parameters and levels of process noise.
 
@@ -75,6 +76,7 @@ def maximise(
         polish: end on derivatives taken there, and look at other levels of process noise.
         rough: without that, the share of the whole decrease that ends the search.
         near: an answer of a like model on the same recordings; its derivatives are a start.
+        since: score that the whole decrease counts from; that of `near`, or else the start's, if absent.
 
     Raises:
         SolveError: the model cannot be simulated at the start.
@@ -82,10 +84,14 @@ def maximise(
     here = _start(q, p, _middling(q) if levels is None else levels)
     if levels is None:
         here, _, _ = _descend(_led(here), APPROACH, NEARBY, held=True)
-    here.begin(near)
     if not polish:
-        here, _, settled = _descend(here, iterations, rough, first=None if near is None else near.score)
+        if near is not None:
+            since = near.score if since is None else since
+            if near.question.free == here.q.free:  # else a glance from here costs less and shows more
+                here.begin(near)
+        here, _, settled = _descend(here, iterations, rough, first=since)
         return here.answer(settled)
+    here.begin(near)
     here, used, settled = _descend(here, iterations)
     for _ in range(RESTARTS):
         other = _best_levels(here)
@@ -179,18 +185,34 @@ def likeliest(q: Question, starts: Sequence[tuple[Array, Array]]) -> tuple[Array
         SolveError: the model cannot be simulated at any of them.
     """
     pairs = [(p, np.clip(levels, *LEVELS)) for p, levels in starts]
-    scores = _scores(q, np.array([p for p, _ in pairs]), np.array([levels for _, levels in pairs]))
-    if not np.isfinite(scores).any():
-        raise SolveError("the simulation leaves the numbers at the start values; check them and their units")
-    return pairs[int(np.nanargmin(np.where(np.isfinite(scores), scores, np.nan)))]
+    return pairs[_race(q, np.array([p for p, _ in pairs]), np.array([levels for _, levels in pairs]))]
 
 
-def _scores(q: Question, P: Array, levels: Array) -> Array:
-    """-2 log likelihood without priors at parameters (sets, parameters) and levels (sets, groups)."""
+def _race(q: Question, P: Array, levels: Array) -> int:
+    """The likeliest of parameters (sets, parameters) and levels (sets, groups); priors do not count.
+
+    All run over the longest segment of the data, the better half of them over the next, and so on.
+
+    Raises:
+        SolveError: the model cannot be simulated at any of them.
+    """
     noise = Noise(q.measurement, q.groups, levels[0])
     Q = np.array([replace(noise, levels=one).spectrum(len(q.model.states)) for one in levels])
-    f = run_filter(q.model, q.problem, P, Q, np.tile(q.measurement, (len(P), 1)))
-    return np.asarray(deviance(f.innovations, f.variances).sum(axis=-1))
+    ahead, scores = np.arange(len(P)), np.zeros(len(P))
+    for segment in np.argsort(-q.problem.counts, kind="stable"):
+        R = np.tile(q.measurement, (len(ahead), 1))
+        f = run_filter(q.model, q.problem, P[ahead], Q[ahead], R, only=[int(segment)])
+        scores[ahead] += deviance(f.innovations, f.variances).sum(axis=-1)
+        ahead = ahead[np.isfinite(scores[ahead])]
+        if not len(ahead):
+            raise SolveError(
+                "the simulation leaves the numbers at the start values; check them and their units"
+            )
+        order = np.argsort(scores[ahead], kind="stable")
+        ahead = ahead[order[: max(1, -(-len(order) // 2))]]
+        if len(ahead) == 1:
+            break
+    return int(ahead[0])
 
 
 def _start(q: Question, p: Array, levels: Array) -> Place:
@@ -218,12 +240,14 @@ def _descend(
     if here.slopes is None:
         look(here)
     for number in range(iterations):
-        enough = max(ENOUGH, rough * (first - here.score))
+        enough = max(ENOUGH, rough * abs(first - here.score))
         there, promised = _better(here, damping, held)
         if there is None:
-            if here.fresh or (rough and here.score < first and 0.0 <= promised < enough):
+            exact = here.fresh and not here.glanced
+            if exact or (rough and here.score < first and 0.0 <= promised < enough):
                 return here, number + 1, True
-            look(here)
+            # Where held gains do not show the way, whole filters do.
+            Place.differentiate(here) if here.fresh else look(here)
             continue
         gain = here.score - there.score
         settled = gain < enough and (here.fresh or rough > 0.0)
@@ -261,7 +285,10 @@ def _best_levels(here: Place) -> Place:
     q, count = here.q, len(here.q.groups)
     grid = np.array(list(itertools.product(SCAN, repeat=count)))
     grid = np.clip(here.noise.levels + grid[np.abs(grid).sum(axis=1) > 0], *LEVELS)
-    best = int(np.argmin(_scores(q, np.tile(here.p, (len(grid), 1)), grid)))
+    try:
+        best = _race(q, np.tile(here.p, (len(grid), 1)), grid)
+    except SolveError:
+        return here
     return Place(q, here.p, replace(here.noise, levels=grid[best]))
 
 

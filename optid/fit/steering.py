@@ -36,7 +36,7 @@ def steered_fit(q: Question, p: Array, plain: Model, guide: Filtered, iterations
     """
     names = [state.name for state in q.model.states]
     common = [names.index(state.name) for state in plain.states]
-    gains, free = guide.gains[0], list(q.free)
+    free = list(q.free)
     known = np.isfinite(guide.innovations[0])
     scale = 1.0 / np.sqrt(guide.variances[0][known])
     low, high = q.low / q.typical, q.high / q.typical
@@ -45,7 +45,7 @@ def steered_fit(q: Question, p: Array, plain: Model, guide: Filtered, iterations
     def innovations(X: Array) -> Array:
         P = np.tile(p, (len(X), 1))
         P[:, free] = X * q.typical
-        E = run_steered(q.model, q.problem, P, gains, common)
+        E = run_steered(q.model, q.problem, P, guide, common)
         return np.asarray(np.nan_to_num(E[:, known] * scale, nan=LOST, posinf=LOST, neginf=-LOST))
 
     def residuals(x: Array) -> Array:

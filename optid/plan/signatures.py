@@ -114,9 +114,8 @@ class _View:
     def __init__(self, answer: Answer, skip: int) -> None:
         f, q = answer.filtered, answer.question
         self._answer = answer
-        self._base = run_steered(q.model, q.problem, answer.p[None], f.gains[0], range(len(q.model.states)))[
-            0
-        ]
+        own = range(len(q.model.states))
+        self._base = run_steered(q.model, q.problem, answer.p[None], f, own)[0]
         slopes = answer.slopes.innovations[..., : len(q.free)]
         self._known = (
             np.isfinite(f.innovations[0]) & np.isfinite(self._base) & np.isfinite(slopes).all(axis=-1)
@@ -134,7 +133,7 @@ class _View:
         """Columns by point, each per smallest size worth a name, (rows, points)."""
         if not points:
             return np.empty((len(self.owner), 0))
-        plain, gains = self._answer.question, self._answer.filtered.gains[0]
+        plain = self._answer.question
         rig = with_effects(plain.rig, (effect,), {})
         model = rig.model
         P = np.empty((len(points), len(model.parameters)))
@@ -145,6 +144,6 @@ class _View:
                 row[model.index(name)] = value
         names = [state.name for state in model.states]
         common = [names.index(state.name) for state in plain.model.states]
-        E = run_steered(model, pose(model, recordings, WHOLE), P, gains, common)
+        E = run_steered(model, pose(model, recordings, WHOLE), P, self._answer.filtered, common)
         found = (E - self._base)[:, self._known] * self._scale
         return np.asarray(found.T / [effect.size(point) for point in points])

@@ -7,7 +7,7 @@ from scipy.linalg import expm
 from optid.core.parameter import Parameter
 from optid.core.recording import Channel, Recording
 from optid.core.sheet import build
-from optid.fit.likelihood import WHOLE, deviance, run_filter, run_steered
+from optid.fit.likelihood import BESIDE, TOLERANCE, WHOLE, deviance, run_filter, run_steered
 from optid.fit.problem import pose
 
 STIFFNESS = Parameter("stiffness", "N/m", 40.0, "spring", "test", 40.0, (0.0, 1e4))
@@ -85,7 +85,7 @@ def test_steered_with_its_own_gains_a_linear_model_repeats_the_filter():
     problem = pose(model, [data], WHOLE)
     p = model.vector({})[None]
     f = run_filter(model, problem, p, np.array([[1e-4, 1e-2]]), np.array([[4e-4, 4e-4]]), keep=True)
-    E = run_steered(model, problem, p, f.gains[0], range(2))
+    E = run_steered(model, problem, p, f, range(2))
     known = np.isfinite(f.innovations)
     assert np.abs(E - f.innovations)[known].max() < 2e-5
 
@@ -101,6 +101,29 @@ def test_many_sets_and_segments_equal_single_ones():
         alone = run_filter(model, problem, P[k : k + 1], Q[k : k + 1], R[k : k + 1]).innovations[0]
         assert np.array_equal(alone, together[k], equal_nan=True)
     assert np.nanmax(np.abs(together[0] - together[2])) > 1e-3
+
+
+def test_segments_left_out_stay_empty():
+    model = build(spring)
+    problem = pose(model, [recording(), recording(seed=3)], WHOLE)
+    p, Q, R = model.vector({})[None], np.array([[1e-4, 1e-2]]), np.array([[4e-4, 4e-4]])
+    both = run_filter(model, problem, p, Q, R).innovations[0]
+    second = run_filter(model, problem, p, Q, R, only=[1]).innovations[0]
+    start = problem.begins[1]
+    assert np.isnan(second[:start]).all()
+    assert np.array_equal(second[start:], both[start:], equal_nan=True)
+
+
+def test_the_integration_is_as_fine_as_process_noise_asks():
+    model, data = build(spring), recording()
+    problem = pose(model, [data], WHOLE)
+    p, R = np.tile(model.vector({}), (2, 1)), np.full((2, 2), 4e-4)
+    f = run_filter(model, problem, p, np.array([[1e-10, 1e-10], [1e-10, 1.0]]), R)
+    assert np.allclose(f.tolerance[0], TOLERANCE * model.scales)
+    assert f.tolerance[1, 0] == f.tolerance[0, 0]
+    assert np.isclose(
+        f.tolerance[1, 1], BESIDE * 0.1 * model.scales[1]
+    )  # sqrt(1/s x 10 ms) of its usual size
 
 
 def test_a_run_that_leaves_the_numbers_has_no_likelihood():

@@ -330,6 +330,40 @@ def test_beside_others_an_effect_must_clear_more_than_the_form_of_their_laws_lea
     assert named or rival.why.startswith(f"it clears {100 * (after - before):.1f} % of the first error")
 
 
+@pytest.mark.parametrize(
+    ("left", "tried"),
+    [
+        ({"lag": 1.1, "drag": 9.0, "delay": 1.5}, ["lag", "delay"]),
+        ({"lag": 1.5, "drag": 9.0, "delay": 1.1}, ["lag", "drag", "delay", "leak"]),
+    ],
+)
+def test_where_one_explains_all_only_what_resembles_it_is_tried(left, tried, monkeypatch):
+    calls = []
+
+    def attempt(contest, signature, again):
+        calls.append(signature.effect.name)
+        return SimpleNamespace(
+            effect=signature.effect, answer=SimpleNamespace(score=left.get(calls[-1], 9.0))
+        )
+
+    alike = {"lag": ("delay",), "delay": ("leak",)}
+    few = [
+        SimpleNamespace(effect=SimpleNamespace(name=name, look_alikes=alike.get(name, ())))
+        for name in ("lag", "drag", "delay", "leak")
+    ]
+    monkeypatch.setattr(refit_of, "_attempt", attempt)
+    monkeypatch.setattr(refit_of, "judge", lambda answer, holdout: answer.score)
+    monkeypatch.setattr(refit_of, "excess", lambda judged, noise: judged)
+    for name in ("_start_again", "_follow"):
+        monkeypatch.setattr(refit_of, name, lambda *others: None)
+    lost = Rival(None, None, 0.0, SimpleNamespace(bounded_gain=0.0), "no gain", False)
+    monkeypatch.setattr(refit_of, "_rival", lambda *others: lost)
+    monkeypatch.setattr(refit_of, "cost", lambda effect: 0.0)
+    data = Data((), (), {}, np.random.default_rng(0))
+    refit_of.refit(refit_of.Contest(None, None, None, 4, data, lambda words: None), few)
+    assert calls == tried
+
+
 @pytest.mark.parametrize(("noise_left", "settled"), [(1.1, 1), (1.5, 0)])
 def test_a_winner_is_settled_where_nothing_more_is_missing(noise_left, settled, monkeypatch):
     calls = []
@@ -339,6 +373,7 @@ def test_a_winner_is_settled_where_nothing_more_is_missing(noise_left, settled, 
         effect, Candidate((effect,), None, None, None), 10.0, SimpleNamespace(bounded_gain=1.0), "", True
     )
     monkeypatch.setattr(refit_of, "_attempt", lambda *others, again: tried)
+    monkeypatch.setattr(refit_of, "judge", lambda *others: None)
     for name in ("_start_again", "_follow"):
         monkeypatch.setattr(refit_of, name, lambda *others: None)
     monkeypatch.setattr(refit_of, "_rival", lambda *others: won)

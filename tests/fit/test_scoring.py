@@ -1,10 +1,12 @@
 """The likelihood search finds the closed form's parameters, and what it carries along is what a filter shows."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from optid.errors import SolveError
-from optid.fit import place
+from optid.fit import place, scoring
 from optid.fit.likelihood import WHOLE, run_steered
 from optid.fit.place import LEVELS, Place, Slopes
 from optid.fit.problem import pose
@@ -142,6 +144,49 @@ def test_a_start_is_chosen_by_likelihood(asked, found):
     p, levels = likeliest(q, [(p, loud - by) for p in (asked[1], found.p) for by in (0.0, 2.0, 4.0)])
     assert p is found.p
     assert (levels == -4.0).all()
+
+
+def test_a_race_of_starts_runs_the_losers_over_a_part_only(asked, found, tmp_path, monkeypatch):
+    q, far = asked
+    data = [recording(np.random.default_rng(k)) for k in (1, 2, 3)]
+    three = replace(q, problem=pose(q.model, data, WHOLE))
+    runs, whole = [], scoring.run_filter
+
+    def counted(model, problem, P, *others, only):
+        runs.append(len(P) * len(only))
+        return whole(model, problem, P, *others, only=only)
+
+    monkeypatch.setattr(scoring, "run_filter", counted)
+    loud = np.zeros(len(q.groups))
+    starts = [(p, loud - by) for p in (far, found.p) for by in (0.0, 4.0)]
+    p, levels = likeliest(three, starts)
+    assert p is found.p
+    assert (levels == -4.0).all()
+    assert sum(runs) < len(starts) * len(data)
+    assert _start(three, p, levels).score == min(_start(three, *one).score for one in starts)
+
+
+def test_where_held_gains_mislead_whole_filters_show_the_way(asked, found, monkeypatch):
+    q, far = asked
+
+    def misled(self):
+        self.differentiate()
+        self.slopes = Slopes(-self.slopes.innovations, -self.slopes.variances)
+        self.fresh = self.glanced = True
+
+    monkeypatch.setattr(Place, "glance", misled)
+    there, start = maximise(q, far, _middling(q), polish=False), _start(q, far, _middling(q))
+    assert there.score < found.score + 0.1 * (start.score - found.score)
+
+
+def test_a_rough_search_ends_by_what_it_gained_and_not_by_how_far_off_its_neighbour_is(asked, found):
+    q, far = asked
+    start = _start(q, far, _middling(q)).score
+    loud = _start(q, far, np.full(len(q.groups), LEVELS[0])).answer(False)
+    assert loud.score > start + 100.0 * (start - found.score)
+    short = maximise(q, far, _middling(q), polish=False, near=loud)
+    there = maximise(q, far, _middling(q), polish=False, near=loud, since=start)
+    assert short.score - there.score > 0.1 * (start - found.score)
 
 
 def test_an_approach_keeps_the_level(asked):
