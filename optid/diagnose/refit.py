@@ -105,7 +105,7 @@ def refit(c: Contest, few: Sequence[Signature]) -> list[Rival]:
         c.tell(f"trying {signature.effect.name}")
         with contextlib.suppress(SolveError):  # with this effect the model may leave the numbers at once
             tried.append(_attempt(c, signature, again=signature is few[0]))
-            if excess(judge(tried[-1].answer, c.data.holdout), c.data.noise) <= EXCESS:
+            if _explains_all(c, tried[-1]):
                 whole.append(tried[-1])
     tried.sort(key=lambda t: t.answer.score)
     _start_again(c, tried)
@@ -148,6 +148,12 @@ def _start_again(c: Contest, tried: list[_Refit]) -> None:
             other = _quiet(c, t) if lost else _beside(c, t, best)
             t.answer = min(t.answer, other, key=lambda answer: answer.score)
     tried.sort(key=lambda t: t.answer.score)
+
+
+def _explains_all(c: Contest, t: _Refit) -> bool:
+    """Windows held out err by no more than the noise, the model's own imperfection left aside."""
+    scores = judge(t.answer, c.data.holdout).scores
+    return all(score.rmse <= EXCESS * c.data.noise.get(role, 0.0) for role, score in scores.items())
 
 
 def _alike(one: _Refit | Signature, other: _Refit) -> bool:
@@ -247,7 +253,9 @@ def _started(c: Contest, question: Question, effect: Effect, values: Mapping[str
         starts += [(led, here.noise.levels - by) for by in SCANNED]
     best = likeliest(question, starts)
     # The guide's derivatives are a start, but not its score: with less noise than suits the model that is far off.
-    return maximise(question, *best, iterations=FIRST, polish=False, near=c.guide, since=here.score)
+    return maximise(
+        question, *best, iterations=FIRST, polish=False, near=c.guide, since=here.score, glances=True
+    )
 
 
 def _placed(c: Contest, question: Question, values: Mapping[str, float], source: Answer) -> Array:

@@ -64,6 +64,7 @@ def maximise(
     rough: float = ROUGH,
     near: Answer | None = None,
     since: float | None = None,
+    glances: bool = False,
 ) -> Answer:
     """From a start to the likeliest parameters and levels of process noise.
 
@@ -77,6 +78,7 @@ def maximise(
         rough: without that, the share of the whole decrease that ends the search.
         near: an answer of a like model on the same recordings; its derivatives are a start.
         since: score that the whole decrease counts from; that of `near`, or else the start's, if absent.
+        glances: without polish, end also where held gains do not show the way: whole filters could, at their price.
 
     Raises:
         SolveError: the model cannot be simulated at the start.
@@ -89,7 +91,7 @@ def maximise(
             since = near.score if since is None else since
             if near.question.free == here.q.free:  # else a glance from here costs less and shows more
                 here.begin(near)
-        here, _, settled = _descend(here, iterations, rough, first=since)
+        here, _, settled = _descend(here, iterations, rough, first=since, glances=glances)
         return here.answer(settled)
     here.begin(near)
     here, used, settled = _descend(here, iterations)
@@ -223,7 +225,13 @@ def _start(q: Question, p: Array, levels: Array) -> Place:
 
 
 def _descend(
-    here: Place, iterations: int, rough: float = 0.0, *, held: bool = False, first: float | None = None
+    here: Place,
+    iterations: int,
+    rough: float = 0.0,
+    *,
+    held: bool = False,
+    first: float | None = None,
+    glances: bool = False,
 ) -> tuple[Place, int, bool]:
     """Levenberg-Marquardt until a step gains too little; the place, the iterations used, whether it settled.
 
@@ -234,6 +242,7 @@ def _descend(
         held: keep the levels of process noise: the estimate is consistent at any (Ljung, System Identification,
             1999, section 8.4).
         first: the start's own score when absent.
+        glances: see `maximise`.
     """
     damping, first = 1e-3, here.score if first is None else first
     look = Place.glance if rough else Place.differentiate
@@ -243,8 +252,9 @@ def _descend(
         enough = max(ENOUGH, rough * abs(first - here.score))
         there, promised = _better(here, damping, held)
         if there is None:
-            exact = here.fresh and not here.glanced
-            if exact or (rough and here.score < first and 0.0 <= promised < enough):
+            if (here.fresh and (glances or not here.glanced)) or (
+                rough and here.score < first and 0.0 <= promised < enough
+            ):
                 return here, number + 1, True
             # Where held gains do not show the way, whole filters do.
             Place.differentiate(here) if here.fresh else look(here)

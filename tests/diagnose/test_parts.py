@@ -352,14 +352,19 @@ def test_where_one_explains_all_only_what_resembles_it_is_tried(left, tried, mon
         for name in ("lag", "drag", "delay", "leak")
     ]
     monkeypatch.setattr(refit_of, "_attempt", attempt)
-    monkeypatch.setattr(refit_of, "judge", lambda answer, holdout: answer.score)
-    monkeypatch.setattr(refit_of, "excess", lambda judged, noise: judged)
+    judged = {"position": SimpleNamespace(rmse=0.0)}
+
+    def judge(answer, holdout):
+        judged["position"].rmse = 2e-5 * answer.score
+        return SimpleNamespace(scores=judged)
+
+    monkeypatch.setattr(refit_of, "judge", judge)
     for name in ("_start_again", "_follow"):
         monkeypatch.setattr(refit_of, name, lambda *others: None)
     lost = Rival(None, None, 0.0, SimpleNamespace(bounded_gain=0.0), "no gain", False)
     monkeypatch.setattr(refit_of, "_rival", lambda *others: lost)
     monkeypatch.setattr(refit_of, "cost", lambda effect: 0.0)
-    data = Data((), (), {}, np.random.default_rng(0))
+    data = Data((), (), {"position": 2e-5}, np.random.default_rng(0))
     refit_of.refit(refit_of.Contest(None, None, None, 4, data, lambda words: None), few)
     assert calls == tried
 
@@ -373,7 +378,7 @@ def test_a_winner_is_settled_where_nothing_more_is_missing(noise_left, settled, 
         effect, Candidate((effect,), None, None, None), 10.0, SimpleNamespace(bounded_gain=1.0), "", True
     )
     monkeypatch.setattr(refit_of, "_attempt", lambda *others, again: tried)
-    monkeypatch.setattr(refit_of, "judge", lambda *others: None)
+    monkeypatch.setattr(refit_of, "_explains_all", lambda *others: False)
     for name in ("_start_again", "_follow"):
         monkeypatch.setattr(refit_of, name, lambda *others: None)
     monkeypatch.setattr(refit_of, "_rival", lambda *others: won)

@@ -47,10 +47,11 @@ class CompliantLoad(Effect):
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
         """Acceleration of the piston, m/s2."""
         share, w = sheet.param(SHARE), 2 * math.pi * sheet.param(FREQUENCY)
-        y = sheet.state("stretch", "m", 1e-4, spread=5e-4)
-        rate = sheet.state("stretch_rate", "m/s", 1e-2, spread=5e-2)
+        y = sheet.state("stretch", "m", 1e-3, spread=5e-4)
+        # Of the load itself: that of the stretch would carry the piston's friction, and be integrated as finely.
+        speed = sheet.state("load_speed", "m/s", 0.1, spread=0.2)
+        rate = speed - near["v"]
         pull = w * w * y + 2 * sheet.param(DAMPING) * w * rate  # of the coupling, per mass of the load
-        acceleration = (near["net"] + share * near["mass"] * pull) / ((1 - share) * near["mass"])
         sheet.rate(y, rate)
-        sheet.rate(rate, -pull - acceleration)
-        return acceleration
+        sheet.rate(speed, -pull)
+        return (near["net"] + share * near["mass"] * pull) / ((1 - share) * near["mass"])
