@@ -106,9 +106,10 @@ def _round(
     data: Data,
     tell: Callable[[str], None],
     most: int | None = None,
+    but: str = "",
 ) -> tuple[tuple[Signature, ...], tuple[Rival, ...]]:
-    """What a screen of the catalogue shows from a model, and refits of the `most` promising, best first."""
-    effects = admitted(current.rig.model, own)
+    """What a screen of the catalogue shows from a model, and refits of the `most` promising `but` one, best first."""
+    effects = [effect for effect in admitted(current.rig.model, own) if effect.name != but]
     signatures, tight, guide = screen(current.answer, data.train, effects), [], current.answer
     if most == 0:
         return tuple(signatures), ()
@@ -135,7 +136,7 @@ def _exchanged(
     first = best.effects[0]
     tell(f"whether something else does better than {first.name}")
     start = without[first.name]
-    signatures, rivals = _round(base, start, own, data, tell)
+    signatures, rivals = _round(base, start, own, data, tell, but=first.name)
     winner = next((rival for rival in rivals if not rival.why), None)
     if winner is None:
         return None

@@ -169,7 +169,7 @@ def test_an_unconfirmed_step_counts_only_if_the_next_is_confirmed(second, monkey
     monkeypatch.setattr(search_of, "excess", lambda judged, noise: 9.0)
     monkeypatch.setattr(search_of, "cleared", lambda *others: 0.5)
     for name in ("screen", "admitted", "quieted", "_promising"):
-        monkeypatch.setattr(search_of, name, lambda *others: [1])
+        monkeypatch.setattr(search_of, name, lambda *others: [SimpleNamespace(name="any")])
     data = Data((), (), {}, np.random.default_rng(0))
     found = search_of.search(Candidate((), rig, None, None), (), data, lambda share, words: None)
     assert found.best.effects == (("one", "two") if second else ())
@@ -290,7 +290,7 @@ def test_a_search_goes_on_while_something_is_left_and_with_few_where_it_is_littl
     monkeypatch.setattr(search_of, "excess", lambda judged, noise: 9.0 if noisy or not rounds else 1.1)
     monkeypatch.setattr(search_of, "cleared", lambda *others: 1.0 - left)
     for name in ("screen", "admitted", "quieted", "_promising"):
-        monkeypatch.setattr(search_of, name, lambda *others: list(range(9)))
+        monkeypatch.setattr(search_of, name, lambda *others: [SimpleNamespace(name="any")] * 9)
     base = Candidate((), SimpleNamespace(model=None), None, None)
     data = Data((), (), {}, np.random.default_rng(0))
     found = search_of.search(base, (), data, lambda share, words: None)
@@ -328,6 +328,17 @@ def test_beside_others_an_effect_must_clear_more_than_the_form_of_their_laws_lea
     rival = refit_of._rival(contest, tried, 0)
     assert (not rival.why) is named
     assert named or rival.why.startswith(f"it clears {100 * (after - before):.1f} % of the first error")
+
+
+def test_a_round_may_leave_an_effect_out(monkeypatch):
+    both = [SimpleNamespace(name=name) for name in ("lag", "drag")]
+    seen = []
+    monkeypatch.setattr(search_of, "admitted", lambda model, own: both)
+    monkeypatch.setattr(search_of, "screen", lambda answer, train, effects: seen.extend(effects) or [])
+    current = Candidate((), SimpleNamespace(model=None), None, None)
+    data = Data((), (), {}, np.random.default_rng(0))
+    search_of._round(current, current, (), data, lambda words: None, 0, "lag")
+    assert seen == both[1:]
 
 
 @pytest.mark.parametrize(
@@ -414,7 +425,8 @@ def test_the_first_effect_has_to_hold_its_place_beside_the_others(score, why, no
         "": (first, candidate((first,), -40.0), ""), "first": (second, both, ""), "second": (other, exchanged, why),
     }  # fmt: skip
 
-    def one_round(base, current, own, data, tell, most=None):
+    def one_round(base, current, own, data, tell, most=None, but=""):
+        assert but == ("first" if current is alone else "")  # it stands already: what else there is
         found = following.get(" ".join(effect.name for effect in current.effects))
         if found is None:
             return (), ()
