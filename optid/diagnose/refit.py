@@ -31,6 +31,7 @@ FORM = 0.02
 # ... and one that clears most of what the laws before it left need not either: what their form leaves has no reason to
 # look like another law.
 MOST = 0.5
+ABOUT = 4.0  # times the noise: what a first refit may leave of an effect that explains all
 FIRST = 4  # iterations that show which refits are worth more
 FAINT = 0.03  # of a signature's strength
 AGAIN = (0.5, 2.0)  # the same, where a refit from the whole of it ends at next to nothing
@@ -151,9 +152,10 @@ def _start_again(c: Contest, tried: list[_Refit]) -> None:
 
 
 def _explains_all(c: Contest, t: _Refit) -> bool:
-    """Windows held out err by no more than the noise, the model's own imperfection left aside."""
-    scores = judge(t.answer, c.data.holdout).scores
-    return all(score.rmse <= EXCESS * c.data.noise.get(role, 0.0) for role, score in scores.items())
+    """The windows held out are at the noise; the model's own imperfection is dear, and looked at only near there."""
+    judged = judge(t.answer, c.data.holdout)
+    near = all(s.rmse <= ABOUT * c.data.noise.get(role, 0.0) for role, s in judged.scores.items())
+    return near and excess(judged, c.data.noise) <= EXCESS
 
 
 def _alike(one: _Refit | Signature, other: _Refit) -> bool:

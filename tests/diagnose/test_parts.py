@@ -363,13 +363,18 @@ def test_where_one_explains_all_only_what_resembles_it_is_tried(left, tried, mon
         for name in ("lag", "drag", "delay", "leak")
     ]
     monkeypatch.setattr(refit_of, "_attempt", attempt)
-    judged = {"position": SimpleNamespace(rmse=0.0)}
 
     def judge(answer, holdout):
-        judged["position"].rmse = 2e-5 * answer.score
-        return SimpleNamespace(scores=judged)
+        return SimpleNamespace(
+            left=answer.score, scores={"position": SimpleNamespace(rmse=2e-5 * answer.score)}
+        )
+
+    def dear(judged, noise):
+        assert judged.left < 5.0  # what errs by more is not looked at any closer
+        return judged.left
 
     monkeypatch.setattr(refit_of, "judge", judge)
+    monkeypatch.setattr(refit_of, "excess", dear)
     for name in ("_start_again", "_follow"):
         monkeypatch.setattr(refit_of, name, lambda *others: None)
     lost = Rival(None, None, 0.0, SimpleNamespace(bounded_gain=0.0), "no gain", False)
