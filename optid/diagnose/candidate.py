@@ -27,6 +27,7 @@ STUCK = {
 FADES = (
     0.02  # m/s: where a search for the fading of the contact's damping begins; at its default it hardly shows
 )
+ABOUT = 4.0  # times what a settled fit leaves: a first refit of the same model leaves no more
 QUICK = 15  # iterations of a first refit; the best then converge
 
 Report = Callable[[float, str], None]
@@ -119,7 +120,11 @@ def widened(base: Candidate, data: Data) -> Candidate | None:
     freed = tuple(
         replace(f, low=own[f.name][0], high=own[f.name][1]) if f.name in edge else f for f in rig.freed
     )
-    return settled((), replace(rig, freed=freed), p, base.answer, data, rig.model)
+    wide = replace(rig, freed=freed)
+    rough = refitted(wide, (), base, data, rig.model)
+    if excess(rough.judged, data.noise) > ABOUT * EXCESS:
+        return rough  # more is missing than the last units of likelihood would close
+    return settled((), wide, rough.answer.p, rough.answer, data, rig.model)
 
 
 def refitted(base: Rig, effects: tuple[Effect, ...], near: Candidate, data: Data, plain: Model) -> Candidate:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from scipy import stats
 
 from optid.core.model import Array
-from optid.diagnose.candidate import QUICK, SCANNED, Candidate, Data
+from optid.diagnose.candidate import ABOUT, QUICK, SCANNED, Candidate, Data
 from optid.diagnose.judge import EXCESS, Comparison, cleared, compare, excess, judge
 from optid.diagnose.screen import Signature, grown
 from optid.effects.effect import Effect
@@ -31,7 +31,6 @@ FORM = 0.02
 # ... and one that clears most of what the laws before it left need not either: what their form leaves has no reason to
 # look like another law.
 MOST = 0.5
-ABOUT = 4.0  # times the noise: what a first refit may leave of an effect that explains all
 FIRST = 4  # iterations that show which refits are worth more
 FAINT = 0.03  # of a signature's strength
 AGAIN = (0.5, 2.0)  # the same, where a refit from the whole of it ends at next to nothing
