@@ -164,7 +164,8 @@ def diagnose(
     noise = _noise(rig, holdout)
     data = Data(tuple(recordings), tuple(holdout), noise, generator)
     base = fit_base(rig, data, report)
-    found = search(base, own, data, report)
+    wide = _enough(base, data)
+    found = Search(base, base, ()) if wide else search(base, own, data, report)
     last = next((one.screened for one in found.rounds if one.model is found.best), None)
     if last is None:
         last = tuple(screen(found.best.answer, data.train, admitted(found.best.rig.model, own)))
@@ -175,7 +176,9 @@ def diagnose(
         least = disagreement(found.best, data, rig.model)
     best_parameters = estimates(found.best.answer, last, least)
     base_parameters = best_parameters if found.best is base else estimates(base.answer, ())
-    verdict, best, sites, closest = _verdict(found, data, report)
+    verdict, best, sites, closest = (
+        (Verdict.PARAMETERS, wide, (), None) if wide else _verdict(found, data, report)
+    )
     findings: tuple[Finding, ...] = ()
     if verdict is Verdict.MISSING_PHYSICS:
         findings = _findings(found, best_parameters, data, report)
@@ -204,6 +207,16 @@ def _noise(rig: Rig, holdout: Sequence[Recording]) -> dict[str, float]:
         sds = [noise_sd(v[np.isfinite(v)]) for v in values]
         found[port.role] = float(stated or np.sqrt(np.mean(np.square(sds))))
     return found
+
+
+def _enough(base: Candidate, data: Data) -> Candidate | None:
+    """The base model with wider bounds, where that alone explains the recordings: no physics is missing then."""
+    if excess(base.judged, data.noise) <= EXCESS:
+        return None
+    wide = widened(base, data)
+    if wide is None or excess(wide.judged, data.noise) > EXCESS:
+        return None
+    return wide if compare(base.judged, wide.judged, data.generator).p_value < LEVEL else None
 
 
 def _findings(
@@ -262,11 +275,6 @@ def _verdict(
     base, best = found.base, found.best
     if best.effects and excess(best.judged, data.noise) <= EXCESS:
         return Verdict.MISSING_PHYSICS, best, (), None
-    wide = widened(base, data)
-    if not best.effects and wide is not None:
-        gain = compare(base.judged, wide.judged, data.generator)
-        if gain.p_value < LEVEL and excess(wide.judged, data.noise) <= EXCESS:
-            return Verdict.PARAMETERS, wide, (), None
     if excess(base.judged, data.noise) <= EXCESS:
         return (Verdict.MISSING_PHYSICS if best.effects else Verdict.CONSISTENT), best, (), None
     share, leave = cleared(base.judged, best.judged, data.noise), base.rig.model.laws_leave

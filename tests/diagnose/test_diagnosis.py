@@ -1,5 +1,6 @@
 """Diagnoses of a user's own plant against a closed form: named when it is there, silent when nothing is missing."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -41,6 +42,21 @@ def test_nothing_missing_nothing_named(sound):
     assert sound.best.judged.scores["position"].rmse < 1.1 * sound.noise["position"]
     for estimate in sound.best_parameters:
         assert estimate.low < TRUTH[estimate.name] < estimate.high
+
+
+def test_bounds_that_shut_the_truth_out_are_no_missing_physics(tmp_path):
+    narrow = rig(tmp_path)
+    shut = {"gain": (0.1, 2.5), "drag": (0.01, 50.0)}
+    freed = tuple(replace(f, low=shut[f.name][0], high=shut[f.name][1]) for f in narrow.freed)
+    train, held = [recording(1, "run.csv")], [recording(2, "held.csv")]
+    found = diagnose(replace(narrow, freed=freed), train, held, generator=np.random.default_rng(0))
+    assert found.verdict is Verdict.PARAMETERS
+    assert found.findings == ()
+    assert {e.name: e.value for e in found.best_parameters} == pytest.approx(TRUTH, rel=0.01)
+    assert found.base.judged.scores["position"].rmse > 3.0 * found.best.judged.scores["position"].rmse
+    assert "gain" in found.summary
+    assert diagnosis_document(found)["verdict"] == "parameters"
+    assert "<html" in diagnosis_page(found)
 
 
 def test_a_dead_band_is_named_sized_and_proven(dead):
@@ -102,7 +118,7 @@ def test_names_that_leave_more_than_right_ones_do_are_no_answer(leave, share, ve
     rig = SimpleNamespace(model=SimpleNamespace(laws_leave=leave))
     base = SimpleNamespace(effects=(), judged="base", rig=rig)
     best = SimpleNamespace(effects=(SimpleNamespace(name="lag"),), judged="best")
-    for name, value in (("excess", 9.0), ("cleared", share), ("widened", None), ("locate", ["here"])):
+    for name, value in (("excess", 9.0), ("cleared", share), ("locate", ["here"])):
         monkeypatch.setattr(diagnosis_of, name, lambda *others, value=value: value)
     data = SimpleNamespace(noise={}, generator=None)
     found = diagnosis_of._verdict(SimpleNamespace(base=base, best=best), data, lambda share, words: None)
