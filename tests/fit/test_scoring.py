@@ -177,6 +177,8 @@ def test_where_held_gains_mislead_whole_filters_show_the_way(asked, found, monke
     monkeypatch.setattr(Place, "glance", misled)
     there, start = maximise(q, far, _middling(q), polish=False), _start(q, far, _middling(q))
     assert there.score < found.score + 0.1 * (start.score - found.score)
+    ended = maximise(q, far, _middling(q), polish=False, glances=True)
+    assert ended.score == start.score  # a first refit does not pay for them
 
 
 def test_a_rough_search_ends_by_what_it_gained_and_not_by_how_far_off_its_neighbour_is(asked, found):
