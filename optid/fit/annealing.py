@@ -56,8 +56,10 @@ def anneal(o: Objective, at: Point, terms: Terms | None, asked: float | None, pa
         try:
             found = _descended(o, at, terms, level * o.model.scales, watch)
         except SolveError:
-            if best is None or asked is not None:
+            if asked is not None or (best is None and level == levels[-1]):
                 raise
+            if best is None:
+                continue  # so loose the states say nothing of a parameter: a tighter level may
             break  # what is left hangs on no more than rounding: the looser level stands
         at, terms = found.at, found.terms
         pace.keep(at)

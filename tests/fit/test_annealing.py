@@ -78,3 +78,20 @@ def test_a_level_that_cannot_be_solved_ends_the_way_down(fails_at, asked, monkey
             anneal(o, at, None, asked, PACE)
     else:
         assert anneal(o, at, None, asked, PACE).q / o.model.scales == pytest.approx(1e-2)
+
+
+def test_a_level_too_loose_to_be_solved_leaves_the_start_to_the_next(monkeypatch, tmp_path):
+    o, at = posed(rig(tmp_path), [record(np.ones(200), moved(np.ones(200), 1 / 200))])
+    tried = []
+
+    def descended(o, at, terms, q, watch):
+        tried.append(float((q / o.model.scales)[0]))
+        if tried[-1] > 0.02:
+            raise SolveError("the normal equations are singular")
+        return Solution(at, terms, q, tried[-1], Outcome.TIME_LIMIT)
+
+    monkeypatch.setattr(annealing, "_descended", descended)
+    monkeypatch.setattr(annealing, "_by_unit", lambda o, best, share, pace: best)
+    monkeypatch.setattr(annealing, "_settled", lambda o, best, pace: best)
+    assert anneal(o, at, None, None, PACE).q / o.model.scales == pytest.approx(LEVELS[-1])
+    assert tried == pytest.approx(LEVELS)
