@@ -279,12 +279,13 @@ def _better(here: Place, damping: float, held: bool) -> tuple[Place | None, floa
         there = here.moved(_step(here, gradient, information, damping, held))
         step = there.coordinates - here.coordinates
         promised = -float(step @ (2.0 * gradient + information @ step))
-        slopes = here.carried(there, information)
-        if there.score < here.score:
-            there.slopes = slopes
-            return there, promised
-        if not here.fresh and math.isfinite(there.score):
-            here.slopes = slopes
+        if math.isfinite(there.score):  # where a model leaves the numbers a step shows nothing
+            slopes = here.carried(there, information)
+            if there.score < here.score:
+                there.slopes = slopes
+                return there, promised
+            if not here.fresh:
+                here.slopes = slopes
         most = promised if trial == 0 else most
         damping = max(damping * 20.0, 1e-2)
     return None, most
