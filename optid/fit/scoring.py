@@ -256,8 +256,10 @@ def _descend(
                 rough and here.score < first and 0.0 <= promised < enough
             ):
                 return here, number + 1, True
-            # Where held gains do not show the way, whole filters do.
-            Place.differentiate(here) if here.fresh else look(here)
+            if here.fresh:  # held gains do not show the way: whole filters do
+                here.differentiate()
+            else:
+                look(here)
             continue
         gain = here.score - there.score
         settled = gain < enough and (here.fresh or rough > 0.0)
