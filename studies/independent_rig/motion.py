@@ -7,6 +7,7 @@ from numba import njit
 from studies.independent_rig.states import ELEMENT, PA, PB, REST, SHARES, V2, X2, V, X
 
 RECORD = 8.0  # s: drifts are stated per so long a record
+HARD = 0.075  # m: the way over which a spring hardens
 DAMPING = 0.2  # of a contact that sticks, in sqrt(k m): a tenth of critical, 200 to 1500 N s/m on this axis
 
 
@@ -66,7 +67,7 @@ def drive_force(rig, t, s, v):
         total += rig.force
     if rig.spring > 0.0:
         d = s[X] - rig.spring_at
-        total -= rig.spring * d * (1.0 + (d / 0.15) ** 2)
+        total -= rig.spring * HARD * math.sinh(d / HARD)
     if rig.drag > 0.0:
         total -= math.copysign(rig.drag * abs(v) ** rig.drag_power, v)
     if rig.shake > 0.0:

@@ -51,7 +51,7 @@ class Rig(NamedTuple):
 
     # Other forces.
     force: float = 0.0  # N
-    spring: float = 0.0  # N/m, and it hardens: k d (1 + (d / 0.15 m)^2)
+    spring: float = 0.0  # N/m, and it hardens: k h sinh(d / h) with motion.HARD
     spring_at: float = 0.0  # m
     drag: float = 0.0  # N at 1 m/s
     drag_power: float = 2.0

@@ -60,23 +60,28 @@ def test_backlash_is_the_play_operator():
     assert np.abs(shown - states[:, 0]).max() == pytest.approx(2e-4, rel=1e-3)
 
 
-def test_hysteresis_of_a_slow_command_is_the_play_operator():
+@pytest.mark.parametrize("spread", [0.0, 0.6])
+def test_hysteresis_of_a_slow_command_is_two_plays_in_parallel(spread):
     plant = grown(AXIS, "valve_hysteresis")
     X, _ = run()
     t = np.arange(3000) * DT
     u = 0.05 * np.sin(2 * np.pi * 0.8 * t)
-    p = plant.vector({"valve_hysteresis.width": 0.01})
+    p = plant.vector({"valve_hysteresis.width": 0.01, "valve_hysteresis.spread": spread})
     start = np.array(plant.model.start(p)[0]).ravel()
     start[plant.shared[0]] = X[0]
     states = simulate(plant.model, p, start, np.full(3000, DT), u[:, None]).states[0]
-    memory = states[1:, [s.name for s in plant.model.states].index("valve_hysteresis.spool")]
-    assert np.abs(memory - played(u, 0.01)[:-1]).max() < 4e-4
+    names = [s.name for s in plant.model.states]
+    for half, width in (("inner", 0.01 * (1 - spread)), ("outer", 0.01 * (1 + spread))):
+        memory = states[1:, names.index(f"valve_hysteresis.{half}")]
+        assert np.abs(memory - played(u, width)[:-1]).max() < 4e-4
 
 
-def test_the_flow_with_another_critical_ratio_is_that_of_the_standard():
-    """ISO 6358-1: sqrt(1 - ((r - b) / (1 - b))^2) of the choked flow beyond the critical ratio b."""
+@pytest.mark.parametrize("m", [0.45, 0.5, 0.58])
+def test_the_flow_with_another_critical_ratio_is_that_of_the_standard(m):
+    """ISO 6358-1: (1 - ((r - b) / (1 - b))^2)^m of the choked flow beyond the critical ratio b."""
     plant, b = grown(AXIS, "critical_pressure_ratio"), 0.35
-    p = plant.vector({"critical_pressure_ratio.shift": b - 0.5282818})
+    name = "critical_pressure_ratio"
+    p = plant.vector({f"{name}.shift": b - 0.5282818, f"{name}.subsonic_index": m})
     x = np.zeros(len(plant.model.states))
     names = [state.name for state in plant.model.states]
 
@@ -86,7 +91,7 @@ def test_the_flow_with_another_critical_ratio_is_that_of_the_standard():
         return float(plant.model.rates(x, [0.5], p)[names.index("pressure_a")])
 
     for ratio in (0.3, 0.45, 0.6, 0.8, 0.95):
-        standard = np.sqrt(1 - (max(ratio - b, 0) / (1 - b)) ** 2)
+        standard = (1 - (max(ratio - b, 0) / (1 - b)) ** 2) ** m
         assert filling(ratio) / filling(0.2) == pytest.approx(standard, abs=3e-3)
 
 
@@ -267,3 +272,82 @@ def test_a_lagging_sensor_is_a_filter_of_first_or_second_order(second):
     after = slice(200, None)  # the start is forgotten
     assert np.abs(shown - want)[after].max() < 0.02 * np.abs(shown - states[:, 0])[after].max()
     assert np.abs(shown - states[:, 0])[after].max() > 1e-4
+
+
+EDGES = {"forwards_wider": 0.1, "supply_wider": -0.2, "chamber_a_wider": 0.15}
+OVERLAPS = {
+    "supply_a": 1.05,
+    "exhaust_b": 1.15,
+    "supply_b": 0.55,
+    "exhaust_a": 1.25,
+}  # 1 +- each share of EDGES
+
+
+def edge_openings(effect, values, spool):
+    """What each chamber's flow says of its open edge, as a way of the spool: chokes at 7 to 1 bar, so goes with it."""
+    plant = grown(AXIS, effect)
+    names = [state.name for state in plant.model.states]
+    x = np.zeros(len(names))
+
+    def rates(u, p):
+        found = plant.model.rates(x, [u], p)
+        return np.array([float(found[names.index(name)]) for name in ("pressure_a", "pressure_b")])
+
+    x[names.index("pressure_a")], x[names.index("pressure_b")] = 3e5, 3e5
+    plain = plant.vector()
+    per_way = {way: rates(way * 0.5, plain) / 0.5 for way in (1.0, -1.0)}
+    way = 1.0 if spool > 0 else -1.0
+    p = plant.vector({f"{effect}.{name}": value for name, value in values.items()})
+    return rates(spool, p) / per_way[way]
+
+
+@pytest.mark.parametrize("spool", [0.035, 0.045, 0.2, -0.03, -0.045, -0.2])
+def test_every_edge_of_a_dead_band_opens_at_its_own_place(spool):
+    found = edge_openings("valve_deadband", {"width": 0.04, **EDGES}, spool)
+    of_a, of_b = ("supply_a", "exhaust_b") if spool > 0 else ("exhaust_a", "supply_b")
+    for opening, name in zip(found, (of_a, of_b), strict=True):
+        assert opening == pytest.approx(max(abs(spool) - 0.04 * OVERLAPS[name], 0.0), abs=1e-9)
+
+
+def test_a_rounded_edge_opens_gradually_and_then_lags_by_its_rounding():
+    for beyond in (0.001, 0.01, 0.4):
+        found = edge_openings("valve_deadband", {"width": 0.04, "rounding": 0.5}, 0.04 + beyond)
+        assert found[0] == pytest.approx(beyond**2 / (beyond + 0.02), rel=1e-6)
+
+
+def test_every_edge_of_an_underlap_closes_at_its_own_place():
+    """At a spool that still overlaps both ways: supply and exhaust of chamber A are open by w f + s and w f - s."""
+    width, spool = 0.02, 0.005
+    found = edge_openings("valve_underlap", {"width": width, **EDGES}, spool)
+    plant = grown(AXIS, "valve_underlap")
+    names = [state.name for state in plant.model.states]
+    x = np.zeros(len(names))
+    x[names.index("pressure_a")], x[names.index("pressure_b")] = 3e5, 3e5
+    filling = float(plant.model.rates(x, [0.5], plant.vector())[names.index("pressure_a")]) / 0.5
+    venting = float(plant.model.rates(x, [-0.5], plant.vector())[names.index("pressure_a")]) / 0.5
+    net = (spool + width * OVERLAPS["supply_a"]) * filling + (width * OVERLAPS["exhaust_a"] - spool) * venting
+    assert found[0] * filling == pytest.approx(net, rel=1e-6)
+
+
+@pytest.mark.parametrize(("u", "passes"), [(0.5, 0.44), (-0.5, -0.36), (0.43, 0.43), (-0.35, -0.35)])
+def test_a_spool_has_a_stop_at_either_end(u, passes):
+    plant = grown(AXIS, "valve_saturation")
+    values = {"loss": 1.0, "limit": 0.4, "skew": 0.1}
+    p, plain = plant.vector({f"valve_saturation.{k}": v for k, v in values.items()}), plant.vector()
+    x = np.array(plant.model.start(plain)[0]).ravel()
+    np.testing.assert_allclose(plant.model.rates(x, [u], p), plant.model.rates(x, [passes], plain), rtol=1e-9)
+
+
+def test_a_spring_hardens_by_the_cube():
+    plant = grown(AXIS, "spring_load")
+    values = {"stiffness": 200.0, "relaxed_position": 0.02, "hardening": 1.5}
+    p, plain = plant.vector({f"spring_load.{k}": v for k, v in values.items()}), plant.vector()
+    x = np.array(plant.model.start(plain)[0]).ravel()
+    names = [state.name for state in plant.model.states]
+    for place in (-0.08, 0.02, 0.07):
+        x[names.index("position")] = place
+        change = plant.model.rates(x, [0.0], p) - plant.model.rates(x, [0.0], plain)
+        drawn = place - 0.02
+        force = -200.0 * drawn * (1 + 1.5 * (drawn / 0.1) ** 2)
+        mass = plain[plant.model.index("payload_mass")]
+        assert float(change[names.index("velocity")]) == pytest.approx(force / mass, abs=1e-9)

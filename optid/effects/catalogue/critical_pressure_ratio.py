@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import casadi as ca
+
 from optid.core.parameter import Parameter
 from optid.core.sheet import Sheet
 from optid.effects.effect import Effect
@@ -13,22 +15,37 @@ SHIFT = Parameter(
     "shift", "1", 0.1, "critical pressure ratio of the valve less that of an ideal nozzle (0.528 for air)",
     "physics catalogue A.2: valves have 0.15 to 0.5", 0.0, (-0.5, 0.3),
 )  # fmt: skip
+INDEX = Parameter(
+    "subsonic_index", "1", 0.05, "power m of the subsonic branch; an ideal nozzle's is close to 0.5",
+    "ISO 6358-1:2013: 0.5 where nothing else is known", 0.5, (0.3, 0.8),
+)  # fmt: skip
+CLOSED, CHOKED = (
+    1e-4,
+    1e-12,
+)  # of 1 - q^2, and of q^2: the power's slope stays finite where nothing flows, or all
 
 
 class CriticalPressureRatio(Effect):
-    """Eq. 7 with its subsonic branch stretched from (C_r, 1) to (C_r + shift, 1).
+    """Eq. 7 with its subsonic branch stretched from (C_r, 1) to (C_r + shift, 1), and of another power.
 
-    The branch is within 0.2 % of full flow of the ellipse of ISO 6358-1, so that C_r + shift is the standard's b.
+    The branch is within 0.2 % of full flow of the ellipse of ISO 6358-1, so that C_r + shift is the standard's b and
+    the power its m: (1 - q^2)^m with q = (P_r - b) / (1 - b).
     """
 
     name = "critical_pressure_ratio"
     sites = ("flow.ratio",)
     equation = "7, 8"
-    parameters = (SHIFT,)
-    strength = {"shift": 0.02}
-    usual = ({"shift": -0.15}, {"shift": -0.35}, {"shift": 0.08})
-    law = "the flow is choked below P_r = C_r + shift and falls to nothing at P_r = 1"
-    says = "the valve's flow chokes at a pressure ratio that differs by {shift} from an ideal nozzle's 0.528"
+    parameters = (SHIFT, INDEX)
+    strength = {"shift": 0.02, "subsonic_index": 0.03}
+    usual = (
+        *({"shift": shift, "subsonic_index": 0.5} for shift in (-0.15, -0.35, 0.08)),
+        *({"shift": 0.0, "subsonic_index": m} for m in (0.44, 0.56)),
+    )
+    law = "the flow is choked below P_r = C_r + shift and falls to nothing at P_r = 1, by the power m of ISO 6358"
+    says = (
+        "the valve's flow chokes at a pressure ratio that differs by {shift} from an ideal nozzle's 0.528, and falls "
+        "beyond with the power {subsonic_index} (subsonic index)"
+    )
     depends_on = ("pressure_a", "pressure_b", "flow")
     needs = "flow at small pressure differences: a chamber near supply or near exhaust pressure"
     look_alikes = ("supply_droop", "heat_transfer", "position_dependent_friction", "tube_restriction")
@@ -38,4 +55,9 @@ class CriticalPressureRatio(Effect):
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
         """The pressure ratio at which eq. 7 passes the same flow."""
         shift, critical = sheet.param(SHIFT), near["critical"]
-        return nominal + shift * (nominal - 1) / (1 - critical - shift)
+        stretched = nominal + shift * (nominal - 1) / (1 - critical - shift)
+        q2 = (ca.fmax(stretched - critical, 0) / (1 - critical)) ** 2
+        # 1 - (1 - q^2)^(2 m) for q^2, written so that it is q^2 to the last digit at m = 1/2.
+        power = ca.exp((2 * sheet.param(INDEX) - 1) * ca.log((1 - q2) ** 2 + CLOSED**2) / 2)
+        bent = critical + (1 - critical) * ca.sqrt(ca.fmax(q2 + (1 - q2) * (1 - power), CHOKED))
+        return ca.if_else(stretched > critical, bent, stretched)

@@ -5,28 +5,38 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import casadi as ca
+
 from optid.core.parameter import Parameter
 from optid.core.sheet import Sheet
-from optid.core.smooth import dead_zone
+from optid.effects.edges import ALIKE, EDGES, SAID, edge
 from optid.effects.effect import Effect
 
 WIDTH = Parameter(
     "width", "1", 0.01, "half the dead zone, as a share of full command", "physics catalogue A.2: 0.2 to 5 %",
     0.0, (0.0, 0.5),
 )  # fmt: skip
+ROUNDING = Parameter(
+    "rounding", "1", 0.1, "way over which an edge opens gradually, as a share of the width",
+    "corners wear round", 0.0, (0.0, 2.0),
+)  # fmt: skip
+NONE = 1e-18  # m: no rounding
 
 
 class ValveDeadband(Effect):
-    """The spool's way less the overlap; valve_offset makes the two edges unequal."""
+    """Each edge opens by what the spool's way z exceeds its overlap, z^2 / (z + r) where a radius rounds it."""
 
     name = "valve_deadband"
-    sites = ("valve.spool",)
+    sites = ("valve.spool", "flow.supply_area", "flow.exhaust_area")
     equation = "3-6"
-    parameters = (WIDTH,)
+    parameters = (WIDTH, ROUNDING, *EDGES)
     strength = {"width": 1.5e-3}
-    usual = ({"width": 0.01}, {"width": 0.04})
+    usual = tuple({"width": width, "rounding": 0.0, **ALIKE} for width in (0.01, 0.04))
     law = "ports open by what the spool's way exceeds the overlap d, to either side"
-    says = "the valve's ports stay shut for the first {width} of full command to either side"
+    says = (
+        "the valve's ports stay shut for the first {width} of full command to either side, and open gradually over "
+        f"{{rounding}} of that; {SAID}"
+    )
     depends_on = ("command",)
     needs = "commands that pass slowly through zero"
     look_alikes = ("valve_underlap", "valve_hysteresis", "stribeck_friction", "tube_restriction")
@@ -35,5 +45,12 @@ class ValveDeadband(Effect):
     source = "Tao, Meng and others, Math. Probl. Eng. 2034923, 2016; sizes from physics catalogue A.2, row 15"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
-        """Opening of the ports, m."""
-        return dead_zone(nominal, sheet.param(WIDTH) * sheet.plant_param("spool_travel"))
+        """Areas of the open ports, m2; of the spool's way only note is taken."""
+        if site == "valve.spool":
+            return nominal
+        spool, travel = near["spool"], sheet.plant_param("spool_travel")
+        width = sheet.param(WIDTH) * travel
+        way = ca.if_else(spool > 0, 1, -1)
+        beyond = ca.fmax(ca.fabs(spool) - width * edge(sheet, way, supply=site == "flow.supply_area"), 0)
+        opened = beyond**2 / (beyond + sheet.param(ROUNDING) * width + NONE)
+        return nominal - sheet.plant_param("port_width") * (ca.fabs(spool) - opened)

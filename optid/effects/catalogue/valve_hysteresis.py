@@ -14,20 +14,28 @@ WIDTH = Parameter(
     "width", "1", 5e-3, "half the hysteresis, as a share of full command", "physics catalogue A.2: 0.1 to 3 %",
     0.0, (0.0, 0.3),
 )  # fmt: skip
+SPREAD = Parameter(
+    "spread", "1", 0.3, "share by which one half of the hysteresis is wider than the mean, and the other narrower",
+    # Inner loops of a solenoid's iron are narrower than the outer one.
+    "Prandtl and Ishlinskii's plays in parallel, two of them", 0.0, (0.0, 1.0),
+)  # fmt: skip
 CATCH = 3e-4  # s: in which the spool's memory follows; what it shows is exact while it moves, at any value
 
 
 class ValveHysteresis(Effect):
-    """The play operator: the spool trails its command by the width and stands still while a reversal takes it up."""
+    """Two plays in parallel: each trails the command by its width and stands still while a reversal takes it up."""
 
     name = "valve_hysteresis"
     sites = ("valve.command",)
     equation = "3-6"
-    parameters = (WIDTH,)
+    parameters = (WIDTH, SPREAD)
     strength = {"width": 5e-4}
-    usual = ({"width": 4e-3}, {"width": 0.02})
-    law = "the spool follows command - h when the command grows and command + h when it falls"
-    says = "the valve has a hysteresis of {width} of full command to either side"
+    usual = ({"width": 4e-3, "spread": 0.0}, {"width": 0.02, "spread": 0.0})
+    law = "the spool follows command - h when the command grows and command + h when it falls, h (1 - s) to h (1 + s)"
+    says = (
+        "the valve has a hysteresis of {width} of full command to either side, one half of it narrower and the other "
+        "wider by a share of {spread}"
+    )
     depends_on = ("command_rate", "command")
     needs = "reversals of the command"
     look_alikes = ("valve_lag", "input_delay", "valve_deadband", "sensor_backlash", "sensor_lag")
@@ -36,7 +44,11 @@ class ValveHysteresis(Effect):
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
         """The share of full travel at which the spool stands."""
-        memory = sheet.state("spool", "1", 0.1, spread=0.3)
-        beyond = dead_zone(nominal - memory, sheet.param(WIDTH))
-        sheet.rate(memory, beyond / CATCH)
-        return memory + beyond
+        width, spread = sheet.param(WIDTH), sheet.param(SPREAD)
+        stands = 0.0
+        for half, share in (("inner", 1 - spread), ("outer", 1 + spread)):
+            memory = sheet.state(half, "1", 0.1, spread=0.3)
+            beyond = dead_zone(nominal - memory, share * width)
+            sheet.rate(memory, beyond / CATCH)
+            stands = stands + (memory + beyond) / 2
+        return stands

@@ -18,6 +18,10 @@ LIMIT = Parameter(
     "limit", "1", 0.5, "share of full command from which on the spool falls behind",
     "physics catalogue A.2: 60 to 100 %", 0.7, (0.02, 1.5),
 )  # fmt: skip
+SKEW = Parameter(
+    "skew", "1", 0.05, "share by which the limit lies further out one way and further in the other",
+    "each end of the spool's travel has its own stop", 0.0, (-0.5, 0.5),
+)  # fmt: skip
 
 
 class ValveSaturation(Effect):
@@ -26,11 +30,14 @@ class ValveSaturation(Effect):
     name = "valve_saturation"
     sites = ("valve.command",)
     equation = "3-6"
-    parameters = (LOSS, LIMIT)
+    parameters = (LOSS, LIMIT, SKEW)
     strength = {"loss": 0.1}
-    usual = tuple({"loss": 0.8, "limit": limit} for limit in (0.3, 0.55, 0.8))
-    law = "beyond the limit the spool follows only (1 - loss) of the command"
-    says = "beyond {limit} of full command the valve opens less than asked: {loss} of the rest is lost"
+    usual = tuple({"loss": 0.8, "limit": limit, "skew": 0.0} for limit in (0.3, 0.55, 0.8))
+    law = "beyond limit (1 + skew) and -limit (1 - skew) the spool follows only (1 - loss) of the command"
+    says = (
+        "beyond {limit} of full command the valve opens less than asked: {loss} of the rest is lost (the limit lies a "
+        "share of {skew} further out forwards, and further in backwards)"
+    )
     depends_on = ("command",)
     needs = "commands beyond the limit, steps up to full command"
     look_alikes = ("tube_restriction", "supply_droop", "valve_rate_limit", "quadratic_drag")
@@ -39,4 +46,5 @@ class ValveSaturation(Effect):
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
         """Command that the spool follows, a share of full command."""
-        return nominal - sheet.param(LOSS) * dead_zone(nominal, sheet.param(LIMIT))
+        limit, skew = sheet.param(LIMIT), sheet.param(SKEW)
+        return nominal - sheet.param(LOSS) * dead_zone(nominal - limit * skew, limit)

@@ -9,6 +9,7 @@ import casadi as ca
 
 from optid.core.parameter import Parameter
 from optid.core.sheet import Sheet
+from optid.effects.edges import ALIKE, EDGES, SAID, edge
 from optid.effects.effect import Effect
 
 WIDTH = Parameter(
@@ -23,22 +24,22 @@ AREA = Parameter(
 
 
 class ValveUnderlap(Effect):
-    """Every edge opens by `width` earlier, so that both edges of a port are open in between, and leaks beside."""
+    """Every edge opens by about `width` earlier, so that both edges of a port are open in between, and leaks beside."""
 
     name = "valve_underlap"
     sites = ("flow.chamber_a", "flow.chamber_b")
     equation = "3-6"
-    parameters = (WIDTH, AREA)
+    parameters = (WIDTH, AREA, *EDGES)
     strength = {"width": 1e-3, "null_leakage": 1e-8}
     usual = (
-        {"width": 4e-3, "null_leakage": 0.0},
-        {"width": 0.02, "null_leakage": 0.0},
-        {"width": 0.0, "null_leakage": 1e-7},
+        {"width": 4e-3, "null_leakage": 0.0, **ALIKE},
+        {"width": 0.02, "null_leakage": 0.0, **ALIKE},
+        {"width": 0.0, "null_leakage": 1e-7, **ALIKE},
     )
     law = "a chamber's edges open by W max(s + w, 0) + A_0 to supply and W max(w - s, 0) + A_0 to exhaust"
     says = (
         "the valve does not close: up to {width} of full command both supply and exhaust are open, and every edge "
-        "leaks through {null_leakage}"
+        f"leaks through {{null_leakage}}; {SAID}"
     )
     depends_on = ("command", "pressure_a", "pressure_b")
     needs = "holds and slow motion with commands near zero"
@@ -50,9 +51,10 @@ class ValveUnderlap(Effect):
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
         """The flow into the chamber, kg/s, with what passes the edges that should be shut or less open."""
         early = sheet.param(WIDTH) * sheet.plant_param("spool_travel")
-        s = near["spool"] if site.endswith("a") else -near["spool"]
-        supply = ca.fmax(s + early, 0) - ca.fmax(s, 0)
-        exhaust = ca.fmax(early - s, 0) - ca.fmax(-s, 0)
+        way = 1 if site.endswith("a") else -1  # of the spool that opens this chamber to supply
+        s = way * near["spool"]
+        supply = ca.fmax(s + early * edge(sheet, way, supply=True), 0) - ca.fmax(s, 0)
+        exhaust = ca.fmax(early * edge(sheet, -way, supply=False) - s, 0) - ca.fmax(-s, 0)
         width, leak = (
             sheet.plant_param("port_width"),
             sheet.param(AREA) / sheet.plant_param("discharge_coefficient"),
