@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import casadi as ca
 import numpy as np
@@ -50,6 +50,7 @@ class Model:
         start: p -> (mean, spread): what is known of the state at a record's start without data.
         laws_leave: share of the squared error that right laws of another form leave in 19 of 20 blind cases; None
             where no trial has measured it.
+        biases: by what share of its value a stand-in for a law that jumps may shift a fitted parameter, by name.
     """
 
     name: str
@@ -65,6 +66,7 @@ class Model:
     sizes: tuple[float, ...] = ()
     near: tuple[tuple[str, ...], ...] = ()
     laws_leave: float | None = None
+    biases: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def recorded(self) -> tuple[Port, ...]:

@@ -76,6 +76,7 @@ class Sheet:
         self._sites: dict[str, tuple[float, tuple[str, ...]]] = {}
         self._notes: dict[str, Expression] = {}
         self._laws_leave: float | None = None
+        self._biases: dict[str, float] = {}
         self._prefix = ""  # of the effect that is writing
 
     def state(
@@ -175,6 +176,13 @@ class Sheet:
         """Say how much of the squared error right laws of another form leave on this plant, in 19 of 20 blind cases."""
         self._laws_leave = share
 
+    def biased(self, parameter: str, share: float) -> None:
+        """Say by what share of its value a stand-in for a law that jumps may shift a fitted parameter.
+
+        It was measured against the law itself; intervals count it as a standard uncertainty of type B (GUM, 4.3).
+        """
+        self._biases[parameter] = share
+
     def rate(self, state: ca.SX, expression: Expression) -> None:
         """Write d(state)/dt."""
         name = state.name()
@@ -238,6 +246,7 @@ class Sheet:
                 sensors=ca.Function("sensors", [x, u, p], [ca.cse(outputs)], names[0], ["y"]),
                 start=ca.Function("start", [p], [mean, spread], ["p"], ["mean", "spread"]),
                 laws_leave=self._laws_leave,
+                biases=dict(self._biases),
             )
         except RuntimeError as error:  # CasADi: an expression holds a symbol that was never declared
             raise PlantError(

@@ -220,6 +220,7 @@ def _result(
     p[list(o.free)] = theta
     if compare and best.outcome is Outcome.CONVERGED:
         cov = cov + np.diag(_imperfection(o, best, cov, fixed))
+    cov = cov + np.diag(_stand_ins(o, theta, fixed))
     half = special.ndtri(0.975) * np.sqrt(np.maximum(np.diag(cov), 0.0))
     half = np.where(ties.mute, np.inf, half)
     estimates = []
@@ -275,6 +276,13 @@ def _imperfection(o: Objective, best: Solution, cov: Array, fixed: Booleans) -> 
     difference = (at.p - best.at.p)[list(o.free)]
     allowed = special.chdtri(1, 0.05) * np.abs(np.diag(cov) - own)
     return np.where(fixed, 0.0, np.maximum(difference**2 - allowed, 0.0))
+
+
+def _stand_ins(o: Objective, theta: Array, fixed: Booleans) -> Array:
+    """Variance added for what stand-ins for laws that jump are known to shift, (free,)."""
+    biases = o.model.biases
+    share = np.array([biases.get(o.model.parameters[i].name, 0.0) for i in o.free])
+    return np.where(fixed, 0.0, (share * theta) ** 2)
 
 
 def _noise(o: Objective, t: Terms, at: Point, q: Array) -> dict[str, float]:

@@ -47,7 +47,7 @@ def test_its_usual_size_shows(effect):
 
 
 def test_back_pressure_does_not_show_while_the_exhaust_is_choked():
-    assert signatures(run)["exhaust_restriction"].max() < 1e-3
+    assert signatures(run)["exhaust_restriction"].max() < 0.1  # of the noise; 100 and more where it shows
 
 
 @pytest.mark.parametrize("name", PLANTS)

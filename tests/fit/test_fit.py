@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -86,6 +87,19 @@ def _information(cart, data, gain):
     free = np.column_stack([np.ones(len(u)), (1 - np.exp(-2.0 * data[0].time)) / 2.0])
     rest = slope - free @ np.linalg.lstsq(free, slope, rcond=None)[0]  # the start state is not known
     return float(rest @ rest) / SD**2
+
+
+def test_intervals_count_what_a_stand_in_is_known_to_shift(tmp_path):
+    """Its share of the value stands beside the standard deviation of the noise, as squares."""
+    cart = rig(tmp_path)
+    data = [recording(np.random.default_rng(8))]
+    plain = estimates(fit(cart, data))
+    known = replace(cart, model=replace(cart.model, biases={"drag": 0.05}))
+    wide = estimates(fit(known, data))
+    sds = [(found["drag"].high - found["drag"].low) / 2 / 1.959964 for found in (plain, wide)]
+    assert wide["drag"].value == plain["drag"].value
+    assert sds[1] == pytest.approx(np.hypot(sds[0], 0.05 * plain["drag"].value), rel=1e-5)
+    assert (wide["gain"].low, wide["gain"].high) == (plain["gain"].low, plain["gain"].high)
 
 
 def test_a_bound_is_met_and_said(tmp_path):

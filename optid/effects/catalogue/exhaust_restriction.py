@@ -9,17 +9,16 @@ import casadi as ca
 
 from optid.core.parameter import Parameter
 from optid.core.sheet import Sheet
-from optid.core.smooth import soft_power
 from optid.effects.effect import Effect
 
 BACK = Parameter(
-    "back_pressure", "Pa", 3e4, "by which the pressure behind the exhaust rises at a flow of 10 g/s (500 l/min)",
+    "back_pressure", "Pa", 1e5, "absolute pressure that drives 10 g/s (500 l/min) through what restricts, choked",
     # A clogged silencer lets a few g/s through at most: carried on to 10 g/s its pressure is many bar.
-    "physics catalogue A.3: 0 to 1 bar at the flows of the axis", 0.0, (0.0, 5e6),
+    "physics catalogue A.3: 0 to 1 bar above ambient at the flows of the axis", 0.0, (0.0, 5e6),
 )  # fmt: skip
-EXPONENT = Parameter(
-    "exponent", "1", 1.0, "power of the flow with which it rises", "a choked silencer has 1, a wide one 2",
-    1.5, (1.0, 2.0),
+CRITICAL = Parameter(
+    "critical_ratio", "1", 0.1, "critical pressure ratio b of what restricts", "ISO 6358-1: 0.2 for a long silencer",
+    0.5, (0.1, 0.55),
 )  # fmt: skip
 MANIFOLD = Parameter(
     "manifold", "m**3", 3e-5, "volume between the valve's edges and what restricts", "a pipe of 0.1 to 1 m",
@@ -27,45 +26,64 @@ MANIFOLD = Parameter(
 )  # fmt: skip
 FLOW, LAG = 0.01, 1e-3  # kg/s; s: in which the manifold fills at least
 WARM = 84e3  # J/kg: R T of air in a workshop
-SMALL = 1e-3  # flow over FLOW below which the power law is a line
 
 
 class ExhaustRestriction(Effect):
-    """P_e + back_pressure (m / 10 g/s)^k with m the flow that leaves through the valve."""
+    """A manifold at P that an orifice empties into P_e: the flow is P / R choked, R = back_pressure / (10 g/s).
+
+    The state is the orifice's flow m; P(m) inverts the law of ISO 6358-1, and m follows what leaves the valve with the
+    time constant V / (R_gas T) dP/dm, which is the manifold's balance of mass. Without resistance P is P_e.
+    """
 
     name = "exhaust_restriction"
     sites = ("flow.exhaust", "flow.chamber_a", "flow.chamber_b")
     equation = "3-6"
-    parameters = (BACK, EXPONENT, MANIFOLD)
-    strength = {"back_pressure": 6e3}
+    parameters = (BACK, CRITICAL, MANIFOLD)
+    strength = {"back_pressure": 5e4}
     usual = tuple(
-        {"back_pressure": back, "exponent": k, "manifold": 3e-5}
-        for back in (1.2e6, 3e5, 6e4, 1.5e4) for k in (1.0, 2.0)
-    )  # fmt: skip
-    law = "the pressure behind the exhaust rises by back_pressure (m / 10 g/s)^k"
+        {"back_pressure": back, "critical_ratio": 0.4, "manifold": 3e-5} for back in (1.2e6, 4e5, 2e5, 1e5)
+    )
+    law = "behind the exhaust stands the pressure that drives the flow through an orifice (ISO 6358)"
     says = (
-        "the exhaust builds up a back pressure of {back_pressure} at a flow of 10 g/s (power {exponent} of the flow) "
-        "behind a manifold of {manifold}"
+        "the exhaust is throttled: 10 g/s would need {back_pressure} absolute behind it (critical pressure ratio "
+        "{critical_ratio}, manifold {manifold})"
     )
     depends_on = ("flow", "pressure_a", "pressure_b")
     needs = "fast strokes in which a chamber is vented to below twice the exhaust pressure; above, the flow is choked"
     look_alikes = ("tube_restriction", "end_cushioning", "quadratic_drag", "supply_droop")
     experiment = "full strokes at full command with the silencer on and off"
-    source = "physics catalogue A.3, row 25"
+    source = "ISO 6358-1:2013; physics catalogue A.3, row 25"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
         """Pressure behind the exhaust port, Pa; at the chambers the flow, kg/s, is only taken note of."""
         if site == "flow.exhaust":
             leaving = sheet.state("flow", "kg/s", 5e-3, spread=5e-3)
+            pressure, slope = behind(leaving, sheet.param(BACK) / FLOW, sheet.param(CRITICAL), nominal)
             sheet.note("leaving", leaving)
+            sheet.note("slope", slope)
             sheet.note("area", near["area"])
-            power = soft_power(ca.fmax(leaving, 0) / FLOW, sheet.param(EXPONENT), SMALL)
-            return nominal + sheet.param(BACK) * power
+            return pressure
         if site == "flow.chamber_a":
             sheet.note("into_a", near["exhaust"])
         else:
             into = ca.if_else(near["spool"] > 0, near["exhaust"], sheet.noted("into_a"))
             leaving = sheet.noted("leaving")
-            lag = LAG + sheet.param(MANIFOLD) * sheet.param(BACK) / (FLOW * WARM)
+            lag = LAG + sheet.param(MANIFOLD) / WARM * sheet.noted("slope")
             sheet.rate(leaving, (-sheet.noted("area") * into - leaving) / lag)
         return nominal
+
+
+def behind(flow: Any, resistance: Any, b: Any, ahead: Any) -> tuple[Any, Any]:
+    """Pressure that drives a flow (kg/s) through an orifice into `ahead` (Pa), and its slope by the flow.
+
+    ISO 6358-1: R m = P choked, else P sqrt(1 - ((ahead / P - b) / (1 - b))^2), which is a quadratic equation for P.
+    """
+    q = ca.fmax(flow, 0) * resistance
+    choked = q > ahead / b
+    c = 1 - b
+    # (1 - 2 b) P^2 + 2 b ahead P - ahead^2 - (c q)^2 = 0; the form of the root that does not cancel at b = 1/2.
+    half = b * ahead
+    root = ca.sqrt(half**2 + (1 - 2 * b) * (ahead**2 + (c * q) ** 2))
+    pressure = (ahead**2 + (c * q) ** 2) / (half + root)
+    slope = c**2 * q * resistance / root
+    return ca.if_else(choked, q, pressure), ca.if_else(choked, resistance, slope)
