@@ -1,9 +1,11 @@
 """Effects held to what is known of them from elsewhere: exact delays, the play operator, laws of conservation."""
 
+import casadi as ca
 import numpy as np
 import pytest
 
 from optid.core.simulation import simulate
+from optid.effects.catalogue.exhaust_restriction import behind
 from tests.effects.excitation import DT, N, inputs_of, run
 from tests.effects.plants import grown
 
@@ -351,3 +353,37 @@ def test_a_spring_hardens_by_the_cube():
         force = -200.0 * drawn * (1 + 1.5 * (drawn / 0.1) ** 2)
         mass = plain[plant.model.index("payload_mass")]
         assert float(change[names.index("velocity")]) == pytest.approx(force / mass, abs=1e-9)
+
+
+@pytest.mark.parametrize("b", [0.2, 0.5, 0.55])
+@pytest.mark.parametrize("flow", [0.0, 1e-3, 4e-3, 8e-3, 0.02])
+def test_the_pressure_behind_a_restriction_drives_the_standards_flow(b, flow):
+    """ISO 6358-1, P / R sqrt(1 - ((P_e / P - b) / (1 - b))^2), from the pressure back to the flow."""
+    resistance, ahead = 3e7, 1e5
+    P, slope = (float(v) for v in behind(ca.DM(flow), ca.DM(resistance), ca.DM(b), ca.DM(ahead)))
+    subsonic = max((ahead / P - b) / (1 - b), 0.0)
+    assert P / resistance * np.sqrt(1 - subsonic**2) == pytest.approx(flow, rel=1e-9, abs=1e-9)
+    further = float(behind(ca.DM(flow + 1e-8), ca.DM(resistance), ca.DM(b), ca.DM(ahead))[0])
+    assert (further - P) / 1e-8 == pytest.approx(slope, rel=1e-4, abs=500.0)  # Pa s/kg; a resistance is 3e7
+
+
+def test_a_manifold_keeps_its_mass():
+    """V / (R T) dP/dt is what the valve lets out less what the restriction lets out, beside a lag of 1 ms."""
+    plant, volume = grown(AXIS, "exhaust_restriction"), 4e-5
+    values = {"back_pressure": 4e5, "critical_ratio": 0.4, "manifold": volume}
+    p = plant.vector({f"exhaust_restriction.{k}": v for k, v in values.items()})
+    names = [state.name for state in plant.model.states]
+    x = np.zeros(len(names))
+    x[names.index("pressure_a")], x[names.index("pressure_b")] = 5e5, 3e5
+    m = names.index("exhaust_restriction.flow")
+    x[m] = 3e-3
+    P, slope = (float(v) for v in behind(ca.DM(x[m]), ca.DM(4e7), ca.DM(0.4), ca.DM(1e5)))
+    rate = float(plant.model.rates(x, [-0.3], p)[m])  # A is vented, and choked: it does not see P
+    C_0 = np.sqrt(1.4 / 287 * (2 / 2.4) ** (2.4 / 0.4))
+    q = {
+        name: float(p[plant.model.index(name)])
+        for name in ("port_width", "spool_travel", "discharge_coefficient")
+    }
+    out = q["discharge_coefficient"] * C_0 * 5e5 / np.sqrt(293.0) * q["port_width"] * 0.3 * q["spool_travel"]
+    assert 1e5 < P < 0.5 * 5e5
+    assert rate * (1e-3 + volume / 84e3 * slope) == pytest.approx(out - x[m], rel=1e-5)

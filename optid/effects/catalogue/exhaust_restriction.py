@@ -24,6 +24,10 @@ MANIFOLD = Parameter(
     "manifold", "m**3", 3e-5, "volume between the valve's edges and what restricts", "a pipe of 0.1 to 1 m",
     3e-5, (1e-6, 1e-3), logarithmic=True,
 )  # fmt: skip
+LAMINAR = Parameter(
+    "laminar_share", "1", 0.2, "share of the rise that grows with the flow itself, as through a porous body",
+    "sintered silencers; an orifice has none", 0.0, (0.0, 1.0),
+)  # fmt: skip
 FLOW, LAG = 0.01, 1e-3  # kg/s; s: in which the manifold fills at least
 WARM = 84e3  # J/kg: R T of air in a workshop
 
@@ -38,15 +42,16 @@ class ExhaustRestriction(Effect):
     name = "exhaust_restriction"
     sites = ("flow.exhaust", "flow.chamber_a", "flow.chamber_b")
     equation = "3-6"
-    parameters = (BACK, CRITICAL, MANIFOLD)
+    parameters = (BACK, CRITICAL, MANIFOLD, LAMINAR)
     strength = {"back_pressure": 5e4}
     usual = tuple(
-        {"back_pressure": back, "critical_ratio": 0.4, "manifold": 3e-5} for back in (1.2e6, 4e5, 2e5, 1e5)
+        {"back_pressure": back, "critical_ratio": 0.4, "manifold": 3e-5, "laminar_share": share}
+        for back, share in ((1.2e6, 0.0), (4e5, 0.0), (1e5, 0.0), (2e5, 0.0), (3e5, 1.0), (8e4, 1.0))
     )
     law = "behind the exhaust stands the pressure that drives the flow through an orifice (ISO 6358)"
     says = (
         "the exhaust is throttled: 10 g/s would need {back_pressure} absolute behind it (critical pressure ratio "
-        "{critical_ratio}, manifold {manifold})"
+        "{critical_ratio}, laminar by {laminar_share}, manifold {manifold})"
     )
     depends_on = ("flow", "pressure_a", "pressure_b")
     needs = "fast strokes in which a chamber is vented to below twice the exhaust pressure; above, the flow is choked"
@@ -58,7 +63,10 @@ class ExhaustRestriction(Effect):
         """Pressure behind the exhaust port, Pa; at the chambers the flow, kg/s, is only taken note of."""
         if site == "flow.exhaust":
             leaving = sheet.state("flow", "kg/s", 5e-3, spread=5e-3)
-            pressure, slope = behind(leaving, sheet.param(BACK) / FLOW, sheet.param(CRITICAL), nominal)
+            resistance, share = sheet.param(BACK) / FLOW, sheet.param(LAMINAR)
+            pressure, slope = behind(leaving, resistance, sheet.param(CRITICAL), nominal)
+            pressure = (1 - share) * pressure + share * (nominal + resistance * ca.fmax(leaving, 0))
+            slope = (1 - share) * slope + share * resistance
             sheet.note("leaving", leaving)
             sheet.note("slope", slope)
             sheet.note("area", near["area"])

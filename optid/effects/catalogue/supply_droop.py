@@ -18,7 +18,7 @@ DROOP = Parameter(
     "physics catalogue A.3: 0.1 to 1.5 bar at a full flow of 28 g/s", 0.0, (0.0, 2e6),
 )  # fmt: skip
 RECOVERY = Parameter(
-    "recovery_time", "s", 0.05, "time constant with which the supply sags and recovers",
+    "recovery_time", "s", 0.05, "time constant with which the supply sags and recovers, at a flow of 10 g/s",
     "physics catalogue A.3: 20 to 300 ms", 0.05, (5e-3, 2.0), logarithmic=True,
 )  # fmt: skip
 EXPONENT = Parameter(
@@ -26,17 +26,22 @@ EXPONENT = Parameter(
     "1",
     1.0,
     "power of the flow with which it sags",
-    "a regulator has 1, a wide line 2",
+    "a regulator has 1, a wide line 2, one that is about to choke more",
     1.0,
-    (1.0, 2.0),
+    (1.0, 2.5),
 )
 FLOW = 0.01  # kg/s
 SMALL = 1e-3  # flow over FLOW below which the power law is a line
+LAG = 4e-3  # s: in which it sags at least
 LEAST = 0.25  # share of the supply pressure that is always left: keeps the flow function in its range
 
 
 class SupplyDroop(Effect):
-    """P_s - droop (m / 10 g/s)^k, with m the flow drawn through the valve behind a first-order lag."""
+    """P_s - droop (m / 10 g/s)^k, with m what the line delivers: the flow drawn, behind a lag.
+
+    A volume behind a line is filled in proportion to the slope of its law, so that the lag goes with the power k - 1 of
+    the flow; a regulator's, k = 1, does not depend on it.
+    """
 
     name = "supply_droop"
     sites = ("flow.supply", "flow.chamber_a", "flow.chamber_b")
@@ -47,7 +52,7 @@ class SupplyDroop(Effect):
         {"droop": droop, "recovery_time": time, "exponent": k}
         for droop, k in ((1e5, 1.0), (2e4, 1.0), (2e5, 2.0)) for time in (0.01, 0.05, 0.25)
     )  # fmt: skip
-    law = "P_s falls by droop (m / 10 g/s)^k, with m the flow that is drawn, with a lag"
+    law = "P_s falls by droop (m / 10 g/s)^k; m lags what is drawn by the recovery time, times (m / 10 g/s)^(k - 1)"
     says = (
         "the supply pressure sags by {droop} at a flow of 10 g/s (power {exponent} of the flow) and takes "
         "{recovery_time} to follow"
@@ -76,5 +81,7 @@ class SupplyDroop(Effect):
             sheet.note("into_a", near["supply"])
         else:
             flow = sheet.noted("area") * ca.if_else(near["spool"] > 0, sheet.noted("into_a"), near["supply"])
-            sheet.rate(sheet.noted("drawn"), (flow - sheet.noted("drawn")) / sheet.param(RECOVERY))
+            drawn = sheet.noted("drawn")
+            slope = ((drawn / FLOW) ** 2 + SMALL**2) ** ((sheet.param(EXPONENT) - 1) / 2)
+            sheet.rate(drawn, (flow - drawn) / (LAG + sheet.param(RECOVERY) * slope))
         return nominal
