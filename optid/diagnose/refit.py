@@ -120,7 +120,31 @@ def refit(c: Contest, few: Sequence[Signature]) -> list[Rival]:
     ):
         _settle(c, tried[first])
         rivals[first] = _rival(c, tried[first], first)
-    return sorted(rivals, key=_order)
+    return _foremost(sorted(rivals, key=_order))
+
+
+def _foremost(rivals: list[Rival]) -> list[Rival]:
+    """The best first, once one is confirmed: then something is missing, and who explains more of it takes the lead.
+
+    That is one that fits better what it was given and predicts better what was held out, by likelihood and by error,
+    though few windows may carry its gain: too few for the test that has been passed already.
+    """
+    if not rivals or rivals[0].why:
+        return rivals
+    won = rivals[0]
+    better = [r for r in rivals[1:] if r.hopeful and r.why and _surpasses(r, won)]
+    if not better:
+        return rivals
+    lead = max(better, key=lambda r: r.train_gain - cost(r.effect))
+    return [replace(lead, why=""), *(r for r in rivals if r is not lead)]
+
+
+def _surpasses(one: Rival, other: Rival) -> bool:
+    return (
+        one.train_gain - cost(one.effect) > other.train_gain - cost(other.effect)
+        and one.against.bounded_gain > other.against.bounded_gain
+        and one.against.error_gain > other.against.error_gain
+    )
 
 
 def _start_again(c: Contest, tried: list[_Refit]) -> None:

@@ -11,7 +11,7 @@ from optid.diagnose import refit as refit_of
 from optid.diagnose import search as search_of
 from optid.diagnose.candidate import Candidate, Data, fit_base
 from optid.diagnose.disturbance import places
-from optid.diagnose.judge import Judged, cleared, compare
+from optid.diagnose.judge import Comparison, Judged, cleared, compare
 from optid.diagnose.law import law_at
 from optid.diagnose.refit import Rival
 from optid.diagnose.residuals import _portmanteau
@@ -184,6 +184,31 @@ def test_of_two_as_good_the_effect_with_fewer_parameters_leads():
     plain, rich, richer = rival(1, 1000.0), rival(2, 1001.0), rival(3, 1500.0)
     assert sorted([rich, plain], key=refit_of._order) == [plain, rich]
     assert sorted([plain, richer], key=refit_of._order) == [richer, plain]
+
+
+@pytest.mark.parametrize(
+    ("train", "held_out", "error", "hopeful", "leads"),
+    [
+        (7000.0, 800.0, 0.3, True, True),
+        (900.0, 800.0, 0.3, True, False),
+        (7000.0, 400.0, 0.3, True, False),
+        (7000.0, 800.0, 0.05, True, False),
+        (7000.0, 800.0, 0.3, False, False),
+    ],
+)
+def test_who_explains_more_in_every_way_leads_once_something_is_confirmed(
+    train, held_out, error, hopeful, leads
+):
+    def rival(gain, bounded, closer, why, hopeful=True):
+        effect = SimpleNamespace(parameters=(1, 2))
+        return Rival(effect, None, gain, Comparison(bounded, bounded, 0.01, 0.0, closer), why, hopeful)
+
+    confirmed, larger = rival(1700.0, 600.0, 0.1, ""), rival(train, held_out, error, "p = 0.009", hopeful)
+    found = refit_of._foremost([confirmed, larger])
+    assert (found[0].effect is larger.effect, found[0].why) == (leads, "")
+    assert len(found) == 2
+    unconfirmed = refit_of._foremost([larger, rival(1.0, 1.0, 0.0, "p = 0.5")])
+    assert unconfirmed[0] is larger and unconfirmed[0].why
 
 
 @pytest.mark.parametrize("again", [True, False])
