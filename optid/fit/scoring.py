@@ -21,6 +21,7 @@ from optid.fit.likelihood import Noise, deviance, noisy_states, run_filter
 from optid.fit.objective import freed_with_rest, objective_of
 from optid.fit.place import LEVELS, Answer, Place, Question
 from optid.fit.problem import Problem
+from optid.fit.simplex import FEW, around
 from optid.fit.steering import steered_fit
 from optid.rigs.rigfile import Rig
 
@@ -86,6 +87,8 @@ def maximise(
     here = _start(q, p, _middling(q) if levels is None else levels)
     if levels is None:
         here, _, _ = _descend(_led(here), APPROACH, NEARBY, held=True)
+    if len(q.problem.time) <= FEW:
+        here = around(here)
     if not polish:
         if near is not None:
             since = near.score if since is None else since
