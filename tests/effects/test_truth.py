@@ -401,3 +401,44 @@ def test_a_volume_behind_a_line_fills_by_the_slope_of_the_lines_law(exponent, ti
     x[names.index("supply_droop.flow")] = 5e-3
     closed = float(plant.model.rates(x, [0.0], p)[names.index("supply_droop.flow")])
     assert closed == pytest.approx(-5e-3 / (4e-3 + times * recovery), rel=1e-4)
+
+
+@pytest.mark.parametrize("tail", [0.0, 1.0])
+def test_the_stribeck_curve_runs_from_an_exponential_to_lorentz(tail):
+    """Friction of steady sliding over the level far from rest, with the bristle where it then stands."""
+    plant, ratio, speed = grown(AXIS, "stribeck_friction"), 1.6, 0.02
+    values = {"breakaway_ratio": ratio, "stribeck_speed": speed, "exponent": 2.0, "tail": tail}
+    p = plant.vector({f"stribeck_friction.{k}": v for k, v in values.items()})
+    names = [state.name for state in plant.model.states]
+    q = {
+        name: float(p[plant.model.index(name)])
+        for name in ("coulomb_friction", "viscous_friction", "payload_mass")
+    }
+    for v in (5e-3, 0.02, 0.06):
+        square = (v / speed) ** 2
+        curve = np.exp(-square) if tail == 0.0 else 1 / (1 + square)
+        share = 1 + (ratio - 1) * curve
+        x = np.zeros(len(names))
+        x[names.index("pressure_a")], x[names.index("pressure_b")] = 4e5, 4e5
+        sliding = []
+        for speed_now, bristle in ((v, share), (-v, -share)):  # the pressures' force goes out
+            x[names.index("velocity")], x[names.index("bristle")] = speed_now, bristle
+            sliding.append(float(plant.model.rates(x, [0.0], p)[names.index("velocity")]) * q["payload_mass"])
+        drag = (sliding[1] - sliding[0]) / 2 - q["viscous_friction"] * v
+        assert drag / q["coulomb_friction"] == pytest.approx(share, rel=2e-3)
+
+
+@pytest.mark.parametrize(("power", "grown_by"), [(1.0, 0.5), (2.0, 0.25)])
+def test_a_needle_grows_by_the_power_of_the_distance(power, grown_by):
+    """Half way into the cushion of a chamber that vents, choked: valve and needle in series."""
+    plant, throttling, taper, length = grown(AXIS, "end_cushioning"), 30.0, 8.0, 0.02
+    values = {"throttling": throttling, "length": length, "taper": taper, "taper_power": power}
+    p = plant.vector({f"end_cushioning.{k}": v for k, v in values.items()})
+    names = [state.name for state in plant.model.states]
+    x = np.zeros(len(names))
+    x[names.index("pressure_a")], x[names.index("pressure_b")] = 4e5, 4e5
+    x[names.index("position")] = float(p[plant.model.index("stroke")]) / 2 - length / 2
+    vented = float(plant.model.rates(x, [0.5], p)[names.index("pressure_b")])
+    free = float(plant.model.rates(x, [0.5], plant.vector())[names.index("pressure_b")])
+    in_series = 1 / np.sqrt(1 + (throttling * 0.5 / (1 + taper * grown_by)) ** 2)
+    assert vented / free == pytest.approx(in_series, rel=1e-3)

@@ -9,6 +9,7 @@ import casadi as ca
 
 from optid.core.parameter import Parameter
 from optid.core.sheet import Sheet
+from optid.core.smooth import soft_power
 from optid.effects.effect import Effect
 
 THROTTLING = Parameter(
@@ -27,6 +28,11 @@ TAPER = Parameter(
     "taper", "1", 5.0, "by how many times its least the needle's area has grown where the cushion begins",
     "spears are turned conical so that they enter gently", 0.0, (0.0, 100.0),
 )  # fmt: skip
+POWER = Parameter(
+    "taper_power", "1", 0.5, "power of the distance with which it grows: 1 a cone, 2 a rounded spear",
+    "either is turned", 1.0, (0.5, 3.0),
+)  # fmt: skip
+SHUT = 1e-3  # of the length: nearer the end the power is a line
 BLEND = 2e-3  # m: way over which the spear closes the bore
 
 
@@ -39,10 +45,10 @@ class EndCushioning(Effect):
     name = "end_cushioning"
     sites = ("flow.exhaust_area",)
     equation = "1, 2"
-    parameters = (THROTTLING, LENGTH, SIDE, TAPER)
+    parameters = (THROTTLING, LENGTH, SIDE, TAPER, POWER)
     strength = {"throttling": 2.0}
     usual = tuple(
-        {"throttling": throttling, "length": length, "side": side, "taper": taper}
+        {"throttling": throttling, "length": length, "side": side, "taper": taper, "taper_power": 1.0}
         for throttling, length, taper in (
             (20.0, 0.01, 0.0),
             (20.0, 0.018, 0.0),
@@ -57,7 +63,8 @@ class EndCushioning(Effect):
     )
     says = (
         "cushions throttle the outflow over the last {length}, to a needle {throttling} times smaller than the "
-        "open valve (side {side}: 0 both ends, 1 the far one, -1 the near one; {taper} times wider where it begins)"
+        "open valve (side {side}: 0 both ends, 1 the far one, -1 the near one; {taper} times wider where it begins, "
+        "by the power {taper_power} of the distance)"
     )
     depends_on = ("position", "flow")
     needs = "motion into the last 10 to 25 mm before an end of the stroke"
@@ -75,5 +82,6 @@ class EndCushioning(Effect):
         side = sheet.param(SIDE)
         share *= 1 - ca.fmax(ca.if_else(s > 0, -side, side), 0)
         full = sheet.plant_param("port_width") * sheet.plant_param("spool_travel")
-        wider = 1 + sheet.param(TAPER) * ca.fmin(ca.fmax(distance / sheet.param(LENGTH), 0), 1)
+        free = soft_power(ca.fmin(ca.fmax(distance / sheet.param(LENGTH), 0), 1), sheet.param(POWER), SHUT)
+        wider = 1 + sheet.param(TAPER) * free
         return nominal / ca.sqrt(1 + (sheet.param(THROTTLING) * share * nominal / (full * wider)) ** 2)
