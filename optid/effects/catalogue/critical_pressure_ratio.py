@@ -19,10 +19,8 @@ INDEX = Parameter(
     "subsonic_index", "1", 0.05, "power m of the subsonic branch; an ideal nozzle's is close to 0.5",
     "ISO 6358-1:2013: 0.5 where nothing else is known", 0.5, (0.3, 0.8),
 )  # fmt: skip
-CLOSED, CHOKED = (
-    1e-4,
-    1e-12,
-)  # of 1 - q^2, and of q^2: the power's slope stays finite where nothing flows, or all
+CLOSED = 1e-4  # of 1 - q^2: the power's slope stays finite where nothing flows,
+CHOKED = 1e-12  # of q^2: and where all flows
 
 
 class CriticalPressureRatio(Effect):
