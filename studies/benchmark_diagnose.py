@@ -111,11 +111,11 @@ def main() -> None:
     quick, every = asked.quick, asked.every or (8 if asked.quick else 1)
     made = recordings(3.0 if quick else 12.0)
     rig = read_rig(ROOT / "data" / "bench.toml")
+    print(f"{'':24}{'seconds':>9}  answer")
     ours = screened(rig, made[:3], made[3:])
+    print(f"{'optid diagnose':24}{ours.seconds:9.1f}  {ours.name}", flush=True)
     peer = exhaustive(rig, made[:3], made[3:], every)
     whole = peer.seconds / peer.share
-    print(f"{'':24}{'seconds':>9}  answer")
-    print(f"{'optid diagnose':24}{ours.seconds:9.1f}  {ours.name}")
     print(f"{'every effect in full':24}{whole:9.1f}  {peer.name}" + (" (of a sample)" if every > 1 else ""))
     print(f"ratio {whole / ours.seconds:.1f}")
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,7 +12,7 @@ from optid.core.recording import Recording
 from optid.diagnose.judge import EXCESS, Judged, excess, judge
 from optid.effects.effect import Effect
 from optid.fit.likelihood import WHOLE
-from optid.fit.place import Answer
+from optid.fit.place import Answer, Question
 from optid.fit.problem import pose
 from optid.fit.scoring import approach, followed, maximise, question_of, quieted
 from optid.rigs.rigfile import Rig, with_effects
@@ -35,12 +35,21 @@ Report = Callable[[float, str], None]
 
 @dataclass(frozen=True)
 class Data:
-    """Recordings to fit, recordings held out, sd of their noise by role, and the randomness of the resampling."""
+    """Recordings to fit, recordings held out, sd of their noise by role, and the randomness of the resampling.
+
+    `misfit` is what the base model's simulation misses, by role, where models are judged by simulation.
+    """
 
     train: tuple[Recording, ...]
     holdout: tuple[Recording, ...]
     noise: Mapping[str, float]
     generator: np.random.Generator
+    misfit: Mapping[str, float] | None = None
+
+    def question(self, rig: Rig, plain: Model, train: Sequence[Recording] | None = None) -> Question:
+        """What the recordings to fit, or others, are asked of a rig; only states of `plain` carry process noise."""
+        problem = pose(rig.model, self.train if train is None else train, WHOLE)
+        return question_of(rig, problem, plain, self.misfit)
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +69,7 @@ def fit_base(rig: Rig, data: Data, report: Report) -> Candidate:
     sticks (its length at its least, its shape abrupt).
     """
     report(0.02, "fitting the base model")
-    question = question_of(rig, pose(rig.model, data.train, WHOLE), rig.model)
+    question = data.question(rig, rig.model)
     start = rig.model.vector(rig.parameters)
     for i in question.free:
         if rig.model.parameters[i].name == "bristle_fading":
@@ -144,7 +153,7 @@ def refitted(base: Rig, effects: tuple[Effect, ...], near: Candidate, data: Data
     p = model.vector(rig.parameters)
     for i, parameter in enumerate(model.parameters):
         p[i] = values.get(parameter.name, p[i])
-    question = question_of(rig, pose(model, data.train, WHOLE), plain)
+    question = data.question(rig, plain)
     levels = near.answer.noise.levels
     answer = maximise(question, p, levels, iterations=QUICK, polish=False, near=near.answer)
     return Candidate(effects, rig, answer, judge(answer, data.holdout))
@@ -154,6 +163,6 @@ def settled(
     effects: tuple[Effect, ...], rig: Rig, p: np.ndarray, near: Answer | None, data: Data, plain: Model
 ) -> Candidate:
     """The likeliest model from a start, judged; the process noise of `near`, if any, is where the search begins."""
-    question = question_of(rig, pose(rig.model, data.train, WHOLE), plain)
+    question = data.question(rig, plain)
     answer = maximise(question, p, None if near is None else near.noise.levels, near=near)
     return Candidate(effects, rig, answer, judge(answer, data.holdout))

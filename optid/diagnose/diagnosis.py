@@ -11,6 +11,7 @@ import numpy as np
 from optid.check.noise import noise_sd
 from optid.core.recording import Array, Recording
 from optid.core.thinning import thinned
+from optid.diagnose.by_simulation import by_simulation
 from optid.diagnose.candidate import Candidate, Data, fit_base, widened
 from optid.diagnose.disturbance import Located, locate, locate_at
 from optid.diagnose.judge import EXCESS, Comparison, cleared, compare, excess
@@ -165,6 +166,8 @@ def diagnose(
     data = Data(tuple(recordings), tuple(holdout), noise, generator)
     base = fit_base(rig, data, report)
     wide = _enough(base, data)
+    if wide is None and (simulated := by_simulation(base, data)) is not None:
+        base, data = simulated
     found = Search(base, base, ()) if wide else search(base, own, data, report)
     last = next((one.screened for one in found.rounds if one.model is found.best), None)
     if last is None:

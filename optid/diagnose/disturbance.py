@@ -18,10 +18,10 @@ from optid.diagnose.candidate import Candidate, Data
 from optid.diagnose.instrument import Instrument
 from optid.diagnose.judge import Judged, judge
 from optid.errors import SolveError
-from optid.fit.likelihood import WHOLE, noisy_states, run_steered
+from optid.fit.likelihood import WHOLE, run_steered
 from optid.fit.place import Answer
 from optid.fit.problem import pose
-from optid.fit.scoring import maximise, question_of
+from optid.fit.scoring import maximise
 from optid.rigs.rigfile import with_effects
 
 # Where a disturbance stands for all that can go wrong at a kind of site; other plants' sites stand for themselves.
@@ -95,11 +95,10 @@ def locate_at(candidate: Candidate, data: Data, *sites: str) -> Located | None:
         return None
     rig = with_effects(candidate.rig, (Disturbance(sites, "1", scale),), {})
     model, plain = rig.model, candidate.rig.model
-    names = [state.name for state in plain.states]
-    question = question_of(rig, pose(model, data.train, WHOLE), plain)
+    question = data.question(rig, plain)
     own = [state.name for state in model.states]
     walks = tuple(own.index(f"unknown.signal_{k}") for k in range(len(sites)))
-    question = replace(question, groups=(*noisy_states(model, names), walks))
+    question = replace(question, groups=(*question.groups, walks))
     p = model.vector(rig.parameters)
     p[[model.index(parameter.name) for parameter in plain.parameters]] = candidate.answer.p
     levels = np.r_[candidate.answer.noise.levels + QUIETER, 0.0]

@@ -19,9 +19,6 @@ from optid.fit.problem import Integers, Problem, pose
 from optid.fit.result import Score
 
 RESAMPLES = 4000
-BLOCK = (
-    0.4  # of a window: innovations further apart count as independent, a filter forgets within a few strokes
-)
 EXCESS = 1.2  # windows' error over the noise up to which a model counts as good to the noise
 NUMERICAL = (
     "numerical"  # how the source of a parameter begins that is a setting of the equations, not physics

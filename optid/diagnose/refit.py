@@ -15,10 +15,8 @@ from optid.diagnose.judge import EXCESS, Comparison, cleared, compare, excess, j
 from optid.diagnose.screen import Signature, grown
 from optid.effects.effect import Effect
 from optid.errors import SolveError
-from optid.fit.likelihood import WHOLE
 from optid.fit.place import Answer, Question
-from optid.fit.problem import pose
-from optid.fit.scoring import NEARBY, followed, likeliest, maximise, question_of, standing
+from optid.fit.scoring import NEARBY, followed, likeliest, maximise, standing
 from optid.fit.steering import steered_fit
 from optid.rigs.rigfile import Rig
 
@@ -256,20 +254,22 @@ def _attempt(c: Contest, signature: Signature, again: bool) -> _Refit:
     effect, values = signature.effect, signature.values
     rig = grown(c.current.rig, effect)
     rig = replace(rig, parameters={**rig.parameters, **effect.qualified(values)})
-    question = question_of(rig, pose(rig.model, c.data.train, WHOLE), c.base.rig.model)
-    best = _Refit(effect, rig, _started(c, question, effect, values), values)
+    question = c.data.question(rig, c.base.rig.model)
+    best = _Refit(effect, rig, _started(c, question, effect, values, signature.beside), values)
     if again and effect.size(values) >= 1.0 > best.size:
         for factor in AGAIN:
             with contextlib.suppress(SolveError):
-                other = _started(c, question, effect, _scaled(effect, values, factor))
+                other = _started(c, question, effect, _scaled(effect, values, factor), signature.beside)
                 best.answer = min(best.answer, other, key=lambda answer: answer.score)
     return best
 
 
-def _started(c: Contest, question: Question, effect: Effect, values: Mapping[str, float]) -> Answer:
+def _started(
+    c: Contest, question: Question, effect: Effect, values: Mapping[str, float], beside: Mapping[str, float]
+) -> Answer:
     """By the gains of the guide, which may move the states less than the current model's, then a rough refit."""
     here = c.current.answer
-    p = _placed(c, question, effect.qualified(values), here)
+    p = _placed(c, question, {**beside, **effect.qualified(values)}, here)
     # A trace of it is as likely as none, wherever the screen would have led.
     faint = _placed(c, question, effect.qualified(_scaled(effect, values, FAINT)), here)
     starts = [(p, here.noise.levels), (faint, here.noise.levels)]

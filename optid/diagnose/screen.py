@@ -7,7 +7,7 @@ the fitted model's, after the fitted parameters have had their linear say (the s
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
@@ -36,6 +36,7 @@ class Signature:
         change: of the scaled innovations at the simulated point of the branch, (rows,).
         size: of that point, in smallest sizes worth a name.
         visible: sd by which the effect at the smallest size worth a name stands out after a refit of the parameters.
+        beside: values of the plant's own parameters that go with it, by name; the model's where absent.
     """
 
     effect: Effect
@@ -44,6 +45,7 @@ class Signature:
     change: Array
     size: float
     visible: float
+    beside: Mapping[str, float] = field(default_factory=dict)
 
 
 def screen(answer: Answer, recordings: Sequence[Recording], effects: Iterable[Effect]) -> list[Signature]:

@@ -15,6 +15,7 @@ from functools import partial
 from scipy import stats
 
 from optid.core.model import Model
+from optid.diagnose.by_simulation import afresh
 from optid.diagnose.candidate import QUIETER, Candidate, Data, Report, refitted, settled
 from optid.diagnose.judge import EXCESS, cleared, compare, excess
 from optid.diagnose.refit import FORM, LEVEL, TINY, Contest, Rival, cost, refit
@@ -118,7 +119,11 @@ def _round(
         guide = quieted(current.answer, QUIETER)
         tight = screen(guide, data.train, effects)
     contest = Contest(base, current, guide, len(signatures), data, tell)
-    return tuple(signatures), tuple(refit(contest, _promising(signatures, tight)[:most]))
+    few = _promising(signatures, tight)[:most]
+    if data.misfit is not None and not current.effects:
+        first = afresh(current, effects, data)[:REFITS]
+        few = first + [s for s in few if all(s.effect is not one.effect for one in first)]
+    return tuple(signatures), tuple(refit(contest, few))
 
 
 def _exchanged(

@@ -19,14 +19,14 @@ from optid.diagnose.candidate import QUICK, Candidate, Data
 from optid.diagnose.judge import numerical_settings
 from optid.diagnose.screen import LOST, Signature, View
 from optid.errors import SolveError
-from optid.fit.likelihood import WHOLE, run_steered
+from optid.fit.likelihood import run_steered
 from optid.fit.place import Answer
-from optid.fit.problem import pose
+from optid.fit.prediction import horizon
 from optid.fit.result import Estimate
-from optid.fit.scoring import maximise, question_of
+from optid.fit.scoring import maximise
 
 UNNAMED = 0.5  # sd of an unnamed effect's size, in smallest sizes worth a name
-BLOCK = 0.25  # s of innovations that count as one
+BLOCK = 0.5  # of a window: innovations within it count as one
 
 
 def estimates(
@@ -62,7 +62,7 @@ def disagreement(model: Candidate, data: Data, plain: Model) -> Array:
     q, found = model.answer.question, []
     for number in range(len(data.train) if len(data.train) > 1 else 0):
         rest = [recording for k, recording in enumerate(data.train) if k != number]
-        question = question_of(model.rig, pose(q.model, rest, WHOLE), plain)
+        question = data.question(model.rig, plain, rest)
         with contextlib.suppress(SolveError):
             answer = maximise(
                 question, model.answer.p, model.answer.noise.levels, iterations=QUICK, polish=False
@@ -88,7 +88,8 @@ def _covariance(answer: Answer, signatures: Sequence[Signature]) -> Array:
     size = np.sqrt(np.maximum(np.diag(H), 1e-300))
     inverse = np.linalg.pinv(H / np.outer(size, size), rcond=1e-13) / np.outer(size, size)
     scores = J * view.z[:, None]
-    blocks = (q.problem.time[view.rows] / BLOCK).astype(int) + 10**6 * view.rows_owner(q.problem)
+    length = BLOCK * horizon(float(np.median(q.problem.dt)))
+    blocks = (q.problem.time[view.rows] / length).astype(int) + 10**6 * view.rows_owner(q.problem)
     _, where = np.unique(blocks, return_inverse=True)
     summed = np.zeros((where.max() + 1, J.shape[1]))
     np.add.at(summed, where.ravel(), scores)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import contextlib
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -37,22 +37,28 @@ RESTARTS = 2  # from other levels of process noise
 SCAN = (-3.0, 0.0, 2.0)  # steps of a log level that are looked at
 
 
-def question_of(rig: Rig, problem: Problem, plain: Model | None = None) -> Question:
-    """What the recordings are asked of everything that the rig frees; effects' states carry no process noise."""
+def question_of(
+    rig: Rig, problem: Problem, plain: Model | None = None, misfit: Mapping[str, float] | None = None
+) -> Question:
+    """What the recordings are asked of everything that the rig frees; effects' states carry no process noise.
+
+    With `misfit`, by role, the model is asked for a simulation: no state carries any, and it counts as the
+    measurement's noise.
+    """
     o, _ = objective_of(rig, freed_with_rest(rig, contact=True), problem)
     names = None if plain is None else [state.name for state in plain.states]
     typical = [
         rig.model.parameters[i].typical if "." in rig.model.parameters[i].name else size
         for i, size in zip(o.free, o.typical, strict=True)
     ]
+    measurement, groups = 1.0 / o.weight[0] ** 2, noisy_states(rig.model, names)
+    if misfit is not None:
+        groups = ()
+        for j, port in enumerate(rig.model.outputs):
+            measurement[j] = misfit.get(port.role, math.sqrt(measurement[j])) ** 2
     return Question(
-        rig, problem, o.free, o.low, o.high, np.array(typical), o.prior, o.prior_sd,
-        noisy_states(rig.model, names), _measurement(o.weight),
-    )  # fmt: skip
-
-
-def _measurement(weight: Array) -> Array:
-    return np.asarray(1.0 / weight[0] ** 2)
+        rig, problem, o.free, o.low, o.high, np.array(typical), o.prior, o.prior_sd, groups, measurement
+    )
 
 
 def maximise(
@@ -299,6 +305,8 @@ def _better(here: Place, damping: float, held: bool) -> tuple[Place | None, floa
 def _best_levels(here: Place) -> Place:
     """The best of the levels around these, one of them much smaller or larger: likelihoods in them have two tops."""
     q, count = here.q, len(here.q.groups)
+    if not count:
+        return here
     grid = np.array(list(itertools.product(SCAN, repeat=count)))
     grid = np.clip(here.noise.levels + grid[np.abs(grid).sum(axis=1) > 0], *LEVELS)
     try:

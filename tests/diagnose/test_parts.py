@@ -219,20 +219,21 @@ def test_an_effect_that_its_refit_loses_is_tried_again_from_others(again, monkey
     )  # fmt: skip
     scores = {2.0: -10.0, 1.0: -500.0, 4.0: -50.0}  # from the screen's size the refit ends at nothing
 
-    def started(contest, question, effect, values):
+    def started(contest, question, effect, values, beside):
         much = values["much"]
         return SimpleNamespace(score=scores[much], much=0.0 if much == 2.0 else much)
 
     monkeypatch.setattr(refit_of, "_started", started)
     monkeypatch.setattr(refit_of, "own_values", lambda effect, rig, answer: {"much": answer.much})
-    for name in ("question_of", "pose", "grown", "replace"):
+    monkeypatch.setattr(Data, "question", lambda self, rig, plain: None)
+    for name in ("grown", "replace"):
         monkeypatch.setattr(
             refit_of, name, lambda *others, **more: SimpleNamespace(model=None, parameters={})
         )
     model = SimpleNamespace(rig=SimpleNamespace(model=None))
     data = Data((), (), {}, np.random.default_rng(0))
     contest = refit_of.Contest(model, model, None, 1, data, lambda words: None)
-    found = refit_of._attempt(contest, SimpleNamespace(effect=effect, values={"much": 2.0}), again)
+    found = refit_of._attempt(contest, SimpleNamespace(effect=effect, values={"much": 2.0}, beside={}), again)
     assert found.answer.score == (-500.0 if again else -10.0)
 
 

@@ -26,7 +26,7 @@ def test_the_overflow_of_the_real_tanks_is_named(shared):
     assert found.findings[0].effect.name == "overflow"
     assert found.base.judged.horizon == 200.0  # s: fifty samples, half a second would hold none
     before, after = (one.judged.scores["level"].rmse for one in (found.base, found.best))
-    assert after < 0.85 * before
+    assert after < 0.3 < before  # V; the best published grey box simulates the record within 0.18 V
 
 
 def test_the_friction_of_the_real_axis_is_named(shared):

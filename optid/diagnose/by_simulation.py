@@ -1,0 +1,96 @@
+"""Judging by simulation from end to end: what few samples of a slow plant can tell, where something large is missing.
+
+Process noise that is free takes over what is missing, and in few samples nothing speaks against it: effects that halve
+a simulation's error gain a dozen in -2 log likelihood. A plant that forgets its start can be simulated through a whole
+record instead (output error: Ljung, System Identification, 1999, section 4.2). Then there is no process noise, and what
+the base model misses by counts as noise of the measurement, so that an effect must explain a share of it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+
+from optid.core.model import Array
+from optid.core.simulation import simulate
+from optid.diagnose.candidate import Candidate, Data
+from optid.diagnose.judge import EXCESS, excess, judge
+from optid.diagnose.screen import Signature, grown
+from optid.effects.effect import Effect
+from optid.errors import SolveError
+from optid.fit.place import Place
+from optid.fit.scoring import maximise
+from optid.fit.simplex import FEW
+from optid.fit.steering import steered_fit
+
+FORGOTTEN = 0.01  # share of a difference of the start that outputs may still show when a record ends
+LED = 30  # evaluations of a first look at an effect
+
+
+def by_simulation(base: Candidate, data: Data) -> tuple[Candidate, Data] | None:
+    """The base model fitted by simulation, and the data to be judged so; ``None`` where likelihood serves better."""
+    few = len(base.answer.question.problem.time) <= FEW
+    if not few or excess(base.judged, data.noise) <= EXCESS or not forgets(base):
+        return None
+    p, plain, misfit = base.answer.p, base.rig.model, {r: s.rmse for r, s in base.judged.scores.items()}
+    for _ in range(2):  # the second time by what a simulation misses, which is more than windows do
+        data = replace(data, misfit=misfit)
+        answer = maximise(data.question(base.rig, plain), p)
+        p, missed = answer.p, answer.filtered.innovations[0]
+        misfit = {
+            port.role: float(np.sqrt(np.nanmean(missed[:, j] ** 2)))
+            for j, port in enumerate(plain.outputs)
+            if np.isfinite(missed[:, j]).any()
+        }
+    return Candidate((), base.rig, answer, judge(answer, data.holdout)), data
+
+
+def afresh(base: Candidate, effects: Iterable[Effect], data: Data) -> list[Signature]:
+    """What each effect gains from the rig file's values and its usual sizes, the most promising first.
+
+    Without the effect the base model's parameters may have gone where the effect can do nothing: an outlet so wide
+    that a store never fills to its rim.
+    """
+    plain = base.rig.model
+    stated = plain.vector(base.rig.parameters)
+    found = []
+    for effect in effects:
+        rig = grown(base.rig, effect)
+        model, question = rig.model, data.question(rig, plain)
+        best: tuple[float, Array] | None = None
+        for branch in effect.usual:
+            p = model.vector(rig.parameters)
+            p[[model.index(parameter.name) for parameter in plain.parameters]] = stated
+            for name, value in effect.qualified({**effect.at_null(), **branch}).items():
+                p[model.index(name)] = value
+            with contextlib.suppress(SolveError):
+                led = steered_fit(question, p, plain, base.answer.filtered, LED)
+                score = Place(question, led, base.answer.noise).score
+                if best is None or score < best[0]:
+                    best = score, led
+        if best is not None and math.isfinite(best[0]):
+            own = {q.name: float(best[1][model.index(f"{effect.name}.{q.name}")]) for q in effect.parameters}
+            beside = {q.name: float(best[1][model.index(q.name)]) for q in plain.parameters}
+            gain = base.answer.score - best[0]
+            found.append(Signature(effect, own, gain, np.zeros(0), effect.size(own), math.inf, beside))
+    return sorted(found, key=lambda s: -s.gain)
+
+
+def forgets(base: Candidate) -> bool:
+    """Whether every record ends where it would have ended from another start, a usual size off in any state."""
+    model, problem = base.rig.model, base.answer.question.problem
+    for first, count in zip(problem.begins, problem.counts, strict=True):
+        here = base.answer.filtered.states[0][first]
+        starts = np.vstack([here, here + np.diag(model.scales)])
+        firsts = np.full(len(starts), first)
+        run = simulate(
+            model, base.answer.p, starts, problem.dt, problem.inputs, first=firsts, intervals=int(count)
+        )
+        apart = np.abs(run.outputs[1:] - run.outputs[0])
+        if not (apart[:, -1] <= FORGOTTEN * apart.max(axis=1)).all():
+            return False
+    return True
