@@ -21,7 +21,7 @@ from optid.diagnose.residuals import Residuals, residual_tests
 from optid.diagnose.rivals import indistinguishable
 from optid.diagnose.screen import Signature, screen
 from optid.diagnose.search import DEEPEST, Search, search
-from optid.diagnose.uncertainty import disagreement, estimates
+from optid.diagnose.uncertainty import disagreement, estimates, resolution
 from optid.diagnose.where import Region, contribution, region, telling
 from optid.effects.effect import Effect
 from optid.effects.library import admitted
@@ -173,10 +173,10 @@ def diagnose(
     if last is None:
         last = tuple(screen(found.best.answer, data.train, admitted(found.best.rig.model, own)))
     report(0.95, "intervals and residual tests")
-    least = None
+    least = resolution(found.best)
     if found.best.effects and excess(found.best.judged, noise) > EXCESS:
         report(0.95, "how far the recordings disagree")
-        least = disagreement(found.best, data, rig.model)
+        least = np.maximum(least, disagreement(found.best, data, rig.model))
     best_parameters = estimates(found.best.answer, last, least)
     base_parameters = best_parameters if found.best is base else estimates(base.answer, ())
     verdict, best, sites, closest = (

@@ -19,8 +19,8 @@ def command_ago(sheet: Sheet, nominal: Any, time: Any) -> Any:
 
     A held command that changes inside a sample is replaced by one that changes at samples only, with the same mean,
     mean time and spread in time: Lagrange's cubic through four held values (Laakso and others, "Splitting the unit
-    delay", IEEE Signal Processing Magazine 13, 1996). A straight line between two of them would have the mean and the
-    mean time alone, and a blur that is least at whole samples: a fit would prefer those. Beyond ten samples it is one.
+    delay", IEEE Signal Processing Magazine 13, 1996). A straight line between two of them has the mean and the mean
+    time alone and moves an axis wrongly by up to three times as much; beyond ten samples it is one.
 
     Args:
         sheet: of a plant with an input "command".

@@ -19,6 +19,10 @@ DAMPING = Parameter(
     "damping_ratio", "1", 0.8, "damping ratio of the spool; large ones make a first-order lag",
     "physics catalogue A.2: 0.5 to 1", 0.8, (0.2, 3.0), logarithmic=True,
 )  # fmt: skip
+LINEAR = Parameter(
+    "linear_range", "1", 0.3, "how far behind its command the spool's speed still grows, a share of full command; 2: "
+    "always", "physics catalogue A.2: spools reach 0.1 to 2 m/s", 2.0, (0.02, 2.0), logarithmic=True,
+)  # fmt: skip
 FLOOR = 3e-4  # s: keeps the equations from becoming stiff at the null
 
 
@@ -26,20 +30,25 @@ class ValveLag(Effect):
     """(1 + 2 z t0 p + (t0 p)^2) / (1 + 2 z t p + (t p)^2) with p = d/dt, t = time constant + t0: 1 at the null.
 
     t0 falls from FLOOR with the square of the time constant: a lag of usual size is the plain second-order one.
+    A drive gives no more than its most: what pulls the spool stops growing when it is `linear_range` behind.
     """
 
     name = "valve_lag"
     sites = ("valve.command",)
     equation = "3-6"
-    parameters = (TIME, DAMPING)
+    parameters = (TIME, DAMPING, LINEAR)
     strength = {"time_constant": 3e-4}
     usual = (
-        {"time_constant": 2e-3, "damping_ratio": 0.8},
-        {"time_constant": 6e-3, "damping_ratio": 0.8},
-        {"time_constant": 4e-3, "damping_ratio": 2.0},
+        {"time_constant": 2e-3, "damping_ratio": 0.8, "linear_range": 2.0},
+        {"time_constant": 6e-3, "damping_ratio": 0.8, "linear_range": 2.0},
+        {"time_constant": 4e-3, "damping_ratio": 2.0, "linear_range": 2.0},
+        {"time_constant": 2e-3, "damping_ratio": 2.0, "linear_range": 0.3},
     )
-    law = "t^2 s'' + 2 z t s' + s = command"
-    says = "the spool follows its command with a time constant of {time_constant} (damping ratio {damping_ratio})"
+    law = "t^2 s'' + 2 z t s' = command - s, at most the linear range"
+    says = (
+        "the spool follows its command with a time constant of {time_constant} (damping ratio {damping_ratio}), no "
+        "faster than when {linear_range} behind"
+    )
     depends_on = ("command_rate",)
     needs = "commands that change fast: steps, reversals, a binary sequence"
     look_alikes = ("input_delay", "sensor_lag", "valve_hysteresis")
@@ -55,10 +64,11 @@ class ValveLag(Effect):
         t = time + t0
         s = sheet.state("spool", "1", 0.1, spread=0.3)
         w = sheet.state("spool_rate", "1", 0.1, spread=0.3)  # t s'
-        pull = (nominal - s - 2 * z * w) / t
+        behind = nominal - s
+        most = sheet.param(LINEAR)
         sheet.rate(s, w / t)
-        sheet.rate(w, pull)
+        sheet.rate(w, (ca.fmin(ca.fmax(behind, -most), most) - 2 * z * w) / t)
         share = t0 / t
-        stands = s + 2 * z * share * w + share**2 * t * pull
+        stands = s + 2 * z * share * w + share**2 * (behind - 2 * z * w)
         stop = ca.fmax(1, ca.fabs(nominal))  # a spool that overshoots ends where its travel does
         return ca.fmin(ca.fmax(stands, -stop), stop)
