@@ -107,12 +107,13 @@ def sliding(s: Sheet, v: Any, kind: str) -> Any:
     # Bouc and Wen's law for the bristles' deflection z = F/F_r, with bounded build-up rate at speed; its exponent
     # runs from 1, which is Dahl's law, to 5.
     z = s.state("bristle", "1", 1.0, spread=1.0)
+    lag = s.param(BRISTLE_LAG)
     length = s.site("force.presliding", s.param(PRESLIDING_LENGTH), v=v, z=z, most=most)
     share = z / most
     squared = share * share  # no power: it would be the costliest term of the plant
     yielding = 1 + s.param(PRESLIDING_SHAPE) * (squared * squared - 1)
     # Whichever is longer counts: at the speeds where Stribeck's curve bends the lag must not stretch the contact.
-    reach = ca.sqrt(length**2 + (s.param(BRISTLE_LAG) * v) ** 2)
+    reach = ca.sqrt(length**2 + (lag * v) ** 2)
     z_dot = (v - ca.fabs(v) * share * yielding) / reach
     s.rate(z, z_dot)
     damping = s.param(BRISTLE_DAMPING) / (1 + (v / s.param(BRISTLE_FADING)) ** 2)

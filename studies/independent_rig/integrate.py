@@ -133,7 +133,7 @@ def strike(rig, y):
 def remember(rig, y, x_before, gear, h):
     """What does not forget moves on: elements of the contact, the sensor's gear, the time at rest."""
     if rig.presliding > 0.0:
-        for k in range(4):
+        for k in range(len(SHARES)):
             most = rig.presliding * SHARES[k]
             y[ELEMENT + k] = min(max(y[ELEMENT + k] + y[X] - x_before, -most), most)
     y[GEAR] = min(max(gear, y[X] - rig.backlash), y[X] + rig.backlash)

@@ -82,16 +82,16 @@ def drive_force(rig, t, s, v):
 
 @njit(cache=True)
 def contact(rig, x, v, y):
-    """Share of dry friction that an elastic contact holds: four elements from where the step began (`y`)."""
+    """Share of dry friction that an elastic contact holds: elements from where the step began (`y`)."""
     total, free = 0.0, 0.0
-    for k in range(4):
+    for k in range(len(SHARES)):
         yield_at = rig.presliding * SHARES[k]
         z = y[ELEMENT + k] + (x - y[X])  # exactly the yield when nothing moves: no rounding may free it
         if abs(z) >= yield_at:
-            total += math.copysign(0.25, z)
+            total += math.copysign(1.0 / len(SHARES), z)
         else:
-            total += 0.25 * z / yield_at
-            free += 0.25
+            total += z / yield_at / len(SHARES)
+            free += 1.0 / len(SHARES)
     # Elements that stick are damped a little.
     return total + DAMPING * free * v * math.sqrt(rig.mass / (rig.coulomb * rig.presliding))
 

@@ -44,7 +44,7 @@ class Rig(NamedTuple):
     place_width: float = 0.04  # m
     friction_drift: float = 0.0  # share gained in 8 s
     friction_drift_time: float = 0.0  # s: exponential; 0: linear
-    presliding: float = 0.0  # m: mean yield of four elastic-plastic elements (Iwan); 0: rigid
+    presliding: float = 0.0  # m: mean yield of five elastic-plastic elements (Iwan); 0: rigid
     dwell_gain: float = 0.0  # share that break-away gains at rest in the long run
     dwell_time: float = 0.5  # s
     side_load: float = 0.0  # share of the air's force that presses on the bearing at the stroke's ends

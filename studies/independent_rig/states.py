@@ -9,13 +9,12 @@ CREEP_A, CREEP_B = 12, 13  # pressures that the tubes' walls have followed
 SEEN, SEEN2 = 14, 15  # what the sensor's filter holds
 SMOOTH = 16  # so many obey differential equations; the rest remembers, and changes once a step
 
-ELEMENT = 16  # 16..19: deflections of the contact's elements
-PLAY = 20  # 20..23: plays of the valve's hysteresis
-GEAR = 24  # position of the sensor's gear
-STOOD = 25  # command at which a sticky spool stands
-REST = 26  # s for which the piston has been at rest
-WAY = 27  # direction of motion: +1, -1, or 0 while dry friction holds
-GOAL = 28  # where the spool is sent, share of full travel
-COUNT = 29
-
-SHARES = (0.4, 0.8, 1.2, 1.6)  # yields of elements and plays over their mean
+SHARES = (0.3, 0.6, 0.95, 1.35, 1.8)  # yields of elements and plays over their mean
+ELEMENT = 16  # 16..20: deflections of the contact's elements
+PLAY = 21  # 21..25: plays of the valve's hysteresis
+GEAR = 26  # position of the sensor's gear
+STOOD = 27  # command at which a sticky spool stands
+REST = 28  # s for which the piston has been at rest
+WAY = 29  # direction of motion: +1, -1, or 0 while dry friction holds
+GOAL = 30  # where the spool is sent, share of full travel
+COUNT = 31

@@ -16,11 +16,11 @@ def target(rig, share, y):
         share = y[STOOD]
     if rig.valve_hysteresis > 0.0:
         total = 0.0
-        for k in range(4):
+        for k in range(len(SHARES)):
             width = rig.valve_hysteresis * SHARES[k]
             y[PLAY + k] = min(max(y[PLAY + k], share - width), share + width)
             total += y[PLAY + k]
-        share = total / 4.0
+        share = total / len(SHARES)
     return share + rig.valve_offset
 
 

@@ -78,7 +78,7 @@ def test_backlash_is_the_play_operator():
 
 
 @pytest.mark.parametrize("spread", [0.0, 0.6])
-def test_hysteresis_of_a_slow_command_is_two_plays_in_parallel(spread):
+def test_hysteresis_of_a_slow_command_is_four_plays_in_parallel(spread):
     plant = grown(AXIS, "valve_hysteresis")
     X, _ = run()
     t = np.arange(3000) * DT
@@ -88,9 +88,9 @@ def test_hysteresis_of_a_slow_command_is_two_plays_in_parallel(spread):
     start[plant.shared[0]] = X[0]
     states = simulate(plant.model, p, start, np.full(3000, DT), u[:, None]).states[0]
     names = [s.name for s in plant.model.states]
-    for half, width in (("inner", 0.01 * (1 - spread)), ("outer", 0.01 * (1 + spread))):
-        memory = states[1:, names.index(f"valve_hysteresis.{half}")]
-        assert np.abs(memory - played(u, width)[:-1]).max() < 4e-4
+    for part, share in (("inner", -1), ("second", -1 / 3), ("third", 1 / 3), ("outer", 1)):
+        memory = states[1:, names.index(f"valve_hysteresis.{part}")]
+        assert np.abs(memory - played(u, 0.01 * (1 + share * spread))[:-1]).max() < 4e-4
 
 
 @pytest.mark.parametrize("m", [0.45, 0.5, 0.58])

@@ -27,29 +27,42 @@ PHASE = Parameter(
     "phase", "1", 1.0, "mean phase at the start of a recording, rad; every recording has its own around it", "any",
     0.0, (-7.0, 7.0),
 )  # fmt: skip
+THIRD = {
+    name: Parameter(
+        f"third_{name}", "1", 0.1, f"third harmonic in {words} with the swing, as a share of the amplitude",
+        "a vane or a slack drive pushes harder for a part of the turn", 0.0, (-0.5, 0.5),
+    )
+    for name, words in (("in_phase", "phase"), ("across", "quadrature"))
+}  # fmt: skip
+PURE = {"third_in_phase": 0.0, "third_across": 0.0}
+TINY = 1e-9
 OWN = 1.0  # of the amplitude: by how much a recording's quadratures may differ from the mean phase's
 LOUDEST = 3  # lines of a spectrum that are tried
 NEIGHBOURS = 41  # bins of the spectrum whose median a line is held against
 
 
 class PeriodicDisturbance(Effect):
-    """A sin(2 pi f t + phase), and of either quadrature what a recording has of its own: states that stand still.
+    """A sin(2 pi f t + phase) and its third harmonic; of either quadrature what a recording has of its own.
 
-    The force is linear in them, so that a filter finds a recording's phase from any start.
+    These are states that stand still. The force is nearly linear in them, so that a filter finds a recording's phase
+    from any start.
     """
 
     name = "periodic_disturbance"
     sites = ("force.external",)
     equation = "11"
-    parameters = (AMPLITUDE, FREQUENCY, PHASE)
+    parameters = (AMPLITUDE, FREQUENCY, PHASE, *THIRD.values())
     strength = {"amplitude": 0.6}
     usual = tuple(
-        {"amplitude": 4.0, "frequency": f, "phase": phase}
+        {"amplitude": 4.0, "frequency": f, "phase": phase, **PURE}
         for f in (0.4, 0.8, 1.6, 3.2, 6.4, 12.0, 24.0)
         for phase in (0.0, math.pi)
     )
-    law = "a force A sin(2 pi f t + phase)"
-    says = "a force of {amplitude} swings at {frequency}, whatever the axis does (phase {phase} rad)"
+    law = "a force A (sin a + b sin 3 a + c cos 3 a), a = 2 pi f t + phase"
+    says = (
+        "a force of {amplitude} swings at {frequency}, whatever the axis does (phase {phase} rad; third harmonic "
+        "{third_in_phase} in phase, {third_across} across)"
+    )
     depends_on = ("time",)
     needs = "several of its periods"
     look_alikes = ("constant_force", "friction_drift")
@@ -71,7 +84,7 @@ class PeriodicDisturbance(Effect):
         lines = [i for i in argrelmax(clear, order=8)[0] if clear[i] > 0]
         best = sorted(lines, key=lambda i: -clear[i])[:LOUDEST]
         return [
-            {"amplitude": 4.0, "frequency": float(f[i]), "phase": quarter * math.pi / 2}
+            {"amplitude": 4.0, "frequency": float(f[i]), "phase": quarter * math.pi / 2, **PURE}
             for i in best for quarter in (-1, 0, 1, 2)
         ]  # fmt: skip
 
@@ -81,5 +94,9 @@ class PeriodicDisturbance(Effect):
         for own in (sine, cosine):
             sheet.rate(own, 0.0)
         phase, turns = sheet.param(PHASE), 2 * math.pi * sheet.param(FREQUENCY) * sheet.clock()
-        swing = (ca.cos(phase) + sine) * ca.sin(turns) + (ca.sin(phase) + cosine) * ca.cos(turns)
-        return nominal + sheet.param(AMPLITUDE) * swing
+        a, b = ca.cos(phase) + sine, ca.sin(phase) + cosine
+        swing, across = a * ca.sin(turns) + b * ca.cos(turns), a * ca.cos(turns) - b * ca.sin(turns)
+        squared = a**2 + b**2 + TINY  # sin 3 a = 3 sin a - 4 sin^3 a, cos 3 a = 4 cos^3 a - 3 cos a
+        third = sheet.param(THIRD["in_phase"]) * (3 * swing - 4 * swing**3 / squared)
+        third += sheet.param(THIRD["across"]) * (4 * across**3 / squared - 3 * across)
+        return nominal + sheet.param(AMPLITUDE) * (swing + third)

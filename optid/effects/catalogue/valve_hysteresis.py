@@ -15,15 +15,15 @@ WIDTH = Parameter(
     0.0, (0.0, 0.3),
 )  # fmt: skip
 SPREAD = Parameter(
-    "spread", "1", 0.3, "share by which one half of the hysteresis is wider than the mean, and the other narrower",
+    "spread", "1", 0.3, "share by which the widest part of the hysteresis exceeds the mean, the narrowest falls short",
     # Inner loops of a solenoid's iron are narrower than the outer one.
-    "Prandtl and Ishlinskii's plays in parallel, two of them", 0.0, (0.0, 1.0),
+    "Prandtl and Ishlinskii's plays in parallel, four of them", 0.0, (0.0, 1.0),
 )  # fmt: skip
 CATCH = 3e-4  # s: in which the spool's memory follows; what it shows is exact while it moves, at any value
 
 
 class ValveHysteresis(Effect):
-    """Two plays in parallel: each trails the command by its width and stands still while a reversal takes it up."""
+    """Four plays in parallel: each trails the command by its width and stands still while a reversal takes it up."""
 
     name = "valve_hysteresis"
     sites = ("valve.command",)
@@ -33,8 +33,8 @@ class ValveHysteresis(Effect):
     usual = ({"width": 4e-3, "spread": 0.0}, {"width": 0.02, "spread": 0.0})
     law = "the spool follows command - h when the command grows and command + h when it falls, h (1 - s) to h (1 + s)"
     says = (
-        "the valve has a hysteresis of {width} of full command to either side, one half of it narrower and the other "
-        "wider by a share of {spread}"
+        "the valve has a hysteresis of {width} of full command to either side, parts of it narrower and others wider "
+        "by up to a share of {spread}"
     )
     depends_on = ("command_rate", "command")
     needs = "reversals of the command"
@@ -46,9 +46,9 @@ class ValveHysteresis(Effect):
         """The share of full travel at which the spool stands."""
         width, spread = sheet.param(WIDTH), sheet.param(SPREAD)
         stands = 0.0
-        for half, share in (("inner", 1 - spread), ("outer", 1 + spread)):
-            memory = sheet.state(half, "1", 0.1, spread=0.3)
-            beyond = dead_zone(nominal - memory, share * width)
+        for part, share in (("inner", -1), ("second", -1 / 3), ("third", 1 / 3), ("outer", 1)):
+            memory = sheet.state(part, "1", 0.1, spread=0.3)
+            beyond = dead_zone(nominal - memory, (1 + share * spread) * width)
             sheet.rate(memory, beyond / CATCH)
-            stands = stands + (memory + beyond) / 2
+            stands = stands + (memory + beyond) / 4
         return stands
