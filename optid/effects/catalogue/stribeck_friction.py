@@ -25,34 +25,24 @@ EXPONENT = Parameter(
     "exponent", "1", 1.0, "exponent of the curve over which it dies away: 1 at once, 2 after a shoulder",
     "physics catalogue A.1: 1 to 2", 1.5, (0.5, 3.0),
 )  # fmt: skip
-TAIL = Parameter(
-    "tail", "1", 0.5, "how slowly the last of it dies away: 0 exponentially, 1 by a power of the speed",
-    # Lorentz's curve, exponent 2 and tail 1: Hess and Soom, Journal of Tribology 112, 1990.
-    "0 to 1: a power law where a film of lubricant builds up", 0.0, (0.0, 1.5),
-)  # fmt: skip
-STEADY = 1e-5  # tail below which the curve is exponential to the last digit that counts
 REST = 1e-3  # of the Stribeck speed: below, the curve is a parabola, whose slopes are finite
 
 
 class StribeckFriction(Effect):
-    """Steady sliding takes F_r (1 + (ratio - 1) (1 + t |v/v_s|^n)^(-1/t)); the bristles follow it as in LuGre.
-
-    With no tail t this is exp(-|v/v_s|^n), with t = 1 and n = 2 Lorentz's curve.
-    """
+    """Steady sliding takes F_r (1 + (ratio - 1) exp(-|v/v_s|^n)); the bristles follow it as in LuGre."""
 
     name = "stribeck_friction"
     sites = ("force.breakaway",)
     equation = "11"
-    parameters = (RATIO, SPEED, EXPONENT, TAIL)
+    parameters = (RATIO, SPEED, EXPONENT)
     strength = {"breakaway_ratio": 0.05}
     usual = tuple(
-        {"breakaway_ratio": 1.4, "stribeck_speed": speed, "exponent": 1.5, "tail": 0.0}
-        for speed in (0.008, 0.025, 0.07)
+        {"breakaway_ratio": 1.4, "stribeck_speed": speed, "exponent": 1.5} for speed in (0.008, 0.025, 0.07)
     )
-    law = "steady sliding takes F_r (1 + (ratio - 1) (1 + t |v / v_s|^n)^(-1/t)), exp(-|v / v_s|^n) at t = 0"
+    law = "steady sliding takes F_r (1 + (ratio - 1) exp(-|v / v_s|^n))"
     says = (
         "dry friction at rest is {breakaway_ratio} times that in motion; the excess dies away over {stribeck_speed} "
-        "(exponent {exponent}, tail {tail})"
+        "(exponent {exponent})"
     )
     depends_on = ("velocity",)
     needs = "slow motion, starts and reversals"
@@ -63,9 +53,5 @@ class StribeckFriction(Effect):
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
         """The most that sliding reaches at the speed of the contact, as a share of F_r."""
         square = (near["v"] / sheet.param(SPEED)) ** 2
-        power, tail = (
-            square * (square + REST**2) ** (sheet.param(EXPONENT) / 2 - 1),
-            sheet.param(TAIL) + STEADY,
-        )
-        slow = ca.exp(-ca.log(1 + tail * power) / tail)
+        slow = ca.exp(-square * (square + REST**2) ** (sheet.param(EXPONENT) / 2 - 1))
         return nominal * (1 + (sheet.param(RATIO) - 1) * slow)
