@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from optid.check.noise import noise_sd
+from optid.check.noise import colour, noise_sd
 from optid.core.recording import Array, Recording
 from optid.core.thinning import thinned
 from optid.diagnose.by_simulation import by_simulation
@@ -162,7 +162,7 @@ def diagnose(
     if any(one is not before for one, before in zip(recordings, given, strict=True)):
         # The stated noise is that of a single sample; that of the averages is estimated.
         rig = replace(rig, channels={role: replace(c, sd=None) for role, c in rig.channels.items()})
-    noise = _noise(rig, holdout)
+    noise = _noise(rig, [*recordings, *holdout])
     data = Data(tuple(recordings), tuple(holdout), noise, generator)
     base = fit_base(rig, data, report)
     wide = _enough(base, data)
@@ -199,16 +199,20 @@ def diagnose(
     return replace(diagnosis, summary=summary(diagnosis))
 
 
-def _noise(rig: Rig, holdout: Sequence[Recording]) -> dict[str, float]:
-    """Of the measurement itself, per channel: as stated in the rig file, else from neighbouring samples."""
+def _noise(rig: Rig, recordings: Sequence[Recording]) -> dict[str, float]:
+    """Of the measurement itself, per channel: as stated in the rig file, else from neighbouring samples.
+
+    Coloured noise hides behind motion; recordings that rest now and then tell its colour, and speak for the others.
+    """
     found = {}
     for port in rig.model.outputs:
         stated = rig.channels[port.role].sd if port.role in rig.channels else None
-        values = [r[port.role].values for r in holdout if port.role in r]
+        values = [r[port.role].values for r in recordings if port.role in r]
         if not values:
             continue
-        sds = [noise_sd(v[np.isfinite(v)]) for v in values]
-        found[port.role] = float(stated or np.sqrt(np.mean(np.square(sds))))
+        seen = [(noise_sd(v), colour(v) > 0.0) for v in (v[np.isfinite(v)] for v in values)]
+        coloured = [sd for sd, told in seen if told] or [sd for sd, _ in seen]
+        found[port.role] = float(stated or np.sqrt(np.mean(np.square(coloured))))
     return found
 
 

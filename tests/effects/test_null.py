@@ -15,9 +15,8 @@ EVERY = [
     if "@" not in effect.name or effect.name.endswith(PLACES)
 ]  # fmt: skip
 STIFFEST = 1e4  # 1/s
-ABRUPT = {
-    "presliding": 5e4
-}  # 1/s: bristles let go as the plant's own may, at 25 000, and faster beyond their yield
+# 1/s: its bristles let go as the plant's own may, at 25 000, and faster beyond their yield.
+ABRUPT = {"presliding": 1e5}
 
 
 def randomised(plant, rng):

@@ -1,9 +1,12 @@
 """Effects held to what is known of them from elsewhere: exact delays, the play operator, laws of conservation."""
 
+import itertools
+
 import casadi as ca
 import numpy as np
 import pytest
 
+from optid.core.model import CLOCK
 from optid.core.simulation import simulate
 from optid.effects.catalogue.exhaust_restriction import behind
 from tests.effects.excitation import DT, N, inputs_of, run
@@ -263,6 +266,60 @@ def test_a_supply_sags_by_a_power_of_what_is_drawn(power):
         rises.append(float(plant.model.rates(x, u, p)[names.index("pressure_a")]))
     supply = plant.values["supply_pressure"]
     assert 1 - rises[1] / rises[0] == pytest.approx(1e5 * 0.5**power / supply, rel=1e-3)
+
+
+def pushed(effect, values, x=0.0, v=0.0, pressures=4e5, clock=0.0):
+    """Force that an effect adds to the axis, N; its own states stand where a record begins."""
+    plant = grown(AXIS, effect)
+    names, found = [state.name for state in plant.model.states], []
+    u = [clock if port.role == CLOCK else 0.0 for port in plant.model.inputs]
+    for chosen in (values, {}):
+        p = plant.vector({f"{effect}.{name}": value for name, value in chosen.items()})
+        state = np.array(plant.model.start(p)[0]).ravel()
+        for name, value in (("position", x), ("velocity", v), ("bristle", np.sign(v))):
+            state[names.index(name)] = value
+        state[names.index("pressure_a")] = state[names.index("pressure_b")] = pressures
+        found.append(float(plant.model.rates(state, u, p)[names.index("velocity")]))
+    return (found[0] - found[1]) * plant.values["payload_mass"]
+
+
+def test_a_swinging_force_has_its_third_harmonic():
+    values = {"amplitude": 7.0, "frequency": 3.0, "phase": 0.4, "third_in_phase": 0.2, "third_across": -0.1}
+    for time in (0.0, 0.03, 0.11, 0.27):
+        turn = 2 * np.pi * 3.0 * time + 0.4
+        force = 7.0 * (np.sin(turn) + 0.2 * np.sin(3 * turn) - 0.1 * np.cos(3 * turn))
+        assert pushed("periodic_disturbance", values, clock=time) == pytest.approx(force, rel=1e-6)
+
+
+def test_friction_may_rise_from_a_place_on():
+    place, ahead, behind = 0.02, 4.0, -1.5
+    values = {"rise": 0.0, "place": place, "width": 0.03, "slope_ahead": ahead, "slope_behind": behind}
+    full = grown(AXIS, "position_dependent_friction").values["coulomb_friction"]
+    for x in (-0.1, 0.0, 0.05, 0.12):
+        share = ahead * max(x - place, 0.0) + behind * max(place - x, 0.0)
+        for v in (0.3, -0.3):
+            force = pushed("position_dependent_friction", values, x=x, v=v)
+            assert force == pytest.approx(-np.sign(v) * full * share, rel=1e-6, abs=1e-9)
+
+
+def test_a_seal_that_slips_part_by_part_remembers_an_inner_reversal():
+    """Bristles drawn slowly to and fro, beside elements that are elastic until they slip (Iwan's, written anew)."""
+    plant, distance, spread = grown(AXIS, "presliding"), 2e-4, 0.6
+    p = plant.vector(
+        {"presliding.distance": distance, "presliding.spread": spread, "presliding.micro_damping": 0.0}
+    )
+    names = [state.name for state in plant.model.states]
+    mine = [names.index(f"presliding.{part}") for part in ("first", "second", "third", "last")]
+    yields = distance * (1 + spread * np.array([-1, -1 / 3, 1 / 3, 1]))
+    ways = np.interp(np.arange(0, 6.0, 1e-3), [0, 1, 2, 3, 4, 6], [0, 4e-4, 1e-4, 2.5e-4, 1e-4, 6e-4])
+    x, z, worst = np.array(plant.model.start(p)[0]).ravel(), np.zeros(4), 0.0
+    for before, after in itertools.pairwise(ways):
+        x[names.index("velocity")] = (after - before) / 1e-3
+        rates = np.array(plant.model.rates(x, inputs_of(plant.model, np.zeros(1))[0], p)).ravel()
+        x[mine] += 1e-3 * rates[mine]
+        z = np.clip(z + (after - before) / yields, -1.0, 1.0)
+        worst = max(worst, abs(x[mine].mean() - z.mean()))
+    assert z == pytest.approx(1.0) and worst < 0.06
 
 
 def test_a_recording_may_have_its_own_phase_of_a_disturbance():
