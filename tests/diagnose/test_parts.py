@@ -6,7 +6,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
+from optid.core.recording import Channel, Recording
+from optid.diagnose import diagnosis as diagnosis_of
 from optid.diagnose import refit as refit_of
 from optid.diagnose import search as search_of
 from optid.diagnose.candidate import Candidate, Data, fit_base
@@ -16,13 +19,13 @@ from optid.diagnose.law import law_at
 from optid.diagnose.refit import Rival
 from optid.diagnose.residuals import _portmanteau
 from optid.diagnose.screen import screen
-from optid.diagnose.uncertainty import disagreement, estimates
+from optid.diagnose.uncertainty import disagreement, estimates, resolution
 from optid.diagnose.where import _range
 from optid.diagnose.words import quantity
-from optid.effects.library import admitted
+from optid.effects.library import admitted, built_in
 from optid.errors import SolveError
 from optid.fit.result import Score
-from optid.rigs.rigfile import read_rig
+from optid.rigs.rigfile import read_rig, with_effects
 from tests.diagnose.trolley import recording, rig
 
 
@@ -123,6 +126,37 @@ def test_quantities_are_said_in_units_people_use():
     assert quantity(2.5e5, "Pa") == "2.5 bar"
     assert quantity(0.004, "s") == "4 ms"
     assert quantity(12.0, "s") == "12 s"
+
+
+def test_coloured_noise_is_told_by_the_recording_that_rests(tmp_path):
+    rng, sd, share = np.random.default_rng(3), 3e-5, 0.8
+    time = np.arange(8000) / 1000
+    made = []
+    for name, motion in (
+        ("rests", 0.02 * np.clip(np.sin(time), 0.9, 1.0)),
+        ("moves", 0.01 * np.sin(80 * time)),
+    ):
+        noise = lfilter([np.sqrt(1 - share**2)], [1, -share], sd * rng.standard_normal(len(time)))
+        channels = {"position": Channel("position", "x", "m", motion + noise)}
+        made.append(Recording(name, time, channels))
+    plain = rig(tmp_path)
+    plain = replace(plain, channels={role: replace(c, sd=None) for role, c in plain.channels.items()})
+    alone, both = (diagnosis_of._noise(plain, some)["position"] for some in (made[1:], made))
+    assert alone < 0.8 * sd
+    assert both == pytest.approx(sd, rel=0.15)
+
+
+def test_a_delay_is_known_to_half_a_sample_at_best():
+    delayed = with_effects(
+        read_rig(Path(__file__).parents[2] / "data" / "bench.toml"), (built_in()["input_delay"],), {}
+    )
+    names = [parameter.name for parameter in delayed.model.parameters]
+    free = (names.index("viscous_friction"), names.index("input_delay.delay"))
+    question = SimpleNamespace(model=delayed.model, free=free, problem=SimpleNamespace(dt=np.full(9, 2e-3)))
+    least = resolution(
+        Candidate((built_in()["input_delay"],), delayed, SimpleNamespace(question=question), None)
+    )
+    assert least.tolist() == [0.0, 1e-3]
 
 
 def test_a_candidate_that_leaves_the_numbers_drops_out(tmp_path, monkeypatch):
