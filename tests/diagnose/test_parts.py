@@ -134,7 +134,7 @@ def test_coloured_noise_is_told_by_the_recording_that_rests(tmp_path):
     made = []
     for name, motion in (
         ("rests", 0.02 * np.clip(np.sin(time), 0.9, 1.0)),
-        ("moves", 0.01 * np.sin(80 * time)),
+        ("moves", 0.05 * np.sin(60 * time)),
     ):
         noise = lfilter([np.sqrt(1 - share**2)], [1, -share], sd * rng.standard_normal(len(time)))
         channels = {"position": Channel("position", "x", "m", motion + noise)}
