@@ -12,7 +12,7 @@ from optid.check.noise import colour, noise_sd
 from optid.core.recording import Array, Recording
 from optid.core.thinning import thinned
 from optid.diagnose.by_simulation import by_simulation
-from optid.diagnose.candidate import Candidate, Data, fit_base, widened
+from optid.diagnose.candidate import Candidate, Data, fit_base, settled, widened
 from optid.diagnose.disturbance import Located, locate, locate_at
 from optid.diagnose.judge import EXCESS, Comparison, cleared, compare, excess
 from optid.diagnose.law import law_at
@@ -172,6 +172,13 @@ def diagnose(
     last = next((one.screened for one in found.rounds if one.model is found.best), None)
     if last is None:
         last = tuple(screen(found.best.answer, data.train, admitted(found.best.rig.model, own)))
+    if _stands(found, data) and excess(found.best.judged, noise) > EXCESS:
+        # The search left the last units of likelihood open, for many models; what stands is worth them.
+        report(0.94, "settling what was found")
+        rough = found.best
+        found = replace(
+            found, best=settled(rough.effects, rough.rig, rough.answer.p, rough.answer, data, rig.model)
+        )
     report(0.95, "intervals and residual tests")
     least = resolution(found.best)
     if found.best.effects and excess(found.best.judged, noise) > EXCESS:
@@ -284,13 +291,23 @@ def _verdict(
         return Verdict.MISSING_PHYSICS, best, (), None
     if excess(base.judged, data.noise) <= EXCESS:
         return (Verdict.MISSING_PHYSICS if best.effects else Verdict.CONSISTENT), best, (), None
-    share, leave = cleared(base.judged, best.judged, data.noise), base.rig.model.laws_leave
-    needed = EVEN if leave is None else 1.0 - leave
-    if best.effects and share >= needed:
+    if _stands(found, data):
         return Verdict.MISSING_PHYSICS, best, (), None
     report(0.94, "locating the mismatch with an unknown signal")
     names = tuple(effect.name for effect in best.effects)
-    return Verdict.UNEXPLAINED, base, locate(base, data), Closest(names, share, needed) if names else None
+    closest = Closest(names, cleared(base.judged, best.judged, data.noise), _needed(base)) if names else None
+    return Verdict.UNEXPLAINED, base, locate(base, data), closest
+
+
+def _stands(found: Search, data: Data) -> bool:
+    """Whether names clear as much of the squared error as right ones do."""
+    best = found.best
+    return bool(best.effects) and cleared(found.base.judged, best.judged, data.noise) >= _needed(found.base)
+
+
+def _needed(base: Candidate) -> float:
+    leave = base.rig.model.laws_leave
+    return EVEN if leave is None else 1.0 - leave
 
 
 def _nameless(base: Candidate, sites: Sequence[Located], data: Data) -> Finding:

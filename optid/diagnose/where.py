@@ -11,9 +11,10 @@ from optid.core.model import Array
 from optid.core.recording import Recording
 from optid.fit.likelihood import run_steered
 from optid.fit.place import Answer
+from optid.fit.prediction import horizon
 from optid.fit.problem import Integers
 
-SLOT = 0.1  # s: resolution of the intervals
+SLOT = 0.2  # of a window: resolution of the intervals; 0.1 s where sampling is fast
 LOUD = 0.1  # of the loudest slot's energy: a slot above it belongs to an interval
 COVER = 0.8  # share of the mismatch that a range of a signal should hold
 PIECES = 40  # of a signal's range, each holding as many samples
@@ -42,6 +43,7 @@ class Region:
         energy: of the mismatch at each sample, in squared sd of the innovations, (samples,).
         signals: name -> (values at the samples, unit).
         owner, time: recording and time of each sample.
+        slot: resolution of the intervals, s.
     """
 
     channels: tuple[str, ...]
@@ -51,6 +53,7 @@ class Region:
     signals: Mapping[str, tuple[Array, str]]
     owner: Integers
     time: Array
+    slot: float
 
 
 def contribution(answer: Answer, without: Array) -> Array:
@@ -75,8 +78,9 @@ def region(answer: Answer, mismatch: Array, recordings: tuple[Recording, ...]) -
     owner = np.repeat(problem.recording, problem.counts + 1)
     signals = _signals(answer, owner)
     states = {name: _range(values, energy, unit) for name, (values, unit) in signals.items()}
-    intervals = _intervals(energy, owner, problem.time, recordings)
-    return Region(channels, intervals, states, energy, signals, owner, problem.time)
+    slot = SLOT * horizon(float(np.median(problem.dt)))
+    intervals = _intervals(energy, owner, problem.time, recordings, slot)
+    return Region(channels, intervals, states, energy, signals, owner, problem.time, slot)
 
 
 def telling(states: Mapping[str, Range], always: tuple[str, ...]) -> dict[str, Range]:
@@ -126,9 +130,9 @@ def _range(values: Array, energy: Array, unit: str) -> Range:
 
 
 def _intervals(
-    energy: Array, owner: Integers, time: Array, recordings: tuple[Recording, ...]
+    energy: Array, owner: Integers, time: Array, recordings: tuple[Recording, ...], slot: float
 ) -> tuple[tuple[str, float, float], ...]:
-    slots = np.floor(time / SLOT).astype(int)
+    slots = np.floor(time / slot).astype(int)
     loudest, sums = 0.0, []
     for number in range(len(recordings)):
         mine = owner == number
@@ -140,7 +144,7 @@ def _intervals(
     for recording, (first, total) in zip(recordings, sums, strict=True):
         loud = np.flatnonzero(total > LOUD * loudest)
         for run in np.split(loud, np.flatnonzero(np.diff(loud) > 2) + 1) if len(loud) else []:
-            begin, end = (first + run[0]) * SLOT, (first + run[-1] + 1) * SLOT
+            begin, end = (first + run[0]) * slot, (first + run[-1] + 1) * slot
             file = recording.name
             found.append(
                 (file, round(max(begin, recording.time[0]), 6), round(min(end, recording.time[-1]), 6))

@@ -14,7 +14,6 @@ from optid.diagnose.judge import Judged
 from optid.report.figures import ALARM, FREE, INK, QUIET, STYLE, WINDOW, svg, thin
 from optid.report.scores import friendly
 
-SLOT = 0.1  # s: a column of the mismatch map
 BINS = 60
 DOTS = 4000  # points of a scatter plot
 
@@ -51,12 +50,12 @@ def mismatch_map(finding: Finding, names: tuple[str, ...]) -> str:
         strips = []
         for number in range(len(names)):
             mine = region.owner == number
-            slot = np.floor((region.time[mine] - region.time[mine][0]) / SLOT).astype(int)
+            slot = np.floor((region.time[mine] - region.time[mine][0]) / region.slot).astype(int)
             strips.append(np.sqrt(np.bincount(slot, weights=region.energy[mine])))
         top = max(float(s.max()) for s in strips)
         for axis, strip, name in zip(axes, strips, names, strict=True):
             axis.imshow(
-                strip[None], aspect="auto", extent=(0, len(strip) * SLOT, 0, 1), cmap="YlOrRd", vmin=0,
+                strip[None], aspect="auto", extent=(0, len(strip) * region.slot, 0, 1), cmap="YlOrRd", vmin=0,
                 vmax=top or 1.0, interpolation="nearest",
             )  # fmt: skip
             axis.set_yticks([])

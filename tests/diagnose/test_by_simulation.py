@@ -49,6 +49,7 @@ def test_an_overflow_beside_an_unsteady_pump_is_named_by_simulation():
     assert not found.best.answer.question.groups  # no process noise
     assert found.verdict is Verdict.MISSING_PHYSICS
     assert found.findings[0].effect.name == "overflow"
+    assert all(end - begin > 9 * STEP for _, begin, end in found.findings[0].region.intervals[:-1])
     before, after = (one.judged.scores["level"].rmse for one in (found.base, found.best))
     assert after < 0.6 * before
 
