@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -11,6 +12,7 @@ from optid.core.model import Model
 from optid.core.recording import Recording
 from optid.diagnose.judge import EXCESS, Judged, excess, judge
 from optid.effects.effect import Effect
+from optid.errors import SolveError
 from optid.fit.likelihood import WHOLE
 from optid.fit.place import Answer, Question
 from optid.fit.problem import pose
@@ -28,6 +30,7 @@ FADES = (
     0.02  # m/s: where a search for the fading of the contact's damping begins; at its default it hardly shows
 )
 ABOUT = 4.0  # times what a settled fit leaves: a first refit of the same model leaves no more
+SKEW = "sampling_skew"
 QUICK = 15  # iterations of a first refit; the best then converge
 
 Report = Callable[[float, str], None]
@@ -91,14 +94,32 @@ def fit_base(rig: Rig, data: Data, report: Report) -> Candidate:
     if excess(judge(best, data.holdout), data.noise) > EXCESS:
         best = _followed(best)
         # What is missing leaves more open than the last few units of likelihood would close.
-        best = maximise(question, best.p, best.noise.levels, polish=False)
-        return Candidate((), rig, best, judge(best, data.holdout))
+        best = _unskewed(maximise(question, best.p, best.noise.levels, polish=False))
+        rough = Candidate((), rig, best, judge(best, data.holdout))
+        if excess(rough.judged, data.noise) > EXCESS:
+            return rough
     base = settled((), rig, best.p, best, data, rig.model)
     if excess(base.judged, data.noise) <= EXCESS:
         return base
     other = _followed(base.answer)
     again = settled((), rig, other.p, other, data, rig.model)
     return min(base, again, key=lambda one: one.answer.score)
+
+
+def _unskewed(answer: Answer) -> Answer:
+    """From no skew of the sampling and with less process noise, where that is likelier.
+
+    At first, in much noise, a skew stands in for what parameters and friction at rest still get wrong, and holds them.
+    """
+    skews = [i for i in answer.question.free if answer.question.model.parameters[i].name == SKEW]
+    if not skews:
+        return answer
+    p = answer.p.copy()
+    p[skews] = 0.0
+    with contextlib.suppress(SolveError):  # so little noise may not hold the model to the data
+        other = maximise(answer.question, p, answer.noise.levels - QUIETER, polish=False)
+        return min(answer, other, key=lambda one: one.score)
+    return answer
 
 
 def _followed(answer: Answer) -> Answer:

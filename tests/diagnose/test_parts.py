@@ -9,6 +9,7 @@ import pytest
 from scipy.signal import lfilter
 
 from optid.core.recording import Channel, Recording
+from optid.diagnose import candidate as candidate_of
 from optid.diagnose import diagnosis as diagnosis_of
 from optid.diagnose import refit as refit_of
 from optid.diagnose import search as search_of
@@ -144,6 +145,32 @@ def test_coloured_noise_is_told_by_the_recording_that_rests(tmp_path):
     alone, both = (diagnosis_of._noise(plain, some)["position"] for some in (made[1:], made))
     assert alone < 0.8 * sd
     assert both == pytest.approx(sd, rel=0.15)
+
+
+@pytest.mark.parametrize(("score", "kept"), [(-200.0, True), (50.0, False), (None, False)])
+def test_a_base_fit_is_tried_again_from_no_skew(score, kept, monkeypatch):
+    model = read_rig(Path(__file__).parents[2] / "data" / "bench.toml").model
+    skew = model.index("sampling_skew")
+    p = np.zeros(len(model.parameters))
+    p[skew] = -3e-4
+    found = SimpleNamespace(
+        question=SimpleNamespace(model=model, free=(0, skew)),
+        p=p,
+        score=0.0,
+        noise=SimpleNamespace(levels=np.zeros(2)),
+    )
+
+    def maximise(question, p, levels, **others):
+        assert p[skew] == 0.0 and (levels < 0.0).all()
+        if score is None:
+            raise SolveError("the simulation leaves the numbers")
+        return SimpleNamespace(score=score)
+
+    monkeypatch.setattr(candidate_of, "maximise", maximise)
+    assert (candidate_of._unskewed(found) is not found) == kept
+    assert p[skew] == -3e-4
+    found.question.free = (0,)  # the rig file states it, or the plant has none
+    assert candidate_of._unskewed(found) is found
 
 
 def test_a_delay_is_known_to_half_a_sample_at_best():
