@@ -36,16 +36,17 @@ def by_simulation(base: Candidate, data: Data) -> tuple[Candidate, Data] | None:
     few = len(base.answer.question.problem.time) <= FEW
     if not few or excess(base.judged, data.noise) <= EXCESS or not forgets(base):
         return None
-    p, plain, misfit = base.answer.p, base.rig.model, {r: s.rmse for r, s in base.judged.scores.items()}
-    for _ in range(2):  # the second time by what a simulation misses, which is more than windows do
-        data = replace(data, misfit=misfit)
-        answer = maximise(data.question(base.rig, plain), p)
-        p, missed = answer.p, answer.filtered.innovations[0]
-        misfit = {
-            port.role: float(np.sqrt(np.nanmean(missed[:, j] ** 2)))
-            for j, port in enumerate(plain.outputs)
-            if np.isfinite(missed[:, j]).any()
-        }
+    plain, windows = base.rig.model, {role: score.rmse for role, score in base.judged.scores.items()}
+    near = maximise(replace(data, misfit=windows).question(base.rig, plain), base.answer.p)
+    # A simulation misses more than windows do, and where it begins it knows nothing: gains count the less for both.
+    missed = near.filtered.innovations[0]
+    whole = {
+        port.role: float(np.sqrt(np.nanmean(missed[:, j] ** 2)))
+        for j, port in enumerate(plain.outputs)
+        if np.isfinite(missed[:, j]).any()
+    }
+    data = replace(data, misfit=whole)
+    answer = maximise(data.question(base.rig, plain), near.p)
     return Candidate((), base.rig, answer, judge(answer, data.holdout)), data
 
 

@@ -66,7 +66,10 @@ class Presliding(Effect):
     experiment = (
         "reversals of 0.1 to 1 mm: friction runs round a loop; an encoder on the rod excludes backlash"
     )
-    source = "Canudas de Wit, Olsson, Astrom and Lischinsky, IEEE Trans. Automatic Control 40(3), 1995; Iwan, as above"
+    source = (
+        "Canudas de Wit, Olsson, Astrom and Lischinsky, IEEE Trans. Automatic Control 40(3), 1995; Iwan, Journal of "
+        "Applied Mechanics 33, 1966"
+    )
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
         """The bristle's length, m; dry friction, N; friction force, N."""
