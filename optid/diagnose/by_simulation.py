@@ -8,27 +8,17 @@ the base model misses by counts as noise of the measurement, so that an effect m
 
 from __future__ import annotations
 
-import contextlib
-import math
-from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
 
-from optid.core.model import Array
 from optid.core.simulation import simulate
 from optid.diagnose.candidate import Candidate, Data
 from optid.diagnose.judge import EXCESS, excess, judge
-from optid.diagnose.screen import Signature, grown
-from optid.effects.effect import Effect
-from optid.errors import SolveError
-from optid.fit.place import Place
 from optid.fit.scoring import maximise
 from optid.fit.simplex import FEW
-from optid.fit.steering import steered_fit
 
 FORGOTTEN = 0.01  # share of a difference of the start that outputs may still show when a record ends
-LED = 30  # evaluations of a first look at an effect
 
 
 def by_simulation(base: Candidate, data: Data) -> tuple[Candidate, Data] | None:
@@ -48,37 +38,6 @@ def by_simulation(base: Candidate, data: Data) -> tuple[Candidate, Data] | None:
     data = replace(data, misfit=whole)
     answer = maximise(data.question(base.rig, plain), near.p)
     return Candidate((), base.rig, answer, judge(answer, data.holdout)), data
-
-
-def afresh(base: Candidate, effects: Iterable[Effect], data: Data) -> list[Signature]:
-    """What each effect gains from the rig file's values and its usual sizes, the most promising first.
-
-    Without the effect the base model's parameters may have gone where the effect can do nothing: an outlet so wide
-    that a store never fills to its rim.
-    """
-    plain = base.rig.model
-    stated = plain.vector(base.rig.parameters)
-    found = []
-    for effect in effects:
-        rig = grown(base.rig, effect)
-        model, question = rig.model, data.question(rig, plain)
-        best: tuple[float, Array] | None = None
-        for branch in effect.usual:
-            p = model.vector(rig.parameters)
-            p[[model.index(parameter.name) for parameter in plain.parameters]] = stated
-            for name, value in effect.qualified({**effect.at_null(), **branch}).items():
-                p[model.index(name)] = value
-            with contextlib.suppress(SolveError):
-                led = steered_fit(question, p, plain, base.answer.filtered, LED)
-                score = Place(question, led, base.answer.noise).score
-                if best is None or score < best[0]:
-                    best = score, led
-        if best is not None and math.isfinite(best[0]):
-            own = {q.name: float(best[1][model.index(f"{effect.name}.{q.name}")]) for q in effect.parameters}
-            beside = {q.name: float(best[1][model.index(q.name)]) for q in plain.parameters}
-            gain = base.answer.score - best[0]
-            found.append(Signature(effect, own, gain, np.zeros(0), effect.size(own), math.inf, beside))
-    return sorted(found, key=lambda s: -s.gain)
 
 
 def forgets(base: Candidate) -> bool:

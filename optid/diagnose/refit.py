@@ -16,7 +16,7 @@ from optid.diagnose.screen import Signature, grown
 from optid.effects.effect import Effect
 from optid.errors import SolveError
 from optid.fit.place import Answer, Question
-from optid.fit.scoring import NEARBY, followed, likeliest, maximise, standing
+from optid.fit.scoring import NEARBY, followed, likeliest, maximise, middling, standing
 from optid.fit.steering import steered_fit
 from optid.rigs.rigfile import Rig
 
@@ -146,29 +146,21 @@ def _surpasses(one: Rival, other: Rival) -> bool:
 
 
 def _start_again(c: Contest, tried: list[_Refit]) -> None:
-    """Second starts for refits that may have lost their way, which is: to much process noise and next to no effect.
+    """Second starts for the look-alikes of the best that fell behind it, from where the best stands.
 
-    If none of them explains anything, all of them, with as little noise as the guide has until they stand; not where
-    no more is left than right laws may leave. Else the look-alikes of the best that fell behind it, from where the
-    best stands.
+    They may have lost their way, which is: to much process noise and next to no effect.
     """
     if not tried or c.guide is c.current.answer:  # there is no other look than the one that led here
         return
     best = tried[0]
     gain = c.current.answer.score - best.answer.score
-    lost = bool(_misfit(best, gain, c.screened))
-    if lost:
-        left = 1.0 - cleared(c.base.judged, c.current.judged, c.data.noise)
-        again = tried if left > (c.base.rig.model.laws_leave or 0.0) else []
-    else:
-        again = [
-            t for t in tried if _alike(t, best) and c.current.answer.score - t.answer.score < ALIKE * gain
-        ]
-    for t in again:
-        c.tell(f"starting again with {t.effect.name}")
-        with contextlib.suppress(SolveError):
-            other = _quiet(c, t) if lost else _beside(c, t, best)
-            t.answer = min(t.answer, other, key=lambda answer: answer.score)
+    if _misfit(best, gain, c.screened):
+        return
+    for t in tried:
+        if _alike(t, best) and c.current.answer.score - t.answer.score < ALIKE * gain:
+            c.tell(f"starting again with {t.effect.name}")
+            with contextlib.suppress(SolveError):
+                t.answer = min(t.answer, _beside(c, t, best), key=lambda answer: answer.score)
     tried.sort(key=lambda t: t.answer.score)
 
 
@@ -181,15 +173,6 @@ def _explains_all(c: Contest, t: _Refit) -> bool:
 
 def _alike(one: _Refit | Signature, other: _Refit) -> bool:
     return one.effect.name in other.effect.look_alikes or other.effect.name in one.effect.look_alikes
-
-
-def _quiet(c: Contest, t: _Refit) -> Answer:
-    """Led by the guide's gains and then brought to stand at its levels of process noise before these are free."""
-    question = t.answer.question
-    start = _placed(c, question, t.effect.qualified(t.values), c.current.answer)
-    led = steered_fit(question, start, c.guide.question.model, c.guide.filtered, QUICK)
-    stood = standing(question, led, c.guide.noise.levels, QUICK)
-    return maximise(question, stood.p, stood.noise.levels, iterations=QUICK, polish=False, near=stood)
 
 
 def _beside(c: Contest, t: _Refit, best: _Refit) -> Answer:
@@ -255,32 +238,45 @@ def _attempt(c: Contest, signature: Signature, again: bool) -> _Refit:
     rig = grown(c.current.rig, effect)
     rig = replace(rig, parameters={**rig.parameters, **effect.qualified(values)})
     question = c.data.question(rig, c.base.rig.model)
-    best = _Refit(effect, rig, _started(c, question, effect, values, signature.beside), values)
+    if signature.beside:
+        led = {**signature.beside, **effect.qualified(values)}
+        return _Refit(effect, rig, _from_afar(c, question, led), values)
+    best = _Refit(effect, rig, _started(c, question, effect, values), values)
     if again and effect.size(values) >= 1.0 > best.size:
         for factor in AGAIN:
             with contextlib.suppress(SolveError):
-                other = _started(c, question, effect, _scaled(effect, values, factor), signature.beside)
+                other = _started(c, question, effect, _scaled(effect, values, factor))
                 best.answer = min(best.answer, other, key=lambda answer: answer.score)
     return best
 
 
-def _started(
-    c: Contest, question: Question, effect: Effect, values: Mapping[str, float], beside: Mapping[str, float]
-) -> Answer:
+def _started(c: Contest, question: Question, effect: Effect, values: Mapping[str, float]) -> Answer:
     """By the gains of the guide, which may move the states less than the current model's, then a rough refit."""
     here = c.current.answer
-    p = _placed(c, question, {**beside, **effect.qualified(values)}, here)
+    p = _placed(c, question, effect.qualified(values), here)
     # A trace of it is as likely as none, wherever the screen would have led.
     faint = _placed(c, question, effect.qualified(_scaled(effect, values, FAINT)), here)
     starts = [(p, here.noise.levels), (faint, here.noise.levels)]
     with contextlib.suppress(SolveError):  # it holds on to the data by more noise than the guide allows
-        led = steered_fit(question, p, c.guide.question.model, c.guide.filtered, QUICK)
+        led = steered_fit(question, p, c.guide.question.model, c.guide.filtered, QUICK).p
         starts += [(led, here.noise.levels - by) for by in SCANNED]
     best = likeliest(question, starts)
     # The guide's derivatives are a start, but not its score: with less noise than suits the model that is far off.
     return maximise(
         question, *best, iterations=FIRST, polish=False, near=c.guide, since=here.score, glances=True
     )
+
+
+def _from_afar(c: Contest, question: Question, led: Mapping[str, float]) -> Answer:
+    """From where an effect led, all parameters of it by name: brought to stand there, then a rough refit.
+
+    Where the current model is far from there, it is likelier than that at first, by its process noise.
+    """
+    p = _placed(c, question, led, c.current.answer)
+    near = standing(question, p, c.guide.noise.levels, FIRST).p
+    levels = [at - by for at in (c.current.answer.noise.levels, middling(question)) for by in SCANNED]
+    best = likeliest(question, [(near, at) for at in levels])
+    return maximise(question, *best, iterations=QUICK, polish=False)
 
 
 def _placed(c: Contest, question: Question, values: Mapping[str, float], source: Answer) -> Array:

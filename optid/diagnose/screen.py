@@ -112,7 +112,7 @@ def _best(answer: Answer, recordings: Sequence[Recording], effect: Effect, view:
     points = [
         {name: null[name] + (share * (value - null[name]) if name in effect.strength else value - null[name])
          for name, value in ({**null, **branch}).items()}
-        for branch in effect.tries(*_heard(answer)) for share in SHARES
+        for branch in effect.tries(*heard(answer)) for share in SHARES
     ]  # fmt: skip
     P = np.empty((len(points), len(model.parameters)))
     P[:] = model.vector(rig.parameters)
@@ -146,7 +146,7 @@ def _best(answer: Answer, recordings: Sequence[Recording], effect: Effect, view:
     return best
 
 
-def _heard(answer: Answer) -> tuple[list[Array], float]:
+def heard(answer: Answer) -> tuple[list[Array], float]:
     """What the plain model's predictions of the first output miss in every stretch of data, and the sampling time."""
     problem, missed = answer.question.problem, answer.filtered.innovations[0][:, 0]
     stretches = zip(problem.begins, problem.counts, strict=True)

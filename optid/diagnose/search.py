@@ -15,18 +15,19 @@ from functools import partial
 from scipy import stats
 
 from optid.core.model import Model
-from optid.diagnose.by_simulation import afresh
-from optid.diagnose.candidate import QUIETER, Candidate, Data, Report, refitted, settled
+from optid.diagnose.candidate import ABOUT, QUIETER, Candidate, Data, Report, refitted, settled
 from optid.diagnose.judge import EXCESS, cleared, compare, excess
+from optid.diagnose.lead import leads, stood
 from optid.diagnose.refit import FORM, LEVEL, TINY, Contest, Rival, cost, refit
 from optid.diagnose.screen import Signature, screen
 from optid.effects.effect import Effect
 from optid.effects.library import admitted
+from optid.fit.place import Answer
 from optid.fit.scoring import quieted
 
 REFITS = 5  # candidates of a round
 LITTLE = 2  # candidates of a round when little is left to explain
-SECOND = 3  # candidates of a round that only the look at the fitted process noise brings in
+SECOND = 3  # candidates of a round that only another look brings in
 DEEPEST = 3  # effects at most
 
 
@@ -50,6 +51,23 @@ class Round:
 
 
 @dataclass(frozen=True, eq=False)
+class _Look:
+    """What a round looked at.
+
+    Attributes:
+        screened: what the screen saw, the most promising first.
+        led: where effects lead, likewise; nothing where little is left.
+        guide: by whose gains; the model with less process noise than suits it, if much is missing.
+        rivals: who was refitted, the best first.
+    """
+
+    screened: tuple[Signature, ...]
+    led: tuple[Signature, ...]
+    guide: Answer
+    rivals: tuple[Rival, ...]
+
+
+@dataclass(frozen=True, eq=False)
 class Search:
     """How the search went.
 
@@ -70,21 +88,20 @@ class Search:
 def search(base: Candidate, own: Sequence[Effect], data: Data, report: Report) -> Search:
     """Add effects while held-out recordings confirm them."""
     plain, current, before, rounds = base.rig.model, base, base, []
-    confirmed = base
+    confirmed, guide = base, None
     for depth in range(DEEPEST + 1):
         tell = partial(report, 0.1 + 0.8 * depth / (DEEPEST + 1))
         tell(f"round {depth + 1}: screening the catalogue")
         little, much = _little_left(base, current, data), excess(current.judged, data.noise) > EXCESS
         ended = len(current.effects) == DEEPEST or (little and not much)
-        signatures, rivals = _round(
-            base, current, own, data, tell, 0 if ended else LITTLE if little else None
-        )
-        winner = next((rival for rival in rivals if not rival.why), None)
+        most = 0 if ended else LITTLE if little else None
+        look = _round(base, current, own, data, tell, most, guide=guide)
+        winner = next((rival for rival in look.rivals if not rival.why), None)
         ahead = winner
         if winner is None and current is confirmed and depth + 1 < DEEPEST and much and not little:
-            hopeful = [rival for rival in rivals if rival.hopeful]
-            ahead = max(hopeful, key=lambda rival: rival.train_gain, default=None)
-        rounds.append(Round(current, signatures, rivals, winner, ahead))
+            ahead = _unconfirmed(look)
+        guide = None if ahead is None else _guiding(look, ahead, current, data, plain)
+        rounds.append(Round(current, look.screened, look.rivals, winner, ahead))
         if ahead is None:
             break
         before, current = current, ahead.candidate
@@ -108,22 +125,46 @@ def _round(
     tell: Callable[[str], None],
     most: int | None = None,
     but: str = "",
-) -> tuple[tuple[Signature, ...], tuple[Rival, ...]]:
-    """What a screen of the catalogue shows from a model, and refits of the `most` promising `but` one, best first."""
+    guide: Answer | None = None,
+) -> _Look:
+    """A look at the catalogue from a model, and refits of the `most` promising `but` one.
+
+    `guide` leads in place of the model itself, where that has too much process noise to show the way.
+    """
     effects = [effect for effect in admitted(current.rig.model, own) if effect.name != but]
-    signatures, tight, guide = screen(current.answer, data.train, effects), [], current.answer
+    signatures, tight, led = screen(current.answer, data.train, effects), [], []
     if most == 0:
-        return tuple(signatures), ()
+        return _Look(tuple(signatures), (), current.answer, ())
     if excess(current.judged, data.noise) > EXCESS:
         # What is missing may hide in the process noise: look with less of it, too.
-        guide = quieted(current.answer, QUIETER)
+        guide = guide or quieted(current.answer, QUIETER)
         tight = screen(guide, data.train, effects)
-    contest = Contest(base, current, guide, len(signatures), data, tell)
-    few = _promising(signatures, tight)[:most]
-    if data.misfit is not None and not current.effects:
-        first = afresh(current, effects, data)[:REFITS]
-        few = first + [s for s in few if all(s.effect is not one.effect for one in first)]
-    return tuple(signatures), tuple(refit(contest, few))
+        if most is None or excess(current.judged, data.noise) > ABOUT:
+            tell("where effects lead")
+            led = leads(current, guide, effects, data, base.rig.model)[: most or REFITS]
+    guide = guide or current.answer
+    near = _promising(signatures, tight)[: SECOND if led else most]
+    few = led + [s for s in near if all(s.effect is not one.effect for one in led)]
+    rivals = refit(Contest(base, current, guide, len(signatures), data, tell), few)
+    return _Look(tuple(signatures), tuple(led), guide, tuple(rivals))
+
+
+def _unconfirmed(look: _Look) -> Rival | None:
+    """With whom to go on though nobody is confirmed: who led best, or else who fits best what it was given.
+
+    Where more is missing, likelihood may give an effect up for process noise.
+    """
+    first = [rival for led in look.led[:1] for rival in look.rivals if rival.effect is led.effect]
+    hopeful = [rival for rival in look.rivals if rival.hopeful]
+    return first[0] if first else max(hopeful, key=lambda rival: rival.train_gain, default=None)
+
+
+def _guiding(look: _Look, ahead: Rival, current: Candidate, data: Data, plain: Model) -> Answer | None:
+    """The model that leads from `ahead` where much is missing still: as it led there, not as likelihood bent it."""
+    if excess(ahead.candidate.judged, data.noise) <= ABOUT:
+        return None
+    led = next((led for led in look.led if led.effect is ahead.effect), None)
+    return None if led is None else stood(current, led, look.guide, data, plain)
 
 
 def _exchanged(
@@ -141,12 +182,12 @@ def _exchanged(
     first = best.effects[0]
     tell(f"whether something else does better than {first.name}")
     start = without[first.name]
-    signatures, rivals = _round(base, start, own, data, tell, but=first.name)
-    winner = next((rival for rival in rivals if not rival.why), None)
+    look = _round(base, start, own, data, tell, but=first.name)
+    winner = next((rival for rival in look.rivals if not rival.why), None)
     if winner is None:
         return None
     gain = best.answer.score + cost(first) - winner.candidate.answer.score - cost(winner.effect)
-    return Round(start, signatures, rivals, winner, winner) if gain > 0.0 else None
+    return Round(start, look.screened, look.rivals, winner, winner) if gain > 0.0 else None
 
 
 def _little_left(base: Candidate, current: Candidate, data: Data) -> bool:

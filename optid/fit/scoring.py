@@ -90,7 +90,7 @@ def maximise(
     Raises:
         SolveError: the model cannot be simulated at the start.
     """
-    here = _start(q, p, _middling(q) if levels is None else levels)
+    here = _start(q, p, middling(q) if levels is None else levels)
     if levels is None:
         here, _, _ = _descend(_led(here), APPROACH, NEARBY, held=True)
     if len(q.problem.time) <= FEW:
@@ -119,7 +119,7 @@ def approach(q: Question, p: Array) -> Answer:
     Raises:
         SolveError: the model cannot be simulated at the start.
     """
-    here, _, settled = _descend(_led(_start(q, p, _middling(q))), APPROACH, NEARBY, held=True)
+    here, _, settled = _descend(_led(_start(q, p, middling(q))), APPROACH, NEARBY, held=True)
     return here.answer(settled)
 
 
@@ -136,7 +136,7 @@ def standing(q: Question, p: Array, levels: Array, iterations: int) -> Answer:
 def _led(here: Place) -> Place:
     """Where held gains lead from a place, and from there once more, as long as that is likelier."""
     for _ in range(LED):
-        p = steered_fit(here.q, here.p, here.q.model, here.filtered, APPROACH)
+        p = steered_fit(here.q, here.p, here.q.model, here.filtered, APPROACH).p
         there = Place(here.q, p, here.noise)
         if not there.score < here.score - ENOUGH:
             break
@@ -166,14 +166,14 @@ def followed(answer: Answer, levels: Array, less: Sequence[float]) -> tuple[Arra
             here = Place(q, p, noise)
             if not math.isfinite(here.score):
                 break
-            p = steered_fit(q, p, q.model, here.filtered, TURN)
+            p = steered_fit(q, p, q.model, here.filtered, TURN).p
             best = likeliest(q, [best, *((p, answer.noise.levels - by) for by in less)])
     return best
 
 
 def quieted(answer: Answer, by: float) -> Answer:
     """The same parameters where the states may move less: log levels lower by `by`, from a middling one at most."""
-    there = np.minimum(answer.noise.levels, _middling(answer.question)) - by
+    there = np.minimum(answer.noise.levels, middling(answer.question)) - by
     for share in (1.0, 0.5, 0.25):
         levels = np.maximum(answer.noise.levels + share * (there - answer.noise.levels), LEVELS[0])
         here = Place(answer.question, answer.p, replace(answer.noise, levels=levels))
@@ -183,8 +183,8 @@ def quieted(answer: Answer, by: float) -> Answer:
     return answer
 
 
-def _middling(q: Question) -> Array:
-    """Log levels to begin with: by the sample, so that slow plants and fast ones begin alike."""
+def middling(q: Question) -> Array:
+    """Log levels of process noise to begin with: by the sample, so that slow plants and fast ones begin alike."""
     level = math.log(MIDDLING / math.sqrt(float(np.median(q.problem.dt))))
     return np.full(len(q.groups), min(max(level, LEVELS[0]), LEVELS[1]))
 

@@ -7,6 +7,8 @@ Identification, 1999, section 8.4); the likelihood then takes them as a start.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from scipy.optimize import least_squares
 
@@ -18,7 +20,30 @@ from optid.fit.place import NUDGES, REACH, Question
 LOST = 1e3  # sd: an innovation of a model that has left the numbers
 
 
-def steered_fit(q: Question, p: Array, plain: Model, guide: Filtered, iterations: int) -> Array:
+class Steered(NamedTuple):
+    """Where a search under held gains ended: the whole parameter vector, and Huber's loss of the innovations there."""
+
+    p: Array
+    loss: float
+
+
+def innovations(q: Question, P: Array, plain: Model, guide: Filtered) -> Array:
+    """Innovations of parameter sets under held gains, in sd of the guide's, (sets, measured).
+
+    Args:
+        q: the question.
+        P: (sets, parameters).
+        plain: model of the guide, whose states are among the question's.
+        guide: whose gains and variances hold, with gains kept.
+    """
+    names = [state.name for state in q.model.states]
+    known = np.isfinite(guide.innovations[0])
+    E = run_steered(q.model, q.problem, P, guide, [names.index(state.name) for state in plain.states])
+    scaled = E[:, known] / np.sqrt(guide.variances[0][known])
+    return np.asarray(np.nan_to_num(scaled, nan=LOST, posinf=LOST, neginf=-LOST))
+
+
+def steered_fit(q: Question, p: Array, plain: Model, guide: Filtered, iterations: int) -> Steered:
     """The parameters under which innovations are least, from a start.
 
     Args:
@@ -28,33 +53,25 @@ def steered_fit(q: Question, p: Array, plain: Model, guide: Filtered, iterations
         guide: whose gains and variances hold, with gains kept.
         iterations: evaluations at most.
 
-    Returns:
-        The whole parameter vector.
-
     Raises:
         SolveError: the model cannot be simulated at the start.
     """
-    names = [state.name for state in q.model.states]
-    common = [names.index(state.name) for state in plain.states]
     free = list(q.free)
-    known = np.isfinite(guide.innovations[0])
-    scale = 1.0 / np.sqrt(guide.variances[0][known])
     low, high = q.low / q.typical, q.high / q.typical
     nudges = np.full(len(free), NUDGES[1])
 
-    def innovations(X: Array) -> Array:
+    def seen(X: Array) -> Array:
         P = np.tile(p, (len(X), 1))
         P[:, free] = X * q.typical
-        E = run_steered(q.model, q.problem, P, guide, common)
-        return np.asarray(np.nan_to_num(E[:, known] * scale, nan=LOST, posinf=LOST, neginf=-LOST))
+        return innovations(q, P, plain, guide)
 
     def residuals(x: Array) -> Array:
         prior = (x * q.typical - q.prior) / q.prior_sd
-        return np.concatenate([innovations(x[None])[0], prior])
+        return np.concatenate([seen(x[None])[0], prior])
 
     def slopes(x: Array) -> Array:
         step = np.where(x + nudges > high, -nudges, nudges)
-        here, *others = innovations(np.vstack([x, x + np.diag(step)]))
+        here, *others = seen(np.vstack([x, x + np.diag(step)]))
         J = (np.array(others) - here).T / step
         nudges[:] = np.clip(REACH / np.maximum(np.linalg.norm(J, axis=0), 1e-12), NUDGES[0], NUDGES[2])
         return np.vstack([J, np.diag(q.typical / q.prior_sd)])
@@ -68,4 +85,4 @@ def steered_fit(q: Question, p: Array, plain: Model, guide: Filtered, iterations
     )  # fmt: skip
     best = p.copy()
     best[free] = np.clip(found.x * q.typical, q.low, q.high)
-    return best
+    return Steered(best, float(found.cost))

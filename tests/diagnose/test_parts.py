@@ -229,12 +229,29 @@ def test_an_unconfirmed_step_counts_only_if_the_next_is_confirmed(second, monkey
     monkeypatch.setattr(search_of, "_exchanged", lambda *others: None)
     monkeypatch.setattr(search_of, "excess", lambda judged, noise: 9.0)
     monkeypatch.setattr(search_of, "cleared", lambda *others: 0.5)
-    for name in ("screen", "admitted", "quieted", "_promising"):
+    for name in ("screen", "admitted", "quieted", "_promising", "leads"):
         monkeypatch.setattr(search_of, name, lambda *others: [SimpleNamespace(name="any")])
     data = Data((), (), {}, np.random.default_rng(0))
     found = search_of.search(Candidate((), rig, None, None), (), data, lambda share, words: None)
     assert found.best.effects == (("one", "two") if second else ())
     assert [one.winner is not None for one in found.rounds][:2] == [False, second]
+
+
+@pytest.mark.parametrize("led", [True, False])
+@pytest.mark.parametrize("left", [3.0, 9.0])
+def test_the_effect_that_led_best_goes_on_unconfirmed_from_where_it_led(led, left, monkeypatch):
+    weak, strong = (SimpleNamespace(name=name) for name in ("weak", "strong"))
+    rivals = tuple(
+        Rival(effect, Candidate((), None, None, None), gain, None, "no gain", hopeful=effect is strong)
+        for effect, gain in ((strong, 900.0), (weak, 5.0))
+    )
+    look = search_of._Look((), (SimpleNamespace(effect=weak),) if led else (), "quiet", rivals)
+    ahead = search_of._unconfirmed(look)
+    assert ahead.effect is (weak if led else strong)
+    monkeypatch.setattr(search_of, "stood", lambda current, signature, guide, data, plain: (signature, guide))
+    monkeypatch.setattr(search_of, "excess", lambda judged, noise: left)
+    guide = search_of._guiding(look, ahead, None, Data((), (), {}, np.random.default_rng(0)), None)
+    assert guide == ((look.led[0], "quiet") if led and left > 4.0 else None)
 
 
 def test_of_two_as_good_the_effect_with_fewer_parameters_leads():
@@ -280,7 +297,7 @@ def test_an_effect_that_its_refit_loses_is_tried_again_from_others(again, monkey
     )  # fmt: skip
     scores = {2.0: -10.0, 1.0: -500.0, 4.0: -50.0}  # from the screen's size the refit ends at nothing
 
-    def started(contest, question, effect, values, beside):
+    def started(contest, question, effect, values):
         much = values["much"]
         return SimpleNamespace(score=scores[much], much=0.0 if much == 2.0 else much)
 
@@ -299,31 +316,27 @@ def test_an_effect_that_its_refit_loses_is_tried_again_from_others(again, monkey
 
 
 @pytest.mark.parametrize(
-    ("gains", "left", "found", "again"),
+    ("gains", "again"),
     [
-        # Nothing explains anything: all of them, held at little process noise first, if much is left.
-        ({"lag": 3.0, "delay": 1.0, "drag": 0.0}, 1.0, "_quiet", ["lag", "delay", "drag"]),
-        ({"lag": 3.0, "delay": 1.0, "drag": 0.0}, 0.1, "_quiet", []),
+        ({"lag": 3.0, "delay": 1.0, "drag": 0.0}, []),  # nothing explains anything
         # One does: what is easily confused with it and fell behind, from where it stands.
-        ({"lag": 900.0, "delay": 1.0, "drag": 0.0}, 0.1, "_beside", ["delay"]),
-        ({"lag": 900.0, "delay": 600.0, "drag": 0.0}, 1.0, "_beside", []),
+        ({"lag": 900.0, "delay": 1.0, "drag": 0.0}, ["delay"]),
+        ({"lag": 900.0, "delay": 600.0, "drag": 0.0}, []),
     ],
 )
-def test_refits_that_lost_their_way_start_again(gains, left, found, again, monkeypatch):
+def test_refits_that_lost_their_way_start_again(gains, again, monkeypatch):
     def refit(name, gain):
         effect = SimpleNamespace(name=name, parameters=(1,), look_alikes=("delay",) if name == "lag" else ())
         return SimpleNamespace(effect=effect, answer=SimpleNamespace(score=-gain), size=2.0)
 
-    def better(contest, t, *best):
+    def better(contest, t, best):
         calls.append(t.effect.name)
         return SimpleNamespace(score=-1000.0 if t.effect.name == "delay" else 1000.0)
 
     calls, tried = [], [refit(name, gain) for name, gain in gains.items()]
-    for name in ("_quiet", "_beside"):
-        monkeypatch.setattr(refit_of, name, better if name == found else None)
-    monkeypatch.setattr(refit_of, "cleared", lambda *others: 1.0 - left)
+    monkeypatch.setattr(refit_of, "_beside", better)
     here, data = SimpleNamespace(score=0.0), Data((), (), {}, np.random.default_rng(0))
-    current = Candidate((), SimpleNamespace(model=SimpleNamespace(laws_leave=0.13)), here, None)
+    current = Candidate((), None, here, None)
     contest = refit_of.Contest(current, current, SimpleNamespace(), 30, data, lambda words: None)
     refit_of._start_again(contest, tried)
     assert calls == again
@@ -376,7 +389,7 @@ def test_a_search_goes_on_while_something_is_left_and_with_few_where_it_is_littl
     monkeypatch.setattr(search_of, "_thinned", lambda base, current, *others: (current, {}, ()))
     monkeypatch.setattr(search_of, "excess", lambda judged, noise: 9.0 if noisy or not rounds else 1.1)
     monkeypatch.setattr(search_of, "cleared", lambda *others: 1.0 - left)
-    for name in ("screen", "admitted", "quieted", "_promising"):
+    for name in ("screen", "admitted", "quieted", "_promising", "leads"):
         monkeypatch.setattr(search_of, name, lambda *others: [SimpleNamespace(name="any")] * 9)
     base = Candidate((), SimpleNamespace(model=None), None, None)
     data = Data((), (), {}, np.random.default_rng(0))
@@ -517,13 +530,13 @@ def test_the_first_effect_has_to_hold_its_place_beside_the_others(score, why, no
         "": (first, candidate((first,), -40.0), ""), "first": (second, both, ""), "second": (other, exchanged, why),
     }  # fmt: skip
 
-    def one_round(base, current, own, data, tell, most=None, but=""):
+    def one_round(base, current, own, data, tell, most=None, but="", guide=None):
         assert but == ("first" if current is alone else "")  # it stands already: what else there is
         found = following.get(" ".join(effect.name for effect in current.effects))
         if found is None:
-            return (), ()
+            return search_of._Look((), (), None, ())
         effect, there, why = found
-        return (), (Rival(effect, there, 100.0, None, why, hopeful=False),)
+        return search_of._Look((), (), None, (Rival(effect, there, 100.0, None, why, hopeful=False),))
 
     def thinned(base, current, before, data, plain, report):
         return current, {"first": alone}, ()

@@ -10,7 +10,7 @@ from optid.fit import place, scoring
 from optid.fit.likelihood import WHOLE, run_steered
 from optid.fit.place import LEVELS, Place, Slopes
 from optid.fit.problem import pose
-from optid.fit.scoring import _middling, _start, approach, followed, likeliest, maximise, question_of, quieted
+from optid.fit.scoring import _start, approach, followed, likeliest, maximise, middling, question_of, quieted
 from optid.fit.steering import steered_fit
 from tests.fit.cart import TRUTH, recording, rig
 
@@ -106,7 +106,7 @@ def test_a_glance_sees_the_slopes_that_filters_show(asked, found, monkeypatch):
 
 def test_an_answer_that_follows_its_own_filter_leaves_a_wrong_place(asked, found):
     q, p = asked
-    far = _start(q, p, _middling(q)).answer(False)
+    far = _start(q, p, middling(q)).answer(False)
     best, levels = followed(far, np.full(len(q.groups), -5.0), (0.0, 2.5))
     assert _start(q, best, levels).score < far.score - 100.0
     there, kept = followed(found, found.noise.levels, (0.0,))
@@ -130,7 +130,7 @@ def test_quieter_states_keep_the_parameters(asked):
     q, p = asked
     loud = _start(q, p, np.full(len(q.groups), 0.0)).answer(False)
     quiet = quieted(loud, 2.5)
-    assert quiet.noise.levels == pytest.approx(np.maximum(_middling(q) - 2.5, LEVELS[0]))
+    assert quiet.noise.levels == pytest.approx(np.maximum(middling(q) - 2.5, LEVELS[0]))
     assert quieted(quiet, 0.5).noise.levels == pytest.approx(np.maximum(quiet.noise.levels - 0.5, LEVELS[0]))
     assert np.array_equal(quiet.p, loud.p)
 
@@ -138,7 +138,7 @@ def test_quieter_states_keep_the_parameters(asked):
 def test_held_gains_lead_to_the_truth(asked):
     q, p = asked
     guide = _start(q, p, np.full(len(q.groups), -3.0)).answer(False)
-    near = steered_fit(q, p, q.model, guide.filtered, 15)
+    near = steered_fit(q, p, q.model, guide.filtered, 15).p
     assert near[list(q.free)] == pytest.approx([TRUTH["gain"], TRUTH["drag"]], rel=0.02)
     others = [i for i in range(len(p)) if i not in q.free]
     assert np.array_equal(near[others], p[others])
@@ -181,26 +181,26 @@ def test_where_held_gains_mislead_whole_filters_show_the_way(asked, found, monke
         self.fresh = self.glanced = True
 
     monkeypatch.setattr(Place, "glance", misled)
-    there, start = maximise(q, far, _middling(q), polish=False), _start(q, far, _middling(q))
+    there, start = maximise(q, far, middling(q), polish=False), _start(q, far, middling(q))
     assert there.score < found.score + 0.1 * (start.score - found.score)
-    ended = maximise(q, far, _middling(q), polish=False, glances=True)
+    ended = maximise(q, far, middling(q), polish=False, glances=True)
     assert ended.score == start.score  # a first refit does not pay for them
 
 
 def test_a_rough_search_ends_by_what_it_gained_and_not_by_how_far_off_its_neighbour_is(asked, found):
     q, far = asked
-    start = _start(q, far, _middling(q)).score
+    start = _start(q, far, middling(q)).score
     loud = _start(q, far, np.full(len(q.groups), LEVELS[0])).answer(False)
     assert loud.score > start + 100.0 * (start - found.score)
-    short = maximise(q, far, _middling(q), polish=False, near=loud)
-    there = maximise(q, far, _middling(q), polish=False, near=loud, since=start)
+    short = maximise(q, far, middling(q), polish=False, near=loud)
+    there = maximise(q, far, middling(q), polish=False, near=loud, since=start)
     assert short.score - there.score > 0.1 * (start - found.score)
 
 
 def test_an_approach_keeps_the_level(asked):
     q, p = asked
     near = approach(q, p)
-    assert near.noise.levels == pytest.approx(_middling(q))
+    assert near.noise.levels == pytest.approx(middling(q))
     assert near.p[list(q.free)] == pytest.approx([TRUTH["gain"], TRUTH["drag"]], rel=0.1)
 
 

@@ -1,0 +1,102 @@
+"""Where effects lead under held gains: from values that are far off, past a fit that is bent, on the trolley."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from optid.diagnose.candidate import QUIETER, Data, fit_base, refitted
+from optid.diagnose.lead import _ahead, leads, stood
+from optid.effects.library import admitted
+from optid.errors import SolveError
+from optid.fit.likelihood import FAR
+from optid.fit.scoring import quieted
+from optid.fit.steering import Steered, innovations, steered_fit
+from tests.diagnose.trolley import TRUTH, recording, rig
+
+
+def limited(command):
+    return np.clip(command, -0.4, 0.4)
+
+
+@pytest.fixture(scope="module")
+def worn(tmp_path_factory):
+    """Recordings of a trolley whose push is limited, the fit of a model without that, and the same made quiet."""
+    train = tuple(recording(seed, f"run{seed}.csv", limited) for seed in (1, 2))
+    data = Data(train, train[:1], {"position": 5e-4}, np.random.default_rng(0))
+    base = fit_base(rig(tmp_path_factory.mktemp("trolley")), data, lambda share, words: None)
+    return base, quieted(base.answer, QUIETER), data
+
+
+def test_the_effect_at_work_leads_farthest_and_to_the_truth(worn):
+    base, guide, data = worn
+    plain = base.rig.model
+    bent = base.answer.p[plain.index("gain")]
+    assert abs(bent / TRUTH["gain"] - 1.0) > 0.1
+    found = leads(base, guide, admitted(plain), data, plain)
+    assert found[0].effect.name == "saturation@drive.command"
+    assert found[0].values["limit"] == pytest.approx(0.4, rel=0.02)
+    assert {name: found[0].beside[name] for name in TRUTH} == pytest.approx(TRUTH, rel=0.02)
+    gains = [one.gain for one in found]
+    assert gains == sorted(gains, reverse=True)
+    assert gains[0] > 0.9 * np.isfinite(guide.filtered.innovations[0]).sum()
+
+
+def test_a_lead_stands_with_the_guides_process_noise(worn):
+    base, guide, data = worn
+    plain = base.rig.model
+    first = leads(base, guide, admitted(plain), data, plain)[0]
+    there = stood(base, first, guide, data, plain)
+    model = there.question.model
+    assert there.noise.levels == pytest.approx(guide.noise.levels)
+    assert there.p[model.index("saturation@drive.command.limit")] == first.values["limit"]
+    assert there.p[model.index("gain")] == first.beside["gain"]
+    assert there.score < guide.score
+
+
+def test_the_loss_of_a_search_is_hubers_and_what_it_ended_with(worn):
+    base, guide, _ = worn
+    q, filtered = guide.question, guide.filtered
+    found = steered_fit(q, q.model.vector(base.rig.parameters), q.model, filtered, 15)
+    z = np.abs(innovations(q, found.p[None], q.model, filtered)[0])
+    prior = (found.p[list(q.free)] - q.prior) / q.prior_sd
+    rho = np.where(z > FAR, FAR * (2.0 * z - FAR), z**2).sum() + np.sum(prior**2)
+    assert found.loss == pytest.approx(rho / 2.0, rel=1e-6)
+
+
+def test_a_race_takes_few_of_one_effect_and_the_best_of_all():
+    lag, drag = object(), object()
+    running = [
+        SimpleNamespace(effect=effect, at=Steered(np.zeros(1), loss))
+        for effect, loss in ((lag, 1.0), (drag, 9.0), (lag, 2.0), (drag, 5.0), (lag, 3.0))
+    ]
+    assert [one.at.loss for one in _ahead(running, 3, 2)] == [1.0, 2.0, 5.0]
+    assert [one.at.loss for one in _ahead(running, 9, 1)] == [1.0, 5.0]
+
+
+def test_a_lead_that_leaves_the_numbers_falls_behind(worn, monkeypatch):
+    base, guide, data = worn
+    plain = base.rig.model
+    best = leads(base, guide, admitted(plain), data, plain)[0]
+
+    def lost(question, *others):
+        if any(q.name.startswith("saturation@drive.command") for q in question.model.parameters):
+            raise SolveError("the simulation leaves the numbers")
+        return steered_fit(question, *others)
+
+    monkeypatch.setattr("optid.diagnose.lead.steered_fit", lost)
+    assert best.effect.name not in [
+        one.effect.name for one in leads(base, guide, admitted(plain), data, plain)
+    ]
+
+
+def test_effects_lead_on_beside_one_with_states_of_its_own(worn):
+    base, _, data = worn
+    plain = base.rig.model
+    found = next(e for e in admitted(plain) if e.name == "hysteresis@drive.command")
+    beside = refitted(base.rig, (found,), base, data, plain)
+    assert len(beside.rig.model.states) > len(plain.states)
+    guide = quieted(beside.answer, QUIETER)
+    ahead = leads(beside, guide, admitted(beside.rig.model), data, plain)
+    assert ahead[0].effect.name == "saturation@drive.command"
+    assert f"{found.name}.width" in ahead[0].beside
