@@ -233,14 +233,22 @@ def cost(effect: Effect) -> float:
 
 
 def _attempt(c: Contest, signature: Signature, again: bool) -> _Refit:
-    """A first refit from where the screen would have the effect; `again` from other sizes if that loses it."""
+    """A first refit from where the screen would have the effect, or from where it led.
+
+    The most promising is tried `again` if that loses it: from other sizes, or longer.
+    """
     effect, values = signature.effect, signature.values
     rig = grown(c.current.rig, effect)
     rig = replace(rig, parameters={**rig.parameters, **effect.qualified(values)})
     question = c.data.question(rig, c.base.rig.model)
     if signature.beside:
         led = {**signature.beside, **effect.qualified(values)}
-        return _Refit(effect, rig, _from_afar(c, question, led), values)
+        answer = _from_afar(c, question, led)
+        if again and answer.score > c.current.answer.score:  # the way is long: it has not arrived yet
+            answer = maximise(
+                question, answer.p, answer.noise.levels, polish=False, rough=NEARBY, near=answer
+            )
+        return _Refit(effect, rig, answer, values)
     best = _Refit(effect, rig, _started(c, question, effect, values), values)
     if again and effect.size(values) >= 1.0 > best.size:
         for factor in AGAIN:

@@ -143,7 +143,7 @@ def _round(
             tell("where effects lead")
             led = leads(current, guide, effects, data, base.rig.model)[: most or REFITS]
     guide = guide or current.answer
-    near = _promising(signatures, tight)[: SECOND if led else most]
+    near = _promising(signatures, tight)[: most or (SECOND if led else None)]
     few = led + [s for s in near if all(s.effect is not one.effect for one in led)]
     rivals = refit(Contest(base, current, guide, len(signatures), data, tell), few)
     return _Look(tuple(signatures), tuple(led), guide, tuple(rivals))

@@ -229,8 +229,9 @@ def test_an_unconfirmed_step_counts_only_if_the_next_is_confirmed(second, monkey
     monkeypatch.setattr(search_of, "_exchanged", lambda *others: None)
     monkeypatch.setattr(search_of, "excess", lambda judged, noise: 9.0)
     monkeypatch.setattr(search_of, "cleared", lambda *others: 0.5)
-    for name in ("screen", "admitted", "quieted", "_promising", "leads"):
+    for name in ("screen", "admitted", "quieted", "_promising"):
         monkeypatch.setattr(search_of, name, lambda *others: [SimpleNamespace(name="any")])
+    monkeypatch.setattr(search_of, "leads", lambda *others: [])
     data = Data((), (), {}, np.random.default_rng(0))
     found = search_of.search(Candidate((), rig, None, None), (), data, lambda share, words: None)
     assert found.best.effects == (("one", "two") if second else ())
@@ -369,12 +370,22 @@ def test_recordings_that_disagree_widen_the_intervals(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("left", "noisy", "asked"), [(0.01, False, [9]), (0.01, True, [9, 2]), (0.1, True, [9, 9])]
+    ("left", "noisy", "led", "asked"),
+    [
+        (0.01, False, 0, [9]),
+        (0.01, True, 0, [9, 2]),
+        (0.1, True, 0, [9, 9]),
+        (0.01, True, 9, [8, 4]),
+        (0.1, True, 9, [8, 8]),
+    ],
 )
 def test_a_search_goes_on_while_something_is_left_and_with_few_where_it_is_little(
-    left, noisy, asked, monkeypatch
+    left, noisy, led, asked, monkeypatch
 ):
-    """Little is left and the windows are at the noise: it ends. They are not: the two best are still tried."""
+    """Little is left and the windows are at the noise: it ends. They are not: the two best are still tried.
+
+    Where effects lead somewhere, the five or two that lead best, and three or two that the screen alone shows.
+    """
     rounds = []
 
     def rivals(contest, few):
@@ -389,8 +400,11 @@ def test_a_search_goes_on_while_something_is_left_and_with_few_where_it_is_littl
     monkeypatch.setattr(search_of, "_thinned", lambda base, current, *others: (current, {}, ()))
     monkeypatch.setattr(search_of, "excess", lambda judged, noise: 9.0 if noisy or not rounds else 1.1)
     monkeypatch.setattr(search_of, "cleared", lambda *others: 1.0 - left)
-    for name in ("screen", "admitted", "quieted", "_promising", "leads"):
+    for name in ("screen", "admitted", "quieted"):
         monkeypatch.setattr(search_of, name, lambda *others: [SimpleNamespace(name="any")] * 9)
+    for name, count in (("_promising", 9), ("leads", led)):
+        these = [SimpleNamespace(effect=f"{name} {k}") for k in range(count)]
+        monkeypatch.setattr(search_of, name, lambda *others, these=these: these)
     base = Candidate((), SimpleNamespace(model=None), None, None)
     data = Data((), (), {}, np.random.default_rng(0))
     found = search_of.search(base, (), data, lambda share, words: None)
