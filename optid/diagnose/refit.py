@@ -80,12 +80,20 @@ class Contest:
 
 @dataclass(eq=False)
 class _Refit:
-    """An effect on its way through a round: `values` is where the screen would have it, SI, by own name."""
+    """An effect on its way through a round.
+
+    Attributes:
+        effect, rig: it, and the rig with it.
+        answer: what its refit has found.
+        values: where the screen would have it, SI, by own name.
+        led: it began where held gains had led it.
+    """
 
     effect: Effect
     rig: Rig
     answer: Answer
     values: Mapping[str, float]
+    led: bool = False
 
     @property
     def size(self) -> float:
@@ -194,7 +202,9 @@ def _follow(c: Contest, tried: list[_Refit]) -> None:
         near = place < (3 if alike else 2) and gain > (ALIKE if alike else NEAR) * gains[0]
         if near and t.size > TINY:
             c.tell(f"refitting with {t.effect.name}")
-            start = followed(t.answer, c.guide.noise.levels, SCANNED)
+            start = t.answer.p, t.answer.noise.levels
+            if not t.led:  # held gains have shown the way already
+                start = followed(t.answer, c.guide.noise.levels, SCANNED)
             t.answer = maximise(t.answer.question, *start, iterations=QUICK, polish=False, near=t.answer)
     gains = [here - t.answer.score for t in tried]
     for t, gain in zip(tried, gains, strict=True):
@@ -248,7 +258,7 @@ def _attempt(c: Contest, signature: Signature, again: bool) -> _Refit:
             answer = maximise(
                 question, answer.p, answer.noise.levels, polish=False, rough=NEARBY, near=answer
             )
-        return _Refit(effect, rig, answer, values)
+        return _Refit(effect, rig, answer, values, led=True)
     best = _Refit(effect, rig, _started(c, question, effect, values), values)
     if again and effect.size(values) >= 1.0 > best.size:
         for factor in AGAIN:

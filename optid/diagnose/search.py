@@ -126,10 +126,12 @@ def _round(
     most: int | None = None,
     but: str = "",
     guide: Answer | None = None,
+    afar: bool = True,
 ) -> _Look:
     """A look at the catalogue from a model, and refits of the `most` promising `but` one.
 
-    `guide` leads in place of the model itself, where that has too much process noise to show the way.
+    `guide` leads in place of the model itself, where that has too much process noise to show the way; `afar` also leads
+    effects from far off, where much is left.
     """
     effects = [effect for effect in admitted(current.rig.model, own) if effect.name != but]
     signatures, tight, led = screen(current.answer, data.train, effects), [], []
@@ -139,7 +141,7 @@ def _round(
         # What is missing may hide in the process noise: look with less of it, too.
         guide = guide or quieted(current.answer, QUIETER)
         tight = screen(guide, data.train, effects)
-        if most is None or excess(current.judged, data.noise) > ABOUT:
+        if afar and (most is None or excess(current.judged, data.noise) > ABOUT):
             tell("where effects lead")
             led = leads(current, guide, effects, data, base.rig.model)[: most or REFITS]
     guide = guide or current.answer
@@ -182,7 +184,7 @@ def _exchanged(
     first = best.effects[0]
     tell(f"whether something else does better than {first.name}")
     start = without[first.name]
-    look = _round(base, start, own, data, tell, but=first.name)
+    look = _round(base, start, own, data, tell, but=first.name, afar=False)
     winner = next((rival for rival in look.rivals if not rival.why), None)
     if winner is None:
         return None

@@ -224,13 +224,16 @@ class Place:
         if not length > 1.0:
             return self.slopes
         old, new = self.filtered, there.filtered
-        missed_e = new.innovations[0] - old.innovations[0] - self.slopes.innovations @ s
-        missed_v = np.log(new.variances[0] / old.variances[0]) - self.slopes.variances @ s
-        update = along / length
-        return Slopes(
-            self.slopes.innovations + missed_e[..., None] * update,
-            self.slopes.variances + missed_v[..., None] * update,
-        )
+        with np.errstate(
+            invalid="ignore"
+        ):  # slopes may have left the numbers here and there: `expanded` passes those over
+            missed_e = new.innovations[0] - old.innovations[0] - self.slopes.innovations @ s
+            missed_v = np.log(new.variances[0] / old.variances[0]) - self.slopes.variances @ s
+            update = along / length
+            return Slopes(
+                self.slopes.innovations + missed_e[..., None] * update,
+                self.slopes.variances + missed_v[..., None] * update,
+            )
 
     def expanded(self) -> tuple[Array, Array]:
         """Gradient of half the score and Fisher's information, in typical sizes and log levels."""

@@ -544,7 +544,7 @@ def test_the_first_effect_has_to_hold_its_place_beside_the_others(score, why, no
         "": (first, candidate((first,), -40.0), ""), "first": (second, both, ""), "second": (other, exchanged, why),
     }  # fmt: skip
 
-    def one_round(base, current, own, data, tell, most=None, but="", guide=None):
+    def one_round(base, current, own, data, tell, most=None, but="", guide=None, afar=True):
         assert but == ("first" if current is alone else "")  # it stands already: what else there is
         found = following.get(" ".join(effect.name for effect in current.effects))
         if found is None:
