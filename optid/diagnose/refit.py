@@ -80,20 +80,12 @@ class Contest:
 
 @dataclass(eq=False)
 class _Refit:
-    """An effect on its way through a round.
-
-    Attributes:
-        effect, rig: it, and the rig with it.
-        answer: what its refit has found.
-        values: where the screen would have it, SI, by own name.
-        led: it began where held gains had led it.
-    """
+    """An effect on its way through a round: `values` is where the screen would have it, SI, by own name."""
 
     effect: Effect
     rig: Rig
     answer: Answer
     values: Mapping[str, float]
-    led: bool = False
 
     @property
     def size(self) -> float:
@@ -101,8 +93,11 @@ class _Refit:
         return self.effect.size(own_values(self.effect, self.rig, self.answer))
 
 
-def refit(c: Contest, few: Sequence[Signature]) -> list[Rival]:
-    """Refits of the few most promising, best first; a rival without a reason against it may win."""
+def refit(c: Contest, few: Sequence[Signature], before: Sequence[Rival] = ()) -> list[Rival]:
+    """Refits of the few most promising, best first; a rival without a reason against it may win.
+
+    Rivals of an earlier look, `before`, compete with them; an effect that both have is the likelier of the two.
+    """
     tried: list[_Refit] = []
     whole: list[_Refit] = []
     for signature in few:
@@ -116,7 +111,7 @@ def refit(c: Contest, few: Sequence[Signature]) -> list[Rival]:
     tried.sort(key=lambda t: t.answer.score)
     _start_again(c, tried)
     _follow(c, tried)
-    rivals = [_rival(c, t, place) for place, t in enumerate(tried)]
+    rivals = [_rival(c, t, len(before) + place) for place, t in enumerate(tried)]
     first = min(range(len(tried)), key=lambda place: _order(rivals[place]), default=None)
     # Where much is missing still, more than the last units of likelihood would close is left open.
     if (
@@ -125,8 +120,11 @@ def refit(c: Contest, few: Sequence[Signature]) -> list[Rival]:
         and excess(rivals[first].candidate.judged, c.data.noise) <= EXCESS
     ):
         _settle(c, tried[first])
-        rivals[first] = _rival(c, tried[first], first)
-    return _foremost(sorted(rivals, key=_order))
+        rivals[first] = _rival(c, tried[first], len(before) + first)
+    likeliest_of: dict[str, Rival] = {}
+    for rival in sorted([*before, *rivals], key=lambda one: -one.train_gain):
+        likeliest_of.setdefault(rival.effect.name, rival)
+    return _foremost(sorted(likeliest_of.values(), key=_order))
 
 
 def _foremost(rivals: list[Rival]) -> list[Rival]:
@@ -202,9 +200,7 @@ def _follow(c: Contest, tried: list[_Refit]) -> None:
         near = place < (3 if alike else 2) and gain > (ALIKE if alike else NEAR) * gains[0]
         if near and t.size > TINY:
             c.tell(f"refitting with {t.effect.name}")
-            start = t.answer.p, t.answer.noise.levels
-            if not t.led:  # held gains have shown the way already
-                start = followed(t.answer, c.guide.noise.levels, SCANNED)
+            start = followed(t.answer, c.guide.noise.levels, SCANNED)
             t.answer = maximise(t.answer.question, *start, iterations=QUICK, polish=False, near=t.answer)
     gains = [here - t.answer.score for t in tried]
     for t, gain in zip(tried, gains, strict=True):
@@ -258,7 +254,7 @@ def _attempt(c: Contest, signature: Signature, again: bool) -> _Refit:
             answer = maximise(
                 question, answer.p, answer.noise.levels, polish=False, rough=NEARBY, near=answer
             )
-        return _Refit(effect, rig, answer, values, led=True)
+        return _Refit(effect, rig, answer, values)
     best = _Refit(effect, rig, _started(c, question, effect, values), values)
     if again and effect.size(values) >= 1.0 > best.size:
         for factor in AGAIN:

@@ -27,7 +27,7 @@ from optid.fit.scoring import quieted
 
 REFITS = 5  # candidates of a round
 LITTLE = 2  # candidates of a round when little is left to explain
-SECOND = 3  # candidates of a round that only another look brings in
+SECOND = 3  # candidates of a round that only another look brings in, or that come before one
 DEEPEST = 3  # effects at most
 
 
@@ -130,24 +130,26 @@ def _round(
 ) -> _Look:
     """A look at the catalogue from a model, and refits of the `most` promising `but` one.
 
-    `guide` leads in place of the model itself, where that has too much process noise to show the way; `afar` also leads
-    effects from far off, where much is left.
+    Where that leaves much, effects are led from `afar`; `guide` leads in place of the model itself, where that has too
+    much process noise to show the way.
     """
     effects = [effect for effect in admitted(current.rig.model, own) if effect.name != but]
-    signatures, tight, led = screen(current.answer, data.train, effects), [], []
+    signatures, tight = screen(current.answer, data.train, effects), []
     if most == 0:
         return _Look(tuple(signatures), (), current.answer, ())
-    if excess(current.judged, data.noise) > EXCESS:
+    much = excess(current.judged, data.noise)
+    if much > EXCESS:
         # What is missing may hide in the process noise: look with less of it, too.
         guide = guide or quieted(current.answer, QUIETER)
         tight = screen(guide, data.train, effects)
-        if afar and (most is None or excess(current.judged, data.noise) > ABOUT):
-            tell("where effects lead")
-            led = leads(current, guide, effects, data, base.rig.model)[: most or REFITS]
-    guide = guide or current.answer
-    near = _promising(signatures, tight)[: most or (SECOND if led else None)]
-    few = led + [s for s in near if all(s.effect is not one.effect for one in led)]
-    rivals = refit(Contest(base, current, guide, len(signatures), data, tell), few)
+    guide, afar = guide or current.answer, afar and much > ABOUT
+    contest = Contest(base, current, guide, len(signatures), data, tell)
+    rivals = refit(contest, _promising(signatures, tight)[: most or (SECOND if afar else None)])
+    led: list[Signature] = []
+    if afar and all(one.why or excess(one.candidate.judged, data.noise) > ABOUT for one in rivals):
+        tell("where effects lead from afar")
+        led = leads(current, guide, effects, data, base.rig.model)[: most or REFITS]
+        rivals = refit(contest, led, rivals) if led else rivals
     return _Look(tuple(signatures), tuple(led), guide, tuple(rivals))
 
 

@@ -203,6 +203,9 @@ def test_a_candidate_that_leaves_the_numbers_drops_out(tmp_path, monkeypatch):
     contest = refit_of.Contest(base, base, base.answer, len(bold), data, lambda words: None)
     rivals = refit_of.refit(contest, bold)
     assert [rival.effect.name for rival in rivals] == [bold[1].effect.name]
+    better = replace(rivals[0], train_gain=rivals[0].train_gain + 1.0)
+    assert refit_of.refit(contest, bold, [better]) == [better]  # of an effect that both have, the likelier
+    assert refit_of.refit(contest, bold, [replace(better, train_gain=-1e9)])[0].train_gain > -1e9
 
 
 def test_a_site_that_equations_pass_several_times_has_no_one_signal():
@@ -216,7 +219,7 @@ def test_an_unconfirmed_step_counts_only_if_the_next_is_confirmed(second, monkey
     names = {(): "one", ("one",): "two"}
     rig = SimpleNamespace(model=None)
 
-    def rivals(contest, few):
+    def rivals(contest, few, before=()):
         name = names.get(tuple(contest.current.effects))
         if name is None:
             return []
@@ -372,11 +375,11 @@ def test_recordings_that_disagree_widen_the_intervals(tmp_path):
 @pytest.mark.parametrize(
     ("left", "noisy", "led", "asked"),
     [
-        (0.01, False, 0, [9]),
-        (0.01, True, 0, [9, 2]),
-        (0.1, True, 0, [9, 9]),
-        (0.01, True, 9, [8, 4]),
-        (0.1, True, 9, [8, 8]),
+        (0.01, False, 9, [3]),
+        (0.01, True, 0, [3, 2]),
+        (0.1, True, 0, [3, 3]),
+        (0.01, True, 9, [3, 5, 2, 2]),
+        (0.1, True, 9, [3, 5, 3, 5]),
     ],
 )
 def test_a_search_goes_on_while_something_is_left_and_with_few_where_it_is_little(
@@ -384,15 +387,15 @@ def test_a_search_goes_on_while_something_is_left_and_with_few_where_it_is_littl
 ):
     """Little is left and the windows are at the noise: it ends. They are not: the two best are still tried.
 
-    Where effects lead somewhere, the five or two that lead best, and three or two that the screen alone shows.
+    Where three that the screen shows leave much, the five or two that lead best from afar follow.
     """
     rounds = []
 
-    def rivals(contest, few):
+    def rivals(contest, few, before=()):
         rounds.append(len(few))
         name = f"effect {len(rounds)}"
         if len(rounds) > 1:
-            return []
+            return list(before)
         candidate = Candidate((name,), SimpleNamespace(model=None), None, None)
         return [Rival(name, candidate, 100.0, None, "", hopeful=True)]
 
@@ -491,7 +494,8 @@ def test_where_one_explains_all_only_what_resembles_it_is_tried(left, tried, mon
     monkeypatch.setattr(refit_of, "excess", dear)
     for name in ("_start_again", "_follow"):
         monkeypatch.setattr(refit_of, name, lambda *others: None)
-    lost = Rival(None, None, 0.0, SimpleNamespace(bounded_gain=0.0), "no gain", False)
+    effect = SimpleNamespace(name="lost")
+    lost = Rival(effect, None, 0.0, SimpleNamespace(bounded_gain=0.0), "no gain", False)
     monkeypatch.setattr(refit_of, "_rival", lambda *others: lost)
     monkeypatch.setattr(refit_of, "cost", lambda effect: 0.0)
     data = Data((), (), {"position": 2e-5}, np.random.default_rng(0))
