@@ -36,7 +36,7 @@ class Signature:
         change: of the scaled innovations at the simulated point of the branch, (rows,).
         size: of that point, in smallest sizes worth a name.
         visible: sd by which the effect at the smallest size worth a name stands out after a refit of the parameters.
-        beside: values of the plant's own parameters that go with it, by name; the model's where absent.
+        beside: values of the other parameters where it led from afar, by name; nothing if a screen found it.
     """
 
     effect: Effect

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from optid.diagnose import refit as refit_of
 from optid.diagnose.candidate import QUIETER, Data, fit_base, refitted
 from optid.diagnose.lead import _ahead, leads, stood
 from optid.effects.library import admitted
@@ -100,3 +101,36 @@ def test_effects_lead_on_beside_one_with_states_of_its_own(worn):
     ahead = leads(beside, guide, admitted(beside.rig.model), data, plain)
     assert ahead[0].effect.name == "saturation@drive.command"
     assert f"{found.name}.width" in ahead[0].beside
+
+
+def test_a_refit_begins_where_its_effect_led(worn):
+    base, guide, data = worn
+    plain = base.rig.model
+    led = leads(base, guide, admitted(plain), data, plain)[0]
+    contest = refit_of.Contest(base, base, guide, 30, data, lambda words: None)
+    found = refit_of._attempt(contest, led, again=False).answer
+    assert found.score < base.answer.score - 500.0
+    model = found.question.model
+    limit = model.index("saturation@drive.command.limit")
+    assert found.p[limit] == pytest.approx(0.4, rel=0.01)
+    lost = led.effect.qualified(led.values) | {"gain": 50.0, "drag": 0.01}
+    assert refit_of._from_afar(contest, found.question, lost).p[limit] == pytest.approx(0.4, rel=0.05)
+
+
+@pytest.mark.parametrize(("again", "score", "longer"), [(True, 5.0, 1), (True, -5.0, 0), (False, 5.0, 0)])
+def test_the_best_lead_is_refitted_until_it_stands(worn, again, score, longer, monkeypatch):
+    base, guide, data = worn
+    plain = base.rig.model
+    led = leads(base, guide, admitted(plain), data, plain)[0]
+    there = SimpleNamespace(p=None, noise=SimpleNamespace(levels=None), score=base.answer.score + score)
+    calls = []
+
+    def maximise(question, p, levels, **others):
+        calls.append(others)
+        return "stood"
+
+    monkeypatch.setattr(refit_of, "_from_afar", lambda *others: there)
+    monkeypatch.setattr(refit_of, "maximise", maximise)
+    contest = refit_of.Contest(base, base, guide, 30, data, lambda words: None)
+    found = refit_of._attempt(contest, led, again)
+    assert (found.answer == "stood", len(calls)) == (bool(longer), longer)
