@@ -9,7 +9,7 @@ ranks it, and where it led is where its refit begins.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -31,39 +31,80 @@ RACE = ((3, 24, 2), (5, 8, 1), (QUICK, 8, 1))
 WORTHY = 0.5  # of the best gain: what gains less is not worth a refit
 
 
+def leads(
+    current: Candidate, guide: Answer, effects: Sequence[Effect], data: Data, plain: Model
+) -> list[Signature]:
+    """What effects gain where they lead, the most promising first.
+
+    They begin at the rig file's values, and only if nothing gains from there, as these are far off, at the fitted
+    ones; beside other effects where the guide stands, which is about where all of them belong.
+
+    Args:
+        current: the model that they come to.
+        guide: of the same model, whose gains hold.
+        effects: to try.
+        data: recordings.
+        plain: the model as it came.
+    """
+    q = guide.question
+    starts = [guide.p] if current.effects else [q.model.vector(current.rig.parameters), guide.p]
+    alone = min(steered_fit(q, start, q.model, guide.filtered, QUICK).loss for start in starts)
+    rows = int(np.isfinite(guide.filtered.innovations[0]).sum())
+    for start in starts:
+        ground = _Ground.of(current.rig, guide, data, plain, start)
+        running = [lead for effect in effects for lead in _begun(ground, effect)]
+        for evaluations, most, alike in RACE:
+            running = _ahead([lead.further(guide, evaluations) for lead in running], most, alike)
+        gains = [rows * (1.0 - lead.at.loss / alone) for lead in running]  # of as many squares as rows
+        if gains and gains[0] > 0.0:
+            worthy = [gain > WORTHY * gains[0] for gain in gains]
+            return [
+                lead.signature(gain) for lead, gain, good in zip(running, gains, worthy, strict=True) if good
+            ]
+    return []
+
+
+def stood(current: Candidate, led: Signature, guide: Answer, data: Data, plain: Model) -> Answer | None:
+    """A model with an effect where it led to, its states as quiet as the guide's; ``None`` if that is no model."""
+    question = data.question(grown(current.rig, led.effect), plain)
+    p = question.model.vector({**question.rig.parameters, **led.beside, **led.effect.qualified(led.values)})
+    here = Place(question, p, Noise(question.measurement, question.groups, guide.noise.levels))
+    if not math.isfinite(here.score):
+        return None
+    here.glance()
+    return here.answer(False)
+
+
 @dataclass(frozen=True, eq=False)
 class _Ground:
-    """Where leads begin: parameters by name, and what the model without the effect can do there by itself.
+    """Where leads begin.
 
     Attributes:
-        values: of all parameters, by name.
+        rig: without the effect.
         guide: whose gains hold.
+        data: recordings.
         plain: the model as it came, whose states alone carry process noise.
-        J: slopes of the scaled innovations by the free parameters, (measured, free).
-        loss: least that the model reaches without an effect.
+        values: of the parameters there, by name.
+        slopes: of the scaled innovations by the free parameters there, in typical sizes, (measured, free).
     """
 
-    values: Mapping[str, float]
+    rig: Rig
     guide: Answer
+    data: Data
     plain: Model
-    J: Array
-    loss: float
+    values: Mapping[str, float]
+    slopes: Array
 
     @classmethod
-    def of(cls, current: Candidate, guide: Answer, plain: Model) -> Self:
+    def of(cls, rig: Rig, guide: Answer, data: Data, plain: Model, start: Array) -> Self:
         q = guide.question
-        fitted = guide.p
-        p = fitted if current.effects else q.model.vector(current.rig.parameters)
-        starts = [fitted] if p is fitted else [p, fitted]
-        led = [steered_fit(q, start, q.model, guide.filtered, QUICK) for start in starts]
-        P = np.tile(p, (len(q.free) + 1, 1))
-        steps = np.where(p[list(q.free)] + NUDGES[1] * q.typical > q.high, -NUDGES[1], NUDGES[1])
-        P[range(1, len(P)), list(q.free)] += steps * q.typical
+        free = list(q.free)
+        P = np.tile(start, (len(free) + 1, 1))
+        steps = np.where(start[free] + NUDGES[1] * q.typical > q.high, -NUDGES[1], NUDGES[1])
+        P[range(1, len(P)), free] += steps * q.typical
         here, *others = innovations(q, P, q.model, guide.filtered)
-        values = dict(zip((one.name for one in q.model.parameters), p.tolist(), strict=True))
-        return cls(
-            values, guide, plain, ((np.array(others) - here) / steps[:, None]).T, min(one.loss for one in led)
-        )
+        values = dict(zip((one.name for one in q.model.parameters), start.tolist(), strict=True))
+        return cls(rig, guide, data, plain, values, ((np.array(others) - here) / steps[:, None]).T)
 
     def placed(self, question: Question, own: Mapping[str, float]) -> Array:
         """All parameters of a question with an effect's `own`, by qualified name."""
@@ -79,84 +120,45 @@ class _Ground:
         found = np.empty(len(P))
         for k, z in enumerate(innovations(question, P, self.guide.question.model, self.guide.filtered)):
             root = np.sqrt(np.minimum(1.0, FAR / np.maximum(np.abs(z), 1e-12)))
-            step = np.linalg.lstsq(self.J * root[:, None], -root * z, rcond=1e-9)[0]
-            rest = np.abs(z + self.J @ step)
+            step = np.linalg.lstsq(self.slopes * root[:, None], -root * z, rcond=1e-9)[0]
+            rest = np.abs(z + self.slopes @ step)
             found[k] = np.where(rest > FAR, FAR * (2.0 * rest - FAR), rest**2).sum()
         return found
 
 
 @dataclass(frozen=True, eq=False)
 class _Lead:
-    """An effect on its way."""
+    """An effect on its way, from parameters of which `beside` are not its own."""
 
     effect: Effect
     question: Question
+    beside: Sequence[str]
     at: Steered
 
-    @property
-    def own(self) -> dict[str, float]:
-        model = self.question.model
-        return {
-            q.name: float(self.at.p[model.index(f"{self.effect.name}.{q.name}")])
-            for q in self.effect.parameters
-        }
-
-    def further(self, ground: _Ground, evaluations: int) -> Self:
+    def further(self, guide: Answer, evaluations: int) -> Self:
         """The same, so many evaluations further; with infinite loss where the model leaves the numbers."""
         try:
-            guide = ground.guide
             at = steered_fit(self.question, self.at.p, guide.question.model, guide.filtered, evaluations)
         except SolveError:
             at = Steered(self.at.p, math.inf)
         return replace(self, at=at)
 
-
-def leads(
-    current: Candidate, guide: Answer, effects: Iterable[Effect], data: Data, plain: Model
-) -> list[Signature]:
-    """What effects leave where they lead, the most promising first.
-
-    Args:
-        current: the model that they come to; without any effect yet they begin at the rig file's values.
-        guide: of the same model, whose gains hold.
-        effects: to try.
-        data: recordings.
-        plain: the model as it came.
-    """
-    ground = _Ground.of(current, guide, plain)
-    running = [lead for effect in effects for lead in _begun(ground, current.rig, effect, data)]
-    for evaluations, most, alike in RACE:
-        running = _ahead([lead.further(ground, evaluations) for lead in running], most, alike)
-    rows = int(np.isfinite(guide.filtered.innovations[0]).sum())
-    signatures = []
-    for lead in running:
-        model, own = lead.question.model, lead.own
-        beside = {name: float(lead.at.p[model.index(name)]) for name in ground.values}
-        gain = rows * (1.0 - lead.at.loss / ground.loss)
-        signatures.append(
-            Signature(lead.effect, own, gain, np.zeros(0), lead.effect.size(own), np.inf, beside)
-        )
-    return [one for one in signatures if one.gain > WORTHY * signatures[0].gain and one.gain > 0.0]
+    def signature(self, gain: float) -> Signature:
+        """For a refit to begin with."""
+        values = dict(zip((q.name for q in self.question.model.parameters), self.at.p.tolist(), strict=True))
+        own = {q.name: values[f"{self.effect.name}.{q.name}"] for q in self.effect.parameters}
+        beside = {name: values[name] for name in self.beside}
+        return Signature(self.effect, own, gain, np.zeros(0), self.effect.size(own), math.inf, beside)
 
 
-def stood(current: Candidate, led: Signature, guide: Answer, data: Data, plain: Model) -> Answer | None:
-    """A model with an effect where it led to, its states as quiet as the guide's; ``None`` if that is no model."""
-    question = data.question(grown(current.rig, led.effect), plain)
-    p = question.model.vector({**question.rig.parameters, **led.beside, **led.effect.qualified(led.values)})
-    here = Place(question, p, Noise(question.measurement, question.groups, guide.noise.levels))
-    if not math.isfinite(here.score):
-        return None
-    here.glance()
-    return here.answer(False)
-
-
-def _begun(ground: _Ground, rig: Rig, effect: Effect, data: Data) -> list[_Lead]:
+def _begun(ground: _Ground, effect: Effect) -> list[_Lead]:
     """The branches of an effect that promise most, where they begin."""
-    question = data.question(grown(rig, effect), ground.plain)
+    question = ground.data.question(grown(ground.rig, effect), ground.plain)
     branches = [effect.qualified({**effect.at_null(), **one}) for one in effect.tries(*heard(ground.guide))]
     P = np.array([ground.placed(question, branch) for branch in branches])
     losses = ground.losses(question, P)
-    return [_Lead(effect, question, Steered(P[k], float(losses[k]))) for k in np.argsort(losses)[:BRANCHES]]
+    first = np.argsort(losses)[:BRANCHES]
+    return [_Lead(effect, question, tuple(ground.values), Steered(P[k], float(losses[k]))) for k in first]
 
 
 def _ahead(running: list[_Lead], most: int, alike: int) -> list[_Lead]:

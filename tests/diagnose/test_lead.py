@@ -1,5 +1,6 @@
 """Where effects lead under held gains: from values that are far off, past a fit that is bent, on the trolley."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -134,3 +135,23 @@ def test_the_best_lead_is_refitted_until_it_stands(worn, again, score, longer, m
     contest = refit_of.Contest(base, base, guide, 30, data, lambda words: None)
     found = refit_of._attempt(contest, led, again)
     assert (found.answer == "stood", len(calls)) == (bool(longer), longer)
+
+
+def test_where_the_rig_files_values_are_far_off_effects_lead_from_the_fitted_ones(worn):
+    """A gain of 40 where 3 is right, held there: nothing that leads from the rig file's values gains."""
+    base, guide, data = worn
+    plain = base.rig.model
+    starts = []
+
+    def held(question, p, *others):
+        starts.append(p[plain.index("gain")])
+        far = starts[-1] > 30.0
+        return Steered(p, 1e9) if far else steered_fit(question, p, *others)
+
+    stated = replace(base.rig, parameters={**base.rig.parameters, "gain": 40.0})
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("optid.diagnose.lead.steered_fit", held)
+        found = leads(replace(base, rig=stated), guide, admitted(plain), data, plain)
+    assert starts[0] == starts[2] == 40.0  # both starts alone, then the effects from the first
+    assert found[0].effect.name == "saturation@drive.command"
+    assert found[0].beside["gain"] == pytest.approx(TRUTH["gain"], rel=0.02)
