@@ -144,7 +144,7 @@ def test_where_the_rig_files_values_are_far_off_effects_lead_from_the_fitted_one
     starts = []
 
     def held(question, p, *others):
-        starts.append(p[plain.index("gain")])
+        starts.append(p[question.model.index("gain")])
         far = starts[-1] > 30.0
         return Steered(p, 1e9) if far else steered_fit(question, p, *others)
 
