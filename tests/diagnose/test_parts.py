@@ -373,17 +373,18 @@ def test_recordings_that_disagree_widen_the_intervals(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("left", "noisy", "led", "asked"),
+    ("left", "ratio", "led", "asked"),
     [
-        (0.01, False, 9, [3]),
-        (0.01, True, 0, [3, 2]),
-        (0.1, True, 0, [3, 3]),
-        (0.01, True, 9, [3, 5, 2, 2]),
-        (0.1, True, 9, [3, 5, 3, 5]),
+        (0.01, 1.1, 9, [3]),
+        (0.01, 9.0, 0, [3, 2]),
+        (0.1, 9.0, 0, [3, 3]),
+        (0.01, 9.0, 9, [3, 5, 2, 2]),
+        (0.1, 9.0, 9, [3, 5, 3, 5]),
+        (0.1, 2.0, 9, [3, 9]),  # nothing bends a model that errs by so little
     ],
 )
 def test_a_search_goes_on_while_something_is_left_and_with_few_where_it_is_little(
-    left, noisy, led, asked, monkeypatch
+    left, ratio, led, asked, monkeypatch
 ):
     """Little is left and the windows are at the noise: it ends. They are not: the two best are still tried.
 
@@ -401,7 +402,7 @@ def test_a_search_goes_on_while_something_is_left_and_with_few_where_it_is_littl
 
     monkeypatch.setattr(search_of, "refit", rivals)
     monkeypatch.setattr(search_of, "_thinned", lambda base, current, *others: (current, {}, ()))
-    monkeypatch.setattr(search_of, "excess", lambda judged, noise: 9.0 if noisy or not rounds else 1.1)
+    monkeypatch.setattr(search_of, "excess", lambda judged, noise: ratio if rounds else 9.0)
     monkeypatch.setattr(search_of, "cleared", lambda *others: 1.0 - left)
     for name in ("screen", "admitted", "quieted"):
         monkeypatch.setattr(search_of, name, lambda *others: [SimpleNamespace(name="any")] * 9)
@@ -495,12 +496,17 @@ def test_where_one_explains_all_only_what_resembles_it_is_tried(left, tried, mon
     for name in ("_start_again", "_follow"):
         monkeypatch.setattr(refit_of, name, lambda *others: None)
     effect = SimpleNamespace(name="lost")
-    lost = Rival(effect, None, 0.0, SimpleNamespace(bounded_gain=0.0), "no gain", False)
-    monkeypatch.setattr(refit_of, "_rival", lambda *others: lost)
+    lost, turns = Rival(effect, None, 0.0, SimpleNamespace(bounded_gain=0.0), "no gain", False), []
+    monkeypatch.setattr(refit_of, "_rival", lambda contest, t, turn: turns.append(turn) or lost)
     monkeypatch.setattr(refit_of, "cost", lambda effect: 0.0)
     data = Data((), (), {"position": 2e-5}, np.random.default_rng(0))
-    refit_of.refit(refit_of.Contest(None, None, None, 4, data, lambda words: None), few)
+    contest = refit_of.Contest(None, None, None, 4, data, lambda words: None)
+    refit_of.refit(contest, few)
     assert calls == tried
+    assert turns == list(range(len(tried)))
+    turns.clear()
+    refit_of.refit(contest, few, [lost, lost])
+    assert turns == list(range(2, 2 + len(tried)))  # each turn has half of the error rate that is left
 
 
 @pytest.mark.parametrize(("noise_left", "settled"), [(1.1, 1), (1.5, 0)])
