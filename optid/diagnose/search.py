@@ -215,19 +215,18 @@ def _thinned(
 ) -> tuple[Candidate, dict[str, Candidate], tuple[Effect, ...]]:
     """Without the effects that a later one made idle; what each of the others is needed for; those dropped.
 
-    `before` is the model before the last effect, which has just been confirmed in the others' presence.
+    `before` is the model before the last effect.
     """
     dropped: list[Effect] = []
     while True:
         without: dict[str, Candidate] = {}
         weakest: tuple[float, Effect, Candidate] | None = None
         for effect in current.effects:
-            if before.effects == current.effects[:-1] and effect is current.effects[-1]:
-                without[effect.name] = before
-                continue
             report(0.92, f"whether {effect.name} is still needed")
             others = tuple(e for e in current.effects if e is not effect)
             one = refitted(base.rig, others, current, data, plain) if others else base
+            if before.effects == others:  # it may have stood on a lower top than where the last effect led
+                one = min(before, one, key=lambda found: found.answer.score)
             without[effect.name] = one
             loss = compare(one.judged, current.judged, data.generator)
             needed = stats.chi2.isf(LEVEL, len(effect.parameters)) + cost(effect)

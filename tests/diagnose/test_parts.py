@@ -241,6 +241,29 @@ def test_an_unconfirmed_step_counts_only_if_the_next_is_confirmed(second, monkey
     assert [one.winner is not None for one in found.rounds][:2] == [False, second]
 
 
+@pytest.mark.parametrize(("again", "kept"), [(-995.0, ["offset"]), (-100.0, ["offset", "delay"])])
+def test_the_last_effect_must_be_needed_from_where_it_led_too(again, kept, monkeypatch):
+    """A delay may have been confirmed only because the model before it had stopped at a wrong skew."""
+    offset, delay = (SimpleNamespace(name=name, parameters=(1,)) for name in ("offset", "delay"))
+
+    def model(effects, score):
+        return Candidate(effects, SimpleNamespace(), SimpleNamespace(score=score, p=None), None)
+
+    base, before, both = model((), 0.0), model((offset,), -50.0), model((offset, delay), -1000.0)
+    monkeypatch.setattr(
+        search_of, "refitted",
+        lambda rig, effects, *others: model(effects, again if effects == (offset,) else -60.0),
+    )  # fmt: skip
+    monkeypatch.setattr(search_of, "settled", lambda effects, rig, p, answer, *others: model(effects, again))
+    monkeypatch.setattr(search_of, "compare", lambda *others: SimpleNamespace(p_value=0.001, gain=1.0))
+    data = Data((), (), {}, np.random.default_rng(0))
+    best, without, dropped = search_of._thinned(base, both, before, data, None, lambda share, words: None)
+    assert [effect.name for effect in best.effects] == kept
+    assert [effect.name for effect in dropped] == (["delay"] if len(kept) == 1 else [])
+    if len(kept) == 2:
+        assert without["delay"].answer.score == -100.0
+
+
 @pytest.mark.parametrize("led", [True, False])
 @pytest.mark.parametrize("left", [3.0, 9.0])
 def test_the_effect_that_led_best_goes_on_unconfirmed_from_where_it_led(led, left, monkeypatch):
