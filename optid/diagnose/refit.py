@@ -111,7 +111,7 @@ def refit(c: Contest, few: Sequence[Signature], before: Sequence[Rival] = ()) ->
     tried.sort(key=lambda t: t.answer.score)
     _start_again(c, tried)
     _follow(c, tried)
-    rivals = [_rival(c, t, len(before) + place) for place, t in enumerate(tried)]
+    rivals = [_rival(c, t, place) for place, t in enumerate(tried)]
     first = min(range(len(tried)), key=lambda place: _order(rivals[place]), default=None)
     # Where much is missing still, more than the last units of likelihood would close is left open.
     if (
@@ -120,11 +120,14 @@ def refit(c: Contest, few: Sequence[Signature], before: Sequence[Rival] = ()) ->
         and excess(rivals[first].candidate.judged, c.data.noise) <= EXCESS
     ):
         _settle(c, tried[first])
-        rivals[first] = _rival(c, tried[first], len(before) + first)
+        rivals[first] = _rival(c, tried[first], first)
     likeliest_of: dict[str, Rival] = {}
     for rival in sorted([*before, *rivals], key=lambda one: -one.train_gain):
         likeliest_of.setdefault(rival.effect.name, rival)
-    return _foremost(sorted(likeliest_of.values(), key=_order))
+    both = list(likeliest_of.values())
+    if before:  # they take their turns together
+        both = [replace(rival, why=_reason(c, rival, place)) for place, rival in enumerate(both)]
+    return _foremost(sorted(both, key=_order))
 
 
 def _foremost(rivals: list[Rival]) -> list[Rival]:
@@ -222,10 +225,18 @@ def _rival(c: Contest, t: _Refit, place: int) -> Rival:
     gain = c.current.answer.score - t.answer.score
     against = compare(c.current.judged, candidate.judged, c.data.generator)
     misfit = _misfit(t, gain, c.screened)
-    why = misfit or _unproven(against, place)
-    if not why and c.current.effects and excess(candidate.judged, c.data.noise) > EXCESS:
-        why = _formal(c, candidate)
-    return Rival(t.effect, candidate, gain, against, why, not misfit)
+    rival = Rival(t.effect, candidate, gain, against, misfit, not misfit)
+    return replace(rival, why=_reason(c, rival, place))
+
+
+def _reason(c: Contest, rival: Rival, place: int) -> str:
+    """Why a rival is not taken, in its turn by likelihood; empty if it may be."""
+    if not rival.hopeful:
+        return rival.why
+    why = _unproven(rival.against, place)
+    if not why and c.current.effects and excess(rival.candidate.judged, c.data.noise) > EXCESS:
+        why = _formal(c, rival.candidate)
+    return why
 
 
 def _order(rival: Rival) -> tuple[bool, float]:

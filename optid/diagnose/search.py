@@ -142,11 +142,13 @@ def _round(
         # What is missing may hide in the process noise: look with less of it, too.
         guide = guide or quieted(current.answer, QUIETER)
         tight = screen(guide, data.train, effects)
-    guide, afar = guide or current.answer, afar and much > ABOUT
+    # Few samples of a slow plant never tell a bent model from a right one.
+    guide, few = guide or current.answer, data.misfit is not None
+    afar = afar and (much > ABOUT or few)
     contest = Contest(base, current, guide, len(signatures), data, tell)
     rivals = refit(contest, _promising(signatures, tight)[: most or (SECOND if afar else None)])
     led: list[Signature] = []
-    if afar and all(one.why or excess(one.candidate.judged, data.noise) > ABOUT for one in rivals):
+    if afar and (few or all(one.why or excess(one.candidate.judged, data.noise) > ABOUT for one in rivals)):
         tell("where effects lead from afar")
         led = leads(current, guide, effects, data, base.rig.model)[: most or REFITS]
         rivals = refit(contest, led, rivals) if led else rivals
