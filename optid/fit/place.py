@@ -224,9 +224,8 @@ class Place:
         if not length > 1.0:
             return self.slopes
         old, new = self.filtered, there.filtered
-        with np.errstate(
-            invalid="ignore"
-        ):  # slopes may have left the numbers here and there: `expanded` passes those over
+        # Slopes may have left the numbers here and there: `expanded` passes those over.
+        with np.errstate(invalid="ignore"):
             missed_e = new.innovations[0] - old.innovations[0] - self.slopes.innovations @ s
             missed_v = np.log(new.variances[0] / old.variances[0]) - self.slopes.variances @ s
             update = along / length
