@@ -242,7 +242,10 @@ def test_an_unconfirmed_step_counts_only_if_the_next_is_confirmed(second, monkey
     assert [one.winner is not None for one in found.rounds][:2] == [False, second]
 
 
-@pytest.mark.parametrize(("again", "kept"), [(-995.0, ["offset"]), (-100.0, ["offset", "delay"])])
+@pytest.mark.parametrize(
+    ("again", "kept"),
+    [(-995.0, ["offset"]), (-100.0, ["offset", "delay"]), (-10.0, ["offset", "delay"])],  # -50 before
+)
 def test_the_last_effect_must_be_needed_from_where_it_led_too(again, kept, monkeypatch):
     """A delay may have been confirmed only because the model before it had stopped at a wrong skew."""
     offset, delay = (SimpleNamespace(name=name, parameters=(1,)) for name in ("offset", "delay"))
@@ -262,7 +265,7 @@ def test_the_last_effect_must_be_needed_from_where_it_led_too(again, kept, monke
     assert [effect.name for effect in best.effects] == kept
     assert [effect.name for effect in dropped] == (["delay"] if len(kept) == 1 else [])
     if len(kept) == 2:
-        assert without["delay"].answer.score == -100.0
+        assert without["delay"].answer.score == min(again, -50.0)
 
 
 @pytest.mark.parametrize("led", [True, False])
