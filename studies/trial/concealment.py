@@ -1,24 +1,27 @@
 """How well an effect hides: what a refit of the base parameters would leave of it, and when it acts.
 
 All from the independent rig itself: the true path, the path without the effect from the same states, and what the
-base parameters and the states at each window's start can do about the difference (physics catalogue A.5).
+base parameters, a skew between the channels and the states at each window's start can do about the difference
+(physics catalogue A.5).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from studies.independent_rig import Rig, Run, replay, simulate
 from studies.independent_rig.rig import Array
 from studies.independent_rig.states import CREEP_A, CREEP_B, GEAR, PA, PB, SEEN, SEEN2, V2, WAY, X2, V, X
-from studies.trial.case import Case, Hidden, with_effects
+from studies.trial.case import Case, Hidden
 from studies.trial.record import DT, HELD_OUT, TRAIN, Recorded, wanted
 
 WINDOW = 500  # samples
 STRIDE, HORIZON = 5, 5  # samples between, and length of, the short replays that show when an effect acts
 STEP = 5e-5
+SKEW = 0.2  # samples by which the position is read later
 BASE = ("viscous", "coulomb", "discharge", "residual_length")
 NUDGES = {X: 5e-5, V: 5e-3, PA: 1e3, PB: 1e3}  # m, m/s, Pa
 ALONG = {
@@ -49,11 +52,10 @@ class Trace:
     rise: float
 
 
-def trace(recorded: Recorded, without: Rig) -> Trace:
+def trace(recorded: Recorded, without: Case) -> Trace:
     """The trace of what `without` lacks, over the recordings for fitting."""
-    case = recorded.case
     blocks = [
-        _window(case, run, without, first)
+        _window(recorded.case, run, without, first)
         for name, run in recorded.runs.items()
         if name != HELD_OUT
         for first in range(0, len(run.t) - WINDOW, 2 * WINDOW)  # every second window shows it well enough
@@ -70,22 +72,45 @@ def trace(recorded: Recorded, without: Rig) -> Trace:
     return Trace(raw, left, absorbed, float(np.sqrt(1.0 + left**2 / len(d)) - 1.0))
 
 
-def _window(case: Case, run: Run, without: Rig, first: int) -> tuple[Array, Array, Array]:
-    """Difference, tangents of the base parameters, tangents of the start: in sd, stacked channels."""
-    share, y = run.command / case.controller.limit, run.states[first]
+def _window(case: Case, run: Run, without: Case, first: int) -> tuple[Array, Array, Array]:
+    """Difference, tangents of what is fitted, tangents of the start: in sd, stacked channels."""
+    y, drift = run.states[first], without.recorded_with.clock_drift
 
-    def path(rig: Rig, start: Array) -> Array:
-        states, clean = replay(rig, share, start, first, WINDOW, step=STEP)
+    def path(rig: Rig, start: Array, late: float = 0.0) -> Array:
+        clean, states = read(case, rig, drift, run.command, start, first, WINDOW, late)
         return _scaled(case, clean, states)
 
-    end = first + WINDOW
-    plain = path(without, y)
-    shared = [(path(_scaled_up(without, name), y) - plain) for name in BASE]
-    own = []
-    for index, nudge in NUDGES.items():
-        own.append(path(without, moved(y, {index: nudge})) - plain)
-    true = _scaled(case, run.clean[first:end], run.states[first:end])
+    plain = path(without.rig, y)
+    shared = [path(_scaled_up(without.rig, name), y) - plain for name in BASE]
+    shared.append(path(without.rig, y, SKEW) - plain)
+    own = [path(without.rig, moved(y, {index: nudge})) - plain for index, nudge in NUDGES.items()]
+    at = (first + np.arange(WINDOW)) * (1.0 + case.recorded_with.clock_drift)
+    seen = np.interp(at, np.arange(len(run.t)), run.clean)
+    true = _scaled(case, seen, run.states[first : first + WINDOW])
     return true - plain, np.stack(shared, axis=1), np.stack(own, axis=1)
+
+
+def read(
+    case: Case, rig: Rig, drift: float, command: Array, y: Array, first: int, count: int, late: float = 0.0
+) -> tuple[Array, Array]:
+    """What a rig's position sensor says from `first` on by its clock, and the states by the table's.
+
+    Args:
+        case: whose controller it is.
+        rig: that moves.
+        drift: of the sensor's clock, as a share.
+        command: V, of the whole recording.
+        y: state at `first`.
+        first, count: samples.
+        late: by how many samples more it reads.
+
+    Returns:
+        Readings, m, NaN where the clock asks for what is not there, and states, (count, states).
+    """
+    at = (first + np.arange(count)) * (1.0 + drift) + late - first  # samples, as `recording` reads them
+    last = min(first + max(count, math.ceil(at[-1]) + 1), len(command))
+    states, clean = replay(rig, command / case.controller.limit, y, first, last - first, step=STEP)
+    return np.interp(at, np.arange(len(clean)), clean, left=np.nan, right=np.nan), states[:count]
 
 
 def moved(y: Array, by: dict[int, float]) -> Array:
@@ -108,7 +133,7 @@ def _scaled(case: Case, clean: Array, states: Array) -> Array:
     channels = [clean / np.hypot(s.position_noise, s.quantum / np.sqrt(12.0))]
     if case.with_pressures:
         channels += [states[:, PA] / s.pressure_noise, states[:, PB] / s.pressure_noise]
-    return np.concatenate(channels)
+    return np.nan_to_num(np.concatenate(channels))  # what no clock reads shows nothing
 
 
 def traces(recorded: Recorded) -> tuple[Trace | None, list[Trace]]:
@@ -117,12 +142,12 @@ def traces(recorded: Recorded) -> tuple[Trace | None, list[Trace]]:
     if not case.hidden:
         return None, []
     each = [trace(recorded, without_one(case, effect)) for effect in case.hidden]
-    return (each[0] if len(each) == 1 else trace(recorded, case.plain)), each
+    return (each[0] if len(each) == 1 else trace(recorded, replace(case, hidden=()))), each
 
 
-def without_one(case: Case, effect: Hidden) -> Rig:
-    """The rig without one of its effects."""
-    return with_effects(case.plain, tuple(other for other in case.hidden if other is not effect))
+def without_one(case: Case, effect: Hidden) -> Case:
+    """The case without one of its effects."""
+    return replace(case, hidden=tuple(other for other in case.hidden if other is not effect))
 
 
 def loop_shows(recorded: Recorded) -> float:
@@ -163,7 +188,9 @@ def hidden_by(case: Case, found: Trace, active: float, tracking: float) -> list[
 
 def acts_when(case: Case, run: Run, effect: Hidden) -> list[tuple[float, float]]:
     """Intervals (s) in which an effect's contribution exceeds a tenth of its largest."""
-    share, without = run.command / case.controller.limit, without_one(case, effect)
+    share, without = run.command / case.controller.limit, without_one(case, effect).rig
+    if without == case.rig:  # it acts on the clock, and so always
+        return [(round(float(run.t[0]), 4), round(float(run.t[-1]), 4))]
     starts = range(0, len(run.t) - HORIZON - 1, STRIDE)
     strength = np.array([_contribution(case, without, share, run, first) for first in starts])
     top = np.quantile(strength, 0.99)

@@ -7,15 +7,13 @@ left is noise, and what noise does to the start.
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
-from studies.independent_rig import Run, replay
+from studies.independent_rig import Run
 from studies.independent_rig.rig import Array
 from studies.independent_rig.states import PA, PB, V, X
 from studies.trial.case import Case
-from studies.trial.concealment import NUDGES, STEP, WINDOW, moved
+from studies.trial.concealment import NUDGES, WINDOW, moved, read
 from studies.trial.record import HELD_OUT, Recorded
 
 MEMORY = 1000  # samples before a window that tell its start
@@ -61,9 +59,5 @@ def _estimated(case: Case, run: Run, measured: Array, first: int, begin: int) ->
 
 
 def _reading(case: Case, command: Array, y: Array, first: int, count: int) -> Array:
-    """What the sensor says from `first` on; NaN where its clock asks for what is not there."""
-    drift = case.recorded_with.clock_drift
-    last = min(first + count + 1 + math.ceil(max(drift, 0.0) * (first + count)), len(command))
-    clean = replay(case.rig, command / case.controller.limit, y, first, last - first, step=STEP)[1]
-    at = (first + np.arange(count)) * (1.0 + drift) - first  # samples, as `recording` reads them
-    return np.interp(at, np.arange(len(clean)), clean, left=np.nan, right=np.nan)
+    """What the sensor says from `first` on."""
+    return read(case, case.rig, case.recorded_with.clock_drift, command, y, first, count)[0]

@@ -17,7 +17,7 @@ from studies.trial import running, scoring
 from studies.trial.board import Rate, board, conformal, rates, spreads, text
 from studies.trial.case import SIZES, Case, Hidden, case_from
 from studies.trial.compose import compose
-from studies.trial.concealment import Trace, acts_when, hidden_by, trace
+from studies.trial.concealment import Trace, acts_when, hidden_by, trace, traces
 from studies.trial.drawing import Order, draw
 from studies.trial.excitation import STYLES
 from studies.trial.judging import Ran, judge
@@ -156,13 +156,14 @@ def stribeck():
 
 
 def test_a_refit_absorbs_what_a_parameter_can_do(stribeck):
-    found = trace(stribeck, stribeck.case.rig._replace(viscous=71.0))
+    one = stribeck.case
+    found = trace(stribeck, replace(one, base={**one.base, "viscous": 1.1 * one.base["viscous"]}))
     assert found.raw > 3.0
     assert found.absorbed > 0.99
 
 
 def test_a_refit_cannot_absorb_sticking(stribeck):
-    found = trace(stribeck, stribeck.case.plain)
+    found = trace(stribeck, replace(stribeck.case, hidden=()))
     assert found.left > 100.0
     assert found.absorbed < 0.9
     assert found.rise > 0.5
@@ -203,6 +204,16 @@ def test_the_oracle_reads_by_the_sensors_clock(drift):
     """By the command's clock alone it is 4 ms off in the end: a tenth of a millimetre and more."""
     drifting = case(Hidden("clock_drift", "sensor", "large", {"clock_drift": drift}))
     assert 0.9 < oracle_rmse(record(drifting, 2.0)) / 0.03e-3 < 1.5
+
+
+def test_a_drifting_clock_leaves_a_trace_and_acts_all_the_time():
+    """2 ms in a second, beyond what a constant skew makes up for, shows in 2 s of lively motion."""
+    drifting = record(case(Hidden("clock_drift", "sensor", "large", {"clock_drift": 2e-3})), 2.0)
+    (found,) = traces(drifting)[1]
+    assert found.left > 10.0
+    assert acts_when(drifting.case, drifting.runs["steps"], drifting.case.hidden[0]) == [(0.0, 1.999)]
+    still = record(case(Hidden("clock_drift", "sensor", "large", {"clock_drift": 0.0})), 2.0)
+    assert traces(still)[1][0].raw < 1e-6
 
 
 def test_overlaps():
