@@ -5,6 +5,7 @@ from __future__ import annotations
 import enum
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from optid.diagnose.judge import EXCESS, Comparison, cleared, compare, excess
 from optid.diagnose.law import law_at
 from optid.diagnose.refit import LEVEL, own_values
 from optid.diagnose.residuals import Residuals, residual_tests
-from optid.diagnose.rivals import indistinguishable
+from optid.diagnose.rivals import compared, indistinguishable
 from optid.diagnose.screen import Signature, screen
 from optid.diagnose.search import DEEPEST, Search, search
 from optid.diagnose.uncertainty import disagreement, estimates, resolution
@@ -179,6 +180,11 @@ def diagnose(
         found = replace(
             found, best=settled(rough.effects, rough.rig, rough.answer.p, rough.answer, data, rig.model)
         )
+    if found.best.effects and (_stands(found, data) or excess(found.best.judged, noise) <= EXCESS):
+        named = found.best.effects
+        found = compared(found, own, data, partial(report, 0.94))
+        if found.best.effects != named:
+            last = tuple(screen(found.best.answer, data.train, admitted(found.best.rig.model, own)))
     report(0.95, "intervals and residual tests")
     least = resolution(found.best)
     if found.best.effects and excess(found.best.judged, noise) > EXCESS:
@@ -350,6 +356,11 @@ def _rejected(found: Search, best: Candidate, closest: Closest | None) -> tuple[
                     )
     for effect in found.dropped:
         reasons[effect.name] = "idle once the others are there"
+    for name, others in found.instead.items():
+        for other in others:
+            less = other.candidate.answer.score - best.answer.score
+            if name in kept and less > 0.0 and not other.level:
+                reasons[other.effect.name] = f"in its place {name} explains more (by {less:.0f})"
     return tuple(reasons.items())
 
 

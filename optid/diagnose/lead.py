@@ -32,7 +32,13 @@ WORTHY = 0.5  # of the best gain: what gains less is not worth a refit
 
 
 def leads(
-    current: Candidate, guide: Answer, effects: Sequence[Effect], data: Data, plain: Model
+    current: Candidate,
+    guide: Answer,
+    effects: Sequence[Effect],
+    data: Data,
+    plain: Model,
+    *,
+    near: bool = False,
 ) -> list[Signature]:
     """What effects gain where they lead, the most promising first.
 
@@ -45,9 +51,10 @@ def leads(
         effects: to try.
         data: recordings.
         plain: the model as it came.
+        near: begin where the guide stands in any case.
     """
     q = guide.question
-    starts = [guide.p] if current.effects else [q.model.vector(current.rig.parameters), guide.p]
+    starts = [guide.p] if near or current.effects else [q.model.vector(current.rig.parameters), guide.p]
     alone = min(steered_fit(q, start, q.model, guide.filtered, QUICK).loss for start in starts)
     rows = int(np.isfinite(guide.filtered.innovations[0]).sum())
     for start in starts:

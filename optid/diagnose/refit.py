@@ -101,7 +101,7 @@ def refit(c: Contest, few: Sequence[Signature], before: Sequence[Rival] = ()) ->
     tried: list[_Refit] = []
     whole: list[_Refit] = []
     for signature in few:
-        if whole and not any(_alike(signature, t) for t in whole):
+        if whole and not any(alike(signature.effect, t.effect) for t in whole):
             continue  # one explains all there is: only what resembles it could do as well
         c.tell(f"trying {signature.effect.name}")
         with contextlib.suppress(SolveError):  # with this effect the model may leave the numbers at once
@@ -166,7 +166,7 @@ def _start_again(c: Contest, tried: list[_Refit]) -> None:
     if _misfit(best, gain, c.screened):
         return
     for t in tried:
-        if _alike(t, best) and c.current.answer.score - t.answer.score < ALIKE * gain:
+        if alike(t.effect, best.effect) and c.current.answer.score - t.answer.score < ALIKE * gain:
             c.tell(f"starting again with {t.effect.name}")
             with contextlib.suppress(SolveError):
                 t.answer = min(t.answer, _beside(c, t, best), key=lambda answer: answer.score)
@@ -178,10 +178,6 @@ def _explains_all(c: Contest, t: _Refit) -> bool:
     judged = judge(t.answer, c.data.holdout)
     near = all(s.rmse <= ABOUT * c.data.noise.get(role, 0.0) for role, s in judged.scores.items())
     return near and excess(judged, c.data.noise) <= EXCESS
-
-
-def _alike(one: _Refit | Signature, other: _Refit) -> bool:
-    return one.effect.name in other.effect.look_alikes or other.effect.name in one.effect.look_alikes
 
 
 def _beside(c: Contest, t: _Refit, best: _Refit) -> Answer:
@@ -199,8 +195,8 @@ def _follow(c: Contest, tried: list[_Refit]) -> None:
     here = c.current.answer.score
     gains = [here - t.answer.score for t in tried]
     for place, (t, gain) in enumerate(zip(tried, gains, strict=True)):
-        alike = _alike(t, tried[0])
-        near = place < (3 if alike else 2) and gain > (ALIKE if alike else NEAR) * gains[0]
+        twin = alike(t.effect, tried[0].effect)
+        near = place < (3 if twin else 2) and gain > (ALIKE if twin else NEAR) * gains[0]
         if near and t.size > TINY:
             c.tell(f"refitting with {t.effect.name}")
             start = followed(t.answer, c.guide.noise.levels, SCANNED)
@@ -242,6 +238,11 @@ def _reason(c: Contest, rival: Rival, place: int) -> str:
 def _order(rival: Rival) -> tuple[bool, float]:
     """The best first, of two as good the one with fewer parameters; those with a reason against them last."""
     return bool(rival.why), cost(rival.effect) - rival.train_gain - rival.against.bounded_gain
+
+
+def alike(one: Effect, other: Effect) -> bool:
+    """Either is known to be easily confused with the other."""
+    return one.name in other.look_alikes or other.name in one.look_alikes
 
 
 def cost(effect: Effect) -> float:

@@ -68,6 +68,21 @@ class _Look:
 
 
 @dataclass(frozen=True, eq=False)
+class Instead:
+    """A model with a look-alike in the place of an effect.
+
+    Attributes:
+        effect: the look-alike.
+        candidate: the model.
+        level: whether prediction errors under the same held gains tell the two apart as little as they tell anything.
+    """
+
+    effect: Effect
+    candidate: Candidate
+    level: bool
+
+
+@dataclass(frozen=True, eq=False)
 class Search:
     """How the search went.
 
@@ -76,6 +91,7 @@ class Search:
         rounds: every step.
         without: the best model without one of its effects, by that effect's name.
         dropped: effects that a later one made idle.
+        instead: models with a look-alike in the place of an effect, by that effect's name.
     """
 
     base: Candidate
@@ -83,6 +99,7 @@ class Search:
     rounds: tuple[Round, ...]
     without: Mapping[str, Candidate] = field(default_factory=dict)
     dropped: tuple[Effect, ...] = field(default=())
+    instead: Mapping[str, tuple[Instead, ...]] = field(default_factory=dict)
 
 
 def search(base: Candidate, own: Sequence[Effect], data: Data, report: Report) -> Search:

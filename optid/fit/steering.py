@@ -17,6 +17,7 @@ from optid.errors import SolveError
 from optid.fit.likelihood import FAR, Filtered, run_steered
 from optid.fit.place import NUDGES, REACH, Question
 
+TOLERANCE = 1e-3  # of the loss, that a step must gain for the search to go on
 LOST = 1e3  # sd: an innovation of a model that has left the numbers
 
 
@@ -81,7 +82,7 @@ def steered_fit(q: Question, p: Array, plain: Model, guide: Filtered, iterations
         raise SolveError("the simulation leaves the numbers at the start values; check them and their units")
     found = least_squares(
         residuals, start, slopes, bounds=(low, high), loss="huber", f_scale=FAR, max_nfev=iterations,
-        ftol=1e-3, xtol=1e-6, gtol=1e-12,
+        ftol=TOLERANCE, xtol=1e-6, gtol=1e-12,
     )  # fmt: skip
     best = p.copy()
     best[free] = np.clip(found.x * q.typical, q.low, q.high)
