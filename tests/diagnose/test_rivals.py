@@ -1,14 +1,16 @@
 """Look-alikes in the place of what was named: told to be as good, put in its place, or left where they do worse."""
 
+from dataclasses import replace
 from types import MappingProxyType, SimpleNamespace
 
 import numpy as np
 import pytest
 
 from optid.core.parameter import Parameter
+from optid.diagnose import rivals
 from optid.diagnose.candidate import Data, fit_base, refitted, settled
 from optid.diagnose.rivals import compared, indistinguishable
-from optid.diagnose.search import Round, Search
+from optid.diagnose.search import Instead, Round, Search
 from optid.effects.effect import Effect
 from tests.diagnose.trolley import TRUTH, recording, rig
 
@@ -101,6 +103,26 @@ def test_what_is_not_alike_has_no_part_in_it(pushed):
     assert indistinguishable(after, TILT, data) == ()
 
 
+@pytest.mark.parametrize(("level", "names"), [(True, ("offset_in_two",)), (False, ())])
+def test_what_held_gains_cannot_tell_apart_is_told_though_likelihood_differs(pushed, level, names):
+    """How friction rests, which a search finds or misses, makes hundreds of units between two names of one force."""
+    found, data = pushed
+    search = found(TILT)
+    instead = {"tilt": (Instead(TWO, search.base, level),)}
+    assert indistinguishable(replace(search, instead=instead), TILT, data) == names
+
+
+@pytest.mark.parametrize(("p_value", "best"), [(0.5, "tilt"), (0.01, "offset_in_two")])
+def test_a_better_fit_takes_the_place_unless_the_hold_out_prefers_the_named_one(
+    pushed, p_value, best, monkeypatch
+):
+    found, data = pushed
+    monkeypatch.setattr(rivals, "compare", lambda *others: SimpleNamespace(p_value=p_value))
+    after = compared(found(TWO), (TILT, TWO), data, lambda words: None)
+    assert [effect.name for effect in after.best.effects] == [best]
+    assert list(after.instead) == [best]
+
+
 def test_rivals_of_its_round_that_do_as_well_are_told_too(pushed):
     found, data = pushed
     search, other = found(TILT), found(TWO)
@@ -110,7 +132,7 @@ def test_rivals_of_its_round_that_do_as_well_are_told_too(pushed):
 
     mine = rival(TILT, search.best, 1000.0)
     for gain, names in ((950.0, ("offset_in_two",)), (800.0, ())):
-        rivals = (mine, rival(TWO, other.best, gain), rival(SAG, search.base, 990.0))
-        one = Round(search.base, (), rivals, mine, mine)
+        those = (mine, rival(TWO, other.best, gain), rival(SAG, search.base, 990.0))
+        one = Round(search.base, (), those, mine, mine)
         with_round = Search(search.base, search.best, (one,), search.without)
         assert indistinguishable(with_round, TILT, data) == names
