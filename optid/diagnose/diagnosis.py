@@ -324,7 +324,9 @@ def _nameless(base: Candidate, sites: Sequence[Located], data: Data) -> Finding:
     measured = np.isfinite(base.answer.filtered.innovations[0])
     where = region(base.answer, np.where(measured, spread, np.nan), data.train)
     kind = first.site.partition(".")[0]
-    near = [one.site for one in sites[1:] if one.gain > 0.95 * first.gain]
+    near = [
+        one.site for one in sites[1:] if compare(one.judged, first.judged, data.generator).p_value > LEVEL
+    ]
     also = f"; {', '.join(near)} would do nearly as well" if near else ""
     words = f"an unknown signal at {first.site} explains the recordings best{also}"
     none = Comparison(0.0, 0.0, 1.0, 0.0, 0.0)

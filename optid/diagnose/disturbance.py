@@ -1,11 +1,14 @@
 """An unknown signal at a site: estimated with the states, it shows which equation is wrong, and by how much.
 
 The signal is a random walk whose step is estimated by likelihood; the site at which it explains the recordings
-best is where physics is missing (the diffusion terms of Kristensen, Madsen and Jorgensen 2004, one at a time).
+best is where physics is missing (the diffusion terms of Kristensen, Madsen and Jorgensen 2004, one at a time). It alone
+is uncertain: were the states free to err as well, they would take over what is missing in one equation, and the signal
+would be left with what that takes badly, at another site.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -18,10 +21,10 @@ from optid.diagnose.candidate import Candidate, Data
 from optid.diagnose.instrument import Instrument
 from optid.diagnose.judge import Judged, judge
 from optid.errors import SolveError
-from optid.fit.likelihood import WHOLE, run_steered
-from optid.fit.place import Answer
+from optid.fit.likelihood import WHOLE, Noise, run_steered
+from optid.fit.place import Answer, Place
 from optid.fit.problem import pose
-from optid.fit.scoring import maximise
+from optid.fit.scoring import likeliest, maximise
 from optid.rigs.rigfile import with_effects
 
 # Where a disturbance stands for all that can go wrong at a kind of site; other plants' sites stand for themselves.
@@ -30,7 +33,9 @@ TYPICAL = (
     ("valve.command",), ("flow.chamber_a",), ("flow.chamber_b",), ("flow.chamber_a", "flow.chamber_b"),
     ("force.external",), ("sensor.position",),
 )  # fmt: skip
-QUIETER = -3.0  # log: the states' own noise is started this much lower, so that the signal can take over
+LOUD = 100.0  # times what shows: a walk's usual step by the square root of a second, the middle of its levels
+STEPS = (-9.0, -7.5, -6.0, -5.0, -4.0, -3.0, -2.0, -1.0, 0.0, 1.0, 2.0)  # log levels at which it is tried
+SEARCH = 15  # iterations from the likeliest of these
 
 
 class Disturbance(Instrument):
@@ -53,7 +58,7 @@ class Located:
 
     Attributes:
         site: of the plant, as "flow.chamber_a"; of several the one with the larger signal.
-        gain: fall of -2 log likelihood against the states' own noise alone.
+        gain: fall of -2 log likelihood against the model with no noise but the measurement's.
         signal: estimated from the past at each sample, in the site's own unit, (samples,).
         answer: the fit with the signal.
         judged: that fit on the hold-out.
@@ -93,23 +98,30 @@ def locate_at(candidate: Candidate, data: Data, *sites: str) -> Located | None:
     scale = _scale(candidate, data, sites[0])
     if scale is None:
         return None
-    rig = with_effects(candidate.rig, (Disturbance(sites, "1", scale),), {})
+    rig = with_effects(candidate.rig, (Disturbance(sites, "1", LOUD * scale),), {})
     model, plain = rig.model, candidate.rig.model
-    question = data.question(rig, plain)
     own = [state.name for state in model.states]
     walks = tuple(own.index(f"unknown.signal_{k}") for k in range(len(sites)))
-    question = replace(question, groups=(*question.groups, walks))
+    question = replace(data.question(rig, plain), groups=(walks,))
     p = model.vector(rig.parameters)
     p[[model.index(parameter.name) for parameter in plain.parameters]] = candidate.answer.p
-    levels = np.r_[candidate.answer.noise.levels + QUIETER, 0.0]
     try:
-        answer = maximise(question, p, levels, iterations=12, polish=False, near=candidate.answer)
+        start = likeliest(question, [(p, np.array([level])) for level in STEPS])
+        answer = maximise(question, *start, iterations=SEARCH, polish=False, since=candidate.answer.score)
     except SolveError:
         return None  # an unknown signal there takes the model out of the numbers
     signals = answer.filtered.states[0][:, list(walks)]
     most = int(np.argmax(np.nanstd(signals, axis=0)))
-    gain = candidate.answer.score - answer.score
-    return Located(sites[most], gain, signals[:, most], answer, judge(answer, data.holdout))
+    return Located(
+        sites[most], _still(candidate) - answer.score, signals[:, most], answer, judge(answer, data.holdout)
+    )
+
+
+def _still(candidate: Candidate) -> float:
+    """-2 log likelihood of a model with no process noise; of the model as it is where that is no model."""
+    q = replace(candidate.answer.question, groups=())
+    score = Place(q, candidate.answer.p, Noise(q.measurement, (), np.zeros(0))).score
+    return score if math.isfinite(score) else candidate.answer.score
 
 
 def _scale(candidate: Candidate, data: Data, site: str) -> float | None:
