@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from optid.diagnose import diagnosis
 from optid.diagnose.candidate import Data, fit_base
 from optid.diagnose.disturbance import locate, locate_at
 from tests.diagnose.trolley import RATE, recording, rig
@@ -58,3 +59,13 @@ def test_nothing_but_the_signal_is_uncertain(driven):
     names = [state.name for state in found.answer.question.model.states]
     assert [names[i] for group in noise.groups for i in group] == ["unknown.signal_0"]
     assert found.gain > 1e3
+
+
+def test_a_finding_without_a_name_tells_the_sites_that_do_as_well(driven):
+    base, data = driven
+    found = locate(base, data)
+    finding = diagnosis._nameless(base, found, data)
+    assert (finding.effect, finding.place) == (None, found[0].site)
+    other = next(one for one in ("drive.command", "drag.force") if one != found[0].site)
+    assert finding.sentence.endswith(f"explains the recordings best; {other} would do nearly as well")
+    assert finding.train_gain == found[0].gain
