@@ -17,7 +17,7 @@ from optid.core.model import Model
 from optid.diagnose.candidate import QUICK, Candidate, Data
 from optid.diagnose.judge import Judged, compare, judge
 from optid.diagnose.lead import leads
-from optid.diagnose.refit import alike, cost
+from optid.diagnose.refit import alike, cost, own_values
 from optid.diagnose.screen import Signature, grown
 from optid.diagnose.search import Instead, Search
 from optid.effects.effect import Effect
@@ -43,7 +43,10 @@ def compared(found: Search, own: Sequence[Effect], data: Data, tell: Callable[[s
 
 
 def indistinguishable(found: Search, effect: Effect, data: Data) -> tuple[str, ...]:
-    """Names of what recordings and hold-out cannot tell from an effect: in its place, or in the round that found it."""
+    """Names of what recordings and hold-out cannot tell from an effect, or from a part of it.
+
+    In its place, in the round that found it, or as the law itself has it while the plant moves.
+    """
     least = found.without[effect.name].answer.score
     gain = least - found.best.answer.score
     names = [
@@ -56,7 +59,15 @@ def indistinguishable(found: Search, effect: Effect, data: Data) -> tuple[str, .
     ]
     mine = next((one.ahead for one in found.rounds if one.ahead and one.ahead.effect is effect), None)
     rivals = [rival for one in found.rounds if one.ahead is mine is not None for rival in one.rivals]
+    own = own_values(effect, found.best.rig, found.best.answer)
+    null = effect.at_null()
     kept = {*names, *(one.name for one in found.best.effects)}
+    names += [
+        name
+        for part, name in effect.shares.items()
+        if name not in kept and abs(own[part] - null[part]) >= effect.strength[part]
+    ]
+    kept.update(names)
     names += [
         rival.effect.name
         for rival in rivals

@@ -46,6 +46,8 @@ class Effect:
         depends_on: the signals it follows, the most telling first, each one of SIGNALS.
         needs: what a recording must hold for it to show: "motion over most of the stroke".
         look_alikes: names of the effects it is easily confused with.
+        shares: names of strengths whose part of the law is another effect's whole law while the plant moves, each with
+            that effect's name: only rest, or another experiment, tells the two apart.
         excludes: names of the effects that cannot be there with it: the same thing with the other sign.
         experiment: what tells it from these.
         resolved: names of parameters that are times of which the law makes whole samples more likely than others, each
@@ -64,6 +66,7 @@ class Effect:
     depends_on: tuple[str, ...]
     needs: str
     look_alikes: tuple[str, ...] = ()
+    shares: Mapping[str, str] = MappingProxyType({})
     excludes: tuple[str, ...] = ()
     experiment: str = ""
     resolved: Mapping[str, float] = MappingProxyType({})

@@ -42,5 +42,8 @@ def test_the_friction_of_the_real_axis_is_named(shared):
     # Published: 166.7 forwards and 240.4 N s/m backwards, half their difference -0.181 of their mean.
     viscous = {e.name: e for e in finding.parameters}["viscous_asymmetry"]
     assert viscous.value == pytest.approx(-0.181, abs=0.03)
+    # The published model has a constant force beside it, which is what its dry part amounts to.
+    assert "constant_force" in finding.indistinguishable
+    assert "cannot tell it from constant_force" in found.summary
     before, after = (one.judged.scores["position"].rmse for one in (found.base, found.best))
     assert after < 0.8 * before

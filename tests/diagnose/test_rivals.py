@@ -136,3 +136,18 @@ def test_rivals_of_its_round_that_do_as_well_are_told_too(pushed):
         one = Round(search.base, (), those, mine, mine)
         with_round = Search(search.base, search.best, (one,), search.without)
         assert indistinguishable(with_round, TILT, data) == names
+
+
+@pytest.mark.parametrize(("least", "names"), [(0.01, ("offset_in_two",)), (10.0, ())])
+def test_a_part_that_another_effect_has_as_its_law_is_told_if_it_matters(pushed, least, names):
+    """A pull of 0.45 m/s2 shares its law with an offset; below the smallest size worth a name that says nothing."""
+    found, data = pushed
+    search = found(TILT)
+
+    class Shared(Tilt):
+        strength = MappingProxyType({"pull": least})
+        shares = MappingProxyType({"pull": "offset_in_two"})
+
+    shared = Shared()
+    search = replace(search, best=replace(search.best, effects=(shared,)))
+    assert indistinguishable(search, shared, data) == names

@@ -49,6 +49,8 @@ def test_it_speaks_of_all_its_parameters_and_of_known_effects(effect):
     assert set(re.findall(r"\{(\w+)\}", effect.says)) == own
     assert effect.says.format(**dict.fromkeys(own, "1 mm"))
     assert set(effect.look_alikes) <= set(built_in()) - {effect.name}
+    assert set(effect.shares) <= set(effect.strength)
+    assert set(effect.shares.values()) <= set(effect.look_alikes)
     assert effect.depends_on and set(effect.depends_on) <= set(SIGNALS)
     assert all((effect.law, effect.experiment, effect.source, effect.equation, effect.needs, effect.__doc__))
 

@@ -34,6 +34,7 @@ class ConstantForce(Effect):
     depends_on = ("position", "pressure_a", "pressure_b")
     needs = "motion in both directions, or rests at known pressures"
     look_alikes = ("asymmetric_friction", "pressure_sensor_offset", "spring_load", "valve_offset")
+    shares = {"force": "asymmetric_friction"}  # dry friction alone, stronger one way
     experiment = "turn the axis round, or change the payload: weight grows with it, friction does not"
     source = "Newton's second law along a tilted axis"
 
