@@ -43,39 +43,45 @@ def compared(found: Search, own: Sequence[Effect], data: Data, tell: Callable[[s
 
 
 def indistinguishable(found: Search, effect: Effect, data: Data) -> tuple[str, ...]:
-    """Names of what recordings and hold-out cannot tell from an effect, or from a part of it.
-
-    In its place, in the round that found it, or as the law itself has it while the plant moves.
-    """
-    least = found.without[effect.name].answer.score
-    gain = least - found.best.answer.score
+    """Names of what recordings and hold-out cannot tell from an effect, or from a part of it."""
+    kept = {one.name for one in found.best.effects}
     names = [
+        *_as_good_in_place(found, effect, data), *_sharing(found.best, effect), *_as_good_in_round(found, effect, data)
+    ]  # fmt: skip
+    return tuple(name for name in dict.fromkeys(names) if name not in kept)
+
+
+def _as_good_in_place(found: Search, effect: Effect, data: Data) -> list[str]:
+    least, best = found.without[effect.name].answer.score, found.best
+    gain = least - best.answer.score
+    return [
         other.effect.name
-        for other in found.instead.get(effect.name, ())
-        if other.level
-        or _as_good(
-            least - other.candidate.answer.score, other.candidate.judged, gain, found.best.judged, data
-        )
+        for other, there in ((one, one.candidate) for one in found.instead.get(effect.name, ()))
+        if other.level or _as_good(least - there.answer.score, there.judged, gain, best.judged, data)
     ]
-    mine = next((one.ahead for one in found.rounds if one.ahead and one.ahead.effect is effect), None)
-    rivals = [rival for one in found.rounds if one.ahead is mine is not None for rival in one.rivals]
-    own = own_values(effect, found.best.rig, found.best.answer)
-    null = effect.at_null()
-    kept = {*names, *(one.name for one in found.best.effects)}
-    names += [
-        name
-        for part, name in effect.shares.items()
-        if name not in kept and abs(own[part] - null[part]) >= effect.strength[part]
+
+
+def _as_good_in_round(found: Search, effect: Effect, data: Data) -> list[str]:
+    """Of the first round that went on with it."""
+    for one in found.rounds:
+        mine = one.ahead
+        if mine is not None and mine.effect.name == effect.name:
+            return [
+                rival.effect.name
+                for rival in one.rivals
+                if _as_good(
+                    rival.train_gain, rival.candidate.judged, mine.train_gain, mine.candidate.judged, data
+                )
+            ]
+    return []
+
+
+def _sharing(best: Candidate, effect: Effect) -> list[str]:
+    """Whose whole law a part of an effect is, where that part is large enough to matter."""
+    own, null = own_values(effect, best.rig, best.answer), effect.at_null()
+    return [
+        name for part, name in effect.shares.items() if abs(own[part] - null[part]) >= effect.strength[part]
     ]
-    kept.update(names)
-    names += [
-        rival.effect.name
-        for rival in rivals
-        if mine is not None
-        and rival.effect.name not in kept
-        and _as_good(rival.train_gain, rival.candidate.judged, mine.train_gain, mine.candidate.judged, data)
-    ]
-    return tuple(names)
 
 
 def _as_good(gain: float, rival: Judged, mine: float, named: Judged, data: Data) -> bool:
