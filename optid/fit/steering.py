@@ -57,33 +57,64 @@ def steered_fit(q: Question, p: Array, plain: Model, guide: Filtered, iterations
     Raises:
         SolveError: the model cannot be simulated at the start.
     """
-    free = list(q.free)
-    low, high = q.low / q.typical, q.high / q.typical
-    nudges = np.full(len(free), NUDGES[1])
-
-    def seen(X: Array) -> Array:
-        P = np.tile(p, (len(X), 1))
-        P[:, free] = X * q.typical
-        return innovations(q, P, plain, guide)
-
-    def residuals(x: Array) -> Array:
-        prior = (x * q.typical - q.prior) / q.prior_sd
-        return np.concatenate([seen(x[None])[0], prior])
-
-    def slopes(x: Array) -> Array:
-        step = np.where(x + nudges > high, -nudges, nudges)
-        here, *others = seen(np.vstack([x, x + np.diag(step)]))
-        J = (np.array(others) - here).T / step
-        nudges[:] = np.clip(REACH / np.maximum(np.linalg.norm(J, axis=0), 1e-12), NUDGES[0], NUDGES[2])
-        return np.vstack([J, np.diag(q.typical / q.prior_sd)])
-
-    start = np.clip(p[free] / q.typical, low, high)
-    if not np.abs(residuals(start)[: -len(free)]).min() < LOST:
+    search = _Search(q, p, plain, guide, iterations)
+    start = np.clip(p[list(q.free)] / q.typical, search.low, search.high)
+    if not np.abs(search.residuals(start)[: -len(start)]).min() < LOST:
         raise SolveError("the simulation leaves the numbers at the start values; check them and their units")
-    found = least_squares(
-        residuals, start, slopes, bounds=(low, high), loss="huber", f_scale=FAR, max_nfev=iterations,
-        ftol=TOLERANCE, xtol=1e-6, gtol=1e-12,
-    )  # fmt: skip
+    try:
+        found = least_squares(
+            search.residuals, start, search.slopes, bounds=(search.low, search.high), loss="huber", f_scale=FAR,
+            max_nfev=iterations, ftol=TOLERANCE, xtol=1e-6, gtol=1e-12,
+        )  # fmt: skip
+        x, loss = found.x, float(found.cost)
+    except _Spent:
+        x, loss = search.x, search.loss()
     best = p.copy()
-    best[free] = np.clip(found.x * q.typical, q.low, q.high)
-    return Steered(best, float(found.cost))
+    best[list(q.free)] = np.clip(x * q.typical, q.low, q.high)
+    return Steered(best, loss)
+
+
+class _Spent(Exception):
+    """No evaluation is left, so that slopes would lead nowhere."""
+
+
+class _Search:
+    """Residuals and slopes by the free parameters in typical sizes; remembers where it was last.
+
+    Slopes cost as many simulations as there are parameters: they need not be taken where no step will follow, nor the
+    innovations anew where they are known.
+    """
+
+    def __init__(self, q: Question, p: Array, plain: Model, guide: Filtered, evaluations: int) -> None:
+        self.q, self.p, self.plain, self.guide, self.left = q, p, plain, guide, evaluations
+        self.low, self.high = q.low / q.typical, q.high / q.typical
+        self.nudges = np.full(len(q.free), NUDGES[1])
+        self.x, self.values = np.full(len(q.free), np.nan), np.zeros(0)
+
+    def residuals(self, x: Array) -> Array:
+        """Innovations in sd, then what the priors miss."""
+        if not np.array_equal(x, self.x):
+            prior = (x * self.q.typical - self.q.prior) / self.q.prior_sd
+            self.x, self.values = x.copy(), np.concatenate([self._seen(x[None])[0], prior])
+            self.left -= 1
+        return self.values
+
+    def slopes(self, x: Array) -> Array:
+        """Of the residuals, (residuals, free); raises `_Spent` where the search must end."""
+        here = self.residuals(x)[: -len(x)]
+        if self.left <= 0:
+            raise _Spent
+        step = np.where(x + self.nudges > self.high, -self.nudges, self.nudges)
+        J = (self._seen(x + np.diag(step)) - here).T / step
+        self.nudges = np.clip(REACH / np.maximum(np.linalg.norm(J, axis=0), 1e-12), NUDGES[0], NUDGES[2])
+        return np.vstack([J, np.diag(self.q.typical / self.q.prior_sd)])
+
+    def loss(self) -> float:
+        """Huber's, where it was last, as SciPy counts it."""
+        z = np.abs(self.values)
+        return float(0.5 * np.sum(np.where(z > FAR, FAR * (2.0 * z - FAR), z**2)))
+
+    def _seen(self, X: Array) -> Array:
+        P = np.tile(self.p, (len(X), 1))
+        P[:, list(self.q.free)] = X * self.q.typical
+        return innovations(self.q, P, self.plain, self.guide)

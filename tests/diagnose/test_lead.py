@@ -155,3 +155,19 @@ def test_where_the_rig_files_values_are_far_off_effects_lead_from_the_fitted_one
     assert starts[0] == starts[2] == 40.0  # both starts alone, then the effects from the first
     assert found[0].effect.name == "saturation@drive.command"
     assert found[0].beside["gain"] == pytest.approx(TRUTH["gain"], rel=0.02)
+
+
+def test_a_search_takes_no_slopes_that_no_step_follows(worn, monkeypatch):
+    """Start, three slopes and the steps they lead to: no simulation of what is known, none after the last step."""
+    base, guide, _ = worn
+    q, sets = guide.question, []
+
+    def counted(question, P, *others):
+        sets.append(len(P))
+        return innovations(question, P, *others)
+
+    monkeypatch.setattr("optid.fit.steering.innovations", counted)
+    found = steered_fit(q, q.model.vector(base.rig.parameters), q.model, guide.filtered, 4)
+    free = len(q.free)
+    assert sets == [1, free, 1, free, 1, free, 1]
+    assert found.loss < steered_fit(q, q.model.vector(base.rig.parameters), q.model, guide.filtered, 3).loss
