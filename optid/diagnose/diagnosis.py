@@ -324,9 +324,11 @@ def _nameless(base: Candidate, sites: Sequence[Located], data: Data) -> Finding:
     measured = np.isfinite(base.answer.filtered.innovations[0])
     where = region(base.answer, np.where(measured, spread, np.nan), data.train)
     kind = first.site.partition(".")[0]
-    near = [
-        one.site for one in sites[1:] if compare(one.judged, first.judged, data.generator).p_value > LEVEL
-    ]
+    near = {
+        one.site: True  # once, and in their order: both chambers together stand under the name of one
+        for one in sites[1:]
+        if one.site != first.site and compare(one.judged, first.judged, data.generator).p_value > LEVEL
+    }
     also = f"; {', '.join(near)} would do nearly as well" if near else ""
     words = f"an unknown signal at {first.site} explains the recordings best{also}"
     none = Comparison(0.0, 0.0, 1.0, 0.0, 0.0)
