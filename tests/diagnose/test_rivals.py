@@ -83,8 +83,26 @@ def test_the_simpler_of_two_that_do_as_well_takes_the_place_and_the_other_is_tol
     pull = after.best.answer.p[model.index("tilt.pull")]
     assert pull == pytest.approx(-OFFSET * TRUTH["gain"], rel=0.02)
     assert after.without == {"tilt": after.base}
+    assert [(one.effect.name, one.level) for one in after.instead["tilt"]] == [("offset_in_two", True)]
     assert indistinguishable(after, TILT, data) == ("offset_in_two",)
     assert told == ["what else could stand in the place of offset_in_two"]
+
+
+def test_a_look_alike_starts_from_where_the_named_model_stands_too(pushed, monkeypatch):
+    """Held gains lead parameters away that they hardly see."""
+    found, data = pushed
+    before, tried = found(TILT), []
+
+    def kept(question, starts):
+        tried.append([p[[question.model.index(name) for name in TRUTH]] for p, _ in starts])
+        return starts[0]
+
+    monkeypatch.setattr(rivals, "likeliest", kept)
+    compared(before, (TILT, TWO), data, lambda words: None)
+    stands = before.best.answer.p[[before.best.rig.model.index(name) for name in TRUTH]]
+    (starts,) = tried
+    assert len(starts) == 2
+    assert any(np.array_equal(p, stands) for p in starts)
 
 
 def test_the_simpler_one_stays_and_the_dearer_is_told(pushed):
