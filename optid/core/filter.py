@@ -22,7 +22,7 @@ PIVOT = 1e-14  # of a covariance, as a share of its largest variance: below it a
 @compiled
 def filtered(
     code, first, last, of_set, of_segment, starts, counts, M0, S0, P, Q, R, dt, U, Y, tolerance, scales,
-    keep, E, V, X, K,
+    keep, E, V, X, K, S,
 ):  # fmt: skip
     """Filter runs first..last-1; run r takes parameter set of_set[r] over segment of_segment[r].
 
@@ -39,6 +39,7 @@ def filtered(
         E, V: receive innovations and their variances, (sets, samples, outputs); NaN where nothing is measured.
         X: receives the states predicted from the past alone, (sets, samples, states).
         K: receives the gains, (sets, samples, outputs, states), SI.
+        S: receives the covariances of X, (sets, samples, states, states), SI; without sets it receives none.
 
     A run that leaves the numbers leaves E infinite from there on.
     """
@@ -63,6 +64,10 @@ def filtered(
             if keep:
                 for i in range(nx):
                     X[s, n, i] = m[i] * scales[i]
+            if len(S):
+                for i in range(nx):
+                    for o in range(nx):
+                        S[s, n, i, o] = C[i, o] * scales[i] * scales[o]
             for o in range(ny):
                 E[s, n, o] = np.nan
                 V[s, n, o] = np.nan

@@ -9,10 +9,11 @@ from functools import cached_property
 
 import numpy as np
 
+from optid.core.filter import REACH2
 from optid.core.model import Array, Model
 from optid.core.recording import Recording
 from optid.core.simulation import simulate
-from optid.fit.likelihood import WHOLE, Filtered, deviance, run_filter
+from optid.fit.likelihood import QUIET, WHOLE, Filtered, deviance, run_filter
 from optid.fit.place import Answer
 from optid.fit.prediction import horizon
 from optid.fit.problem import Integers, Problem, pose
@@ -54,10 +55,11 @@ class Judged:
 
     @cached_property
     def imperfection(self) -> Mapping[str, float]:
-        """Largest change of the windows where a numerical setting is halved or doubled, by role, SI.
+        """What the windows of a model that lacks nothing may miss by beside the noise, root mean square by role, SI.
 
-        It is what the model's own smoothing leaves open. Found when first asked for: it costs several filters, and of
-        most rivals nobody asks.
+        The model's own smoothing leaves something open: the largest change where a numerical setting is halved or
+        doubled. And so does the past before a window: who does not know the pressures in which an axis rests does not
+        know when it breaks away. Found when first asked for: it costs several filters, and of most rivals nobody asks.
         """
         return self.find_imperfection()
 
@@ -89,8 +91,11 @@ def judge(answer: Answer, recordings: Sequence[Recording]) -> Judged:
     def imperfection() -> dict[str, float]:
         settings = numerical_settings(answer)
         others = seen(settings)[1] if len(settings) else []
+        unknown = _started(answer, problem, cut, f.states[0], windows)
         return {
-            port.role: max((_rms(other[:, j] - windows[:, j]) for other in others), default=0.0)
+            port.role: math.hypot(
+                max((_rms(other[:, j] - windows[:, j]) for other in others), default=0.0), unknown[j]
+            )
             for j, port in enumerate(model.outputs)
         }
 
@@ -107,7 +112,7 @@ def numerical_settings(answer: Answer) -> Array:
             for factor in (0.5, 2.0):
                 sets.append(answer.p.copy())
                 sets[-1][i] = np.clip(factor * answer.p[i], *parameter.bounds)
-    return np.array(sets).reshape(-1, len(answer.p))
+    return np.array(sets).reshape(len(sets), len(answer.p))
 
 
 def _rms(values: Array) -> float:
@@ -131,6 +136,27 @@ def _windows(model: Model, p: Array, whole: Problem, cut: Problem, states: Array
         last = cut.counts[w] + (1 if cut.closed[w] else 0)
         out[cut.begins[w] : cut.begins[w] + last] = run.outputs[row, :last]
     return out
+
+
+def _started(answer: Answer, whole: Problem, cut: Problem, states: Array, windows: Array) -> Array:
+    """What windows miss, root mean square, where their starts are as uncertain as noise alone leaves them, (outputs,).
+
+    The covariance at a start is that of a model which lacks nothing: with process noise, what is missing would count as
+    uncertain. The mean of the squares over it is taken by sigma points, as the filter takes means.
+    """
+    model = answer.question.model
+    quiet = np.full((1, len(model.states)), QUIET**2)
+    f = run_filter(model, whole, answer.p[None], quiet, answer.noise.measurement[None], covariances=True)
+    covariance = f.covariances[0, cut.begins] / np.outer(model.scales, model.scales)
+    values, vectors = np.linalg.eigh(covariance)
+    roots = vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :] * model.scales[:, None]
+    square = np.zeros_like(windows)
+    for k in range(len(model.states)):
+        for side in (1.0, -1.0):
+            moved = states.copy()
+            moved[cut.begins] += side * math.sqrt(REACH2) * roots[:, :, k]
+            square += (_windows(model, answer.p, whole, cut, moved) - windows) ** 2 / (2.0 * REACH2)
+    return np.array([_rms(np.sqrt(column)) for column in square.T])
 
 
 def excess(judged: Judged, noise: Mapping[str, float]) -> float:

@@ -36,6 +36,7 @@ class Filtered:
         variances: of the innovations.
         states: predicted from the past alone, (sets, samples, states), SI; empty unless kept.
         gains: (sets, samples, outputs, states), SI; empty unless kept.
+        covariances: of the states, (sets, samples, states, states), SI; empty unless asked for.
         tolerance: local error that the integration was allowed, (sets, states), SI.
     """
 
@@ -43,6 +44,7 @@ class Filtered:
     variances: Array
     states: Array
     gains: Array
+    covariances: Array
     tolerance: Array
 
 
@@ -96,6 +98,7 @@ def run_filter(
     R: Array,
     *,
     keep: bool = False,
+    covariances: bool = False,
     only: Sequence[int] | None = None,
 ) -> Filtered:
     """Filter segments with all parameter sets, in parallel.
@@ -105,6 +108,7 @@ def run_filter(
         problem: posed with one window per segment.
         P: (sets, parameters); `Q` (sets, states) and `R` (sets, outputs) as `filtered` takes them.
         keep: also give states and gains.
+        covariances: also give those of the states.
         only: these segments, all if absent; NaN in the others.
     """
     sets = len(P)
@@ -114,6 +118,7 @@ def run_filter(
     E, V = np.full((sets, N, ny), np.nan), np.full((sets, N, ny), np.nan)
     X = np.zeros((sets, N, nx) if keep else (1, 1, 1))
     K = np.zeros((sets, N, ny, nx) if keep else (1, 1, 1, 1))
+    S = np.zeros((sets if covariances else 0, N, nx, nx))
     of_set, of_segment = (np.ascontiguousarray(a) for a in _runs(sets, segments))
     code = compiled_lanes(model).code
     given = (of_set, of_segment, problem.begins, problem.counts, M0, S0, P, Q, R, problem.dt, problem.inputs)
@@ -122,10 +127,10 @@ def run_filter(
     spread(
         len(of_set),
         lambda a, b: kernel.filtered(
-            code, a, b, *given, problem.measured, tolerance, model.scales, keep, E, V, X, K
+            code, a, b, *given, problem.measured, tolerance, model.scales, keep, E, V, X, K, S
         ),
     )
-    return Filtered(E, V, X, K, tolerance)
+    return Filtered(E, V, X, K, S, tolerance)
 
 
 def run_steered(

@@ -50,13 +50,14 @@ def discrete(dt, k=40.0, d=1.5):
 
 
 def kalman(y, u, dt, Q, R):
-    """Innovations and variances, outputs one at a time, written from the textbook."""
+    """Innovations, variances, states and their covariances, outputs one at a time, written from the textbook."""
     A, B = discrete(dt)
     H = np.array([[1, 0], [1, 0.1]])
     m, C = np.zeros(2), np.diag([0.2**2, 0.5**2])
-    E, V, X = np.full(y.shape, np.nan), np.full(y.shape, np.nan), []
+    E, V, X, S = np.full(y.shape, np.nan), np.full(y.shape, np.nan), [], []
     for n in range(len(y)):
         X.append(m)
+        S.append(C)
         for o in range(2):
             if np.isfinite(y[n, o]):
                 E[n, o] = y[n, o] - H[o] @ m
@@ -64,20 +65,21 @@ def kalman(y, u, dt, Q, R):
                 gain = C @ H[o] / V[n, o]
                 m, C = m + gain * E[n, o], C - np.outer(gain, gain) * V[n, o]
         m, C = A @ m + B * u[n], A @ C @ A.T + np.diag(Q) * dt
-    return E, V, np.array(X)
+    return E, V, np.array(X), np.array(S)
 
 
 def test_a_linear_plant_is_filtered_as_by_kalman():
     model, data = build(spring), recording()
     problem = pose(model, [data], WHOLE)
     Q, R = np.array([1e-4, 1e-2]), np.array([4e-4, 4e-4])  # Q in squared scales a second
-    f = run_filter(model, problem, model.vector({})[None], Q[None], R[None], keep=True)
-    E, V, X = kalman(problem.measured, problem.inputs[:, 0], 0.01, Q * model.scales**2, R)
+    f = run_filter(model, problem, model.vector({})[None], Q[None], R[None], keep=True, covariances=True)
+    E, V, X, S = kalman(problem.measured, problem.inputs[:, 0], 0.01, Q * model.scales**2, R)
     known = np.isfinite(E)
     assert np.array_equal(known, np.isfinite(f.innovations[0]))
     assert np.abs(f.innovations[0] - E)[known].max() < 2e-5
     assert np.abs(f.variances[0] / V - 1)[known].max() < 1e-4
     assert np.abs(f.states[0] - X).max() < 2e-4
+    assert np.allclose(f.covariances[0], S, rtol=1e-3, atol=1e-9)
 
 
 def test_steered_with_its_own_gains_a_linear_model_repeats_the_filter():

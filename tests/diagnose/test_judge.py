@@ -1,0 +1,58 @@
+"""What a model that lacks nothing may still miss: an axis at rest does not tell the force that will set it moving."""
+
+from types import SimpleNamespace
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from optid.core.recording import Channel, Recording
+from optid.core.sheet import build
+from optid.diagnose.judge import EXCESS, excess, judge
+from optid.fit.likelihood import Noise
+
+SD, SPREAD, REST = 1e-4, 0.2, 0.5  # m, of the load at a start, s before the push
+DT = 1e-3
+
+
+def held(s):
+    """x' = push + load while that is above zero: at rest nothing tells the load."""
+    x, load = s.state("x", "m", 1.0, spread=0.01), s.state("load", "m/s", 1.0, spread=SPREAD)
+    push = s.input("command", "m/s")
+    s.rate(x, ca.fmax(push + load, 0.0))
+    s.rate(load, 0 * load)
+    s.output("position", "m", x)
+
+
+def recording(load, seconds=2.0):
+    """Pulled back until REST, pushed from there on."""
+    t = DT * np.arange(round(seconds / DT))
+    x = np.maximum(t - REST, 0.0) * (2.0 + load) + SD * np.random.default_rng(3).standard_normal(len(t))
+    channels = {
+        "command": Channel("command", "u", "m/s", np.where(t < REST - DT / 2, -2.0, 2.0)),
+        "position": Channel("position", "x", "m", x, sd=SD),
+    }
+    return Recording("pushed", t, channels)
+
+
+def answer(process_noise):
+    model = build(held)
+    noise = Noise(np.array([SD**2]), ((1,),), np.log([process_noise]))
+    return SimpleNamespace(question=SimpleNamespace(model=model, free=()), p=model.vector({}), noise=noise)
+
+
+@pytest.mark.parametrize("process_noise", [1e-4, 1e-2])
+def test_what_the_past_cannot_tell_is_not_held_against_a_model(process_noise):
+    """The window of the push errs by load x time, the load not known better than SPREAD; the next ones know it."""
+    judged = judge(answer(process_noise), [recording(load=0.2)])
+    since = DT * np.arange(round(0.5 / DT))
+    expected = SPREAD * np.sqrt(np.mean(since**2) / 3.0)  # of the last three windows, the first is the push's
+    assert judged.imperfection["position"] == pytest.approx(expected, rel=0.01)
+    assert judged.scores["position"].rmse > 100 * SD
+    assert excess(judged, {"position": SD}) == pytest.approx(1.0, abs=0.02)
+
+
+def test_what_the_past_tells_is_held_against_a_model():
+    """Three times as much load as a start may have is no ignorance; process noise does not excuse it either."""
+    judged = judge(answer(1e-2), [recording(load=0.6)])
+    assert excess(judged, {"position": SD}) > 2.0 * EXCESS
