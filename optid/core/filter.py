@@ -29,7 +29,7 @@ def filtered(
     Args:
         code: of the model.
         starts, counts: first sample and intervals of each segment.
-        M0, S0: mean and sd of the state at a segment's start, (sets, states).
+        M0, S0: mean and sd of the state at a segment's start, (sets, segments, states).
         P: parameters, (sets, parameters).
         Q: process noise, variance a second in squared scales, (sets, states).
         R: variance of the measurement noise, (sets, outputs).
@@ -57,8 +57,8 @@ def filtered(
             cs[i] = c[i]
         C[:] = 0.0
         for i in range(nx):
-            m[i] = M0[s, i] / scales[i]
-            C[i, i] = (S0[s, i] / scales[i]) ** 2
+            m[i] = M0[s, g, i] / scales[i]
+            C[i, i] = (S0[s, g, i] / scales[i]) ** 2
         steps[:] = dt[starts[g]]
         for n in range(starts[g], starts[g] + counts[g] + 1):
             if keep:

@@ -13,7 +13,8 @@ from optid.core.filter import REACH2
 from optid.core.model import Array, Model
 from optid.core.recording import Recording
 from optid.core.simulation import simulate
-from optid.fit.likelihood import QUIET, WHOLE, Filtered, deviance, run_filter
+from optid.fit.first_look import first_look
+from optid.fit.likelihood import QUIET, WHOLE, Filtered, Start, deviance, run_filter
 from optid.fit.place import Answer
 from optid.fit.prediction import horizon
 from optid.fit.problem import Integers, Problem, pose
@@ -69,10 +70,12 @@ def judge(answer: Answer, recordings: Sequence[Recording]) -> Judged:
     model = answer.question.model
     length = max(horizon(recording.interval) for recording in recordings)
     problem, cut = pose(model, recordings, WHOLE), pose(model, recordings, length)
+    start = first_look(model, problem, answer.p, answer.noise, length)
 
     def seen(P: Array) -> tuple[Filtered, list[Array]]:
         Q = np.tile(answer.noise.spectrum(len(model.states)), (len(P), 1))
-        f = run_filter(model, problem, P, Q, np.tile(answer.noise.measurement, (len(P), 1)), keep=True)
+        R, starts = np.tile(answer.noise.measurement, (len(P), 1)), start.times(len(P))
+        f = run_filter(model, problem, P, Q, R, keep=True, start=starts)
         return f, [_windows(model, p, problem, cut, X) for p, X in zip(P, f.states, strict=True)]
 
     f, (windows,) = seen(answer.p[None])
@@ -91,7 +94,7 @@ def judge(answer: Answer, recordings: Sequence[Recording]) -> Judged:
     def imperfection() -> dict[str, float]:
         settings = numerical_settings(answer)
         others = seen(settings)[1] if len(settings) else []
-        unknown = _started(answer, problem, cut, f.states[0], windows)
+        unknown = _started(answer, problem, cut, start, f.states[0], windows)
         return {
             port.role: math.hypot(
                 max((_rms(other[:, j] - windows[:, j]) for other in others), default=0.0), unknown[j]
@@ -138,7 +141,9 @@ def _windows(model: Model, p: Array, whole: Problem, cut: Problem, states: Array
     return out
 
 
-def _started(answer: Answer, whole: Problem, cut: Problem, states: Array, windows: Array) -> Array:
+def _started(
+    answer: Answer, whole: Problem, cut: Problem, start: Start, states: Array, windows: Array
+) -> Array:
     """What windows miss, root mean square, where their starts are as uncertain as noise alone leaves them, (outputs,).
 
     The covariance at a start is that of a model which lacks nothing: with process noise, what is missing would count as
@@ -146,7 +151,8 @@ def _started(answer: Answer, whole: Problem, cut: Problem, states: Array, window
     """
     model = answer.question.model
     quiet = np.full((1, len(model.states)), QUIET**2)
-    f = run_filter(model, whole, answer.p[None], quiet, answer.noise.measurement[None], covariances=True)
+    R = answer.noise.measurement[None]
+    f = run_filter(model, whole, answer.p[None], quiet, R, covariances=True, start=start)
     covariance = f.covariances[0, cut.begins] / np.outer(model.scales, model.scales)
     values, vectors = np.linalg.eigh(covariance)
     roots = vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :] * model.scales[:, None]

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -25,6 +26,17 @@ SHARE = 50.0  # times the tolerance of states without unit: a contact's own forg
 QUIET = 1e-4  # process noise of states that carry none of their own, in usual sizes per sqrt(s)
 WHOLE = 1e9  # s: the windows of a problem to be filtered are whole segments
 FAR = 6.0  # innovations beyond so many sd count linearly
+
+
+class Start(NamedTuple):
+    """What is known of the states where segments begin: mean and sd, (sets, segments, states), SI."""
+
+    mean: Array
+    sd: Array
+
+    def times(self, sets: int) -> Start:
+        """The same for so many sets, from one."""
+        return Start(np.repeat(self.mean, sets, axis=0), np.repeat(self.sd, sets, axis=0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,6 +112,7 @@ def run_filter(
     keep: bool = False,
     covariances: bool = False,
     only: Sequence[int] | None = None,
+    start: Start | None = None,
 ) -> Filtered:
     """Filter segments with all parameter sets, in parallel.
 
@@ -110,11 +123,12 @@ def run_filter(
         keep: also give states and gains.
         covariances: also give those of the states.
         only: these segments, all if absent; NaN in the others.
+        start: what is known where they begin; what the model itself says of it if absent.
     """
     sets = len(P)
     segments = np.array(range(len(problem.begins)) if only is None else only)
     nx, N, ny = len(model.states), len(problem.time), len(model.outputs)
-    M0, S0 = (np.ascontiguousarray(a) for a in _starts(model, P))
+    M0, S0 = (np.ascontiguousarray(a) for a in start or start_of(model, P, len(problem.begins)))
     E, V = np.full((sets, N, ny), np.nan), np.full((sets, N, ny), np.nan)
     X = np.zeros((sets, N, nx) if keep else (1, 1, 1))
     K = np.zeros((sets, N, ny, nx) if keep else (1, 1, 1, 1))
@@ -176,6 +190,12 @@ def _starts(model: Model, P: Array) -> tuple[Array, Array]:
     both = model.start.map(len(P))(P.T)
     mean, sd = (np.array(a).T for a in both)
     return mean, sd
+
+
+def start_of(model: Model, P: Array, segments: int) -> Start:
+    """What a model says of the states where a segment begins, for each parameter set."""
+    mean, sd = _starts(model, P)
+    return Start(np.repeat(mean[:, None], segments, axis=1), np.repeat(sd[:, None], segments, axis=1))
 
 
 def _runs(sets: int, segments: Integers) -> tuple[Array, Array]:

@@ -1,0 +1,83 @@
+"""A first look at where recordings begin: what no sensor sees there is tried in many places at once.
+
+A record says little of its first state before it moves. Pressures that may lie anywhere between exhaust and supply may
+push the piston either way or not at all, and a filter that takes so much for one normal distribution believes, when
+the first motion is over, in pressures a bar off, and that for seconds. Each of many normal distributions that together
+make up the same prior is narrow enough to be filtered well (Gaussian sums: Sorenson and Alspach, Automatica 7, 1971);
+the likeliest one, by the first moments of the record, is where the filter begins.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+from scipy import stats
+
+from optid.core.model import Array, Model
+from optid.fit.likelihood import Noise, Start, deviance, run_filter, start_of
+from optid.fit.problem import Booleans, Problem
+
+PARTS = 32
+NARROW = 0.5  # sd of a part, in those of the whole
+WORTH = 2.0 * np.log(PARTS)  # in -2 log likelihood: what the likeliest of so many gains by chance
+
+
+def first_look(model: Model, problem: Problem, p: Array, noise: Noise, seconds: float) -> Start:
+    """What is known where each segment begins, after a look at its first `seconds`.
+
+    Args:
+        model: the plant.
+        problem: posed with one window per segment.
+        p: parameters, (parameters,).
+        noise: of measurement and states.
+        seconds: of every segment that count.
+
+    Returns:
+        One of the parts of what the model itself says of the start, or all that where no part is likelier; one set.
+    """
+    whole = start_of(model, p[None], len(problem.begins))
+    measured = np.isfinite(problem.measured).any(axis=0)
+    hidden = _unseen(model, p, measured) & (whole.sd[0] > 0.0).all(axis=0)
+    if not hidden.any():
+        return whole
+    z = np.zeros((PARTS, len(model.states)))
+    z[:, hidden] = _spread(int(hidden.sum()))
+    narrow = np.where(hidden, NARROW, 1.0)
+    parts = Start(
+        whole.mean + np.sqrt(1.0 - NARROW**2) * z[:, None] * whole.sd,
+        np.tile(narrow * whole.sd, (PARTS, 1, 1)),
+    )
+    counts = np.minimum(
+        problem.counts,
+        [np.searchsorted(problem.time[b : b + n + 1], problem.time[b] + seconds) - 1
+         for b, n in zip(problem.begins, problem.counts, strict=True)],
+    )  # fmt: skip
+    opening = replace(problem, counts=np.maximum(counts, 1).astype(np.int64))
+    both = Start(
+        np.concatenate([whole.mean, parts.mean]), np.ascontiguousarray(np.concatenate([whole.sd, parts.sd]))
+    )
+    count = PARTS + 1
+    Q, R = np.tile(noise.spectrum(len(model.states)), (count, 1)), np.tile(noise.measurement, (count, 1))
+    f = run_filter(model, opening, np.tile(p, (count, 1)), Q, R, start=both)
+    each = deviance(f.innovations, f.variances)
+    best = np.zeros(len(problem.begins), dtype=int)
+    for k, (begin, n) in enumerate(zip(opening.begins, opening.counts, strict=True)):
+        score = each[:, begin : begin + n + 1].sum(axis=1) + np.r_[-WORTH, (z**2).sum(axis=1)]
+        best[k] = int(np.argmin(np.where(np.isfinite(score), score, np.inf)))
+    segments = np.arange(len(best))
+    return Start(both.mean[best, segments][None], both.sd[best, segments][None])
+
+
+def _unseen(model: Model, p: Array, measured: Booleans) -> Booleans:
+    """States that no measured output shows at once, (states,)."""
+    x = ca.SX.sym("x", len(model.states))
+    y = model.sensors(x, ca.SX.sym("u", len(model.inputs)), ca.DM(p))[np.flatnonzero(measured).tolist()]
+    return np.array([not ca.depends_on(y, x[i]) for i in range(len(model.states))])
+
+
+def _spread(states: int) -> Array:
+    """Standard normal points, (PARTS, states), evenly spread, the first in the middle."""
+    points = stats.qmc.Sobol(states, scramble=False).random(PARTS)
+    return np.asarray(stats.norm.ppf((points + 0.5 / PARTS) % 1.0))
