@@ -26,7 +26,8 @@ from optid.fit.steering import Steered, innovations, steered_fit
 from optid.rigs.rigfile import Rig
 
 BRANCHES = 3  # of an effect, that are led at all
-# The race: evaluations of each lead, how many go on, and how many of one effect.
+# The race: evaluations of each lead, how many go on, and how many of one effect. The many of the first leg run over the
+# recording in which most is missing, those that are left over all.
 RACE = ((3, 24, 2), (5, 8, 1), (QUICK, 8, 1))
 WORTHY = 0.5  # of the best gain: what gains less is not worth a refit
 
@@ -56,12 +57,13 @@ def leads(
     q = guide.question
     starts = [guide.p] if near or current.effects else [q.model.vector(current.rig.parameters), guide.p]
     alone = min(steered_fit(q, start, q.model, guide.filtered, QUICK).loss for start in starts)
-    rows = int(np.isfinite(guide.filtered.innovations[0]).sum())
+    rows, worst = int(np.isfinite(guide.filtered.innovations[0]).sum()), _worst(guide)
     for start in starts:
         ground = _Ground.of(current.rig, guide, data, plain, start)
         running = [lead for effect in effects for lead in _begun(ground, effect)]
-        for evaluations, most, alike in RACE:
-            running = _ahead([lead.further(guide, evaluations) for lead in running], most, alike)
+        for leg, (evaluations, most, alike) in enumerate(RACE):
+            over = None if leg else worst
+            running = _ahead([lead.further(guide, evaluations, over) for lead in running], most, alike)
         gains = [rows * (1.0 - lead.at.loss / alone) for lead in running]  # of as many squares as rows
         if gains and gains[0] > 0.0:
             worthy = [gain > WORTHY * gains[0] for gain in gains]
@@ -142,10 +144,11 @@ class _Lead:
     beside: Sequence[str]
     at: Steered
 
-    def further(self, guide: Answer, evaluations: int) -> Self:
-        """The same, so many evaluations further; with infinite loss where the model leaves the numbers."""
+    def further(self, guide: Answer, evaluations: int, over: Sequence[int] | None = None) -> Self:
+        """The same, so many evaluations further `over` some segments; lost where it leaves the numbers."""
+        plain, f = guide.question.model, guide.filtered
         try:
-            at = steered_fit(self.question, self.at.p, guide.question.model, guide.filtered, evaluations)
+            at = steered_fit(self.question, self.at.p, plain, f, evaluations, over)
         except SolveError:
             at = Steered(self.at.p, math.inf)
         return replace(self, at=at)
@@ -156,6 +159,15 @@ class _Lead:
         own = {q.name: values[f"{self.effect.name}.{q.name}"] for q in self.effect.parameters}
         beside = {name: values[name] for name in self.beside}
         return Signature(self.effect, own, gain, np.zeros(0), self.effect.size(own), math.inf, beside)
+
+
+def _worst(guide: Answer) -> list[int]:
+    """The segments of the recording in which most is missing."""
+    problem, f = guide.question.problem, guide.filtered
+    z = np.abs(f.innovations[0]) / np.sqrt(f.variances[0])
+    loss = np.nansum(np.where(z > FAR, FAR * (2.0 * z - FAR), z**2), axis=1)
+    lost = np.bincount(np.repeat(problem.recording, problem.counts + 1), weights=loss)
+    return np.flatnonzero(problem.recording == np.argmax(lost)).tolist()
 
 
 def _begun(ground: _Ground, effect: Effect) -> list[_Lead]:

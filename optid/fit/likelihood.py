@@ -155,6 +155,7 @@ def run_steered(
     common: Sequence[int],
     *,
     nudge: tuple[int, float] | None = None,
+    only: Sequence[int] | None = None,
 ) -> Array:
     """Innovations (sets, samples, outputs) of models that are corrected with a filter's gains instead of their own.
 
@@ -165,8 +166,10 @@ def run_steered(
         guide: the filter, with gains kept, sets = 1.
         common: see `model`.
         nudge: a state and what is added to it at every segment's start.
+        only: these segments, all if absent; NaN in the others.
     """
-    sets, segments = len(P), np.array(range(len(problem.begins)))
+    sets = len(P)
+    segments = np.array(range(len(problem.begins)) if only is None else only)
     M0 = np.ascontiguousarray(_starts(model, P)[0])
     if nudge is not None:
         M0[:, nudge[0]] += nudge[1]

@@ -7,6 +7,7 @@ Identification, 1999, section 8.4); the likelihood then takes them as a start.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -28,7 +29,9 @@ class Steered(NamedTuple):
     loss: float
 
 
-def innovations(q: Question, P: Array, plain: Model, guide: Filtered) -> Array:
+def innovations(
+    q: Question, P: Array, plain: Model, guide: Filtered, only: Sequence[int] | None = None
+) -> Array:
     """Innovations of parameter sets under held gains, in sd of the guide's, (sets, measured).
 
     Args:
@@ -36,15 +39,22 @@ def innovations(q: Question, P: Array, plain: Model, guide: Filtered) -> Array:
         P: (sets, parameters).
         plain: model of the guide, whose states are among the question's.
         guide: whose gains and variances hold, with gains kept.
+        only: what was measured in these segments, in all if absent.
     """
     names = [state.name for state in q.model.states]
     known = np.isfinite(guide.innovations[0])
-    E = run_steered(q.model, q.problem, P, guide, [names.index(state.name) for state in plain.states])
+    if only is not None:
+        owner = np.repeat(np.arange(len(q.problem.counts)), q.problem.counts + 1)
+        known = known & np.isin(owner, only)[:, None]
+    common = [names.index(state.name) for state in plain.states]
+    E = run_steered(q.model, q.problem, P, guide, common, only=only)
     scaled = E[:, known] / np.sqrt(guide.variances[0][known])
     return np.asarray(np.nan_to_num(scaled, nan=LOST, posinf=LOST, neginf=-LOST))
 
 
-def steered_fit(q: Question, p: Array, plain: Model, guide: Filtered, iterations: int) -> Steered:
+def steered_fit(
+    q: Question, p: Array, plain: Model, guide: Filtered, iterations: int, only: Sequence[int] | None = None
+) -> Steered:
     """The parameters under which innovations are least, from a start.
 
     Args:
@@ -53,11 +63,12 @@ def steered_fit(q: Question, p: Array, plain: Model, guide: Filtered, iterations
         plain: model of the guide, whose states are among the question's.
         guide: whose gains and variances hold, with gains kept.
         iterations: evaluations at most.
+        only: these segments count, all if absent.
 
     Raises:
         SolveError: the model cannot be simulated at the start.
     """
-    search = _Search(q, p, plain, guide, iterations)
+    search = _Search(q, p, plain, guide, iterations, only)
     start = np.clip(p[list(q.free)] / q.typical, search.low, search.high)
     if not np.abs(search.residuals(start)[: -len(start)]).min() < LOST:
         raise SolveError("the simulation leaves the numbers at the start values; check them and their units")
@@ -85,8 +96,16 @@ class _Search:
     innovations anew where they are known.
     """
 
-    def __init__(self, q: Question, p: Array, plain: Model, guide: Filtered, evaluations: int) -> None:
-        self.q, self.p, self.plain, self.guide, self.left = q, p, plain, guide, evaluations
+    def __init__(
+        self,
+        q: Question,
+        p: Array,
+        plain: Model,
+        guide: Filtered,
+        evaluations: int,
+        only: Sequence[int] | None,
+    ) -> None:
+        self.q, self.p, self.plain, self.guide, self.left, self.only = q, p, plain, guide, evaluations, only
         self.low, self.high = q.low / q.typical, q.high / q.typical
         self.nudges = np.full(len(q.free), NUDGES[1])
         self.x, self.values = np.full(len(q.free), np.nan), np.zeros(0)
@@ -117,4 +136,4 @@ class _Search:
     def _seen(self, X: Array) -> Array:
         P = np.tile(self.p, (len(X), 1))
         P[:, list(self.q.free)] = X * self.q.typical
-        return innovations(self.q, P, self.plain, self.guide)
+        return innovations(self.q, P, self.plain, self.guide, self.only)
