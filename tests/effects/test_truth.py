@@ -207,7 +207,7 @@ def at_of(values, time, rate):
 
 
 @pytest.mark.parametrize(
-    ("rate", "others", "error"), [(2e-3, 1.0, 0.05), (2e-3, 0.5, 0.12), (2e-3, 0.0, 0.2), (-2e-3, 1.0, 0.2)]
+    ("rate", "others", "error"), [(2e-3, 1.0, 0.05), (2e-3, 0.5, 0.05), (2e-3, 0.0, 0.01), (-2e-3, 1.0, 0.2)]
 )
 def test_a_clock_that_drifts_shows_the_motion_of_another_time(rate, others, error):
     X, u = run()
@@ -217,7 +217,8 @@ def test_a_clock_that_drifts_shows_the_motion_of_another_time(rate, others, erro
     whole = slice(200, -200)
     at = at_of(shown, time, rate)
     moved = np.abs(at - shown)[whole].max()
-    # Late with the others it is exact but for the straight lines between held commands; alone it is carried on.
+    # Late with the others it is exact but for the lines between held commands; alone and late it is what it moved
+    # meanwhile; alone and early it is carried on.
     assert np.abs(drifted - at)[whole].max() < error * moved
     then = at_of(plain[:, 2], time, max(rate, 0.0) * others)
     assert (

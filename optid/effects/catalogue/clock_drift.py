@@ -21,14 +21,16 @@ OTHERS = Parameter(
     "others", "1", 0.5, "share of the position's lateness that all other channels have, too", "one card or several",
     1.0, (0.0, 1.0),
 )  # fmt: skip
+SHORTEST = 1e-3  # s: keeps the equations from becoming stiff at the null; over that long any speed is about constant
 
 
 class ClockDrift(Effect):
     """Shown at t is the position of t - r t, with t from the start of each recording.
 
     Where the position comes late and other channels do, too, all that the command does comes late: the command of r t
-    ago is taken, exactly. What is late or early of the position alone is carried on at its speed and acceleration,
-    x - v r t + a (r t)^2 / 2.
+    ago is taken, exactly. What the position alone comes late by is what it moved meanwhile, r t times the mean speed
+    of the last r t seconds, by Pade's approximation of second order: a piston may have broken away in between, and
+    no speed or acceleration of now tells of that. What it comes early is carried on, x - v r t + a (r t)^2 / 2.
     """
 
     name = "clock_drift"
@@ -59,5 +61,11 @@ class ClockDrift(Effect):
         together = sheet.param(OTHERS) * ca.fmax(late, 0)
         if site == "valve.input":
             return command_ago(sheet, nominal, together)
-        alone = late - together
-        return nominal - near["v"] * alone + near.get("a", 0.0) * alone**2 / 2
+        alone, v = late - together, near["v"]
+        mean = sheet.state("mean_speed", "m/s", 0.5, spread=0.05)
+        change = sheet.state("mean_change", "m/s", 0.5, spread=0.05)  # of it, in the time that it is the mean of
+        long = ca.fmax(alone, SHORTEST)
+        sheet.rate(mean, change / long)
+        sheet.rate(change, (12 * (v - mean) - 6 * change) / long)
+        early = nominal - v * alone + near.get("a", 0.0) * alone**2 / 2
+        return ca.if_else(alone > 0, nominal - alone * mean, early)
