@@ -12,7 +12,8 @@ import pytest
 
 from optid.effects.library import built_in
 from studies import concealed, trial
-from studies.independent_rig import Controller, Rig, Sensors
+from studies.independent_rig import Controller, Rig, Sensors, recording, simulate
+from studies.independent_rig.states import PA, PB
 from studies.trial import running, scoring
 from studies.trial.board import Rate, board, conformal, rates, spreads, text
 from studies.trial.case import SIZES, Case, Hidden, case_from
@@ -22,10 +23,10 @@ from studies.trial.drawing import Order, draw
 from studies.trial.excitation import STYLES
 from studies.trial.judging import Ran, judge
 from studies.trial.named import NAMED
-from studies.trial.oracle import oracle_rmse
+from studies.trial.oracle import PRIOR, _estimated, _measured, oracle_rmse
 from studies.trial.outside import OUTSIDE
 from studies.trial.overlap import interval_overlap, time_overlap
-from studies.trial.record import record
+from studies.trial.record import Recorded, record
 from studies.trial.seal import SealError, seal, unseal
 from studies.trial.sizes import Draw
 
@@ -197,6 +198,19 @@ def test_what_conceals_an_effect(found, active, tracking, sensors, ways):
 
 def test_the_oracle_is_left_with_little_more_than_the_noise(stribeck):
     assert 0.9 < oracle_rmse(stribeck) / 0.03e-3 < 1.5
+
+
+@pytest.mark.parametrize("with_pressures", [False, True])
+def test_the_oracle_knows_the_pressures_of_an_axis_at_rest_only_where_they_are_measured(with_pressures):
+    """What else is known of them is off by a sd here and there, and a position that stays tells nothing against it."""
+    resting = case(with_pressures=with_pressures)
+    run = simulate(resting.rig, np.zeros(1200), np.random.default_rng(1), sensors=resting.sensors)
+    assert run.stuck[100:].all()
+    held = Recorded(resting, {"mixed": run}, {"mixed": recording(run, np.random.default_rng(2))})
+    known = np.array([0.0, 0.0, 0.4, -0.2])  # less than moves it
+    start = _estimated(resting, run, _measured(held), 100, 1100, known)
+    off = (start - run.states[100])[[PA, PB]] / PRIOR[PA]
+    assert off == pytest.approx([0.0, 0.0] if with_pressures else known[2:], abs=0.01)
 
 
 @pytest.mark.parametrize("drift", [-2e-3, 2e-3])
