@@ -38,7 +38,7 @@ def first_look(model: Model, problem: Problem, p: Array, noise: Noise, seconds: 
         One of the parts of what the model itself says of the start, or all that where no part is likelier; one set.
     """
     whole = start_of(model, p[None], len(problem.begins))
-    measured: Booleans = np.isfinite(problem.measured).any(axis=0)
+    measured = np.asarray(np.isfinite(problem.measured).any(axis=0))
     hidden = _unseen(model, p, measured) & (whole.sd[0] > 0.0).all(axis=0)
     if not hidden.any():
         return whole

@@ -208,7 +208,7 @@ def test_the_oracle_knows_the_pressures_of_an_axis_at_rest_only_where_they_are_m
     assert run.stuck[100:].all()
     held = Recorded(resting, {"mixed": run}, {"mixed": recording(run, np.random.default_rng(2))})
     known = np.array([0.0, 0.0, 0.4, -0.2])  # less than moves it
-    start = _estimated(resting, run, _measured(held), 100, 1100, known)
+    (start,) = _estimated(resting, run, _measured(held), 100, 1100, known[None])
     off = (start - run.states[100])[[PA, PB]] / PRIOR[PA]
     assert off == pytest.approx([0.0, 0.0] if with_pressures else known[2:], abs=0.01)
 
