@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import enum
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -190,8 +190,10 @@ def diagnose(
     if found.best.effects and excess(found.best.judged, noise) > EXCESS:
         report(0.95, "how far the recordings disagree")
         least = np.maximum(least, disagreement(found.best, data, rig.model))
-    best_parameters = estimates(found.best.answer, last, least)
-    base_parameters = best_parameters if found.best is base else estimates(base.answer, ())
+    best_parameters = estimates(found.best.answer, last, least, _missed(found.best, noise))
+    base_parameters = (
+        best_parameters if found.best is base else estimates(base.answer, (), ratio=_missed(base, noise))
+    )
     verdict, best, sites, closest = (
         (Verdict.PARAMETERS, wide, (), None) if wide else _verdict(found, data, report)
     )
@@ -201,7 +203,7 @@ def diagnose(
     elif sites:
         findings = (_nameless(base, sites, data),)
     if best is not found.best:
-        best_parameters = estimates(best.answer, ())
+        best_parameters = estimates(best.answer, (), ratio=_missed(best, noise))
     residuals = residual_tests(best.judged, best.answer, data.holdout)
     diagnosis = Diagnosis(
         verdict, "", base, best, base_parameters, best_parameters, findings, _rejected(found, best, closest),
@@ -227,6 +229,12 @@ def _noise(rig: Rig, recordings: Sequence[Recording]) -> dict[str, float]:
         coloured = [sd for sd, told in seen if told] or [sd for sd, _ in seen]
         found[port.role] = float(stated or np.sqrt(np.mean(np.square(coloured))))
     return found
+
+
+def _missed(model: Candidate, noise: Mapping[str, float]) -> float:
+    """By how much a model's windows err more than they should; 1 where they are at the noise."""
+    ratio = excess(model.judged, noise)
+    return ratio if ratio > EXCESS else 1.0
 
 
 def _enough(base: Candidate, data: Data) -> Candidate | None:

@@ -3,7 +3,9 @@
 Four sources: the noise (Fisher's information), colour of the innovations (a sandwich over blocks), every effect that
 was not named, which may be present up to the smallest size worth a name, and the numerical settings, which may be
 wrong by a factor of two. The last two are priors on sizes that the data may sharpen; they are what keeps intervals
-honest when a law's form is not exact. Where it visibly is not, recordings disagree, and that counts as well.
+honest when a law's form is not exact. Where it visibly is not, recordings disagree, and that counts as well; and what
+a model misses by beyond noise widens every interval in proportion (Birge, Physical Review 40, 1932), as all recordings
+may err alike.
 """
 
 from __future__ import annotations
@@ -30,16 +32,23 @@ BLOCK = 0.5  # of a window: innovations within it count as one
 
 
 def estimates(
-    answer: Answer, signatures: Sequence[Signature], least: Array | None = None
+    answer: Answer, signatures: Sequence[Signature], least: Array | None = None, ratio: float = 1.0
 ) -> tuple[Estimate, ...]:
-    """Every free parameter with its 95 % interval, SI; `least` is the least half-width of each, (free,), SI."""
+    """Every free parameter with its 95 % interval, SI.
+
+    Args:
+        answer: the fit.
+        signatures: of effects that were not named.
+        least: half-width of each interval at least, (free,), SI.
+        ratio: of what the model misses by to what it should (Birge).
+    """
     q = answer.question
     theta = answer.p[list(q.free)]
     covariance = _covariance(answer, signatures)
     sd = np.sqrt(np.maximum(np.diag(covariance), 0.0)) * q.typical
     span = np.where(np.isfinite(q.high - q.low), q.high - q.low, np.abs(theta) + q.typical)
     bound = (theta - q.low <= 1e-9 * span) | (q.high - theta <= 1e-9 * span)
-    half = np.maximum(stats.norm.ppf(0.975) * sd, 0.0 if least is None else least)
+    half = np.maximum(ratio * stats.norm.ppf(0.975) * sd, 0.0 if least is None else least)
     found = []
     for k, i in enumerate(q.free):
         parameter = q.model.parameters[i]

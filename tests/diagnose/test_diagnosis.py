@@ -8,6 +8,7 @@ import pytest
 
 from optid.diagnose import diagnosis as diagnosis_of
 from optid.diagnose.diagnosis import Verdict, diagnose
+from optid.diagnose.uncertainty import estimates
 from optid.errors import InputError
 from optid.report.diagnosis_document import diagnosis_document
 from optid.report.diagnosis_page import diagnosis_page
@@ -104,6 +105,22 @@ def test_the_page_stands_alone(dead):
 def test_without_a_hold_out_there_is_no_proof(tmp_path):
     with pytest.raises(InputError, match="held out"):
         diagnose(rig(tmp_path), [recording(1, "a.csv")], [], generator=np.random.default_rng(0))
+
+
+@pytest.mark.parametrize(("misses", "ratio"), [(0.9, 1.0), (1.19, 1.0), (6.0, 6.0)])
+def test_intervals_widen_by_what_a_model_misses_beyond_the_noise(misses, ratio, monkeypatch):
+    monkeypatch.setattr(diagnosis_of, "excess", lambda judged, noise: misses)
+    assert diagnosis_of._missed(SimpleNamespace(judged=None), {}) == ratio
+
+
+def test_the_intervals_of_a_model_that_lacks_something_are_wider_than_its_likelihood_has_them(dead):
+    """The base model without the dead zone misses by several times the noise; so do its intervals."""
+    times = dead.base.judged.scores["position"].rmse / dead.noise["position"]
+    own = estimates(dead.base.answer, ())
+    assert times > 3.0
+    for wide, narrow in zip(dead.base_parameters, own, strict=True):
+        assert wide.value == narrow.value
+        assert wide.high - wide.low > 1.5 * (narrow.high - narrow.low) or wide.at_bound
 
 
 @pytest.mark.parametrize(

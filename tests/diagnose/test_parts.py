@@ -396,6 +396,8 @@ def test_recordings_that_disagree_widen_the_intervals(tmp_path):
     assert apart[gain] == pytest.approx(4.3 * 0.173, rel=0.2)
     least = estimates(base.answer, (), apart)[gain]
     assert least.high - least.low > 1.9 * apart[gain]
+    one, six = (estimates(base.answer, (), ratio=ratio)[gain] for ratio in (1.0, 6.0))
+    assert six.high - six.low == pytest.approx(6.0 * (one.high - one.low))
     assert said((1.0, 1.0, 1.0))[1][gain] < 0.05
 
 
