@@ -8,7 +8,7 @@ import pytest
 
 from optid.diagnose import refit as refit_of
 from optid.diagnose.candidate import QUIETER, Data, fit_base, refitted
-from optid.diagnose.lead import _ahead, leads, stood
+from optid.diagnose.lead import RACE, _ahead, _worst, leads, stood
 from optid.effects.library import admitted
 from optid.errors import SolveError
 from optid.fit.likelihood import FAR
@@ -64,6 +64,44 @@ def test_the_loss_of_a_search_is_hubers_and_what_it_ended_with(worn):
     prior = (found.p[list(q.free)] - q.prior) / q.prior_sd
     rho = np.where(z > FAR, FAR * (2.0 * z - FAR), z**2).sum() + np.sum(prior**2)
     assert found.loss == pytest.approx(rho / 2.0, rel=1e-6)
+
+
+def test_the_first_leg_runs_over_all_of_the_recording_that_lacks_most():
+    """By Huber's loss: one sample far off weighs little beside many that are off by some sd."""
+    problem = SimpleNamespace(recording=np.array([0, 1, 1, 2]), counts=np.array([9, 4, 4, 9]))
+    E = np.zeros((1, 30, 1))
+    E[0, 3], E[0, 10:20], E[0, 25] = 30.0, 8.0, np.nan
+    guide = SimpleNamespace(
+        question=SimpleNamespace(problem=problem),
+        filtered=SimpleNamespace(innovations=E, variances=np.full(E.shape, 4.0)),
+    )
+    assert _worst(guide) == [1, 2]
+    E[0, 3] = 500.0
+    assert _worst(guide) == [0]
+
+
+def test_the_legs_of_a_race_run_over_one_recording_and_then_over_all(worn, monkeypatch):
+    base, guide, data = worn
+    ran = []
+
+    def watched(*given):
+        ran.append((given[4], given[5] if len(given) > 5 else None))
+        return steered_fit(*given)
+
+    monkeypatch.setattr("optid.diagnose.lead.steered_fit", watched)
+    leads(base, guide, admitted(base.rig.model), data, base.rig.model)
+    first, *_ = RACE
+    assert {over is not None for count, over in ran if count == first[0]} == {True}
+    assert {over is not None for count, over in ran if count != first[0]} == {False}
+
+
+def test_innovations_of_one_segment_are_those_of_all_there(worn):
+    base, guide, _ = worn
+    q, P = guide.question, base.answer.p[None]
+    whole = innovations(q, P, q.model, guide.filtered)[0]
+    first, second = (innovations(q, P, q.model, guide.filtered, [k])[0] for k in (0, 1))
+    assert np.array_equal(np.concatenate([first, second]), whole)
+    assert len(first) == q.problem.counts[0] + 1
 
 
 def test_a_race_takes_few_of_one_effect_and_the_best_of_all():
