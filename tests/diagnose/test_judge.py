@@ -24,12 +24,12 @@ def held(s):
     s.output("position", "m", x)
 
 
-def recording(load, seconds=2.0):
+def recording(load, push=2.0, seconds=2.0):
     """Pulled back until REST, pushed from there on."""
     t = DT * np.arange(round(seconds / DT))
-    x = np.maximum(t - REST, 0.0) * (2.0 + load) + SD * np.random.default_rng(3).standard_normal(len(t))
+    x = np.maximum(t - REST, 0.0) * (push + load) + SD * np.random.default_rng(3).standard_normal(len(t))
     channels = {
-        "command": Channel("command", "u", "m/s", np.where(t < REST - DT / 2, -2.0, 2.0)),
+        "command": Channel("command", "u", "m/s", np.where(t < REST - DT / 2, -2.0, push)),
         "position": Channel("position", "x", "m", x, sd=SD),
     }
     return Recording("pushed", t, channels)
@@ -41,18 +41,28 @@ def answer(process_noise):
     return SimpleNamespace(question=SimpleNamespace(model=model, free=()), p=model.vector({}), noise=noise)
 
 
-@pytest.mark.parametrize("process_noise", [1e-4, 1e-2])
-def test_what_the_past_cannot_tell_is_not_held_against_a_model(process_noise):
+SINCE = np.sqrt(
+    np.mean((DT * np.arange(round(0.5 / DT))) ** 2) / 3.0
+)  # of three windows, the first is the push's
+
+
+def test_what_the_past_cannot_tell_is_not_held_against_a_model():
     """The window of the push errs by load x time, the load not known better than SPREAD; the next ones know it."""
-    judged = judge(answer(process_noise), [recording(load=0.2)])
-    since = DT * np.arange(round(0.5 / DT))
-    expected = SPREAD * np.sqrt(np.mean(since**2) / 3.0)  # of the last three windows, the first is the push's
-    assert judged.imperfection["position"] == pytest.approx(expected, rel=0.01)
+    judged = judge(answer(1e-4), [recording(load=0.2)])
+    assert judged.imperfection["position"] == pytest.approx(SPREAD * SINCE, rel=0.01)
     assert judged.scores["position"].rmse > 100 * SD
     assert excess(judged, {"position": SD}) == pytest.approx(1.0, abs=0.02)
 
 
+def test_where_it_may_not_move_at_all_both_sides_count():
+    """sqrt(3) sd more load moves it so much faster; as much less only holds it."""
+    judged = judge(answer(1e-4), [recording(load=0.0, push=0.1)])
+    expected = np.sqrt((3.0 * SPREAD**2 + 0.1**2) / 6.0) * SINCE
+    assert judged.imperfection["position"] == pytest.approx(expected, rel=0.02)
+
+
 def test_what_the_past_tells_is_held_against_a_model():
-    """Three times as much load as a start may have is no ignorance; process noise does not excuse it either."""
-    judged = judge(answer(1e-2), [recording(load=0.6)])
+    """Three times as much load as a start may have is no ignorance, nor does process noise excuse it."""
+    judged = judge(answer(0.3), [recording(load=0.6)])
+    assert judged.imperfection["position"] == pytest.approx(SPREAD * SINCE, rel=0.01)
     assert excess(judged, {"position": SD}) > 2.0 * EXCESS
