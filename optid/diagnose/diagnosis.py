@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import enum
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -15,7 +15,7 @@ from optid.core.thinning import thinned
 from optid.diagnose.by_simulation import by_simulation
 from optid.diagnose.candidate import Candidate, Data, fit_base, settled, widened
 from optid.diagnose.disturbance import Located, locate, locate_at
-from optid.diagnose.judge import EXCESS, Comparison, cleared, compare, excess
+from optid.diagnose.judge import EXCESS, Comparison, cleared, compare, excess, missed
 from optid.diagnose.law import law_at
 from optid.diagnose.refit import LEVEL, own_values
 from optid.diagnose.residuals import Residuals, residual_tests
@@ -190,9 +190,11 @@ def diagnose(
     if found.best.effects and excess(found.best.judged, noise) > EXCESS:
         report(0.95, "how far the recordings disagree")
         least = np.maximum(least, disagreement(found.best, data, rig.model))
-    best_parameters = estimates(found.best.answer, last, least, _missed(found.best, noise))
+    best_parameters = estimates(found.best.answer, last, least, missed(found.best.judged, noise))
     base_parameters = (
-        best_parameters if found.best is base else estimates(base.answer, (), ratio=_missed(base, noise))
+        best_parameters
+        if found.best is base
+        else estimates(base.answer, (), ratio=missed(base.judged, noise))
     )
     verdict, best, sites, closest = (
         (Verdict.PARAMETERS, wide, (), None) if wide else _verdict(found, data, report)
@@ -203,7 +205,7 @@ def diagnose(
     elif sites:
         findings = (_nameless(base, sites, data),)
     if best is not found.best:
-        best_parameters = estimates(best.answer, (), ratio=_missed(best, noise))
+        best_parameters = estimates(best.answer, (), ratio=missed(best.judged, noise))
     residuals = residual_tests(best.judged, best.answer, data.holdout)
     diagnosis = Diagnosis(
         verdict, "", base, best, base_parameters, best_parameters, findings, _rejected(found, best, closest),
@@ -229,12 +231,6 @@ def _noise(rig: Rig, recordings: Sequence[Recording]) -> dict[str, float]:
         coloured = [sd for sd, told in seen if told] or [sd for sd, _ in seen]
         found[port.role] = float(stated or np.sqrt(np.mean(np.square(coloured))))
     return found
-
-
-def _missed(model: Candidate, noise: Mapping[str, float]) -> float:
-    """By how much a model's windows err more than they should; 1 where they are at the noise."""
-    ratio = excess(model.judged, noise)
-    return ratio if ratio > EXCESS else 1.0
 
 
 def _enough(base: Candidate, data: Data) -> Candidate | None:

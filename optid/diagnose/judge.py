@@ -175,6 +175,12 @@ def excess(judged: Judged, noise: Mapping[str, float]) -> float:
     return max(ratios, default=1.0)
 
 
+def missed(judged: Judged, noise: Mapping[str, float]) -> float:
+    """By how much windows err more than they should; 1 where they are at the noise."""
+    ratio = excess(judged, noise)
+    return ratio if ratio > EXCESS else 1.0
+
+
 def cleared(before: Judged, after: Judged, noise: Mapping[str, float]) -> float:
     """Share of the windows' squared error beyond the floor that is gone, in the channel that had most of it."""
     worst, share = 0.0, 1.0

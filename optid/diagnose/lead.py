@@ -20,7 +20,7 @@ from optid.diagnose.candidate import QUICK, Candidate, Data
 from optid.diagnose.screen import Signature, grown, heard
 from optid.effects.effect import Effect
 from optid.errors import SolveError
-from optid.fit.likelihood import FAR, Noise
+from optid.fit.likelihood import FAR, Noise, huber
 from optid.fit.place import NUDGES, Answer, Place, Question
 from optid.fit.steering import Steered, innovations, steered_fit
 from optid.rigs.rigfile import Rig
@@ -130,8 +130,7 @@ class _Ground:
         for k, z in enumerate(innovations(question, P, self.guide.question.model, self.guide.filtered)):
             root = np.sqrt(np.minimum(1.0, FAR / np.maximum(np.abs(z), 1e-12)))
             step = np.linalg.lstsq(self.slopes * root[:, None], -root * z, rcond=1e-9)[0]
-            rest = np.abs(z + self.slopes @ step)
-            found[k] = np.where(rest > FAR, FAR * (2.0 * rest - FAR), rest**2).sum()
+            found[k] = huber(z + self.slopes @ step).sum()
         return found
 
 
@@ -164,8 +163,7 @@ class _Lead:
 def _worst(guide: Answer) -> list[int]:
     """The segments of the recording in which most is missing."""
     problem, f = guide.question.problem, guide.filtered
-    z = np.abs(f.innovations[0]) / np.sqrt(f.variances[0])
-    loss = np.nansum(np.where(z > FAR, FAR * (2.0 * z - FAR), z**2), axis=1)
+    loss = np.nansum(huber(f.innovations[0] / np.sqrt(f.variances[0])), axis=1)
     lost = np.bincount(np.repeat(problem.recording, problem.counts + 1), weights=loss)
     return np.flatnonzero(problem.recording == np.argmax(lost)).tolist()
 

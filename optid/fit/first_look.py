@@ -2,9 +2,9 @@
 
 A record says little of its first state before it moves. Pressures that may lie anywhere between exhaust and supply may
 push the piston either way or not at all, and a filter that takes so much for one normal distribution believes, when
-the first motion is over, in pressures a bar off, and that for seconds. Each of many normal distributions that together
-make up the same prior is narrow enough to be filtered well (Gaussian sums: Sorenson and Alspach, Automatica 7, 1971);
-the likeliest one, by the first moments of the record, is where the filter begins.
+the first motion is over, in pressures a tenth of a bar off, and is sure of them. Each of many normal
+distributions that together make up the same prior is narrow enough to be filtered well (Gaussian sums: Sorenson and
+Alspach, Automatica 7, 1971); the likeliest one, by the first moments of the record, is where the filter begins.
 """
 
 from __future__ import annotations
@@ -78,6 +78,6 @@ def _unseen(model: Model, p: Array, measured: Booleans) -> Booleans:
 
 
 def _spread(states: int) -> Array:
-    """Standard normal points, (PARTS, states), evenly spread, the first in the middle."""
+    """Standard normal points, (PARTS, states), evenly spread."""
     points = stats.qmc.Sobol(states, scramble=False).random(PARTS)
     return np.asarray(stats.norm.ppf((points + 0.5 / PARTS) % 1.0))

@@ -211,6 +211,11 @@ def deviance(innovations: Array, variances: Array) -> Array:
 
     Innovations beyond `FAR` sd count linearly, as from heavier tails than the normal's.
     """
-    z = np.abs(innovations) / np.sqrt(variances)
-    loss = np.where(z > FAR, FAR * (2.0 * z - FAR), z**2) + np.log(variances)
+    loss = huber(innovations / np.sqrt(variances)) + np.log(variances)
     return np.asarray(np.nansum(np.where(np.isnan(innovations), 0.0, loss), axis=-1))
+
+
+def huber(z: Array) -> Array:
+    """Squares of deviations in sd; what is beyond `FAR` counts linearly (Huber, Ann. Math. Statist. 35, 1964)."""
+    far = np.abs(z)
+    return np.asarray(np.where(far > FAR, FAR * (2.0 * far - FAR), far**2))

@@ -15,7 +15,7 @@ from scipy.optimize import least_squares
 
 from optid.core.model import Array, Model
 from optid.errors import SolveError
-from optid.fit.likelihood import FAR, Filtered, run_steered
+from optid.fit.likelihood import FAR, Filtered, huber, run_steered
 from optid.fit.place import NUDGES, REACH, Question
 
 TOLERANCE = 1e-3  # of the loss, that a step must gain for the search to go on
@@ -130,8 +130,7 @@ class _Search:
 
     def loss(self) -> float:
         """Huber's, where it was last, as SciPy counts it."""
-        z = np.abs(self.values)
-        return float(0.5 * np.sum(np.where(z > FAR, FAR * (2.0 * z - FAR), z**2)))
+        return 0.5 * float(np.sum(huber(self.values)))
 
     def _seen(self, X: Array) -> Array:
         P = np.tile(self.p, (len(X), 1))

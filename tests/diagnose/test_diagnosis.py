@@ -8,6 +8,7 @@ import pytest
 
 from optid.diagnose import diagnosis as diagnosis_of
 from optid.diagnose.diagnosis import Verdict, diagnose
+from optid.diagnose.judge import missed
 from optid.diagnose.uncertainty import estimates
 from optid.errors import InputError
 from optid.report.diagnosis_document import diagnosis_document
@@ -109,8 +110,8 @@ def test_without_a_hold_out_there_is_no_proof(tmp_path):
 
 @pytest.mark.parametrize(("misses", "ratio"), [(0.9, 1.0), (1.19, 1.0), (6.0, 6.0)])
 def test_intervals_widen_by_what_a_model_misses_beyond_the_noise(misses, ratio, monkeypatch):
-    monkeypatch.setattr(diagnosis_of, "excess", lambda judged, noise: misses)
-    assert diagnosis_of._missed(SimpleNamespace(judged=None), {}) == ratio
+    monkeypatch.setattr("optid.diagnose.judge.excess", lambda judged, noise: misses)
+    assert missed(None, {}) == ratio
 
 
 def test_the_intervals_of_a_model_that_lacks_something_are_wider_than_its_likelihood_has_them(dead):

@@ -21,9 +21,8 @@ OTHERS = Parameter(
     "others", "1", 0.5, "share of the position's lateness that all other channels have, too", "one card or several",
     1.0, (0.0, 1.0),
 )  # fmt: skip
-SHORTEST = (
-    1e-3  # s: keeps the equations from becoming stiff at the null; over that long any speed is about constant
-)
+# s: keeps the equations from becoming stiff at the null; over that long any speed is about constant.
+SHORTEST = 1e-3
 
 
 class ClockDrift(Effect):
@@ -65,9 +64,8 @@ class ClockDrift(Effect):
             return command_ago(sheet, nominal, together)
         alone, v = late - together, near["v"]
         mean = sheet.state("mean_speed", "m/s", 0.5, spread=0.05)
-        change = sheet.state(
-            "mean_change", "m/s", 0.5, spread=0.05
-        )  # of it, in the time that it is the mean of
+        # Of it, in the time that it is the mean of.
+        change = sheet.state("mean_change", "m/s", 0.5, spread=0.05)
         long = ca.fmax(alone, SHORTEST)
         sheet.rate(mean, change / long)
         sheet.rate(change, (12 * (v - mean) - 6 * change) / long)
