@@ -17,7 +17,7 @@ from optid.tune.margins import Required
 from optid.tune.optimise import Options
 from optid.tune.tuning import tune
 
-NICENESS = 10  # the loop goes first
+NICENESS = 10  # a loop that runs by the clock goes first
 # Maximum sensitivity of a tuned loop. Åström and Hägglund (Advanced PID Control, 2006, sec. 4.6) name 1.2 to 2.0;
 # its low end because a linear model knows neither friction nor valve: studies/mixed_reality.py shows the price.
 ROOM = 1.2
@@ -49,7 +49,7 @@ class Tuning:
         """Start; `poll` until `busy` is over."""
         if self._pool is None:
             context = multiprocessing.get_context("spawn")
-            self._pool = ProcessPoolExecutor(1, context, _step_back)
+            self._pool = ProcessPoolExecutor(1, context, None if self._plan.fast else _step_back)
         self._future = self._pool.submit(tuned, case, self._plan)
 
     def poll(self) -> None:

@@ -195,7 +195,7 @@ def browser():
 def live(tmp_path, patient):
     """The command with a page, and its address."""
     call = [sys.executable, "-m", "optid.cli", "live", str(patient), "--out", str(tmp_path / "out"),
-            "--rate", "500", "--gains", "kp=8", "--page", "--fast"]  # fmt: skip
+            "--rate", "250", "--gains", "kp=8", "--page", "--fast"]  # fmt: skip
     with subprocess.Popen(call, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as process:
         line = process.stdout.readline()
         assert line.startswith("the page: "), line + process.stdout.read()
@@ -211,11 +211,11 @@ DRAWN = """id => {
 
 def until(page, expression):
     """Wait for it; the page's own policy forbids the browser to be handed a function that waits."""
-    for _ in range(3600):
+    for _ in range(6000):
         if page.evaluate(expression):
             return
         page.wait_for_timeout(50)
-    raise AssertionError(f"never: {expression}; {page.inner_text('#events')}")
+    raise AssertionError(f"not in five minutes: {expression}; {page.inner_text('#events')}")
 
 
 def test_the_whole_page_by_keyboard_and_a_stop_under_load(browser, live):

@@ -58,9 +58,9 @@ def wait_for(session, there):
 
 
 def test_tune_review_apply(tmp_path, patient):
-    settings = live_settings(read_rig(patient), 500.0)
+    settings = live_settings(read_rig(patient), 250.0)
     plan = Plan(
-        patient, "simulated", tmp_path, tour(settings.limits), Choices(Gains(6.0)), rate=500.0, fast=True
+        patient, "simulated", tmp_path, tour(settings.limits), Choices(Gains(6.0)), rate=250.0, fast=True
     )
     session = Session(plan)
     try:
