@@ -303,6 +303,19 @@ def test_friction_may_rise_from_a_place_on():
             assert force == pytest.approx(-np.sign(v) * full * share, rel=1e-6, abs=1e-9)
 
 
+def test_a_tight_spot_may_have_an_edge():
+    """Of free ending it follows an arch of cosine to half a percent, and becomes a bell where it has no edge."""
+    full = grown(AXIS, "position_dependent_friction").values["coulomb_friction"]
+    for width, ending, expected in (
+        (0.6415, 2.632, lambda z: 0.5 + 0.5 * np.cos(np.pi * z) if abs(z) < 1 else 0.0),
+        (1.0, 50.0, lambda z: np.exp(-(z**2))),
+    ):
+        values = {"rise": 0.5, "place": -0.02, "width": 0.03 * width, "ending": ending}
+        for z in (-1.6, -0.99, -0.5, 0.0, 0.2, 0.8, 1.01):
+            force = pushed("position_dependent_friction", values, x=-0.02 + 0.03 * z, v=0.3)
+            assert force == pytest.approx(-full * 0.5 * expected(z), abs=0.006 * full * 0.5)
+
+
 def test_a_seal_that_slips_part_by_part_remembers_an_inner_reversal():
     """Bristles drawn slowly to and fro, beside elements that are elastic until they slip (Iwan's, written anew)."""
     plant, distance, spread = grown(AXIS, "presliding"), 2e-4, 0.6

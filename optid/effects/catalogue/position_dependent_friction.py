@@ -22,51 +22,58 @@ PLACE = Parameter(
     "where, from mid-stroke",
     "anywhere along the stroke, or beyond it for a slope",
     0.0,
-    (-2.0, 2.0),
+    (-1.0, 1.0),
 )
 WIDTH = Parameter(
     "width", "m", 0.03, "distance over which the change dies away", "physics catalogue A.1: 5 to 40 mm, or the stroke",
     0.03, (3e-3, 2.0), logarithmic=True,
 )  # fmt: skip
+ENDING = Parameter(
+    "ending", "1", 3.0, "how the change ends: 2 as an arch with an edge, 50 as a bell without any",
+    "a patch has an end, a guide out of true has none", 50.0, (2.0, 50.0), logarithmic=True,
+)  # fmt: skip
 SLOPES = {
     name: Parameter(
         name, "1/m", 1.0, f"dry friction added per metre {words} the place, as a share of that near it",
-        "guides that are not parallel: 5 to 50 % over half a stroke", 0.0, (-50.0, 50.0),
+        "guides that are not parallel: 5 to 50 % over half a stroke", 0.0, (-15.0, 15.0),
     )
     for name, words in (("slope_ahead", "ahead of"), ("slope_behind", "behind"))
 }  # fmt: skip
-LEVEL = dict.fromkeys(SLOPES, 0.0)
+# Looked for as nearly a bell: a patch with an edge pulls nothing from afar.
+SHAPE = {"ending": 20.0, **dict.fromkeys(SLOPES, 0.0)}
+BASE = 1e-9  # of a power: nothing beyond the edge, and slopes that stay finite there
 
 
 class PositionDependentFriction(Effect):
-    """F_r (1 + r exp(-((x - x_0)/w)^2) + s max(x - x_0, 0) + t max(x_0 - x, 0)).
+    """F_r (1 + r max(1 - z^2/n, 0)^n + s max(x - x_0, 0) + t max(x_0 - x, 0)), z = (x - x_0)/w.
 
     One hill or hollow of free place and width: narrow for a bump, as wide as the stroke for friction that grows
-    towards both ends (a hollow at mid-stroke) or towards one (a hill at that end). From the same place on it may rise
-    steadily either way, as guides do that are not parallel.
+    towards both ends (a hollow at mid-stroke) or towards one (a hill at that end). The power n says how it ends: at an
+    edge sqrt(n) widths away; where n is large it is the bell exp(-z^2), which never quite ends. From the same place on
+    it may rise steadily either way, as guides do that are not parallel.
     """
 
     name = "position_dependent_friction"
     sites = ("force.coulomb",)
     equation = "11"
-    parameters = (RISE, PLACE, WIDTH, *SLOPES.values())
+    parameters = (RISE, PLACE, WIDTH, ENDING, *SLOPES.values())
     strength = {"rise": 0.05, "slope_ahead": 0.5, "slope_behind": 0.5}
     usual = tuple(
-        {"rise": rise, "place": place, "width": width, **LEVEL}
+        {"rise": rise, "place": place, "width": width, **SHAPE}
         for rise in (0.3, -0.2)
         for place, width in (
             (-0.08, 0.025), (-0.04, 0.025), (0.0, 0.025), (0.04, 0.025), (0.08, 0.025),
             (0.0, 0.08), (-0.1, 0.1), (0.1, 0.1),
         )
     ) + tuple(
-        {"rise": 0.0, "place": place, "width": 0.03, **LEVEL, slope: much}
+        {"rise": 0.0, "place": place, "width": 0.03, **SHAPE, slope: much}
         for slope, place in zip(SLOPES, (-0.03, 0.03), strict=True)
         for much in (3.0, -2.0)
     )  # fmt: skip
-    law = "dry friction is F_r (1 + r exp(-((x - x_0) / w)^2) + s max(x - x_0, 0) + t max(x_0 - x, 0))"
+    law = "dry friction is F_r (1 + r max(1 - ((x - x_0) / w)^2 / n, 0)^n + s max(x - x_0, 0) + t max(x_0 - x, 0))"
     says = (
-        "dry friction changes along the stroke by {rise} around {place}, over {width} to either side, and from there "
-        "on by {slope_ahead} ahead and {slope_behind} behind"
+        "dry friction changes along the stroke by {rise} around {place}, over {width} to either side (ending {ending}: "
+        "2 an arch with an edge, 50 a bell without), and from there on by {slope_ahead} ahead and {slope_behind} behind"
     )
     depends_on = ("position", "velocity")
     needs = "motion over the whole stroke in both directions"
@@ -85,7 +92,8 @@ class PositionDependentFriction(Effect):
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
         """The level of dry friction, N, at the place of the contact."""
         off = near["x"] - sheet.param(PLACE)
-        change = sheet.param(RISE) * ca.exp(-((off / sheet.param(WIDTH)) ** 2))
+        power = sheet.param(ENDING)
+        change = sheet.param(RISE) * ca.fmax(1 - (off / sheet.param(WIDTH)) ** 2 / power, BASE) ** power
         for slope, way in zip(SLOPES.values(), (off, -off), strict=True):
             change += sheet.param(slope) * ca.fmax(way, 0)
         return nominal * ca.fmax(1 + change, 0)
