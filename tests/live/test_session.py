@@ -167,9 +167,8 @@ def test_a_driver_that_never_comes_back_is_left_and_the_safe_command_put_anew(tm
     lines = (tmp_path / "put.txt").read_text().split("\n")
     assert lines[-2] == f"{os.getpid()} 0.25"  # by this process, when the guard was gone
     rows = pd.read_csv(tmp_path / "out" / "recording.csv")
-    assert (
-        rows["x"].notna().sum() == 30
-    )  # a period that passed without a sample has a row without a measurement
+    # A period that passed without a sample has a row without a measurement.
+    assert rows["x"].notna().sum() == 30
 
 
 class Running:
