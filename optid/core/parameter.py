@@ -19,6 +19,8 @@ class Parameter:
         default: value when a rig file is silent; ``None`` makes it required.
         bounds: the closed interval outside which the value is meaningless.
         logarithmic: the fit moves log(value): for widths and rates known to a factor.
+        fitted: an effect's are fitted where it is missing, unless they only say what the others mean, like the ends of
+            a curve.
     """
 
     name: str
@@ -29,6 +31,7 @@ class Parameter:
     default: float | None = None
     bounds: tuple[float, float] = (-math.inf, math.inf)
     logarithmic: bool = False
+    fitted: bool = True
 
     def __post_init__(self) -> None:
         low, high = self.bounds

@@ -106,6 +106,17 @@ class Sheet:
         port = replace(self._inputs[role][0], ago=samples)
         return self._port(f"{role}@{samples}", port)
 
+    def signal(self, name: str) -> ca.SX:
+        """A state or an input that the plant has declared, for an effect that can follow any of them.
+
+        Raises:
+            PlantError: the plant has declared none of that name so far.
+        """
+        known = {**self._state_symbols, **{role: symbol for role, (_, symbol) in self._inputs.items()}}
+        if name not in known:
+            raise PlantError(f'no state or input "{name}" so far', where=self.name, hint=nearest(name, known))
+        return known[name]
+
     def interval(self) -> ca.SX:
         """The time for which the present sample is held, s."""
         return self._port(INTERVAL, Port(INTERVAL, "s"))

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import enum
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -15,115 +14,25 @@ from optid.core.thinning import thinned
 from optid.diagnose.by_simulation import by_simulation
 from optid.diagnose.candidate import Candidate, Data, fit_base, settled, widened
 from optid.diagnose.disturbance import Located, locate, locate_at
-from optid.diagnose.judge import EXCESS, Comparison, cleared, compare, excess, missed
+from optid.diagnose.finding import Closest, Diagnosis, Finding, Verdict
+from optid.diagnose.judge import EXCESS, cleared, compare, excess, missed
 from optid.diagnose.law import law_at
 from optid.diagnose.refit import LEVEL, own_values
-from optid.diagnose.residuals import Residuals, residual_tests
+from optid.diagnose.residuals import residual_tests
 from optid.diagnose.rivals import compared, indistinguishable
 from optid.diagnose.screen import Signature, screen
-from optid.diagnose.search import DEEPEST, Search, search
+from optid.diagnose.search import Search, needed, search
 from optid.diagnose.uncertainty import disagreement, estimates, resolution
-from optid.diagnose.where import Region, contribution, region, telling
+from optid.diagnose.unexplained import describe, nameless
+from optid.diagnose.where import contribution, region, telling
+from optid.diagnose.words import quantity, summary
 from optid.effects.effect import Effect
 from optid.effects.library import admitted
 from optid.errors import InputError
 from optid.fit.result import Estimate
 from optid.rigs.rigfile import Rig
 
-# Of the squared error, what names must clear where no trial has measured what right ones leave: an even share among as
-# many as can be named and a rest.
-EVEN = 1 / (DEEPEST + 1)
 VISIBLE = 5.0  # sd at which an effect of the smallest size worth a name would be found for sure
-
-
-class Verdict(enum.Enum):
-    """What a diagnosis says; the value is the word in its file."""
-
-    CONSISTENT = "consistent"
-    PARAMETERS = "parameters"
-    MISSING_PHYSICS = "missing-physics"
-    UNEXPLAINED = "unexplained"
-
-
-@dataclass(frozen=True, eq=False)
-class Finding:
-    """One thing that is missing.
-
-    Attributes:
-        effect: its effect; ``None`` where nothing of the catalogue explains the mismatch.
-        site: its kind of site; `place` the plant's own name of it.
-        parameters: of the effect, with intervals, by own name.
-        region: when and where.
-        shown: signals worth telling.
-        evidence: on the hold-out, against the model without it.
-        train_gain: fall of -2 log likelihood on the training recordings.
-        delta_bic: that fall less what its parameters cost.
-        indistinguishable: names of effects that explain the recordings as well.
-        sentence: what an engineer would say.
-        signal: the unknown signal at the site, where it was estimated on the model as it came.
-        law: what the named effects make of that site's signal, (samples,).
-    """
-
-    effect: Effect | None
-    site: str
-    place: str
-    parameters: tuple[Estimate, ...]
-    region: Region
-    shown: tuple[str, ...]
-    evidence: Comparison
-    train_gain: float
-    delta_bic: float
-    indistinguishable: tuple[str, ...]
-    sentence: str
-    signal: Located | None = None
-    law: Array | None = None
-
-
-@dataclass(frozen=True)
-class Closest:
-    """Names that fell short: effects, the share of the squared error that they clear, and the share needed."""
-
-    effects: tuple[str, ...]
-    cleared: float
-    needed: float
-
-    def __str__(self) -> str:
-        """As a reason against them."""
-        return f"clears {100 * self.cleared:.0f} % of the squared error, where {100 * self.needed:.0f} % are needed"
-
-
-@dataclass(frozen=True, eq=False)
-class Diagnosis:
-    """All that was found.
-
-    Attributes:
-        verdict, summary: the answer.
-        base, best: the fitted model as it came, and improved.
-        base_parameters, best_parameters: with intervals.
-        findings: strongest first.
-        rejected: (effect, why).
-        not_testable: (effect, why, smallest size that would show).
-        noise: role -> sd of the measurement, SI.
-        residuals: tests of what remains on the hold-out.
-        search: how it went.
-        data: what it was given.
-        closest: what came closest to explaining what is unexplained.
-    """
-
-    verdict: Verdict
-    summary: str
-    base: Candidate
-    best: Candidate
-    base_parameters: tuple[Estimate, ...]
-    best_parameters: tuple[Estimate, ...]
-    findings: tuple[Finding, ...]
-    rejected: tuple[tuple[str, str], ...]
-    not_testable: tuple[tuple[str, str, str], ...]
-    noise: dict[str, float]
-    residuals: Residuals
-    search: Search
-    data: Data
-    closest: Closest | None
 
 
 Report = Callable[[float, str], None]
@@ -203,7 +112,9 @@ def diagnose(
     if verdict is Verdict.MISSING_PHYSICS:
         findings = _findings(found, best_parameters, data, report)
     elif sites:
-        findings = (_nameless(base, sites, data),)
+        described = describe(base, sites[0], data, partial(report, 0.97))
+        findings = (nameless(base, sites, described, data),)
+        best = base if described is None else described.candidate
     if best is not found.best:
         best_parameters = estimates(best.answer, (), ratio=missed(best.judged, noise))
     residuals = residual_tests(best.judged, best.answer, data.holdout)
@@ -211,8 +122,6 @@ def diagnose(
         verdict, "", base, best, base_parameters, best_parameters, findings, _rejected(found, best, closest),
         _not_testable(found, last, own), noise, residuals, found, data, closest,
     )  # fmt: skip
-    from optid.diagnose.words import summary
-
     return replace(diagnosis, summary=summary(diagnosis))
 
 
@@ -264,7 +173,7 @@ def _findings(
             for e in parameters
             if e.name.startswith(f"{effect.name}.")
         )
-        count = len(effect.parameters) * float(np.log(best.judged.deviance.size))
+        count = len(effect.fitted) * float(np.log(best.judged.deviance.size))
         findings.append(
             Finding(
                 effect, effect.site, effect.sites[0], mine, where, shown, evidence, gain, gain - count,
@@ -285,8 +194,6 @@ def _signal(found: Search, effect: Effect, data: Data, report: Report) -> tuple[
 
 
 def _says(effect: Effect, best: Candidate) -> str:
-    from optid.diagnose.words import quantity
-
     values = own_values(effect, best.rig, best.answer)
     units = {q.name: q.unit for q in effect.parameters}
     return effect.says.format(**{name: quantity(v, units[name]) for name, v in values.items()})
@@ -305,39 +212,14 @@ def _verdict(
         return Verdict.MISSING_PHYSICS, best, (), None
     report(0.94, "locating the mismatch with an unknown signal")
     names = tuple(effect.name for effect in best.effects)
-    closest = Closest(names, cleared(base.judged, best.judged, data.noise), _needed(base)) if names else None
+    closest = Closest(names, cleared(base.judged, best.judged, data.noise), needed(base)) if names else None
     return Verdict.UNEXPLAINED, base, locate(base, data), closest
 
 
 def _stands(found: Search, data: Data) -> bool:
     """Whether names clear as much of the squared error as right ones do."""
     best = found.best
-    return bool(best.effects) and cleared(found.base.judged, best.judged, data.noise) >= _needed(found.base)
-
-
-def _needed(base: Candidate) -> float:
-    leave = base.rig.model.laws_leave
-    return EVEN if leave is None else 1.0 - leave
-
-
-def _nameless(base: Candidate, sites: Sequence[Located], data: Data) -> Finding:
-    first = sites[0]
-    signal = first.signal / max(float(np.nanstd(first.signal)), 1e-300)
-    outputs = len(base.rig.model.outputs)
-    spread = np.repeat((signal - np.nanmedian(signal))[:, None], outputs, axis=1)
-    measured = np.isfinite(base.answer.filtered.innovations[0])
-    where = region(base.answer, np.where(measured, spread, np.nan), data.train)
-    kind = first.site.partition(".")[0]
-    near = {
-        one.site: True  # once, and in their order: both chambers together stand under the name of one
-        for one in sites[1:]
-        if one.site != first.site and compare(one.judged, first.judged, data.generator).p_value > LEVEL
-    }
-    also = f"; {', '.join(near)} would do nearly as well" if near else ""
-    words = f"an unknown signal at {first.site} explains the recordings best{also}"
-    none = Comparison(0.0, 0.0, 1.0, 0.0, 0.0)
-    shown = tuple(telling(where.states, ()))
-    return Finding(None, kind, first.site, (), where, shown, none, first.gain, 0.0, (), words, first)
+    return bool(best.effects) and cleared(found.base.judged, best.judged, data.noise) >= needed(found.base)
 
 
 def _rejected(found: Search, best: Candidate, closest: Closest | None) -> tuple[tuple[str, str], ...]:
@@ -376,8 +258,6 @@ def _not_testable(
     found: Search, last: Sequence[Signature], own: Sequence[Effect]
 ) -> tuple[tuple[str, str, str], ...]:
     """Effects that these recordings would not show at the smallest size worth a name."""
-    from optid.diagnose.words import quantity
-
     seen = {s.effect.name: s for s in last}
     rows = []
     for effect in admitted(found.best.rig.model, own):

@@ -247,7 +247,7 @@ def alike(one: Effect, other: Effect) -> bool:
 
 def cost(effect: Effect) -> float:
     """What parameters gain by themselves in -2 log likelihood, as Schwarz's criterion has it."""
-    return len(effect.parameters) * math.log(1e4)
+    return len(effect.fitted) * math.log(1e4)
 
 
 def _attempt(c: Contest, signature: Signature, again: bool) -> _Refit:
@@ -328,7 +328,7 @@ def _scaled(effect: Effect, values: Mapping[str, float], factor: float) -> dict[
 
 def _misfit(t: _Refit, gain: float, screened: int) -> str:
     """Why a refitted effect does not even fit the recordings it was given; empty when it does."""
-    needed = stats.chi2.isf(LEVEL / max(screened, 1), len(t.effect.parameters)) + cost(t.effect)
+    needed = stats.chi2.isf(LEVEL / max(screened, 1), len(t.effect.fitted)) + cost(t.effect)
     if gain < needed:
         return f"the refit gains {gain:.0f} in -2 log likelihood where {needed:.0f} are needed"
     if t.size < 1.0:

@@ -29,6 +29,9 @@ REFITS = 5  # candidates of a round
 LITTLE = 2  # candidates of a round when little is left to explain
 SECOND = 3  # candidates of a round that only another look brings in, or that come before one
 DEEPEST = 3  # effects at most
+# Of the squared error, what names must clear where no trial has measured what right ones leave: an even share among as
+# many as can be named and a rest.
+EVEN = 1 / (DEEPEST + 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,13 +113,13 @@ def search(base: Candidate, own: Sequence[Effect], data: Data, report: Report) -
         tell = partial(report, 0.1 + 0.8 * depth / (DEEPEST + 1))
         tell(f"round {depth + 1}: screening the catalogue")
         little, much = _little_left(base, current, data), excess(current.judged, data.noise) > EXCESS
-        ended = len(current.effects) == DEEPEST or (little and not much)
+        ended = len(current.effects) == DEEPEST or (little and not much) or _hopeless(base, current, data)
         most = 0 if ended else LITTLE if little else None
         look = _round(base, current, own, data, tell, most, guide=guide)
         winner = next((rival for rival in look.rivals if not rival.why), None)
         ahead = winner
         if winner is None and current is confirmed and depth + 1 < DEEPEST and much and not little:
-            ahead = _unconfirmed(look)
+            ahead = _unconfirmed(look, beside=bool(confirmed.effects))
         guide = None if ahead is None else _guiding(look, ahead, current, data, plain)
         rounds.append(Round(current, look.screened, look.rivals, winner, ahead))
         if ahead is None:
@@ -172,12 +175,14 @@ def _round(
     return _Look(tuple(signatures), tuple(led), guide, tuple(rivals))
 
 
-def _unconfirmed(look: _Look) -> Rival | None:
+def _unconfirmed(look: _Look, beside: bool = False) -> Rival | None:
     """With whom to go on though nobody is confirmed: who led best, or else who fits best what it was given.
 
-    Where more is missing, likelihood may give an effect up for process noise.
+    Where more is missing, likelihood may give an effect up for process noise; `beside` a confirmed one, which stands
+    for most of that, it may not.
     """
-    first = [rival for led in look.led[:1] for rival in look.rivals if rival.effect is led.effect]
+    led = () if beside else look.led[:1]
+    first = [rival for one in led for rival in look.rivals if rival.effect is one.effect]
     hopeful = [rival for rival in look.rivals if rival.hopeful]
     return first[0] if first else max(hopeful, key=lambda rival: rival.train_gain, default=None)
 
@@ -211,6 +216,19 @@ def _exchanged(
         return None
     gain = best.answer.score + cost(first) - winner.candidate.answer.score - cost(winner.effect)
     return Round(start, look.screened, look.rivals, winner, winner) if gain > 0.0 else None
+
+
+def needed(base: Candidate) -> float:
+    """Share of the squared error that names must clear to stand."""
+    leave = base.rig.model.laws_leave
+    return EVEN if leave is None else 1.0 - leave
+
+
+def _hopeless(base: Candidate, current: Candidate, data: Data) -> bool:
+    """The last effect would have to clear more than those before it together, and they were taken as the largest."""
+    if len(current.effects) < DEEPEST - 1:
+        return False
+    return cleared(base.judged, current.judged, data.noise) < needed(base) / 2
 
 
 def _little_left(base: Candidate, current: Candidate, data: Data) -> bool:
@@ -248,7 +266,7 @@ def _thinned(
                 one = min(before, one, key=lambda found: found.answer.score)
             without[effect.name] = one
             loss = compare(one.judged, current.judged, data.generator)
-            needed = stats.chi2.isf(LEVEL, len(effect.parameters)) + cost(effect)
+            needed = stats.chi2.isf(LEVEL, len(effect.fitted)) + cost(effect)
             idle = loss.p_value > LEVEL or one.answer.score - current.answer.score < needed
             if idle and (weakest is None or loss.gain < weakest[0]):
                 weakest = (loss.gain, effect, one)

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from optid.diagnose.diagnosis import Diagnosis, Finding
+from optid.diagnose.finding import Diagnosis, Finding, Verdict
+from optid.diagnose.judge import EXCESS, excess
 
 _FRIENDLY = {
     "m": (1e3, "mm"), "m/s": (1e3, "mm/s"), "Pa": (1e-5, "bar"), "m**2": (1e6, "mm2"),
@@ -25,8 +23,6 @@ def quantity(value: float, unit: str) -> str:
 
 def summary(d: Diagnosis) -> str:
     """Where, what, how sure, how much better, and what is not known."""
-    from optid.diagnose.diagnosis import Verdict
-
     before, after = (_errors(d, one.judged.scores) for one in (d.base, d.best))
     span = f"{d.base.judged.horizon:g} s"
     floor = ", ".join(f"{role} {quantity(sd, _unit(d, role))}" for role, sd in d.noise.items())
@@ -46,13 +42,18 @@ def summary(d: Diagnosis) -> str:
         told = " ".join(_sentence(f) for f in d.findings) or "No site could be told."
         return (
             f"The recordings hold something that neither parameters nor the catalogue explain: held out, windows "
-            f"err by {before} where the noise is {floor}. {told}{_closest(d)}"
+            f"err by {before} where the noise is {floor}. {told}{_described(d, after)}{_closest(d)}"
         )
     found = " ".join(_sentence(f) for f in d.findings)
     return (
         f"{found} Held out, the error of {span} windows falls from {before} to {after}; the noise is {floor}."
         f"{_remains(d)}"
     )
+
+
+def _described(d: Diagnosis, after: str) -> str:
+    """How far the curve goes that describes it."""
+    return "" if d.best is d.base else f" With that curve, which is no name, windows err by {after}."
 
 
 def _closest(d: Diagnosis) -> str:
@@ -91,8 +92,6 @@ def _sentence(f: Finding) -> str:
 
 
 def _remains(d: Diagnosis) -> str:
-    from optid.diagnose.judge import EXCESS, excess
-
     ratio = excess(d.best.judged, d.noise)
     if ratio <= EXCESS:
         return ""

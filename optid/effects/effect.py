@@ -86,6 +86,11 @@ class Effect:
         return self.usual
 
     @property
+    def fitted(self) -> tuple[Parameter, ...]:
+        """Those of its parameters that recordings tell."""
+        return tuple(q for q in self.parameters if q.fitted)
+
+    @property
     def site(self) -> str:
         """Its kind of site as diagnoses name it: what stands before the dot."""
         return self.sites[0].partition(".")[0]

@@ -18,6 +18,7 @@ from optid.core.model import Model
 from optid.core.sheet import Sheet
 from optid.effects import catalogue, generic
 from optid.effects.anywhere import MARK, Anywhere
+from optid.effects.curve import Curve
 from optid.effects.effect import Effect
 from optid.errors import PlantError, RigError, nearest
 
@@ -70,7 +71,7 @@ def from_file(path: Path) -> tuple[Effect, ...]:
 
 
 def find_effect(name: str, base: Path) -> Effect:
-    """An effect by its name in a rig file: one of the catalogue, "kind@site", or "path/to/file.py:name".
+    """An effect by its name in a rig file: one of the catalogue, "kind@site", a description, or "path/to/file.py:name".
 
     Raises:
         RigError: there is none; names the nearest.
@@ -78,6 +79,8 @@ def find_effect(name: str, base: Path) -> Effect:
     file, colon, own = name.rpartition(":")
     if not colon:
         kind, mark, place = name.partition(MARK)
+        if kind == Curve.kind and place.count(MARK) in (1, 2):
+            return Curve(*place.split(MARK))
         if mark and kind in anywhere():
             return anywhere()[kind](place)
         if mark:

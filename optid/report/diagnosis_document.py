@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from optid.diagnose.diagnosis import Closest, Diagnosis, Finding
+from optid.diagnose.finding import Closest, Diagnosis, Finding
 from optid.fit.result import Estimate, Score
 from optid.report.scores import number
 

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from optid.core.model import Array
-from optid.diagnose.diagnosis import Diagnosis, Finding
+from optid.diagnose.finding import Diagnosis, Finding
 from optid.diagnose.judge import Judged
 from optid.report.figures import ALARM, FREE, INK, QUIET, STYLE, WINDOW, svg, thin
 from optid.report.scores import friendly
@@ -102,6 +102,7 @@ def missing_signal(finding: Finding, names: tuple[str, ...]) -> str:
     """The unknown signal at a site as estimated with the states, the named law through it, and its likely cause."""
     assert finding.signal is not None
     region, w, law = finding.region, finding.signal.signal, finding.law
+    what = "a curve that describes it" if finding.effect is None else "named law"
     cause = next((name for name in finding.shown if name in region.signals), None)
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(9.2, 2.8), layout="constrained")
@@ -114,9 +115,7 @@ def missing_signal(finding: Finding, names: tuple[str, ...]) -> str:
             time = region.time[mine] - region.time[mine][0] + start
             axes[0].plot(*thin(time, w[mine]), color=INK, lw=0.9, label=None if number else "unknown signal")
             if law is not None:
-                axes[0].plot(
-                    *thin(time, law[mine]), color=WINDOW, lw=1.0, label=None if number else "named law"
-                )
+                axes[0].plot(*thin(time, law[mine]), color=WINDOW, lw=1.0, label=None if number else what)
             start = float(time[-1])
             axes[0].axvline(start, color=QUIET, lw=0.6)
         bounds = _range(w, law)

@@ -9,7 +9,7 @@ from typing import Any
 import jinja2
 from markupsafe import Markup
 
-from optid.diagnose.diagnosis import Diagnosis, Finding
+from optid.diagnose.finding import Diagnosis, Finding
 from optid.diagnose.refit import Rival
 from optid.diagnose.words import quantity
 from optid.fit.result import Estimate
@@ -64,6 +64,7 @@ def _finding(f: Finding, names: tuple[str, ...]) -> dict[str, Any]:
         "source": "" if f.effect is None else f.effect.source,
         "experiment": "" if f.effect is None else f.effect.experiment,
         "parameters": [_row(e) for e in f.parameters], "evidence": f.evidence, "gain": f.train_gain,
+        "drawn": f.law is not None,
         "twins": [name.replace("_", " ") for name in f.indistinguishable],
         "map": Markup(figures.mismatch_map(f, names)),
         "states": [

@@ -188,7 +188,7 @@ def _model(name: str, options: Table, effects: tuple[Effect, ...], path: Path) -
 
 
 def with_effects(rig: Rig, effects: Iterable[Effect], values: Mapping[str, float] | None = None) -> Rig:
-    """The rig with more effects in its plant, all their parameters free.
+    """The rig with more effects in its plant, their parameters free.
 
     Args:
         rig: as read.
@@ -201,7 +201,7 @@ def with_effects(rig: Rig, effects: Iterable[Effect], values: Mapping[str, float
     new = tuple(effects)
     every = (*rig.effects, *new)
     model = _model(rig.model_name, rig.options, every, rig.path)
-    freed = [Freed(f"{effect.name}.{q.name}", *q.bounds) for effect in new for q in effect.parameters]
+    freed = [Freed(f"{effect.name}.{q.name}", *q.bounds) for effect in new for q in effect.fitted]
     parameters = {**rig.parameters, **(values or {})}
     return replace(rig, effects=every, model=model, parameters=parameters, freed=(*rig.freed, *freed))
 

@@ -9,7 +9,8 @@ from scipy.integrate import solve_ivp
 from optid.core.recording import Channel, Recording
 from optid.diagnose.by_simulation import by_simulation, forgets
 from optid.diagnose.candidate import Data, fit_base
-from optid.diagnose.diagnosis import Verdict, diagnose
+from optid.diagnose.diagnosis import diagnose
+from optid.diagnose.finding import Verdict
 from optid.rigs.rigfile import read_rig
 from tests.diagnose.trolley import recording, rig
 

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from optid.diagnose import diagnosis as diagnosis_of
-from optid.diagnose.diagnosis import Verdict, diagnose
+from optid.diagnose.diagnosis import diagnose
+from optid.diagnose.finding import Verdict
 from optid.diagnose.judge import missed
 from optid.diagnose.uncertainty import estimates
 from optid.errors import InputError

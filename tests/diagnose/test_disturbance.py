@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from optid.diagnose import diagnosis
 from optid.diagnose.candidate import Data, fit_base
 from optid.diagnose.disturbance import locate, locate_at
+from optid.diagnose.unexplained import nameless
 from tests.diagnose.trolley import RATE, recording, rig
 
 N = 1200
@@ -64,7 +64,7 @@ def test_nothing_but_the_signal_is_uncertain(driven):
 def test_a_finding_without_a_name_tells_the_sites_that_do_as_well(driven):
     base, data = driven
     found = locate(base, data)
-    finding = diagnosis._nameless(base, [*found, *found], data)  # a site that stands there twice is told once
+    finding = nameless(base, [*found, *found], None, data)  # a site that stands there twice is told once
     assert (finding.effect, finding.place) == (None, found[0].site)
     other = next(one for one in ("drive.command", "drag.force") if one != found[0].site)
     assert finding.sentence.endswith(f"explains the recordings best; {other} would do nearly as well")

@@ -214,32 +214,44 @@ def test_a_site_that_equations_pass_several_times_has_no_one_signal():
     assert law_at(bench, bench, "flow.ratio") is None
 
 
-@pytest.mark.parametrize("second", [True, False])
-def test_an_unconfirmed_step_counts_only_if_the_next_is_confirmed(second, monkeypatch):
-    """Of two effects that are both missing neither may help before the other is there."""
-    names = {(): "one", ("one",): "two"}
-    rig = SimpleNamespace(model=None)
+def searched(names, confirmed, share, monkeypatch):
+    """A search in which each model has the one rival that `names` gives it; `confirmed` are held to help."""
+    rig = SimpleNamespace(model=SimpleNamespace(laws_leave=0.2))
 
     def rivals(contest, few, before=()):
         name = names.get(tuple(contest.current.effects))
         if name is None:
             return []
         candidate = Candidate((*contest.current.effects, name), rig, None, None)
-        why = "" if name == "two" and second else "no gain on the recordings held out"
+        why = "" if name in confirmed else "no gain on the recordings held out"
         return [Rival(name, candidate, 100.0, None, why, hopeful=True)]
 
     monkeypatch.setattr(search_of, "refit", rivals)
     monkeypatch.setattr(search_of, "_thinned", lambda base, current, *others: (current, {}, ()))
     monkeypatch.setattr(search_of, "_exchanged", lambda *others: None)
     monkeypatch.setattr(search_of, "excess", lambda judged, noise: 9.0)
-    monkeypatch.setattr(search_of, "cleared", lambda *others: 0.5)
+    monkeypatch.setattr(search_of, "cleared", lambda *others: share)
     for name in ("screen", "admitted", "quieted", "_promising"):
         monkeypatch.setattr(search_of, name, lambda *others: [SimpleNamespace(name="any")])
     monkeypatch.setattr(search_of, "leads", lambda *others: [])
     data = Data((), (), {}, np.random.default_rng(0))
-    found = search_of.search(Candidate((), rig, None, None), (), data, lambda share, words: None)
+    return search_of.search(Candidate((), rig, None, None), (), data, lambda share, words: None)
+
+
+@pytest.mark.parametrize("second", [True, False])
+def test_an_unconfirmed_step_counts_only_if_the_next_is_confirmed(second, monkeypatch):
+    """Of two effects that are both missing neither may help before the other is there."""
+    found = searched({(): "one", ("one",): "two"}, ["two"] if second else [], 0.5, monkeypatch)
     assert found.best.effects == (("one", "two") if second else ())
     assert [one.winner is not None for one in found.rounds][:2] == [False, second]
+
+
+@pytest.mark.parametrize(("share", "count"), [(0.41, 3), (0.39, 2)])
+def test_a_last_effect_that_would_have_to_be_the_largest_is_not_looked_for(share, count, monkeypatch):
+    """Names must clear 0.8 here: half of that before the last one, as the largest come first."""
+    names = {(): "one", ("one",): "two", ("one", "two"): "three"}
+    found = searched(names, ["one", "two", "three"], share, monkeypatch)
+    assert len(found.best.effects) == count
 
 
 @pytest.mark.parametrize(
@@ -248,7 +260,7 @@ def test_an_unconfirmed_step_counts_only_if_the_next_is_confirmed(second, monkey
 )
 def test_the_last_effect_must_be_needed_from_where_it_led_too(again, kept, monkeypatch):
     """A delay may have been confirmed only because the model before it had stopped at a wrong skew."""
-    offset, delay = (SimpleNamespace(name=name, parameters=(1,)) for name in ("offset", "delay"))
+    offset, delay = (SimpleNamespace(name=name, fitted=(1,)) for name in ("offset", "delay"))
 
     def model(effects, score):
         return Candidate(effects, SimpleNamespace(), SimpleNamespace(score=score, p=None), None)
@@ -277,6 +289,7 @@ def test_the_effect_that_led_best_goes_on_unconfirmed_from_where_it_led(led, lef
         for effect, gain in ((strong, 900.0), (weak, 5.0))
     )
     look = search_of._Look((), (SimpleNamespace(effect=weak),) if led else (), "quiet", rivals)
+    assert search_of._unconfirmed(look, beside=True).effect is strong
     ahead = search_of._unconfirmed(look)
     assert ahead.effect is (weak if led else strong)
     monkeypatch.setattr(search_of, "stood", lambda current, signature, guide, data, plain: (signature, guide))
@@ -287,7 +300,7 @@ def test_the_effect_that_led_best_goes_on_unconfirmed_from_where_it_led(led, lef
 
 def test_of_two_as_good_the_effect_with_fewer_parameters_leads():
     def rival(count, gain):
-        effect, against = SimpleNamespace(parameters=range(count)), SimpleNamespace(bounded_gain=0.0)
+        effect, against = SimpleNamespace(fitted=range(count)), SimpleNamespace(bounded_gain=0.0)
         return Rival(effect, None, gain, against, "", hopeful=True)
 
     plain, rich, richer = rival(1, 1000.0), rival(2, 1001.0), rival(3, 1500.0)
@@ -309,7 +322,7 @@ def test_who_explains_more_in_every_way_leads_once_something_is_confirmed(
     train, held_out, error, hopeful, leads
 ):
     def rival(gain, bounded, closer, why, hopeful=True):
-        effect = SimpleNamespace(parameters=(1, 2))
+        effect = SimpleNamespace(fitted=(1, 2))
         return Rival(effect, None, gain, Comparison(bounded, bounded, 0.01, 0.0, closer), why, hopeful)
 
     confirmed, larger = rival(1700.0, 600.0, 0.1, ""), rival(train, held_out, error, "p = 0.009", hopeful)
@@ -357,7 +370,7 @@ def test_an_effect_that_its_refit_loses_is_tried_again_from_others(again, monkey
 )
 def test_refits_that_lost_their_way_start_again(gains, again, monkeypatch):
     def refit(name, gain):
-        effect = SimpleNamespace(name=name, parameters=(1,), look_alikes=("delay",) if name == "lag" else ())
+        effect = SimpleNamespace(name=name, fitted=(1,), look_alikes=("delay",) if name == "lag" else ())
         return SimpleNamespace(effect=effect, answer=SimpleNamespace(score=-gain), size=2.0)
 
     def better(contest, t, best):
@@ -458,7 +471,7 @@ def test_a_search_goes_on_while_something_is_left_and_with_few_where_it_is_littl
 def test_beside_others_an_effect_must_clear_more_than_the_form_of_their_laws_leaves(
     noise_left, before, after, named, monkeypatch
 ):
-    effect = SimpleNamespace(name="small", parameters=(), look_alikes=())
+    effect = SimpleNamespace(name="small", fitted=(), look_alikes=())
     answer = SimpleNamespace(score=0.0)
     tried = SimpleNamespace(effect=effect, rig=None, answer=answer, size=5.0)
     current = Candidate(("large",), None, SimpleNamespace(score=1000.0), "before")
@@ -554,7 +567,7 @@ def test_the_rivals_of_two_looks_take_their_turns_together(monkeypatch):
 @pytest.mark.parametrize(("noise_left", "settled"), [(1.1, 1), (1.5, 0)])
 def test_a_winner_is_settled_where_nothing_more_is_missing(noise_left, settled, monkeypatch):
     calls = []
-    effect = SimpleNamespace(name="one", parameters=(), look_alikes=())
+    effect = SimpleNamespace(name="one", fitted=(), look_alikes=())
     tried = SimpleNamespace(effect=effect, answer=SimpleNamespace(score=0.0), size=5.0)
     won = Rival(
         effect, Candidate((effect,), None, None, None), 10.0, SimpleNamespace(bounded_gain=1.0), "", True
@@ -582,12 +595,10 @@ def test_a_winner_is_settled_where_nothing_more_is_missing(noise_left, settled, 
 )  # fmt: skip
 def test_the_first_effect_has_to_hold_its_place_beside_the_others(score, why, noisy, kept, monkeypatch):
     """It was chosen alone: what does better in its place takes it, where the windows are not at the noise."""
-    first, second, other = (
-        SimpleNamespace(name=name, parameters=()) for name in ("first", "second", "other")
-    )
+    first, second, other = (SimpleNamespace(name=name, fitted=()) for name in ("first", "second", "other"))
 
     def candidate(effects, score):
-        rig = SimpleNamespace(model=None)
+        rig = SimpleNamespace(model=SimpleNamespace(laws_leave=0.2))
         return Candidate(effects, rig, SimpleNamespace(score=score), None)
 
     base, alone = candidate((), 0.0), candidate((second,), -50.0)

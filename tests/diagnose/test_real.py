@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from optid.core.readers import read_recording
-from optid.diagnose.diagnosis import Verdict, diagnose
+from optid.diagnose.diagnosis import diagnose
+from optid.diagnose.finding import Verdict
 from optid.rigs.rigfile import read_rig
 
 DATA = Path(__file__).parents[2] / "data"
