@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -57,18 +57,32 @@ class Located:
     """A site, how much better an unknown signal there explains the recordings, and the signal itself.
 
     Attributes:
-        site: of the plant, as "flow.chamber_a"; of several the one with the larger signal.
+        sites: of the plant, as "flow.chamber_a"; each had a signal of its own.
         gain: fall of -2 log likelihood against the model with no noise but the measurement's.
-        signal: estimated from the past at each sample, in the site's own unit, (samples,).
+        signals: estimated from the past at each sample, in the sites' own unit, (samples, sites).
         answer: the fit with the signal.
         judged: that fit on the hold-out.
     """
 
-    site: str
+    sites: tuple[str, ...]
     gain: float
-    signal: Array
+    signals: Array
     answer: Answer
     judged: Judged
+
+    @property
+    def site(self) -> str:
+        """That with the largest signal."""
+        return self.sites[int(np.argmax(np.nanstd(self.signals, axis=0)))]
+
+    @property
+    def signal(self) -> Array:
+        """There, (samples,)."""
+        return np.asarray(self.signals[:, self.sites.index(self.site)])
+
+    def only(self, site: str) -> Self:
+        """The same of one of its sites."""
+        return replace(self, sites=(site,), signals=self.signals[:, [self.sites.index(site)]])
 
 
 def locate(candidate: Candidate, data: Data) -> list[Located]:
@@ -111,10 +125,7 @@ def locate_at(candidate: Candidate, data: Data, *sites: str) -> Located | None:
     except SolveError:
         return None  # an unknown signal there takes the model out of the numbers
     signals = answer.filtered.states[0][:, list(walks)]
-    most = int(np.argmax(np.nanstd(signals, axis=0)))
-    return Located(
-        sites[most], _still(candidate) - answer.score, signals[:, most], answer, judge(answer, data.holdout)
-    )
+    return Located(sites, _still(candidate) - answer.score, signals, answer, judge(answer, data.holdout))
 
 
 def _still(candidate: Candidate) -> float:

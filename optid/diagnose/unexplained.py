@@ -29,12 +29,12 @@ SPEEDS = ("m/s", "rad/s")
 
 
 def describe(base: Candidate, located: Located, data: Data, tell: Callable[[str], None]) -> Rival | None:
-    """The curve at a site that predicts what is held out best; ``None`` if none does better than no curve."""
+    """The curve where the mismatch lies that predicts what is held out best; ``None`` if none beats no curve."""
     size = float(np.nanstd(located.signal))
     if not size > 0.0:
         return None
     guide = quieted(base.answer, QUIETER)
-    curves = list(_curves(base, located.site, size))
+    curves = [curve for site in located.sites for curve in _curves(base, site, size)]
     contest = Contest(base, base, guide, len(curves), data, tell)
     rivals = refit(contest, leads(base, guide, curves, data, base.rig.model)[:DRAWN])
     return next((rival for rival in rivals if not rival.why), None)
@@ -69,7 +69,7 @@ def _curves(base: Candidate, site: str, size: float) -> Sequence[Curve]:
 
 def nameless(base: Candidate, sites: Sequence[Located], described: Rival | None, data: Data) -> Finding:
     """What is not explained, as a finding: where it lies, and what describes it."""
-    first = sites[0]
+    first = sites[0] if described is None else sites[0].only(described.effect.sites[0])
     signal = first.signal / max(float(np.nanstd(first.signal)), 1e-300)
     outputs = len(base.rig.model.outputs)
     spread = np.repeat((signal - np.nanmedian(signal))[:, None], outputs, axis=1)
