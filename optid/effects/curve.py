@@ -17,7 +17,7 @@ from optid.core.sheet import Sheet
 from optid.effects.anywhere import MARK
 from optid.effects.effect import Effect
 
-HEIGHTS = 8
+HEIGHTS = 13
 OWN = "of the recordings it was fitted to"
 
 
