@@ -24,7 +24,7 @@ OWN = "of the recordings it was fitted to"
 class Curve(Effect):
     """nominal + size * sum of h_k B_k(signal), with B_k the cubic B-splines on even knots from `low` to `high`.
 
-    Beyond its ends the curve goes on level. With a speed it is multiplied by speed / sqrt(speed**2 + width**2).
+    Beyond its ends the curve goes on straight. With a speed it is multiplied by speed / sqrt(speed**2 + width**2).
 
     Args:
         site: where it adds.
@@ -77,8 +77,12 @@ class Curve(Effect):
         """The signal with the curve on top."""
         own = {q.name: sheet.param(q) for q in self.parameters}
         share = (sheet.signal(self.along) - own["low"]) / (own["high"] - own["low"])
-        knot = ca.fmin(ca.fmax(share, 0.0), 1.0) * (HEIGHTS - 3)
-        curve = own["size"] * sum(own[f"height_{k + 1}"] * _spline(knot - (k - 1)) for k in range(HEIGHTS))
+        held = ca.fmin(ca.fmax(share, 0.0), 1.0)
+        knot, beyond = held * (HEIGHTS - 3), (share - held) * (HEIGHTS - 3)
+        curve = own["size"] * sum(
+            own[f"height_{k + 1}"] * (_spline(knot - (k - 1)) + beyond * _slope(knot - (k - 1)))
+            for k in range(HEIGHTS)
+        )
         if self.speed:
             v = sheet.signal(self.speed)
             curve *= v / ca.sqrt(v**2 + own["width"] ** 2)
@@ -89,3 +93,9 @@ def _spline(t: Any) -> Any:
     """The cubic B-spline about 0 on whole knots."""
     d = ca.fabs(t)
     return (ca.fmax(2.0 - d, 0.0) ** 3 - 4.0 * ca.fmax(1.0 - d, 0.0) ** 3) / 6.0
+
+
+def _slope(t: Any) -> Any:
+    """Its derivative."""
+    d = ca.fabs(t)
+    return ca.sign(t) * (2.0 * ca.fmax(1.0 - d, 0.0) ** 2 - ca.fmax(2.0 - d, 0.0) ** 2 / 2.0)
