@@ -30,11 +30,14 @@ SPEEDS = ("m/s", "rad/s")
 
 def describe(base: Candidate, located: Located, data: Data, tell: Callable[[str], None]) -> Rival | None:
     """The curve where the mismatch lies that predicts what is held out best; ``None`` if none beats no curve."""
-    size = float(np.nanstd(located.signal))
-    if not size > 0.0:
-        return None
+    sizes = np.nanstd(located.signals, axis=0).tolist()
     guide = quieted(base.answer, QUIETER)
-    curves = [curve for site in located.sites for curve in _curves(base, site, size)]
+    curves = [
+        curve
+        for site, size in zip(located.sites, sizes, strict=True)
+        if size > 0.0
+        for curve in _curves(base, site, size)
+    ]
     contest = Contest(base, base, guide, len(curves), data, tell)
     rivals = refit(contest, leads(base, guide, curves, data, base.rig.model)[:DRAWN])
     return next((rival for rival in rivals if not rival.why), None)

@@ -18,6 +18,7 @@ from optid.effects.anywhere import MARK
 from optid.effects.effect import Effect
 
 HEIGHTS = 13
+LEAST = 0.1  # height: a tenth of what an unknown signal does at the site
 OWN = "of the recordings it was fitted to"
 
 
@@ -67,7 +68,7 @@ class Curve(Effect):
         ) + tuple(
             Parameter(f"height_{k + 1}", "1", 1.0, "weight of a B-spline", OWN, 0.0) for k in range(HEIGHTS)
         )
-        self.strength = {q.name: 1.0 for q in self.fitted}
+        self.strength = dict.fromkeys((q.name for q in self.fitted), LEAST)
         self.depends_on = (along, speed) if speed else (along,)
         turned = f" against the direction of {speed.replace('_', ' ')}" if speed else ""
         self.law = f"a curve over {along.replace('_', ' ')}{turned}"

@@ -1,11 +1,17 @@
 """A curve describes what no effect of the catalogue explains, and only where there is something to describe."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from optid.diagnose.candidate import Data, fit_base
-from optid.diagnose.disturbance import locate, locate_at
-from optid.diagnose.unexplained import describe, nameless
+from optid.diagnose.diagnosis import diagnose
+from optid.diagnose.disturbance import Located, locate, locate_at
+from optid.diagnose.finding import Verdict
+from optid.diagnose.unexplained import _curves, describe, nameless
+from optid.report.diagnosis_document import diagnosis_document
+from optid.report.diagnosis_page import diagnosis_page
 from optid.rigs.rigfile import read_rig, write_rig
 from tests.diagnose.trolley import SD, recording, rig
 
@@ -63,3 +69,52 @@ def test_the_rig_file_holds_it(described, tmp_path):
 def test_nothing_is_drawn_where_nothing_is_missing(tmp_path):
     base, data = fitted(tmp_path, lambda u: u)
     assert all(describe(base, one, data, lambda words: None) is None for one in locate(base, data))
+
+
+def test_curves_run_over_what_moved_and_turn_with_what_is_a_speed(described):
+    base, data, *_ = described
+    curves = {
+        curve.name.removeprefix("curve@drag.force@"): curve for curve in _curves(base, "drag.force", 2.0)
+    }
+    assert set(curves) == {"position", "velocity", "command", "position@velocity", "command@velocity"}
+    u = np.concatenate([one["command"].values for one in data.train])
+    null = curves["command@velocity"].at_null()
+    assert (null["low"], null["high"], null["size"]) == (u.min(), u.max(), 2.0)
+    speed = base.answer.filtered.states[0][:, 1]
+    assert null["width"] == pytest.approx(0.05 * np.sqrt(np.mean(speed**2)))
+
+
+def test_of_sites_with_a_signal_each_the_largest_speaks_unless_one_is_asked_for():
+    signals = np.array([[0.0, 1.0, 0.2], [0.0, -1.0, 0.4]])
+    both = Located(("none", "large", "small"), 1.0, signals, None, None)
+    assert (both.site, both.signal.tolist()) == ("large", [1.0, -1.0])
+    assert (both.only("small").site, both.only("small").signal.tolist()) == ("small", [0.2, 0.4])
+
+
+def test_a_curve_may_lie_at_any_of_the_sites_whose_signals_came_together(described):
+    base, data, site, rival = described
+    both = replace(
+        site, sites=("sensor.position", *site.sites), signals=np.c_[9.0 * site.signal, site.signal]
+    )
+    assert both.site == "sensor.position"
+    found = describe(base, both, data, lambda words: None)
+    assert found.effect.sites == rival.effect.sites == ("drive.command",)
+    finding = nameless(base, [both], found, data)
+    assert finding.place == "drive.command" and finding.signal.signal == pytest.approx(site.signal)
+
+
+def test_an_answer_holds_the_curve_and_no_name(tmp_path):
+    """No effect of the catalogue comes near it, for any site."""
+    runs = [recording(seed, f"run_{seed}", lambda u: u + 0.35 * np.cos(7.0 * u)) for seed in (1, 2, 3)]
+    found = diagnose(rig(tmp_path), runs[:2], runs[2:], generator=np.random.default_rng(0))
+    assert found.verdict is Verdict.UNEXPLAINED
+    assert [effect.name for effect in found.best.effects] == ["curve@drive.command@command"]
+    document = diagnosis_document(found)
+    assert [one["effect"] for one in document["findings"]] == [None]
+    before, after = (document[part]["holdout"]["position"]["rmse"] for part in ("baseline", "improved"))
+    assert after < 0.1 * before
+    assert document["improved"]["parameters"].keys() >= {
+        f"curve@drive.command@command.height_{k}" for k in (1, 13)
+    }
+    assert f"With that curve, which is no name, windows err by position {1e3 * after:.3g} mm" in found.summary
+    assert "through it the curve that describes it" in diagnosis_page(found)
