@@ -19,9 +19,12 @@ from optid.diagnose.judge import Comparison, compare
 from optid.diagnose.law import law_at
 from optid.diagnose.lead import leads
 from optid.diagnose.refit import LEVEL, Contest, Rival, refit
+from optid.diagnose.screen import grown
 from optid.diagnose.where import region, telling
 from optid.effects.curve import Curve
+from optid.errors import RigError
 from optid.fit.scoring import quieted
+from optid.rigs.rigfile import Rig
 
 DRAWN = 2  # curves that are refitted
 TURN = 0.05  # of the speed's root mean square: where a curve that turns with its sign has turned
@@ -37,6 +40,7 @@ def describe(base: Candidate, located: Located, data: Data, tell: Callable[[str]
         for site, size in zip(located.sites, sizes, strict=True)
         if size > 0.0
         for curve in _curves(base, site, size)
+        if _fits(base.rig, curve)
     ]
     contest = Contest(base, base, guide, len(curves), data, tell)
     rivals = refit(contest, leads(base, guide, curves, data, base.rig.model)[:DRAWN])
@@ -68,6 +72,15 @@ def _curves(base: Candidate, site: str, size: float) -> Sequence[Curve]:
         for name, (low, high) in moving.items()
         if name != speed
     ]
+
+
+def _fits(rig: Rig, curve: Curve) -> bool:
+    """Whether the plant has declared by then what the curve follows."""
+    try:
+        grown(rig, curve)
+    except RigError:
+        return False
+    return True
 
 
 def nameless(base: Candidate, sites: Sequence[Located], described: Rival | None, data: Data) -> Finding:

@@ -9,7 +9,8 @@ from optid.diagnose.candidate import Data, fit_base
 from optid.diagnose.diagnosis import diagnose
 from optid.diagnose.disturbance import Located, locate, locate_at
 from optid.diagnose.finding import Verdict
-from optid.diagnose.unexplained import _curves, describe, nameless
+from optid.diagnose.unexplained import _curves, _fits, describe, nameless
+from optid.effects.curve import Curve
 from optid.report.diagnosis_document import diagnosis_document
 from optid.report.diagnosis_page import diagnosis_page
 from optid.rigs.rigfile import read_rig, write_rig
@@ -118,3 +119,9 @@ def test_an_answer_holds_the_curve_and_no_name(tmp_path):
     }
     assert f"With that curve, which is no name, windows err by position {1e3 * after:.3g} mm" in found.summary
     assert "through it the curve that describes it" in diagnosis_page(found)
+
+
+def test_a_curve_over_what_the_plant_declares_only_later_is_left_out(tmp_path):
+    plant = rig(tmp_path)
+    late = Curve("drive.command", "torque")
+    assert not _fits(plant, late) and _fits(plant, Curve("drive.command", "velocity"))
