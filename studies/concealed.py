@@ -1,12 +1,14 @@
 """The blind trial: recordings in which an effect is concealed, their diagnosis, and its score.
 
-    python studies/concealed.py draw --count 150 --out DIR [--seed S] [--kinds single,pair] [--open]
+    python studies/concealed.py draw --count 150 --out DIR [--seed S] [--kinds single,pair] [--part 1-50] [--open]
     python studies/concealed.py run DIR [--limit SECONDS] [--jobs N]
-    python studies/concealed.py score DIR --key DIR.key
+    python studies/concealed.py score DIR --key DIR.key [--former BOARD.json]
     python studies/concealed.py page DIR --key DIR.key [--real DIAGNOSIS_DIR...] [--out concealed.html]
 
 `draw` writes the key beside DIR, not into it; without `--seed` nobody knows what was drawn. `run` opens no seal,
-and goes on where it was stopped.
+and goes on where it was stopped. A draw too long for one sitting goes in parts: with the hash of the code's commit
+as its seed (`--seed 0x5741c692`), which nobody can have chosen the code by, each part is drawn where it is run, and
+`score` counts the parts before it by what `page` wrote beside the page.
 """
 
 from __future__ import annotations
@@ -31,14 +33,21 @@ def key_file(folder: Path) -> Path:
     return folder.with_name(folder.name + ".key")
 
 
+def part(text: str) -> tuple[int, int]:
+    """First and last case of a part."""
+    first, _, last = text.partition("-")
+    return int(first), int(last)
+
+
 def arguments() -> argparse.ArgumentParser:
     """The command line."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     commands = parser.add_subparsers(dest="command", required=True)
     one = commands.add_parser("draw", help="record fresh cases, answers sealed")
-    one.add_argument("--seed", type=int, help="default: one that is not told")
+    one.add_argument("--seed", type=lambda s: int(s, 0), help="default: one that is not told")
     one.add_argument("--count", type=int, default=150)
     one.add_argument("--kinds", default=",".join(KINDS), help="of nothing,single,pair,outside")
+    one.add_argument("--part", type=part, help="first and last case to record, as in 51-100; default: all")
     one.add_argument("--out", type=Path, required=True)
     one.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
     one.add_argument("--open", action="store_true", help="leave answer.json in every case, for development")
@@ -52,6 +61,8 @@ def arguments() -> argparse.ArgumentParser:
             two.add_argument("--limit", type=float, default=1800.0, help="seconds that a case may take")
         else:
             two.add_argument("--key", type=Path, help="default: DIR.key")
+        if name == "score":
+            two.add_argument("--former", type=Path, help="board of the parts before this one, as JSON")
         if name == "page":
             two.add_argument("--real", type=Path, nargs="*", default=[], help="diagnoses of real recordings")
             two.add_argument("--out", type=Path, default=Path(__file__).with_suffix(".html"))
@@ -66,18 +77,25 @@ def main() -> None:
         if wrong := [kind for kind in kinds if kind not in KINDS]:
             sys.exit(f"--kinds: {', '.join(wrong)} is none of {', '.join(KINDS)}")
         seed = secrets.randbits(63) if asked.seed is None else asked.seed
-        order = Order(seed, asked.count, kinds, is_open=asked.open)
+        order = Order(seed, asked.count, kinds, is_open=asked.open, part=asked.part)
         key_file(asked.out).write_text(draw(asked.out, order, asked.jobs) + "\n")
-        print(f"{asked.count} cases in {asked.out}; the key to its answers.sealed is {key_file(asked.out)}")
+        print(
+            f"{len(order.cases())} cases in {asked.out}; the key to its answers.sealed is {key_file(asked.out)}"
+        )
     elif asked.command == "run":
         run(asked.folder, asked.method, asked.limit, asked.jobs, say)
     else:
         key = (asked.key or key_file(asked.folder)).read_text()
         if asked.command == "score":
-            print(score(asked.folder, key, asked.method, asked.jobs))
+            try:
+                print(score(asked.folder, key, asked.method, asked.jobs, asked.former))
+            except ValueError as error:
+                sys.exit(str(error))
         else:
             asked.out.write_text(page(asked.folder, key, asked.real))
-            print(f"written to {asked.out}")
+            board = asked.out.with_suffix(".json")
+            board.write_text((asked.folder / "scores/diagnose.json").read_text())
+            print(f"written to {asked.out}, its figures to {board}")
 
 
 def say(name: str, ran: Ran) -> None:

@@ -32,6 +32,7 @@ class Order:
         kinds: nothing, single, pair, outside: those to draw.
         seconds: length of a recording.
         is_open: leave answer.json in every case, for development.
+        part: first and last of those cases of the draw that are recorded now, from 1; None: all.
     """
 
     seed: int
@@ -39,6 +40,12 @@ class Order:
     kinds: Sequence[str] = KINDS
     seconds: float = SECONDS
     is_open: bool = False
+    part: tuple[int, int] | None = None
+
+    def cases(self) -> list[Case]:
+        """Those to record; the rest of the draw is the same whichever part is taken."""
+        first, last = self.part or (1, self.count)
+        return compose(self.seed, self.count, self.kinds)[first - 1 : last]
 
 
 def draw(folder: Path, order: Order, workers: int) -> str:
@@ -47,7 +54,7 @@ def draw(folder: Path, order: Order, workers: int) -> str:
     `folder` is made: recordings by case, cases.json with a hash that commits to the answers, answers.sealed.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    cases = compose(order.seed, order.count, order.kinds)
+    cases = order.cases()
     with ProcessPoolExecutor(workers) as pool:
         answers = list(pool.map(partial(_drawn, folder=folder, seconds=order.seconds), cases))
     key, digest = seal({"seed": order.seed, "cases": answers}, folder / "answers.sealed")

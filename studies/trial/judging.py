@@ -103,6 +103,16 @@ class Judged:
         )
 
 
+def judged_from(stated: Mapping[str, Any]) -> Judged:
+    """The case that a board states."""
+    fields = {k: v for k, v in stated.items() if k != "called"}
+    for several in ("true", "sizes", "named"):
+        fields[several] = tuple(fields[several])
+    for several in ("estimates", "base"):
+        fields[several] = tuple(Estimate(**one) for one in fields[several])
+    return Judged(**fields)
+
+
 @dataclass(frozen=True)
 class Ran:
     """What a method left of a case: the diagnosis (None if there is none), how it ended, and the oracle's RMSE."""

@@ -47,7 +47,7 @@ def page(folder: Path, key: str, real: Sequence[Path] = ()) -> str:
     return environment.get_template("page.html.j2").render(
         style=Markup((ROOT / "optid/report/style.css").read_text()),
         cases=board["cases"],
-        digest=manifest["answers_sha256"],
+        digests=board["commitments"],
         lead=lead(board),
         rates=[shown(r) for r in board["rates"]],
         rates_figure=Markup(pictures.rates(board["rates"])),
@@ -93,7 +93,11 @@ def shown(r: Mapping[str, Any]) -> dict[str, str]:
 def stories(folder: Path, board: Mapping[str, Any], answers: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Three cases named exactly, each hidden in another way, the faintest first."""
     told_of: dict[str, Any] = {}
-    exact = [c for c in board["every"] if c["exact"] and c["true"] and c["kind"] == "single"]
+    exact = [
+        c
+        for c in board["every"]
+        if c["exact"] and c["true"] and c["kind"] == "single" and c["name"] in answers
+    ]
     for case in sorted(exact, key=lambda c: answers[c["name"]]["together"]["rise"]):
         way = case["conditions"]["hidden_by"][0]
         told_of.setdefault(f"{way} {case['true'][0]}" if len(told_of) < 3 and way in told_of else way, case)

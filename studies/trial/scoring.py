@@ -9,7 +9,7 @@ from typing import Any
 
 from studies.trial.board import board, text
 from studies.trial.case import case_from
-from studies.trial.judging import Judged, Pairs, Ran, judge
+from studies.trial.judging import Judged, Pairs, Ran, judge, judged_from
 from studies.trial.oracle import oracle_rmse
 from studies.trial.record import record
 from studies.trial.seal import unseal
@@ -17,7 +17,7 @@ from studies.trial.seal import unseal
 INSEPARABLE = Path(__file__).parents[1] / "inseparable.json"  # what studies/distinguish.py found
 
 
-def score(folder: Path, key: str, method: str, workers: int) -> str:
+def score(folder: Path, key: str, method: str, workers: int, former: Path | None = None) -> str:
     """Judge what `method` said of the cases that it was run on; the board as text.
 
     Args:
@@ -25,6 +25,10 @@ def score(folder: Path, key: str, method: str, workers: int) -> str:
         key: that `draw` gave.
         method: as in running.METHODS.
         workers: processes.
+        former: METHOD.json of other cases of the same draw, run before, that the board counts, too.
+
+    Raises:
+        ValueError: a case is in `former` and in `folder`.
     """
     manifest = json.loads((folder / "cases.json").read_text())
     answers = unseal(folder / "answers.sealed", key, manifest["answers_sha256"])["cases"]
@@ -34,14 +38,23 @@ def score(folder: Path, key: str, method: str, workers: int) -> str:
     judged = [
         judge(a, outcome(folder / a["case"]["name"] / method, oracles[a["case"]["name"]], pairs)) for a in ran
     ]
+    commitments = [manifest["answers_sha256"]]
+    if former is not None:
+        before = json.loads(former.read_text())
+        if twice := sorted({one["name"] for one in before["every"]} & {one.name for one in judged}):
+            raise ValueError(f"{former}: counts {', '.join(twice)} already; a part is counted once")
+        judged = [judged_from(one) for one in before["every"]] + judged
+        commitments = before["commitments"] + commitments
     left = len(answers) - len(ran)
-    return written(folder / "scores", method, judged) + (f"\n\n{left} cases were not run yet" if left else "")
+    return written(folder / "scores", method, judged, commitments) + (
+        f"\n\n{left} cases were not run yet" if left else ""
+    )
 
 
-def written(place: Path, method: str, judged: list[Judged]) -> str:
-    """Write the board; its text."""
+def written(place: Path, method: str, judged: list[Judged], commitments: list[str]) -> str:
+    """Write the board, with the hashes that committed to its answers; its text."""
     place.mkdir(exist_ok=True)
-    result = {"method": method, **board(judged)}
+    result = {"method": method, "commitments": commitments, **board(judged)}
     (place / f"{method}.json").write_text(json.dumps(result, indent=1) + "\n")
     (place / f"{method}.txt").write_text(text(result) + "\n")
     return text(result)

@@ -27,6 +27,7 @@ from studies.trial.oracle import PRIOR, _estimated, _measured, oracle_rmse
 from studies.trial.outside import OUTSIDE
 from studies.trial.overlap import interval_overlap, time_overlap
 from studies.trial.record import Recorded, record
+from studies.trial.scoring import score
 from studies.trial.seal import SealError, seal, unseal
 from studies.trial.sizes import Draw
 
@@ -410,6 +411,31 @@ def test_from_draw_to_board(tmp_path, monkeypatch, capsys):
     assert json.loads((folder / "cases.json").read_text())["answers_sha256"] in html
     assert html.count("<svg") >= 3
     assert "1 of 1 figures that were asked for are reached" in html
+
+
+def test_a_draw_goes_in_parts(tmp_path):
+    whole, parts = Order(11, 3, ["nothing"]), [Order(11, 3, ["nothing"], part=p) for p in ((1, 1), (2, 3))]
+    assert [c for part in parts for c in part.cases()] == whole.cases()
+    board, texts = None, []
+    for number, (part, rmse) in enumerate(zip(parts, (6e-5, 4e-5), strict=True)):
+        folder = tmp_path / str(number)
+        key = draw(folder, replace(part, seconds=1.5), 1)
+        for one in part.cases():
+            place = folder / one.name / "diagnose"
+            place.mkdir()
+            diagnosis = said("consistent").diagnosis
+            diagnosis["baseline"]["holdout"]["position"]["rmse"] = rmse
+            (place / "diagnosis.json").write_text(json.dumps({**diagnosis, "improved": None}))
+            (place / "run.json").write_text(json.dumps({"status": 0, "seconds": 3.0}))
+        texts.append(score(folder, key, "diagnose", 1, board))
+        board = folder / "scores/diagnose.json"
+    result = json.loads(board.read_text())
+    assert ["1/1" in texts[0], "3/3" in texts[1]] == [True, True]
+    assert [c["after"] for c in result["every"]] == [6e-5, 4e-5, 4e-5]
+    digests = [json.loads((tmp_path / n / "cases.json").read_text())["answers_sha256"] for n in "01"]
+    assert result["commitments"] == digests
+    with pytest.raises(ValueError, match="case-002, case-003 already"):
+        score(tmp_path / "1", key, "diagnose", 1, board)
 
 
 def test_base_intervals_are_not_asked_where_no_effect_could_stand_for_what_is_missing():
