@@ -42,6 +42,7 @@ class Curve(Effect):
     equation = "-"
     needs = "motion over the whole range"
     usual = ({},)
+    entire = True
     source = "a description, not a law"
 
     def __init__(

@@ -52,6 +52,7 @@ class Effect:
         experiment: what tells it from these.
         resolved: names of parameters that are times of which the law makes whole samples more likely than others, each
             with the least half-width of a 95 % interval in samples.
+        entire: a rig file states all of its parameters, as one without the others means nothing.
         source: where law and sizes come from.
     """
 
@@ -70,6 +71,7 @@ class Effect:
     excludes: tuple[str, ...] = ()
     experiment: str = ""
     resolved: Mapping[str, float] = MappingProxyType({})
+    entire: bool = False
     source: str
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:

@@ -235,6 +235,11 @@ def _effect_parameters(
         )
         _within(known[name], value, entry, path, f"effects.{key}.{name}")
         found[name] = value
+    if effect.entire and (absent := [name for name in known if name not in found]):
+        raise RigError(
+            f"no value for {', '.join(absent)}", where=path, field=f"effects.{key}",
+            expected="all numbers of the law, as they were written",
+        )  # fmt: skip
     return effect.qualified(found)
 
 

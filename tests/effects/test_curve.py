@@ -11,7 +11,7 @@ from optid.effects.curve import HEIGHTS, Curve
 from optid.effects.library import admitted, find_effect
 from optid.errors import PlantError, RigError
 from optid.rigs.emps import emps
-from optid.rigs.rigfile import read_rig, with_effects
+from optid.rigs.rigfile import read_rig, with_effects, write_rig
 
 LOW, HIGH, SIZE, WIDTH = -0.2, 0.6, 40.0, 0.02
 
@@ -58,3 +58,16 @@ def test_it_is_found_by_its_name_and_is_no_candidate():
 def test_a_signal_that_the_plant_does_not_have_is_named():
     with pytest.raises(PlantError, match=r'no state or input "positon".*position'):
         build(emps, [Curve("force.external", "positon")])
+
+
+def test_a_rig_file_states_all_of_its_numbers(tmp_path):
+    plain = Path(__file__).parents[2] / "data/emps.toml"
+    curve = Curve("force.external", "position", low=LOW, high=HIGH, size=SIZE)
+    values = {f"{curve.name}.{q.name}": float(q.default) for q in curve.parameters}
+    write_rig(with_effects(read_rig(plain), [curve]), tmp_path / "whole.toml", values)
+    assert read_rig(tmp_path / "whole.toml").effects[0].name == curve.name
+    lines = (tmp_path / "whole.toml").read_text().splitlines(keepends=True)
+    (tmp_path / "cut.toml").write_text("".join(line for line in lines if "height_7" not in line))
+    with pytest.raises(RigError, match="no value for height_7") as caught:
+        read_rig(tmp_path / "cut.toml")
+    assert curve.name in str(caught.value.field)
