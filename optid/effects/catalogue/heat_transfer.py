@@ -16,24 +16,28 @@ COEFFICIENT = Parameter(
     "heat_transfer_coefficient", "W/(m**2 K)", 50.0, "heat flow per wall area and temperature difference",
     "physics catalogue A.3: 20 to 200 W/(m2 K)", 0.0, (0.0, 2e3),
 )  # fmt: skip
-STILL = 1.0  # W/(m2 K): less than still air; the temperature always feels at least this, so that it forgets its start
+RATIO = Parameter(
+    "ratio", "1", 0.5, "the coefficient of chamber B over that of A: the rod is a wall there, and air moves otherwise",
+    "a rod of half the bore: 73 % more wall than a circle of equal area", 1.0, (0.3, 3.0), logarithmic=True,
+)  # fmt: skip
+STILL = 1.0  # W/(m2 K): less than still air; temperatures feel at least about this, so that they forget their start
 
 
 class HeatTransfer(Effect):
     """Energy balance of each chamber with its own temperature T and heat h A_w (T_w - T) from the walls.
 
     The paper's eqs. 9 and 10 let air of supply temperature in and out and exchange no heat. Air leaving at T, not
-    at supply temperature, counts by h / (h + 1 W/(m2 K)): nothing at h = 0, nearly in full at usual values.
+    at supply temperature, counts by 1 - exp(-h / (1 W/(m2 K))): nothing at h = 0, in full at any size worth a name.
     """
 
     name = "heat_transfer"
     sites = ("flow.pressure_rate_a", "flow.pressure_rate_b")
     equation = "9, 10"
-    parameters = (COEFFICIENT,)
+    parameters = (COEFFICIENT, RATIO)
     strength = {"heat_transfer_coefficient": 8.0}
     usual = ({"heat_transfer_coefficient": 30.0}, {"heat_transfer_coefficient": 120.0})
     law = "P' gains (K - 1) h A_w (T_w - T) / V, with T from the chamber's energy balance"
-    says = "the air exchanges heat with the cylinder's walls, {heat_transfer_coefficient}"
+    says = "the air exchanges heat with the walls, {heat_transfer_coefficient} in chamber A and {ratio} times that in B"
     depends_on = ("pressure_a", "pressure_b", "velocity")
     needs = "fast moves followed by holds of about a second"
     look_alikes = ("tube_restriction", "critical_pressure_ratio", "ambient_leakage", "supply_droop")
@@ -46,16 +50,16 @@ class HeatTransfer(Effect):
             sheet.plant_param(name)
             for name in ("specific_heat_ratio", "gas_constant", "supply_temperature", "chamber_temperature")
         )
-        h, T = (
-            sheet.param(COEFFICIENT),
-            sheet.state(f"temperature_{site[-1]}", "K", 20.0, start=T_w, spread=5.0),
-        )
+        T = sheet.state(f"temperature_{site[-1]}", "K", 20.0, start=T_w, spread=5.0)
+        h = sheet.param(COEFFICIENT)
+        little = ca.exp(-h / STILL)
+        h = h * sheet.param(RATIO) if site == self.sites[1] else h
         P, A, length = near["P"], near["area"], near["length"]
         V, m_in, m_out = A * length, ca.fmax(near["flow"], 0), ca.fmax(-near["flow"], 0)
         wall = 2 * A + 2 * ca.sqrt(math.pi * A) * length  # both ends, and the bore's circumference
         # d(ln T)/dt from P V = m R T and the balance of energy with air entering at T_s and leaving at T.
-        heat = (K - 1) * (h + STILL) * wall * (T_w - T)
+        heat = (K - 1) * (h + STILL * little) * wall * (T_w - T)
         through = R * (m_in * (K * T_s - T) - m_out * (K - 1) * T)
         sheet.rate(T, T * ((through + heat) / (P * V) - (K - 1) * near["widening"] / length))
         cooler = K * R * m_out * (T_s - T) + heat
-        return nominal + h / (h + STILL) * cooler / V
+        return nominal + (1 - little) * cooler / V

@@ -19,30 +19,36 @@ SPEED = Parameter(
     "stribeck_speed", "m/s", 0.02, "speed over which the excess dies away",
     "physics catalogue A.1: 5 to 50 mm/s", 0.02, (1e-3, 0.3), logarithmic=True,
 )  # fmt: skip
-
-
 EXPONENT = Parameter(
     "exponent", "1", 1.0, "exponent of the curve over which it dies away: 1 at once, 2 after a shoulder",
     "physics catalogue A.1: 1 to 2", 1.5, (0.5, 3.0),
+)  # fmt: skip
+TAIL = Parameter(
+    "tail", "1", 1.0, "how far the excess reaches to higher speeds: 0 dies away as an exponential, 1 as a power",
+    "Hess and Soom, J. Tribology 112, 1990: 1 / (1 + (v/v_s)^2)", 0.1, (0.01, 2.0),
 )  # fmt: skip
 REST = 1e-3  # of the Stribeck speed: below, the curve is a parabola, whose slopes are finite
 
 
 class StribeckFriction(Effect):
-    """Steady sliding takes F_r (1 + (ratio - 1) exp(-|v/v_s|^n)); the bristles follow it as in LuGre."""
+    """Steady sliding takes F_r (1 + (ratio - 1) s(|v/v_s|^n)); the bristles follow it as in LuGre.
+
+    s(z) = (1 + q z)^(-1/q) holds the curves in use: exp(-z) at q = 0 (Tustin, Bo and Pavelescu), Hess and Soom's
+    1 / (1 + (v/v_s)^2) at q = 1 and n = 2. Where an axis sticks and slips, windows tell them apart.
+    """
 
     name = "stribeck_friction"
     sites = ("force.breakaway",)
     equation = "11"
-    parameters = (RATIO, SPEED, EXPONENT)
+    parameters = (RATIO, SPEED, EXPONENT, TAIL)
     strength = {"breakaway_ratio": 0.05}
     usual = tuple(
         {"breakaway_ratio": 1.4, "stribeck_speed": speed, "exponent": 1.5} for speed in (0.008, 0.025, 0.07)
     )
-    law = "steady sliding takes F_r (1 + (ratio - 1) exp(-|v / v_s|^n))"
+    law = "steady sliding takes F_r (1 + (ratio - 1) (1 + q |v / v_s|^n)^(-1/q)), exp(-|v / v_s|^n) where q is 0"
     says = (
         "dry friction at rest is {breakaway_ratio} times that in motion; the excess dies away over {stribeck_speed} "
-        "(exponent {exponent})"
+        "(exponent {exponent}, tail {tail})"
     )
     depends_on = ("velocity",)
     needs = "slow motion, starts and reversals"
@@ -53,5 +59,7 @@ class StribeckFriction(Effect):
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
         """The most that sliding reaches at the speed of the contact, as a share of F_r."""
         square = (near["v"] / sheet.param(SPEED)) ** 2
-        slow = ca.exp(-square * (square + REST**2) ** (sheet.param(EXPONENT) / 2 - 1))
+        power = square * (square + REST**2) ** (sheet.param(EXPONENT) / 2 - 1)
+        tail = sheet.param(TAIL)
+        slow = ca.exp(-ca.log1p(tail * power) / tail)
         return nominal * (1 + (sheet.param(RATIO) - 1) * slow)
