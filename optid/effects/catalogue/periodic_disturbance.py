@@ -80,7 +80,7 @@ class PeriodicDisturbance(Effect):
         f, power = spectra[0][0], np.mean([p / p.mean() for _, p in spectra], axis=0)
         clear = power / (median_filter(power, NEIGHBOURS, mode="nearest") + 1e-12 * power.max())
         low, high = FREQUENCY.bounds
-        clear[(f < max(low, 3 / (len(heard[0]) * interval))) | (f > high)] = 0.0
+        clear[(f < max(low, 3 / (max(map(len, heard)) * interval))) | (f > high)] = 0.0
         lines = [i for i in argrelmax(clear, order=8)[0] if clear[i] > 0]
         best = sorted(lines, key=lambda i: -clear[i])[:LOUDEST]
         return [
