@@ -54,6 +54,16 @@ def test_a_summary_says_how_much_of_long_recordings_counted(sound):
     assert "% of the recordings" not in summary(sound)
 
 
+def test_fits_see_no_more_than_the_excerpts(tmp_path, monkeypatch):
+    monkeypatch.setattr(
+        diagnosis_of, "excerpts", lambda _, given: tuple(one.slice(0.0, 6.0) for one in given)
+    )
+    found = asked(tmp_path)
+    assert found.data.used == pytest.approx(0.5)
+    assert [one.duration < 6.0 for one in (*found.data.train, *found.data.holdout)] == [True, True, False]
+    assert len(found.best.answer.question.problem.time) == 2 * 600
+
+
 def test_bounds_that_shut_the_truth_out_are_no_missing_physics(tmp_path):
     narrow = rig(tmp_path)
     shut = {"gain": (0.1, 2.5), "drag": (0.01, 50.0)}

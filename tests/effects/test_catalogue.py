@@ -90,11 +90,13 @@ def test_a_rig_file_keeps_every_effect(name, tmp_path: Path):
     assert again.parameters == pytest.approx({**rig.parameters, **values}, rel=1e-12)
 
 
-def test_a_periodic_disturbance_is_tried_where_the_recordings_ring():
+@pytest.mark.parametrize("before", [0, 100], ids=["whole", "after a stretch too short to hear it"])
+def test_a_periodic_disturbance_is_tried_where_the_recordings_ring(before):
     rng, interval = np.random.default_rng(3), 1e-3
     t = np.arange(8000) * interval
     heard = [0.1 * np.sin(2 * np.pi * 7.3 * t + phase) + rng.normal(size=8000) for phase in (0.4, 2.0)]
     heard[0][100:130] = np.nan
+    heard = [*([rng.normal(size=before)] if before else []), *heard]
     points = built_in()["periodic_disturbance"].tries(heard, interval)
     nearest = min(points, key=lambda point: abs(point["frequency"] - 7.3))
     assert nearest["frequency"] == pytest.approx(7.3, abs=0.5 / t[-1])
