@@ -40,8 +40,7 @@ Report = Callable[[float, str], None]
 class Data:
     """Recordings to fit, recordings held out, sd of their noise by role, and the randomness of the resampling.
 
-    `misfit` is what the base model's simulation misses, by role, where models are judged by simulation; `used` is the
-    share of the samples to fit that count.
+    `misfit` is what the base model's simulation misses, by role, where models are judged by simulation.
     """
 
     train: tuple[Recording, ...]
@@ -49,7 +48,6 @@ class Data:
     noise: Mapping[str, float]
     generator: np.random.Generator
     misfit: Mapping[str, float] | None = None
-    used: float = 1.0
 
     def question(self, rig: Rig, plain: Model, train: Sequence[Recording] | None = None) -> Question:
         """What the recordings to fit, or others, are asked of a rig; only states of `plain` carry process noise."""
