@@ -118,7 +118,7 @@ def test_the_flow_with_another_critical_ratio_is_that_of_the_standard(m):
 def test_the_walls_of_the_other_chamber_may_take_another_share_of_heat():
     """Closed and at rest, with air 30 K too warm: P' = (K - 1) h A_w (T_w - T) / V."""
     plant, h, ratio = grown(AXIS, "heat_transfer"), 40.0, 1.7
-    values = {"heat_transfer_coefficient": h, "ratio": ratio}
+    values = {"heat_transfer_coefficient": h, "b_over_a": ratio}
     p = plant.vector({f"heat_transfer.{k}": v for k, v in values.items()})
     names = [state.name for state in plant.model.states]
     x = np.zeros(len(names))

@@ -16,8 +16,8 @@ COEFFICIENT = Parameter(
     "heat_transfer_coefficient", "W/(m**2 K)", 50.0, "heat flow per wall area and temperature difference",
     "physics catalogue A.3: 20 to 200 W/(m2 K)", 0.0, (0.0, 2e3),
 )  # fmt: skip
-RATIO = Parameter(
-    "ratio", "1", 0.5, "the coefficient of chamber B over that of A: the rod is a wall there, and air moves otherwise",
+B_OVER_A = Parameter(
+    "b_over_a", "1", 0.5, "coefficient of chamber B over that of A: the rod is a wall there, and air moves otherwise",
     "a rod of half the bore: 73 % more wall than a circle of equal area", 1.0, (0.3, 3.0), logarithmic=True,
 )  # fmt: skip
 STILL = 1.0  # W/(m2 K): less than still air; temperatures feel at least about this, so that they forget their start
@@ -33,11 +33,11 @@ class HeatTransfer(Effect):
     name = "heat_transfer"
     sites = ("flow.pressure_rate_a", "flow.pressure_rate_b")
     equation = "9, 10"
-    parameters = (COEFFICIENT, RATIO)
+    parameters = (COEFFICIENT, B_OVER_A)
     strength = {"heat_transfer_coefficient": 8.0}
-    usual = ({"heat_transfer_coefficient": 30.0}, {"heat_transfer_coefficient": 120.0})
+    usual = tuple({"heat_transfer_coefficient": h, "b_over_a": 1.0} for h in (30.0, 120.0))
     law = "P' gains (K - 1) h A_w (T_w - T) / V, with T from the chamber's energy balance"
-    says = "the air exchanges heat with the walls, {heat_transfer_coefficient} in chamber A and {ratio} times that in B"
+    says = "air exchanges heat with the walls, {heat_transfer_coefficient} in chamber A and {b_over_a} times that in B"
     depends_on = ("pressure_a", "pressure_b", "velocity")
     needs = "fast moves followed by holds of about a second"
     look_alikes = ("tube_restriction", "critical_pressure_ratio", "ambient_leakage", "supply_droop")
@@ -53,7 +53,7 @@ class HeatTransfer(Effect):
         T = sheet.state(f"temperature_{site[-1]}", "K", 20.0, start=T_w, spread=5.0)
         h = sheet.param(COEFFICIENT)
         little = ca.exp(-h / STILL)
-        h = h * sheet.param(RATIO) if site == self.sites[1] else h
+        h = h * sheet.param(B_OVER_A) if site == self.sites[1] else h
         P, A, length = near["P"], near["area"], near["length"]
         V, m_in, m_out = A * length, ca.fmax(near["flow"], 0), ca.fmax(-near["flow"], 0)
         wall = 2 * A + 2 * ca.sqrt(math.pi * A) * length  # both ends, and the bore's circumference

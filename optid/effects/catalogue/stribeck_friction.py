@@ -43,7 +43,8 @@ class StribeckFriction(Effect):
     parameters = (RATIO, SPEED, EXPONENT, TAIL)
     strength = {"breakaway_ratio": 0.05}
     usual = tuple(
-        {"breakaway_ratio": 1.4, "stribeck_speed": speed, "exponent": 1.5} for speed in (0.008, 0.025, 0.07)
+        {"breakaway_ratio": 1.4, "stribeck_speed": speed, "exponent": 1.5, "tail": 0.1}
+        for speed in (0.008, 0.025, 0.07)
     )
     law = "steady sliding takes F_r (1 + (ratio - 1) (1 + q |v / v_s|^n)^(-1/q)), exp(-|v / v_s|^n) where q is 0"
     says = (
