@@ -32,6 +32,7 @@ from optid.errors import InputError
 from optid.fit.result import Estimate
 from optid.rigs.rigfile import Rig
 
+NOTHING = 0.01  # of the smallest size worth a name: what is below it is told in words
 VISIBLE = 5.0  # sd at which an effect of the smallest size worth a name would be found for sure
 
 
@@ -194,9 +195,14 @@ def _signal(found: Search, effect: Effect, data: Data, report: Report) -> tuple[
 
 
 def _says(effect: Effect, best: Candidate) -> str:
-    values = own_values(effect, best.rig, best.answer)
-    units = {q.name: q.unit for q in effect.parameters}
-    return effect.says.format(**{name: quantity(v, units[name]) for name, v in values.items()})
+    values, units = own_values(effect, best.rig, best.answer), {q.name: q.unit for q in effect.parameters}
+    faint = {name for name, least in effect.strength.items() if abs(values[name]) < NOTHING * least}
+    return effect.says.format(
+        **{
+            name: "next to nothing" if name in faint else quantity(v, units[name])
+            for name, v in values.items()
+        }
+    )
 
 
 def _verdict(

@@ -1,6 +1,7 @@
 """Diagnoses of a user's own plant against a closed form: named when it is there, silent when nothing is missing."""
 
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,9 +12,11 @@ from optid.diagnose.diagnosis import diagnose
 from optid.diagnose.finding import Verdict
 from optid.diagnose.judge import missed
 from optid.diagnose.uncertainty import estimates
+from optid.effects.library import built_in
 from optid.errors import InputError
 from optid.report.diagnosis_document import diagnosis_document
 from optid.report.diagnosis_page import diagnosis_page
+from optid.rigs.rigfile import read_rig, with_effects
 from tests.diagnose.trolley import TRUTH, recording, rig
 
 WIDTH = 0.2
@@ -147,3 +150,14 @@ def test_names_that_leave_more_than_right_ones_do_are_no_answer(leave, share, ve
     if verdict is Verdict.UNEXPLAINED:
         assert found[3].effects == ("lag",)
         assert str(found[3]).startswith(f"clears {100 * share:.0f} %")
+
+
+def test_what_is_far_below_any_size_worth_a_name_is_told_in_words():
+    leak = built_in()["ambient_leakage"]
+    grown = with_effects(read_rig(Path(__file__).parents[2] / "data/bench.toml"), [leak])
+    areas = {"ambient_leakage.area_a": 1.5e-7, "ambient_leakage.area_b": 7.4e-14}
+    best = SimpleNamespace(
+        rig=grown, answer=SimpleNamespace(p=grown.model.vector({**grown.parameters, **areas}))
+    )
+    said = diagnosis_of._says(leak, best)
+    assert "chamber A through 0.15 mm2, from chamber B through next to nothing" in said
