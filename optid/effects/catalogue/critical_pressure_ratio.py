@@ -24,10 +24,8 @@ CHOKED = 1e-12  # of q^2: and where all flows
 # By how much q of an ideal nozzle exceeds the ellipse's at the same flow, over q (1 - q): a parabola in q by least
 # squares for air, right to 5e-6.
 NOZZLE = (0.011920, -0.008484, 0.002724)
-AWAY = (
-    0.01,
-    0.015,
-)  # from the ideal nozzle's shift and power: half of what is worth a name, and nearly all ellipse
+# Distance from the ideal nozzle's shift and power, half of what is worth a name, at which the branch is mostly ellipse.
+AWAY = (0.01, 0.015)
 
 
 class CriticalPressureRatio(Effect):
