@@ -80,20 +80,24 @@ def test_backlash_is_the_play_operator():
     assert np.abs(shown - states[:, 0]).max() == pytest.approx(2e-4, rel=1e-3)
 
 
-@pytest.mark.parametrize("spread", [0.0, 0.6])
-def test_hysteresis_of_a_slow_command_is_four_plays_in_parallel(spread):
+@pytest.mark.parametrize(("spread", "bend"), [(0.0, 0.0), (0.6, 0.0), (0.8, 0.2)])
+def test_hysteresis_of_a_slow_command_is_six_plays_in_parallel(spread, bend):
     plant = grown(AXIS, "valve_hysteresis")
     X, _ = run()
     t = np.arange(3000) * DT
     u = 0.05 * np.sin(2 * np.pi * 0.8 * t)
-    p = plant.vector({"valve_hysteresis.width": 0.01, "valve_hysteresis.spread": spread})
+    values = {"width": 0.01, "spread": spread, "bend": bend}
+    p = plant.vector({f"valve_hysteresis.{name}": value for name, value in values.items()})
     start = np.array(plant.model.start(p)[0]).ravel()
     start[plant.shared[0]] = X[0]
     states = simulate(plant.model, p, start, np.full(3000, DT), u[:, None]).states[0]
     names = [s.name for s in plant.model.states]
-    for part, share in (("inner", -1), ("second", -1 / 3), ("third", 1 / 3), ("outer", 1)):
-        memory = states[1:, names.index(f"valve_hysteresis.{part}")]
-        assert np.abs(memory - played(u, 0.01 * (1 + share * spread))[:-1]).max() < 4e-4
+    side = np.array([-5, -3, -1, 1, 3, 5]) / 5
+    widths = 0.01 * (1 + spread * side + bend * (side**2 - 70 / 150))
+    assert widths.mean() == pytest.approx(0.01)
+    for number, width in enumerate(widths, 1):
+        memory = states[1:, names.index(f"valve_hysteresis.play_{number}")]
+        assert np.abs(memory - played(u, width)[:-1]).max() < 4e-4
 
 
 @pytest.mark.parametrize("m", [0.45, 0.5, 0.58])

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from optid.core.parameter import Parameter
 from optid.core.sheet import Sheet
 from optid.core.smooth import dead_zone
@@ -17,24 +19,34 @@ WIDTH = Parameter(
 SPREAD = Parameter(
     "spread", "1", 0.3, "share by which the widest part of the hysteresis exceeds the mean, the narrowest falls short",
     # Inner loops of a solenoid's iron are narrower than the outer one.
-    "Prandtl and Ishlinskii's plays in parallel, four of them", 0.0, (0.0, 1.0),
+    "Prandtl and Ishlinskii's plays in parallel, six of them", 0.0, (0.0, 1.0),
 )  # fmt: skip
+BEND = Parameter(
+    "bend", "1", 0.05, "how much wider the widest part is than an even spread has it, as a share of the mean",
+    "widths are positive, so that their distribution leans to the wide ones", 0.0, (0.0, 0.5),
+)  # fmt: skip
+# Parts' places in the spread. A filter moves eight points at a time: six plays cost as much as four would.
+SIDES = np.linspace(-1.0, 1.0, 6)
+SKEWED = SIDES**2 - float(np.mean(SIDES**2))  # leaves the mean width
 CATCH = 3e-4  # s: in which the spool's memory follows; what it shows is exact while it moves, at any value
 
 
 class ValveHysteresis(Effect):
-    """Four plays in parallel: each trails the command by its width and stands still while a reversal takes it up."""
+    """Six plays in parallel: each trails the command by its width and stands still while a reversal takes it up."""
 
     name = "valve_hysteresis"
     sites = ("valve.command",)
     equation = "3-6"
-    parameters = (WIDTH, SPREAD)
+    parameters = (WIDTH, SPREAD, BEND)
     strength = {"width": 5e-4}
-    usual = ({"width": 4e-3, "spread": 0.0}, {"width": 0.02, "spread": 0.0})
-    law = "the spool follows command - h when the command grows and command + h when it falls, h (1 - s) to h (1 + s)"
+    usual = ({"width": 4e-3, "spread": 0.0, "bend": 0.0}, {"width": 0.02, "spread": 0.0, "bend": 0.0})
+    law = (
+        "the spool follows command - h when the command grows and command + h when it falls, h from w (1 - s) to "
+        "w (1 + s), bent"
+    )
     says = (
         "the valve has a hysteresis of {width} of full command to either side, parts of it narrower and others wider "
-        "by up to a share of {spread}"
+        "by up to a share of {spread} (the widest by {bend} more)"
     )
     depends_on = ("command_rate", "command")
     needs = "reversals of the command"
@@ -44,11 +56,11 @@ class ValveHysteresis(Effect):
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
         """The share of full travel at which the spool stands."""
-        width, spread = sheet.param(WIDTH), sheet.param(SPREAD)
+        width, spread, bend = sheet.param(WIDTH), sheet.param(SPREAD), sheet.param(BEND)
         stands = 0.0
-        for part, share in (("inner", -1), ("second", -1 / 3), ("third", 1 / 3), ("outer", 1)):
-            memory = sheet.state(part, "1", 0.1, spread=0.3)
-            beyond = dead_zone(nominal - memory, (1 + share * spread) * width)
+        for number, (side, skew) in enumerate(zip(SIDES, SKEWED, strict=True), 1):
+            memory = sheet.state(f"play_{number}", "1", 0.1, spread=0.3)
+            beyond = dead_zone(nominal - memory, width * (1 + side * spread + skew * bend))
             sheet.rate(memory, beyond / CATCH)
-            stands = stands + (memory + beyond) / 4
+            stands = stands + (memory + beyond) / len(SIDES)
         return stands
