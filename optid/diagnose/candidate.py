@@ -40,7 +40,8 @@ Report = Callable[[float, str], None]
 class Data:
     """Recordings to fit, recordings held out, sd of their noise by role, and the randomness of the resampling.
 
-    `misfit` is what the base model's simulation misses, by role, where models are judged by simulation.
+    `misfit` is what the base model's simulation misses, by role, where models are judged by simulation; `used` is the
+    share of the samples to fit that count.
     """
 
     train: tuple[Recording, ...]
@@ -48,6 +49,7 @@ class Data:
     noise: Mapping[str, float]
     generator: np.random.Generator
     misfit: Mapping[str, float] | None = None
+    used: float = 1.0
 
     def question(self, rig: Rig, plain: Model, train: Sequence[Recording] | None = None) -> Question:
         """What the recordings to fit, or others, are asked of a rig; only states of `plain` carry process noise."""

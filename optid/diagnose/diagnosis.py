@@ -14,6 +14,7 @@ from optid.core.thinning import thinned
 from optid.diagnose.by_simulation import by_simulation
 from optid.diagnose.candidate import Candidate, Data, fit_base, settled, widened
 from optid.diagnose.disturbance import Located, locate, locate_at
+from optid.diagnose.excerpt import excerpts
 from optid.diagnose.finding import Closest, Diagnosis, Finding, Verdict
 from optid.diagnose.judge import EXCESS, cleared, compare, excess, missed
 from optid.diagnose.law import law_at
@@ -52,7 +53,8 @@ def diagnose(
 
     Args:
         rig: the base model; its [fit] table says what may be fitted.
-        recordings: to fit; what is sampled faster than a kilohertz is averaged down to it first.
+        recordings: to fit; what is sampled faster than a kilohertz is averaged down to it first, and of more than
+            40 000 samples the stretches count that tell most.
         holdout: to judge on; the fits never see them.
         own: effects of the user's, beside the catalogue.
         generator: of the resampling.
@@ -74,7 +76,10 @@ def diagnose(
         # The stated noise is that of a single sample; that of the averages is estimated.
         rig = replace(rig, channels={role: replace(c, sd=None) for role, c in rig.channels.items()})
     noise = _noise(rig, [*recordings, *holdout])
-    data = Data(tuple(recordings), tuple(holdout), noise, generator)
+    report(0.01, "reading through the recordings")
+    train = excerpts(rig, recordings)
+    used = sum(map(len, train)) / sum(map(len, recordings))
+    data = Data(train, tuple(holdout), noise, generator, used=used)
     base = fit_base(rig, data, report)
     wide = _enough(base, data)
     if wide is None and (simulated := by_simulation(base, data)) is not None:

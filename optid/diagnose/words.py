@@ -22,7 +22,13 @@ def quantity(value: float, unit: str) -> str:
 
 
 def summary(d: Diagnosis) -> str:
-    """Where, what, how sure, how much better, and what is not known."""
+    """Where, what, how sure, how much better, what is not known, and what of long recordings was looked at."""
+    if d.data.used == 1.0:
+        return _answer(d)
+    return f"{_answer(d)} Fits used the {100 * d.data.used:.0f} % of the recordings that tell most."
+
+
+def _answer(d: Diagnosis) -> str:
     before, after = (_errors(d, one.judged.scores) for one in (d.base, d.best))
     span = f"{d.base.judged.horizon:g} s"
     floor = ", ".join(f"{role} {quantity(sd, _unit(d, role))}" for role, sd in d.noise.items())

@@ -12,6 +12,7 @@ from optid.diagnose.diagnosis import diagnose
 from optid.diagnose.finding import Verdict
 from optid.diagnose.judge import missed
 from optid.diagnose.uncertainty import estimates
+from optid.diagnose.words import summary
 from optid.effects.library import built_in
 from optid.errors import InputError
 from optid.report.diagnosis_document import diagnosis_document
@@ -48,6 +49,22 @@ def test_nothing_missing_nothing_named(sound):
     assert sound.best.judged.scores["position"].rmse < 1.1 * sound.noise["position"]
     for estimate in sound.best_parameters:
         assert estimate.low < TRUTH[estimate.name] < estimate.high
+
+
+def test_a_summary_says_how_much_of_long_recordings_counted(sound):
+    told = replace(sound, data=replace(sound.data, used=0.25))
+    assert "25 % of the recordings" in summary(told)
+    assert "% of the recordings" not in summary(sound)
+
+
+def test_fits_see_no_more_than_the_excerpts(tmp_path, monkeypatch):
+    monkeypatch.setattr(
+        diagnosis_of, "excerpts", lambda _, given: tuple(one.slice(0.0, 6.0) for one in given)
+    )
+    found = asked(tmp_path)
+    assert found.data.used == pytest.approx(0.5)
+    assert [one.duration < 6.0 for one in (*found.data.train, *found.data.holdout)] == [True, True, False]
+    assert len(found.best.answer.question.problem.time) == 2 * 600
 
 
 def test_bounds_that_shut_the_truth_out_are_no_missing_physics(tmp_path):
