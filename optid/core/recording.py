@@ -199,7 +199,7 @@ class Recording:
                 f"{max(last - first, 0)} samples from {start:g} to {stop:g} s", where=self.name,
                 expected=f"at least two; the recording runs from {span}",
             )  # fmt: skip
-        return self._rows(int(first), int(last))
+        return self.taken(np.arange(first, last))
 
     def segments(self, longer_than: float = LONG_GAP) -> tuple[Recording, ...]:
         """Stretches between gaps longer than so many median intervals, so that none is simulated across.
@@ -209,7 +209,7 @@ class Recording:
         """
         cuts = np.flatnonzero(np.diff(self.time) > longer_than * self.interval) + 1
         edges = [0, *map(int, cuts), len(self)]
-        return tuple(self._rows(a, b) for a, b in itertools.pairwise(edges) if b - a > 1)
+        return tuple(self.taken(np.arange(a, b)) for a, b in itertools.pairwise(edges) if b - a > 1)
 
     def to_frame(self) -> pd.DataFrame:
         """Columns "time" and one for every role, in SI units, one row per sample."""
@@ -217,12 +217,13 @@ class Recording:
 
         return pd.DataFrame({"time": self.time, **{r: c.values for r, c in self.channels.items()}})
 
-    def _rows(self, first: int, last: int) -> Recording:
+    def taken(self, rows: NDArray[np.int64]) -> Recording:
+        """These samples of it, in their order; what is left out between them is a gap."""
         channels = {
-            role: dataclasses.replace(channel, values=channel.values[first:last])
+            role: dataclasses.replace(channel, values=channel.values[rows])
             for role, channel in self.channels.items()
         }
-        return dataclasses.replace(self, time=self.time[first:last], channels=channels)
+        return dataclasses.replace(self, time=self.time[rows], channels=channels)
 
 
 @dataclass(frozen=True, eq=False)

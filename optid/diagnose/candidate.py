@@ -41,7 +41,7 @@ class Data:
     """Recordings to fit, recordings held out, sd of their noise by role, and the randomness of the resampling.
 
     `misfit` is what the base model's simulation misses, by role, where models are judged by simulation; `used` is the
-    share of the samples to fit that count.
+    share of the samples to fit that count, `late` the recordings of which the beginning does not.
     """
 
     train: tuple[Recording, ...]
@@ -50,6 +50,7 @@ class Data:
     generator: np.random.Generator
     misfit: Mapping[str, float] | None = None
     used: float = 1.0
+    late: tuple[str, ...] = ()
 
     def question(self, rig: Rig, plain: Model, train: Sequence[Recording] | None = None) -> Question:
         """What the recordings to fit, or others, are asked of a rig; only states of `plain` carry process noise."""

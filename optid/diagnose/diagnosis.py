@@ -11,6 +11,7 @@ import numpy as np
 from optid.check.noise import colour, noise_sd
 from optid.core.recording import Array, Recording
 from optid.core.thinning import thinned
+from optid.diagnose.beginning import begun
 from optid.diagnose.by_simulation import by_simulation
 from optid.diagnose.candidate import Candidate, Data, fit_base, settled, widened
 from optid.diagnose.disturbance import Located, locate, locate_at
@@ -81,6 +82,9 @@ def diagnose(
     used = sum(map(len, train)) / sum(map(len, recordings))
     data = Data(train, tuple(holdout), noise, generator, used=used)
     base = fit_base(rig, data, report)
+    if (later := begun(base, data)) is not data:
+        data = later
+        base = fit_base(rig, data, report)
     wide = _enough(base, data)
     if wide is None and (simulated := by_simulation(base, data)) is not None:
         base, data = simulated

@@ -11,12 +11,12 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from optid.core.model import Array
 from optid.core.recording import Recording
+from optid.diagnose.beginning import swiftness
 from optid.fit.likelihood import WHOLE, huber, run_filter
 from optid.fit.prediction import horizon
 from optid.fit.problem import pose
@@ -26,7 +26,6 @@ from optid.rigs.rigfile import Rig
 ENOUGH = 40_000  # samples in all: three recordings of 12 s at a kilohertz stay whole
 STRETCH = 8  # windows that are kept or left out together, more or less
 AROUND = 2  # windows to either side of an even edge in which the fastest motion is looked for
-SWIFT = 0.1  # of a window, to either side: over which it counts
 
 Stretch = tuple[int, int, int]  # recording, first row, row after the last
 
@@ -57,20 +56,9 @@ def _stretches(number: int, recording: Recording, outputs: Sequence[str]) -> lis
     window = horizon(recording.interval) / recording.interval
     parts = max(1, round(len(recording) / (STRETCH * window)))
     even = np.linspace(0, len(recording), parts + 1).astype(int).tolist()
-    swift, reach = _swiftness(recording, outputs, max(1, round(SWIFT * window))), round(AROUND * window)
+    swift, reach = swiftness(recording, outputs), round(AROUND * window)
     inner = [edge - reach + int(np.argmax(swift[edge - reach : edge + reach])) for edge in even[1:-1]]
     return [(number, first, end) for first, end in itertools.pairwise([0, *inner, len(recording)])]
-
-
-def _swiftness(recording: Recording, outputs: Sequence[str], reach: int) -> Array:
-    """How far the outputs go from `reach` rows before each row to as many after it, in their sd, squared, (rows,)."""
-    total = np.zeros(len(recording))
-    for role in outputs:
-        if role in recording:
-            values = recording[role].values
-            gone = (values[2 * reach :] - values[: -2 * reach]) / max(float(np.nanstd(values)), 1e-300)
-            total[reach:-reach] += np.nan_to_num(gone**2)
-    return total
 
 
 def _evenly(every: Sequence[Stretch], kept: Sequence[int], count: int) -> list[int]:
@@ -86,8 +74,7 @@ def _kept(recordings: Sequence[Recording], stretches: Sequence[Stretch]) -> tupl
     found = []
     for n, recording in enumerate(recordings):
         rows = np.concatenate([np.arange(a, b) for number, a, b in stretches if number == n])
-        channels = {r: replace(c, values=c.values[rows]) for r, c in recording.channels.items()}
-        found.append(replace(recording, time=recording.time[rows], channels=channels))
+        found.append(recording.taken(rows))
     return tuple(found)
 
 

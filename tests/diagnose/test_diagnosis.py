@@ -57,6 +57,18 @@ def test_a_summary_says_how_much_of_long_recordings_counted(sound):
     assert "% of the recordings" not in summary(sound)
 
 
+def test_without_a_beginning_that_misleads_the_base_is_fitted_again(tmp_path, monkeypatch):
+    def later(base, data):
+        assert len(base.answer.question.problem.time) == 2 * 1200
+        return replace(data, train=tuple(one.slice(2.0) for one in data.train), late=("run1.csv",))
+
+    monkeypatch.setattr(diagnosis_of, "begun", later)
+    found = asked(tmp_path)
+    assert len(found.base.answer.question.problem.time) == 2 * 1000
+    assert "Of run1.csv they left the beginning out" in found.summary
+    assert "left the beginning out" not in summary(replace(found, data=replace(found.data, late=())))
+
+
 def test_fits_see_no_more_than_the_excerpts(tmp_path, monkeypatch):
     monkeypatch.setattr(
         diagnosis_of, "excerpts", lambda _, given: tuple(one.slice(0.0, 6.0) for one in given)
