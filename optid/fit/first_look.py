@@ -54,7 +54,13 @@ def first_look(model: Model, problem: Problem, p: Array, noise: Noise, seconds: 
         [np.searchsorted(problem.time[b : b + n + 1], problem.time[b] + seconds) - 1
          for b, n in zip(problem.begins, problem.counts, strict=True)],
     )  # fmt: skip
-    opening = replace(problem, counts=np.maximum(counts, 1).astype(np.int64))
+    counts = np.maximum(counts, 1).astype(np.int64)
+    rows = np.concatenate([np.arange(b, b + n + 1) for b, n in zip(problem.begins, counts, strict=True)])
+    begins = np.r_[0, np.cumsum(counts + 1)[:-1]].astype(np.int64)
+    opening = replace(
+        problem, time=problem.time[rows], dt=problem.dt[rows], inputs=problem.inputs[rows],
+        measured=problem.measured[rows], begins=begins, counts=counts,
+    )  # fmt: skip
     both = Start(
         np.concatenate([whole.mean, parts.mean]), np.ascontiguousarray(np.concatenate([whole.sd, parts.sd]))
     )
