@@ -63,7 +63,7 @@ def _filtered(base: Candidate, recording: Recording) -> tuple[list[int], Array]:
 def _fast(base: Candidate, recording: Recording, begin: int, end: int) -> int:
     """First row of fast motion in a segment; its beginning if it begins in motion."""
     outputs = [port.role for port in base.rig.model.outputs]
-    swift = swiftness(recording, outputs)[begin:end]
+    swift = _swiftness(recording, outputs)[begin:end]
     first = int(np.argmax(swift >= np.quantile(swift, 1.0 - FAST)))
     rest = max(REST * horizon(recording.interval) / recording.interval, CLOCK + LONG_GAP)
     return begin + first if first > rest else begin
@@ -75,7 +75,7 @@ def _rows(begins: Sequence[int], starts: Sequence[int], ends: Sequence[int]) -> 
     return np.concatenate([clock, *(np.arange(a, b) for a, b in zip(starts, ends, strict=True))]).astype(int)
 
 
-def swiftness(recording: Recording, outputs: Sequence[str]) -> Array:
+def _swiftness(recording: Recording, outputs: Sequence[str]) -> Array:
     """How far outputs go within a tenth of a window to either side, in their sd, squared, (rows,)."""
     reach = max(1, round(SWIFT * horizon(recording.interval) / recording.interval))
     total = np.zeros(len(recording))

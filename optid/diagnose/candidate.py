@@ -40,8 +40,8 @@ Report = Callable[[float, str], None]
 class Data:
     """Recordings to fit, recordings held out, sd of their noise by role, and the randomness of the resampling.
 
-    `misfit` is what the base model's simulation misses, by role, where models are judged by simulation; `used` is the
-    share of the samples to fit that count, `late` the recordings of which the beginning does not.
+    `misfit` is what the base model's simulation misses, by role, where models are judged by simulation; `late` are the
+    recordings of which the beginning does not count.
     """
 
     train: tuple[Recording, ...]
@@ -49,7 +49,6 @@ class Data:
     noise: Mapping[str, float]
     generator: np.random.Generator
     misfit: Mapping[str, float] | None = None
-    used: float = 1.0
     late: tuple[str, ...] = ()
 
     def question(self, rig: Rig, plain: Model, train: Sequence[Recording] | None = None) -> Question:

@@ -15,7 +15,6 @@ from optid.diagnose.beginning import begun
 from optid.diagnose.by_simulation import by_simulation
 from optid.diagnose.candidate import Candidate, Data, fit_base, settled, widened
 from optid.diagnose.disturbance import Located, locate, locate_at
-from optid.diagnose.excerpt import excerpts
 from optid.diagnose.finding import Closest, Diagnosis, Finding, Verdict
 from optid.diagnose.judge import EXCESS, cleared, compare, excess, missed
 from optid.diagnose.law import law_at
@@ -54,8 +53,7 @@ def diagnose(
 
     Args:
         rig: the base model; its [fit] table says what may be fitted.
-        recordings: to fit; what is sampled faster than a kilohertz is averaged down to it first, and of more than
-            40 000 samples the stretches count that tell most.
+        recordings: to fit; what is sampled faster than a kilohertz is averaged down to it first.
         holdout: to judge on; the fits never see them.
         own: effects of the user's, beside the catalogue.
         generator: of the resampling.
@@ -77,10 +75,7 @@ def diagnose(
         # The stated noise is that of a single sample; that of the averages is estimated.
         rig = replace(rig, channels={role: replace(c, sd=None) for role, c in rig.channels.items()})
     noise = _noise(rig, [*recordings, *holdout])
-    report(0.01, "reading through the recordings")
-    train = excerpts(rig, recordings)
-    used = sum(map(len, train)) / sum(map(len, recordings))
-    data = Data(train, tuple(holdout), noise, generator, used=used)
+    data = Data(tuple(recordings), tuple(holdout), noise, generator)
     base = fit_base(rig, data, report)
     if (later := begun(base, data)) is not data:
         data = later

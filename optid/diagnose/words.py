@@ -22,16 +22,13 @@ def quantity(value: float, unit: str) -> str:
 
 
 def summary(d: Diagnosis) -> str:
-    """Where, what, how sure, how much better, what is not known, and what of the recordings was looked at."""
-    told = _answer(d)
-    if d.data.used < 1.0:
-        told += f" Fits used the {100 * d.data.used:.0f} % of the recordings that tell most."
-    if d.data.late:
-        told += (
-            f" Of {', '.join(d.data.late)} they left the beginning out: at rest, in a state that nothing shows, it "
-            f"misleads."
-        )
-    return told
+    """Where, what, how sure, how much better, what is not known, and what of the recordings does not count."""
+    if not d.data.late:
+        return _answer(d)
+    return (
+        f"{_answer(d)} Of {', '.join(d.data.late)} the beginning does not count: at rest, in a state that nothing "
+        f"shows, it misleads."
+    )
 
 
 def _answer(d: Diagnosis) -> str:
