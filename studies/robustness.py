@@ -34,6 +34,7 @@ from studies.independent_rig import Rig, Sensors, recording, simulate  # noqa: E
 from studies.references import REFERENCES  # noqa: E402
 
 SEED = 11
+SPARE, STILL = 6.0, 0.02  # s in which a rest should come; mm in 50 ms that count as rest
 SOUND = Rig(viscous=66.0, coulomb=75.0, discharge=0.77, residual_length=10.5e-3)
 RIGS: dict[str, tuple[Rig, tuple[str, ...]]] = {
     "sound": (SOUND, ()),
@@ -47,10 +48,18 @@ RIGS: dict[str, tuple[Rig, tuple[str, ...]]] = {
 
 @dataclass(frozen=True)
 class Condition:
-    """How a rig is recorded: Hz, s, the sensors, and by what factor the rig file's start values are wrong."""
+    """How a rig is recorded.
+
+    Attributes:
+        rate: Hz.
+        seconds: s; recordings begin at the first rest after `running` seconds.
+        sensors: what they do.
+        start: by what factor the rig file's start values are wrong.
+    """
 
     rate: float = 1000.0
     seconds: float = 8.0
+    running: float = 0.0
     sensors: Sensors = field(default_factory=Sensors)
     start: float = 1.0
 
@@ -67,6 +76,7 @@ CONDITIONS = {
     "10_kHz": Condition(rate=10_000.0),
     "4_s": Condition(seconds=4.0),
     "60_s": Condition(seconds=60.0),
+    "begun_at_rest": Condition(running=20.0),
     "start_values_50_percent_high": Condition(start=1.5),
     "start_values_50_percent_low": Condition(start=0.5),
 }
@@ -88,12 +98,15 @@ class Row:
 def recorded(rig: Rig, condition: Condition) -> list[Recording]:
     """Three recordings to fit and one to hold out."""
     made = []
+    seconds = condition.seconds + (condition.running + SPARE if condition.running else 0.0)
     for number, (name, reference) in enumerate(REFERENCES.items()):
         rng, dt = np.random.default_rng([SEED, number]), 1.0 / condition.rate
         run = simulate(
-            rig, reference(condition.seconds, dt, rng, 0.1), rng, sensors=condition.sensors, dt=dt, step=2e-5
+            rig, reference(seconds, dt, rng, 0.1), rng, sensors=condition.sensors, dt=dt, step=2e-5
         )
         table = recording(run, rng, condition.sensors)
+        if condition.running:
+            table = from_rest(table, condition)
         volts, x = table["u"].to_numpy(), table["x"].to_numpy() * 1e-3
         channels = {
             "command": Channel("command", "u", "1", volts / 5.0, full_scale=1.0, per_unit=5.0),
@@ -101,6 +114,16 @@ def recorded(rig: Rig, condition: Condition) -> list[Recording]:
         }
         made.append(Recording(name, table["t"].to_numpy(), channels))
     return made
+
+
+def from_rest(table: pd.DataFrame, condition: Condition) -> pd.DataFrame:
+    """As long a part as was asked for, from the first rest of 50 ms on after the time it had been running."""
+    reach = round(0.05 * condition.rate)
+    smooth = table["x"].rolling(reach, center=True).mean().to_numpy()
+    still = np.abs(np.r_[smooth[reach:], np.full(reach, np.inf)] - smooth) < STILL
+    first = int(np.flatnonzero(still & (table["t"].to_numpy() >= condition.running))[0])
+    part = table.iloc[first : first + round(condition.seconds * condition.rate)].reset_index(drop=True)
+    return part.assign(t=part["t"] - part["t"][0])
 
 
 def rig_file(condition: Condition) -> RigFile:

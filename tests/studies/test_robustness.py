@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from studies import robustness
-from studies.robustness import CONDITIONS, RIGS, recorded, rig_file
+from studies.robustness import CONDITIONS, RIGS, Condition, recorded, rig_file
 
 
 @pytest.mark.parametrize("name", ["250_Hz", "missing_2_percent", "12_bits", "4_s"])
@@ -20,6 +20,17 @@ def test_recordings_are_as_bad_as_they_are_called(name):
     if name == "12_bits":
         steps = x / (0.26 / 4096)
         assert np.abs(steps - np.round(steps)).max() < 2e-3  # the table has a tenth of a micrometre
+
+
+def test_recordings_may_begin_at_rest_in_the_midst_of_motion():
+    whole = recorded(RIGS["sound"][0], Condition(seconds=10.0))
+    for one, run in zip(recorded(RIGS["sound"][0], Condition(seconds=1.0, running=3.0)), whole, strict=True):
+        x = one["position"].values
+        assert len(one) == 1000 and one.time[0] == 0.0
+        assert np.ptp(x[:50]) < 3e-4  # ten times the noise
+        places = run["position"].values[3000:9000]
+        assert np.ptp(run["position"].values[1000:3000]) > 2e-3
+        assert np.abs(places - x[0]).min() < 1e-3
 
 
 def test_start_values_are_wrong_within_their_bounds():
