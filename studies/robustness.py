@@ -34,7 +34,7 @@ from studies.independent_rig import Rig, Sensors, recording, simulate  # noqa: E
 from studies.references import REFERENCES  # noqa: E402
 
 SEED = 11
-SPARE, STILL = 6.0, 0.02  # s in which a rest should come; mm in 50 ms that count as rest
+SPARE, STILL = 6.0, 0.1  # s in which a rest should come; mm within which it stays
 SOUND = Rig(viscous=66.0, coulomb=75.0, discharge=0.77, residual_length=10.5e-3)
 RIGS: dict[str, tuple[Rig, tuple[str, ...]]] = {
     "sound": (SOUND, ()),
@@ -117,10 +117,11 @@ def recorded(rig: Rig, condition: Condition) -> list[Recording]:
 
 
 def from_rest(table: pd.DataFrame, condition: Condition) -> pd.DataFrame:
-    """As long a part as was asked for, from the first rest of 50 ms on after the time it had been running."""
-    reach = round(0.05 * condition.rate)
-    smooth = table["x"].rolling(reach, center=True).mean().to_numpy()
-    still = np.abs(np.r_[smooth[reach:], np.full(reach, np.inf)] - smooth) < STILL
+    """As long a part as was asked for, from the first rest of 0.1 s on after the time it had been running."""
+    ahead = round(0.1 * condition.rate)
+    smooth = table["x"].rolling(ahead // 10).mean()
+    span = (smooth.rolling(ahead).max() - smooth.rolling(ahead).min()).shift(-ahead)
+    still = span.to_numpy() < STILL
     first = int(np.flatnonzero(still & (table["t"].to_numpy() >= condition.running))[0])
     part = table.iloc[first : first + round(condition.seconds * condition.rate)].reset_index(drop=True)
     return part.assign(t=part["t"] - part["t"][0])
