@@ -58,7 +58,7 @@ def data(*train):
 def cuts(run):
     """Six seconds of it each, that begin at rest in the midst."""
     speed = np.abs(np.gradient(np.convolve(run["position"].values, np.ones(21) / 21, "same"), run.time))
-    still = np.flatnonzero((speed < 2e-3) & (run.time > 2.0) & (run.time < SECONDS - 6.1))[::300]
+    still = np.flatnonzero((speed < 2e-3) & (run.time > 2.0) & (run.time < SECONDS - 6.1))[::200]
     return [run.taken(np.arange(row, row + 6000)) for row in still]
 
 
@@ -78,6 +78,14 @@ def test_what_begins_at_rest_misleads_no_more(run, base):
 def test_a_beginning_that_tells_what_it_should_stays(run, base):
     whole = data(run.taken(np.arange(8000)))  # balanced, as the model takes it
     assert begun(base, whole) is whole
+
+
+def test_what_rests_and_does_not_mislead_stays(run, base):
+    resting = [one for one in cuts(run) if np.ptp(one["position"].values[:300]) < 1e-3]
+    staying = [one for one in resting if begun(base, data(one)).train[0] is one]
+    assert 2 <= len(staying) < len(resting)
+    usual = float(np.median([mean_deviance(base, one) for one in cuts(run)]))
+    assert max(mean_deviance(base, one) for one in staying) < usual + 1.0
 
 
 def test_only_the_segment_that_misleads_begins_later_and_the_clock_counts_on(run, base):
