@@ -27,7 +27,7 @@ def summary(d: Diagnosis) -> str:
         return _answer(d)
     return (
         f"{_answer(d)} Of {', '.join(d.data.late)} the beginning does not count: at rest, in a state that nothing "
-        f"shows, it misleads."
+        f"shows, it misleads the base model's filter."
     )
 
 
