@@ -8,7 +8,7 @@
 `draw` writes the key beside DIR, not into it; without `--seed` nobody knows what was drawn. `run` opens no seal,
 and goes on where it was stopped. A draw too long for one sitting goes in parts: with the hash of the code's commit
 as its seed (`--seed 0x5741c692`), which nobody can have chosen the code by, each part is drawn where it is run, and
-`score` counts the parts before it by what `page` wrote beside the page.
+`score` counts the parts before it by their board, DIR/scores/diagnose.json, which `page` puts beside the page.
 """
 
 from __future__ import annotations

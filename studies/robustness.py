@@ -52,7 +52,8 @@ class Condition:
 
     Attributes:
         rate: Hz.
-        seconds: s; recordings begin at the first rest after `running` seconds.
+        seconds: length of a recording, s.
+        running: s after which it begins, at the first rest; 0: with the loop.
         sensors: what they do.
         start: by what factor the rig file's start values are wrong.
     """
