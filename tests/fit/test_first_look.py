@@ -125,6 +125,17 @@ def test_only_the_first_moments_count():
     assert np.array_equal(start.mean, alone.mean)
 
 
+def test_every_segment_is_looked_at_by_itself():
+    model = build(latch)
+    runs = [recording(load, push=push, seconds=0.6) for load, push in ((-3.0, 2.0), (1.5, 0.0), (3.0, 1.0))]
+    p = model.vector({})
+    both = first_look(model, pose(model, runs, WHOLE), p, NOISE, 0.25)
+    alone = [first_look(model, pose(model, [run], WHOLE), p, NOISE, 0.25) for run in runs]
+    assert np.array_equal(both.mean[0], [one.mean[0, 0] for one in alone])
+    assert np.array_equal(both.sd[0], [one.sd[0, 0] for one in alone])
+    assert len(np.unique(both.mean[0], axis=0)) == 3
+
+
 def test_parts_make_up_the_whole():
     z = np.sqrt(1.0 - NARROW**2) * _spread(3)
     assert z.shape == (PARTS, 3)
