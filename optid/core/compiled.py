@@ -75,7 +75,8 @@ def compiled_lanes(model: Model) -> Compiled:
 
 
 def _bound(kind: str, model: Model, write: Callable[[], str], directions: int) -> Compiled:
-    engine = machine_code(f"{kind} {model.rates.serialize()} {model.sensors.serialize()}", write)
+    equations = [f.serialize() for f in (model.rates, model.sensors, model.halves) if f is not None]
+    engine = machine_code(" ".join([kind, *equations]), write)
     names = (name for name in kernel.Code._fields if name != "hoisted")
     places = {name: engine.get_function_address(name) for name in names}  # 0 for what is not there
     hoisted = ctypes.CFUNCTYPE(ctypes.c_double)(engine.get_function_address("hoisted"))()

@@ -17,7 +17,7 @@ from numba.core import cgutils
 
 from optid.core.instructions import FORMS, REAL, Value, add, div, intrinsic, mul, number
 from optid.core.model import Model
-from optid.core.rosenbrock import rosenbrock
+from optid.core.rosenbrock import moved, rosenbrock, symbols
 from optid.core.rows import LANES, PLACE, SEVERAL, combine, index, largest, load, row_at, size, splat, store
 
 # Dormand and Prince (1980), table 2: stages, and fifth minus fourth order weights.
@@ -32,8 +32,9 @@ A = (
 )
 E = (71 / 57600, 0.0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40)
 
-_ARGUMENTS = ("x", "u", "p", "h")
+_ARGUMENTS = ("x", "u", "p", "h", "half")
 _PARAMETER = 2  # position of p among the arguments
+HALF = 0  # of c: which half of a hold, where inputs switch inside it
 
 
 def width(directions: int) -> int:
@@ -48,29 +49,26 @@ def source(model: Model, free: Sequence[int]) -> str:
     without slopes are there where no parameter is free:
 
     - ``constants(p, c)``, and ``hoisted()``, the length of c.
+    - ``half(c, which)``, where inputs switch inside a hold: the equations are those of its half 0 or 1 from now on.
     - ``rates(x, S, u, c, k, T)``: k = dx/dt, with a zero behind it; S and T are not touched.
     - ``slopes(x, S, u, c, k, T)``: also T = dS/dt, and behind k the largest relaxation rate |d x_i' / d x_i|.
     - ``step(x, S, u, c, k, T, tolerance, h)`` and ``step_slopes``: from the rates at x one step of length h,
       taken if the largest error as a share of `tolerance`, which is returned, is at most 1.
     - ``sensors(x, S, u, c, y, R)`` and ``sensor_slopes``: y, one number behind it, and R = dy/d(start, free).
     - ``gather(R, H, g, a, b)``: H += a R' R and g += b R for one row R; H is (directions, width).
-    - ``many_slopes``, ``many_step_slopes``, ``many_sensor_slopes``: the same for `LANES` states at once, each with
-      slopes of its own: rows also in S, T (states, directions), y and R (outputs, directions).
+    - ``many_half``, ``many_slopes``, ``many_step_slopes``, ``many_sensor_slopes``: the same for `LANES` states at
+      once, each with slopes of its own: rows also in S, T (states, directions), y and R (outputs, directions).
     - ``many_gather(R, H, g, a, b)``: the same, where a and b are places of rows and H is (directions, directions).
     """
     writer = _Writer(model, free)
-    x = ca.SX.sym("x", len(model.states))
-    u = ca.SX.sym("u", len(model.inputs))
-    p = ca.SX.sym("p", len(model.parameters))
-    for function, name, sensitive in (
-        (model.rates, "rates", "slopes"),
-        (model.sensors, "sensors", "sensor_slopes"),
-    ):
-        values = function(x, u, p)
+    for plain, name in ((_rates(model), "slopes"), (_sensors(model), "sensor_slopes")):
+        arguments = plain.sx_in()
+        x, _, p, *_ = arguments
+        values = plain(*arguments)
         jacobian = ca.jacobian(values, ca.vertcat(x, p[list(free)]) if free else x)
         if not free:
-            writer.rates(_plain(name, model, function), None)
-        both = ca.Function(sensitive, [x, u, p], ca.cse([ca.densify(values), jacobian]))
+            writer.rates(plain, None)
+        both = ca.Function(name, arguments, ca.cse([values, jacobian]))
         writer.rates(both, jacobian.sparsity())
         writer.many_slopes(both, jacobian.sparsity())
     if not free:
@@ -88,8 +86,8 @@ def source_of_runs(model: Model) -> str:
     As of `source` ``constants``, ``rates``, ``step`` and ``sensors``.
     """
     writer = _Writer(model, ())
-    writer.rates(_plain("rates", model, model.rates), None)
-    writer.rates(_plain("sensors", model, model.sensors), None)
+    writer.rates(_rates(model), None)
+    writer.rates(_sensors(model), None)
     writer.step("step", "rates", False)
     return writer.finish()
 
@@ -99,20 +97,23 @@ def source_of_lanes(model: Model) -> str:
 
     As of `source` ``constants`` and ``sensors``, and:
 
-    - ``many_step(x, u, c, tolerance, h)``: a step of `optid.core.rosenbrock` for `LANES` states at once. x, u and c are
-      rows of `LANES` numbers; the largest error of all counts.
+    - ``many_half`` as there, and ``many_step(x, u, c, tolerance, h)``: a step of `optid.core.rosenbrock` for `LANES`
+      states at once. x, u and c are rows of `LANES` numbers; the largest error of all counts.
     """
     writer = _Writer(model, ())
-    writer.rates(_plain("sensors", model, model.sensors), None)
+    writer.rates(_sensors(model), None)
     writer.many_step(rosenbrock(model))
     return writer.finish()
 
 
-def _plain(name: str, model: Model, function: Callable[..., ca.SX]) -> ca.Function:
-    x = ca.SX.sym("x", len(model.states))
-    u = ca.SX.sym("u", len(model.inputs))
-    p = ca.SX.sym("p", len(model.parameters))
-    return ca.Function(name, [x, u, p], [ca.cse(ca.densify(function(x, u, p)))])
+def _rates(model: Model) -> ca.Function:
+    arguments = symbols(model)
+    return ca.Function("rates", arguments, [ca.cse(moved(model, *arguments))])
+
+
+def _sensors(model: Model) -> ca.Function:
+    arguments = symbols(model)[:3]
+    return ca.Function("sensors", arguments, [ca.cse(ca.densify(model.sensors(*arguments)))])
 
 
 class _Writer:
@@ -124,7 +125,18 @@ class _Writer:
         self.row = ir.VectorType(REAL, width(self.nd))
         self.slots: dict[int, tuple[int, Value]] = {}  # id of a value of `constants` -> its place in c
         self._constants, self._of_constants = self._function("constants", ("p", "c"))
+        if model.halves is not None:
+            begins = number(0.0)
+            self.slots[id(begins)] = HALF, begins
+            self._halves("half", REAL)
+            self._halves("many_half", SEVERAL)
         self._named: dict[tuple[object, ...], Value] = {}  # instruction and operands -> what holds it
+
+    def _halves(self, name: str, kind: Value) -> None:
+        """Which half of a hold the equations are of."""
+        b, at = self._function(name, ("c",), ("which",))
+        store(b, at["c"], HALF, splat(b, at["which"], kind))
+        b.ret(number(0.0))
 
     def rates(self, function: ca.Function, pattern: ca.Sparsity | None) -> None:
         """Values and behind them the largest |J_ii|; with the `pattern` of the Jacobian their slopes along S."""
@@ -332,6 +344,8 @@ class _Writer:
                 held[into[0]] = (self._parameter(given[1]), True)
             elif code == ca.OP_INPUT and _ARGUMENTS[given[0]] == "h":
                 held[into[0]] = (splat(b, at["h"], kind), False)
+            elif code == ca.OP_INPUT and _ARGUMENTS[given[0]] == "half":
+                held[into[0]] = (load(b, at["c"], HALF, kind), False)
             elif code == ca.OP_INPUT:
                 held[into[0]] = (load(b, at[_ARGUMENTS[given[0]]], given[1], kind), False)
             elif code == ca.OP_OUTPUT:

@@ -140,7 +140,14 @@ def _move(code, points, steps, us, cs, tolerance, span):
     size = points.shape[1] * LANES
     for g in range(points.shape[0]):
         steps[g] = advance_many(
-            code.many_step, at(points, g * size), at(us, 0), at(cs, 0), at(tolerance, 0), span, steps[g]
+            code.many_step,
+            code.many_half,
+            at(points, g * size),
+            at(us, 0),
+            at(cs, 0),
+            at(tolerance, 0),
+            span,
+            steps[g],
         )
         if steps[g] < 0.0:
             return False
@@ -258,7 +265,9 @@ def _steered(code, sets, begin, count, M0, P, K, common, dt, U, Y, tolerance, E,
             break
         for i in range(U.shape[1]):
             us[i] = U[n, i]
-        h = advance_many(code.many_step, at(xs, 0), at(us, 0), at(cs, 0), at(tolerance, 0), dt[n], h)
+        h = advance_many(
+            code.many_step, code.many_half, at(xs, 0), at(us, 0), at(cs, 0), at(tolerance, 0), dt[n], h
+        )
         if h < 0.0:
             for lane in range(LANES):
                 E[sets[lane], n + 1 : begin + count + 1] = np.inf

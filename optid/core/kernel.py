@@ -33,6 +33,8 @@ class Code(NamedTuple):
     """Addresses of a model's functions, see `optid.core.emit.source`, 0 for none, and the length of its c."""
 
     constants: int
+    half: int
+    many_half: int
     rates: int
     slopes: int
     step: int
@@ -80,10 +82,26 @@ def next_step(h, error, order):
 
 
 @compiled
-def advance(begin, step, x, S, u, c, k, T, tolerance, span, h):
+def advance(begin, step, half, x, S, u, c, k, T, tolerance, span, h):
     """Integrate over one hold of length `span` in place; returns the next step size, negative on failure.
 
-    `begin` and `step` are the functions with or without slopes. Steps stay within the method's stability where
+    `begin` and `step` are the functions with or without slopes; with a function `half` inputs switch inside the hold.
+    """
+    if half == 0:
+        return _advance(begin, step, x, S, u, c, k, T, tolerance, span, h)
+    h = _advance(begin, step, x, S, u, c, k, T, tolerance, 0.5 * span, h)
+    if h >= 0.0:
+        call(half, (c, 1.0))
+        h = _advance(begin, step, x, S, u, c, k, T, tolerance, 0.5 * span, h)
+        call(half, (c, 0.0))
+    return h
+
+
+@compiled
+def _advance(begin, step, x, S, u, c, k, T, tolerance, span, h):
+    """As `advance`, where nothing switches.
+
+    Steps stay within the method's stability where
     the slopes say how fast states relax (behind the rates in k): a state saturated to the last bit (friction in
     full slip) shows no error at any step, while its sensitivity would be multiplied by the unstable method.
     """
@@ -107,8 +125,21 @@ def advance(begin, step, x, S, u, c, k, T, tolerance, span, h):
 
 
 @compiled
-def advance_many(step, x, u, c, tolerance, span, h):
+def advance_many(step, half, x, u, c, tolerance, span, h):
     """As `advance` for `LANES` states at once, with steps that are stable at any length."""
+    if half == 0:
+        return _advance_many(step, x, u, c, tolerance, span, h)
+    h = _advance_many(step, x, u, c, tolerance, 0.5 * span, h)
+    if h >= 0.0:
+        call(half, (c, 1.0))
+        h = _advance_many(step, x, u, c, tolerance, 0.5 * span, h)
+        call(half, (c, 0.0))
+    return h
+
+
+@compiled
+def _advance_many(step, x, u, c, tolerance, span, h):
+    """As `advance_many`, where nothing switches."""
     left = span
     for _ in range(MOST):
         length = min(h, left)
@@ -152,7 +183,9 @@ def _run(code, begin, count, x, c, k, y, dt, U, tolerance, X, Y):
             Y[n, o] = y[o]
         if n < count:
             span = dt[begin + n]
-            h = advance(code.rates, code.step, here, none, u, at(c, 0), k, none, at(tolerance, 0), span, h)
+            h = advance(
+                code.rates, code.step, code.half, here, none, u, at(c, 0), k, none, at(tolerance, 0), span, h
+            )
             if h < 0.0:
                 X[n + 1 :] = np.nan
                 Y[n + 1 :] = np.nan
@@ -196,7 +229,9 @@ def _carry(code, begin, count, closed, x, c, k, y, dt, U, tolerance, Y):
             for o in range(Y.shape[1]):
                 Y[n, o] = y[o]
         if n < begin + count:
-            h = advance(code.rates, code.step, here, none, u, at(c, 0), k, none, at(tolerance, 0), dt[n], h)
+            h = advance(
+                code.rates, code.step, code.half, here, none, u, at(c, 0), k, none, at(tolerance, 0), dt[n], h
+            )
             if h < 0.0:
                 Y[n + 1 : begin + count + int(closed)] = np.nan
                 return False
@@ -235,8 +270,8 @@ def _trace(code, begin, count, closed, x, S, c, k, y, T, dt, U, tolerance, X, Y,
                 Y[m, o] = y[o]
         if n < count:
             h = advance(
-                code.slopes, code.step_slopes, at(x, 0), at(S, 0), u, at(c, 0), k, at(T, 0), at(tolerance, 0),
-                dt[m], h,
+                code.slopes, code.step_slopes, code.half, at(x, 0), at(S, 0), u, at(c, 0), k, at(T, 0),
+                at(tolerance, 0), dt[m], h,
             )  # fmt: skip
             if h < 0.0:
                 break

@@ -30,11 +30,15 @@ INTERVAL, CLOCK = "interval", "clock"
 
 @dataclass(frozen=True)
 class Port:
-    """An input or output: the role a recording's channel can take, its SI unit, and how many samples ago."""
+    """An input or output: the role a recording's channel can take, its SI unit, and how many samples ago.
+
+    `idle` is the input at which the plant stays at rest, where there is one such value.
+    """
 
     role: str
     unit: str
     ago: int = 0
+    idle: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +52,9 @@ class Model:
         rates: (x, u, p) -> dx/dt.
         sensors: (x, u, p) -> y.
         start: p -> (mean, spread): what is known of the state at a record's start without data.
+        halves: (x, u, p, half) -> dx/dt of the two halves, 0 and 1, of a hold in which an input switches, each half
+            stretched to take as long as the other; None where inputs change at samples only. `rates` then holds the
+            mean of what is held before and after.
         laws_leave: share of the squared error that right laws of another form leave in 19 of 20 blind cases; None
             where no trial has measured it.
         biases: by what share of its value a stand-in for a law that jumps may shift a fitted parameter, by name.
@@ -63,6 +70,7 @@ class Model:
     rates: ca.Function
     sensors: ca.Function
     start: ca.Function
+    halves: ca.Function | None = None
     sizes: tuple[float, ...] = ()
     near: tuple[tuple[str, ...], ...] = ()
     laws_leave: float | None = None

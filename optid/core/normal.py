@@ -91,8 +91,8 @@ def _together(
             if _weighed(begin, stop, n, o, starts, Y, y, weight, huber, a, b, loss, used):
                 call(code.many_gather, (at(R, o * nd * LANES), at(J, 0), at(r, 0), at(a, 0), at(b, 0)))
         h = advance(
-            code.many_slopes, code.many_step_slopes, at(x, 0), at(S, 0), at(u, 0), at(many, 0), k, at(T, 0),
-            at(tolerance, 0), dt[starts[begin] + n], h,
+            code.many_slopes, code.many_step_slopes, code.many_half, at(x, 0), at(S, 0), at(u, 0), at(many, 0), k,
+            at(T, 0), at(tolerance, 0), dt[starts[begin] + n], h,
         )  # fmt: skip
         if h < 0.0:
             return 0
@@ -164,6 +164,7 @@ def _window(
             h = advance(
                 code.slopes,
                 code.step_slopes,
+                code.half,
                 at(x, 0),
                 at(S, 0),
                 u,

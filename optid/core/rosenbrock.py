@@ -22,19 +22,27 @@ C = ((), (4.0,), (1.0, -1.0), (1.0, -1.0, -8.0 / 3.0))  # of the stages in each 
 M = (2.0, 0.0, 1.0, 1.0)  # the step of order 3; the step of order 2 lacks the last stage
 
 
+def symbols(model: Model) -> list[ca.SX]:
+    """x, u, p, the length of a step, and the half of a hold that it lies in."""
+    sizes = {"x": len(model.states), "u": len(model.inputs), "p": len(model.parameters), "h": 1, "half": 1}
+    return [ca.SX.sym(name, size) for name, size in sizes.items()]
+
+
+def moved(model: Model, x: ca.SX, u: ca.SX, p: ca.SX, _: ca.SX, half: ca.SX) -> ca.SX:
+    """dx/dt as the integrator goes: halves of a hold that is not the same all along take equally long."""
+    return ca.densify(model.rates(x, u, p) if model.halves is None else model.halves(x, u, p, half))
+
+
 def rosenbrock(model: Model) -> ca.Function:
-    """(x, u, p, h) -> the states after h seconds, and below them what the step of order 2 would leave out; SI."""
-    x = ca.SX.sym("x", len(model.states))
-    u = ca.SX.sym("u", len(model.inputs))
-    p = ca.SX.sym("p", len(model.parameters))
-    h = ca.SX.sym("h")
-    rates = ca.densify(model.rates(x, u, p))
+    """(x, u, p, h, half) -> the states after h seconds, and below them what the step of order 2 leaves out; SI."""
+    x, u, p, h, half = symbols(model)
+    rates = moved(model, x, u, p, h, half)
     solved = _factorised(ca.SX.eye(x.numel()) / (GAMMA * h) - ca.jacobian(rates, x))
     stages: list[ca.SX] = []
     for a, c in zip(A, C, strict=True):
         slope = ca.substitute(rates, x, _combined(x, a, stages)) if any(a) else rates
         stages.append(solved(_combined(slope, [weight / h for weight in c], stages)))
-    return ca.Function("step", [x, u, p, h], [ca.cse(ca.vertcat(_combined(x, M, stages), stages[-1]))])
+    return ca.Function("step", [x, u, p, h, half], [ca.cse(ca.vertcat(_combined(x, M, stages), stages[-1]))])
 
 
 def _combined(start: ca.SX, weights: Sequence[float | ca.SX], terms: Sequence[ca.SX]) -> ca.SX:

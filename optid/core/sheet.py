@@ -75,6 +75,8 @@ class Sheet:
         self._parameters: dict[str, tuple[Parameter, ca.SX]] = {}
         self._sites: dict[str, tuple[float, tuple[str, ...]]] = {}
         self._notes: dict[str, Expression] = {}
+        self._late: Expression | None = None  # s: how late commands come
+        self._switch: tuple[ca.SX, Expression] | None = None
         self._laws_leave: float | None = None
         self._biases: dict[str, float] = {}
         self._prefix = ""  # of the effect that is writing
@@ -96,15 +98,18 @@ class Sheet:
         self._state_symbols[name] = ca.SX.sym(name)
         return self._state_symbols[name]
 
-    def input(self, role: str, unit: str) -> ca.SX:
-        """Declare a recorded input; with unit "1" a channel in volts needs a `full_scale`."""
+    def input(self, role: str, unit: str, *, idle: float | None = None) -> ca.SX:
+        """Declare a recorded input; with unit "1" a channel in volts needs a `full_scale`.
+
+        Where one value leaves the plant at rest, `idle` tells what was commanded before a record that begins at rest.
+        """
         self._fresh(role, self._inputs)
-        return self._port(role, Port(role, unit))
+        return self._port(role, Port(role, unit, idle=idle))
 
     def past(self, role: str, samples: int) -> ca.SX:
-        """A declared input as it was so many samples ago (its first value before the record began)."""
-        port = replace(self._inputs[role][0], ago=samples)
-        return self._port(f"{role}@{samples}", port)
+        """A declared input as it was so many samples ago; before the record began it was idle, or as it is first."""
+        port, now = self._inputs[role]
+        return self._port(f"{role}@{samples}", replace(port, ago=samples)) if samples else now
 
     def signal(self, name: str) -> ca.SX:
         """A state or an input that the plant has declared, for an effect that can follow any of them.
@@ -156,6 +161,17 @@ class Sheet:
                 f'no parameter "{name}" so far', where=self.name, hint=nearest(name, self._parameters)
             )
         return self._parameters[name][1]
+
+    def later(self, time: Expression) -> tuple[Expression | None, Expression]:
+        """Let commands come later by `time`, s: how late they came before, None if at once, and how late they come."""
+        before, self._late = self._late, time if self._late is None else self._late + time
+        return before, self._late
+
+    def switched(self, share: Expression, before: Expression, after: Expression) -> Expression:
+        """A signal that changes inside each hold, after this share of it; of two such shares the last one counts."""
+        half = self._switch[0] if self._switch else ca.SX.sym("half")
+        self._switch = (half, share)
+        return before + half * (after - before)
 
     def note(self, name: str, expression: Expression) -> None:
         """Keep an expression that an effect needs again at a later site."""
@@ -243,6 +259,12 @@ class Sheet:
         outputs = ca.vertcat(*(expression for _, expression in self._outputs.values()))
         mean, spread = (ca.vertcat(*column) for column in zip(*self._starts.values(), strict=True))
         try:
+            halves = None
+            if self._switch:
+                half, share = self._switch
+                stretched = 2.0 * rates * (share + half * (1.0 - 2.0 * share))
+                halves = ca.Function("halves", [x, u, p, half], [ca.cse(stretched)])
+                rates, outputs = ca.substitute([rates, outputs], [half], [1.0 - share])
             return Model(
                 name=self.name,
                 states=tuple(self._states.values()),
@@ -256,6 +278,7 @@ class Sheet:
                 rates=ca.Function("rates", [x, u, p], [ca.cse(rates)], *names),
                 sensors=ca.Function("sensors", [x, u, p], [ca.cse(outputs)], names[0], ["y"]),
                 start=ca.Function("start", [p], [mean, spread], ["p"], ["mean", "spread"]),
+                halves=halves,
                 laws_leave=self._laws_leave,
                 biases=dict(self._biases),
             )

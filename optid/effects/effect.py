@@ -50,8 +50,8 @@ class Effect:
             that effect's name: only rest, or another experiment, tells the two apart.
         excludes: names of the effects that cannot be there with it: the same thing with the other sign.
         experiment: what tells it from these.
-        resolved: names of parameters that are times of which the law makes whole samples more likely than others, each
-            with the least half-width of a 95 % interval in samples.
+        resolved: names of parameters that are times which the sampling's own may be part of, each with the least
+            half-width of a 95 % interval in samples.
         entire: a rig file states all of its parameters, as one without the others means nothing.
         source: where law and sizes come from.
     """

@@ -11,9 +11,13 @@ from numpy.typing import NDArray
 from optid.core.model import CLOCK, INTERVAL, Array, Model
 from optid.core.recording import Recording, held
 from optid.errors import RecordingError
+from optid.fit.start import measured_states
 
 Integers = NDArray[np.int64]
 Booleans = NDArray[np.bool_]
+
+FEW = 6  # samples: a line through so many tells a speed
+EVIDENT = 3.0  # sd of that line's slope
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,13 +85,6 @@ def pose(model: Model, recordings: Sequence[Recording], window: float) -> Proble
 def _arrays(model: Model, segment: Recording, start: float) -> tuple[Array, Array, Array, Array]:
     n = len(segment)
     dt = np.diff(segment.time, append=segment.time[-1] + segment.interval)
-    inputs = np.empty((n, len(model.inputs)))
-    for j, port in enumerate(model.inputs):
-        if port.role in (INTERVAL, CLOCK):
-            column = dt if port.role == INTERVAL else segment.time - start + dt / 2
-        else:
-            column = held(segment[port.role].values)
-        inputs[:, j] = np.r_[np.full(port.ago, column[0]), column][:n]
     measured = np.full((n, len(model.outputs)), np.nan)
     present = [j for j, port in enumerate(model.outputs) if port.role in segment]
     if not present:
@@ -98,4 +95,29 @@ def _arrays(model: Model, segment: Recording, start: float) -> tuple[Array, Arra
         )
     for j in present:
         measured[:, j] = segment[model.outputs[j].role].values
+    positions = set(measured_states(model)[1].values())
+    rests = not any(_moves(segment.time, measured[:, j]) for j in positions.intersection(present))
+    inputs = np.empty((n, len(model.inputs)))
+    for j, port in enumerate(model.inputs):
+        if port.role in (INTERVAL, CLOCK):
+            column = dt if port.role == INTERVAL else segment.time - start + dt / 2
+        else:
+            column = held(segment[port.role].values)
+        before = port.idle if rests and port.idle is not None else column[0]
+        inputs[:, j] = np.r_[np.full(port.ago, before), column][:n]
     return segment.time, dt, inputs, measured
+
+
+def _moves(time: Array, position: Array) -> bool:
+    """It moves evidently as the segment begins, and not only because it breaks away there: then it is soon faster."""
+    known = np.flatnonzero(np.isfinite(position))[: 2 * FEW]
+    if len(known) < 2 * FEW:
+        return False
+    first, then = (_slope(time[rows], position[rows]) for rows in (known[:FEW], known[FEW:]))
+    return abs(first[0]) > max(EVIDENT * first[1], abs(then[0]) / 2.0)
+
+
+def _slope(time: Array, values: Array) -> tuple[float, float]:
+    """Of a line through the values, with its sd."""
+    (slope, _), covariance = np.polyfit(time - time[0], values, 1, cov=True)
+    return float(slope), float(np.sqrt(covariance[0, 0]))

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
 
 from optid.core.model import Array, Model
 from optid.core.simulation import carry
-from optid.fit.problem import Problem
+
+if TYPE_CHECKING:
+    from optid.fit.problem import Problem
 
 HALF_WIDTH = 12  # samples on either side of a node that a local parabola smooths
 COARSE = 1e-4  # local error of the simulation that carries what is not measured

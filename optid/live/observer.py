@@ -140,7 +140,7 @@ def _follow(code, x, S, u, c, k, T, tolerance, span, h, P, q, swell):  # type: i
     for i in range(len(x)):
         S[i, i] = 1.0
     h = advance(
-        code.slopes, code.step_slopes, at(x, 0), at(S, 0), at(u, 0), at(c, 0), k, at(T, 0), at(tolerance, 0),
+        code.slopes, code.step_slopes, code.half, at(x, 0), at(S, 0), at(u, 0), at(c, 0), k, at(T, 0), at(tolerance, 0),
         span, h,
     )  # fmt: skip
     _carry(P, S, q * (span * swell[0]))

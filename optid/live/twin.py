@@ -93,7 +93,9 @@ def _prepare(code, p, c):  # type: ignore[no-untyped-def]
 def _hold(code, x, u, c, k, tolerance, span, h, y):  # type: ignore[no-untyped-def]
     """One hold and the outputs at its end; the next step size, negative on failure."""
     here, none = at(x, 0), at(k, 0)  # what stands for slopes is never touched
-    h = advance(code.rates, code.step, here, none, at(u, 0), at(c, 0), k, none, at(tolerance, 0), span, h)
+    h = advance(
+        code.rates, code.step, code.half, here, none, at(u, 0), at(c, 0), k, none, at(tolerance, 0), span, h
+    )
     call(code.sensors, (here, none, at(u, 0), at(c, 0), at(y, 0), none))
     return h
 

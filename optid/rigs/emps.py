@@ -78,7 +78,7 @@ def emps(
             friction and `force_offset` say the same twice: fix one of them.
     """
     q, v = s.state("position", "m", 0.01, spread=0.5), s.state("velocity", "m/s", 0.1, spread=0.5)
-    u = s.site("drive.command", s.input("command", "V"), size=3.0)
+    u = s.site("drive.command", s.input("command", "V", idle=0.0), size=3.0)
     drag = viscous_and_dry_friction(s, q, v, friction, direction)
     drag = s.site("force.friction", drag, v=v)
     external = s.site("force.external", -s.param(FORCE_OFFSET), x=q - MIDDLE, v=v, L=TRAVEL)

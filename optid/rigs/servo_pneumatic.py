@@ -145,7 +145,7 @@ def servo_pneumatic(
     P_b = s.state("pressure_b", "Pa", 1e5, start=balanced, spread=spread)
 
     # Spool. A positive command opens A to supply and B to exhaust, a negative one the reverse (eqs. 3 to 6).
-    command = s.site("valve.command", s.site("valve.input", s.input("command", "1")))
+    command = s.site("valve.command", s.site("valve.input", s.input("command", "1", idle=0.0)))
     X = s.site("valve.spool", command * s.param(SPOOL_TRAVEL), command=command)
     area = s.param(PORT_WIDTH) * ca.fabs(X)
     filling = s.site("flow.supply_area", area, spool=X, x=x, v=v)

@@ -128,6 +128,7 @@ def _closed(
         h = advance(
             code.rates,
             code.step,
+            code.half,
             at(x, 0),
             none,
             at(held, 0),

@@ -104,7 +104,7 @@ def test_states_that_move_together_move_as_alone(friction):
     for _ in range(20):
         x = np.array(model.start(p)[0]).ravel() + 0.3 * model.scales * rng.uniform(-1, 1, (LANES, nx))
         u, X = rng.uniform(-1, 1, 1), np.ascontiguousarray(x.T)
-        ends = np.array([np.array(alone(one, u, p, 1e-4)).ravel() for one in x])
+        ends = np.array([np.array(alone(one, u, p, 1e-4, 0)).ravel() for one in x])
         error = moved(code, X, u, p, c, many, 1e9 * model.scales, 1e-4)
         assert error == pytest.approx(np.abs(ends[:, nx:] / (1e9 * model.scales)).max(), rel=1e-6)
         assert pytest.approx(ends[:, :nx], rel=1e-9, abs=1e-12) == X.T

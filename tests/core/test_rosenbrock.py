@@ -36,7 +36,7 @@ def test_a_step_is_of_order_three_and_its_error_estimate_of_order_two(axis):
     step, lengths = rosenbrock(model), np.array([2e-4, 1e-4, 5e-5, 2.5e-5])
     missed, said = [], []
     for h in lengths:
-        end, left_out = np.split(np.array(step(x, 0.5, p, h)).ravel(), 2)
+        end, left_out = np.split(np.array(step(x, 0.5, p, h, 0)).ravel(), 2)
         missed.append(np.abs((end - exact(model, p, x, 0.5, h)) / model.scales).max())
         said.append(np.abs(left_out / model.scales).max())
     order, order_said = (np.polyfit(np.log(lengths), np.log(e), 1)[0] for e in (missed, said))
@@ -54,7 +54,7 @@ def test_a_long_step_at_rest_stays_at_rest(axis):
     x[v] = 1e-4
     step = rosenbrock(model)
     for _ in range(20):
-        x = np.array(step(x, 0.0, stiff, 5e-3)).ravel()[: len(x)]
+        x = np.array(step(x, 0.0, stiff, 5e-3, 0)).ravel()[: len(x)]
     assert abs(x[v]) < 1e-6
 
 

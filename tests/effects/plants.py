@@ -63,7 +63,9 @@ class Grown:
         columns = []
         for port in self.model.inputs:
             full = FULL[self.name]
-            span = {INTERVAL: (SAMPLE[self.name],) * 2, CLOCK: (0.0, 20.0)}.get(port.role, (-full, full))
+            span = {INTERVAL: (0.9 * SAMPLE[self.name], SAMPLE[self.name]), CLOCK: (0.0, 20.0)}.get(
+                port.role, (-full, full)
+            )
             columns.append(rng.uniform(*span, count))
         return np.column_stack(columns)
 

@@ -6,11 +6,15 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from optid.core.model import CLOCK
+from optid.core.model import CLOCK, INTERVAL
+from optid.core.sheet import build
 from optid.core.simulation import simulate
 from optid.effects.catalogue.exhaust_restriction import behind
+from optid.effects.library import built_in
+from optid.rigs.rigfile import read_rig
+from optid.rigs.servo_pneumatic import servo_pneumatic
 from tests.effects.excitation import DT, N, inputs_of, run
-from tests.effects.plants import grown
+from tests.effects.plants import DATA, grown
 
 AXIS = "servo-pneumatic"
 
@@ -34,33 +38,43 @@ def test_a_delay_of_whole_samples_is_the_shifted_command(samples):
     assert np.abs(delayed - shifted)[:, 0].max() < 1e-9
 
 
-def test_a_delay_of_half_samples_is_that_of_a_command_sampled_twice_as_fast():
-    """As far as the valve is linear: a sample's mean of a command that changes sign moves less air than its halves."""
-    X, _ = run()
-    u = 0.1 * np.sin(2 * np.pi * 2.0 * np.arange(3000) * DT)
-    plant, fast = grown(AXIS, "input_delay"), np.repeat(u, 2)
-    late = np.r_[np.full(5, fast[0]), fast][:6000]
-    inputs = inputs_of(plant.model, late)
-    start = np.array(plant.model.start(plant.vector())[0]).ravel()
-    start[plant.shared[0]] = X[0]
-    truth = simulate(plant.model, plant.vector(), start, np.full(6000, DT / 2), inputs).states[0, ::2, 0]
-    delayed = simulated("input_delay", {"delay": 2.5 * DT}, u, X[0])[0][:, 0]
-    assert np.abs(delayed - truth).max() < 2e-6
-
-
-@pytest.mark.parametrize("samples", [0.4, 2.5, 7.7])
+@pytest.mark.parametrize("samples", [0.4, 2.5, 7.7, 11.9])
 def test_a_delay_inside_a_sample_moves_the_axis_as_a_finer_command_does(samples):
-    """Written down as a command ten times as fast; a mean of two held values errs by 0.8 um and more."""
+    """Written down as a command ten times as fast, where it changes sign from sample to sample."""
     X, u = run()
     count, finer = 200, 10
-    plant, fast = grown(AXIS, "input_delay"), np.repeat(u[:count], finer)
+    u = u[:count] * np.random.default_rng(5).choice([-1.0, 1.0], count)
+    plant, fast = grown(AXIS, "input_delay"), np.repeat(u, finer)
     late = np.r_[np.full(round(samples * finer), fast[0]), fast][: count * finer]
     start = np.array(plant.model.start(plant.vector())[0]).ravel()
     start[plant.shared[0]] = X[0]
     inputs, dt = inputs_of(plant.model, late), np.full(count * finer, DT / finer)
     truth = simulate(plant.model, plant.vector(), start, dt, inputs).states[0, ::finer, 0]
     delayed = simulated("input_delay", {"delay": samples * DT}, u, X[0], count)[0][:, 0]
-    assert np.abs(delayed - truth).max() < 4e-7
+    assert np.abs(delayed - truth).max() < 1e-9
+
+
+def test_delays_add_up():
+    """A clock's lateness comes on top of a delay, whichever stands first; what else was done to the command stays."""
+    rng = np.random.default_rng(8)
+    for names in (("input_delay", "clock_drift"), ("clock_drift", "input_delay")):
+        effects = [built_in()[name] for name in names]
+        model = build(servo_pneumatic, effects)
+        values = {"input_delay.delay": 2.25 * DT, "clock_drift.rate": 0.05 * DT, "clock_drift.others": 1.0}
+        given = rng.uniform(-1, 1, len(model.inputs))
+        ports = [(port.role, port.ago) for port in model.inputs]
+        given[ports.index((INTERVAL, 0))], given[ports.index((CLOCK, 0))] = DT, 5.0
+        p = model.vector({**read_rig(DATA / "table1.toml").parameters, **values})
+        x = np.array(model.start(p)[0]).ravel()
+        plain = build(servo_pneumatic)
+        q = plain.vector(read_rig(DATA / "table1.toml").parameters)
+        own = [[s.name for s in model.states].index(s.name) for s in plain.states]
+        for half, ago in ((0, 3), (1, 2)):  # 2.5 samples late in all: both halves of a hold are equally long
+            command = [given[ports.index(("command", ago))]]
+            expected = np.array(plain.rates(x[own], command, q)).ravel()
+            assert np.array(model.halves(x, given, p, half)).ravel()[own] == pytest.approx(
+                expected, rel=1e-9, abs=1e-9
+            )
 
 
 def played(x, half):

@@ -18,7 +18,7 @@ DELAY = Parameter(
 
 
 class InputDelay(Effect):
-    """u(t - T_d) as steps at the samples, which has slopes in T_d."""
+    """u(t - T_d), which switches inside a hold and has slopes in T_d."""
 
     name = "input_delay"
     sites = ("valve.input",)
@@ -32,8 +32,7 @@ class InputDelay(Effect):
     needs = "commands that change fast: steps, reversals, a binary sequence"
     look_alikes = ("valve_lag", "sensor_lag", "valve_rate_limit", "valve_hysteresis", "clock_drift")
     experiment = "record the spool's position signal, or the pressures at 5 kHz around steps of the command"
-    # A command that changes inside a sample and crosses zero opens other ports than its mean does: fits end on whole
-    # samples, and the position's own skew takes up the rest.
+    # The skew between the channels lies within a sample, and from position alone nothing tells it from a delay.
     resolved = MappingProxyType({"delay": 0.5})
     source = "physics D.6; sizes from physics catalogue A.2, row 21"
 
