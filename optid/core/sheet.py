@@ -26,9 +26,10 @@ Expression = Any  # casadi.SX or a number: CasADi's operators are not typed
 class Effect(Protocol):
     """Physics that a plant may have left out: acts on the signals of one site or more.
 
-    ``apply`` is called at each of its sites, in the order in which the plant offers them. It receives the
-    nominal signal, the signals the plant declared near the site, and the sheet (for parameters and states of
-    its own, which carry the effect's name in front); at its null parameter values it returns the nominal signal.
+    ``apply`` is called at each of its sites, in the order in which the plant offers them; at a common site those come
+    first that name the others in `ahead_of`. It receives the nominal signal, the signals the plant declared near the
+    site, and the sheet (for parameters and states of its own, which carry the effect's name in front); at its null
+    parameter values it returns the nominal signal.
     """
 
     @property
@@ -39,6 +40,10 @@ class Effect(Protocol):
     def sites(self) -> Sequence[str]:
         """Sites it acts on; the plant must offer them all."""
 
+    @property
+    def ahead_of(self) -> Sequence[str]:
+        """Names of effects that take up its signal where both act."""
+
     def apply(
         self, site: str, nominal: Expression, near: Mapping[str, Expression], sheet: Sheet
     ) -> Expression:
@@ -48,13 +53,13 @@ class Effect(Protocol):
 class _Near(dict[str, Expression]):
     """Signals near a site; one that the plant does not declare there is the plant's or the effect's mistake."""
 
-    def __init__(self, effect: str, site: str, **near: Expression) -> None:
+    def __init__(self, site: str, **near: Expression) -> None:
         super().__init__(near)
-        self._effect, self._site = effect, site
+        self.effect, self._site = "", site
 
     def __missing__(self, name: str) -> Expression:
         raise PlantError(
-            f'effect "{self._effect}" needs the signal "{name}", which the plant does not declare near '
+            f'effect "{self.effect}" needs the signal "{name}", which the plant does not declare near '
             f'"{self._site}"',
             hint=nearest(name, self),
         )
@@ -80,6 +85,7 @@ class Sheet:
         self._laws_leave: float | None = None
         self._biases: dict[str, float] = {}
         self._prefix = ""  # of the effect that is writing
+        self._near = _Near("")  # where it writes
 
     def state(
         self,
@@ -192,12 +198,17 @@ class Sheet:
         """
         here = ca.SX(nominal)
         self._sites.setdefault(name, (0.0 if here.is_constant() else size, tuple(near)))
-        for effect in self._effects:
-            if name in effect.sites:
-                self._prefix = f"{effect.name}."
-                nominal = effect.apply(name, nominal, _Near(effect.name, name, size=size, **near), self)
-                self._prefix = ""
+        acting = [effect for effect in self._effects if name in effect.sites]
+        self._near = _Near(name, size=size, **near)
+        for effect in sorted(acting, key=lambda one: sum(one.name in other.ahead_of for other in acting)):
+            self._near.effect, self._prefix = effect.name, f"{effect.name}."
+            nominal = effect.apply(name, nominal, self._near, self)
+            self._prefix = ""
         return nominal
+
+    def hand_on(self, name: str, signal: Expression) -> None:
+        """Let the effects that follow at this site find another signal near it: the speed of what is shown now."""
+        self._near[name] = signal
 
     def laws_leave(self, share: float) -> None:
         """Say how much of the squared error right laws of another form leave on this plant, in 19 of 20 blind cases."""

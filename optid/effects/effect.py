@@ -50,6 +50,7 @@ class Effect:
             that effect's name: only rest, or another experiment, tells the two apart.
         excludes: names of the effects that cannot be there with it: the same thing with the other sign.
         experiment: what tells it from these.
+        ahead_of: names of the effects that take up its signal where both act: a sensor's filter that of its gear.
         resolved: names of parameters that are times which the sampling's own may be part of, each with the least
             half-width of a 95 % interval in samples.
         entire: a rig file states all of its parameters, as one without the others means nothing.
@@ -70,6 +71,7 @@ class Effect:
     shares: Mapping[str, str] = MappingProxyType({})
     excludes: tuple[str, ...] = ()
     experiment: str = ""
+    ahead_of: tuple[str, ...] = ()
     resolved: Mapping[str, float] = MappingProxyType({})
     entire: bool = False
     source: str

@@ -25,7 +25,7 @@ def axis(s, *, doubled=False):
 class More:
     """Adds a parameter and a state of its own at two sites."""
 
-    name, sites = "more", ("force.friction", "sensor.x")
+    name, sites, ahead_of = "more", ("force.friction", "sensor.x"), ()
 
     def apply(self, site, nominal, near, sheet):
         if site == "sensor.x":
@@ -126,10 +126,10 @@ def test_what_does_not_close_is_refused():
 
 def test_an_effect_that_does_not_fit_is_refused():
     class Lost:
-        name, sites = "lost", ("force.fricton",)
+        name, sites, ahead_of = "lost", ("force.fricton",), ()
 
     class Greedy:
-        name, sites = "greedy", ("force.friction",)
+        name, sites, ahead_of = "greedy", ("force.friction",), ()
 
         def apply(self, site, nominal, near, sheet):
             return nominal + near["acceleration"]

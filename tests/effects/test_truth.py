@@ -1,6 +1,7 @@
 """Effects held to what is known of them from elsewhere: exact delays, the play operator, laws of conservation."""
 
 import itertools
+import math
 
 import casadi as ca
 import numpy as np
@@ -92,6 +93,54 @@ def test_backlash_is_the_play_operator():
     # It catches up in 0.3 ms: where friction lets go at 160 m/s2 the axis moves 14 um in that time.
     assert np.abs(shown - played(states[:, 0], 2e-4)).max() < 14e-6
     assert np.abs(shown - states[:, 0]).max() == pytest.approx(2e-4, rel=1e-3)
+
+
+def ordered(*names):
+    """The axis with these effects as given, and with table 1's parameters."""
+    model = build(servo_pneumatic, [built_in()[name] for name in names])
+    return model, read_rig(DATA / "table1.toml").parameters
+
+
+@pytest.mark.parametrize("names", [("sensor_backlash", "sensor_lag"), ("sensor_lag", "sensor_backlash")])
+def test_a_sensors_filter_takes_up_what_its_gear_shows(names):
+    """Whichever was found first; a gear behind the filter would show up to 0.28 mm else at reversals."""
+    model, parameters = ordered(*names)
+    X, u = run()
+    play, tau, finer = 2e-4, 8e-3, 10
+    p = model.vector(
+        {**parameters, "sensor_backlash.play": play, "sensor_lag.time_constant": tau, "sensor_lag.second": 0}
+    )
+    start = np.array(model.start(p)[0]).ravel()
+    every = [state.name for state in model.states]
+    for name, value in zip(("position", "velocity", "pressure_a", "pressure_b"), X[0], strict=False):
+        start[every.index(name)] = value
+    runs = simulate(model, p, start, np.full(2000 * finer, DT / finer), np.repeat(u[:2000], finer)[:, None])
+    gear = played(runs.states[0, :, every.index("position")], play)
+    shown, keep = np.empty_like(gear), math.exp(-DT / finer / tau)
+    shown[0] = gear[0]
+    for k in range(1, len(gear)):
+        shown[k] = gear[k] + (shown[k - 1] - gear[k]) * keep
+    assert np.abs(runs.outputs[0, :, 0] - shown)[500 * finer :].max() < 5e-5
+
+
+def test_a_valves_memory_comes_before_its_lag_and_its_stops():
+    """A step beyond the stop: the plays take their width off the command, the lag nears that, the stop cuts it."""
+    for names in itertools.permutations(("valve_hysteresis", "valve_lag", "valve_saturation")):
+        model, parameters = ordered(*names)
+        values = {
+            "valve_hysteresis.width": 0.05, "valve_lag.time_constant": 5e-3, "valve_saturation.loss": 1.0,
+            "valve_saturation.limit": 0.3, "valve_saturation.skew": 0.0,
+        }  # fmt: skip
+        p = model.vector({**parameters, **values})
+        start = np.array(model.start(p)[0]).ravel()
+        states = simulate(model, p, start, np.full(120, DT), np.full((120, 1), 0.8)).states[0]
+        lagged = states[:, [state.name for state in model.states].index("valve_lag.spool")]
+        assert lagged[-1] == pytest.approx(0.75, abs=2e-3), names
+        plain = build(servo_pneumatic)
+        stopped = simulate(
+            plain, plain.vector(parameters), states[50, :5], np.full(2, DT), np.full((2, 1), 0.3)
+        ).states
+        assert states[51, :4] == pytest.approx(stopped[0, 1, :4], rel=1e-5), names
 
 
 @pytest.mark.parametrize(("spread", "bend"), [(0.0, 0.0), (0.6, 0.0), (0.8, 0.2)])

@@ -49,7 +49,7 @@ def test_sensor_shows_a_quarter_width_less_at_its_ceiling(model):
 
 def test_an_overflow_can_enter_and_falls_into_the_lower_tank():
     class Rim:
-        name, sites = "rim", ("store.upper",)
+        name, sites, ahead_of = "rim", ("store.upper",), ()
 
         def apply(self, site, nominal, near, sheet):
             return nominal + 0.01 * near["h_1"]

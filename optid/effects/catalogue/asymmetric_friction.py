@@ -42,6 +42,7 @@ class AsymmetricFriction(Effect):
     )
     depends_on = ("velocity",)
     needs = "motion in both directions"
+    ahead_of = ("presliding",)
     look_alikes = ("constant_force", "stribeck_friction", "valve_asymmetry", "pressure_sensor_offset")
     shares = {"dry_asymmetry": "constant_force"}  # F_r (1 + a sign v) sign v = F_r sign v + a F_r
     experiment = "the force that just starts motion, both ways; a constant force acts on an axis at rest too"

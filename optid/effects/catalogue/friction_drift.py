@@ -41,6 +41,7 @@ class FrictionDrift(Effect):
     )
     depends_on = ("time",)
     needs = "motion from the recording's start to its end"
+    ahead_of = ("presliding",)
     look_alikes = (
         "pressure_dependent_friction",
         "position_dependent_friction",

@@ -77,6 +77,7 @@ class PositionDependentFriction(Effect):
     )
     depends_on = ("position", "velocity")
     needs = "motion over the whole stroke in both directions"
+    ahead_of = ("presliding",)
     look_alikes = (
         "spring_load",
         "sensor_nonlinearity",

@@ -28,6 +28,7 @@ class PressureDependentFriction(Effect):
     says = "dry friction grows with the chambers' pressures, by {per_pressure}"
     depends_on = ("pressure_a", "pressure_b", "velocity")
     needs = "motion at chamber pressures that differ widely, best at two supply pressures"
+    ahead_of = ("asymmetric_friction", "friction_drift", "position_dependent_friction", "presliding")
     look_alikes = ("friction_drift", "position_dependent_friction", "stribeck_friction", "heat_transfer")
     experiment = "the same strokes at two supply pressures"
     source = "Tran and Yanada, Intelligent Control and Automation 4(2), 2013"

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import casadi as ca
+
 from optid.core.parameter import Parameter
 from optid.core.sheet import Sheet
 from optid.core.smooth import dead_zone
@@ -31,6 +33,7 @@ class SensorBacklash(Effect):
     says = "the position sensor has a play of {play} to either side"
     depends_on = ("velocity",)
     needs = "reversals"
+    ahead_of = ("sensor_lag", "clock_drift")
     look_alikes = ("presliding", "valve_hysteresis", "sensor_lag", "compliant_load")
     experiment = "approach one point from both sides, against a dial gauge"
     source = "physics D.4: play as a relaxation with its own state"
@@ -41,4 +44,5 @@ class SensorBacklash(Effect):
         ahead = sheet.state("ahead", "m", 1e-4, spread=1e-3)
         beyond = dead_zone(ahead, play)
         sheet.rate(ahead, near["v"] - beyond / CATCH)
+        sheet.hand_on("v", near["v"] * (ca.fabs(ahead) >= play))
         return nominal - (ahead - beyond)

@@ -43,19 +43,22 @@ class SensorLag(Effect):
     )
     depends_on = ("velocity",)
     needs = "motion at changing speed"
+    ahead_of = ("clock_drift",)
     look_alikes = ("valve_lag", "input_delay", "valve_rate_limit", "sensor_backlash")
     experiment = "measure the pressures too, or the position with a second sensor"
     source = "first-order filter; sizes from physics catalogue A.4, row 37"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
         """What the sensor shows, m."""
-        rate, shown = near["v"], nominal
+        rate, shown, speed = near["v"], nominal, near["v"]
         for name, time in (
             ("ahead", sheet.param(TIME)),
             ("second_ahead", sheet.param(TIME) * sheet.param(SECOND)),
         ):
             ahead = sheet.state(name, "m", 1e-3, spread=5e-3)
             floor = FLOOR * (FLOOR / (time + FLOOR)) ** 2
-            sheet.rate(ahead, rate - ahead / (time + floor))
-            rate, shown = ahead / (time + floor), shown - time / (time + floor) * ahead
+            passed, share = ahead / (time + floor), time / (time + floor)
+            sheet.rate(ahead, rate - passed)
+            shown, speed, rate = shown - share * ahead, speed - share * (rate - passed), passed
+        sheet.hand_on("v", speed)
         return shown

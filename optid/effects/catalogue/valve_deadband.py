@@ -39,6 +39,7 @@ class ValveDeadband(Effect):
     )
     depends_on = ("command",)
     needs = "commands that pass slowly through zero"
+    ahead_of = ("end_cushioning", "tube_restriction")
     look_alikes = ("valve_underlap", "valve_hysteresis", "stribeck_friction", "tube_restriction")
     excludes = ("valve_underlap",)
     experiment = "small steps of the command about zero at several pressures, with the pressures measured"

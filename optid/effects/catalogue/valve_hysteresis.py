@@ -50,6 +50,7 @@ class ValveHysteresis(Effect):
     )
     depends_on = ("command_rate", "command")
     needs = "reversals of the command"
+    ahead_of = ("valve_offset", "valve_lag", "valve_rate_limit", "valve_saturation")
     look_alikes = ("valve_lag", "input_delay", "valve_deadband", "sensor_backlash", "sensor_lag")
     experiment = "triangles of the command at two rates: hysteresis does not depend on the rate, a lag does"
     source = "physics D.4: play as a relaxation with its own state"

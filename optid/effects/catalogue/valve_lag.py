@@ -51,6 +51,7 @@ class ValveLag(Effect):
     )
     depends_on = ("command_rate",)
     needs = "commands that change fast: steps, reversals, a binary sequence"
+    ahead_of = ("valve_rate_limit", "valve_saturation")
     look_alikes = ("input_delay", "sensor_lag", "valve_hysteresis")
     experiment = "the spool's position signal, or steps of the command with pressures measured at 5 kHz"
     source = "Richer and Hurmuzlu, J. Dyn. Sys. Meas. Control 122(3), 2000; valve catalogues"

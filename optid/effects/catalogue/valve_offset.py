@@ -28,6 +28,7 @@ class ValveOffset(Effect):
     says = "the valve's zero is off by {offset} of full command"
     depends_on = ("command",)
     needs = "holds and slow motion"
+    ahead_of = ("valve_lag", "valve_rate_limit", "valve_saturation")
     look_alikes = ("ambient_leakage", "cross_leakage", "valve_asymmetry", "constant_force")
     experiment = "find the command at which the axis stands still, at two supply pressures"
     source = "physics catalogue A.2, row 20"

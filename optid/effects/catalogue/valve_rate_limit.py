@@ -31,6 +31,7 @@ class ValveRateLimit(Effect):
     says = "the spool needs {full_travel_time} for its full travel, however large the step"
     depends_on = ("command_rate",)
     needs = "large steps of the command"
+    ahead_of = ("valve_saturation",)
     look_alikes = ("valve_lag", "input_delay", "valve_saturation", "sensor_lag")
     experiment = "steps of 5 % and of 100 %: a lag takes the same time for both, a rate limit does not"
     source = "physics catalogue A.2, row 18"
