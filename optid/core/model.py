@@ -55,8 +55,8 @@ class Model:
         halves: (x, u, p, half) -> dx/dt of the two halves, 0 and 1, of a hold in which an input switches, each half
             stretched to take as long as the other; None where inputs change at samples only. `rates` then holds the
             mean of what is held before and after.
-        laws_leave: share of the squared error that right laws of another form leave in 19 of 20 blind cases; None
-            where no trial has measured it.
+        laws_leave: share of the squared error that names may leave, which right laws of another form exceed in no
+            more than one of 20 blind cases; None where no trial has measured it.
         biases: by what share of its value a stand-in for a law that jumps may shift a fitted parameter, by name.
     """
 

@@ -211,7 +211,10 @@ class Sheet:
         self._near[name] = signal
 
     def laws_leave(self, share: float) -> None:
-        """Say how much of the squared error right laws of another form leave on this plant, in 19 of 20 blind cases."""
+        """Say how much of the squared error names may leave on this plant: more than right laws of another form do.
+
+        In no more than one of 20 blind cases may right names leave more.
+        """
         self._laws_leave = share
 
     def biased(self, parameter: str, share: float) -> None:
