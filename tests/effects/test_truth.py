@@ -11,6 +11,7 @@ from optid.core.model import CLOCK, INTERVAL
 from optid.core.sheet import build
 from optid.core.simulation import simulate
 from optid.effects.catalogue.exhaust_restriction import behind
+from optid.effects.effect import Effect
 from optid.effects.library import built_in
 from optid.rigs.rigfile import read_rig
 from optid.rigs.servo_pneumatic import servo_pneumatic
@@ -55,12 +56,33 @@ def test_a_delay_inside_a_sample_moves_the_axis_as_a_finer_command_does(samples)
     assert np.abs(delayed - truth).max() < 1e-9
 
 
+def test_a_delay_beyond_those_looked_up_one_by_one_is_a_straight_line_between_two():
+    X, u = run()
+    between = [np.r_[np.full(k, u[0]), u][:N] for k in (12, 16)]
+    delayed, _, plant = simulated("input_delay", {"delay": 14.0 * DT}, u, X[0])
+    p, rng = plant.vector({"input_delay.delay": 14.0 * DT}), np.random.default_rng(2)
+    x, given = plant.states(rng, 1)[0], plant.inputs(rng, 1)[0]
+    assert np.abs(np.array(plant.model.halves(x, given, p, 1))).max() < 1e-9  # and not there and back again
+    mean = simulated("input_delay", {"delay": 0.0}, (between[0] + between[1]) / 2, X[0])[0]
+    assert np.abs(delayed - mean)[:, 0].max() < 1e-8
+
+
+class Shifted(Effect):
+    """The command a little higher, before it comes late."""
+
+    name, sites, equation, parameters = "shifted", ("valve.input",), "3-6", ()
+    ahead_of = ("input_delay", "clock_drift")
+
+    def apply(self, site, nominal, near, sheet):
+        return nominal + 0.125
+
+
 def test_delays_add_up():
     """A clock's lateness comes on top of a delay, whichever stands first; what else was done to the command stays."""
     rng = np.random.default_rng(8)
     for names in (("input_delay", "clock_drift"), ("clock_drift", "input_delay")):
         effects = [built_in()[name] for name in names]
-        model = build(servo_pneumatic, effects)
+        model = build(servo_pneumatic, [*effects, Shifted()])
         values = {"input_delay.delay": 2.25 * DT, "clock_drift.rate": 0.05 * DT, "clock_drift.others": 1.0}
         given = rng.uniform(-1, 1, len(model.inputs))
         ports = [(port.role, port.ago) for port in model.inputs]
@@ -71,7 +93,7 @@ def test_delays_add_up():
         q = plain.vector(read_rig(DATA / "table1.toml").parameters)
         own = [[s.name for s in model.states].index(s.name) for s in plain.states]
         for half, ago in ((0, 3), (1, 2)):  # 2.5 samples late in all: both halves of a hold are equally long
-            command = [given[ports.index(("command", ago))]]
+            command = [given[ports.index(("command", ago))] + 0.125]
             expected = np.array(plain.rates(x[own], command, q)).ravel()
             assert np.array(model.halves(x, given, p, half)).ravel()[own] == pytest.approx(
                 expected, rel=1e-9, abs=1e-9
