@@ -27,6 +27,13 @@ from optid.cli.common import (
     "--effects", multiple=True, metavar="FILE.py", help="Effects of your own, to take part in everything."
 )
 @click.option("--seed", default=0, type=click.IntRange(min=0), help="Of the resampling; 0 by default.")
+@click.option(
+    "--time-limit",
+    default=600.0,
+    type=click.FloatRange(min=0, min_open=True),
+    metavar="S",
+    help="Seconds after which the search for effects ends with what it has; 600 by default.",
+)
 @OUT
 def diagnose(
     rig: str,
@@ -34,6 +41,7 @@ def diagnose(
     holdout: tuple[str, ...],
     effects: tuple[str, ...],
     seed: int,
+    time_limit: float,
     out: str,
 ) -> None:
     """Say what physics the rig's model leaves out, and prove it on recordings held out."""
@@ -54,7 +62,7 @@ def diagnose(
     with progress("diagnosing") as show:
         found = ask(
             understood, [r for r, _ in train], [r for r, _ in held_out], own=own,
-            generator=np.random.default_rng(seed), progress=show,
+            generator=np.random.default_rng(seed), progress=show, time_limit=time_limit,
         )  # fmt: skip
     with waiting("writing the report"):
         page, document = diagnosis_page(found), diagnosis_document(found)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import math
+import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -41,7 +43,7 @@ class Data:
     """Recordings to fit, recordings held out, sd of their noise by role, and the randomness of the resampling.
 
     `misfit` is what the base model's simulation misses, by role, where models are judged by simulation; `late` are the
-    recordings of which the beginning does not count.
+    recordings of which the beginning does not count; `until` is when the search ends, by `time.monotonic`.
     """
 
     train: tuple[Recording, ...]
@@ -50,6 +52,12 @@ class Data:
     generator: np.random.Generator
     misfit: Mapping[str, float] | None = None
     late: tuple[str, ...] = ()
+    until: float = math.inf
+
+    @property
+    def over(self) -> bool:
+        """Nothing more is tried: what was found has to do."""
+        return time.monotonic() > self.until
 
     def question(self, rig: Rig, plain: Model, train: Sequence[Recording] | None = None) -> Question:
         """What the recordings to fit, or others, are asked of a rig; only states of `plain` carry process noise."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
@@ -48,6 +50,7 @@ def diagnose(
     own: Sequence[Effect] = (),
     generator: np.random.Generator,
     progress: Report | None = None,
+    time_limit: float = math.inf,
 ) -> Diagnosis:
     """Say what a rig's model leaves out.
 
@@ -58,6 +61,7 @@ def diagnose(
         own: effects of the user's, beside the catalogue.
         generator: of the resampling.
         progress: called with the share done and a few words.
+        time_limit: s, after which the search for effects ends with what it has; the base fit comes before it.
 
     Raises:
         InputError: nothing to fit or nothing held out.
@@ -83,6 +87,7 @@ def diagnose(
     wide = _enough(base, data)
     if wide is None and (simulated := by_simulation(base, data)) is not None:
         base, data = simulated
+    data = replace(data, until=time.monotonic() + time_limit)
     found = Search(base, base, ()) if wide else search(base, own, data, report)
     last = next((one.screened for one in found.rounds if one.model is found.best), None)
     if last is None:
@@ -117,7 +122,7 @@ def diagnose(
     if verdict is Verdict.MISSING_PHYSICS:
         findings = _findings(found, best_parameters, data, report)
     elif sites:
-        described = describe(base, sites[0], data, partial(report, 0.97))
+        described = None if data.over else describe(base, sites[0], data, partial(report, 0.97))
         findings = (nameless(base, sites, described, data),)
         best = base if described is None else described.candidate
     if best is not found.best:

@@ -103,6 +103,8 @@ def refit(c: Contest, few: Sequence[Signature], before: Sequence[Rival] = ()) ->
     for signature in few:
         if whole and not any(alike(signature.effect, t.effect) for t in whole):
             continue  # one explains all there is: only what resembles it could do as well
+        if c.data.over:
+            break
         c.tell(f"trying {signature.effect.name}")
         with contextlib.suppress(SolveError):  # with this effect the model may leave the numbers at once
             tried.append(_attempt(c, signature, again=signature is few[0]))
@@ -166,7 +168,11 @@ def _start_again(c: Contest, tried: list[_Refit]) -> None:
     if _misfit(best, gain, c.screened):
         return
     for t in tried:
-        if alike(t.effect, best.effect) and c.current.answer.score - t.answer.score < ALIKE * gain:
+        if (
+            not c.data.over
+            and alike(t.effect, best.effect)
+            and c.current.answer.score - t.answer.score < ALIKE * gain
+        ):
             c.tell(f"starting again with {t.effect.name}")
             with contextlib.suppress(SolveError):
                 t.answer = min(t.answer, _beside(c, t, best), key=lambda answer: answer.score)
@@ -197,13 +203,13 @@ def _follow(c: Contest, tried: list[_Refit]) -> None:
     for place, (t, gain) in enumerate(zip(tried, gains, strict=True)):
         twin = alike(t.effect, tried[0].effect)
         near = place < (3 if twin else 2) and gain > (ALIKE if twin else NEAR) * gains[0]
-        if near and t.size > TINY:
+        if near and t.size > TINY and not c.data.over:
             c.tell(f"refitting with {t.effect.name}")
             start = followed(t.answer, c.guide.noise.levels, SCANNED)
             t.answer = maximise(t.answer.question, *start, iterations=QUICK, polish=False, near=t.answer)
     gains = [here - t.answer.score for t in tried]
     for t, gain in zip(tried, gains, strict=True):
-        if gain > CLOSE * max(gains) and t.size > TINY:
+        if gain > CLOSE * max(gains) and t.size > TINY and not c.data.over:
             c.tell(f"refitting further with {t.effect.name}")
             at, levels = t.answer.p, t.answer.noise.levels
             t.answer = maximise(t.answer.question, at, levels, polish=False, rough=NEARBY, near=t.answer)

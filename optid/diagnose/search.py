@@ -9,7 +9,7 @@ alone, has to hold its place beside the others.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 from scipy import stats
@@ -95,6 +95,7 @@ class Search:
         without: the best model without one of its effects, by that effect's name.
         dropped: effects that a later one made idle.
         instead: models with a look-alike in the place of an effect, by that effect's name.
+        stopped: its time was over before everything was tried.
     """
 
     base: Candidate
@@ -103,6 +104,7 @@ class Search:
     without: Mapping[str, Candidate] = field(default_factory=dict)
     dropped: tuple[Effect, ...] = field(default=())
     instead: Mapping[str, tuple[Instead, ...]] = field(default_factory=dict)
+    stopped: bool = False
 
 
 def search(base: Candidate, own: Sequence[Effect], data: Data, report: Report) -> Search:
@@ -114,11 +116,21 @@ def search(base: Candidate, own: Sequence[Effect], data: Data, report: Report) -
         tell(f"round {depth + 1}: screening the catalogue")
         little, much = _little_left(base, current, data), excess(current.judged, data.noise) > EXCESS
         ended = len(current.effects) == DEEPEST or (little and not much) or _hopeless(base, current, data)
+        ended = ended or data.over
         most = 0 if ended else LITTLE if little else None
         look = _round(base, current, own, data, tell, most, guide=guide)
+        if data.over:
+            look = replace(look, rivals=tuple(in_time(rival, data) for rival in look.rivals))
         winner = next((rival for rival in look.rivals if not rival.why), None)
         ahead = winner
-        if winner is None and current is confirmed and depth + 1 < DEEPEST and much and not little:
+        if (
+            not data.over
+            and winner is None
+            and current is confirmed
+            and depth + 1 < DEEPEST
+            and much
+            and not little
+        ):
             ahead = _unconfirmed(look, beside=bool(confirmed.effects))
         guide = None if ahead is None else _guiding(look, ahead, current, data, plain)
         rounds.append(Round(current, look.screened, look.rivals, winner, ahead))
@@ -127,14 +139,15 @@ def search(base: Candidate, own: Sequence[Effect], data: Data, report: Report) -
         before, current = current, ahead.candidate
         if winner is not None:
             confirmed = current
+    stopped = data.over  # what was left out of the rounds, no one counts
     best, without, dropped = _thinned(base, confirmed, before, data, plain, report)
-    if len(best.effects) > 1 and excess(best.judged, data.noise) > EXCESS:
+    if len(best.effects) > 1 and not stopped and excess(best.judged, data.noise) > EXCESS:
         other = _exchanged(base, best, without, own, data, partial(report, 0.92))
         if other is not None and other.winner is not None:
             rounds.append(other)
             best, without, more = _thinned(base, other.winner.candidate, other.model, data, plain, report)
             dropped += more
-    return Search(base, best, tuple(rounds), without, dropped)
+    return Search(base, best, tuple(rounds), without, dropped, stopped=stopped)
 
 
 def _round(
@@ -164,15 +177,25 @@ def _round(
         tight = screen(guide, data.train, effects)
     # Few samples of a slow plant never tell a bent model from a right one.
     guide, few = guide or current.answer, data.misfit is not None
-    afar = afar and (much > ABOUT or few)
+    afar = afar and (much > ABOUT or few) and not data.over
     contest = Contest(base, current, guide, len(signatures), data, tell)
     rivals = refit(contest, _promising(signatures, tight)[: most or (SECOND if afar else None)])
     led: list[Signature] = []
-    if afar and (few or all(one.why or excess(one.candidate.judged, data.noise) > ABOUT for one in rivals)):
+    if (
+        afar
+        and not data.over
+        and (few or all(one.why or excess(one.candidate.judged, data.noise) > ABOUT for one in rivals))
+    ):
         tell("where effects lead from afar")
         led = leads(current, guide, effects, data, base.rig.model)[: most or REFITS]
         rivals = refit(contest, led, rivals) if led else rivals
     return _Look(tuple(signatures), tuple(led), guide, tuple(rivals))
+
+
+def in_time(rival: Rival, data: Data) -> Rival:
+    """One whose rivals may not have had their turn does not win, unless it leaves them nothing to explain."""
+    whole = excess(rival.candidate.judged, data.noise) <= EXCESS
+    return rival if rival.why or whole else replace(rival, why="the time was over before all had their turn")
 
 
 def _unconfirmed(look: _Look, beside: bool = False) -> Rival | None:

@@ -23,12 +23,17 @@ def quantity(value: float, unit: str) -> str:
 
 def summary(d: Diagnosis) -> str:
     """Where, what, how sure, how much better, what is not known, and what of the recordings does not count."""
-    if not d.data.late:
-        return _answer(d)
-    return (
-        f"{_answer(d)} Of {', '.join(d.data.late)} the beginning does not count: at rest, in a state that nothing "
-        f"shows, it misleads the base model's filter."
-    )
+    words = [_answer(d)]
+    if d.search.stopped:
+        words.append(
+            "The search was ended before everything was tried: it may take longer with --time-limit."
+        )
+    if d.data.late:
+        words.append(
+            f"Of {', '.join(d.data.late)} the beginning does not count: at rest, in a state that nothing shows, it "
+            "misleads the base model's filter."
+        )
+    return " ".join(words)
 
 
 def _answer(d: Diagnosis) -> str:

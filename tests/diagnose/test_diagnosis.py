@@ -11,6 +11,7 @@ from optid.diagnose import diagnosis as diagnosis_of
 from optid.diagnose.diagnosis import diagnose
 from optid.diagnose.finding import Verdict
 from optid.diagnose.judge import missed
+from optid.diagnose.search import in_time
 from optid.diagnose.uncertainty import estimates
 from optid.diagnose.words import summary
 from optid.effects.library import built_in
@@ -27,10 +28,10 @@ def dead_band(u):
     return np.sign(u) * np.maximum(np.abs(u) - WIDTH, 0.0)
 
 
-def asked(folder, concealed=lambda u: u):
+def asked(folder, concealed=lambda u: u, **how):
     train = [recording(seed, f"run{seed}.csv", concealed) for seed in (1, 2)]
     held = [recording(3, "held.csv", concealed)]
-    return diagnose(rig(folder), train, held, generator=np.random.default_rng(0))
+    return diagnose(rig(folder), train, held, generator=np.random.default_rng(0), **how)
 
 
 @pytest.fixture(scope="module")
@@ -61,6 +62,26 @@ def test_without_a_beginning_that_misleads_the_base_is_fitted_again(tmp_path, mo
     assert len(found.base.answer.question.problem.time) == 2 * 1000
     assert "Of run1.csv the beginning does not count" in found.summary
     assert "the beginning does not count" not in summary(replace(found, data=replace(found.data, late=())))
+
+
+def test_a_search_whose_time_is_over_says_so_and_names_nothing(tmp_path, dead):
+    found = asked(tmp_path, dead_band, time_limit=1e-9)
+    assert found.verdict is Verdict.UNEXPLAINED and found.search.stopped
+    assert found.findings[0].effect is None and found.findings[0].site
+    assert not any(one.rivals for one in found.search.rounds)
+    assert "The search was ended before everything was tried" in found.summary
+    assert not dead.search.stopped and "ended" not in dead.summary
+
+
+def test_who_wins_before_its_rivals_had_their_turn_must_leave_them_nothing(dead):
+    data = dead.data
+    winner = dead.search.rounds[0].winner
+    assert winner is not None and not winner.why
+    assert in_time(winner, data) is winner  # its windows are at the noise
+    short = replace(winner, candidate=dead.base)
+    assert "the time was over" in in_time(short, data).why
+    lost = replace(short, why="no gain")
+    assert in_time(lost, data) is lost
 
 
 def test_bounds_that_shut_the_truth_out_are_no_missing_physics(tmp_path):
