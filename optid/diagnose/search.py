@@ -177,7 +177,7 @@ def _round(
         tight = screen(guide, data.train, effects)
     # Few samples of a slow plant never tell a bent model from a right one.
     guide, few = guide or current.answer, data.misfit is not None
-    afar = afar and (much > ABOUT or few) and not data.over
+    afar = afar and (much > ABOUT or few)
     contest = Contest(base, current, guide, len(signatures), data, tell)
     rivals = refit(contest, _promising(signatures, tight)[: most or (SECOND if afar else None)])
     led: list[Signature] = []

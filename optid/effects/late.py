@@ -18,9 +18,8 @@ def command_ago(sheet: Sheet, nominal: Any, time: Any) -> Any:
     """The command of `time` seconds ago, and of what other effects delay it by; what else they did to it stays.
 
     Up to twelve samples it is exact: the integrator takes each hold in two halves, before and after the switch, whose
-    lengths have slopes. A mean of both holds would move an axis wrongly, where a controller's command changes sign
-    from sample to sample by ten times the noise: halves open other ports than their mean. Longer delays are
-    straight lines between the samples that are looked up.
+    lengths have slopes. A mean of both would move an axis wrongly, as a command that changes sign opens other ports
+    than its mean. Longer delays are straight lines between the samples that are looked up.
 
     Args:
         sheet: of a plant with an input "command".

@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 from optid.diagnose import diagnosis as diagnosis_of
+from optid.diagnose import search as search_of
 from optid.diagnose.diagnosis import diagnose
 from optid.diagnose.finding import Verdict
 from optid.diagnose.judge import missed
+from optid.diagnose.refit import Contest, refit
 from optid.diagnose.search import in_time
 from optid.diagnose.uncertainty import estimates
 from optid.diagnose.words import summary
@@ -64,13 +66,25 @@ def test_without_a_beginning_that_misleads_the_base_is_fitted_again(tmp_path, mo
     assert "the beginning does not count" not in summary(replace(found, data=replace(found.data, late=())))
 
 
-def test_a_search_whose_time_is_over_says_so_and_names_nothing(tmp_path, dead):
+def test_a_search_whose_time_is_over_says_so_and_names_nothing(tmp_path, dead, monkeypatch):
+    def dear(*_, **__):
+        raise AssertionError("there is no time left for it")
+
+    monkeypatch.setattr(diagnosis_of, "describe", dear)
+    monkeypatch.setattr(search_of, "refit", dear)
     found = asked(tmp_path, dead_band, time_limit=1e-9)
     assert found.verdict is Verdict.UNEXPLAINED and found.search.stopped
     assert found.findings[0].effect is None and found.findings[0].site
     assert not any(one.rivals for one in found.search.rounds)
     assert "The search was ended before everything was tried" in found.summary
     assert not dead.search.stopped and "ended" not in dead.summary
+
+
+def test_when_the_time_is_over_nobody_is_tried_any_more(dead):
+    few = dead.search.rounds[0].screened[:1]
+    at = Contest(dead.base, dead.base, dead.base.answer, 1, dead.data, lambda words: None)
+    assert [rival.effect for rival in refit(at, few)] == [few[0].effect]
+    assert refit(replace(at, data=replace(dead.data, until=0.0)), few) == []
 
 
 def test_who_wins_before_its_rivals_had_their_turn_must_leave_them_nothing(dead):
