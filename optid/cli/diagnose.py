@@ -32,7 +32,7 @@ from optid.cli.common import (
     default=600.0,
     type=click.FloatRange(min=0, min_open=True),
     metavar="S",
-    help="Seconds after which the search for effects ends with what it has; 600 by default.",
+    help="Seconds to take, about: the search for effects ends with what it has in time; 600 by default.",
 )
 @OUT
 def diagnose(

@@ -43,7 +43,8 @@ class Data:
     """Recordings to fit, recordings held out, sd of their noise by role, and the randomness of the resampling.
 
     `misfit` is what the base model's simulation misses, by role, where models are judged by simulation; `late` are the
-    recordings of which the beginning does not count; `until` is when the search ends, by `time.monotonic`.
+    recordings of which the beginning does not count; `until` is when searches end with what they have, by
+    `time.monotonic`.
     """
 
     train: tuple[Recording, ...]
@@ -62,7 +63,7 @@ class Data:
     def question(self, rig: Rig, plain: Model, train: Sequence[Recording] | None = None) -> Question:
         """What the recordings to fit, or others, are asked of a rig; only states of `plain` carry process noise."""
         problem = pose(rig.model, self.train if train is None else train, WHOLE)
-        return question_of(rig, problem, plain, self.misfit)
+        return replace(question_of(rig, problem, plain, self.misfit), until=self.until)
 
 
 @dataclass(frozen=True, eq=False)

@@ -36,6 +36,7 @@ from optid.fit.result import Estimate
 from optid.rigs.rigfile import Rig
 
 NOTHING = 0.01  # of the smallest size worth a name: what is below it is told in words
+SEARCHED, OWN = 0.8, 0.4  # of the time limit
 VISIBLE = 5.0  # sd at which an effect of the smallest size worth a name would be found for sure
 
 
@@ -61,13 +62,14 @@ def diagnose(
         own: effects of the user's, beside the catalogue.
         generator: of the resampling.
         progress: called with the share done and a few words.
-        time_limit: s, after which the search for effects ends with what it has; the base fit comes before it.
+        time_limit: s, about which the whole may take: of that, SEARCHED are for the base fit and the search for
+            effects, which ends with what it has, but OWN are its own.
 
     Raises:
         InputError: nothing to fit or nothing held out.
         SolveError: the model cannot be simulated at the rig file's values.
     """
-    report = progress or (lambda share, words: None)
+    report, start = progress or (lambda share, words: None), time.monotonic()
     if not rig.freed:
         raise InputError("nothing to fit", where=rig.path, field="[fit]", expected="at least one parameter")
     if not holdout:
@@ -87,8 +89,8 @@ def diagnose(
     wide = _enough(base, data)
     if wide is None and (simulated := by_simulation(base, data)) is not None:
         base, data = simulated
-    data = replace(data, until=time.monotonic() + time_limit)
-    found = Search(base, base, ()) if wide else search(base, own, data, report)
+    until = max(start + SEARCHED * time_limit, time.monotonic() + OWN * time_limit)
+    found = Search(base, base, ()) if wide else search(base, own, replace(data, until=until), report)
     last = next((one.screened for one in found.rounds if one.model is found.best), None)
     if last is None:
         last = tuple(screen(found.best.answer, data.train, admitted(found.best.rig.model, own)))
@@ -99,7 +101,8 @@ def diagnose(
         found = replace(
             found, best=settled(rough.effects, rough.rig, rough.answer.p, rough.answer, data, rig.model)
         )
-    if found.best.effects and (_stands(found, data) or excess(found.best.judged, noise) <= EXCESS):
+    stands = _stands(found, data) or excess(found.best.judged, noise) <= EXCESS
+    if found.best.effects and stands and not found.stopped:
         named = found.best.effects
         found = compared(found, own, data, partial(report, 0.94))
         if found.best.effects != named:
@@ -122,7 +125,8 @@ def diagnose(
     if verdict is Verdict.MISSING_PHYSICS:
         findings = _findings(found, best_parameters, data, report)
     elif sites:
-        described = None if data.over else describe(base, sites[0], data, partial(report, 0.97))
+        hurried = replace(data, until=start + time_limit)
+        described = None if found.stopped else describe(base, sites[0], hurried, partial(report, 0.97))
         findings = (nameless(base, sites, described, data),)
         best = base if described is None else described.candidate
     if best is not found.best:

@@ -62,6 +62,8 @@ def leads(
         ground = _Ground.of(current.rig, guide, data, plain, start)
         running = [lead for effect in effects for lead in _begun(ground, effect)]
         for leg, (evaluations, most, alike) in enumerate(RACE):
+            if data.over:
+                return []
             over = None if leg else worst
             running = _ahead([lead.further(guide, evaluations, over) for lead in running], most, alike)
         gains = [rows * (1.0 - lead.at.loss / alone) for lead in running]  # of as many squares as rows

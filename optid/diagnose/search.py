@@ -8,6 +8,7 @@ alone, has to hold its place beside the others.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -140,12 +141,13 @@ def search(base: Candidate, own: Sequence[Effect], data: Data, report: Report) -
         if winner is not None:
             confirmed = current
     stopped = data.over  # what was left out of the rounds, no one counts
-    best, without, dropped = _thinned(base, confirmed, before, data, plain, report)
+    closing = replace(data, until=math.inf)  # to know what was found takes its time
+    best, without, dropped = _thinned(base, confirmed, before, closing, plain, report)
     if len(best.effects) > 1 and not stopped and excess(best.judged, data.noise) > EXCESS:
         other = _exchanged(base, best, without, own, data, partial(report, 0.92))
         if other is not None and other.winner is not None:
             rounds.append(other)
-            best, without, more = _thinned(base, other.winner.candidate, other.model, data, plain, report)
+            best, without, more = _thinned(base, other.winner.candidate, other.model, closing, plain, report)
             dropped += more
     return Search(base, best, tuple(rounds), without, dropped, stopped=stopped)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -30,6 +31,7 @@ class Question:
         free: indices of the free parameters; low, high, typical, prior, prior_sd as in a batch fit.
         groups: states that share a level of process noise.
         measurement: variance of each output.
+        until: when searches for an answer end with what they have, by `time.monotonic`.
     """
 
     rig: Rig
@@ -42,11 +44,17 @@ class Question:
     prior_sd: Array
     groups: tuple[tuple[int, ...], ...]
     measurement: Array
+    until: float = math.inf
 
     @property
     def model(self) -> Model:
         """The rig's model."""
         return self.rig.model
+
+    @property
+    def over(self) -> bool:
+        """The time for searches is over."""
+        return time.monotonic() > self.until
 
 
 @dataclass(frozen=True, eq=False)

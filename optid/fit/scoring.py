@@ -105,6 +105,8 @@ def maximise(
     here.begin(near)
     here, used, settled = _descend(here, iterations)
     for _ in range(RESTARTS):
+        if q.over:
+            break
         other = _best_levels(here)
         if here.score - other.score < ENOUGH:
             break
@@ -164,7 +166,7 @@ def followed(answer: Answer, levels: Array, less: Sequence[float]) -> tuple[Arra
     with contextlib.suppress(SolveError):
         for _ in range(TURNS):
             here = Place(q, p, noise)
-            if not math.isfinite(here.score):
+            if q.over or not math.isfinite(here.score):
                 break
             p = steered_fit(q, p, q.model, here.filtered, TURN).p
             best = likeliest(q, [best, *((p, answer.noise.levels - by) for by in less)])
@@ -258,6 +260,8 @@ def _descend(
     if here.slopes is None:
         look(here)
     for number in range(iterations):
+        if here.q.over:
+            return here, number, False
         enough = max(ENOUGH, rough * abs(first - here.score))
         there, promised = _better(here, damping, held)
         if there is None:

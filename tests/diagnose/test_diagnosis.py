@@ -1,5 +1,6 @@
 """Diagnoses of a user's own plant against a closed form: named when it is there, silent when nothing is missing."""
 
+import math
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -13,7 +14,7 @@ from optid.diagnose.diagnosis import diagnose
 from optid.diagnose.finding import Verdict
 from optid.diagnose.judge import missed
 from optid.diagnose.refit import Contest, refit
-from optid.diagnose.search import in_time
+from optid.diagnose.search import Search, in_time
 from optid.diagnose.uncertainty import estimates
 from optid.diagnose.words import summary
 from optid.effects.library import built_in
@@ -78,6 +79,24 @@ def test_a_search_whose_time_is_over_says_so_and_names_nothing(tmp_path, dead, m
     assert not any(one.rivals for one in found.search.rounds)
     assert "The search was ended before everything was tried" in found.summary
     assert not dead.search.stopped and "ended" not in dead.summary
+
+
+@pytest.mark.parametrize(("base_takes", "ends"), [(10.0, 80.0), (60.0, 100.0)])
+def test_the_time_limit_counts_from_the_start_but_leaves_the_search_its_own(
+    tmp_path, monkeypatch, base_takes, ends
+):
+    clock = iter((0.0, base_takes))
+    monkeypatch.setattr(diagnosis_of, "time", SimpleNamespace(monotonic=lambda: next(clock)))
+    until = []
+
+    def searched(base, own, data, report):
+        until.append(data.until)
+        return Search(base, base, ())
+
+    monkeypatch.setattr(diagnosis_of, "search", searched)
+    found = asked(tmp_path, dead_band, time_limit=100.0)
+    assert until == [pytest.approx(ends)]
+    assert found.data.until == math.inf  # to locate and to tell takes its time
 
 
 def test_when_the_time_is_over_nobody_is_tried_any_more(dead):

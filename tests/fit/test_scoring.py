@@ -197,6 +197,17 @@ def test_a_rough_search_ends_by_what_it_gained_and_not_by_how_far_off_its_neighb
     assert short.score - there.score > 0.1 * (start - found.score)
 
 
+def test_a_search_whose_time_is_over_stays_where_it_is(asked):
+    q, p = asked
+    late, levels = replace(q, until=0.0), middling(q)
+    answer = maximise(late, p, levels)
+    assert np.array_equal(answer.p, p) and np.array_equal(answer.noise.levels, levels) and not answer.settled
+    led, _ = followed(answer, levels, (0.0,))
+    assert np.array_equal(led, p)
+    there, _ = followed(replace(answer, question=q), levels, (0.0,))
+    assert not np.array_equal(there, p)
+
+
 def test_an_approach_keeps_the_level(asked):
     q, p = asked
     near = approach(q, p)
