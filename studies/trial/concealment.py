@@ -58,7 +58,7 @@ def trace(recorded: Recorded, without: Case) -> Trace:
         _window(recorded.case, run, without, first)
         for name, run in recorded.runs.items()
         if name != HELD_OUT
-        for first in range(0, len(run.t) - WINDOW, 2 * WINDOW)  # every second window shows it well enough
+        for first in range(0, len(run.t) - WINDOW, WINDOW)
     ]
     raw = float(np.sqrt(sum(np.sum(d**2) for d, _, _ in blocks)))
     rest, columns = [], []
