@@ -128,7 +128,7 @@ def diagnose(
         hurried = replace(data, until=start + time_limit)
         described = None if found.stopped else describe(base, sites[0], hurried, partial(report, 0.97))
         findings = (nameless(base, sites, described, data),)
-        best = base if described is None else described.candidate
+        best = base if described is None else described.rival.candidate
     if best is not found.best:
         best_parameters = estimates(best.answer, (), ratio=missed(best.judged, noise))
     residuals = residual_tests(best.judged, best.answer, data.holdout)

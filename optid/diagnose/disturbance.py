@@ -109,7 +109,7 @@ def places(model: Model) -> tuple[tuple[str, ...], ...]:
 
 def locate_at(candidate: Candidate, data: Data, *sites: str) -> Located | None:
     """An unknown signal at one site, or one at each of several alike; ``None`` where none would show."""
-    scale = _scale(candidate, data, sites[0])
+    scale = push(candidate, data, sites[0])
     if scale is None:
         return None
     rig = with_effects(candidate.rig, (Disturbance(sites, "1", LOUD * scale),), {})
@@ -135,7 +135,7 @@ def _still(candidate: Candidate) -> float:
     return score if math.isfinite(score) else candidate.answer.score
 
 
-def _scale(candidate: Candidate, data: Data, site: str) -> float | None:
+def push(candidate: Candidate, data: Data, site: str) -> float | None:
     """A constant at the site that moves the innovations by about one sd; ``None`` where none does.
 
     Where a model with held gains loses track before that, the largest one tried under which it does not.
@@ -149,7 +149,7 @@ def _scale(candidate: Candidate, data: Data, site: str) -> float | None:
     problem = pose(model, data.train, WHOLE)
     sd = np.sqrt(answer.filtered.variances[0])
     size, seen = 1e-9, 0.0
-    for _ in range(14):
+    for _ in range(17):
         moved = run_steered(
             model,
             problem,

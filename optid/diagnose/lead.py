@@ -59,7 +59,7 @@ def leads(
     alone = min(steered_fit(q, start, q.model, guide.filtered, QUICK).loss for start in starts)
     rows, worst = int(np.isfinite(guide.filtered.innovations[0]).sum()), _worst(guide)
     for start in starts:
-        ground = _Ground.of(current.rig, guide, data, plain, start)
+        ground = Ground.of(current.rig, guide, data, plain, start)
         running = [lead for effect in effects for lead in _begun(ground, effect)]
         for leg, (evaluations, most, alike) in enumerate(RACE):
             if data.over:
@@ -87,7 +87,7 @@ def stood(current: Candidate, led: Signature, guide: Answer, data: Data, plain: 
 
 
 @dataclass(frozen=True, eq=False)
-class _Ground:
+class Ground:
     """Where leads begin.
 
     Attributes:
@@ -108,6 +108,7 @@ class _Ground:
 
     @classmethod
     def of(cls, rig: Rig, guide: Answer, data: Data, plain: Model, start: Array) -> Self:
+        """At a start, (parameters,)."""
         q = guide.question
         free = list(q.free)
         P = np.tile(start, (len(free) + 1, 1))
@@ -170,7 +171,7 @@ def _worst(guide: Answer) -> list[int]:
     return np.flatnonzero(problem.recording == np.argmax(lost)).tolist()
 
 
-def _begun(ground: _Ground, effect: Effect) -> list[_Lead]:
+def _begun(ground: Ground, effect: Effect) -> list[_Lead]:
     """The branches of an effect that promise most, where they begin."""
     question = ground.data.question(grown(ground.rig, effect), ground.plain)
     branches = [effect.qualified({**effect.at_null(), **one}) for one in effect.tries(*heard(ground.guide))]

@@ -66,8 +66,8 @@ def _answer(d: Diagnosis) -> str:
 
 
 def _described(d: Diagnosis, after: str) -> str:
-    """How far the curve goes that describes it."""
-    return "" if d.best is d.base else f" With that curve, which is no name, windows err by {after}."
+    """How far goes what describes it."""
+    return "" if d.best is d.base else f" With that, which is no name, windows err by {after}."
 
 
 def _closest(d: Diagnosis) -> str:

@@ -20,6 +20,7 @@ from optid.effects import catalogue, generic
 from optid.effects.anywhere import MARK, Anywhere
 from optid.effects.curve import Curve
 from optid.effects.effect import Effect
+from optid.effects.wave import Wave
 from optid.errors import PlantError, RigError, nearest
 
 
@@ -81,6 +82,8 @@ def find_effect(name: str, base: Path) -> Effect:
         kind, mark, place = name.partition(MARK)
         if kind == Curve.kind and place.count(MARK) in (1, 2):
             return Curve(*place.split(MARK))
+        if kind == Wave.kind and place.count(MARK) == 1:
+            return Wave(*place.split(MARK))
         if mark and kind in anywhere():
             return anywhere()[kind](place)
         if mark:
