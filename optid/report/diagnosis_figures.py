@@ -102,7 +102,7 @@ def missing_signal(finding: Finding, names: tuple[str, ...]) -> str:
     """The unknown signal at a site as estimated with the states, the named law through it, and its likely cause."""
     assert finding.signal is not None
     region, w, law = finding.region, finding.signal.signal, finding.law
-    what = "a curve that describes it" if finding.effect is None else "named law"
+    what = "what describes it" if finding.effect is None else "named law"
     cause = next((name for name in finding.shown if name in region.signals), None)
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(9.2, 2.8), layout="constrained")

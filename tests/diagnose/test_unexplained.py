@@ -36,7 +36,8 @@ def described(tmp_path_factory):
 
 
 def test_the_curve_is_the_law(described):
-    base, _, _, rival = described
+    base, _, _, found = described
+    rival = found.rival
     assert rival.effect.name == "curve@drive.command@command"
     before, after = (one.judged.scores["position"].rmse for one in (base, rival.candidate))
     assert after < 0.2 * before
@@ -48,19 +49,19 @@ def test_the_curve_is_the_law(described):
 
 
 def test_a_finding_tells_of_it_and_stays_without_a_name(described):
-    base, data, site, rival = described
-    finding = nameless(base, [site], rival, data)
-    assert finding.effect is None and finding.evidence is rival.against
+    base, data, site, found = described
+    finding = nameless(base, [site], found, data)
+    assert finding.effect is None and finding.evidence is found.rival.against
     assert "a curve over command describes it, without a name" in finding.sentence
     assert finding.shown[0] == "command"
     # the law's picture is the curve itself, up to what the fitted gain has taken of it
-    u = rival.candidate.answer.question.problem.inputs[:, 0]
+    u = found.rival.candidate.answer.question.problem.inputs[:, 0]
     slope, level = np.polyfit(u, finding.law - 0.2 * np.sin(3.0 * u), 1)
     assert finding.law == pytest.approx(0.2 * np.sin(3.0 * u) + slope * u + level, abs=0.03)
 
 
 def test_the_rig_file_holds_it(described, tmp_path):
-    found = described[3].candidate
+    found = described[3].rival.candidate
     values = dict(zip((q.name for q in found.rig.model.parameters), found.answer.p.tolist(), strict=True))
     write_rig(found.rig, tmp_path / "rig.toml", values)
     again = read_rig(tmp_path / "rig.toml")
@@ -74,13 +75,13 @@ def test_nothing_is_drawn_where_nothing_is_missing(tmp_path):
 
 def test_curves_run_over_what_moved_and_turn_with_what_is_a_speed(described):
     base, data, *_ = described
-    curves = {
-        curve.name.removeprefix("curve@drag.force@"): curve for curve in _curves(base, "drag.force", 2.0)
-    }
+    signal = np.random.default_rng(0).normal(0.0, 2.0, (len(base.answer.filtered.states[0]), 1))
+    there = Located(("drag.force",), 1.0, signal, None, None)
+    curves = {curve.name.removeprefix("curve@drag.force@"): curve for curve in _curves(base, there)}
     assert set(curves) == {"position", "velocity", "command", "position@velocity", "command@velocity"}
     u = np.concatenate([one["command"].values for one in data.train])
     null = curves["command@velocity"].at_null()
-    assert (null["low"], null["high"], null["size"]) == (u.min(), u.max(), 2.0)
+    assert (null["low"], null["high"], null["size"]) == (u.min(), u.max(), np.std(signal))
     speed = base.answer.filtered.states[0][:, 1]
     assert null["width"] == pytest.approx(0.05 * np.sqrt(np.mean(speed**2)))
 
@@ -93,13 +94,13 @@ def test_of_sites_with_a_signal_each_the_largest_speaks_unless_one_is_asked_for(
 
 
 def test_a_curve_may_lie_at_any_of_the_sites_whose_signals_came_together(described):
-    base, data, site, rival = described
+    base, data, site, before = described
     both = replace(
         site, sites=("sensor.position", *site.sites), signals=np.c_[9.0 * site.signal, site.signal]
     )
     assert both.site == "sensor.position"
     found = describe(base, both, data, lambda words: None)
-    assert found.effect.sites == rival.effect.sites == ("drive.command",)
+    assert found.rival.effect.sites == before.rival.effect.sites == ("drive.command",)
     finding = nameless(base, [both], found, data)
     assert finding.place == "drive.command" and finding.signal.signal == pytest.approx(site.signal)
 
@@ -117,8 +118,8 @@ def test_an_answer_holds_the_curve_and_no_name(tmp_path):
     assert document["improved"]["parameters"].keys() >= {
         f"curve@drive.command@command.height_{k}" for k in (1, 13)
     }
-    assert f"With that curve, which is no name, windows err by position {1e3 * after:.3g} mm" in found.summary
-    assert "through it the curve that describes it" in diagnosis_page(found)
+    assert f"With that, which is no name, windows err by position {1e3 * after:.3g} mm" in found.summary
+    assert "through it what describes it" in diagnosis_page(found)
 
 
 def test_a_curve_over_what_the_plant_declares_only_later_is_left_out(tmp_path):
