@@ -1,11 +1,19 @@
 """A wave describes what goes on by itself, over time with a phase in every recording, or over a position."""
 
+import math
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from optid.diagnose.candidate import Data, fit_base
+from optid.diagnose import unexplained
+from optid.diagnose.candidate import QUIETER, Data, fit_base
 from optid.diagnose.disturbance import locate_at
+from optid.diagnose.lead import Ground
+from optid.diagnose.line import loudest
 from optid.diagnose.unexplained import describe, nameless
+from optid.effects.wave import Wave
+from optid.fit.scoring import quieted
 from tests.diagnose.trolley import SD, recording, rig
 
 ACCELERATION, HERTZ, PITCH = 0.8, 1.7, 0.31
@@ -40,6 +48,7 @@ def test_the_wave_is_the_law(described):
         q.name.rpartition(".")[2]: v for q, v in zip(best.rig.model.parameters, best.answer.p, strict=True)
     }
     assert values["repeats"] == pytest.approx(repeats, rel=3e-3)
+    assert values["size"] == pytest.approx(ACCELERATION, rel=0.3)  # so that heights are about 1
     if law is cogged:
         assert abs(values["size"] * values["height"]) == pytest.approx(ACCELERATION, rel=0.05)
         return
@@ -61,3 +70,57 @@ def test_a_finding_tells_of_it_and_stays_without_a_name(described):
     assert finding.effect is None and finding.evidence is found.rival.against
     along = "time" if law is swinging else "position"
     assert f"a wave over {along} describes it, without a name" in finding.sentence
+
+
+def grounded(base, data, p=None):
+    guide = quieted(base.answer, QUIETER)
+    return Ground.of(base.rig, guide, data, base.rig.model, guide.p if p is None else p)
+
+
+def followed(base, along):
+    q = base.answer.question
+    return q.problem.time if along == "time" else base.answer.filtered.states[0][:, 0]
+
+
+def test_a_line_tells_height_and_phase_before_any_refit(described):
+    law, base, data, *_ = described
+    along, repeats, fastest = ("time", HERTZ, 5.0) if law is swinging else ("position", 1.0 / PITCH, 20.0)
+    line = loudest(grounded(base, data), Wave("drag.force", along), followed(base, along), fastest, data)
+    assert line.repeats == pytest.approx(repeats, abs=0.5 / np.ptp(followed(base, along)))
+    assert line.height == pytest.approx(
+        ACCELERATION, rel=0.25
+    )  # though phases differ from recording to recording
+    if law is cogged:  # the force of drag is subtracted
+        assert math.remainder(line.phase - 0.5 - math.pi, math.tau) == pytest.approx(0.0, abs=0.3)
+
+
+def test_where_there_is_no_room_or_no_time_there_is_no_line(described):
+    _, base, data, *_ = described
+    wave, time = Wave("drag.force", "time"), followed(base, "time")
+    assert loudest(grounded(base, data), wave, np.zeros_like(time), 5.0, data) is None
+    assert loudest(grounded(base, data), wave, time, 5.0, replace(data, until=0.0)) is None
+
+
+def test_what_parameters_explain_is_no_wave(tmp_path):
+    runs = [recording(seed, f"run_{seed}") for seed in (1, 2, 3)]
+    data = Data(tuple(runs[:2]), (runs[2],), {"position": SD}, np.random.default_rng(0))
+    base = fit_base(rig(tmp_path), data, lambda share, words: None)
+    wave, time = Wave("drag.force", "time"), followed(base, "time")
+    right, wrong = (
+        loudest(grounded(base, data, p), wave, time, 5.0, data).gain
+        for p in (base.answer.p, base.answer.p * 1.05)
+    )
+    assert wrong < 3.0 * right
+
+
+def test_a_wave_may_come_from_another_site_of_the_kind(described, monkeypatch):
+    _, base, data, site, found = described
+    monkeypatch.setattr(unexplained, "SOURCES", {"sensor": "drag.force"})
+    there = describe(base, replace(site, sites=("sensor.position",)), data, lambda words: None)
+    assert there.rival.effect.name == found.rival.effect.name
+    assert there.located.sites == ("drag.force",)
+    assert there.located.signal == pytest.approx(site.signal)
+    finding = nameless(base, [replace(site, sites=("sensor.position",))], there, data)
+    assert finding.place == "drag.force"
+    assert "an unknown signal at sensor.position explains" in finding.sentence
+    assert " at drag.force describes it" in finding.sentence
