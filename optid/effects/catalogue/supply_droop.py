@@ -19,7 +19,7 @@ DROOP = Parameter(
 )  # fmt: skip
 RECOVERY = Parameter(
     "recovery_time", "s", 0.05, "time constant with which the supply sags and recovers, at a flow of 10 g/s",
-    "physics catalogue A.3: 20 to 300 ms", 0.05, (5e-3, 2.0), logarithmic=True,
+    "physics catalogue A.3: 20 to 300 ms", 0.05, (5e-4, 2.0), logarithmic=True,
 )  # fmt: skip
 EXPONENT = Parameter(
     "exponent",
@@ -32,7 +32,7 @@ EXPONENT = Parameter(
 )
 FLOW = 0.01  # kg/s
 SMALL = 1e-3  # flow over FLOW below which the power law is a line
-LAG = 4e-3  # s: in which it sags at least
+LAG = 2.2e-3  # s: in which it sags at least; less would make the plant stiff
 LEAST = 0.25  # share of the supply pressure that is always left: keeps the flow function in its range
 
 
