@@ -21,9 +21,10 @@ from optid.diagnose.judge import Comparison, compare
 from optid.diagnose.law import law_at
 from optid.diagnose.lead import Ground, leads
 from optid.diagnose.line import loudest
-from optid.diagnose.refit import LEVEL, Contest, Rival, refit
+from optid.diagnose.refit import LEVEL, Contest, Rival, own_values, refit
 from optid.diagnose.screen import Signature, grown
 from optid.diagnose.where import region, telling
+from optid.diagnose.words import quantity
 from optid.effects.curve import Curve
 from optid.effects.effect import Effect
 from optid.effects.wave import TIME, Wave
@@ -157,7 +158,9 @@ def nameless(base: Candidate, sites: Sequence[Located], described: Described | N
         effect, evidence = described.rival.effect, described.rival.against
         law, followed = law_at(base, described.rival.candidate, first.site), effect.depends_on
         there = "" if first.site == best else f" at {first.site}"
-        words += f"; {effect.law}{there} describes it, without a name"
+        values = own_values(effect, described.rival.candidate.rig, described.rival.candidate.answer)
+        said = effect.says.format(**{name: quantity(value, "1") for name, value in values.items()})
+        words += f"; {said}{there}, without a name"
     shown = tuple(telling(where.states, tuple(name for name in followed if name in where.states)))
     return Finding(
         None, kind, first.site, (), where, shown, evidence, first.gain, 0.0, (), words, first, law

@@ -62,7 +62,8 @@ class Wave(Effect):
         self.usual = ({"height": 1.0},)
         self.depends_on = (along,)
         self.law = f"a wave over {along.replace('_', ' ')}"
-        self.says = f"{self.law} describes it"
+        often = "of {repeats} Hz" if along == TIME else "with {repeats} periods in its SI unit"
+        self.says = f"{self.law} {often} describes it"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
         """The signal with the wave on top."""

@@ -68,8 +68,10 @@ def test_a_finding_tells_of_it_and_stays_without_a_name(described):
     law, base, data, site, found = described
     finding = nameless(base, [site], found, data)
     assert finding.effect is None and finding.evidence is found.rival.against
-    along = "time" if law is swinging else "position"
-    assert f"a wave over {along} describes it, without a name" in finding.sentence
+    best = found.rival.candidate
+    repeats = best.answer.p[best.rig.model.index(f"{found.rival.effect.name}.repeats")]
+    often = "time of 1.7 Hz" if law is swinging else f"position with {repeats:.3g} periods in its SI unit"
+    assert f"a wave over {often} describes it, without a name" in finding.sentence
 
 
 def grounded(base, data, p=None):
@@ -123,4 +125,4 @@ def test_a_wave_may_come_from_another_site_of_the_kind(described, monkeypatch):
     finding = nameless(base, [replace(site, sites=("sensor.position",))], there, data)
     assert finding.place == "drag.force"
     assert "an unknown signal at sensor.position explains" in finding.sentence
-    assert " at drag.force describes it" in finding.sentence
+    assert "describes it at drag.force, without a name" in finding.sentence
