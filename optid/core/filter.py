@@ -2,8 +2,8 @@
 
 The filter is the divided difference filter of second order (Norgaard, Poulsen and Ravn, Automatica 36, 2000): its
 points reach sqrt(3) sd to either side whatever the number of states, so that it sees past the kinks of dry friction
-where a linearisation does not. Points move `LANES` at a time, outputs are taken one at a time. States and
-covariances are in units of the states' usual sizes.
+where a linearisation does not. Points move `LANES` at a time, outputs are taken one at a time; those that are linear in
+the states, as most sensors are, need no points. States and covariances are in units of the states' usual sizes.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ PIVOT = 1e-14  # of a covariance, as a share of its largest variance: below it a
 
 @compiled
 def filtered(
-    code, first, last, of_set, of_segment, starts, counts, M0, S0, P, Q, R, dt, U, Y, tolerance, scales,
+    code, first, last, of_set, of_segment, starts, counts, M0, S0, P, Q, R, dt, U, Y, linear, tolerance, scales,
     keep, E, V, X, K, S,
 ):  # fmt: skip
     """Filter runs first..last-1; run r takes parameter set of_set[r] over segment of_segment[r].
@@ -34,6 +34,7 @@ def filtered(
         Q: process noise, variance a second in squared scales, (sets, states).
         R: variance of the measurement noise, (sets, outputs).
         dt, U, Y: time to the next sample, inputs, measured outputs (NaN is missing), (samples, ...).
+        linear: outputs whose slopes by the states depend on parameters alone, (outputs,).
         tolerance: local error of the integration, (sets, states).
         keep: also fill X and K.
         E, V: receive innovations and their variances, (sets, samples, outputs); NaN where nothing is measured.
@@ -50,6 +51,7 @@ def filtered(
     cs, us = np.empty((code.hoisted, LANES)), np.empty((nu + 1, LANES))
     points, C, L = np.empty((groups, nx, LANES)), np.empty((nx, nx)), np.empty((nx, nx))
     m, shared, y, steps = np.empty(nx), np.empty(nx), np.empty((n_points, ny + 1)), np.empty(groups)
+    H, W = np.empty((ny, nx)), np.empty((nx, 2 * nx))
     for r in range(first, last):
         s, g = of_set[r], of_segment[r]
         call(code.constants, (at(P, s * P.shape[1]), at(c, 0)))
@@ -59,6 +61,7 @@ def filtered(
         for i in range(nx):
             m[i] = M0[s, g, i] / scales[i]
             C[i, i] = (S0[s, g, i] / scales[i]) ** 2
+        _slopes(code, m, at(U, starts[g] * nu), c, x, y, scales, H)
         steps[:] = dt[starts[g]]
         for n in range(starts[g], starts[g] + counts[g] + 1):
             if keep:
@@ -74,9 +77,16 @@ def filtered(
                 if keep:
                     K[s, n, o] = 0.0
                 if Y[n, o] == Y[n, o]:
-                    _scatter(m, C, L, points, scales)
-                    _look(code, points, at(U, n * nu), c, x, y)
-                    E[s, n, o], V[s, n, o] = _update(m, C, L, y[:, o], Y[n, o], R[s, o], shared)
+                    if linear[o]:
+                        _see(code, m, at(U, n * nu), c, x, y[0], scales)
+                        mean, V[s, n, o] = y[0, o], R[s, o] + _share(C, H[o], shared)
+                    else:
+                        _scatter(m, C, L, points, scales)
+                        _look(code, points, at(U, n * nu), c, x, y)
+                        mean, variance = _moments(L, y[:, o], shared)
+                        V[s, n, o] = R[s, o] + variance
+                    E[s, n, o] = Y[n, o] - mean
+                    _correct(m, C, shared, E[s, n, o], V[s, n, o])
                     if keep:
                         for i in range(nx):
                             K[s, n, o, i] = shared[i] / V[s, n, o] * scales[i]
@@ -89,7 +99,7 @@ def filtered(
                 E[s, n + 1 : starts[g] + counts[g] + 1] = np.inf
                 V[s, n + 1 : starts[g] + counts[g] + 1] = 1.0
                 break
-            _gather(points, m, C, scales)
+            _gather(points, m, C, W, scales)
             for i in range(nx):
                 C[i, i] += Q[s, i] * dt[n]
 
@@ -119,11 +129,34 @@ def _scatter(m, C, L, points, scales):
             L[i, j] = total / L[j, j]
     reach = math.sqrt(REACH2)
     for i in range(nx):
-        for q in range(points.shape[0] * LANES):
-            value = m[i]
-            if 0 < q <= 2 * nx:
-                value += (reach if q % 2 else -reach) * L[i, (q - 1) // 2]
-            points[q // LANES, i, q % LANES] = value * scales[i]
+        for g in range(points.shape[0]):
+            for lane in range(LANES):
+                points[g, i, lane] = m[i] * scales[i]
+        for j in range(i + 1):
+            a, b, far = 1 + 2 * j, 2 + 2 * j, reach * L[i, j]
+            points[a // LANES, i, a % LANES] = (m[i] + far) * scales[i]
+            points[b // LANES, i, b % LANES] = (m[i] - far) * scales[i]
+
+
+@compiled
+def _see(code, m, u, c, x, y, scales):
+    """Outputs y at the mean."""
+    none = at(x, 0)  # what stands for slopes is never touched
+    for i in range(len(m)):
+        x[i] = m[i] * scales[i]
+    call(code.sensors, (at(x, 0), none, u, at(c, 0), at(y, 0), none))
+
+
+@compiled
+def _slopes(code, m, u, c, x, y, scales, H):
+    """Slopes of the outputs by the scaled states, (outputs, states), exact where those are linear."""
+    _see(code, m, u, c, x, y[0], scales)
+    for i in range(len(m)):
+        m[i] += 1.0
+        _see(code, m, u, c, x, y[1], scales)
+        m[i] -= 1.0
+        for o in range(len(H)):
+            H[o, i] = y[1, o] - y[0, o]
 
 
 @compiled
@@ -155,54 +188,68 @@ def _move(code, points, steps, us, cs, tolerance, span):
 
 
 @compiled
-def _gather(points, m, C, scales):
-    """Mean and covariance of what became of the points."""
+def _gather(points, m, C, W, scales):
+    """Mean and covariance of what became of the points; W (states, 2 states) holds its differences meanwhile."""
     nx = len(m)
-    first, second = 1.0 / (4.0 * REACH2), (REACH2 - 1.0) / (4.0 * REACH2 * REACH2)
+    first, second = math.sqrt(1.0 / (4.0 * REACH2)), math.sqrt((REACH2 - 1.0) / (4.0 * REACH2 * REACH2))
     for i in range(nx):
-        total = (REACH2 - nx) * points[0, i, 0]
-        for q in range(1, 2 * nx + 1):
-            total += 0.5 * points[q // LANES, i, q % LANES]
-        m[i] = total / REACH2 / scales[i]
+        middle, total = points[0, i, 0], 0.0
+        for j in range(nx):
+            a, b = 1 + 2 * j, 2 + 2 * j
+            one, other = points[a // LANES, i, a % LANES], points[b // LANES, i, b % LANES]
+            total += one + other
+            W[i, j] = first * (one - other) / scales[i]
+            W[i, nx + j] = second * (one + other - 2.0 * middle) / scales[i]
+        m[i] = ((REACH2 - nx) * middle + 0.5 * total) / REACH2 / scales[i]
     for i in range(nx):
         for o in range(i + 1):
-            total = 0.0
+            odd, even = 0.0, 0.0
             for j in range(nx):
-                a, b = 1 + 2 * j, 2 + 2 * j
-                ai, bi = points[a // LANES, i, a % LANES], points[b // LANES, i, b % LANES]
-                ao, bo = points[a // LANES, o, a % LANES], points[b // LANES, o, b % LANES]
-                total += first * (ai - bi) * (ao - bo)
-                total += second * (ai + bi - 2.0 * points[0, i, 0]) * (ao + bo - 2.0 * points[0, o, 0])
-            C[i, o] = total / (scales[i] * scales[o])
+                odd += W[i, j] * W[o, j]
+                even += W[i, nx + j] * W[o, nx + j]
+            C[i, o] = odd + even
             C[o, i] = C[i, o]
 
 
 @compiled
-def _update(m, C, L, y, measured, noise, shared):
-    """Take one output, known at the points of L, into mean and covariance.
+def _share(C, h, shared):
+    """The covariance of states and a linear output of slopes h; returns that output's variance."""
+    variance = 0.0
+    for i in range(len(h)):
+        shared[i] = 0.0
+        for j in range(len(h)):
+            shared[i] += C[i, j] * h[j]
+        variance += h[i] * shared[i]
+    return variance
 
-    Fills `shared`, the covariance of states and output in scales; returns the innovation and its variance.
-    """
-    nx = len(m)
-    mean = (REACH2 - nx) * y[0]
-    variance = noise
+
+@compiled
+def _moments(L, y, shared):
+    """Mean and variance of an output known at the points of L; `shared` receives its covariance with the states."""
+    nx = len(L)
+    mean, variance = (REACH2 - nx) * y[0], 0.0
     for j in range(nx):
         a, b = y[1 + 2 * j], y[2 + 2 * j]
         mean += 0.5 * (a + b)
         variance += (a - b) ** 2 / (4.0 * REACH2)
         variance += (REACH2 - 1.0) * (a + b - 2.0 * y[0]) ** 2 / (4.0 * REACH2 * REACH2)
-    innovation = measured - mean / REACH2
     for i in range(nx):
         shared[i] = 0.0
         for j in range(i + 1):
             shared[i] += L[i, j] * (y[1 + 2 * j] - y[2 + 2 * j])
         shared[i] /= 2.0 * math.sqrt(REACH2)
+    return mean / REACH2, variance
+
+
+@compiled
+def _correct(m, C, shared, innovation, variance):
+    """Take an output into mean and covariance."""
+    for i in range(len(m)):
         gain = shared[i] / variance
         m[i] += gain * innovation
         for q in range(i + 1):
             C[i, q] -= gain * shared[q]
             C[q, i] = C[i, q]
-    return innovation, variance
 
 
 @compiled

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 import casadi as ca
@@ -18,7 +19,7 @@ from optid.core import filter as kernel
 from optid.core.compiled import compiled_lanes, spread
 from optid.core.model import Array, Model
 from optid.core.rows import LANES
-from optid.fit.problem import Integers, Problem
+from optid.fit.problem import Booleans, Integers, Problem
 
 TOLERANCE = 1e-5  # local error of the integration as a share of each state's usual size,
 BESIDE = 0.01  # or of what process noise adds to the state from sample to sample, if that is more
@@ -134,17 +135,25 @@ def run_filter(
     K = np.zeros((sets, N, ny, nx) if keep else (1, 1, 1, 1))
     S = np.zeros((sets if covariances else 0, N, nx, nx))
     of_set, of_segment = (np.ascontiguousarray(a) for a in _runs(sets, segments))
-    code = compiled_lanes(model).code
+    code, linear = compiled_lanes(model).code, linear_outputs(model)
     given = (of_set, of_segment, problem.begins, problem.counts, M0, S0, P, Q, R, problem.dt, problem.inputs)
     noise = np.sqrt(Q * float(np.median(problem.dt))) * model.scales
     tolerance = np.ascontiguousarray(np.maximum(_tolerance(model), BESIDE * noise))
     spread(
         len(of_set),
         lambda a, b: kernel.filtered(
-            code, a, b, *given, problem.measured, tolerance, model.scales, keep, E, V, X, K, S
+            code, a, b, *given, problem.measured, linear, tolerance, model.scales, keep, E, V, X, K, S
         ),
     )
     return Filtered(E, V, X, K, S, tolerance)
+
+
+@lru_cache(maxsize=128)
+def linear_outputs(model: Model) -> Booleans:
+    """Outputs whose slopes by the states depend on parameters alone, (outputs,)."""
+    x, u, p = (ca.SX.sym(n, k) for n, k in zip("xup", _sizes(model), strict=True))
+    slopes = ca.jacobian(model.sensors(x, u, p), x)
+    return np.array([not ca.depends_on(slopes[o, :], ca.vertcat(x, u)) for o in range(len(model.outputs))])
 
 
 def run_steered(
