@@ -20,7 +20,10 @@ Form = Callable[..., Value]
 REAL = ir.DoubleType()
 # Fused multiply-add and reciprocals allowed, signed zeros ignored; NaN and infinity stay what they are.
 FLAGS = ("contract", "nsz", "arcp")
-_SEVERAL: dict[str, Form] = {"exp": lanes.exp, "log": lanes.log, "tanh": lanes.tanh}
+_SEVERAL: dict[str, Form] = {
+    "exp": lanes.exp, "log": lanes.log, "log1p": lanes.log1p, "pow": lanes.power, "sin": lanes.sin, "cos": lanes.cos,
+    "tanh": lanes.tanh,
+}  # fmt: skip
 
 
 def number(value: float) -> Value:

@@ -139,8 +139,12 @@ def advance_many(step, half, x, u, c, tolerance, span, h):
 
 @compiled
 def _advance_many(step, x, u, c, tolerance, span, h):
-    """As `advance_many`, where nothing switches."""
-    left = span
+    """As `advance_many`, where nothing switches.
+
+    The next hold begins with what suited the beginning of this one: states that a measurement has just moved relax
+    anew in every hold, and a step that suited its end would be rejected.
+    """
+    left, begin = span, -1.0
     for _ in range(MOST):
         length = min(h, left)
         if length < left < 2.0 * length:
@@ -149,8 +153,10 @@ def _advance_many(step, x, u, c, tolerance, span, h):
         if error <= 1.0:
             left -= length
             h = max(h, next_step(length, error, 3)) if length < h else next_step(length, error, 3)
+            if begin < 0.0:
+                begin = h
             if left < SMALLEST * span:
-                return h
+                return begin
         else:
             h = next_step(length, error, 3) if error < 1e300 else 0.1 * length
     return -1.0

@@ -1,6 +1,7 @@
-"""Exponential, logarithm and hyperbolic tangent of several numbers at once, in LLVM's vector instructions.
+"""Exponential, logarithm, powers, sines and hyperbolic tangent of several numbers at once, in LLVM's vector instructions.
 
-The C library's functions take one number at a time. These are accurate to two units in the last place (tests).
+The C library's functions take one number at a time. These are accurate to two units in the last place (tests); of
+powers the relative error grows with the logarithm of the result, of sines the absolute one with the angle.
 """
 
 from __future__ import annotations
@@ -22,6 +23,17 @@ EXP_LOW, EXP_HIGH = -708.0, 709.7
 LOG = (
     1.479819860511658591e-01, 1.531383769920937332e-01, 1.818357216161805012e-01, 2.222219843214978396e-01,
     2.857142874366239149e-01, 3.999999999940941908e-01, 6.666666666666735130e-01,
+)  # fmt: skip
+# pi/2 in three parts, of which multiples by whole numbers below 2^20 are exact (fdlibm, e_rem_pio2.c)
+QUARTER = (1.57079632673412561417e00, 6.07710050630396597660e-11, 2.02226624879595063154e-21)
+# fdlibm, k_sin.c and k_cos.c, for angles up to pi/4
+SIN = (
+    1.58969099521155010221e-10, -2.50507602534068634195e-08, 2.75573137070700676789e-06,
+    -1.98412698298579493134e-04, 8.33333333332248946124e-03, -1.66666666666666324348e-01,
+)  # fmt: skip
+COS = (
+    -1.13596475577881948265e-11, 2.08757232129817482790e-09, -2.75573143513906633035e-07,
+    2.48015872894767294178e-05, -1.38888888888741095749e-03, 4.16666666666666019037e-02,
 )  # fmt: skip
 # Cephes, tanh.c: tanh(x) = x + x z P(z) / Q(z) with z = x^2, for |x| < 0.625
 TANH_P = (-9.64399179425052238628e-1, -9.92877231001918586564e1, -1.61468768441708447952e3)
@@ -78,6 +90,53 @@ def log(b: Value, x: Value) -> Value:
     found = b.select(b.fcmp_ordered("<", x, like(x, 0.0)), like(x, math.nan), found)
     found = b.select(b.fcmp_ordered("==", x, like(x, math.inf)), x, found)
     return b.select(b.fcmp_unordered("uno", x, x), x, found)
+
+
+def log1p(b: Value, x: Value) -> Value:
+    """log(1 + x), what rounding 1 + x loses made good (Kahan)."""
+    whole = b.fadd(like(x, 1.0), x)
+    lost = b.fsub(x, b.fsub(whole, like(x, 1.0)))
+    found = b.fadd(log(b, whole), b.fdiv(lost, whole))
+    ends = b.or_(b.fcmp_ordered("==", x, like(x, math.inf)), b.fcmp_ordered("==", whole, like(x, 0.0)))
+    return b.select(ends, log(b, whole), found)
+
+
+def power(b: Value, x: Value, y: Value) -> Value:
+    """x^y = exp(y log |x|); of negative numbers whole powers, with their sign."""
+    size = exp(b, b.fmul(y, log(b, intrinsic(b, "fabs", x))))
+    half = b.fmul(y, like(x, 0.5))
+    whole = b.fcmp_ordered("==", intrinsic(b, "floor", y), y)
+    even = b.fcmp_ordered("==", intrinsic(b, "floor", half), half)
+    negative = b.select(whole, b.select(even, size, b.fneg(size)), like(x, math.nan))
+    found = b.select(b.fcmp_ordered("<", x, like(x, 0.0)), negative, size)
+    one = b.or_(b.fcmp_ordered("==", y, like(x, 0.0)), b.fcmp_ordered("==", x, like(x, 1.0)))
+    return b.select(one, like(x, 1.0), found)
+
+
+def sin(b: Value, x: Value) -> Value:
+    """Sine."""
+    return _wave(b, x, 0)
+
+
+def cos(b: Value, x: Value) -> Value:
+    """Cosine: a quarter of a turn ahead of the sine."""
+    return _wave(b, x, 1)
+
+
+def _wave(b: Value, x: Value, ahead: int) -> Value:
+    """The sine so many quarters of a turn ahead."""
+    n = intrinsic(b, "rint", b.fmul(x, like(x, 2 / math.pi), flags=FLAGS))
+    r = x
+    for part in QUARTER:
+        r = intrinsic(b, "fma", n, like(x, -part), r)
+    z = b.fmul(r, r)
+    sine = intrinsic(b, "fma", b.fmul(r, z), _polynomial(b, z, SIN), r)
+    cosine = _polynomial(b, z, (*COS, -0.5, 1.0))
+    quarter = b.add(_bits(b, b.fadd(n, like(x, SHIFT))), _whole(x, ahead))
+    odd = b.icmp_unsigned("!=", b.and_(quarter, _whole(x, 1)), _whole(x, 0))
+    turned = b.icmp_unsigned("!=", b.and_(quarter, _whole(x, 2)), _whole(x, 0))
+    found = b.select(odd, cosine, sine)
+    return b.select(turned, b.fneg(found), found)
 
 
 def tanh(b: Value, x: Value) -> Value:
