@@ -1,4 +1,4 @@
-"""Exponential, logarithm, powers, sines and hyperbolic tangent of several numbers at once, in LLVM's vector instructions.
+"""Exponential, logarithm, powers, sines and hyperbolic tangent of several numbers at once, in vector instructions.
 
 The C library's functions take one number at a time. These are accurate to two units in the last place (tests); of
 powers the relative error grows with the logarithm of the result, of sines the absolute one with the angle.

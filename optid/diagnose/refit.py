@@ -206,7 +206,10 @@ def _follow(c: Contest, tried: list[_Refit]) -> None:
         if near and t.size > TINY and not c.data.over:
             c.tell(f"refitting with {t.effect.name}")
             start = followed(t.answer, c.guide.noise.levels, SCANNED)
-            t.answer = maximise(t.answer.question, *start, iterations=QUICK, polish=False, near=t.answer)
+            goal = here - CLOSE * max(here - other.answer.score for other in tried)
+            t.answer = maximise(
+                t.answer.question, *start, iterations=QUICK, polish=False, near=t.answer, goal=goal
+            )
     gains = [here - t.answer.score for t in tried]
     for t, gain in zip(tried, gains, strict=True):
         if gain > CLOSE * max(gains) and t.size > TINY and not c.data.over:

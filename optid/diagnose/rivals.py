@@ -25,11 +25,12 @@ from optid.effects.library import admitted
 from optid.errors import SolveError
 from optid.fit.likelihood import Noise
 from optid.fit.place import Answer, Place
-from optid.fit.scoring import likeliest, maximise
+from optid.fit.scoring import NEARBY, likeliest, maximise
 from optid.fit.steering import TOLERANCE
 from optid.rigs.rigfile import Rig, with_effects
 
-NEAR = 0.5  # of the named effect's gain: a rough refit beyond it is settled
+NEAR = 0.5  # of the named effect's gain: a rough refit beyond it goes on
+CLOSE = 0.98  # of the named effect's gain: what comes so near may take its place, and is settled
 AS_GOOD = 0.9  # share of the named effect's gain in likelihood that a rival must reach
 LEVEL = 0.05  # at which the hold-out must prefer the named one to tell them apart
 
@@ -150,10 +151,16 @@ def _in_place(found: Search, effect: Effect, empty: Candidate, led: Signature, d
     starts = [
         (question.model.vector({**rig.parameters, **beside, **own}), levels) for beside in (stays, led.beside)
     ]
-    answer = maximise(
-        question, *likeliest(question, starts), iterations=QUICK, polish=False, since=best.score
-    )
     least = found.without[effect.name].answer.score
-    if least - answer.score > NEAR * (least - best.score):
-        answer = maximise(question, answer.p, answer.noise.levels, near=answer)
+    near, good, close = (least - share * (least - best.score) for share in (NEAR, AS_GOOD, CLOSE))
+    answer = maximise(
+        question, *likeliest(question, starts), iterations=QUICK, polish=False, since=best.score, goal=near
+    )
+    if answer.score < near:
+        at, levels = answer.p, answer.noise.levels
+        answer = maximise(question, at, levels, polish=False, rough=NEARBY, near=answer, goal=good)
+    if answer.score < close:
+        answer = maximise(
+            question, answer.p, answer.noise.levels, near=answer, goal=best.score + cost(effect)
+        )
     return Candidate((*empty.effects, led.effect), rig, answer, judge(answer, data.holdout))

@@ -32,6 +32,7 @@ TRIALS = (2, 5)  # of a step on carried and on fresh derivatives, with more and 
 KEPT = 0.25  # of what a step promised: less, and carried derivatives are taken anew
 LED = 3  # times at most that a start is led by the gains of the filter run before
 TURNS, TURN = 4, 15  # times that an answer follows its own filter's gains, and evaluations of each
+PACE = 3  # steps by whose best a search is judged that is to reach a goal: one on stale derivatives may gain little
 APPROACH = 10  # iterations at the first level of process noise
 RESTARTS = 2  # from other levels of process noise
 SCAN = (-3.0, 0.0, 2.0)  # steps of a log level that are looked at
@@ -72,6 +73,7 @@ def maximise(
     near: Answer | None = None,
     since: float | None = None,
     glances: bool = False,
+    goal: float = math.inf,
 ) -> Answer:
     """From a start to the likeliest parameters and levels of process noise.
 
@@ -86,6 +88,7 @@ def maximise(
         near: an answer of a like model on the same recordings; its derivatives are a start.
         since: score that the whole decrease counts from; that of `near`, or else the start's, if absent.
         glances: without polish, end also where held gains do not show the way: whole filters could, at their price.
+        goal: score without which the answer is of no use: the search ends where it falls out of reach, see `_descend`.
 
     Raises:
         SolveError: the model cannot be simulated at the start.
@@ -100,17 +103,17 @@ def maximise(
             since = near.score if since is None else since
             if near.question.free == here.q.free:  # else a glance from here costs less and shows more
                 here.begin(near)
-        here, _, settled = _descend(here, iterations, rough, first=since, glances=glances)
+        here, _, settled = _descend(here, iterations, rough, first=since, glances=glances, goal=goal)
         return here.answer(settled)
     here.begin(near)
-    here, used, settled = _descend(here, iterations)
+    here, used, settled = _descend(here, iterations, goal=goal)
     for _ in range(RESTARTS):
-        if q.over:
+        if q.over or here.score > goal:
             break
         other = _best_levels(here)
         if here.score - other.score < ENOUGH:
             break
-        here, more, settled = _descend(other, max(iterations - used, 4))
+        here, more, settled = _descend(other, max(iterations - used, 4), goal=goal)
         used += more
     return here.answer(settled)
 
@@ -243,6 +246,7 @@ def _descend(
     held: bool = False,
     first: float | None = None,
     glances: bool = False,
+    goal: float = math.inf,
 ) -> tuple[Place, int, bool]:
     """Levenberg-Marquardt until a step gains too little; the place, the iterations used, whether it settled.
 
@@ -254,7 +258,10 @@ def _descend(
             1999, section 8.4).
         first: the start's own score when absent.
         glances: see `maximise`.
+        goal: it ends, too, where the iterations left would not lead below this score if each gained as much as the
+            best of the last PACE.
     """
+    gains: list[float] = []
     damping, first = 1e-3, here.score if first is None else first
     look = Place.glance if rough else Place.differentiate
     if here.slopes is None:
@@ -279,6 +286,10 @@ def _descend(
         here = there
         if settled:
             return here, number + 1, True
+        gains.append(gain)
+        reach = max(gains[-PACE:]) * (iterations - number - 1)
+        if len(gains) >= PACE and here.score - reach > goal:
+            return here, number + 1, False
         if gain < KEPT * promised or gain < enough:
             look(here)
             damping = 1e-3

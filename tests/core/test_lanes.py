@@ -96,8 +96,12 @@ def test_sines_of_many_turns_lose_no_more_than_their_angle(machine):
 
 
 def test_powers_of_all_signs_and_ends(machine):
-    x = np.array([0.0, 0.0, 0.0, -2.0, -2.0, -2.0, -2.0, 1.0, np.inf, 2.0, -1.5, 0.3, np.nan, 2.0, 0.5, 1e-200])
-    y = np.array([2.5, 0.0, -1.0, 3.0, 4.0, -3.0, 0.5, np.nan, 2.0, np.nan, 0.0, 40.0, 1.5, 2000.0, 2000.0, 0.1])
+    x = np.array(
+        [0.0, 0.0, 0.0, -2.0, -2.0, -2.0, -2.0, 1.0, np.inf, 2.0, -1.5, 0.3, np.nan, 2.0, 0.5, 1e-200]
+    )
+    y = np.array(
+        [2.5, 0.0, -1.0, 3.0, 4.0, -3.0, 0.5, np.nan, 2.0, np.nan, 0.0, 40.0, 1.5, 2000.0, 2000.0, 0.1]
+    )
     with np.errstate(all="ignore"):
         exact = np.power(x, y)
     assert run(machine, "many", ca.OP_POW, x, y) == pytest.approx(exact, rel=1e-13, abs=1e-300, nan_ok=True)

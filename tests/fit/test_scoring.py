@@ -208,6 +208,22 @@ def test_a_search_whose_time_is_over_stays_where_it_is(asked):
     assert not np.array_equal(there, p)
 
 
+def test_a_search_ends_where_its_goal_is_out_of_reach_and_not_before(asked, found, monkeypatch):
+    q, far = asked
+    steps = []
+    better = scoring._better
+    monkeypatch.setattr(scoring, "_better", lambda *a: steps.append(1) or better(*a))
+
+    def took(goal):
+        steps.clear()
+        score = maximise(q, far, middling(q) + 4.0, polish=False, rough=1e-6, goal=goal).score
+        return score, len(steps)
+
+    whole = took(np.inf)
+    assert took(found.score + 1.0) == whole  # just where the search leads
+    assert scoring.PACE <= took(found.score - 1e7)[1] < whole[1]
+
+
 def test_an_approach_keeps_the_level(asked):
     q, p = asked
     near = approach(q, p)
