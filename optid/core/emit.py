@@ -326,8 +326,7 @@ class _Writer:
         loaded: dict[int, Value] = {}
         outputs = [[number(0.0)] * function.nnz_out(i) for i in range(function.n_out())]
 
-        def operand(register: int) -> Value:
-            value, constant = held[register]
+        def ready(value: Value, constant: bool) -> Value:
             if not constant or isinstance(value, ir.Constant):
                 return splat(b, value, kind)
             slot, _ = self.slots.setdefault(id(value), (len(self.slots), value))
@@ -349,9 +348,9 @@ class _Writer:
             elif code == ca.OP_INPUT:
                 held[into[0]] = (load(b, at[_ARGUMENTS[given[0]]], given[1], kind), False)
             elif code == ca.OP_OUTPUT:
-                outputs[into[0]][into[1]] = operand(given[0])
+                outputs[into[0]][into[1]] = ready(*held[given[0]])
             else:
-                held[into[0]] = self._value(code, given, held, b, operand)
+                held[into[0]] = self._value(code, given, held, b, ready)
         return outputs
 
     def _value(
@@ -360,18 +359,27 @@ class _Writer:
         given: Sequence[int],
         held: Mapping[int, tuple[Value, bool]],
         b: Value,
-        operand: Callable[[int], Value],
+        ready: Callable[[Value, bool], Value],
     ) -> tuple[Value, bool]:
         """The value of one instruction, in `constants` when it depends on parameters alone."""
         if code not in FORMS:
             raise NotImplementedError(f"CasADi instruction {code} has no compiled form")
         count, form = FORMS[code]
         given = given[:count]
+        if code == ca.OP_DIV and held[given[1]][1] and not held[given[0]][1]:
+            # A division takes as long as a dozen products: by parameters, the inverse is taken once.
+            inverse = self._inverse(held[given[1]][0])
+            return mul(b, ready(*held[given[0]]), ready(inverse, True)), False
         if not all(held[i][1] for i in given):
-            return form(b, *map(operand, given)), False
+            return form(b, *(ready(*held[i]) for i in given)), False
         operands = [held[i][0] for i in given]
         key = (code, *(o.constant if isinstance(o, ir.Constant) else id(o) for o in operands))
         return self._once(key, lambda: form(self._constants, *operands)), True
+
+    def _inverse(self, value: Value) -> Value:
+        if isinstance(value, ir.Constant) and value.constant != 0.0:
+            return number(1.0 / value.constant)
+        return self._once(("inverse", id(value)), lambda: div(self._constants, number(1.0), value))
 
     def _parameter(self, i: int) -> Value:
         return self._once(("p", i), lambda: load(self._constants, self._of_constants["p"], i))

@@ -219,9 +219,13 @@ def flux(s: Sheet, P_port: Any, P: Any, from_supply: Any, reversed_flow: bool) -
         f2 = ca.if_else(inwards, f2, -f2)
     else:
         f2 = ca.if_else(from_supply, ca.if_else(inwards, f2, 0), ca.if_else(inwards, 0, -f2))
-    T_u = ca.if_else(inwards, s.param(SUPPLY_TEMPERATURE), s.param(CHAMBER_TEMPERATURE))
     f = signed_root(f2, s.param(FLOW_WIDTH))
-    return s.param(DISCHARGE_COEFFICIENT) * C_0 * P_u / ca.sqrt(T_u) * f
+    # C_d C_0 / sqrt(T_u) of either side, so that it is reckoned once and not in every step
+    C_in, C_out = (
+        s.param(DISCHARGE_COEFFICIENT) * C_0 / ca.sqrt(s.param(T))
+        for T in (SUPPLY_TEMPERATURE, CHAMBER_TEMPERATURE)
+    )
+    return ca.if_else(inwards, C_in, C_out) * P_u * f
 
 
 def end_stops(s: Sheet, x: Any, v: Any, L: Any) -> Any:
