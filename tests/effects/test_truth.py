@@ -609,7 +609,26 @@ def test_a_volume_behind_a_line_fills_by_the_slope_of_the_lines_law(exponent, ti
     x[names.index("pressure_a")], x[names.index("pressure_b")] = 3e5, 3e5
     x[names.index("supply_droop.flow")] = 5e-3
     closed = float(plant.model.rates(x, [0.0], p)[names.index("supply_droop.flow")])
-    assert closed == pytest.approx(-5e-3 / (2.2e-3 + times * recovery), rel=1e-4)
+    sag, choking = 1e4 * 0.5**exponent, 0.5 * 7e5
+    delivered = 5e-3 * (1 - sag / (2 * choking)) ** (1 / exponent)
+    assert closed == pytest.approx(-delivered / (2.2e-3 + times * recovery), rel=1e-4)
+
+
+@pytest.mark.parametrize("b", [0.2, 0.5])
+@pytest.mark.parametrize("sag", [1e3, 1e5, 2.5e5, 4.5e5])
+def test_a_line_delivers_the_standards_flow(b, sag):
+    """ISO 6358-1, P_s C sqrt(1 - ((P / P_s - b) / (1 - b))^2) above b, P_s C below; no air is drawn."""
+    plant, droop = grown(AXIS, "supply_droop"), 3e5
+    values = {"droop": droop, "recovery_time": 0.05, "exponent": 2.0, "critical_ratio": b}
+    p = plant.vector({f"supply_droop.{k}": v for k, v in values.items()})
+    names = [state.name for state in plant.model.states]
+    x, q = np.zeros(len(names)), 0.01 * np.sqrt(sag / droop)
+    x[names.index("pressure_a")], x[names.index("pressure_b")] = 3e5, 3e5
+    x[names.index("supply_droop.flow")] = q
+    rate = float(plant.model.rates(x, [0.0], p)[names.index("supply_droop.flow")])
+    choked = 0.01 * np.sqrt((1 - b) * 7e5 / (2 * droop))
+    exact = choked * np.sqrt(1 - max(((7e5 - sag) / 7e5 - b) / (1 - b), 0.0) ** 2)
+    assert -rate * (2.2e-3 + 0.05 * q / 0.01) == pytest.approx(exact, rel=1e-3)
 
 
 @pytest.mark.parametrize(
