@@ -36,7 +36,7 @@ from optid.fit.result import Estimate
 from optid.rigs.rigfile import Rig
 
 NOTHING = 0.01  # of the smallest size worth a name: what is below it is told in words
-SEARCHED, OWN = 0.8, 0.4  # of the time limit
+SEARCHED, OWN = 0.75, 0.4  # of the time limit: to locate a rest and to describe it takes two minutes of ten
 VISIBLE = 5.0  # sd at which an effect of the smallest size worth a name would be found for sure
 
 
@@ -109,7 +109,7 @@ def diagnose(
             last = tuple(screen(found.best.answer, data.train, admitted(found.best.rig.model, own)))
     report(0.95, "intervals and residual tests")
     least = resolution(found.best)
-    if found.best.effects and excess(found.best.judged, noise) > EXCESS:
+    if found.best.effects and stands and excess(found.best.judged, noise) > EXCESS:
         report(0.95, "how far the recordings disagree")
         least = np.maximum(least, disagreement(found.best, data, rig.model))
     best_parameters = estimates(found.best.answer, last, least, missed(found.best.judged, noise))
@@ -126,7 +126,7 @@ def diagnose(
         findings = _findings(found, best_parameters, data, report)
     elif sites:
         hurried = replace(data, until=start + time_limit)
-        described = None if found.stopped else describe(base, sites[0], hurried, partial(report, 0.97))
+        described = None if hurried.over else describe(base, sites[0], hurried, partial(report, 0.97))
         findings = (nameless(base, sites, described, data),)
         best = base if described is None else described.rival.candidate
     if best is not found.best:

@@ -67,6 +67,16 @@ def test_without_a_beginning_that_misleads_the_base_is_fitted_again(tmp_path, mo
     assert "the beginning does not count" not in summary(replace(found, data=replace(found.data, late=())))
 
 
+def test_what_a_search_that_was_ended_leaves_is_described_while_there_is_time(tmp_path, monkeypatch):
+    asked_for = []
+    monkeypatch.setattr(diagnosis_of, "SEARCHED", 0.0)
+    monkeypatch.setattr(diagnosis_of, "OWN", 0.0)
+    monkeypatch.setattr(diagnosis_of, "describe", lambda base, located, *_: asked_for.append(located.site))
+    found = asked(tmp_path, dead_band, time_limit=1e6)
+    assert found.verdict is Verdict.UNEXPLAINED and found.search.stopped
+    assert len(asked_for) == 1
+
+
 def test_a_search_whose_time_is_over_says_so_and_names_nothing(tmp_path, dead, monkeypatch):
     def dear(*_, **__):
         raise AssertionError("there is no time left for it")
@@ -81,7 +91,7 @@ def test_a_search_whose_time_is_over_says_so_and_names_nothing(tmp_path, dead, m
     assert not dead.search.stopped and "ended" not in dead.summary
 
 
-@pytest.mark.parametrize(("base_takes", "ends"), [(10.0, 80.0), (60.0, 100.0)])
+@pytest.mark.parametrize(("base_takes", "ends"), [(10.0, 75.0), (60.0, 100.0)])
 def test_the_time_limit_counts_from_the_start_but_leaves_the_search_its_own(
     tmp_path, monkeypatch, base_takes, ends
 ):
