@@ -7,6 +7,7 @@ from scipy.linalg import expm
 from optid.core.parameter import Parameter
 from optid.core.recording import Channel, Recording
 from optid.core.sheet import build
+from optid.fit import likelihood
 from optid.fit.likelihood import BESIDE, TOLERANCE, WHOLE, deviance, run_filter, run_steered
 from optid.fit.problem import pose
 
@@ -90,6 +91,34 @@ def test_steered_with_its_own_gains_a_linear_model_repeats_the_filter():
     E = run_steered(model, problem, p, f, range(2))
     known = np.isfinite(f.innovations)
     assert np.abs(E - f.innovations)[known].max() < 2e-5
+
+
+def test_points_see_in_a_linear_output_what_its_slopes_say(monkeypatch):
+    model, data = build(spring), recording()
+    problem = pose(model, [data], WHOLE)
+    p, Q, R = model.vector({})[None], np.array([[1e-4, 1e-2]]), np.array([[4e-4, 4e-4]])
+    slopes = run_filter(model, problem, p, Q, R, keep=True)
+    monkeypatch.setattr(likelihood, "linear_outputs", lambda model: np.zeros(2, dtype=bool))
+    points = run_filter(model, problem, p, Q, R, keep=True)
+    assert np.nanmax(np.abs(slopes.innovations - points.innovations)) < 1e-10
+    assert np.nanmax(np.abs(slopes.variances / points.variances - 1)) < 1e-9
+    assert np.abs(slopes.gains - points.gains).max() < 1e-9
+
+
+def test_an_output_is_linear_where_its_slopes_know_parameters_alone():
+    def sensors(s):
+        x, v = s.state("x", "m", 1.0), s.state("v", "m/s", 1.0)
+        u = s.input("command", "1")
+        s.rate(x, v)
+        s.rate(v, -x)
+        for name, y in (
+            ("scaled", s.param(STIFFNESS) * x - v + u**2),
+            ("bent", x + x**2),
+            ("switched", u * v),
+        ):
+            s.output(name, "m", y)
+
+    assert likelihood.linear_outputs(build(sensors)).tolist() == [True, False, False]
 
 
 def test_many_sets_and_segments_equal_single_ones():
