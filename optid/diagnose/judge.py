@@ -175,6 +175,15 @@ def excess(judged: Judged, noise: Mapping[str, float]) -> float:
     return max(ratios, default=1.0)
 
 
+def brought_to_noise(before: Judged, after: Judged, noise: Mapping[str, float]) -> bool:
+    """Whether windows that erred beyond the noise are at it now.
+
+    Such a gain needs no test over windows: that something is missing the noise itself shows, be it in a single window,
+    and nothing is left that another effect could explain better.
+    """
+    return excess(before, noise) > EXCESS >= excess(after, noise)
+
+
 def missed(judged: Judged, noise: Mapping[str, float]) -> float:
     """By how much windows err more than they should; 1 where they are at the noise."""
     ratio = excess(judged, noise)

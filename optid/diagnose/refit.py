@@ -11,7 +11,7 @@ from scipy import stats
 
 from optid.core.model import Array
 from optid.diagnose.candidate import ABOUT, QUICK, SCANNED, Candidate, Data
-from optid.diagnose.judge import EXCESS, Comparison, cleared, compare, excess, judge
+from optid.diagnose.judge import EXCESS, Comparison, brought_to_noise, cleared, compare, excess, judge
 from optid.diagnose.screen import Signature, grown
 from optid.effects.effect import Effect
 from optid.errors import SolveError
@@ -239,6 +239,9 @@ def _reason(c: Contest, rival: Rival, place: int) -> str:
     if not rival.hopeful:
         return rival.why
     why = _unproven(rival.against, place)
+    if why and rival.against.bounded_gain > 0.0:
+        # What acts seldom shows in a window or two, too few for a test over windows.
+        why = "" if brought_to_noise(c.current.judged, rival.candidate.judged, c.data.noise) else why
     if not why and c.current.effects and excess(rival.candidate.judged, c.data.noise) > EXCESS:
         why = _formal(c, rival.candidate)
     return why

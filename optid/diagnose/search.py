@@ -17,7 +17,7 @@ from scipy import stats
 
 from optid.core.model import Model
 from optid.diagnose.candidate import ABOUT, QUIETER, Candidate, Data, Report, refitted, settled
-from optid.diagnose.judge import EXCESS, cleared, compare, excess
+from optid.diagnose.judge import EXCESS, brought_to_noise, cleared, compare, excess
 from optid.diagnose.lead import leads, stood
 from optid.diagnose.refit import FORM, LEVEL, TINY, Contest, Rival, cost, refit
 from optid.diagnose.screen import Signature, screen
@@ -292,7 +292,8 @@ def _thinned(
             without[effect.name] = one
             loss = compare(one.judged, current.judged, data.generator)
             needed = stats.chi2.isf(LEVEL, len(effect.fitted)) + cost(effect)
-            idle = loss.p_value > LEVEL or one.answer.score - current.answer.score < needed
+            shown = loss.p_value <= LEVEL or brought_to_noise(one.judged, current.judged, data.noise)
+            idle = not shown or one.answer.score - current.answer.score < needed
             if idle and (weakest is None or loss.gain < weakest[0]):
                 weakest = (loss.gain, effect, one)
         if weakest is None:

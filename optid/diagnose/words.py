@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from optid.diagnose.finding import Diagnosis, Finding, Verdict
 from optid.diagnose.judge import EXCESS, excess
+from optid.diagnose.refit import LEVEL
 
 _FRIENDLY = {
     "m": (1e3, "mm"), "m/s": (1e3, "mm/s"), "Pa": (1e-5, "bar"), "m**2": (1e6, "mm2"),
@@ -90,6 +91,8 @@ def _unit(d: Diagnosis, role: str) -> str:
 def _sentence(f: Finding) -> str:
     name = "Not explained" if f.effect is None else f.effect.name.replace("_", " ").capitalize()
     sure = "" if f.effect is None else f" (p = {f.evidence.p_value:.2g} on the hold-out)"
+    if f.effect is not None and f.evidence.p_value > LEVEL:
+        sure = f" (it shows in few windows of the hold-out, p = {f.evidence.p_value:.2g}, and brings them to the noise)"
     where = ""
     for signal in f.shown[:1]:
         r = f.region.states[signal]

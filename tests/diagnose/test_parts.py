@@ -490,6 +490,41 @@ def test_beside_others_an_effect_must_clear_more_than_the_form_of_their_laws_lea
     assert named or rival.why.startswith(f"it clears {100 * (after - before):.1f} % of the first error")
 
 
+@pytest.mark.parametrize(
+    ("before", "after", "gain", "named"),
+    [
+        (5.0, 1.1, 9.0, True),
+        (5.0, 1.3, 9.0, False),  # more is missing: it could as well be something else
+        (1.1, 1.0, 9.0, False),  # nothing shows that anything is missing
+        (5.0, 1.1, -1.0, False),  # the rest of the hold-out speaks against it
+    ],
+)
+def test_what_acts_seldom_counts_where_it_brings_the_windows_to_the_noise(
+    before, after, gain, named, monkeypatch
+):
+    """One window of sixteen has no significance over windows, whatever it gains."""
+    current, candidate = (Candidate((), None, None, judged(np.zeros(800), rmse)) for rmse in (before, after))
+    contest = refit_of.Contest(
+        current,
+        current,
+        None,
+        1,
+        Data((), (), {"position": 1.0}, np.random.default_rng(0)),
+        lambda words: None,
+    )
+    against = Comparison(gain, gain, 0.016, 0.0, 0.5)
+    rival = Rival(SimpleNamespace(name="cushion", fitted=()), candidate, 900.0, against, "", hopeful=True)
+    assert (not refit_of._reason(contest, rival, 0)) is named
+    assert refit_of._reason(contest, replace(rival, why="too little", hopeful=False), 0) == "too little"
+    # It is needed later, too, though the windows that show it are few.
+    effect = rival.effect
+    with_it = Candidate((effect,), None, SimpleNamespace(score=-900.0), candidate.judged)
+    base = Candidate((), None, SimpleNamespace(score=0.0), current.judged)
+    monkeypatch.setattr(search_of, "compare", lambda *others: against)
+    best, *_ = search_of._thinned(base, with_it, base, contest.data, None, lambda share, words: None)
+    assert (best is with_it) is (before > 1.2 >= after)
+
+
 def test_a_round_may_leave_an_effect_out(monkeypatch):
     both = [SimpleNamespace(name=name) for name in ("lag", "drag")]
     seen = []
