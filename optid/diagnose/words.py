@@ -54,12 +54,12 @@ def _answer(d: Diagnosis) -> str:
             f"file's bounds: {values}. Held out, windows err by {after} instead of {before}."
         )
     if d.verdict is Verdict.UNEXPLAINED:
-        told = " ".join(_sentence(f) for f in d.findings) or "No site could be told."
+        told = " ".join(_sentence(d, f) for f in d.findings) or "No site could be told."
         return (
             f"The recordings hold something that neither parameters nor the catalogue explain: held out, windows "
             f"err by {before} where the noise is {floor}. {told}{_described(d, after)}{_closest(d)}"
         )
-    found = " ".join(_sentence(f) for f in d.findings)
+    found = " ".join(_sentence(d, f) for f in d.findings)
     return (
         f"{found} Held out, the error of {span} windows falls from {before} to {after}; the noise is {floor}."
         f"{_remains(d)}"
@@ -88,10 +88,10 @@ def _unit(d: Diagnosis, role: str) -> str:
     return next(port.unit for port in d.best.rig.model.outputs if port.role == role)
 
 
-def _sentence(f: Finding) -> str:
+def _sentence(d: Diagnosis, f: Finding) -> str:
     name = "Not explained" if f.effect is None else f.effect.name.replace("_", " ").capitalize()
     sure = "" if f.effect is None else f" (p = {f.evidence.p_value:.2g} on the hold-out)"
-    if f.effect is not None and f.evidence.p_value > LEVEL:
+    if f.effect is not None and f.evidence.p_value > LEVEL and excess(d.best.judged, d.noise) <= EXCESS:
         sure = f" (it shows in few windows of the hold-out, p = {f.evidence.p_value:.2g}, and brings them to the noise)"
     where = ""
     for signal in f.shown[:1]:

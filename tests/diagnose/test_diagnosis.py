@@ -238,3 +238,9 @@ def test_what_is_far_below_any_size_worth_a_name_is_told_in_words():
     )
     said = diagnosis_of._says(leak, best)
     assert "chamber A through 0.15 mm2, from chamber B through next to nothing" in said
+
+
+@pytest.mark.parametrize(("p_value", "told"), [(0.016, True), (0.001, False)])
+def test_the_summary_tells_what_shows_in_few_windows(dead, p_value, told):
+    findings = tuple(replace(f, evidence=replace(f.evidence, p_value=p_value)) for f in dead.findings)
+    assert ("it shows in few windows of the hold-out" in summary(replace(dead, findings=findings))) is told

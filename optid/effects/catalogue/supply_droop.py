@@ -53,8 +53,8 @@ class SupplyDroop(Effect):
     )  # fmt: skip
     law = "P_s falls by droop (m / 10 g/s)^k, by more as the line chokes, behind the volume between line and valve"
     says = (
-        "the supply pressure sags by {droop} at a flow of 10 g/s (power {exponent} of the flow; its line chokes at a "
-        "pressure ratio of {critical_ratio}) and takes {recovery_time} to follow"
+        "the supply pressure would sag by {droop} at a flow of 10 g/s if its line did not choke (power {exponent} of "
+        "the flow; it chokes at a pressure ratio of {critical_ratio}) and takes {recovery_time} to follow"
     )
     depends_on = ("flow", "pressure_a", "pressure_b")
     needs = "fast strokes that draw much air"
