@@ -254,9 +254,11 @@ def _correct(m, C, shared, innovation, variance):
 
 @compiled
 def steered(
-    code, first, last, of_set, of_segment, starts, counts, M0, P, K, common, dt, U, Y, tolerance, E
+    code, first, last, of_set, of_segment, starts, counts, M0, P, K, common, dt, U, Y, tolerance, looks, E
 ):  # fmt: skip
     """Innovations with the gains of another filter run: x moves by the model and by K (y - h(x)).
+
+    Where a sample is no look, E is what a prediction from the last one misses, which no later sample corrects.
 
     Run r takes `LANES` parameter sets from of_set[r] on over segment of_segment[r]. Where they cannot go on together,
     one of them has left the numbers: then each runs alone.
@@ -265,6 +267,7 @@ def steered(
         K: gains of the plain model's filter, (samples, outputs, plain states).
         common: index of each plain state among the model's own.
         tolerance: local error of the integration, (states,).
+        looks: samples at which what is predicted begins anew, (samples,).
         E: receives innovations, (sets, samples, outputs); infinite after a failure.
     Others as for `filtered`.
     """
@@ -272,20 +275,20 @@ def steered(
     c, cs = np.empty((LANES, code.hoisted)), np.empty((code.hoisted, LANES))
     us = np.empty((U.shape[1] + 1, LANES))
     xs, x, y = np.empty((nx, LANES)), np.empty(nx), np.empty(Y.shape[1] + 1)
-    room = (c, cs, us, xs, x, y)
+    room = (c, cs, us, xs, np.empty((nx, LANES)), x, y)
     for r in range(first, last):
         begin, count = starts[of_segment[r]], counts[of_segment[r]]
         for lane in range(LANES):
             sets[lane] = min(of_set[r] + lane, len(P) - 1)
-        if not _steered(code, sets, begin, count, M0, P, K, common, dt, U, Y, tolerance, E, room):
+        if not _steered(code, sets, begin, count, M0, P, K, common, dt, U, Y, tolerance, looks, E, room):
             for s in range(of_set[r], min(of_set[r] + LANES, len(P))):
                 sets[:] = s
-                _steered(code, sets, begin, count, M0, P, K, common, dt, U, Y, tolerance, E, room)
+                _steered(code, sets, begin, count, M0, P, K, common, dt, U, Y, tolerance, looks, E, room)
 
 
 @compiled
-def _steered(code, sets, begin, count, M0, P, K, common, dt, U, Y, tolerance, E, room):
-    c, cs, us, xs, x, y = room
+def _steered(code, sets, begin, count, M0, P, K, common, dt, U, Y, tolerance, looks, E, room):
+    c, cs, us, xs, ahead, x, y = room
     nx, none = len(x), at(x, 0)
     for lane in range(LANES):
         call(code.constants, (at(P, sets[lane] * P.shape[1]), at(c, lane * c.shape[1])))
@@ -293,9 +296,11 @@ def _steered(code, sets, begin, count, M0, P, K, common, dt, U, Y, tolerance, E,
             cs[i, lane] = c[lane, i]
         for i in range(nx):
             xs[i, lane] = M0[sets[lane], i]
-    h = dt[begin]
+    h = alone = dt[begin]
     for n in range(begin, begin + count + 1):
         u = at(U, n * U.shape[1])
+        if looks[n]:
+            ahead[:] = xs
         for o in range(Y.shape[1]):
             seen = Y[n, o] == Y[n, o]
             for lane in range(LANES):
@@ -308,6 +313,11 @@ def _steered(code, sets, begin, count, M0, P, K, common, dt, U, Y, tolerance, E,
                     E[s, n, o] = Y[n, o] - y[o]
                     for i in range(len(common)):
                         xs[common[i], lane] += K[n, o, i] * E[s, n, o]
+                    if not looks[n]:
+                        for i in range(nx):
+                            x[i] = ahead[i, lane]
+                        call(code.sensors, (at(x, 0), none, u, at(c, lane * c.shape[1]), at(y, 0), none))
+                        E[s, n, o] = Y[n, o] - y[o]
         if n == begin + count:
             break
         for i in range(U.shape[1]):
@@ -315,7 +325,18 @@ def _steered(code, sets, begin, count, M0, P, K, common, dt, U, Y, tolerance, E,
         h = advance_many(
             code.many_step, code.many_half, at(xs, 0), at(us, 0), at(cs, 0), at(tolerance, 0), dt[n], h
         )
-        if h < 0.0:
+        if not looks[n + 1]:
+            alone = advance_many(
+                code.many_step,
+                code.many_half,
+                at(ahead, 0),
+                at(us, 0),
+                at(cs, 0),
+                at(tolerance, 0),
+                dt[n],
+                alone,
+            )
+        if h < 0.0 or alone < 0.0:
             for lane in range(LANES):
                 E[sets[lane], n + 1 : begin + count + 1] = np.inf
             return False

@@ -25,6 +25,7 @@ from optid.diagnose.residuals import residual_tests
 from optid.diagnose.rivals import compared, indistinguishable
 from optid.diagnose.screen import Signature, screen
 from optid.diagnose.search import Search, needed, search
+from optid.diagnose.settling import foreseen, likelier
 from optid.diagnose.uncertainty import disagreement, estimates, resolution
 from optid.diagnose.unexplained import describe, nameless
 from optid.diagnose.where import contribution, region, telling
@@ -94,13 +95,14 @@ def diagnose(
     last = next((one.screened for one in found.rounds if one.model is found.best), None)
     if last is None:
         last = tuple(screen(found.best.answer, data.train, admitted(found.best.rig.model, own)))
-    if _stands(found, data) and excess(found.best.judged, noise) > EXCESS:
+    hurried = replace(data, until=start + time_limit)
+    if found.best.effects and not wide and excess(found.best.judged, noise) > EXCESS:
         # The search left the last units of likelihood open, for many models; what stands is worth them.
         report(0.94, "settling what was found")
         rough = found.best
-        found = replace(
-            found, best=settled(rough.effects, rough.rig, rough.answer.p, rough.answer, data, rig.model)
-        )
+        if _stands(found, data):
+            rough = settled(rough.effects, rough.rig, rough.answer.p, rough.answer, data, rig.model)
+        found = replace(found, best=likelier(rough, hurried, partial(report, 0.94)))
     stands = _stands(found, data) or excess(found.best.judged, noise) <= EXCESS
     if found.best.effects and stands and not found.stopped:
         named = found.best.effects
@@ -112,6 +114,8 @@ def diagnose(
     if found.best.effects and stands and excess(found.best.judged, noise) > EXCESS:
         report(0.95, "how far the recordings disagree")
         least = np.maximum(least, disagreement(found.best, data, rig.model))
+        best, apart = foreseen(found.best, data)
+        found, least = replace(found, best=best), np.maximum(least, apart)
     best_parameters = estimates(found.best.answer, last, least, missed(found.best.judged, noise))
     base_parameters = (
         best_parameters
@@ -125,7 +129,6 @@ def diagnose(
     if verdict is Verdict.MISSING_PHYSICS:
         findings = _findings(found, best_parameters, data, report)
     elif sites:
-        hurried = replace(data, until=start + time_limit)
         described = None if hurried.over else describe(base, sites[0], hurried, partial(report, 0.97))
         findings = (nameless(base, sites, described, data),)
         best = base if described is None else described.rival.candidate

@@ -165,6 +165,7 @@ def run_steered(
     *,
     nudge: tuple[int, float] | None = None,
     only: Sequence[int] | None = None,
+    looks: Booleans | None = None,
 ) -> Array:
     """Innovations (sets, samples, outputs) of models that are corrected with a filter's gains instead of their own.
 
@@ -176,9 +177,12 @@ def run_steered(
         common: see `model`.
         nudge: a state and what is added to it at every segment's start.
         only: these segments, all if absent; NaN in the others.
+        looks: samples up to which the past is known, (samples,): what comes after one is predicted from there up to
+            the next, instead of from sample to sample.
     """
     sets = len(P)
     segments = np.array(range(len(problem.begins)) if only is None else only)
+    looks = np.ones(len(problem.time), dtype=np.bool_) if looks is None else looks
     M0 = np.ascontiguousarray(_starts(model, P)[0])
     if nudge is not None:
         M0[:, nudge[0]] += nudge[1]
@@ -188,7 +192,7 @@ def run_steered(
     tolerance = _tolerance(model)
     tolerance[places] = guide.tolerance[0]
     given = (LANES * first_set, of_segment, problem.begins, problem.counts, M0, P, guide.gains[0], places)
-    data = (problem.dt, problem.inputs, problem.measured, tolerance, E)
+    data = (problem.dt, problem.inputs, problem.measured, tolerance, looks, E)
     spread(len(first_set), lambda a, b: kernel.steered(code, a, b, *given, *data))
     return E
 

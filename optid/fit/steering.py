@@ -17,6 +17,7 @@ from optid.core.model import Array, Model
 from optid.errors import SolveError
 from optid.fit.likelihood import FAR, Filtered, huber, run_steered
 from optid.fit.place import NUDGES, REACH, Question
+from optid.fit.problem import Booleans
 
 TOLERANCE = 1e-3  # of the loss, that a step must gain for the search to go on
 LOST = 1e3  # sd: an innovation of a model that has left the numbers
@@ -30,7 +31,12 @@ class Steered(NamedTuple):
 
 
 def innovations(
-    q: Question, P: Array, plain: Model, guide: Filtered, only: Sequence[int] | None = None
+    q: Question,
+    P: Array,
+    plain: Model,
+    guide: Filtered,
+    only: Sequence[int] | None = None,
+    looks: Booleans | None = None,
 ) -> Array:
     """Innovations of parameter sets under held gains, in sd of the guide's, (sets, measured).
 
@@ -40,6 +46,7 @@ def innovations(
         plain: model of the guide, whose states are among the question's.
         guide: whose gains and variances hold, with gains kept.
         only: what was measured in these segments, in all if absent.
+        looks: samples from which the others are predicted, (samples,); all if absent.
     """
     names = [state.name for state in q.model.states]
     known = np.isfinite(guide.innovations[0])
@@ -47,13 +54,19 @@ def innovations(
         owner = np.repeat(np.arange(len(q.problem.counts)), q.problem.counts + 1)
         known = known & np.isin(owner, only)[:, None]
     common = [names.index(state.name) for state in plain.states]
-    E = run_steered(q.model, q.problem, P, guide, common, only=only)
+    E = run_steered(q.model, q.problem, P, guide, common, only=only, looks=looks)
     scaled = E[:, known] / np.sqrt(guide.variances[0][known])
     return np.asarray(np.nan_to_num(scaled, nan=LOST, posinf=LOST, neginf=-LOST))
 
 
 def steered_fit(
-    q: Question, p: Array, plain: Model, guide: Filtered, iterations: int, only: Sequence[int] | None = None
+    q: Question,
+    p: Array,
+    plain: Model,
+    guide: Filtered,
+    iterations: int,
+    only: Sequence[int] | None = None,
+    looks: Booleans | None = None,
 ) -> Steered:
     """The parameters under which innovations are least, from a start.
 
@@ -64,11 +77,12 @@ def steered_fit(
         guide: whose gains and variances hold, with gains kept.
         iterations: evaluations at most.
         only: these segments count, all if absent.
+        looks: as for `innovations`.
 
     Raises:
         SolveError: the model cannot be simulated at the start.
     """
-    search = _Search(q, p, plain, guide, iterations, only)
+    search = _Search(q, p, plain, guide, iterations, only, looks)
     start = np.clip(p[list(q.free)] / q.typical, search.low, search.high)
     if not np.abs(search.residuals(start)[: -len(start)]).min() < LOST:
         raise SolveError("the simulation leaves the numbers at the start values; check them and their units")
@@ -104,8 +118,10 @@ class _Search:
         guide: Filtered,
         evaluations: int,
         only: Sequence[int] | None,
+        looks: Booleans | None,
     ) -> None:
-        self.q, self.p, self.plain, self.guide, self.left, self.only = q, p, plain, guide, evaluations, only
+        self.q, self.p, self.plain, self.guide, self.left = q, p, plain, guide, evaluations
+        self.only, self.looks = only, looks
         self.low, self.high = q.low / q.typical, q.high / q.typical
         self.nudges = np.full(len(q.free), NUDGES[1])
         self.x, self.values = np.full(len(q.free), np.nan), np.zeros(0)
@@ -135,4 +151,4 @@ class _Search:
     def _seen(self, X: Array) -> Array:
         P = np.tile(self.p, (len(X), 1))
         P[:, list(self.q.free)] = X * self.q.typical
-        return innovations(self.q, P, self.plain, self.guide, self.only)
+        return innovations(self.q, P, self.plain, self.guide, self.only, self.looks)

@@ -521,9 +521,46 @@ def test_every_edge_of_a_dead_band_opens_at_its_own_place(spool):
 
 
 def test_a_rounded_edge_opens_gradually_and_then_lags_by_its_rounding():
-    for beyond in (0.001, 0.01, 0.4):
-        found = edge_openings("valve_deadband", {"width": 0.04, "rounding": 0.5}, 0.04 + beyond)
-        assert found[0] == pytest.approx(beyond**2 / (beyond + 0.02), rel=1e-6)
+    """By a parabola that ends in the straight line of its slope, by z^2 / (z + r), or half of each."""
+    lag = 0.5 * 0.04
+    for beyond in (0.001, 0.01, 0.03, 0.06, 0.4):
+        slopes = np.minimum(np.linspace(0.0, beyond, 100001) / (2 * lag), 1.0)
+        arc, worn = float(np.mean(slopes) * beyond), beyond**2 / (beyond + lag)
+        for tail, opening in ((0.0, arc), (1.0, worn), (0.5, (arc + worn) / 2)):
+            values = {"width": 0.04, "rounding": 0.5, "rounding_tail": tail}
+            found = edge_openings("valve_deadband", values, 0.04 + beyond)
+            assert found[0] == pytest.approx(opening, rel=1e-4)
+
+
+@pytest.mark.parametrize(("fading", "passes"), [(0.0, "sum"), (1.0, "diagonal")])
+def test_an_edge_leaks_beside_its_opening_or_by_a_clearance_across_it(fading, passes):
+    plant = grown(AXIS, "valve_underlap")
+    wide, discharge = plant.values["port_width"], plant.values["discharge_coefficient"]
+    leak = 2e-7
+    gap = leak / discharge / (wide * plant.values["spool_travel"])  # as a share of the spool's travel
+    values = {"null_leakage": leak, "leak_fading": fading}
+    for spool in (0.01, 0.3):
+        found = edge_openings("valve_underlap", values, spool)
+        # At 3 bar both ports are choked: supply passes 7 / 3 as much as exhaust, per opening.
+        into = spool + gap if passes == "sum" else math.hypot(spool, gap)
+        assert found[0] == pytest.approx(into - gap * 3 / 7, rel=2e-3)
+
+
+@pytest.mark.parametrize("exponent", [1.75, 2.0, 2.5])
+def test_a_drag_grows_with_a_power_of_the_speed(exponent):
+    plant = grown(AXIS, "quadratic_drag")
+    names = [state.name for state in plant.model.states]
+    values = {"quadratic_drag.drag": 40.0, "quadratic_drag.exponent": exponent}
+    for v in (0.2, 1.0, -0.7):
+        x = np.zeros(len(names))
+        x[names.index("pressure_a")] = x[names.index("pressure_b")] = 3e5
+        x[names.index("velocity")] = v
+        with_it, plain = (
+            float(plant.model.rates(x, [0.0], p)[names.index("velocity")])
+            for p in (plant.vector(values), plant.vector())
+        )
+        force = plant.values["payload_mass"] * (with_it - plain)
+        assert force == pytest.approx(-40.0 * np.sign(v) * abs(v) ** exponent, rel=2e-3)
 
 
 def test_every_edge_of_an_underlap_closes_at_its_own_place():

@@ -20,19 +20,29 @@ DRAG = Parameter(
     0.0,
     (0.0, 2e3),
 )
+EXPONENT = Parameter(
+    "exponent",
+    "1",
+    0.3,
+    "power of the speed with which it grows",
+    "2 around a body, 1.75 along a smooth wall (Blasius)",
+    2.0,
+    (1.5, 3.0),
+)
+SLOW = 1e-2  # m/s: below, a power other than 2 is smooth
 
 
 class QuadraticDrag(Effect):
-    """c v |v| beside eq. 11's friction."""
+    """c v |v|^(n - 1), with speeds in m/s, beside eq. 11's friction; n is about 2."""
 
     name = "quadratic_drag"
     sites = ("force.friction",)
     equation = "11"
-    parameters = (DRAG,)
+    parameters = (DRAG, EXPONENT)
     strength = {"drag": 6.0}
-    usual = ({"drag": 40.0},)
-    law = "a resistance c v |v|"
-    says = "resistance grows with the square of speed, by {drag}"
+    usual = ({"drag": 40.0, "exponent": 2.0},)
+    law = "a resistance c v |v|^(n - 1), n about 2"
+    says = "resistance grows about with the square of speed, by {drag} at 1 m/s (exponent {exponent})"
     depends_on = ("velocity",)
     needs = "speeds of half a metre per second and more beside slow ones"
     look_alikes = ("stribeck_friction", "supply_droop", "tube_restriction", "exhaust_restriction")
@@ -41,4 +51,6 @@ class QuadraticDrag(Effect):
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
         """Friction force, N."""
-        return nominal + sheet.param(DRAG) * near["v"] * ca.fabs(near["v"])
+        v = near["v"]
+        more = (v**2 + SLOW**2) ** (sheet.param(EXPONENT) / 2 - 1)
+        return nominal + sheet.param(DRAG) * v * ca.fabs(v) * more

@@ -20,22 +20,29 @@ ROUNDING = Parameter(
     "rounding", "1", 0.1, "way over which an edge opens gradually, as a share of the width",
     "corners wear round", 0.0, (0.0, 2.0),
 )  # fmt: skip
+TAIL = Parameter(
+    "rounding_tail", "1", 0.5, "how an edge ends to open gradually: 0 at once, as an arc does, 1 ever less",
+    "corners wear round, in many ways", 0.0, (0.0, 1.0),
+)  # fmt: skip
 NONE = 1e-18  # m: no rounding
 
 
 class ValveDeadband(Effect):
-    """Each edge opens by what the spool's way z exceeds its overlap, z^2 / (z + r) where a radius rounds it."""
+    """Each edge opens by what the spool's way z exceeds its overlap, in the end less r where its corner is round.
+
+    It opens by a parabola up to z = 2 r and straight on from there, by z^2 / (z + r), or by anything in between.
+    """
 
     name = "valve_deadband"
     sites = ("valve.spool", "flow.supply_area", "flow.exhaust_area")
     equation = "3-6"
-    parameters = (WIDTH, ROUNDING, *EDGES)
+    parameters = (WIDTH, ROUNDING, TAIL, *EDGES)
     strength = {"width": 1.5e-3}
-    usual = tuple({"width": width, "rounding": 0.0, **ALIKE} for width in (0.01, 0.04))
+    usual = tuple({"width": width, "rounding": 0.0, "rounding_tail": 0.5, **ALIKE} for width in (0.01, 0.04))
     law = "ports open by what the spool's way exceeds the overlap d, to either side"
     says = (
         "the valve's ports stay shut for the first {width} of full command to either side, and open gradually over "
-        f"{{rounding}} of that; {SAID}"
+        f"{{rounding}} of that (tail {{rounding_tail}}); {SAID}"
     )
     depends_on = ("command",)
     needs = "commands that pass slowly through zero"
@@ -53,5 +60,8 @@ class ValveDeadband(Effect):
         width = sheet.param(WIDTH) * travel
         way = ca.if_else(spool > 0, 1, -1)
         beyond = ca.fmax(ca.fabs(spool) - width * edge(sheet, way, supply=site == "flow.supply_area"), 0)
-        opened = beyond**2 / (beyond + sheet.param(ROUNDING) * width + NONE)
+        lost, tail = sheet.param(ROUNDING) * width + NONE, sheet.param(TAIL)
+        curved = ca.fmin(beyond, 2 * lost)
+        arc = curved**2 / (4 * lost) + beyond - curved
+        opened = (1 - tail) * arc + tail * beyond**2 / (beyond + lost)
         return nominal - sheet.plant_param("port_width") * (ca.fabs(spool) - opened)

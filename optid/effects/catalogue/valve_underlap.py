@@ -22,6 +22,13 @@ AREA = Parameter(
     "physics catalogue A.2: 0 to 0.5 mm2", 0.0, (0.0, 5e-6),
 )  # fmt: skip
 
+FADING = Parameter(
+    "leak_fading", "1", 0.5, "whether an edge leaks as much when it is open (0) or as a radial clearance does, which "
+    "counts ever less in the opening's diagonal (1)", "geometry of a worn corner, and of a spool with clearance", 0.0,
+    (0.0, 1.0),
+)  # fmt: skip
+NONE = 1e-24  # m2: no leak
+
 
 class ValveUnderlap(Effect):
     """Every edge opens by about `width` earlier, so that both edges of a port are open in between, and leaks beside."""
@@ -29,17 +36,20 @@ class ValveUnderlap(Effect):
     name = "valve_underlap"
     sites = ("flow.chamber_a", "flow.chamber_b")
     equation = "3-6"
-    parameters = (WIDTH, AREA, *EDGES)
+    parameters = (WIDTH, AREA, FADING, *EDGES)
     strength = {"width": 1e-3, "null_leakage": 1e-8}
     usual = (
-        {"width": 4e-3, "null_leakage": 0.0, **ALIKE},
-        {"width": 0.02, "null_leakage": 0.0, **ALIKE},
-        {"width": 0.0, "null_leakage": 1e-7, **ALIKE},
+        {"width": 4e-3, "null_leakage": 0.0, "leak_fading": 0.5, **ALIKE},
+        {"width": 0.02, "null_leakage": 0.0, "leak_fading": 0.5, **ALIKE},
+        {"width": 0.0, "null_leakage": 1e-7, "leak_fading": 0.5, **ALIKE},
     )
-    law = "a chamber's edges open by W max(s + w, 0) + A_0 to supply and W max(w - s, 0) + A_0 to exhaust"
+    law = (
+        "a chamber's edges open by z = W max(s + w, 0) to supply and W max(w - s, 0) to exhaust; with a leak A_0 each "
+        "passes z + A_0, sqrt(z^2 + A_0^2), or what lies in between"
+    )
     says = (
         "the valve does not close: up to {width} of full command both supply and exhaust are open, and every edge "
-        f"leaks through {{null_leakage}}; {SAID}"
+        f"leaks through {{null_leakage}} (fading {{leak_fading}}); {SAID}"
     )
     depends_on = ("command", "pressure_a", "pressure_b")
     needs = "holds and slow motion with commands near zero"
@@ -52,11 +62,15 @@ class ValveUnderlap(Effect):
         """The flow into the chamber, kg/s, with what passes the edges that should be shut or less open."""
         early = sheet.param(WIDTH) * sheet.plant_param("spool_travel")
         way = 1 if site.endswith("a") else -1  # of the spool that opens this chamber to supply
-        s = way * near["spool"]
-        supply = ca.fmax(s + early * edge(sheet, way, supply=True), 0) - ca.fmax(s, 0)
-        exhaust = ca.fmax(early * edge(sheet, -way, supply=False) - s, 0) - ca.fmax(-s, 0)
-        width, leak = (
-            sheet.plant_param("port_width"),
-            sheet.param(AREA) / sheet.plant_param("discharge_coefficient"),
-        )
-        return nominal + (width * supply + leak) * near["supply"] + (width * exhaust + leak) * near["exhaust"]
+        s, width = way * near["spool"], sheet.plant_param("port_width")
+        leak, fading = sheet.param(AREA) / sheet.plant_param("discharge_coefficient"), sheet.param(FADING)
+
+        def more(way_open: Any, sooner: Any) -> Any:
+            """Area, m2, by which an edge is wider than that of an ideal spool."""
+            opened = width * ca.fmax(way_open + sooner, 0)
+            diagonal = ca.sqrt(opened**2 + leak**2 + NONE**2) - opened
+            return opened - width * ca.fmax(way_open, 0) + leak + fading * (diagonal - leak)
+
+        supply = more(s, early * edge(sheet, way, supply=True))
+        exhaust = more(-s, early * edge(sheet, -way, supply=False))
+        return nominal + supply * near["supply"] + exhaust * near["exhaust"]

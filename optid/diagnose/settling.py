@@ -1,0 +1,72 @@
+"""Settling a model that still errs beyond the noise: by way of its windows to a likelier top, or to what they ask for.
+
+Likelihood with process noise has many tops; from one of them no step of scoring shows the next. Windows see what adds
+up over half a second and lead past it. Where a law's form is not nature's the likeliest parameters may predict far
+worse than others do: then those that predict the recordings to fit are taken, and how far the two are apart is in the
+intervals.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from optid.core.model import Array
+from optid.diagnose.candidate import Candidate, Data
+from optid.diagnose.judge import EXCESS, excess, judge
+from optid.errors import SolveError
+from optid.fit.multistep import foreseeing, misses
+from optid.fit.place import Answer
+from optid.fit.scoring import ENOUGH, maximise, standing
+
+STANDING, CALMER = (
+    6,
+    1.25,
+)  # iterations at process noise so much less, log, in which parameters find their place
+LESS = 0.02  # of what windows miss: the likeliest parameters stay where others miss no less than that
+
+
+def likelier(found: Candidate, data: Data, tell: Callable[[str], None]) -> Candidate:
+    """The same model at a likelier top, if its windows err beyond the noise and lead to one."""
+    if excess(found.judged, data.noise) <= EXCESS or data.over:
+        return found
+    tell("where its windows lead")
+    answer = _asked(found, data)
+    led = foreseeing(answer, found.judged.horizon)
+    if led is answer:
+        return found
+    with contextlib.suppress(SolveError):  # so little process noise may not hold the model to the data
+        quiet = standing(led.question, led.p, led.noise.levels - CALMER, STANDING)
+        other = maximise(led.question, quiet.p, quiet.noise.levels)
+        if other.score < found.answer.score - ENOUGH:
+            return _with(found, other, data)
+    return found
+
+
+def foreseen(found: Candidate, data: Data) -> tuple[Candidate, Array]:
+    """The model with the parameters that predict windows of the recordings to fit best, where that matters.
+
+    Returns:
+        The model, and how far its free parameters are from the likeliest, (free,), SI.
+    """
+    none = np.zeros(len(found.answer.question.free))
+    if excess(found.judged, data.noise) <= EXCESS:
+        return found, none
+    answer, seconds = _asked(found, data), found.judged.horizon
+    led = foreseeing(answer, seconds)
+    if misses(led, seconds) > (1.0 - LESS) * misses(answer, seconds):
+        return found, none
+    free = list(answer.question.free)
+    return _with(found, led, data), np.abs(led.p - answer.p)[free]
+
+
+def _asked(found: Candidate, data: Data) -> Answer:
+    """The answer, to a question that has as long as these data."""
+    return replace(found.answer, question=replace(found.answer.question, until=data.until))
+
+
+def _with(found: Candidate, answer: Answer, data: Data) -> Candidate:
+    return replace(found, answer=answer, judged=judge(answer, data.holdout))
