@@ -129,9 +129,11 @@ def diagnose(
     if verdict is Verdict.MISSING_PHYSICS:
         findings = _findings(found, best_parameters, data, report)
     elif sites:
-        described = None if hurried.over else describe(base, sites[0], hurried, partial(report, 0.97))
+        # Names that fell short may describe most of it, and something without a name the rest.
+        tell = partial(report, 0.97)
+        described = None if hurried.over else describe(found.best, sites[0], hurried, tell)
         findings = (nameless(base, sites, described, data),)
-        best = base if described is None else described.rival.candidate
+        best = found.best if described is None else described.rival.candidate
     if best is not found.best:
         best_parameters = estimates(best.answer, (), ratio=missed(best.judged, noise))
     residuals = residual_tests(best.judged, best.answer, data.holdout)

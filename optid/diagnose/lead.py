@@ -40,6 +40,7 @@ def leads(
     plain: Model,
     *,
     near: bool = False,
+    race: Sequence[tuple[int, int, int]] = RACE,
 ) -> list[Signature]:
     """What effects gain where they lead, the most promising first.
 
@@ -53,6 +54,7 @@ def leads(
         data: recordings.
         plain: the model as it came.
         near: begin where the guide stands in any case.
+        race: its legs, as in RACE.
     """
     q = guide.question
     starts = [guide.p] if near or current.effects else [q.model.vector(current.rig.parameters), guide.p]
@@ -61,7 +63,7 @@ def leads(
     for start in starts:
         ground = Ground.of(current.rig, guide, data, plain, start)
         running = [lead for effect in effects for lead in _begun(ground, effect)]
-        for leg, (evaluations, most, alike) in enumerate(RACE):
+        for leg, (evaluations, most, alike) in enumerate(race):
             if data.over:
                 return []
             over = None if leg else worst

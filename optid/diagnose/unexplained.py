@@ -1,22 +1,26 @@
 """What no effect explains: where it lies, and what describes it, for simulation, without a name.
 
-A curve runs over the state or input that leads farthest from where the mismatch was located; a wave goes on by itself,
-over time or a length. They compete as effects do, and what is held out decides whether one stays.
+A curve runs over the state or input that leads farthest from where the mismatch was located, and adds to what is there
+or scales it; a relaxation remembers one of them for a time; a wave goes on by itself, over time or a length. They
+compete as effects do, and what is held out decides whether one stays.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 
 from optid.core.model import Array
-from optid.diagnose.candidate import QUIETER, Candidate, Data
+from optid.core.sheet import Sheet
+from optid.diagnose.candidate import QUICK, QUIETER, Candidate, Data
 from optid.diagnose.disturbance import Located, locate_at, push
 from optid.diagnose.finding import Finding
+from optid.diagnose.instrument import Instrument
 from optid.diagnose.judge import Comparison, compare
 from optid.diagnose.law import law_at
 from optid.diagnose.lead import Ground, leads
@@ -25,19 +29,25 @@ from optid.diagnose.refit import LEVEL, Contest, Rival, own_values, refit
 from optid.diagnose.screen import Signature, grown
 from optid.diagnose.where import region, telling
 from optid.diagnose.words import quantity
-from optid.effects.curve import Curve
+from optid.effects.curve import AND, Curve, Scaling
 from optid.effects.effect import Effect
+from optid.effects.relaxation import Relaxation
 from optid.effects.wave import TIME, Wave
 from optid.errors import RigError
 from optid.fit.place import Answer
 from optid.fit.scoring import quieted
-from optid.rigs.rigfile import Rig
+from optid.rigs.rigfile import Rig, with_effects
 
 DRAWN = 2  # curves that are refitted
+# Their race, as in lead.RACE: curves have many parameters, so that a leg is dear, and few lead anywhere. They begin
+# where the fitted model stands: from far away the first steps of so many parameters tell nothing.
+CURVES = ((4, 8, 1), (5, 3, 1), (QUICK, DRAWN, 1))
+SAME = 0.99  # correlation of two signals of which one is enough
 SOURCES = {"flow": "flow.supply"}  # where waves come from that show at a kind of site
 # The fastest waves that are looked for: Hz, and periods within the range of a length.
 FASTEST, FINEST = 30.0, 100.0
 LENGTHS = ("m", "rad")
+SCALED = 0.2  # share that a height of 1 scales by
 TURN = 0.05  # of the speed's root mean square: where a curve that turns with its sign has turned
 SPEEDS = ("m/s", "rad/s")
 
@@ -56,10 +66,18 @@ class Described:
 
 
 def describe(base: Candidate, located: Located, data: Data, tell: Callable[[str], None]) -> Described | None:
-    """The curve or wave where the mismatch lies that predicts what is held out best; ``None`` if nothing is gained."""
+    """What describes a mismatch best where it lies, on what is held out; ``None`` if nothing is gained.
+
+    Args:
+        base: the model that it comes to.
+        located: where the mismatch lies.
+        data: recordings.
+        tell: is told what is being done.
+    """
     guide = quieted(base.answer, QUIETER)
     places = {site: located.only(site) for site in located.sites}
-    curves = [curve for one in places.values() for curve in _curves(base, one) if _fits(base.rig, curve)]
+    lasting = [curve for one in places.values() for curve in _curves(base, one)] + _shared(base, located)
+    curves = [one for one in lasting if _fits(base.rig, one)]
     sources = dict.fromkeys(SOURCES.get(site.partition(".")[0], site) for site in located.sites)
     waves = [
         wave for site in sources if site in base.rig.model.sites for wave in _waves(base, guide, site, data)
@@ -67,11 +85,12 @@ def describe(base: Candidate, located: Located, data: Data, tell: Callable[[str]
     # Only a filter finds the phase of every recording: waves are not led, but refitted from where they are loudest.
     first = sorted(waves, key=lambda one: -one.gain)[:1]
     contest = Contest(base, base, guide, len(curves) + len(waves), data, tell)
-    rivals = refit(contest, [*first, *leads(base, guide, curves, data, base.rig.model)[:DRAWN]])
+    led = leads(base, guide, curves, data, base.rig.model, near=True, race=CURVES)
+    rivals = refit(contest, [*first, *led])
     best = next((rival for rival in rivals if not rival.why), None)
     if best is None:
         return None
-    (site,) = best.effect.sites
+    site = best.effect.sites[0]
     there = places.get(site) or locate_at(base, data, site)
     return None if there is None else Described(best, there)
 
@@ -97,22 +116,71 @@ def _waves(base: Candidate, guide: Answer, site: str, data: Data) -> list[Signat
     return found
 
 
-def _curves(base: Candidate, located: Located) -> Sequence[Curve]:
-    """Over every physical state and recorded input, as it is and turning with every speed."""
-    model, answer, size = base.rig.model, base.answer, float(np.nanstd(located.signal))
+class _Reading(Instrument):
+    """Shows a signal that sites know as outputs."""
+
+    def __init__(self, sites: tuple[str, ...], along: str) -> None:
+        self.name, self.sites, self.along = "reading", sites, along
+
+    def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
+        """The site's own signal as it came."""
+        sheet.output(f"{self.name}_{self.sites.index(site)}", "1", near[self.along])
+        return nominal
+
+
+def _shared(base: Candidate, located: Located) -> list[Effect]:
+    """Shares and relaxations where the mismatch lies, at all of its sites alike, over what each of them knows."""
+    size, site = float(np.nanstd(located.signals)), AND.join(located.sites)
     if not size > 0.0:
         return []
-    states = {state.name: k for k, state in enumerate(model.states)}
-    followed: dict[str, Array] = {
-        state.name: answer.filtered.states[0][:, states[state.name]]
-        for state in model.states
+    known = _known(base, located.sites) if len(located.sites) > 1 else _moving(base)
+    found: list[Effect] = []
+    for name, values in known.items():
+        low, high, spread = float(np.nanmin(values)), float(np.nanmax(values)), float(np.nanstd(values))
+        if low < high:
+            if len(located.sites) > 1:  # at a single one a curve says as much
+                found.append(Scaling(site, name, low=low, high=high, size=SCALED))
+            found.append(Relaxation(site, name, size=size, scale=spread, start=float(np.nanmean(values))))
+    return found
+
+
+def _known(base: Candidate, sites: tuple[str, ...]) -> dict[str, Array]:
+    """The signals that all of these sites know by the same name, along the recordings, (samples, sites)."""
+    model, answer = base.rig.model, base.answer
+    names = [set(near) for site, near in zip(model.sites, model.near, strict=True) if site in sites]
+    found: dict[str, Array] = {}
+    for name in sorted(set.intersection(*names)):
+        full = with_effects(base.rig, (_Reading(sites, name),), {}).model
+        rows = [k for k, port in enumerate(full.outputs) if port.role.startswith("reading_")]
+        X, U = answer.filtered.states[0], answer.question.problem.inputs
+        values = np.array(full.sensors.map(len(X))(X.T, U.T, answer.p))[rows].T
+        if not any(abs(np.corrcoef(values.ravel(), other.ravel())[0, 1]) > SAME for other in found.values()):
+            found[name] = values
+    return found
+
+
+def _moving(base: Candidate) -> dict[str, Array]:
+    """Every physical state and recorded input along the recordings, (samples,)."""
+    model, answer = base.rig.model, base.answer
+    found: dict[str, Array] = {
+        state.name: answer.filtered.states[0][:, k]
+        for k, state in enumerate(model.states)
         if state.unit != "1" and "." not in state.name
     }
-    speeds = [state.name for state in model.states if state.unit in SPEEDS and state.name in followed]
-    turns = {name: TURN * float(np.sqrt(np.nanmean(followed[name] ** 2))) for name in speeds}
     for column, port in enumerate(model.inputs):
         if port in model.recorded:
-            followed[port.role] = answer.question.problem.inputs[:, column]
+            found[port.role] = answer.question.problem.inputs[:, column]
+    return found
+
+
+def _curves(base: Candidate, located: Located) -> Sequence[Curve]:
+    """Over every physical state and recorded input, as it is and turning with every speed."""
+    model, size = base.rig.model, float(np.nanstd(located.signal))
+    if not size > 0.0:
+        return []
+    followed = _moving(base)
+    speeds = [state.name for state in model.states if state.unit in SPEEDS and state.name in followed]
+    turns = {name: TURN * float(np.sqrt(np.nanmean(followed[name] ** 2))) for name in speeds}
     ends = {name: (float(np.nanmin(values)), float(np.nanmax(values))) for name, values in followed.items()}
     moving = {name: (low, high) for name, (low, high) in ends.items() if low < high}
     curve = partial(Curve, located.site, size=size)

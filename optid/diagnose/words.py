@@ -57,7 +57,7 @@ def _answer(d: Diagnosis) -> str:
         told = " ".join(_sentence(d, f) for f in d.findings) or "No site could be told."
         return (
             f"The recordings hold something that neither parameters nor the catalogue explain: held out, windows "
-            f"err by {before} where the noise is {floor}. {told}{_described(d, after)}{_closest(d)}"
+            f"err by {before} where the noise is {floor}. {told}{_closest(d)}{_described(d, after)}"
         )
     found = " ".join(_sentence(d, f) for f in d.findings)
     return (
@@ -67,8 +67,8 @@ def _answer(d: Diagnosis) -> str:
 
 
 def _described(d: Diagnosis, after: str) -> str:
-    """How far goes what describes it."""
-    return "" if d.best is d.base else f" With that, which is no name, windows err by {after}."
+    """How far goes what describes it, names that fell short among that."""
+    return "" if d.best is d.base else f" With that, which names nothing, windows err by {after}."
 
 
 def _closest(d: Diagnosis) -> str:

@@ -1,7 +1,8 @@
 """A curve drawn through what is missing at a site: a description for physics that has no name, and never a name itself.
 
 It is no part of the catalogue. A rig file holds it as ``[effects."curve@SITE@SIGNAL"]``, or as
-``[effects."curve@SITE@SIGNAL@SPEED"]`` where it turns its sign with a speed, as friction does.
+``[effects."curve@SITE@SIGNAL@SPEED"]`` where it turns its sign with a speed, as friction does. Sites that are alike, as
+both chambers' flows, share one as ``SITE+SITE``.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from optid.effects.effect import Effect
 HEIGHTS = 13
 LEAST = 0.1  # height: a tenth of what an unknown signal does at the site
 OWN = "of the recordings it was fitted to"
+AND = "+"  # between sites that share a description
 
 
 class Curve(Effect):
@@ -28,8 +30,8 @@ class Curve(Effect):
     Beyond its ends the curve goes on straight. With a speed it is multiplied by speed / sqrt(speed**2 + width**2).
 
     Args:
-        site: where it adds.
-        along: the state or input that it follows.
+        site: where it adds; several are joined by "+".
+        along: the state or input that it follows, or a signal that each of the sites knows, as a chamber's own "P".
         speed: the state with whose sign it turns; "" for none.
         low, high: ends of the curve, in the SI unit of `along`.
         size: what a height of 1 adds, in the SI unit of the site.
@@ -39,6 +41,7 @@ class Curve(Effect):
     """
 
     kind = "curve"
+    drawn = "curve"
     equation = "-"
     needs = "motion over the whole range"
     usual = ({},)
@@ -57,7 +60,7 @@ class Curve(Effect):
         width: float = 1.0,
     ) -> None:
         self.name = MARK.join((self.kind, site, along, *([speed] if speed else [])))
-        self.sites, self.along, self.speed = (site,), along, speed
+        self.sites, self.along, self.speed = tuple(site.split(AND)), along, speed
         span, positive = (-math.inf, math.inf), (1e-300, math.inf)
         constants = [("low", low, span, f"lower end of the curve, {OWN}")]
         constants += [("high", high, span, f"upper end of the curve, {OWN}")]
@@ -72,13 +75,17 @@ class Curve(Effect):
         self.strength = dict.fromkeys((q.name for q in self.fitted), LEAST)
         self.depends_on = (along, speed) if speed else (along,)
         turned = f" against the direction of {speed.replace('_', ' ')}" if speed else ""
-        self.law = f"a curve over {along.replace('_', ' ')}{turned}"
+        self.law = f"a {self.drawn} over {along.replace('_', ' ')}{turned}"
         self.says = f"{self.law} describes it"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
         """The signal with the curve on top."""
+        return nominal + self.height(near, sheet)
+
+    def height(self, near: Mapping[str, Any], sheet: Sheet) -> Any:
+        """Of the curve where its signal is."""
         own = {q.name: sheet.param(q) for q in self.parameters}
-        share = (sheet.signal(self.along) - own["low"]) / (own["high"] - own["low"])
+        share = (followed(self.along, near, sheet) - own["low"]) / (own["high"] - own["low"])
         held = ca.fmin(ca.fmax(share, 0.0), 1.0)
         knot, beyond = held * (HEIGHTS - 3), (share - held) * (HEIGHTS - 3)
         curve = own["size"] * sum(
@@ -88,7 +95,23 @@ class Curve(Effect):
         if self.speed:
             v = sheet.signal(self.speed)
             curve *= v / ca.sqrt(v**2 + own["width"] ** 2)
-        return nominal + curve
+        return curve
+
+
+class Scaling(Curve):
+    """nominal * (1 + the curve): what passes, as a share that a signal changes."""
+
+    kind = "scaling"
+    drawn = "share"
+
+    def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
+        """The signal, scaled."""
+        return nominal * (1 + self.height(near, sheet))
+
+
+def followed(along: str, near: Mapping[str, Any], sheet: Sheet) -> Any:
+    """A signal that a site knows by that name, or else the plant."""
+    return near[along] if along in near else sheet.signal(along)
 
 
 def _spline(t: Any) -> Any:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import inspect
 import pkgutil
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from functools import lru_cache
 from pathlib import Path
 from types import ModuleType
@@ -18,10 +18,16 @@ from optid.core.model import Model
 from optid.core.sheet import Sheet
 from optid.effects import catalogue, generic
 from optid.effects.anywhere import MARK, Anywhere
-from optid.effects.curve import Curve
+from optid.effects.curve import Curve, Scaling
 from optid.effects.effect import Effect
+from optid.effects.relaxation import Relaxation
 from optid.effects.wave import Wave
 from optid.errors import PlantError, RigError, nearest
+
+# What stands for a mismatch without a name: from the places behind the kind, as in "curve@SITE@SIGNAL".
+DESCRIPTIONS: dict[str, Callable[..., Effect]] = {
+    kind.kind: kind for kind in (Curve, Scaling, Relaxation, Wave)
+}
 
 
 @lru_cache(maxsize=1)
@@ -80,10 +86,8 @@ def find_effect(name: str, base: Path) -> Effect:
     file, colon, own = name.rpartition(":")
     if not colon:
         kind, mark, place = name.partition(MARK)
-        if kind == Curve.kind and place.count(MARK) in (1, 2):
-            return Curve(*place.split(MARK))
-        if kind == Wave.kind and place.count(MARK) == 1:
-            return Wave(*place.split(MARK))
+        if kind in DESCRIPTIONS and place.count(MARK) in (1, 2 if kind == Curve.kind else 1):
+            return DESCRIPTIONS[kind](*place.split(MARK))
         if mark and kind in anywhere():
             return anywhere()[kind](place)
         if mark:

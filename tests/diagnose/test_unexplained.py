@@ -118,7 +118,7 @@ def test_an_answer_holds_the_curve_and_no_name(tmp_path):
     assert document["improved"]["parameters"].keys() >= {
         f"curve@drive.command@command.height_{k}" for k in (1, 13)
     }
-    assert f"With that, which is no name, windows err by position {1e3 * after:.3g} mm" in found.summary
+    assert f"With that, which names nothing, windows err by position {1e3 * after:.3g} mm" in found.summary
     assert "through it what describes it" in diagnosis_page(found)
 
 
