@@ -96,13 +96,7 @@ def diagnose(
     if last is None:
         last = tuple(screen(found.best.answer, data.train, admitted(found.best.rig.model, own)))
     hurried = replace(data, until=start + time_limit)
-    if found.best.effects and not wide and excess(found.best.judged, noise) > EXCESS:
-        # The search left the last units of likelihood open, for many models; what stands is worth them.
-        report(0.94, "settling what was found")
-        rough = found.best
-        if _stands(found, data):
-            rough = settled(rough.effects, rough.rig, rough.answer.p, rough.answer, data, rig.model)
-        found = replace(found, best=likelier(rough, hurried, partial(report, 0.94)))
+    found = _settled(found, data, hurried, report)
     stands = _stands(found, data) or excess(found.best.judged, noise) <= EXCESS
     if found.best.effects and stands and not found.stopped:
         named = found.best.effects
@@ -142,6 +136,19 @@ def diagnose(
         _not_testable(found, last, own), noise, residuals, found, data, closest,
     )  # fmt: skip
     return replace(diagnosis, summary=summary(diagnosis))
+
+
+def _settled(found: Search, data: Data, hurried: Data, report: Report) -> Search:
+    """The best model at a likelier top, where its effects leave something: the search left the last units open."""
+    rough = found.best
+    if not rough.effects or excess(rough.judged, data.noise) <= EXCESS:
+        return found
+    report(0.94, "where its windows lead")
+    best = likelier(rough, hurried)
+    if best is rough and _stands(found, data):
+        report(0.94, "settling what was found")
+        best = settled(rough.effects, rough.rig, rough.answer.p, rough.answer, data, found.base.rig.model)
+    return replace(found, best=best)
 
 
 def _noise(rig: Rig, recordings: Sequence[Recording]) -> dict[str, float]:

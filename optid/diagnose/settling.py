@@ -3,13 +3,12 @@
 Likelihood with process noise has many tops; from one of them no step of scoring shows the next. Windows see what adds
 up over half a second and lead past it. Where a law's form is not nature's the likeliest parameters may predict far
 worse than others do: then those that predict the recordings to fit are taken, and how far the two are apart is in the
-intervals.
+intervals. What is judged by simulation from end to end is left as it is.
 """
 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -29,11 +28,10 @@ STANDING, CALMER = (
 LESS = 0.02  # of what windows miss: the likeliest parameters stay where others miss no less than that
 
 
-def likelier(found: Candidate, data: Data, tell: Callable[[str], None]) -> Candidate:
+def likelier(found: Candidate, data: Data) -> Candidate:
     """The same model at a likelier top, if its windows err beyond the noise and lead to one."""
-    if excess(found.judged, data.noise) <= EXCESS or data.over:
+    if excess(found.judged, data.noise) <= EXCESS or data.misfit is not None or data.over:
         return found
-    tell("where its windows lead")
     answer = _asked(found, data)
     led = foreseeing(answer, found.judged.horizon)
     if led is answer:
@@ -53,7 +51,7 @@ def foreseen(found: Candidate, data: Data) -> tuple[Candidate, Array]:
         The model, and how far its free parameters are from the likeliest, (free,), SI.
     """
     none = np.zeros(len(found.answer.question.free))
-    if excess(found.judged, data.noise) <= EXCESS:
+    if excess(found.judged, data.noise) <= EXCESS or data.misfit is not None:
         return found, none
     answer, seconds = _asked(found, data), found.judged.horizon
     led = foreseeing(answer, seconds)

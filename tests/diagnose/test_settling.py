@@ -47,14 +47,14 @@ def astray(sound):
 def test_what_is_good_to_the_noise_stays(sound):
     base, data = sound
     assert excess(base.judged, data.noise) <= EXCESS
-    assert likelier(base, data, lambda words: None) is base
+    assert likelier(base, data) is base
     same, apart = foreseen(base, data)
     assert same is base and not apart.any()
 
 
 def test_windows_lead_to_the_likelier_top(sound, astray):
     base, data = sound
-    found = likelier(astray, data, lambda words: None)
+    found = likelier(astray, data)
     assert found.answer.score == pytest.approx(base.answer.score, abs=2.0)
     values = dict(zip((q.name for q in found.rig.model.parameters), found.answer.p, strict=True))
     assert {name: values[name] for name in TRUTH} == pytest.approx(TRUTH, rel=0.01)
@@ -64,7 +64,7 @@ def test_windows_lead_to_the_likelier_top(sound, astray):
 def test_no_time_nothing_is_settled(sound, astray):
     _, data = sound
     hurried = replace(data, until=0.0)
-    assert likelier(astray, hurried, lambda words: None) is astray
+    assert likelier(astray, hurried) is astray
     assert foreseen(astray, hurried)[0] is astray
 
 
@@ -77,4 +77,4 @@ def test_a_law_that_is_not_natures_gets_what_predicts_its_recordings_and_says_ho
     assert apart == pytest.approx(np.abs(found.answer.p - base.answer.p)[free])
     assert (apart > 0.0).all()
     assert found.judged is not base.judged
-    assert likelier(base, data, lambda words: None).answer.score <= base.answer.score
+    assert likelier(base, data).answer.score <= base.answer.score
