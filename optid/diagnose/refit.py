@@ -15,8 +15,9 @@ from optid.diagnose.judge import EXCESS, Comparison, brought_to_noise, cleared, 
 from optid.diagnose.screen import Signature, grown
 from optid.effects.effect import Effect
 from optid.errors import SolveError
+from optid.fit.multistep import foreseeing
 from optid.fit.place import Answer, Question
-from optid.fit.scoring import NEARBY, followed, likeliest, maximise, middling, standing
+from optid.fit.scoring import NEARBY, likeliest, maximise, middling, standing
 from optid.fit.steering import steered_fit
 from optid.rigs.rigfile import Rig
 
@@ -205,11 +206,11 @@ def _follow(c: Contest, tried: list[_Refit]) -> None:
         near = place < (3 if twin else 2) and gain > (ALIKE if twin else NEAR) * gains[0]
         if near and t.size > TINY and not c.data.over:
             c.tell(f"refitting with {t.effect.name}")
-            start = followed(t.answer, c.guide.noise.levels, SCANNED)
+            led = foreseeing(t.answer, c.current.judged.horizon)
             goal = here - CLOSE * max(here - other.answer.score for other in tried)
-            t.answer = maximise(
-                t.answer.question, *start, iterations=QUICK, polish=False, near=t.answer, goal=goal
-            )
+            at, levels = led.p, led.noise.levels
+            found = maximise(led.question, at, levels, iterations=QUICK, polish=False, near=led, goal=goal)
+            t.answer = min(t.answer, found, key=lambda answer: answer.score)
     gains = [here - t.answer.score for t in tried]
     for t, gain in zip(tried, gains, strict=True):
         if gain > CLOSE * max(gains) and t.size > TINY and not c.data.over:

@@ -21,6 +21,7 @@ from optid.diagnose.judge import EXCESS, brought_to_noise, cleared, compare, exc
 from optid.diagnose.lead import leads, stood
 from optid.diagnose.refit import FORM, LEVEL, TINY, Contest, Rival, cost, refit
 from optid.diagnose.screen import Signature, screen
+from optid.diagnose.settling import likelier
 from optid.effects.effect import Effect
 from optid.effects.library import admitted
 from optid.fit.place import Answer
@@ -139,6 +140,10 @@ def search(base: Candidate, own: Sequence[Effect], data: Data, report: Report) -
             break
         before, current = current, ahead.candidate
         if winner is not None:
+            if _little_left(base, current, data):
+                # It may be all there is, and stand beside its top: nothing else is to be tried then.
+                tell("where its windows lead")
+                current = likelier(current, data)
             confirmed = current
     stopped = data.over  # what was left out of the rounds, no one counts
     closing = replace(data, until=math.inf)  # to know what was found takes its time
