@@ -104,7 +104,7 @@ def diagnose(
         if found.best.effects != named:
             last = tuple(screen(found.best.answer, data.train, admitted(found.best.rig.model, own)))
     report(0.95, "intervals and residual tests")
-    least = resolution(found.best)
+    likely, least = found, resolution(found.best)
     if found.best.effects and stands and excess(found.best.judged, noise) > EXCESS:
         report(0.95, "how far the recordings disagree")
         least = np.maximum(least, disagreement(found.best, data, rig.model))
@@ -121,7 +121,7 @@ def diagnose(
     )
     findings: tuple[Finding, ...] = ()
     if verdict is Verdict.MISSING_PHYSICS:
-        findings = _findings(found, best_parameters, data, report)
+        findings = _findings(found, likely, best_parameters, data, report)
     elif sites:
         # Names that fell short may describe most of it, and something without a name the rest.
         tell = partial(report, 0.97)
@@ -179,8 +179,9 @@ def _enough(base: Candidate, data: Data) -> Candidate | None:
 
 
 def _findings(
-    found: Search, parameters: tuple[Estimate, ...], data: Data, report: Report
+    found: Search, likely: Search, parameters: tuple[Estimate, ...], data: Data, report: Report
 ) -> tuple[Finding, ...]:
+    """Of every effect; with what it may be confused is told by `likely`, the same at its likeliest parameters."""
     best = found.best
     findings = []
     for effect in best.effects:
@@ -203,7 +204,7 @@ def _findings(
         findings.append(
             Finding(
                 effect, effect.site, effect.sites[0], mine, where, shown, evidence, gain, gain - count,
-                indistinguishable(found, effect, data), _says(effect, best), *_signal(found, effect, data, report),
+                indistinguishable(likely, effect, data), _says(effect, best), *_signal(found, effect, data, report),
             )
         )  # fmt: skip
     return tuple(sorted(findings, key=lambda f: -f.train_gain))

@@ -17,7 +17,7 @@ from optid.diagnose.candidate import Candidate, Data, fit_base
 from optid.diagnose.disturbance import places
 from optid.diagnose.judge import Comparison, Judged, cleared, compare
 from optid.diagnose.law import law_at
-from optid.diagnose.refit import Rival
+from optid.diagnose.refit import FORM, Rival
 from optid.diagnose.residuals import _portmanteau
 from optid.diagnose.screen import screen
 from optid.diagnose.uncertainty import disagreement, estimates, resolution
@@ -432,7 +432,7 @@ def test_a_search_goes_on_while_something_is_left_and_with_few_where_it_is_littl
 
     Where three that the screen shows leave much, the five or two that lead best from afar follow.
     """
-    rounds = []
+    rounds, led_on = [], []
 
     def rivals(contest, few, before=()):
         rounds.append(len(few))
@@ -446,6 +446,7 @@ def test_a_search_goes_on_while_something_is_left_and_with_few_where_it_is_littl
     monkeypatch.setattr(search_of, "_thinned", lambda base, current, *others: (current, {}, ()))
     monkeypatch.setattr(search_of, "excess", lambda judged, noise: ratio if rounds else 9.0)
     monkeypatch.setattr(search_of, "cleared", lambda *others: 1.0 - left)
+    monkeypatch.setattr(search_of, "likelier", lambda current, data: led_on.append(current) or current)
     for name in ("screen", "admitted", "quieted"):
         monkeypatch.setattr(search_of, name, lambda *others: [SimpleNamespace(name="any")] * 9)
     for name, count in (("_promising", 9), ("leads", led)):
@@ -456,6 +457,7 @@ def test_a_search_goes_on_while_something_is_left_and_with_few_where_it_is_littl
     found = search_of.search(base, (), data, lambda share, words: None)
     assert rounds == asked
     assert found.best.effects == ("effect 1",)
+    assert led_on == ([found.best] if left < FORM else [])  # it may be all, and only stand beside its top
 
 
 @pytest.mark.parametrize(
