@@ -109,8 +109,11 @@ def write_rig(rig: Rig, path: str | Path, parameters: Mapping[str, float] | None
     air = values.get(ATMOSPHERE, _default(rig.model, ATMOSPHERE))
     known = _by_name(rig.model)
     stated = dict(rig.parameters)
-    for effect in rig.effects:  # those the file does not hold yet are written whole
+    for (
+        effect
+    ) in rig.effects:  # those the file does not hold yet are written whole, in the order in which they act
         if not _key_of(effect, document):
+            _table_of(f"{effect.name}.", rig, document, plant)
             for name in effect.qualified(effect.at_null()):
                 values.setdefault(name, float(known[name].default or 0.0))
                 stated.pop(name, None)

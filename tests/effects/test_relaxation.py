@@ -11,6 +11,7 @@ from optid.effects.curve import HEIGHTS, Scaling
 from optid.effects.library import admitted, find_effect
 from optid.effects.relaxation import Relaxation
 from optid.errors import RigError
+from optid.rigs.rigfile import read_rig, with_effects, write_rig
 from optid.rigs.servo_pneumatic import servo_pneumatic
 from tests.effects.plants import grown
 
@@ -72,3 +73,16 @@ def test_they_are_found_by_name_and_are_no_candidates():
     for wrong in ("relaxation@force.external", "scaling@force.external@position@velocity"):
         with pytest.raises(RigError):
             find_effect(wrong, Path())
+
+
+def test_a_rig_file_holds_them(tmp_path):
+    plain = read_rig(Path(__file__).parents[2] / "data" / "table1.toml")
+    both = [Scaling(BOTH, "P", low=LOW, high=HIGH, size=0.2), Relaxation(BOTH, "P", size=1e-4, scale=1e5)]
+    rig = with_effects(plain, both, {f"{both[1].name}.height": 0.7, f"{both[1].name}.time": 0.3})
+    values = {
+        q.name: float(v) for q, v in zip(rig.model.parameters, rig.model.vector(rig.parameters), strict=True)
+    }
+    write_rig(rig, tmp_path / "rig.toml", values)
+    again = read_rig(tmp_path / "rig.toml")
+    assert [effect.name for effect in again.effects] == [effect.name for effect in both]
+    assert again.model.vector(again.parameters) == pytest.approx(rig.model.vector(rig.parameters), rel=1e-11)
