@@ -21,10 +21,8 @@ from optid.fit.multistep import foreseeing, misses
 from optid.fit.place import Answer
 from optid.fit.scoring import ENOUGH, maximise, standing
 
-STANDING, CALMER = (
-    6,
-    1.25,
-)  # iterations at process noise so much less, log, in which parameters find their place
+STANDING = 6  # iterations with calmer states, in which parameters find their place
+CALMER = 1.25  # log: by how much less process noise
 LESS = 0.02  # of what windows miss: the likeliest parameters stay where others miss no less than that
 
 

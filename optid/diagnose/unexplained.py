@@ -1,8 +1,8 @@
 """What no effect explains: where it lies, and what describes it, for simulation, without a name.
 
-A curve runs over the state or input that leads farthest from where the mismatch was located, and adds to what is there
-or scales it; a relaxation remembers one of them for a time; a wave goes on by itself, over time or a length. They
-compete as effects do, and what is held out decides whether one stays.
+A curve runs over the state or input that leads farthest from where the mismatch was located; several sites share one
+that scales what is there; a relaxation remembers such a signal for a time; a wave goes on by itself, over time or a
+length. They compete as effects do, and what is held out decides whether one stays.
 """
 
 from __future__ import annotations
@@ -154,6 +154,8 @@ def _known(base: Candidate, sites: tuple[str, ...]) -> dict[str, Array]:
         rows = [k for k, port in enumerate(full.outputs) if port.role.startswith("reading_")]
         X, U = answer.filtered.states[0], answer.question.problem.inputs
         values = np.array(full.sensors.map(len(X))(X.T, U.T, answer.p))[rows].T
+        if not np.ptp(values) > 0.0:
+            continue
         if not any(abs(np.corrcoef(values.ravel(), other.ravel())[0, 1]) > SAME for other in found.values()):
             found[name] = values
     return found

@@ -1,6 +1,8 @@
 """A curve describes what no effect of the catalogue explains, and only where there is something to describe."""
 
 from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,7 +11,7 @@ from optid.diagnose.candidate import Data, fit_base
 from optid.diagnose.diagnosis import diagnose
 from optid.diagnose.disturbance import Located, locate, locate_at
 from optid.diagnose.finding import Verdict
-from optid.diagnose.unexplained import _curves, _fits, describe, nameless
+from optid.diagnose.unexplained import _curves, _fits, _shared, describe, nameless
 from optid.effects.curve import Curve
 from optid.report.diagnosis_document import diagnosis_document
 from optid.report.diagnosis_page import diagnosis_page
@@ -126,3 +128,48 @@ def test_a_curve_over_what_the_plant_declares_only_later_is_left_out(tmp_path):
     plant = rig(tmp_path)
     late = Curve("drive.command", "torque")
     assert not _fits(plant, late) and _fits(plant, Curve("drive.command", "velocity"))
+
+
+def axis_seen(located):
+    """What a description needs of a fitted axis: its rig, states that move at random, where something is missing."""
+    plant = read_rig(Path(__file__).parents[2] / "data" / "bench.toml")
+    rng = np.random.default_rng(5)
+    columns = {
+        "position": (-0.1, 0.1),
+        "velocity": (-1.0, 1.0),
+        "pressure_a": (3e5, 5e5),
+        "pressure_b": (3e5, 5e5),
+    }
+    X = np.stack([rng.uniform(*columns.get(s.name, (0.0, 0.0)), 400) for s in plant.model.states], axis=1)
+    U = np.zeros((400, len(plant.model.inputs)))
+    question = SimpleNamespace(problem=SimpleNamespace(inputs=U))
+    answer = SimpleNamespace(
+        filtered=SimpleNamespace(states=X[None]), question=question, p=plant.model.vector(plant.parameters)
+    )
+    names = [state.name for state in plant.model.states]
+    there = Located(located, 1.0, rng.normal(0.0, 2e-4, (400, len(located))), None, None)
+    return SimpleNamespace(rig=plant, answer=answer), dict(zip(names, X.T, strict=True)), there
+
+
+def test_sites_alike_share_what_each_of_them_knows():
+    base, x, there = axis_seen(("flow.chamber_a", "flow.chamber_b"))
+    found = {effect.name: effect for effect in _shared(base, there)}
+    both = "flow.chamber_a+flow.chamber_b"
+    share, memory = found[f"scaling@{both}@P"], found[f"relaxation@{both}@P"]
+    P = np.r_[x["pressure_a"], x["pressure_b"]]
+    null = share.at_null()
+    assert (null["low"], null["high"]) == (P.min(), P.max())
+    null = memory.at_null()
+    assert (null["scale"], null["start"]) == pytest.approx((P.std(), P.mean()))
+    assert null["size"] == pytest.approx(there.signals.std())
+    # Choked flows to the outside say no more than the pressure does, a spool that stands still says nothing.
+    assert {f"relaxation@{both}@{name}" for name in ("other_P", "v", "x")} <= found.keys()
+    assert not {f"relaxation@{both}@{name}" for name in ("ambient", "exhaust", "spool")} & found.keys()
+    assert all(_fits(base.rig, effect) for effect in found.values())
+
+
+def test_a_single_site_remembers_states_and_inputs():
+    base, _, there = axis_seen(("force.external",))
+    found = {effect.name for effect in _shared(base, there)}
+    moving = ("position", "velocity", "pressure_a", "pressure_b")  # the command does not
+    assert found == {f"relaxation@force.external@{name}" for name in moving}
