@@ -24,7 +24,7 @@ from optid.diagnose.refit import LEVEL, own_values
 from optid.diagnose.residuals import residual_tests
 from optid.diagnose.rivals import compared, indistinguishable
 from optid.diagnose.screen import Signature, screen
-from optid.diagnose.search import Search, needed, search
+from optid.diagnose.search import EVEN, Search, needed, search
 from optid.diagnose.settling import foreseen, likelier
 from optid.diagnose.uncertainty import disagreement, estimates, resolution
 from optid.diagnose.unexplained import describe, nameless
@@ -143,6 +143,8 @@ def _settled(found: Search, data: Data, hurried: Data, report: Report) -> Search
     rough = found.best
     if not rough.effects or excess(rough.judged, data.noise) <= EXCESS:
         return found
+    if cleared(found.base.judged, rough.judged, data.noise) < 1.0 - EVEN:
+        return found  # more is missing than a likelier top would show
     report(0.94, "where its windows lead")
     best = likelier(rough, hurried)
     if best is rough and _stands(found, data):

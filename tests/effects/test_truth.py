@@ -586,9 +586,9 @@ def test_a_spool_has_a_stop_at_either_end(u, passes):
     np.testing.assert_allclose(plant.model.rates(x, [u], p), plant.model.rates(x, [passes], plain), rtol=1e-9)
 
 
-def test_a_spring_hardens_by_the_cube():
+def test_a_spring_hardens_by_the_cube_and_steepens_beyond():
     plant = grown(AXIS, "spring_load")
-    values = {"stiffness": 200.0, "relaxed_position": 0.02, "hardening": 1.5}
+    values = {"stiffness": 200.0, "relaxed_position": 0.02, "hardening": 1.5, "steepening": 0.04}
     p, plain = plant.vector({f"spring_load.{k}": v for k, v in values.items()}), plant.vector()
     x = np.array(plant.model.start(plain)[0]).ravel()
     names = [state.name for state in plant.model.states]
@@ -596,7 +596,7 @@ def test_a_spring_hardens_by_the_cube():
         x[names.index("position")] = place
         change = plant.model.rates(x, [0.0], p) - plant.model.rates(x, [0.0], plain)
         drawn = place - 0.02
-        force = -200.0 * drawn * (1 + 1.5 * (drawn / 0.1) ** 2)
+        force = -200.0 * drawn * (1 + 1.5 * (drawn / 0.1) ** 2 + 0.04 * (drawn / 0.1) ** 4)
         mass = plain[plant.model.index("payload_mass")]
         assert float(change[names.index("velocity")]) == pytest.approx(force / mass, abs=1e-9)
 

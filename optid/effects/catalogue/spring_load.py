@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import casadi as ca
+
 from optid.core.parameter import Parameter
 from optid.core.sheet import Sheet
 from optid.effects.effect import Effect
@@ -21,22 +23,30 @@ HARDENING = Parameter(
     "hardening", "1", 0.5, "share by which it pulls harder than Hooke's law has it, 0.1 m from where it does not pull",
     "Duffing's cubic term; a cable chain or bellows stiffens as it is drawn out", 0.0, (0.0, 10.0),
 )  # fmt: skip
+STEEPENING = Parameter(
+    "steepening", "1", 0.03, "the same share of what grows with the fourth power of the distance",
+    "what comes to an end pulls ever harder: a chain drawn straight, bellows drawn out", 0.0, (0.0, 0.1),
+)  # fmt: skip
 FAR = 0.1  # m
+FARTHEST = 4.0  # square of the distance in FAR: beyond, it grows with the cube again, or it would be stiffer than steel
 
 
 class SpringLoad(Effect):
-    """-k d (1 + h (d / 0.1 m)^2) with d = x - x_0 on the force's side of eq. 11."""
+    """-k d (1 + h r^2 + s r^4) with d = x - x_0 and r = d / 0.1 m, up to 0.2 m, on the force's side of eq. 11."""
 
     name = "spring_load"
     sites = ("force.external",)
     equation = "11"
-    parameters = (STIFFNESS, RELAXED, HARDENING)
+    parameters = (STIFFNESS, RELAXED, HARDENING, STEEPENING)
     strength = {"stiffness": 15.0}
-    usual = tuple({"stiffness": 150.0, "relaxed_position": x, "hardening": 0.0} for x in (0.0, -0.1, 0.1))
-    law = "a force -k d (1 + h (d / 0.1 m)^2) with d = x - x_0"
+    usual = tuple(
+        {"stiffness": 150.0, "relaxed_position": x, "hardening": 0.0, "steepening": 0.0}
+        for x in (0.0, -0.1, 0.1)
+    )
+    law = "a force -k d (1 + h r^2 + s r^4) with d = x - x_0 and r = d / 0.1 m"
     says = (
         "a spring of {stiffness} pulls the axis towards {relaxed_position}; 0.1 m from there {hardening} harder than "
-        "Hooke's law has it"
+        "Hooke's law has it, and by {steepening} with the fourth power of the distance"
     )
     depends_on = ("position",)
     needs = "motion over most of the stroke"
@@ -47,4 +57,6 @@ class SpringLoad(Effect):
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
         """External force, N."""
         drawn = near["x"] - sheet.param(RELAXED)
-        return nominal - sheet.param(STIFFNESS) * drawn * (1 + sheet.param(HARDENING) * (drawn / FAR) ** 2)
+        square = (drawn / FAR) ** 2
+        harder = square * (sheet.param(HARDENING) + sheet.param(STEEPENING) * ca.fmin(square, FARTHEST))
+        return nominal - sheet.param(STIFFNESS) * drawn * (1 + harder)
