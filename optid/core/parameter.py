@@ -21,6 +21,8 @@ class Parameter:
         logarithmic: the fit moves log(value): for widths and rates known to a factor.
         fitted: an effect's are fitted where it is missing, unless they only say what the others mean, like the ends of
             a curve.
+        leeway: by how much the value may be off before anyone would call it physics, where a law stands in for
+            nature's; what that changes is no mark against a model.
     """
 
     name: str
@@ -32,6 +34,7 @@ class Parameter:
     bounds: tuple[float, float] = (-math.inf, math.inf)
     logarithmic: bool = False
     fitted: bool = True
+    leeway: float = 0.0
 
     def __post_init__(self) -> None:
         low, high = self.bounds

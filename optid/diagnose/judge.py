@@ -58,9 +58,11 @@ class Judged:
     def imperfection(self) -> Mapping[str, float]:
         """What the windows of a model that lacks nothing may miss by beside the noise, root mean square by role, SI.
 
-        The model's own smoothing leaves something open: the largest change where a numerical setting is halved or
-        doubled. And so does the past before a window: who does not know the pressures in which an axis rests does not
-        know when it breaks away. Found when first asked for: it costs several filters, and of most rivals nobody asks.
+        The model's own smoothing leaves something open, and so do laws that stand in for nature's, such as that of
+        friction at rest: the largest change where a numerical setting is halved or doubled, or a parameter of such a
+        law moved within its leeway. And so does the past before a window: who does not know the pressures in which an
+        axis rests does not know when it breaks away. Found when first asked for: it costs several filters, and of most
+        rivals nobody asks.
         """
         return self.find_imperfection()
 
@@ -92,7 +94,7 @@ def judge(answer: Answer, recordings: Sequence[Recording]) -> Judged:
     each = deviance(f.innovations[0], f.variances[0])
 
     def imperfection() -> dict[str, float]:
-        settings = numerical_settings(answer)
+        settings = np.concatenate([numerical_settings(answer), _within_leeway(answer)])
         others = seen(settings)[1] if len(settings) else []
         unknown = _started(answer, problem, cut, start, f.states[0], windows)
         return {
@@ -115,6 +117,17 @@ def numerical_settings(answer: Answer) -> Array:
             for factor in (0.5, 2.0):
                 sets.append(answer.p.copy())
                 sets[-1][i] = np.clip(factor * answer.p[i], *parameter.bounds)
+    return np.array(sets).reshape(len(sets), len(answer.p))
+
+
+def _within_leeway(answer: Answer) -> Array:
+    """The fitted parameters with each that has a leeway moved by it, but to its half or double at most, (2 n, all)."""
+    sets = []
+    for i, parameter in enumerate(answer.question.model.parameters):
+        if parameter.leeway > 0.0:
+            for step in (-min(parameter.leeway, answer.p[i] / 2), min(parameter.leeway, answer.p[i])):
+                sets.append(answer.p.copy())
+                sets[-1][i] = np.clip(answer.p[i] + step, *parameter.bounds)
     return np.array(sets).reshape(len(sets), len(answer.p))
 
 

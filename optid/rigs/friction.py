@@ -32,6 +32,9 @@ PRESLIDING_LENGTH = Parameter(
     2e-5,
     (3e-7, 5e-3),
     logarithmic=True,
+    # Surfaces in contact give by micrometres before they slide; an eighth of the smallest yielding worth a name
+    # (optid/effects/catalogue/presliding.py) is a matter of the law.
+    leeway=5e-6,
 )
 PRESLIDING_SHAPE = Parameter(
     "presliding_shape",

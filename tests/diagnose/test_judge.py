@@ -6,6 +6,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from optid.core.parameter import Parameter
 from optid.core.recording import Channel, Recording
 from optid.core.sheet import build
 from optid.diagnose.judge import EXCESS, excess, judge
@@ -66,3 +67,26 @@ def test_what_the_past_tells_is_held_against_a_model():
     judged = judge(answer(0.3), [recording(load=0.6)])
     assert judged.imperfection["position"] == pytest.approx(SPREAD * SINCE, rel=0.01)
     assert excess(judged, {"position": SD}) > 2.0 * EXCESS
+
+
+@pytest.mark.parametrize(("leeway", "moved"), [(0.0, 0.0), (0.1, 0.1), (9.0, 1.0)])
+def test_what_a_law_leaves_open_is_not_held_against_a_model(leeway, moved):
+    """A window errs by the pace's leeway x time; a pace of 1 goes no further than to its double."""
+    about = "a law that stands in for nature's"
+    pace = Parameter("pace", "1", 1.0, "by which it follows the command", about, 1.0, leeway=leeway)
+
+    def paced(s):
+        x = s.state("x", "m", 1.0, spread=1e3 * SD)
+        s.rate(x, s.param(pace) * s.input("command", "m/s"))
+        s.output("position", "m", x)
+
+    t = DT * np.arange(2000)
+    channels = {
+        "command": Channel("command", "u", "m/s", np.ones_like(t)),
+        "position": Channel("position", "x", "m", t, sd=SD),
+    }
+    model, noise = build(paced), Noise(np.array([SD**2]), ((0,),), np.log([1.0]))
+    asked = SimpleNamespace(question=SimpleNamespace(model=model, free=()), p=model.vector({}), noise=noise)
+    seen = judge(asked, [Recording("paced", t, channels)])
+    expected = moved * np.sqrt(np.mean((DT * np.arange(round(0.5 / DT))) ** 2))
+    assert seen.imperfection["position"] == pytest.approx(expected, rel=0.02, abs=SD)
