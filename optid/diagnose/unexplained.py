@@ -41,9 +41,11 @@ from optid.rigs.rigfile import Rig, with_effects
 DRAWN = 2  # curves that are refitted
 # Their race, as in lead.RACE: curves have many parameters, so that a leg is dear, and few lead anywhere. They begin
 # where the fitted model stands: from far away the first steps of so many parameters tell nothing.
-CURVES = ((4, 8, 1), (5, 3, 1), (QUICK, DRAWN, 1))
+CURVES = ((10, 10, 1), (8, 4, 1), (QUICK, DRAWN, 1))
 SAME = 0.99  # correlation of two signals of which one is enough
 SOURCES = {"flow": "flow.supply"}  # where waves come from that show at a kind of site
+LEVELS = {"force": "force.coulomb"}  # what a kind of site turns and holds, and others scale
+ASIDE = 2  # places beside the best at which a description is looked for
 # The fastest waves that are looked for: Hz, and periods within the range of a length.
 FASTEST, FINEST = 30.0, 100.0
 LENGTHS = ("m", "rad")
@@ -65,20 +67,27 @@ class Described:
     located: Located
 
 
-def describe(base: Candidate, located: Located, data: Data, tell: Callable[[str], None]) -> Described | None:
-    """What describes a mismatch best where it lies, on what is held out; ``None`` if nothing is gained.
+def describe(
+    base: Candidate, sites: Sequence[Located], data: Data, tell: Callable[[str], None]
+) -> Described | None:
+    """What describes a mismatch best where it may lie, on what is held out; ``None`` if nothing is gained.
 
     Args:
         base: the model that it comes to.
-        located: where the mismatch lies.
+        sites: where unknown signals were tried, the best first; those that do nearly as well count as well.
         data: recordings.
         tell: is told what is being done.
     """
+    likely = [sites[0], *_rivalling(sites, data)[:ASIDE]]
     guide = quieted(base.answer, QUIETER)
-    places = {site: located.only(site) for site in located.sites}
-    lasting = [curve for one in places.values() for curve in _curves(base, one)] + _shared(base, located)
-    curves = [one for one in lasting if _fits(base.rig, one)]
-    sources = dict.fromkeys(SOURCES.get(site.partition(".")[0], site) for site in located.sites)
+    places = {site: one.only(site) for one in reversed(likely) for site in one.sites}
+    lasting: dict[str, Effect] = {
+        curve.name: curve for one in places.values() for curve in _curves(base, one)
+    }
+    for one in likely:
+        lasting |= {effect.name: effect for effect in (*_shared(base, one), *_levels(base, one))}
+    curves = [one for one in lasting.values() if _fits(base.rig, one)]
+    sources = dict.fromkeys(SOURCES.get(kind_of(site), site) for site in places)
     waves = [
         wave for site in sources if site in base.rig.model.sites for wave in _waves(base, guide, site, data)
     ]
@@ -93,6 +102,28 @@ def describe(base: Candidate, located: Located, data: Data, tell: Callable[[str]
     site = best.effect.sites[0]
     there = places.get(site) or locate_at(base, data, site)
     return None if there is None else Described(best, there)
+
+
+def kind_of(site: str) -> str:
+    """Of a plant's site, as "flow" of "flow.chamber_a"."""
+    return site.partition(".")[0]
+
+
+def _rivalling(sites: Sequence[Located], data: Data) -> list[Located]:
+    """Those that held-out recordings do not tell from the first."""
+    return [one for one in sites[1:] if compare(one.judged, sites[0].judged, data.generator).p_value > LEVEL]
+
+
+def _levels(base: Candidate, located: Located) -> list[Effect]:
+    """Shares of a level that others turn, such as that of dry friction: what sticks no added signal describes."""
+    found: list[Effect] = []
+    for site in dict.fromkeys(LEVELS.get(kind_of(site), "") for site in located.sites):
+        if site in base.rig.model.sites:
+            for name, values in _moving(base).items():
+                low, high = float(np.nanmin(values)), float(np.nanmax(values))
+                if low < high:
+                    found.append(Scaling(site, name, low=low, high=high, size=SCALED))
+    return found
 
 
 def _waves(base: Candidate, guide: Answer, site: str, data: Data) -> list[Signature]:
@@ -213,13 +244,9 @@ def nameless(base: Candidate, sites: Sequence[Located], described: Described | N
     spread = np.repeat((signal - np.nanmedian(signal))[:, None], outputs, axis=1)
     measured = np.isfinite(base.answer.filtered.innovations[0])
     where = region(base.answer, np.where(measured, spread, np.nan), data.train)
-    kind, best = first.site.partition(".")[0], first.site if first.site in sites[0].sites else sites[0].site
-    near = {
-        one.site: True  # once, and in their order: both chambers together stand under the name of one
-        for one in sites[1:]
-        if one.site not in (best, first.site)
-        and compare(one.judged, sites[0].judged, data.generator).p_value > LEVEL
-    }
+    kind, best = kind_of(first.site), first.site if first.site in sites[0].sites else sites[0].site
+    # Once, and in their order: both chambers together stand under the name of one.
+    near = dict.fromkeys(one.site for one in _rivalling(sites, data) if one.site not in (best, first.site))
     also = f"; {', '.join(near)} would do nearly as well" if near else ""
     words = f"an unknown signal at {best} explains the recordings best{also}"
     evidence, law = Comparison(0.0, 0.0, 1.0, 0.0, 0.0), None

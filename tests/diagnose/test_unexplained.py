@@ -11,7 +11,7 @@ from optid.diagnose.candidate import Data, fit_base
 from optid.diagnose.diagnosis import diagnose
 from optid.diagnose.disturbance import Located, locate, locate_at
 from optid.diagnose.finding import Verdict
-from optid.diagnose.unexplained import _curves, _fits, _shared, describe, nameless
+from optid.diagnose.unexplained import _curves, _fits, _levels, _rivalling, _shared, describe, nameless
 from optid.effects.curve import Curve
 from optid.report.diagnosis_document import diagnosis_document
 from optid.report.diagnosis_page import diagnosis_page
@@ -34,7 +34,7 @@ def fitted(folder, concealed):
 def described(tmp_path_factory):
     base, data = fitted(tmp_path_factory.mktemp("wavy"), wavy)
     site = locate_at(base, data, "drive.command")  # the drag's force would do as well
-    return base, data, site, describe(base, site, data, lambda words: None)
+    return base, data, site, describe(base, [site], data, lambda words: None)
 
 
 def test_the_curve_is_the_law(described):
@@ -72,7 +72,7 @@ def test_the_rig_file_holds_it(described, tmp_path):
 
 def test_nothing_is_drawn_where_nothing_is_missing(tmp_path):
     base, data = fitted(tmp_path, lambda u: u)
-    assert all(describe(base, one, data, lambda words: None) is None for one in locate(base, data))
+    assert all(describe(base, [one], data, lambda words: None) is None for one in locate(base, data))
 
 
 def test_curves_run_over_what_moved_and_turn_with_what_is_a_speed(described):
@@ -101,10 +101,24 @@ def test_a_curve_may_lie_at_any_of_the_sites_whose_signals_came_together(describ
         site, sites=("sensor.position", *site.sites), signals=np.c_[9.0 * site.signal, site.signal]
     )
     assert both.site == "sensor.position"
-    found = describe(base, both, data, lambda words: None)
+    found = describe(base, [both], data, lambda words: None)
     assert found.rival.effect.sites == before.rival.effect.sites == ("drive.command",)
     finding = nameless(base, [both], found, data)
     assert finding.place == "drive.command" and finding.signal.signal == pytest.approx(site.signal)
+
+
+def test_places_that_do_nearly_as_well_are_looked_at_as_well(described):
+    base, data, site, before = described
+    elsewhere = replace(site, sites=("sensor.position",))  # as good on what is held out
+    badly = replace(site.judged, deviance=site.judged.deviance + 1.0)
+    worse = replace(site, sites=("drag.force",), judged=badly)
+    assert _rivalling([elsewhere, site, worse], data) == [site]
+    found = describe(base, [elsewhere, site, worse], data, lambda words: None)
+    assert found.rival.effect.name == before.rival.effect.name == "curve@drive.command@command"
+    finding = nameless(base, [elsewhere, site, worse], found, data)
+    assert (finding.site, finding.place) == ("drive", "drive.command")
+    assert "an unknown signal at sensor.position explains the recordings best" in finding.sentence
+    assert "describes it at drive.command, without a name" in finding.sentence
 
 
 def test_an_answer_holds_the_curve_and_no_name(tmp_path):
@@ -173,3 +187,16 @@ def test_a_single_site_remembers_states_and_inputs():
     found = {effect.name for effect in _shared(base, there)}
     moving = ("position", "velocity", "pressure_a", "pressure_b")  # the command does not
     assert found == {f"relaxation@force.external@{name}" for name in moving}
+
+
+def test_dry_friction_is_scaled_where_a_force_is_missing():
+    """What sticks no force that is added describes."""
+    base, x, there = axis_seen(("force.external",))
+    found = {effect.name: effect for effect in _levels(base, there)}
+    moving = ("position", "velocity", "pressure_a", "pressure_b")
+    assert found.keys() == {f"scaling@force.coulomb@{name}" for name in moving}
+    null = found["scaling@force.coulomb@position"].at_null()
+    assert (null["low"], null["high"]) == (x["position"].min(), x["position"].max())
+    assert all(_fits(base.rig, effect) for effect in found.values())
+    base, _, there = axis_seen(("flow.chamber_a",))
+    assert _levels(base, there) == []
