@@ -71,7 +71,7 @@ def test_what_a_search_that_was_ended_leaves_is_described_while_there_is_time(tm
     asked_for = []
     monkeypatch.setattr(diagnosis_of, "SEARCHED", 0.0)
     monkeypatch.setattr(diagnosis_of, "OWN", 0.0)
-    monkeypatch.setattr(diagnosis_of, "describe", lambda base, located, *_: asked_for.append(located.site))
+    monkeypatch.setattr(diagnosis_of, "describe", lambda base, sites, *_: asked_for.append(sites[0].site))
     found = asked(tmp_path, dead_band, time_limit=1e6)
     assert found.verdict is Verdict.UNEXPLAINED and found.search.stopped
     assert len(asked_for) == 1

@@ -34,7 +34,7 @@ def described(request, tmp_path_factory):
     data = Data(tuple(runs[:2]), (runs[2],), {"position": SD}, np.random.default_rng(0))
     base = fit_base(rig(tmp_path_factory.mktemp("wave")), data, lambda share, words: None)
     site = locate_at(base, data, "drag.force")
-    return request.param, base, data, site, describe(base, site, data, lambda words: None)
+    return request.param, base, data, site, describe(base, [site], data, lambda words: None)
 
 
 def test_the_wave_is_the_law(described):
@@ -118,7 +118,7 @@ def test_what_parameters_explain_is_no_wave(tmp_path):
 def test_a_wave_may_come_from_another_site_of_the_kind(described, monkeypatch):
     _, base, data, site, found = described
     monkeypatch.setattr(unexplained, "SOURCES", {"sensor": "drag.force"})
-    there = describe(base, replace(site, sites=("sensor.position",)), data, lambda words: None)
+    there = describe(base, [replace(site, sites=("sensor.position",))], data, lambda words: None)
     assert there.rival.effect.name == found.rival.effect.name
     assert there.located.sites == ("drag.force",)
     assert there.located.signal == pytest.approx(site.signal)
