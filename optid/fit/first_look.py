@@ -5,6 +5,9 @@ push the piston either way or not at all, and a filter that takes so much for on
 the first motion is over, in pressures a tenth of a bar off, and is sure of them. Each of many normal
 distributions that together make up the same prior is narrow enough to be filtered well (Gaussian sums: Sorenson and
 Alspach, Automatica 7, 1971); the likeliest one, by the first moments of the record, is where the filter begins.
+
+Most records begin at rest. A filter to which the speed is unknown takes friction that holds the axis for forces in
+balance, and believes in pressures that would balance: so everything is tried at rest as well.
 """
 
 from __future__ import annotations
@@ -16,7 +19,7 @@ import numpy as np
 from scipy import stats
 
 from optid.core.model import Array, Model
-from optid.fit.likelihood import Noise, Start, deviance, run_filter, start_of
+from optid.fit.likelihood import QUIET, Noise, Start, deviance, run_filter, start_of
 from optid.fit.problem import Booleans, Problem
 
 PARTS = 32
@@ -35,7 +38,8 @@ def first_look(model: Model, problem: Problem, p: Array, noise: Noise, seconds: 
         seconds: of every segment that count.
 
     Returns:
-        One of the parts of what the model itself says of the start, or all that where no part is likelier; one set.
+        One of the parts of what the model itself says of the start, moving or at rest, or all that where no part is
+        likelier; one set.
     """
     whole = start_of(model, p[None], len(problem.begins))
     measured = np.asarray(np.isfinite(problem.measured).any(axis=0))
@@ -44,11 +48,11 @@ def first_look(model: Model, problem: Problem, p: Array, noise: Noise, seconds: 
         return whole
     z = np.zeros((PARTS, len(model.states)))
     z[:, hidden] = _spread(int(hidden.sum()))
-    narrow = np.where(hidden, NARROW, 1.0)
-    parts = Start(
-        whole.mean + np.sqrt(1.0 - NARROW**2) * z[:, None] * whole.sd,
-        np.tile(narrow * whole.sd, (PARTS, 1, 1)),
-    )
+    tried = [_parts(whole, z, hidden)]
+    if (speeds := _speeds(model, p)).any():
+        still = np.where(speeds, QUIET * model.scales, whole.sd)
+        tried.append(_parts(Start(np.where(speeds, 0.0, whole.mean), still), z, hidden & ~speeds))
+    both = Start(*(np.ascontiguousarray(np.concatenate(a)) for a in zip(*tried, strict=True)))
     counts = np.minimum(
         problem.counts,
         [np.searchsorted(problem.time[b : b + n + 1], problem.time[b] + seconds) - 1
@@ -61,19 +65,35 @@ def first_look(model: Model, problem: Problem, p: Array, noise: Noise, seconds: 
         problem, time=problem.time[rows], dt=problem.dt[rows], inputs=problem.inputs[rows],
         measured=problem.measured[rows], begins=begins, counts=counts,
     )  # fmt: skip
-    both = Start(
-        np.concatenate([whole.mean, parts.mean]), np.ascontiguousarray(np.concatenate([whole.sd, parts.sd]))
-    )
-    count = PARTS + 1
+    count = len(both.mean)
+    odds = np.tile(np.r_[-WORTH, (z**2).sum(axis=1)], len(tried))
     Q, R = np.tile(noise.spectrum(len(model.states)), (count, 1)), np.tile(noise.measurement, (count, 1))
     f = run_filter(model, opening, np.tile(p, (count, 1)), Q, R, start=both)
     each = deviance(f.innovations, f.variances)
     best = np.zeros(len(problem.begins), dtype=int)
     for k, (begin, n) in enumerate(zip(opening.begins, opening.counts, strict=True)):
-        score = each[:, begin : begin + n + 1].sum(axis=1) + np.r_[-WORTH, (z**2).sum(axis=1)]
+        score = each[:, begin : begin + n + 1].sum(axis=1) + odds
         best[k] = int(np.argmin(np.where(np.isfinite(score), score, np.inf)))
     segments = np.arange(len(best))
     return Start(both.mean[best, segments][None], both.sd[best, segments][None])
+
+
+def _parts(whole: Start, z: Array, hidden: Booleans) -> Start:
+    """The whole, and its parts at so many sd in the states that are hidden, (1 + parts, segments, states)."""
+    z = np.where(hidden, z, 0.0)
+    return Start(
+        np.concatenate([whole.mean, whole.mean + np.sqrt(1.0 - NARROW**2) * z[:, None] * whole.sd]),
+        np.concatenate([whole.sd, np.tile(np.where(hidden, NARROW, 1.0) * whole.sd, (len(z), 1, 1))]),
+    )
+
+
+def _speeds(model: Model, p: Array) -> Booleans:
+    """States that are the rate of another, (states,)."""
+    x = ca.SX.sym("x", len(model.states))
+    rates = model.rates(x, ca.SX.sym("u", len(model.inputs)), ca.DM(p))
+    return np.array(
+        [any(ca.is_equal(rates[i], x[j]) for i in range(x.numel()) if i != j) for j in range(x.numel())]
+    )
 
 
 def _unseen(model: Model, p: Array, measured: Booleans) -> Booleans:
