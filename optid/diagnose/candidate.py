@@ -16,7 +16,7 @@ from optid.diagnose.judge import EXCESS, Judged, excess, judge
 from optid.effects.effect import Effect
 from optid.errors import SolveError
 from optid.fit.likelihood import WHOLE
-from optid.fit.place import Answer, Question
+from optid.fit.place import Answer, Place, Question
 from optid.fit.problem import pose
 from optid.fit.scoring import approach, followed, maximise, question_of, quieted
 from optid.rigs.rigfile import Rig, with_effects
@@ -34,6 +34,8 @@ FADES = (
 ABOUT = 4.0  # times what a settled fit leaves: a first refit of the same model leaves no more
 SKEW = "sampling_skew"
 QUICK = 15  # iterations of a first refit; the best then converge
+
+MOVED = 0.02  # of typical sizes: what recordings tell of themselves is looked at where it differs by more
 
 Report = Callable[[float, str], None]
 
@@ -188,6 +190,7 @@ def refitted(base: Rig, effects: tuple[Effect, ...], near: Candidate, data: Data
     question = data.question(rig, plain)
     levels = near.answer.noise.levels
     answer = maximise(question, p, levels, iterations=QUICK, polish=False, near=near.answer)
+    rig, answer = centred(effects, rig, answer)
     return Candidate(effects, rig, answer, judge(answer, data.holdout))
 
 
@@ -197,4 +200,30 @@ def settled(
     """The likeliest model from a start, judged; the process noise of `near`, if any, is where the search begins."""
     question = data.question(rig, plain)
     answer = maximise(question, p, None if near is None else near.noise.levels, near=near)
+    rig, answer = centred(effects, rig, answer)
     return Candidate(effects, rig, answer, judge(answer, data.holdout))
+
+
+def centred(effects: Sequence[Effect], rig: Rig, answer: Answer) -> tuple[Rig, Answer]:
+    """A model with what its recordings together tell of effects of which each has something of its own."""
+    model, problem = answer.question.model, answer.question.problem
+    ends = answer.filtered.states[0][problem.begins + problem.counts]
+    told: dict[str, float] = {}
+    for effect in effects:
+        own = f"{effect.name}."
+        shown = {
+            s.name.removeprefix(own): ends[:, i] for i, s in enumerate(model.states) if s.name.startswith(own)
+        }
+        values = {q.name: float(answer.p[model.index(own + q.name)]) for q in effect.parameters}
+        told |= effect.qualified(effect.centred(values, shown))
+    p = answer.p.copy()
+    for name, value in told.items():
+        p[model.index(name)] = np.clip(value, *model.parameters[model.index(name)].bounds)
+    typical = np.array([q.typical for q in model.parameters])
+    if not told or np.abs((p - answer.p) / typical).max() < MOVED:
+        return rig, answer
+    rig = replace(rig, parameters={**rig.parameters, **{name: float(p[model.index(name)]) for name in told}})
+    # No search from there: it would only wander to where the recordings' own states allow as well.
+    place = Place(replace(answer.question, rig=rig), p, answer.noise)
+    place.differentiate()
+    return rig, place.answer(answer.settled)

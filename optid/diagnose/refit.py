@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from scipy import stats
 
 from optid.core.model import Array
-from optid.diagnose.candidate import ABOUT, QUICK, SCANNED, Candidate, Data
+from optid.diagnose.candidate import ABOUT, QUICK, SCANNED, Candidate, Data, centred
 from optid.diagnose.judge import EXCESS, Comparison, brought_to_noise, cleared, compare, excess, judge
 from optid.diagnose.screen import Signature, grown
 from optid.effects.effect import Effect
@@ -227,7 +227,9 @@ def _settle(c: Contest, t: _Refit) -> None:
 
 def _rival(c: Contest, t: _Refit, place: int) -> Rival:
     """A refitted effect against the model of its round, in its turn by likelihood."""
-    candidate = Candidate((*c.current.effects, t.effect), t.rig, t.answer, judge(t.answer, c.data.holdout))
+    effects = (*c.current.effects, t.effect)
+    t.rig, t.answer = centred(effects, t.rig, t.answer)
+    candidate = Candidate(effects, t.rig, t.answer, judge(t.answer, c.data.holdout))
     gain = c.current.answer.score - t.answer.score
     against = compare(c.current.judged, candidate.judged, c.data.generator)
     misfit = _misfit(t, gain, c.screened)

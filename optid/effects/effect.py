@@ -89,6 +89,15 @@ class Effect:
         """
         return self.usual
 
+    def centred(self, values: Mapping[str, float], shown: Mapping[str, Array]) -> Mapping[str, float]:
+        """What recordings together tell of parameters, where each has something of its own; nothing unless they do.
+
+        Args:
+            values: SI, by own name.
+            shown: where the effect's own states ended in each recording, by own name, (recordings,).
+        """
+        return {}
+
     @property
     def fitted(self) -> tuple[Parameter, ...]:
         """Those of its parameters that recordings tell."""

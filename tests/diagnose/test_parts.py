@@ -480,6 +480,7 @@ def test_beside_others_an_effect_must_clear_more_than_the_form_of_their_laws_lea
     base = Candidate((), None, None, "base")
     proof = SimpleNamespace(p_value=1e-4, error_gain=0.5, bounded_gain=9.0)
     monkeypatch.setattr(refit_of, "judge", lambda answer, holdout: "after")
+    monkeypatch.setattr(refit_of, "centred", lambda effects, rig, answer: (rig, answer))
     monkeypatch.setattr(refit_of, "compare", lambda *others: proof)
     monkeypatch.setattr(
         refit_of, "cleared", lambda base, seen, noise: {"before": before, "after": after}[seen]

@@ -34,9 +34,14 @@ THIRD = {
     )
     for name, words in (("in_phase", "phase"), ("across", "quadrature"))
 }  # fmt: skip
-PURE = {"third_in_phase": 0.0, "third_across": 0.0}
+SCATTER = Parameter(
+    "scatter", "1", 0.3, "by how much recordings differ in the quadratures, sd as a share of the amplitude",
+    "1 where recordings begin at any time, next to nothing where force and recording begin together", 1.0,
+    (0.02, 1.0), fitted=False,
+)  # fmt: skip
+ALIKE = 0.3  # scatter up to which recordings have their phase in common
+PURE = {"third_in_phase": 0.0, "third_across": 0.0, "scatter": 1.0}  # as it is first looked for
 TINY = 1e-9
-OWN = 1.0  # of the amplitude: by how much a recording's quadratures may differ from the mean phase's
 LOUDEST = 3  # lines of a spectrum that are tried
 NEIGHBOURS = 41  # bins of the spectrum whose median a line is held against
 
@@ -45,13 +50,14 @@ class PeriodicDisturbance(Effect):
     """A sin(2 pi f t + phase) and its third harmonic; of either quadrature what a recording has of its own.
 
     These are states that stand still. The force is nearly linear in them, so that a filter finds a recording's phase
-    from any start.
+    from any start. Where the recordings turn out to have one phase in common, it is known of others before an axis at
+    rest shows anything of the force.
     """
 
     name = "periodic_disturbance"
     sites = ("force.external",)
     equation = "11"
-    parameters = (AMPLITUDE, FREQUENCY, PHASE, *THIRD.values())
+    parameters = (AMPLITUDE, FREQUENCY, PHASE, *THIRD.values(), SCATTER)
     strength = {"amplitude": 0.6}
     usual = tuple(
         {"amplitude": 4.0, "frequency": f, "phase": phase, **PURE}
@@ -60,8 +66,8 @@ class PeriodicDisturbance(Effect):
     )
     law = "a force A (sin a + b sin 3 a + c cos 3 a), a = 2 pi f t + phase"
     says = (
-        "a force of {amplitude} swings at {frequency}, whatever the axis does (phase {phase} rad; third harmonic "
-        "{third_in_phase} in phase, {third_across} across)"
+        "a force of {amplitude} swings at {frequency}, whatever the axis does (phase {phase} rad, recordings apart by "
+        "{scatter} of the amplitude; third harmonic {third_in_phase} in phase, {third_across} across)"
     )
     depends_on = ("time",)
     needs = "several of its periods"
@@ -88,9 +94,26 @@ class PeriodicDisturbance(Effect):
             for i in best for quarter in (-1, 0, 1, 2)
         ]  # fmt: skip
 
+    def centred(self, values: Mapping[str, float], shown: Mapping[str, Array]) -> Mapping[str, float]:
+        """Amplitude and phase of the recordings' mean force, or their mean amplitude where phases differ.
+
+        The states may stand for any part of the force, so that a fit ends wherever it came to them first.
+        """
+        a, b = np.cos(values["phase"]) + shown["sine"], np.sin(values["phase"]) + shown["cosine"]
+        mean, power = np.hypot(a.mean(), b.mean()), float(np.mean(a**2 + b**2))
+        apart = math.sqrt(max(power - mean**2, 0.0) / 2 * len(a) / max(len(a) - 1, 1)) / max(mean, TINY)
+        alike = len(a) > 1 and apart <= ALIKE
+        ahead = math.atan2(b.mean(), a.mean()) - values["phase"]
+        return {
+            "amplitude": values["amplitude"] * (float(mean) if alike else math.sqrt(power)),
+            "phase": values["phase"] + math.remainder(ahead, 2 * math.pi),
+            "scatter": max(apart, SCATTER.bounds[0]) if alike else SCATTER.bounds[1],
+        }
+
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
         """External force, N."""
-        sine, cosine = (sheet.state(name, "1", 0.3, spread=OWN) for name in ("sine", "cosine"))
+        scatter = sheet.param(SCATTER)
+        sine, cosine = (sheet.state(name, "1", 0.3, spread=scatter) for name in ("sine", "cosine"))
         for own in (sine, cosine):
             sheet.rate(own, 0.0)
         phase, turns = sheet.param(PHASE), 2 * math.pi * sheet.param(FREQUENCY) * sheet.clock()
