@@ -203,11 +203,19 @@ def missed(judged: Judged, noise: Mapping[str, float]) -> float:
     return ratio if ratio > EXCESS else 1.0
 
 
-def cleared(before: Judged, after: Judged, noise: Mapping[str, float]) -> float:
-    """Share of the windows' squared error beyond the floor that is gone, in the channel that had most of it."""
+def beyond_noise(judged: Judged, noise: Mapping[str, float]) -> bool:
+    """Whether windows err more than measurement does, be it for nothing but what their pasts leave open."""
+    return any(score.rmse > EXCESS * noise.get(role, math.inf) for role, score in judged.scores.items())
+
+
+def cleared(before: Judged, after: Judged, noise: Mapping[str, float], *, imperfect: bool = True) -> float:
+    """Share of the windows' squared error beyond the floor that is gone, in the channel that had most of it.
+
+    The floor is the noise and, of an `imperfect` model, its imperfection.
+    """
     worst, share = 0.0, 1.0
     for role, score in before.scores.items():
-        floor = math.hypot(noise.get(role, 0.0), before.imperfection[role])
+        floor = math.hypot(noise.get(role, 0.0), before.imperfection[role] if imperfect else 0.0)
         too_much = score.rmse**2 - floor**2
         if floor > 0.0 and too_much / floor**2 > worst:
             worst = too_much / floor**2

@@ -245,8 +245,11 @@ def _reason(c: Contest, rival: Rival, place: int) -> str:
     if why and rival.against.bounded_gain > 0.0:
         # What acts seldom shows in a window or two, too few for a test over windows.
         why = "" if brought_to_noise(c.current.judged, rival.candidate.judged, c.data.noise) else why
-    if not why and c.current.effects and excess(rival.candidate.judged, c.data.noise) > EXCESS:
-        why = _formal(c, rival.candidate)
+    if not why and c.current.effects:
+        if excess(rival.candidate.judged, c.data.noise) > EXCESS:
+            why = _formal(c, rival.candidate)
+        elif excess(c.current.judged, c.data.noise) <= EXCESS:
+            why = _unasked(c, rival.candidate)
     return why
 
 
@@ -370,6 +373,14 @@ def _formal(c: Contest, candidate: Candidate) -> str:
     if more >= min(FORM, MOST * (1.0 - before)):
         return ""
     return f"it clears {100 * max(more, 0):.1f} % of the first error: the form of the laws before it may leave that"
+
+
+def _unasked(c: Contest, candidate: Candidate) -> str:
+    """Whether an effect leaves most of what the pasts of windows may explain as well; empty if it takes that away."""
+    share = cleared(c.current.judged, candidate.judged, c.data.noise, imperfect=False)
+    if share >= MOST:
+        return ""
+    return f"it clears {100 * max(share, 0):.0f} % of the error beyond the noise: where windows begin may explain that"
 
 
 def own_values(effect: Effect, rig: Rig, answer: Answer) -> dict[str, float]:

@@ -17,7 +17,7 @@ from scipy import stats
 
 from optid.core.model import Model
 from optid.diagnose.candidate import ABOUT, QUIETER, Candidate, Data, Report, refitted, settled
-from optid.diagnose.judge import EXCESS, brought_to_noise, cleared, compare, excess
+from optid.diagnose.judge import EXCESS, beyond_noise, brought_to_noise, cleared, compare, excess
 from optid.diagnose.lead import leads, stood
 from optid.diagnose.refit import FORM, LEVEL, TINY, Contest, Rival, cost, refit
 from optid.diagnose.screen import Signature, screen
@@ -117,8 +117,9 @@ def search(base: Candidate, own: Sequence[Effect], data: Data, report: Report) -
         tell = partial(report, 0.1 + 0.8 * depth / (DEEPEST + 1))
         tell(f"round {depth + 1}: screening the catalogue")
         little, much = _little_left(base, current, data), excess(current.judged, data.noise) > EXCESS
-        ended = len(current.effects) == DEEPEST or (little and not much) or _hopeless(base, current, data)
-        ended = ended or data.over
+        # What the pasts of windows leave open may be all they err by; it may as well hide something.
+        quiet = little and not much and not beyond_noise(current.judged, data.noise)
+        ended = len(current.effects) == DEEPEST or quiet or _hopeless(base, current, data) or data.over
         most = 0 if ended else LITTLE if little else None
         look = _round(base, current, own, data, tell, most, guide=guide)
         if data.over:

@@ -15,7 +15,7 @@ from optid.diagnose import refit as refit_of
 from optid.diagnose import search as search_of
 from optid.diagnose.candidate import Candidate, Data, fit_base
 from optid.diagnose.disturbance import places
-from optid.diagnose.judge import Comparison, Judged, cleared, compare
+from optid.diagnose.judge import Comparison, Judged, beyond_noise, cleared, compare, excess
 from optid.diagnose.law import law_at
 from optid.diagnose.refit import FORM, Rival
 from optid.diagnose.residuals import _portmanteau
@@ -119,6 +119,17 @@ def test_what_a_model_clears_is_counted_in_the_channel_that_erred_most():
     assert cleared(before, none, {"position": 1.0}) == 0.0
     assert cleared(before, judged(np.zeros(100), 0.5), {"position": 1.0}) == 1.0
     assert cleared(judged(np.zeros(100), 1.0), none, {"position": 1.0}) == 1.0  # nothing erred
+
+
+def test_what_an_imperfection_may_explain_is_beyond_the_noise_all_the_same():
+    vague, after, noise = judged(np.zeros(100), 5.0), judged(np.zeros(100), 3.0), {"position": 1.0}
+    vague = replace(vague, find_imperfection=lambda: {"position": 5.0})
+    assert excess(vague, noise) < 1.0
+    assert beyond_noise(vague, noise)
+    assert cleared(vague, after, noise) == 1.0
+    assert cleared(vague, after, noise, imperfect=False) == pytest.approx((25.0 - 9.0) / 24.0)
+    assert not beyond_noise(judged(np.zeros(100), 1.1), noise)
+    assert not beyond_noise(vague, {})  # nobody knows the noise
 
 
 def test_quantities_are_said_in_units_people_use():
@@ -415,18 +426,19 @@ def test_recordings_that_disagree_widen_the_intervals(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("left", "ratio", "led", "asked"),
+    ("left", "ratio", "beyond", "led", "asked"),
     [
-        (0.01, 1.1, 9, [3]),
-        (0.01, 9.0, 0, [3, 2]),
-        (0.1, 9.0, 0, [3, 3]),
-        (0.01, 9.0, 9, [3, 5, 2, 2]),
-        (0.1, 9.0, 9, [3, 5, 3, 5]),
-        (0.1, 2.0, 9, [3, 9]),  # nothing bends a model that errs by so little
+        (0.01, 1.1, False, 9, [3]),
+        (0.01, 1.1, True, 9, [3, 2]),  # the windows' pasts explain it, or hide something
+        (0.01, 9.0, True, 0, [3, 2]),
+        (0.1, 9.0, True, 0, [3, 3]),
+        (0.01, 9.0, True, 9, [3, 5, 2, 2]),
+        (0.1, 9.0, True, 9, [3, 5, 3, 5]),
+        (0.1, 2.0, True, 9, [3, 9]),  # nothing bends a model that errs by so little
     ],
 )
 def test_a_search_goes_on_while_something_is_left_and_with_few_where_it_is_little(
-    left, ratio, led, asked, monkeypatch
+    left, ratio, beyond, led, asked, monkeypatch
 ):
     """Little is left and the windows are at the noise: it ends. They are not: the two best are still tried.
 
@@ -445,6 +457,7 @@ def test_a_search_goes_on_while_something_is_left_and_with_few_where_it_is_littl
     monkeypatch.setattr(search_of, "refit", rivals)
     monkeypatch.setattr(search_of, "_thinned", lambda base, current, *others: (current, {}, ()))
     monkeypatch.setattr(search_of, "excess", lambda judged, noise: ratio if rounds else 9.0)
+    monkeypatch.setattr(search_of, "beyond_noise", lambda judged, noise: beyond)
     monkeypatch.setattr(search_of, "cleared", lambda *others: 1.0 - left)
     monkeypatch.setattr(search_of, "likelier", lambda current, data: led_on.append(current) or current)
     for name in ("screen", "admitted", "quieted"):
@@ -461,17 +474,17 @@ def test_a_search_goes_on_while_something_is_left_and_with_few_where_it_is_littl
 
 
 @pytest.mark.parametrize(
-    ("noise_left", "before", "after", "named"),
+    ("ratio", "left", "before", "after", "named"),
     [
-        (1.5, 0.90, 0.93, True),  # 3 % of the first error
-        (1.5, 0.90, 0.91, False),
-        (1.1, 0.90, 0.91, True),  # windows at the noise
-        (1.5, 0.990, 0.996, True),  # most of the rest
-        (1.5, 0.990, 0.994, False),
+        (1.6, 1.5, 0.90, 0.93, True),  # 3 % of the first error
+        (1.6, 1.5, 0.90, 0.91, False),
+        (1.6, 1.1, 0.90, 0.91, True),  # windows at the noise
+        (1.6, 1.5, 0.990, 0.996, True),  # most of the rest
+        (1.6, 1.5, 0.990, 0.994, False),
     ],
 )
 def test_beside_others_an_effect_must_clear_more_than_the_form_of_their_laws_leaves(
-    noise_left, before, after, named, monkeypatch
+    ratio, left, before, after, named, monkeypatch
 ):
     effect = SimpleNamespace(name="small", fitted=(), look_alikes=())
     answer = SimpleNamespace(score=0.0)
@@ -485,12 +498,35 @@ def test_beside_others_an_effect_must_clear_more_than_the_form_of_their_laws_lea
     monkeypatch.setattr(
         refit_of, "cleared", lambda base, seen, noise: {"before": before, "after": after}[seen]
     )
-    monkeypatch.setattr(refit_of, "excess", lambda judged, noise: noise_left)
+    monkeypatch.setattr(refit_of, "excess", lambda judged, noise: {"before": ratio, "after": left}[judged])
     data = Data((), (), {}, np.random.default_rng(0))
     contest = refit_of.Contest(base, current, None, 1, data, lambda words: None)
     rival = refit_of._rival(contest, tried, 0)
     assert (not rival.why) is named
     assert named or rival.why.startswith(f"it clears {100 * (after - before):.1f} % of the first error")
+
+
+@pytest.mark.parametrize(("share", "named"), [(0.6, True), (0.4, False)])
+def test_what_the_pasts_of_windows_may_explain_an_effect_beside_others_must_take_away(
+    share, named, monkeypatch
+):
+    asked = []
+
+    def cleared(before, after, noise, *, imperfect):
+        asked.append((before, after, imperfect))
+        return share
+
+    monkeypatch.setattr(refit_of, "excess", lambda judged, noise: 1.1)
+    monkeypatch.setattr(refit_of, "cleared", cleared)
+    current = Candidate(("large",), None, None, "before")
+    data = Data((), (), {}, np.random.default_rng(0))
+    contest = refit_of.Contest(current, current, None, 1, data, lambda words: None)
+    proof = SimpleNamespace(p_value=1e-4, error_gain=0.5, bounded_gain=9.0)
+    rival = Rival(None, Candidate((), None, None, "after"), 99.0, proof, "", hopeful=True)
+    why = refit_of._reason(contest, rival, 0)
+    assert (not why) is named
+    assert named or why.startswith("it clears 40 % of the error beyond the noise")
+    assert asked == [("before", "after", False)]
 
 
 @pytest.mark.parametrize(
