@@ -120,10 +120,15 @@ def _levels(base: Candidate, located: Located) -> list[Effect]:
     for site in dict.fromkeys(LEVELS.get(kind_of(site), "") for site in located.sites):
         if site in base.rig.model.sites:
             for name, values in _moving(base).items():
-                low, high = float(np.nanmin(values)), float(np.nanmax(values))
+                low, high = _ends(values)
                 if low < high:
                     found.append(Scaling(site, name, low=low, high=high, size=SCALED))
     return found
+
+
+def _ends(values: Array) -> tuple[float, float]:
+    """The least and the largest."""
+    return float(np.nanmin(values)), float(np.nanmax(values))
 
 
 def _waves(base: Candidate, guide: Answer, site: str, data: Data) -> list[Signature]:
@@ -167,11 +172,12 @@ def _shared(base: Candidate, located: Located) -> list[Effect]:
     known = _known(base, located.sites) if len(located.sites) > 1 else _moving(base)
     found: list[Effect] = []
     for name, values in known.items():
-        low, high, spread = float(np.nanmin(values)), float(np.nanmax(values)), float(np.nanstd(values))
+        low, high = _ends(values)
         if low < high:
             if len(located.sites) > 1:  # at a single one a curve says as much
                 found.append(Scaling(site, name, low=low, high=high, size=SCALED))
-            found.append(Relaxation(site, name, size=size, scale=spread, start=float(np.nanmean(values))))
+            scale, start = float(np.nanstd(values)), float(np.nanmean(values))
+            found.append(Relaxation(site, name, size=size, scale=scale, start=start))
     return found
 
 
@@ -214,7 +220,7 @@ def _curves(base: Candidate, located: Located) -> Sequence[Curve]:
     followed = _moving(base)
     speeds = [state.name for state in model.states if state.unit in SPEEDS and state.name in followed]
     turns = {name: TURN * float(np.sqrt(np.nanmean(followed[name] ** 2))) for name in speeds}
-    ends = {name: (float(np.nanmin(values)), float(np.nanmax(values))) for name, values in followed.items()}
+    ends = {name: _ends(values) for name, values in followed.items()}
     moving = {name: (low, high) for name, (low, high) in ends.items() if low < high}
     curve = partial(Curve, located.site, size=size)
     plain = [curve(name, low=low, high=high) for name, (low, high) in moving.items()]
