@@ -48,10 +48,11 @@ def first_look(model: Model, problem: Problem, p: Array, noise: Noise, seconds: 
         return whole
     z = np.zeros((PARTS, len(model.states)))
     z[:, hidden] = _spread(int(hidden.sum()))
-    tried = [_parts(whole, z, hidden)]
+    tried, odds = [_parts(whole, z, hidden)], [_odds(z)]
     if (speeds := _speeds(model, p)).any():
-        still = np.where(speeds, QUIET * model.scales, whole.sd)
-        tried.append(_parts(Start(np.where(speeds, 0.0, whole.mean), still), z, hidden & ~speeds))
+        still, held = np.where(speeds, QUIET * model.scales, whole.sd), np.where(speeds, 0.0, z)
+        tried.append(_parts(Start(np.where(speeds, 0.0, whole.mean), still), held, hidden & ~speeds))
+        odds.append(_odds(held))
     both = Start(*(np.ascontiguousarray(np.concatenate(a)) for a in zip(*tried, strict=True)))
     counts = np.minimum(
         problem.counts,
@@ -66,25 +67,28 @@ def first_look(model: Model, problem: Problem, p: Array, noise: Noise, seconds: 
         measured=problem.measured[rows], begins=begins, counts=counts,
     )  # fmt: skip
     count = len(both.mean)
-    odds = np.tile(np.r_[-WORTH, (z**2).sum(axis=1)], len(tried))
     Q, R = np.tile(noise.spectrum(len(model.states)), (count, 1)), np.tile(noise.measurement, (count, 1))
     f = run_filter(model, opening, np.tile(p, (count, 1)), Q, R, start=both)
     each = deviance(f.innovations, f.variances)
     best = np.zeros(len(problem.begins), dtype=int)
     for k, (begin, n) in enumerate(zip(opening.begins, opening.counts, strict=True)):
-        score = each[:, begin : begin + n + 1].sum(axis=1) + odds
+        score = each[:, begin : begin + n + 1].sum(axis=1) + np.concatenate(odds)
         best[k] = int(np.argmin(np.where(np.isfinite(score), score, np.inf)))
     segments = np.arange(len(best))
     return Start(both.mean[best, segments][None], both.sd[best, segments][None])
 
 
 def _parts(whole: Start, z: Array, hidden: Booleans) -> Start:
-    """The whole, and its parts at so many sd in the states that are hidden, (1 + parts, segments, states)."""
-    z = np.where(hidden, z, 0.0)
+    """The whole, and its parts at so many sd, narrow in the states that are hidden, (1 + parts, segments, states)."""
     return Start(
         np.concatenate([whole.mean, whole.mean + np.sqrt(1.0 - NARROW**2) * z[:, None] * whole.sd]),
         np.concatenate([whole.sd, np.tile(np.where(hidden, NARROW, 1.0) * whole.sd, (len(z), 1, 1))]),
     )
+
+
+def _odds(z: Array) -> Array:
+    """What speaks against each of such parts beforehand, in -2 log likelihood; for the whole, what chance gains."""
+    return np.r_[-WORTH, (z**2).sum(axis=1)]
 
 
 def _speeds(model: Model, p: Array) -> Booleans:
