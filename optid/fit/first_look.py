@@ -88,7 +88,7 @@ def _parts(whole: Start, z: Array, hidden: Booleans) -> Start:
 
 def _odds(z: Array) -> Array:
     """What speaks against each of such parts beforehand, in -2 log likelihood; for the whole, what chance gains."""
-    return np.r_[-WORTH, (z**2).sum(axis=1)]
+    return np.asarray(np.r_[-WORTH, (z**2).sum(axis=1)])
 
 
 def _speeds(model: Model, p: Array) -> Booleans:
