@@ -493,7 +493,7 @@ def test_beside_others_an_effect_must_clear_more_than_the_form_of_their_laws_lea
     base = Candidate((), None, None, "base")
     proof = SimpleNamespace(p_value=1e-4, error_gain=0.5, bounded_gain=9.0)
     monkeypatch.setattr(refit_of, "judge", lambda answer, holdout: "after")
-    monkeypatch.setattr(refit_of, "centred", lambda effects, rig, answer: (rig, answer))
+    monkeypatch.setattr(refit_of, "centred", lambda effects, rig, answer: ((effects, "told"), answer))
     monkeypatch.setattr(refit_of, "compare", lambda *others: proof)
     monkeypatch.setattr(
         refit_of, "cleared", lambda base, seen, noise: {"before": before, "after": after}[seen]
@@ -502,6 +502,10 @@ def test_beside_others_an_effect_must_clear_more_than_the_form_of_their_laws_lea
     data = Data((), (), {}, np.random.default_rng(0))
     contest = refit_of.Contest(base, current, None, 1, data, lambda words: None)
     rival = refit_of._rival(contest, tried, 0)
+    assert rival.candidate.rig == (
+        ("large", effect),
+        "told",
+    )  # what recordings have of their own is told first
     assert (not rival.why) is named
     assert named or rival.why.startswith(f"it clears {100 * (after - before):.1f} % of the first error")
 
