@@ -43,7 +43,9 @@ class Line(NamedTuple):
     phase: float
 
 
-def loudest(ground: Ground, wave: Wave, along: Array, fastest: float, data: Data) -> Line | None:
+def loudest(
+    ground: Ground, wave: Wave, along: Array, fastest: float, data: Data, at: float | None = None
+) -> Line | None:
     """The wave that explains most; ``None`` where there is room for none.
 
     Over time each recording may have its own phase.
@@ -54,6 +56,7 @@ def loudest(ground: Ground, wave: Wave, along: Array, fastest: float, data: Data
         along: values of what it follows, (samples,).
         fastest: periods by the unit of that, at most.
         data: recordings; when their time is over, what was seen has to do.
+        at: so many periods by the unit alone, instead of a search.
     """
     rows = np.nonzero(np.isfinite(ground.guide.filtered.innovations[0]))[0]
     problem = ground.guide.question.problem
@@ -65,6 +68,8 @@ def loudest(ground: Ground, wave: Wave, along: Array, fastest: float, data: Data
     if wave.along != TIME:
         pieces = [np.arange(len(rows))]
     grid, found = np.arange(SLOWEST / span, fastest, 1.0 / (FINE * span)), []
+    if at is not None:
+        grid = np.array([at])
     for first in range(0, len(grid), BATCH):
         if data.over:
             break
@@ -79,7 +84,7 @@ def _explained(ground: Ground, wave: Wave, some: Array, pieces: Sequence[Integer
     """
     question, guide = data.question(grown(ground.rig, wave), ground.plain), ground.guide
     points = [
-        {"height": height, "repeats": float(repeats), "phase": phase}
+        {**wave.of_height(height), "repeats": float(repeats), "phase": phase}
         for height, repeats, phase in [
             (0.0, some[0], 0.0),
             *((NUDGE, one, turned) for one in some for turned in (0.0, math.pi / 2)),

@@ -1,13 +1,10 @@
-"""A curve drawn through what is missing at a site: a description for physics that has no name, and never a name itself.
+"""A curve drawn through what is missing at a site, or through the share that passes.
 
-It is no part of the catalogue. A rig file holds it as ``[effects."curve@SITE@SIGNAL"]``, or as
-``[effects."curve@SITE@SIGNAL@SPEED"]`` where it turns its sign with a speed, as friction does. Sites that are alike, as
-both chambers' flows, share one as ``SITE+SITE``.
+A rig file holds one that turns its sign with a speed, as friction does, as ``[effects."curve@SITE@SIGNAL@SPEED"]``.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -15,67 +12,65 @@ import casadi as ca
 
 from optid.core.parameter import Parameter
 from optid.core.sheet import Sheet
-from optid.effects.anywhere import MARK
-from optid.effects.effect import Effect
+from optid.effects.description import ANY, LEAST, OWN, POSITIVE, Description, constant, followed
 
 HEIGHTS = 13
-LEAST = 0.1  # height: a tenth of what an unknown signal does at the site
-OWN = "of the recordings it was fitted to"
-AND = "+"  # between sites that share a description
 
 
-class Curve(Effect):
+class Curve(Description):
     """nominal + size * sum of h_k B_k(signal), with B_k the cubic B-splines on even knots from `low` to `high`.
 
     Beyond its ends the curve goes on straight. With a speed it is multiplied by speed / sqrt(speed**2 + width**2).
 
     Args:
         site: where it adds; several are joined by "+".
-        along: the state or input that it follows, or a signal that each of the sites knows, as a chamber's own "P".
+        signal: the state or input that it follows, or a signal that each of the sites knows, as a chamber's own "P";
+            behind a "*" the one with whose magnitude it swells.
         speed: the state with whose sign it turns; "" for none.
-        low, high: ends of the curve, in the SI unit of `along`.
+        low, high: ends of the curve, in the SI unit of what it follows.
         size: what a height of 1 adds, in the SI unit of the site.
         width: of the turn, in the SI unit of `speed`.
+        magnitude: usual one of what it swells with, SI.
 
     Source: de Boor, A Practical Guide to Splines, 1978, chapter IX.
     """
 
     kind = "curve"
     drawn = "curve"
-    equation = "-"
     needs = "motion over the whole range"
     usual = ({},)
-    entire = True
-    source = "a description, not a law"
 
     def __init__(
         self,
         site: str,
-        along: str,
+        signal: str,
         speed: str = "",
         *,
         low: float = 0.0,
         high: float = 1.0,
         size: float = 1.0,
         width: float = 1.0,
+        magnitude: float = 1.0,
     ) -> None:
-        self.name = MARK.join((self.kind, site, along, *([speed] if speed else [])))
-        self.sites, self.along, self.speed = tuple(site.split(AND)), along, speed
-        span, positive = (-math.inf, math.inf), (1e-300, math.inf)
-        constants = [("low", low, span, f"lower end of the curve, {OWN}")]
-        constants += [("high", high, span, f"upper end of the curve, {OWN}")]
-        constants += [("size", size, positive, "what a height of 1 adds at the site, in its SI unit")]
-        constants += [("width", width, positive, "speed at which it has turned by 71 %")] if speed else []
-        self.parameters = tuple(
-            Parameter(name, "1", 1.0, about, OWN, value, bounds, fitted=False)
-            for name, value, bounds, about in constants
-        ) + tuple(
-            Parameter(f"height_{k + 1}", "1", 1.0, "weight of a B-spline", OWN, 0.0) for k in range(HEIGHTS)
+        turn = [speed] if speed else []
+        given = {"low": low, "high": high, "size": size, **({"width": width} if speed else {})}
+        super().__init__(site, signal, *turn, magnitude=magnitude, **given)
+        self.speed = speed
+        turned_at = constant("width", width, POSITIVE, "speed at which it has turned by 71 %")
+        self.parameters = (
+            constant("low", low, ANY, "lower end of the curve"),
+            constant("high", high, ANY, "upper end of the curve"),
+            constant("size", size, POSITIVE, "what a height of 1 adds at the site, in its SI unit"),
+            *([turned_at] if speed else []),
+            *self._magnitude,
+            *(
+                Parameter(f"height_{k + 1}", "1", 1.0, "weight of a B-spline", OWN, 0.0)
+                for k in range(HEIGHTS)
+            ),
         )
         self.strength = dict.fromkeys((q.name for q in self.fitted), LEAST)
-        self.depends_on = (along, speed) if speed else (along,)
         turned = f" against the direction of {speed.replace('_', ' ')}" if speed else ""
-        self.law = f"a {self.drawn} over {along.replace('_', ' ')}{turned}"
+        self.law = f"a {self.drawn} over {self.along.replace('_', ' ')}{turned}{self.swells}"
         self.says = f"{self.law} describes it"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
@@ -95,7 +90,7 @@ class Curve(Effect):
         if self.speed:
             v = sheet.signal(self.speed)
             curve *= v / ca.sqrt(v**2 + own["width"] ** 2)
-        return curve
+        return self.swelled(curve, near, sheet)
 
 
 class Scaling(Curve):
@@ -107,11 +102,6 @@ class Scaling(Curve):
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
         """The signal, scaled."""
         return nominal * (1 + self.height(near, sheet))
-
-
-def followed(along: str, near: Mapping[str, Any], sheet: Sheet) -> Any:
-    """A signal that a site knows by that name, or else the plant."""
-    return near[along] if along in near else sheet.signal(along)
 
 
 def _spline(t: Any) -> Any:

@@ -1,7 +1,4 @@
-"""A wave that goes on by itself at a site: a description for physics that has no name, and never a name itself.
-
-It is no part of the catalogue. A rig file holds it as ``[effects."wave@SITE@SIGNAL"]``.
-"""
+"""A wave that goes on by itself at a site: a description for what repeats."""
 
 from __future__ import annotations
 
@@ -13,57 +10,66 @@ import casadi as ca
 
 from optid.core.parameter import Parameter
 from optid.core.sheet import Sheet
-from optid.effects.anywhere import MARK
-from optid.effects.curve import LEAST, OWN
-from optid.effects.effect import Effect
+from optid.effects.description import LEAST, OWN, POSITIVE, Description, constant, followed
 
 TIME = "time"
+KNOTS = (0.0, 0.5, 1.0, 1.5, 2.0, 2.5)  # evenly, in usual magnitudes of what a wave changes with
 SPREAD = 1.0  # of the height: by how much a recording's quadratures may differ from the mean phase's
 
 
-class Wave(Effect):
+class Wave(Description):
     """nominal + size * height * sin(2 pi repeats * signal + phase).
 
     Over time, no two recordings begin alike: what of either quadrature is a recording's own are states that stand
-    still, in which the wave is linear, so that a filter finds them from any start.
+    still, in which the wave is linear, so that a filter finds them from any start. Where it changes with another
+    signal, its height is drawn through heights at KNOTS of that one's usual magnitude, and goes on level.
 
     Args:
         site: where it adds.
-        along: the state or input that it follows, or "time".
-        repeats: periods by the SI unit of `along` where a search begins.
+        signal: the state or input that it follows, or "time"; behind a "*" the one with whose magnitude it changes.
+        repeats: periods by the SI unit of what it follows where a search begins.
         size: what a height of 1 adds, in the SI unit of the site.
+        magnitude: usual one of what it changes with, SI.
 
     Source: Fourier; for unknown phases as states, Franklin, Powell and Workman, Digital Control of Dynamic Systems,
     section 8.5.2.
     """
 
     kind = "wave"
-    equation = "-"
     needs = "several of its periods"
-    entire = True
-    source = "a description, not a law"
 
-    def __init__(self, site: str, along: str, *, repeats: float = 1.0, size: float = 1.0) -> None:
-        self.name = MARK.join((self.kind, site, along))
-        self.sites, self.along = (site,), along
+    def __init__(
+        self, site: str, signal: str, *, repeats: float = 1.0, size: float = 1.0, magnitude: float = 1.0
+    ) -> None:
+        super().__init__(site, signal, magnitude=magnitude, repeats=repeats, size=size)
+        along = self.along
+        heights = {f"height_{k + 1}": f"amplitude at {knot:g} times that" for k, knot in enumerate(KNOTS)}
+        self._heights = tuple(
+            Parameter(name, "1", 1.0, about, OWN, 0.0)
+            for name, about in (heights if self.by else {"height": "amplitude"}).items()
+        )
         self.parameters = (
-            Parameter(
-                "size", "1", 1.0, "what a height of 1 adds at the site, in its SI unit", OWN, size,
-                (1e-300, math.inf), fitted=False,
-            ),
-            Parameter("height", "1", 1.0, "amplitude", OWN, 0.0),
+            constant("size", size, POSITIVE, "what a height of 1 adds at the site, in its SI unit"),
+            *self._magnitude,
+            *self._heights,
             Parameter(
                 "repeats", "1", repeats, f"periods by the SI unit of {along}", OWN, repeats, (1e-9, 1e9),
                 logarithmic=True,
             ),
             Parameter("phase", "1", 1.0, "where the signal is 0, rad; over time the recordings' mean", OWN, 0.0),
         )  # fmt: skip
-        self.strength = {"height": LEAST}
-        self.usual = ({"height": 1.0},)
-        self.depends_on = (along,)
-        self.law = f"a wave over {along.replace('_', ' ')}"
+        self.strength = dict.fromkeys((q.name for q in self._heights), LEAST)
+        self.usual = (self.of_height(1.0),)
+        over = f"a wave over {along.replace('_', ' ')}"
+        changing = f", higher or lower with the magnitude of {self.by.replace('_', ' ')}," if self.by else ""
+        self.law = f"{over}{changing.rstrip(',')}"
         often = "of {repeats} Hz" if along == TIME else "with {repeats} periods in its SI unit"
-        self.says = f"{self.law} {often} describes it"
+        self.says = f"{over} {often}{changing} describes it"
+
+    def of_height(self, height: float) -> dict[str, float]:
+        """Its heights, by own name, where it is so high; in proportion to what it changes with, at its usual one."""
+        shares = KNOTS if self.by else (1.0,)
+        return {q.name: height * share for q, share in zip(self._heights, shares, strict=True)}
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
         """The signal with the wave on top."""
@@ -76,6 +82,18 @@ class Wave(Effect):
             a, b = a + sine, b + cosine
             signal = sheet.clock()
         else:
-            signal = sheet.signal(self.along)
+            signal = followed(self.along, near, sheet)
         turns = 2 * math.pi * own["repeats"] * signal
-        return nominal + own["size"] * own["height"] * (a * ca.sin(turns) + b * ca.cos(turns))
+        return nominal + own["size"] * self._height(own, near, sheet) * (
+            a * ca.sin(turns) + b * ca.cos(turns)
+        )
+
+    def _height(self, own: Mapping[str, Any], near: Mapping[str, Any], sheet: Sheet) -> Any:
+        heights = [own[q.name] for q in self._heights]
+        if not self.by:
+            return heights[0]
+        at = ca.fmin(ca.fabs(followed(self.by, near, sheet)) / own["magnitude"], KNOTS[-1])
+        step = KNOTS[1] - KNOTS[0]
+        return sum(
+            h * ca.fmax(1 - ca.fabs(at - knot) / step, 0) for h, knot in zip(heights, KNOTS, strict=True)
+        )

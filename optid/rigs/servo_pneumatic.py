@@ -182,7 +182,7 @@ def servo_pneumatic(
     # Piston, eq. 11, with the ambient pressure on the rod's area that the print leaves out.
     drive = A_a * P_a - A_b * P_b - (A_rod * P_atm if rod_force else 0)
     viscous = s.site("force.viscous", s.param(VISCOUS_FRICTION) * v, v=v, x=x)
-    drag = viscous + dry_friction(s, v, friction, x=x, L=L, P_a=P_a, P_b=P_b, P_atm=P_atm)
+    drag = viscous + dry_friction(s, v, friction, x=x, L=L, P_a=P_a, P_b=P_b, P_atm=P_atm, drive=drive)
     drag = s.site("force.friction", drag, x=x, v=v, P_a=P_a, P_b=P_b)
     external = s.site("force.external", end_stops(s, x, v, L), x=x, v=v, L=L)
     net = drive - drag + external

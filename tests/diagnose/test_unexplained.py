@@ -11,7 +11,8 @@ from optid.diagnose.candidate import Data, fit_base
 from optid.diagnose.diagnosis import diagnose
 from optid.diagnose.disturbance import Located, locate, locate_at
 from optid.diagnose.finding import Verdict
-from optid.diagnose.unexplained import _curves, _fits, _levels, _rivalling, _shared, describe, nameless
+from optid.diagnose.forms import curves, fitting, levels, shared
+from optid.diagnose.unexplained import _rivalling, describe, nameless
 from optid.effects.curve import Curve
 from optid.report.diagnosis_document import diagnosis_document
 from optid.report.diagnosis_page import diagnosis_page
@@ -79,10 +80,10 @@ def test_curves_run_over_what_moved_and_turn_with_what_is_a_speed(described):
     base, data, *_ = described
     signal = np.random.default_rng(0).normal(0.0, 2.0, (len(base.answer.filtered.states[0]), 1))
     there = Located(("drag.force",), 1.0, signal, None, None)
-    curves = {curve.name.removeprefix("curve@drag.force@"): curve for curve in _curves(base, there)}
-    assert set(curves) == {"position", "velocity", "command", "position@velocity", "command@velocity"}
+    found = {curve.name.removeprefix("curve@drag.force@"): curve for curve in curves(base, there)}
+    assert set(found) == {"position", "velocity", "command", "position@velocity", "command@velocity"}
     u = np.concatenate([one["command"].values for one in data.train])
-    null = curves["command@velocity"].at_null()
+    null = found["command@velocity"].at_null()
     assert (null["low"], null["high"], null["size"]) == (u.min(), u.max(), np.std(signal))
     speed = base.answer.filtered.states[0][:, 1]
     assert null["width"] == pytest.approx(0.05 * np.sqrt(np.mean(speed**2)))
@@ -141,7 +142,8 @@ def test_an_answer_holds_the_curve_and_no_name(tmp_path):
 def test_a_curve_over_what_the_plant_declares_only_later_is_left_out(tmp_path):
     plant = rig(tmp_path)
     late = Curve("drive.command", "torque")
-    assert not _fits(plant, late) and _fits(plant, Curve("drive.command", "velocity"))
+    early = Curve("drive.command", "velocity")
+    assert fitting(plant, [late, early]) == [early]
 
 
 def axis_seen(located):
@@ -167,7 +169,7 @@ def axis_seen(located):
 
 def test_sites_alike_share_what_each_of_them_knows():
     base, x, there = axis_seen(("flow.chamber_a", "flow.chamber_b"))
-    found = {effect.name: effect for effect in _shared(base, there)}
+    found = {effect.name: effect for effect in shared(base, there)}
     both = "flow.chamber_a+flow.chamber_b"
     share, memory = found[f"scaling@{both}@P"], found[f"relaxation@{both}@P"]
     P = np.r_[x["pressure_a"], x["pressure_b"]]
@@ -179,12 +181,12 @@ def test_sites_alike_share_what_each_of_them_knows():
     # Choked flows to the outside say no more than the pressure does, a spool that stands still says nothing.
     assert {f"relaxation@{both}@{name}" for name in ("other_P", "v", "x")} <= found.keys()
     assert not {f"relaxation@{both}@{name}" for name in ("ambient", "exhaust", "spool")} & found.keys()
-    assert all(_fits(base.rig, effect) for effect in found.values())
+    assert len(fitting(base.rig, found.values())) == len(found)
 
 
 def test_a_single_site_remembers_states_and_inputs():
     base, _, there = axis_seen(("force.external",))
-    found = {effect.name for effect in _shared(base, there)}
+    found = {effect.name for effect in shared(base, there)}
     moving = ("position", "velocity", "pressure_a", "pressure_b")  # the command does not
     assert found == {f"relaxation@force.external@{name}" for name in moving}
 
@@ -192,11 +194,11 @@ def test_a_single_site_remembers_states_and_inputs():
 def test_dry_friction_is_scaled_where_a_force_is_missing():
     """What sticks no force that is added describes."""
     base, x, there = axis_seen(("force.external",))
-    found = {effect.name: effect for effect in _levels(base, there)}
+    found = {effect.name: effect for effect in levels(base, there)}
     moving = ("position", "velocity", "pressure_a", "pressure_b")
     assert found.keys() == {f"scaling@force.coulomb@{name}" for name in moving}
     null = found["scaling@force.coulomb@position"].at_null()
     assert (null["low"], null["high"]) == (x["position"].min(), x["position"].max())
-    assert all(_fits(base.rig, effect) for effect in found.values())
+    assert len(fitting(base.rig, found.values())) == len(found)
     base, _, there = axis_seen(("flow.chamber_a",))
-    assert _levels(base, there) == []
+    assert levels(base, there) == []

@@ -1,0 +1,212 @@
+"""Forms that may describe what no effect explains: what is tried where a mismatch lies, over which signals.
+
+A curve runs over a state or input, as it is or turning with a speed; sites alike share one that scales what is there; a
+relaxation remembers a signal for a time; a wave goes on by itself, over time or a length. Each of them may be in
+proportion to the magnitude of another signal.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
+from typing import Any, TypeVar
+
+import numpy as np
+
+from optid.core.model import Array
+from optid.core.sheet import Sheet
+from optid.diagnose.candidate import Candidate, Data
+from optid.diagnose.disturbance import Located, push
+from optid.diagnose.instrument import Instrument
+from optid.diagnose.lead import Ground
+from optid.diagnose.line import loudest
+from optid.diagnose.screen import Signature, grown
+from optid.effects.curve import Curve, Scaling
+from optid.effects.description import AND, Description
+from optid.effects.relaxation import Relaxation
+from optid.effects.wave import TIME, Wave
+from optid.errors import RigError
+from optid.fit.place import Answer
+from optid.rigs.rigfile import Rig, with_effects
+
+Form = TypeVar("Form", bound=Description)
+
+SAME = 0.99  # correlation of two signals of which one is enough
+LEVELS = {"force": "force.coulomb"}  # what a kind of site turns and holds, and others scale
+# The fastest waves that are looked for: Hz, and periods within the range of a length.
+FASTEST, FINEST = 30.0, 300.0
+LENGTHS = ("m", "rad")
+SCALED = 0.2  # share that a height of 1 scales by
+TURN = 0.05  # of the speed's root mean square: where a curve that turns with its sign has turned
+SPEEDS = ("m/s", "rad/s")
+
+
+def kind_of(site: str) -> str:
+    """Of a plant's site, as "flow" of "flow.chamber_a"."""
+    return site.partition(".")[0]
+
+
+def curves(base: Candidate, located: Located) -> Sequence[Curve]:
+    """Over every physical state and recorded input, as it is and turning with every speed."""
+    model, size = base.rig.model, float(np.nanstd(located.signal))
+    if not size > 0.0:
+        return []
+    followed = _moving(base)
+    speeds = [state.name for state in model.states if state.unit in SPEEDS and state.name in followed]
+    turns = {name: TURN * float(np.sqrt(np.nanmean(followed[name] ** 2))) for name in speeds}
+    ends = {name: _ends(values) for name, values in followed.items()}
+    moving = {name: (low, high) for name, (low, high) in ends.items() if low < high}
+    curve = partial(Curve, located.site, size=size)
+    plain = [curve(name, low=low, high=high) for name, (low, high) in moving.items()]
+    return plain + [
+        curve(name, speed, low=low, high=high, width=width)
+        for speed, width in turns.items()
+        if width > 0.0
+        for name, (low, high) in moving.items()
+        if name != speed
+    ]
+
+
+def shared(base: Candidate, located: Located) -> list[Description]:
+    """Shares and relaxations where the mismatch lies, at all of its sites alike, over what each of them knows."""
+    size, site = float(np.nanstd(located.signals)), AND.join(located.sites)
+    if not size > 0.0:
+        return []
+    known = _known(base, located.sites) if len(located.sites) > 1 else _moving(base)
+    found: list[Description] = []
+    for name, values in known.items():
+        low, high = _ends(values)
+        if low < high:
+            if len(located.sites) > 1:  # at a single one a curve says as much
+                found.append(Scaling(site, name, low=low, high=high, size=SCALED))
+            scale, start = float(np.nanstd(values)), float(np.nanmean(values))
+            found.append(Relaxation(site, name, size=size, scale=scale, start=start))
+    return found
+
+
+def levels(base: Candidate, located: Located) -> list[Description]:
+    """Shares of a level that others turn, such as that of dry friction: what sticks no added signal describes."""
+    found: list[Description] = []
+    for site in dict.fromkeys(LEVELS.get(kind_of(site), "") for site in located.sites):
+        if site in base.rig.model.sites:
+            for name, values in _signals(base, (site,)).items():
+                low, high = _ends(values)
+                if low < high:
+                    found.append(Scaling(site, name, low=low, high=high, size=SCALED))
+    return found
+
+
+def waves(base: Candidate, guide: Answer, site: str, data: Data) -> list[Signature]:
+    """Over time, and over every length and angle of the plant, the one that explains most."""
+    size, model = push(base, data, site), base.rig.model
+    if size is None:
+        return []
+    followed = {TIME: (guide.question.problem.time, FASTEST)}
+    for k, state in enumerate(model.states):
+        if state.unit in LENGTHS and "." not in state.name:
+            values = guide.filtered.states[0][:, k]
+            followed[state.name] = (values, FINEST / max(float(np.nanmax(values) - np.nanmin(values)), 1e-12))
+    ground, found = Ground.of(base.rig, guide, data, model, guide.p), []
+    for name, (along, fastest) in followed.items():
+        for plain in fitting(base.rig, [Wave(site, name, size=size)]):
+            line = loudest(ground, plain, along, fastest, data)
+            if line is None or not line.height > 0.0:
+                continue
+            heard = [(line, plain)]
+            heard += [
+                (other, form)
+                for form in fitting(base.rig, swelling(base, plain))
+                if (other := loudest(ground, form, along, fastest, data, at=line.repeats)) is not None
+            ]
+            line, form = max(heard, key=lambda one: one[0].gain)
+            best = form.given(repeats=line.repeats, size=line.height * size)
+            values = {**best.at_null(), **best.of_height(1.0), "phase": line.phase}
+            found.append(Signature(best, values, line.gain, np.zeros(0), best.size(values), math.inf))
+    return found
+
+
+def _moving(base: Candidate) -> dict[str, Array]:
+    """Every physical state and recorded input along the recordings, (samples,)."""
+    model, answer = base.rig.model, base.answer
+    found: dict[str, Array] = {
+        state.name: answer.filtered.states[0][:, k]
+        for k, state in enumerate(model.states)
+        if state.unit != "1" and "." not in state.name
+    }
+    for column, port in enumerate(model.inputs):
+        if port in model.recorded:
+            found[port.role] = answer.question.problem.inputs[:, column]
+    return found
+
+
+def _known(base: Candidate, sites: tuple[str, ...]) -> dict[str, Array]:
+    """The signals that all of these sites know by the same name, along the recordings, (samples, sites)."""
+    model, answer = base.rig.model, base.answer
+    names = [set(near) for site, near in zip(model.sites, model.near, strict=True) if site in sites]
+    found: dict[str, Array] = {}
+    for name in sorted(set.intersection(*names)):
+        full = with_effects(base.rig, (_Reading(sites, name),), {}).model
+        rows = [k for k, port in enumerate(full.outputs) if port.role.startswith("reading_")]
+        X, U = answer.filtered.states[0], answer.question.problem.inputs
+        values = np.array(full.sensors.map(len(X))(X.T, U.T, answer.p))[rows].T
+        if not np.ptp(values) > 0.0:
+            continue
+        if not any(abs(np.corrcoef(values.ravel(), other.ravel())[0, 1]) > SAME for other in found.values()):
+            found[name] = values
+    return found
+
+
+class _Reading(Instrument):
+    """Shows a signal that sites know as outputs."""
+
+    def __init__(self, sites: tuple[str, ...], along: str) -> None:
+        self.name, self.sites, self.along = "reading", sites, along
+
+    def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
+        """The site's own signal as it came."""
+        sheet.output(f"{self.name}_{self.sites.index(site)}", "1", near[self.along])
+        return nominal
+
+
+def _ends(values: Array) -> tuple[float, float]:
+    """The least and the largest."""
+    return float(np.nanmin(values)), float(np.nanmax(values))
+
+
+def fitting(rig: Rig, forms: Iterable[Form]) -> list[Form]:
+    """Those of which the plant has declared by then what they follow."""
+    return [form for form in forms if _fits(rig, form)]
+
+
+def _fits(rig: Rig, form: Description) -> bool:
+    try:
+        grown(rig, form)
+    except RigError:
+        return False
+    return True
+
+
+def swelling(base: Candidate, form: Form) -> list[Form]:
+    """The same form in proportion to the magnitude of every signal that its sites know."""
+    found = []
+    for name, values in _signals(base, form.sites).items():
+        magnitude = np.abs(values)
+        if np.ptp(magnitude) > 0.0:
+            found.append(form.swelling(name, float(np.sqrt(np.nanmean(magnitude**2)))))
+    return found
+
+
+def _signals(base: Candidate, sites: tuple[str, ...]) -> dict[str, Array]:
+    """What all of these sites know; of a single one states and inputs, and what else it knows by itself."""
+    if len(sites) > 1:
+        return _known(base, sites)
+    found = _moving(base)
+    for name, values in _known(base, sites).items():
+        if not any(
+            abs(np.corrcoef(values[:, 0], other)[0, 1]) > SAME
+            for other in found.values()
+            if np.ptp(other) > 0.0
+        ):
+            found[name] = values[:, 0]
+    return found

@@ -1,0 +1,79 @@
+"""What stands for a mismatch without a name, for simulation: a form at sites, over signals, and never a name itself.
+
+It is no part of the catalogue. A rig file holds it as ``[effects."KIND@SITE@SIGNAL"]``. Sites that are alike, as both
+chambers' flows, share one as ``SITE+SITE``; a form that swells with the magnitude of another signal has that behind the
+first, as ``SIGNAL*OTHER``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, Self
+
+import casadi as ca
+
+from optid.core.parameter import Parameter
+from optid.core.sheet import Sheet
+from optid.effects.anywhere import MARK
+from optid.effects.effect import Effect
+
+LEAST = 0.1  # height: a tenth of what an unknown signal does at the site
+OWN = "of the recordings it was fitted to"
+AND, TIMES = "+", "*"  # between sites that share a description, and before the signal that it swells with
+POSITIVE, ANY = (1e-300, math.inf), (-math.inf, math.inf)
+
+
+class Description(Effect):
+    """A form over a signal; a subclass has `kind`, its parameters and what it does at a site.
+
+    Attributes:
+        kind: its name without the places.
+        along: the state or input that it follows, or a signal that each of its sites knows, as a chamber's own "P".
+        by: the same of the signal with whose magnitude it swells; "" for none.
+    """
+
+    kind: str
+    equation = "-"
+    entire = True
+    source = "a description, not a law"
+
+    def __init__(self, site: str, signal: str, *turn: str, magnitude: float, **given: float) -> None:
+        self.name = MARK.join((self.kind, site, signal, *turn))
+        self.sites = tuple(site.split(AND))
+        self.along, _, self.by = signal.partition(TIMES)
+        self.depends_on = tuple(dict.fromkeys(name for name in (self.along, *turn, self.by) if name))
+        self._turn = turn
+        self._given: dict[str, Any] = {"magnitude": magnitude, **given}
+        about = f"usual magnitude of {self.by}, SI"
+        self._magnitude = (constant("magnitude", magnitude, POSITIVE, about),) if self.by else ()
+
+    def swelling(self, by: str, magnitude: float) -> Self:
+        """The same, in proportion to the magnitude of a signal, which usually is so large, SI."""
+        given = {**self._given, "magnitude": magnitude}
+        return type(self)(AND.join(self.sites), f"{self.along}{TIMES}{by}", *self._turn, **given)
+
+    def given(self, **other: float) -> Self:
+        """The same with other numbers of those it was made with."""
+        return type(self)(*self.name.split(MARK)[1:], **{**self._given, **other})
+
+    @property
+    def swells(self) -> str:
+        """With what, in words behind what it is."""
+        return f", in proportion to the magnitude of {self.by.replace('_', ' ')}" if self.by else ""
+
+    def swelled(self, value: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
+        """What the form adds, as the other signal's magnitude has it."""
+        if not self.by:
+            return value
+        return value * ca.fabs(followed(self.by, near, sheet)) / sheet.param(*self._magnitude)
+
+
+def constant(name: str, value: float, bounds: tuple[float, float], about: str) -> Parameter:
+    """A number that comes from the recordings, and is not fitted."""
+    return Parameter(name, "1", 1.0, about, OWN, value, bounds, fitted=False)
+
+
+def followed(along: str, near: Mapping[str, Any], sheet: Sheet) -> Any:
+    """A signal that a site knows by that name, or else the plant."""
+    return near[along] if along in near else sheet.signal(along)
