@@ -125,7 +125,7 @@ def diagnose(
     elif sites:
         # Names that fell short may describe most of it, and something without a name the rest.
         tell = partial(report, 0.97)
-        described = None if hurried.over else describe(found.best, sites, hurried, tell)
+        described = None if hurried.over else describe(base, found.best, sites, hurried, tell)
         findings = (nameless(base, sites, described, data),)
         best = found.best if described is None else described.rival.candidate
     if best is not found.best:

@@ -16,18 +16,20 @@ import numpy as np
 
 from optid.core.model import Array
 from optid.core.sheet import Sheet
-from optid.diagnose.candidate import Candidate, Data
+from optid.diagnose.candidate import Candidate
 from optid.diagnose.disturbance import Located, push
 from optid.diagnose.instrument import Instrument
 from optid.diagnose.lead import Ground
 from optid.diagnose.line import loudest
+from optid.diagnose.refit import cost
 from optid.diagnose.screen import Signature, grown
+from optid.effects.ageing import Ageing
 from optid.effects.curve import Curve, Scaling
 from optid.effects.description import AND, Description
+from optid.effects.effect import Effect
 from optid.effects.relaxation import Relaxation
 from optid.effects.wave import TIME, Wave
 from optid.errors import RigError
-from optid.fit.place import Answer
 from optid.rigs.rigfile import Rig, with_effects
 
 Form = TypeVar("Form", bound=Description)
@@ -39,6 +41,7 @@ FASTEST, FINEST = 30.0, 300.0
 LENGTHS = ("m", "rad")
 SCALED = 0.2  # share that a height of 1 scales by
 TURN = 0.05  # of the speed's root mean square: where a curve that turns with its sign has turned
+AT_REST = 0.02  # the same: where what ages does so
 SPEEDS = ("m/s", "rad/s")
 
 
@@ -49,12 +52,11 @@ def kind_of(site: str) -> str:
 
 def curves(base: Candidate, located: Located) -> Sequence[Curve]:
     """Over every physical state and recorded input, as it is and turning with every speed."""
-    model, size = base.rig.model, float(np.nanstd(located.signal))
+    size = float(np.nanstd(located.signal))
     if not size > 0.0:
         return []
     followed = _moving(base)
-    speeds = [state.name for state in model.states if state.unit in SPEEDS and state.name in followed]
-    turns = {name: TURN * float(np.sqrt(np.nanmean(followed[name] ** 2))) for name in speeds}
+    turns = _slow(base, TURN)
     ends = {name: _ends(values) for name, values in followed.items()}
     moving = {name: (low, high) for name, (low, high) in ends.items() if low < high}
     curve = partial(Curve, located.site, size=size)
@@ -94,12 +96,16 @@ def levels(base: Candidate, located: Located) -> list[Description]:
                 low, high = _ends(values)
                 if low < high:
                     found.append(Scaling(site, name, low=low, high=high, size=SCALED))
+            found += [
+                Ageing(site, name, size=SCALED, slow=slow) for name, slow in _slow(base, AT_REST).items()
+            ]
     return found
 
 
-def waves(base: Candidate, guide: Answer, site: str, data: Data) -> list[Signature]:
+def waves(base: Candidate, ground: Ground, site: str) -> list[Signature]:
     """Over time, and over every length and angle of the plant, the one that explains most."""
-    size, model = push(base, data, site), base.rig.model
+    guide, data, model = ground.guide, ground.data, base.rig.model
+    size = push(base, data, site)
     if size is None:
         return []
     followed = {TIME: (guide.question.problem.time, FASTEST)}
@@ -107,23 +113,31 @@ def waves(base: Candidate, guide: Answer, site: str, data: Data) -> list[Signatu
         if state.unit in LENGTHS and "." not in state.name:
             values = guide.filtered.states[0][:, k]
             followed[state.name] = (values, FINEST / max(float(np.nanmax(values) - np.nanmin(values)), 1e-12))
-    ground, found = Ground.of(base.rig, guide, data, model, guide.p), []
+    found = []
     for name, (along, fastest) in followed.items():
         for plain in fitting(base.rig, [Wave(site, name, size=size)]):
-            line = loudest(ground, plain, along, fastest, data)
+            line = loudest(ground, plain, along, fastest)
             if line is None or not line.height > 0.0:
                 continue
             heard = [(line, plain)]
             heard += [
                 (other, form)
                 for form in fitting(base.rig, swelling(base, plain))
-                if (other := loudest(ground, form, along, fastest, data, at=line.repeats)) is not None
+                if (other := loudest(ground, form, along, fastest, at=line.repeats)) is not None
             ]
-            line, form = max(heard, key=lambda one: one[0].gain)
-            best = form.given(repeats=line.repeats, size=line.height * size)
+            line, form = max(heard, key=lambda one: one[0].gain - cost(one[1]))
+            best = form.sized(line.repeats, line.height * size)
             values = {**best.at_null(), **best.of_height(1.0), "phase": line.phase}
             found.append(Signature(best, values, line.gain, np.zeros(0), best.size(values), math.inf))
     return found
+
+
+def _slow(base: Candidate, share: float) -> dict[str, float]:
+    """A share of every speed's root mean square."""
+    speeds = {state.name for state in base.rig.model.states if state.unit in SPEEDS}
+    followed = {name: values for name, values in _moving(base).items() if name in speeds}
+    sizes = {name: share * float(np.sqrt(np.nanmean(values**2))) for name, values in followed.items()}
+    return {name: size for name, size in sizes.items() if size > 0.0}
 
 
 def _moving(base: Candidate) -> dict[str, Array]:
@@ -195,6 +209,20 @@ def swelling(base: Candidate, form: Form) -> list[Form]:
         if np.ptp(magnitude) > 0.0:
             found.append(form.swelling(name, float(np.sqrt(np.nanmean(magnitude**2)))))
     return found
+
+
+def turned(base: Candidate, form: Effect) -> list[Curve]:
+    """A curve that swells with a signal, drawn over that one instead, and swelling with what it was drawn over.
+
+    Where a law bends, as a magnitude at nothing, only a curve over what seldom passes there follows it.
+    """
+    if not isinstance(form, Curve) or not form.by:
+        return []
+    signals = _signals(base, form.sites)
+    if not {form.along, form.by} <= signals.keys():
+        return []
+    (low, high), over = _ends(signals[form.by]), signals[form.along]
+    return [form.turned(low, high, float(np.sqrt(np.nanmean(over**2))))]
 
 
 def _signals(base: Candidate, sites: tuple[str, ...]) -> dict[str, Array]:

@@ -14,7 +14,6 @@ from typing import NamedTuple
 import numpy as np
 
 from optid.core.model import Array
-from optid.diagnose.candidate import Data
 from optid.diagnose.lead import Ground
 from optid.diagnose.screen import grown
 from optid.effects.wave import TIME, Wave
@@ -43,19 +42,17 @@ class Line(NamedTuple):
     phase: float
 
 
-def loudest(
-    ground: Ground, wave: Wave, along: Array, fastest: float, data: Data, at: float | None = None
-) -> Line | None:
+def loudest(ground: Ground, wave: Wave, along: Array, fastest: float, at: float | None = None) -> Line | None:
     """The wave that explains most; ``None`` where there is room for none.
 
     Over time each recording may have its own phase.
 
     Args:
-        ground: where the model stands that misses something, and the filter whose gains hold.
+        ground: where the model stands that misses something, and the filter whose gains hold; when the time of its
+            recordings is over, what was seen has to do.
         wave: to try, of any frequency.
         along: values of what it follows, (samples,).
         fastest: periods by the unit of that, at most.
-        data: recordings; when their time is over, what was seen has to do.
         at: so many periods by the unit alone, instead of a search.
     """
     rows = np.nonzero(np.isfinite(ground.guide.filtered.innovations[0]))[0]
@@ -71,18 +68,18 @@ def loudest(
     if at is not None:
         grid = np.array([at])
     for first in range(0, len(grid), BATCH):
-        if data.over:
+        if ground.data.over:
             break
-        found += _explained(ground, wave, grid[first : first + BATCH], pieces, data)
+        found += _explained(ground, wave, grid[first : first + BATCH], pieces)
     return max(found, default=None)
 
 
-def _explained(ground: Ground, wave: Wave, some: Array, pieces: Sequence[Integers], data: Data) -> list[Line]:
+def _explained(ground: Ground, wave: Wave, some: Array, pieces: Sequence[Integers]) -> list[Line]:
     """What waves of some frequencies would explain.
 
     The free parameters have their linear say first; innovations that are far off count as Huber has it.
     """
-    question, guide = data.question(grown(ground.rig, wave), ground.plain), ground.guide
+    question, guide = ground.data.question(grown(ground.rig, wave), ground.plain), ground.guide
     points = [
         {**wave.of_height(height), "repeats": float(repeats), "phase": phase}
         for height, repeats, phase in [

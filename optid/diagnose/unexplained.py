@@ -7,31 +7,33 @@ length. They compete as effects do, and what is held out decides whether one sta
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
-from optid.diagnose.candidate import QUICK, QUIETER, Candidate, Data
+from optid.diagnose.candidate import QUIETER, Candidate, Data
 from optid.diagnose.disturbance import Located, locate_at
 from optid.diagnose.finding import Finding
-from optid.diagnose.forms import curves, fitting, kind_of, levels, shared, swelling, waves
-from optid.diagnose.judge import Comparison, compare
+from optid.diagnose.forms import curves, fitting, kind_of, levels, shared, swelling, turned, waves
+from optid.diagnose.judge import EXCESS, Comparison, compare, excess
 from optid.diagnose.law import law_at
-from optid.diagnose.lead import leads
+from optid.diagnose.lead import Ground, leads
 from optid.diagnose.refit import LEVEL, Contest, Rival, own_values, refit
 from optid.diagnose.screen import Signature
 from optid.diagnose.where import region, telling
 from optid.diagnose.words import quantity
 from optid.effects.description import Description
-from optid.fit.place import Answer
 from optid.fit.scoring import quieted
 
 DRAWN = 2  # curves that are refitted
 # Their race, as in lead.RACE: curves have many parameters, so that a leg is dear, and few lead anywhere. They begin
 # where the fitted model stands: from far away the first steps of so many parameters tell nothing.
-CURVES = ((10, 10, 1), (8, 4, 1), (QUICK, DRAWN, 1))
+CURVES = ((5, 10, 1), (5, 4, 1), (12, DRAWN, 1))
+CHOICE = math.log(1e4)  # in -2 log likelihood, what one more number gains by itself, as refit.cost has it
+SWELLED = ((10, 4, 1), (8, 2, 1), (12, 1, 1))  # of one of them in proportion to several signals
 SOURCES = {"flow": "flow.supply"}  # where waves come from that show at a kind of site
 ASIDE = 2  # places beside the best at which a description is looked for
 
@@ -50,51 +52,52 @@ class Described:
 
 
 def describe(
-    base: Candidate, sites: Sequence[Located], data: Data, tell: Callable[[str], None]
+    base: Candidate, current: Candidate, sites: Sequence[Located], data: Data, tell: Callable[[str], None]
 ) -> Described | None:
     """What describes a mismatch best where it may lie, on what is held out; ``None`` if nothing is gained.
 
     Args:
-        base: the model that it comes to.
+        base: the model as it came.
+        current: the same with the effects that a description comes to, if any.
         sites: where unknown signals were tried, the best first; those that do nearly as well count as well.
         data: recordings.
         tell: is told what is being done.
     """
     likely = [sites[0], *_rivalling(sites, data)[:ASIDE]]
-    guide = quieted(base.answer, QUIETER)
+    guide, plain = quieted(current.answer, QUIETER), base.rig.model
     places = {site: one.only(site) for one in reversed(likely) for site in one.sites}
     lasting: dict[str, Description] = {
-        curve.name: curve for one in places.values() for curve in curves(base, one)
+        curve.name: curve for one in places.values() for curve in curves(current, one)
     }
     for one in likely:
-        lasting |= {form.name: form for form in (*shared(base, one), *levels(base, one))}
-    forms = fitting(base.rig, lasting.values())
+        lasting |= {form.name: form for form in (*shared(current, one), *levels(current, one))}
+    forms = fitting(current.rig, lasting.values())
     sources = dict.fromkeys(SOURCES.get(kind_of(site), site) for site in places)
-    heard = [
-        wave for site in sources if site in base.rig.model.sites for wave in waves(base, guide, site, data)
-    ]
+    ground = Ground.of(current.rig, guide, data, plain, guide.p)
+    heard = [wave for site in sources if site in plain.sites for wave in waves(current, ground, site)]
     # Only a filter finds the phase of every recording: waves are not led, but refitted from where they are loudest.
     first = sorted(heard, key=lambda one: -one.gain)[:1]
-    led = _led(base, guide, forms, data)
-    contest = Contest(base, base, guide, len(forms) + len(heard), data, tell)
-    rivals = refit(contest, [*first, *led])
+    race = partial(leads, current, guide, data=data, plain=plain, near=True)
+    led = [one for best in race(forms, race=CURVES) for one in _swelled(current, best, race)]
+    contest = Contest(base, current, guide, len(forms) + len(heard), data, tell)
+    rivals = refit(contest, [*first, *sorted(led, key=lambda one: -one.gain)])
+    if rivals and not rivals[0].why and excess(rivals[0].candidate.judged, data.noise) > EXCESS:
+        other = fitting(current.rig, turned(current, rivals[0].effect))
+        rivals = refit(contest, race(other, race=SWELLED), rivals) if other else rivals
     best = next((rival for rival in rivals if not rival.why), None)
     if best is None:
         return None
     site = best.effect.sites[0]
-    there = places.get(site) or locate_at(base, data, site)
+    there = places.get(site) or locate_at(current, data, site)
     return None if there is None else Described(best, there)
 
 
-def _led(base: Candidate, guide: Answer, forms: Sequence[Description], data: Data) -> list[Signature]:
-    """Where the best forms lead, each as it is or in proportion to another signal, whichever leads farther."""
-    race = partial(leads, base, guide, data=data, plain=base.rig.model, near=True, race=CURVES)
-    own = {form.name: form for form in forms}
-    found = []
-    for led in race(effects=forms):
-        swelled = race(effects=fitting(base.rig, swelling(base, own[led.effect.name])))
-        found.append(max([led, *swelled[:1]], key=lambda one: one.gain))
-    return sorted(found, key=lambda one: -one.gain)
+def _swelled(current: Candidate, led: Signature, race: Callable[..., list[Signature]]) -> list[Signature]:
+    """Where a form leads in proportion to another signal, if that is farther than by itself."""
+    if not isinstance(led.effect, Description):
+        return [led]
+    more = race(fitting(current.rig, swelling(current, led.effect)), race=SWELLED)
+    return [one for one in more if one.gain > led.gain + CHOICE] or [led]
 
 
 def _rivalling(sites: Sequence[Located], data: Data) -> list[Located]:

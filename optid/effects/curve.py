@@ -6,13 +6,13 @@ A rig file holds one that turns its sign with a speed, as friction does, as ``[e
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Self
 
 import casadi as ca
 
 from optid.core.parameter import Parameter
 from optid.core.sheet import Sheet
-from optid.effects.description import ANY, LEAST, OWN, POSITIVE, Description, constant, followed
+from optid.effects.description import ANY, LEAST, OWN, POSITIVE, TIMES, Description, constant, followed
 
 HEIGHTS = 13
 
@@ -71,7 +71,11 @@ class Curve(Description):
         self.strength = dict.fromkeys((q.name for q in self.fitted), LEAST)
         turned = f" against the direction of {speed.replace('_', ' ')}" if speed else ""
         self.law = f"a {self.drawn} over {self.along.replace('_', ' ')}{turned}{self.swells}"
-        self.says = f"{self.law} describes it"
+        self.says = f"{self.law}{self.describes}"
+
+    def turned(self, low: float, high: float, magnitude: float) -> Self:
+        """The same over the signal that it swells with, between its ends, and swelling with what it was drawn over."""
+        return self.over(f"{self.by}{TIMES}{self.along}", low=low, high=high, magnitude=magnitude)
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
         """The signal with the curve on top."""

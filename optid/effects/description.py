@@ -48,19 +48,23 @@ class Description(Effect):
         about = f"usual magnitude of {self.by}, SI"
         self._magnitude = (constant("magnitude", magnitude, POSITIVE, about),) if self.by else ()
 
+    def over(self, signal: str, **other: float) -> Self:
+        """The same over another signal, with other numbers of those it was made with."""
+        return type(self)(AND.join(self.sites), signal, *self._turn, **{**self._given, **other})
+
     def swelling(self, by: str, magnitude: float) -> Self:
         """The same, in proportion to the magnitude of a signal, which usually is so large, SI."""
-        given = {**self._given, "magnitude": magnitude}
-        return type(self)(AND.join(self.sites), f"{self.along}{TIMES}{by}", *self._turn, **given)
-
-    def given(self, **other: float) -> Self:
-        """The same with other numbers of those it was made with."""
-        return type(self)(*self.name.split(MARK)[1:], **{**self._given, **other})
+        return self.over(f"{self.along}{TIMES}{by}", magnitude=magnitude)
 
     @property
     def swells(self) -> str:
         """With what, in words behind what it is."""
         return f", in proportion to the magnitude of {self.by.replace('_', ' ')}" if self.by else ""
+
+    @property
+    def describes(self) -> str:
+        """The end of its sentence."""
+        return f"{',' if self.by else ''} describes it"
 
     def swelled(self, value: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
         """What the form adds, as the other signal's magnitude has it."""

@@ -17,6 +17,7 @@ from optid.core.loading import load_file
 from optid.core.model import Model
 from optid.core.sheet import Sheet
 from optid.effects import catalogue, generic
+from optid.effects.ageing import Ageing
 from optid.effects.anywhere import MARK, Anywhere
 from optid.effects.curve import Curve, Scaling
 from optid.effects.effect import Effect
@@ -26,7 +27,7 @@ from optid.errors import PlantError, RigError, nearest
 
 # What stands for a mismatch without a name: from the places behind the kind, as in "curve@SITE@SIGNAL".
 DESCRIPTIONS: dict[str, Callable[..., Effect]] = {
-    kind.kind: kind for kind in (Curve, Scaling, Relaxation, Wave)
+    kind.kind: kind for kind in (Ageing, Curve, Scaling, Relaxation, Wave)
 }
 
 

@@ -54,7 +54,7 @@ class Relaxation(Description):
         self.strength = {"height": LEAST}
         self.usual = tuple({"height": sign, "time": time} for time in TIMES for sign in (1.0, -1.0))
         self.law = f"what follows changes of {self.along.replace('_', ' ')} and is forgotten"
-        self.says = f"{self.law} in {{time}}{self.swells} describes it"
+        self.says = f"{self.law} in {{time}}{self.swells}{self.describes}"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
         """The signal with the relaxation on top."""

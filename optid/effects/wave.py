@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Self
 
 import casadi as ca
 
 from optid.core.parameter import Parameter
 from optid.core.sheet import Sheet
-from optid.effects.description import LEAST, OWN, POSITIVE, Description, constant, followed
+from optid.effects.description import LEAST, OWN, POSITIVE, TIMES, Description, constant, followed
 
 TIME = "time"
-KNOTS = (0.0, 0.5, 1.0, 1.5, 2.0, 2.5)  # evenly, in usual magnitudes of what a wave changes with
+KNOTS = tuple(0.25 * k for k in range(11))  # in usual magnitudes of what a wave changes with
 SPREAD = 1.0  # of the height: by how much a recording's quadratures may differ from the mean phase's
 
 
@@ -61,10 +61,15 @@ class Wave(Description):
         self.strength = dict.fromkeys((q.name for q in self._heights), LEAST)
         self.usual = (self.of_height(1.0),)
         over = f"a wave over {along.replace('_', ' ')}"
-        changing = f", higher or lower with the magnitude of {self.by.replace('_', ' ')}," if self.by else ""
-        self.law = f"{over}{changing.rstrip(',')}"
+        changing = f", higher or lower with the magnitude of {self.by.replace('_', ' ')}" if self.by else ""
+        self.law = f"{over}{changing}"
         often = "of {repeats} Hz" if along == TIME else "with {repeats} periods in its SI unit"
-        self.says = f"{over} {often}{changing} describes it"
+        self.says = f"{over} {often}{changing}{self.describes}"
+
+    def sized(self, repeats: float, size: float) -> Self:
+        """The same with other numbers."""
+        signal = f"{self.along}{TIMES}{self.by}" if self.by else self.along
+        return self.over(signal, repeats=repeats, size=size)
 
     def of_height(self, height: float) -> dict[str, float]:
         """Its heights, by own name, where it is so high; in proportion to what it changes with, at its usual one."""

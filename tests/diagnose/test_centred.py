@@ -25,7 +25,9 @@ def found(folder, phases):
     """A fit that came to amplitude and phase from afar, as the states of its recordings allow, and its data."""
     runs = [
         recording(
-            seed, f"run_{seed}", beside=lambda t, x, at=at: ACCELERATION * np.sin(2 * np.pi * HERTZ * t + at)
+            seed,
+            f"run_{seed}",
+            beside=lambda t, x, v, at=at: ACCELERATION * np.sin(2 * np.pi * HERTZ * t + at),
         )
         for seed, at in enumerate((*phases, PHASE), 1)
     ]

@@ -11,7 +11,7 @@ from optid.diagnose.candidate import Data, fit_base
 from optid.diagnose.diagnosis import diagnose
 from optid.diagnose.disturbance import Located, locate, locate_at
 from optid.diagnose.finding import Verdict
-from optid.diagnose.forms import curves, fitting, levels, shared
+from optid.diagnose.forms import curves, fitting, levels, shared, swelling, turned
 from optid.diagnose.unexplained import _rivalling, describe, nameless
 from optid.effects.curve import Curve
 from optid.report.diagnosis_document import diagnosis_document
@@ -35,7 +35,7 @@ def fitted(folder, concealed):
 def described(tmp_path_factory):
     base, data = fitted(tmp_path_factory.mktemp("wavy"), wavy)
     site = locate_at(base, data, "drive.command")  # the drag's force would do as well
-    return base, data, site, describe(base, [site], data, lambda words: None)
+    return base, data, site, describe(base, base, [site], data, lambda words: None)
 
 
 def test_the_curve_is_the_law(described):
@@ -73,7 +73,7 @@ def test_the_rig_file_holds_it(described, tmp_path):
 
 def test_nothing_is_drawn_where_nothing_is_missing(tmp_path):
     base, data = fitted(tmp_path, lambda u: u)
-    assert all(describe(base, [one], data, lambda words: None) is None for one in locate(base, data))
+    assert all(describe(base, base, [one], data, lambda words: None) is None for one in locate(base, data))
 
 
 def test_curves_run_over_what_moved_and_turn_with_what_is_a_speed(described):
@@ -102,7 +102,7 @@ def test_a_curve_may_lie_at_any_of_the_sites_whose_signals_came_together(describ
         site, sites=("sensor.position", *site.sites), signals=np.c_[9.0 * site.signal, site.signal]
     )
     assert both.site == "sensor.position"
-    found = describe(base, [both], data, lambda words: None)
+    found = describe(base, base, [both], data, lambda words: None)
     assert found.rival.effect.sites == before.rival.effect.sites == ("drive.command",)
     finding = nameless(base, [both], found, data)
     assert finding.place == "drive.command" and finding.signal.signal == pytest.approx(site.signal)
@@ -114,7 +114,7 @@ def test_places_that_do_nearly_as_well_are_looked_at_as_well(described):
     badly = replace(site.judged, deviance=site.judged.deviance + 1.0)
     worse = replace(site, sites=("drag.force",), judged=badly)
     assert _rivalling([elsewhere, site, worse], data) == [site]
-    found = describe(base, [elsewhere, site, worse], data, lambda words: None)
+    found = describe(base, base, [elsewhere, site, worse], data, lambda words: None)
     assert found.rival.effect.name == before.rival.effect.name == "curve@drive.command@command"
     finding = nameless(base, [elsewhere, site, worse], found, data)
     assert (finding.site, finding.place) == ("drive", "drive.command")
@@ -195,10 +195,52 @@ def test_dry_friction_is_scaled_where_a_force_is_missing():
     """What sticks no force that is added describes."""
     base, x, there = axis_seen(("force.external",))
     found = {effect.name: effect for effect in levels(base, there)}
-    moving = ("position", "velocity", "pressure_a", "pressure_b")
-    assert found.keys() == {f"scaling@force.coulomb@{name}" for name in moving}
+    known = ("position", "velocity", "pressure_a", "pressure_b", "drive", "share")
+    shares = {f"scaling@force.coulomb@{name}" for name in known}
+    assert found.keys() == shares | {"ageing@force.coulomb@velocity"}
+    slow = found["ageing@force.coulomb@velocity"].at_null()["slow"]
+    assert slow == pytest.approx(0.02 * np.sqrt(np.mean(x["velocity"] ** 2)))
     null = found["scaling@force.coulomb@position"].at_null()
     assert (null["low"], null["high"]) == (x["position"].min(), x["position"].max())
     assert len(fitting(base.rig, found.values())) == len(found)
     base, _, there = axis_seen(("flow.chamber_a",))
     assert levels(base, there) == []
+
+
+def test_forms_swell_with_what_their_sites_know():
+    base, x, there = axis_seen(("flow.chamber_a", "flow.chamber_b"))
+    memory = next(one for one in shared(base, there) if one.kind == "relaxation" and one.along == "P")
+    found = {form.by: form for form in swelling(base, memory)}
+    assert {"P", "other_P", "v", "x"} <= found.keys() and "spool" not in found  # the spool stands still
+    P = np.r_[x["pressure_a"], x["pressure_b"]]
+    assert found["P"].at_null()["magnitude"] == pytest.approx(np.sqrt(np.mean(P**2)))
+    base, _, there = axis_seen(("force.external",))
+    share = levels(base, there)[0]
+    assert {"velocity", "drive"} <= {form.by for form in swelling(base, share)}
+
+
+def test_a_curve_is_turned_where_it_swells():
+    base, x, there = axis_seen(("force.external",))
+    share = next(one for one in levels(base, there) if one.along == "position")
+    assert turned(base, share) == []
+    swelled = next(form for form in swelling(base, share) if form.by == "velocity")
+    (other,) = turned(base, swelled)
+    assert other.name == "scaling@force.coulomb@velocity*position"
+    null = other.at_null()
+    assert (null["low"], null["high"]) == (x["velocity"].min(), x["velocity"].max())
+    assert null["magnitude"] == pytest.approx(np.sqrt(np.mean(x["position"] ** 2)))
+
+
+def test_what_swells_with_a_speed_is_found_to(tmp_path):
+    """A force over the position that only motion brings about: no curve over one signal does half as well."""
+
+    def beside(t, x, v):
+        return 2.5 * np.sin(4.0 * x) * abs(v)
+
+    runs = [recording(seed, f"run_{seed}", beside=beside) for seed in (1, 2, 3)]
+    data = Data(tuple(runs[:2]), (runs[2],), {"position": SD}, np.random.default_rng(0))
+    base = fit_base(rig(tmp_path), data, lambda share, words: None)
+    found = describe(base, base, [locate_at(base, data, "drag.force")], data, lambda words: None)
+    assert found.rival.effect.name in ("curve@drag.force@position*velocity", "curve@drag.force@position*v")
+    before, after = (one.judged.scores["position"].rmse for one in (base, found.rival.candidate))
+    assert after < 0.04 * before

@@ -11,8 +11,9 @@ from optid.diagnose.candidate import QUIETER, Data, fit_base
 from optid.diagnose.disturbance import locate_at
 from optid.diagnose.lead import Ground
 from optid.diagnose.line import loudest
+from optid.diagnose.refit import own_values
 from optid.diagnose.unexplained import describe, nameless
-from optid.effects.wave import Wave
+from optid.effects.wave import KNOTS, Wave
 from optid.fit.scoring import quieted
 from tests.diagnose.trolley import SD, recording, rig
 
@@ -21,11 +22,11 @@ PHASES = (0.3, 2.9, 4.4)
 
 
 def swinging(seed):
-    return lambda t, x: ACCELERATION * np.sin(2 * np.pi * HERTZ * t + PHASES[seed - 1])
+    return lambda t, x, v: ACCELERATION * np.sin(2 * np.pi * HERTZ * t + PHASES[seed - 1])
 
 
 def cogged(seed):
-    return lambda t, x: ACCELERATION * np.sin(2 * np.pi * x / PITCH + 0.5)
+    return lambda t, x, v: ACCELERATION * np.sin(2 * np.pi * x / PITCH + 0.5)
 
 
 @pytest.fixture(scope="module", params=[swinging, cogged])
@@ -34,7 +35,7 @@ def described(request, tmp_path_factory):
     data = Data(tuple(runs[:2]), (runs[2],), {"position": SD}, np.random.default_rng(0))
     base = fit_base(rig(tmp_path_factory.mktemp("wave")), data, lambda share, words: None)
     site = locate_at(base, data, "drag.force")
-    return request.param, base, data, site, describe(base, [site], data, lambda words: None)
+    return request.param, base, data, site, describe(base, base, [site], data, lambda words: None)
 
 
 def test_the_wave_is_the_law(described):
@@ -87,7 +88,7 @@ def followed(base, along):
 def test_a_line_tells_height_and_phase_before_any_refit(described):
     law, base, data, *_ = described
     along, repeats, fastest = ("time", HERTZ, 5.0) if law is swinging else ("position", 1.0 / PITCH, 20.0)
-    line = loudest(grounded(base, data), Wave("drag.force", along), followed(base, along), fastest, data)
+    line = loudest(grounded(base, data), Wave("drag.force", along), followed(base, along), fastest)
     assert line.repeats == pytest.approx(repeats, abs=0.5 / np.ptp(followed(base, along)))
     assert line.height == pytest.approx(
         ACCELERATION, rel=0.25
@@ -99,8 +100,8 @@ def test_a_line_tells_height_and_phase_before_any_refit(described):
 def test_where_there_is_no_room_or_no_time_there_is_no_line(described):
     _, base, data, *_ = described
     wave, time = Wave("drag.force", "time"), followed(base, "time")
-    assert loudest(grounded(base, data), wave, np.zeros_like(time), 5.0, data) is None
-    assert loudest(grounded(base, data), wave, time, 5.0, replace(data, until=0.0)) is None
+    assert loudest(grounded(base, data), wave, np.zeros_like(time), 5.0) is None
+    assert loudest(grounded(base, replace(data, until=0.0)), wave, time, 5.0) is None
 
 
 def test_what_parameters_explain_is_no_wave(tmp_path):
@@ -109,8 +110,7 @@ def test_what_parameters_explain_is_no_wave(tmp_path):
     base = fit_base(rig(tmp_path), data, lambda share, words: None)
     wave, time = Wave("drag.force", "time"), followed(base, "time")
     right, wrong = (
-        loudest(grounded(base, data, p), wave, time, 5.0, data).gain
-        for p in (base.answer.p, base.answer.p * 1.05)
+        loudest(grounded(base, data, p), wave, time, 5.0).gain for p in (base.answer.p, base.answer.p * 1.05)
     )
     assert wrong < 3.0 * right
 
@@ -118,7 +118,7 @@ def test_what_parameters_explain_is_no_wave(tmp_path):
 def test_a_wave_may_come_from_another_site_of_the_kind(described, monkeypatch):
     _, base, data, site, found = described
     monkeypatch.setattr(unexplained, "SOURCES", {"sensor": "drag.force"})
-    there = describe(base, [replace(site, sites=("sensor.position",))], data, lambda words: None)
+    there = describe(base, base, [replace(site, sites=("sensor.position",))], data, lambda words: None)
     assert there.rival.effect.name == found.rival.effect.name
     assert there.located.sites == ("drag.force",)
     assert there.located.signal == pytest.approx(site.signal)
@@ -126,3 +126,25 @@ def test_a_wave_may_come_from_another_site_of_the_kind(described, monkeypatch):
     assert finding.place == "drag.force"
     assert "an unknown signal at sensor.position explains" in finding.sentence
     assert "describes it at drag.force, without a name" in finding.sentence
+
+
+def test_a_wave_that_only_speed_brings_about_has_heights_over_it(tmp_path):
+    """Nothing below 0.3 m/s, then more with every bit of speed."""
+
+    def beside(t, x, v):
+        return 6.0 * max(abs(v) - 0.3, 0.0) * np.sin(2 * np.pi * x / PITCH)
+
+    runs = [recording(seed, f"run_{seed}", beside=beside) for seed in (1, 2, 3)]
+    data = Data(tuple(runs[:2]), (runs[2],), {"position": SD}, np.random.default_rng(0))
+    base = fit_base(rig(tmp_path), data, lambda share, words: None)
+    found = describe(base, base, [locate_at(base, data, "drag.force")], data, lambda words: None)
+    wave, best = found.rival.effect, found.rival.candidate
+    assert wave.name == "wave@drag.force@position*velocity"
+    before, after = (one.judged.scores["position"].rmse for one in (base, best))
+    assert after < 0.1 * before
+    own = own_values(wave, best.rig, best.answer)
+    heights = own["size"] * np.array([own[f"height_{k + 1}"] for k in range(len(KNOTS))])
+    speeds = own["magnitude"] * np.array(KNOTS)
+    moving = speeds < 0.9  # what is faster hardly occurs
+    # drag is subtracted, and half a turn of the phase turns the sign
+    assert np.abs(heights[moving]) == pytest.approx(6.0 * np.maximum(speeds[moving] - 0.3, 0.0), abs=0.25)

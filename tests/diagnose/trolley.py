@@ -47,10 +47,10 @@ position = {{ column = "x", unit = "m", sd = "{SD} m" }}
     return read_rig(path)
 
 
-def recording(seed, name, concealed=lambda u: u, seconds=12.0, beside=lambda t, x: 0.0):
+def recording(seed, name, concealed=lambda u: u, seconds=12.0, beside=lambda t, x, v: 0.0):
     """A drive with random steps of 0.3 s; `concealed` is what happens to the command before it pushes.
 
-    What is `beside` the drive, m/s**2, is held for a sample, at the value of its middle and of the position before it.
+    What is `beside` the drive, m/s**2, is held for a sample: at its middle, at position and speed before it.
     """
     rng = np.random.default_rng(seed)
     n = round(seconds * RATE)
@@ -58,7 +58,7 @@ def recording(seed, name, concealed=lambda u: u, seconds=12.0, beside=lambda t, 
     x, v, out, decay = 0.0, 0.0, [], np.exp(-TRUTH["drag"] / RATE)
     for k, push in enumerate(TRUTH["gain"] * concealed(u)):
         out.append(x)
-        final = (push + beside((k + 0.5) / RATE, x)) / TRUTH["drag"]
+        final = (push + beside((k + 0.5) / RATE, x, v)) / TRUTH["drag"]
         x, v = x + final / RATE + (v - final) * (1 - decay) / TRUTH["drag"], final + (v - final) * decay
     measured = np.array(out) + SD * rng.standard_normal(n)
     channels = {

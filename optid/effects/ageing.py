@@ -1,0 +1,55 @@
+"""A level that grows while a speed rests and is as it was once that moves: a description for what ages at rest."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from optid.core.parameter import Parameter
+from optid.core.sheet import Sheet
+from optid.effects.description import LEAST, OWN, POSITIVE, Description, constant, followed
+
+TIMES = (0.1, 0.5, 2.0)  # s: where searches begin
+FORGOTTEN = 5e-3  # s: in which motion ends it
+
+
+class Ageing(Description):
+    """nominal * (1 + height * size * z) with z' = r (1 - z) / time - (1 - r) z / FORGOTTEN, r = 1 / (1 + (s / slow)^4).
+
+    Args:
+        site: whose level ages; several are joined by "+", and each has an age of its own.
+        signal: the speed s; behind a "*" the one with whose magnitude what has aged swells.
+        size: share that a height of 1 adds in the long run.
+        slow: speed below which it rests, in its SI unit.
+        magnitude: usual one of what it swells with, SI.
+
+    Source: friction that grows with the time of contact, as Rabinowicz, Proceedings of the Physical Society 71, 1958.
+    """
+
+    kind = "ageing"
+    needs = "rests of several lengths"
+
+    def __init__(
+        self, site: str, signal: str, *, size: float = 1.0, slow: float = 1.0, magnitude: float = 1.0
+    ) -> None:
+        super().__init__(site, signal, magnitude=magnitude, size=size, slow=slow)
+        self.parameters = (
+            constant("size", size, POSITIVE, "share that a height of 1 adds in the long run"),
+            constant("slow", slow, POSITIVE, f"{self.along} below which it rests, SI"),
+            *self._magnitude,
+            Parameter("height", "1", 1.0, "of what has aged in the long run", OWN, 0.0),
+            Parameter("time", "s", 0.5, "in which it ages", OWN, 0.5, (5e-3, 60.0), logarithmic=True),
+        )
+        self.strength = {"height": LEAST}
+        self.usual = tuple({"height": sign, "time": time} for time in TIMES for sign in (1.0, -1.0))
+        self.law = f"what grows while {self.along.replace('_', ' ')} rests"
+        self.says = f"{self.law} in {{time}}{self.swells}{self.describes}"
+
+    def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
+        """The level as it has aged."""
+        own = {q.name: sheet.param(q) for q in self.parameters}
+        ratio = (followed(self.along, near, sheet) / own["slow"]) ** 2
+        rests = 1 / (1 + ratio * ratio)
+        age = sheet.state(f"age_{self.sites.index(site)}", "1", 0.3, spread=0.3)
+        sheet.rate(age, rests * (1 - age) / own["time"] - (1 - rests) * age / FORGOTTEN)
+        return nominal * (1 + self.swelled(own["height"] * own["size"] * age, near, sheet))
