@@ -24,7 +24,7 @@ from optid.diagnose.refit import LEVEL, own_values
 from optid.diagnose.residuals import residual_tests
 from optid.diagnose.rivals import compared, indistinguishable
 from optid.diagnose.screen import Signature, screen
-from optid.diagnose.search import EVEN, Search, needed, search
+from optid.diagnose.search import EVEN, Search, explains_little, needed, search
 from optid.diagnose.settling import foreseen, likelier
 from optid.diagnose.uncertainty import disagreement, estimates, resolution
 from optid.diagnose.unexplained import describe, nameless
@@ -37,7 +37,8 @@ from optid.fit.result import Estimate
 from optid.rigs.rigfile import Rig
 
 NOTHING = 0.01  # of the smallest size worth a name: what is below it is told in words
-SEARCHED, OWN = 0.75, 0.4  # of the time limit: to locate a rest and to describe it takes two minutes of ten
+# Of the time limit. To locate a rest and to describe it takes two minutes of ten, more where that is nearly all.
+SEARCHED, FAINTLY, OWN = 0.75, 0.65, 0.4
 VISIBLE = 5.0  # sd at which an effect of the smallest size worth a name would be found for sure
 
 
@@ -64,7 +65,7 @@ def diagnose(
         generator: of the resampling.
         progress: called with the share done and a few words.
         time_limit: s, about which the whole may take: of that, SEARCHED are for the base fit and the search for
-            effects, which ends with what it has, but OWN are its own.
+            effects, which ends with what it has, but OWN are its own; FAINTLY where that explains little.
 
     Raises:
         InputError: nothing to fit or nothing held out.
@@ -90,8 +91,11 @@ def diagnose(
     wide = _enough(base, data)
     if wide is None and (simulated := by_simulation(base, data)) is not None:
         base, data = simulated
-    until = max(start + SEARCHED * time_limit, time.monotonic() + OWN * time_limit)
-    found = Search(base, base, ()) if wide else search(base, own, replace(data, until=until), report)
+    until, soon = (
+        max(start + share * time_limit, time.monotonic() + OWN * time_limit) for share in (SEARCHED, FAINTLY)
+    )
+    searched = replace(data, until=until, soon=soon)
+    found = Search(base, base, ()) if wide else search(base, own, searched, report)
     last = next((one.screened for one in found.rounds if one.model is found.best), None)
     if last is None:
         last = tuple(screen(found.best.answer, data.train, admitted(found.best.rig.model, own)))
@@ -125,9 +129,12 @@ def diagnose(
     elif sites:
         # Names that fell short may describe most of it, and something without a name the rest.
         tell = partial(report, 0.97)
-        described = None if hurried.over else describe(base, found.best, sites, hurried, tell)
-        findings = (nameless(base, sites, described, data),)
+        beside = base if explains_little(base, found.best, data) else found.best
+        described = None if hurried.over else describe(base, beside, sites, hurried, tell)
         best = found.best if described is None else described.rival.candidate
+        if cleared(base.judged, best.judged, noise) < cleared(base.judged, found.best.judged, noise):
+            described, best = None, found.best
+        findings = (nameless(base, sites, described, data),)
     if best is not found.best:
         best_parameters = estimates(best.answer, (), ratio=missed(best.judged, noise))
     residuals = residual_tests(best.judged, best.answer, data.holdout)

@@ -19,7 +19,7 @@ from optid.core.model import Model
 from optid.diagnose.candidate import ABOUT, QUIETER, Candidate, Data, Report, refitted, settled
 from optid.diagnose.judge import EXCESS, beyond_noise, brought_to_noise, cleared, compare, excess
 from optid.diagnose.lead import leads, stood
-from optid.diagnose.refit import FORM, LEVEL, TINY, Contest, Rival, cost, refit
+from optid.diagnose.refit import FORM, LEVEL, MOST, TINY, Contest, Rival, cost, refit
 from optid.diagnose.screen import Signature, screen
 from optid.diagnose.settling import likelier
 from optid.effects.effect import Effect
@@ -114,20 +114,23 @@ def search(base: Candidate, own: Sequence[Effect], data: Data, report: Report) -
     plain, current, before, rounds = base.rig.model, base, base, []
     confirmed, guide = base, None
     for depth in range(DEEPEST + 1):
+        here = (
+            replace(data, until=min(data.until, data.soon)) if explains_little(base, current, data) else data
+        )
         tell = partial(report, 0.1 + 0.8 * depth / (DEEPEST + 1))
         tell(f"round {depth + 1}: screening the catalogue")
         little, much = _little_left(base, current, data), excess(current.judged, data.noise) > EXCESS
         # What the pasts of windows leave open may be all they err by; it may as well hide something.
         quiet = little and not much and not beyond_noise(current.judged, data.noise)
-        ended = len(current.effects) == DEEPEST or quiet or _hopeless(base, current, data) or data.over
+        ended = len(current.effects) == DEEPEST or quiet or _hopeless(base, current, data) or here.over
         most = 0 if ended else LITTLE if little else None
-        look = _round(base, current, own, data, tell, most, guide=guide)
-        if data.over:
-            look = replace(look, rivals=tuple(in_time(rival, data) for rival in look.rivals))
+        look = _round(base, current, own, here, tell, most, guide=guide)
+        if here.over:
+            look = replace(look, rivals=tuple(in_time(rival, here) for rival in look.rivals))
         winner = next((rival for rival in look.rivals if not rival.why), None)
         ahead = winner
         if (
-            not data.over
+            not here.over
             and winner is None
             and current is confirmed
             and depth + 1 < DEEPEST
@@ -146,7 +149,7 @@ def search(base: Candidate, own: Sequence[Effect], data: Data, report: Report) -
                 tell("where its windows lead")
                 current = likelier(current, data)
             confirmed = current
-    stopped = data.over  # what was left out of the rounds, no one counts
+    stopped = here.over  # what was left out of the rounds, no one counts
     closing = replace(data, until=math.inf)  # to know what was found takes its time
     best, without, dropped = _thinned(base, confirmed, before, closing, plain, report)
     if len(best.effects) > 1 and not stopped and excess(best.judged, data.noise) > EXCESS:
@@ -247,6 +250,11 @@ def _exchanged(
         return None
     gain = best.answer.score + cost(first) - winner.candidate.answer.score - cost(winner.effect)
     return Round(start, look.screened, look.rivals, winner, winner) if gain > 0.0 else None
+
+
+def explains_little(base: Candidate, current: Candidate, data: Data) -> bool:
+    """The effects clear less than they leave: what is missing is more likely none of the catalogue's."""
+    return cleared(base.judged, current.judged, data.noise) < MOST
 
 
 def needed(base: Candidate) -> float:

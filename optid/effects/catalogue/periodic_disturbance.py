@@ -37,7 +37,7 @@ THIRD = {
 SCATTER = Parameter(
     "scatter", "1", 0.3, "by how much recordings differ in the quadratures, sd as a share of the amplitude",
     "1 where recordings begin at any time, next to nothing where force and recording begin together", 1.0,
-    (0.02, 1.0), fitted=False,
+    (0.002, 1.0), fitted=False,
 )  # fmt: skip
 ALIKE = 0.3  # scatter up to which recordings have their phase in common
 PURE = {"third_in_phase": 0.0, "third_across": 0.0, "scatter": 1.0}  # as it is first looked for
