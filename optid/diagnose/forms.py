@@ -41,7 +41,7 @@ FASTEST, FINEST = 30.0, 300.0
 LENGTHS = ("m", "rad")
 SCALED = 0.2  # share that a height of 1 scales by
 TURN = 0.05  # of the speed's root mean square: where a curve that turns with its sign has turned
-AT_REST = 0.02  # the same: where what ages does so
+AT_REST = 0.01  # the same: where what ages does so
 SPEEDS = ("m/s", "rad/s")
 
 

@@ -7,7 +7,6 @@ length. They compete as effects do, and what is held out decides whether one sta
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -21,7 +20,7 @@ from optid.diagnose.forms import curves, fitting, kind_of, levels, shared, swell
 from optid.diagnose.judge import EXCESS, Comparison, compare, excess
 from optid.diagnose.law import law_at
 from optid.diagnose.lead import Ground, leads
-from optid.diagnose.refit import LEVEL, Contest, Rival, own_values, refit
+from optid.diagnose.refit import LEVEL, WORTH, Contest, Rival, own_values, refit
 from optid.diagnose.screen import Signature
 from optid.diagnose.where import region, telling
 from optid.diagnose.words import quantity
@@ -32,7 +31,6 @@ DRAWN = 2  # curves that are refitted
 # Their race, as in lead.RACE: curves have many parameters, so that a leg is dear, and few lead anywhere. They begin
 # where the fitted model stands: from far away the first steps of so many parameters tell nothing.
 CURVES = ((5, 10, 1), (5, 4, 1), (12, DRAWN, 1))
-CHOICE = math.log(1e4)  # in -2 log likelihood, what one more number gains by itself, as refit.cost has it
 SWELLED = ((10, 4, 1), (8, 2, 1), (12, 1, 1))  # of one of them in proportion to several signals
 SOURCES = {"flow": "flow.supply"}  # where waves come from that show at a kind of site
 ASIDE = 2  # places beside the best at which a description is looked for
@@ -93,11 +91,11 @@ def describe(
 
 
 def _swelled(current: Candidate, led: Signature, race: Callable[..., list[Signature]]) -> list[Signature]:
-    """Where a form leads in proportion to another signal, if that is farther than by itself."""
+    """Where a form leads in proportion to another signal, if that is farther by enough to be worth a second one."""
     if not isinstance(led.effect, Description):
         return [led]
     more = race(fitting(current.rig, swelling(current, led.effect)), race=SWELLED)
-    return [one for one in more if one.gain > led.gain + CHOICE] or [led]
+    return [one for one in more if one.gain > (1.0 + WORTH) * led.gain] or [led]
 
 
 def _rivalling(sites: Sequence[Located], data: Data) -> list[Located]:
@@ -125,7 +123,8 @@ def nameless(base: Candidate, sites: Sequence[Located], described: Described | N
         law, followed = law_at(base, described.rival.candidate, first.site), effect.depends_on
         there = "" if first.site == best else f" at {first.site}"
         values = own_values(effect, described.rival.candidate.rig, described.rival.candidate.answer)
-        said = effect.says.format(**{name: quantity(value, "1") for name, value in values.items()})
+        units = {q.name: q.unit for q in effect.parameters}
+        said = effect.says.format(**{name: quantity(value, units[name]) for name, value in values.items()})
         words += f"; {said}{there}, without a name"
     shown = tuple(telling(where.states, tuple(name for name in followed if name in where.states)))
     return Finding(

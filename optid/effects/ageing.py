@@ -10,7 +10,7 @@ from optid.core.sheet import Sheet
 from optid.effects.description import LEAST, OWN, POSITIVE, Description, constant, followed
 
 TIMES = (0.1, 0.5, 2.0)  # s: where searches begin
-FORGOTTEN = 5e-3  # s: in which motion ends it
+FORGOTTEN = 2e-3  # s: in which motion ends it
 
 
 class Ageing(Description):

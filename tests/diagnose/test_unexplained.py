@@ -199,7 +199,7 @@ def test_dry_friction_is_scaled_where_a_force_is_missing():
     shares = {f"scaling@force.coulomb@{name}" for name in known}
     assert found.keys() == shares | {"ageing@force.coulomb@velocity"}
     slow = found["ageing@force.coulomb@velocity"].at_null()["slow"]
-    assert slow == pytest.approx(0.02 * np.sqrt(np.mean(x["velocity"] ** 2)))
+    assert slow == pytest.approx(0.01 * np.sqrt(np.mean(x["velocity"] ** 2)))
     null = found["scaling@force.coulomb@position"].at_null()
     assert (null["low"], null["high"]) == (x["position"].min(), x["position"].max())
     assert len(fitting(base.rig, found.values())) == len(found)

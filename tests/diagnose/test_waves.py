@@ -145,6 +145,6 @@ def test_a_wave_that_only_speed_brings_about_has_heights_over_it(tmp_path):
     own = own_values(wave, best.rig, best.answer)
     heights = own["size"] * np.array([own[f"height_{k + 1}"] for k in range(len(KNOTS))])
     speeds = own["magnitude"] * np.array(KNOTS)
-    moving = speeds < 0.9  # what is faster hardly occurs
+    moving = speeds < 0.8  # what is faster hardly occurs
     # drag is subtracted, and half a turn of the phase turns the sign
     assert np.abs(heights[moving]) == pytest.approx(6.0 * np.maximum(speeds[moving] - 0.3, 0.0), abs=0.25)
