@@ -38,7 +38,7 @@ from optid.rigs.rigfile import Rig
 
 NOTHING = 0.01  # of the smallest size worth a name: what is below it is told in words
 # Of the time limit. To locate a rest and to describe it takes two minutes of ten, more where that is nearly all.
-SEARCHED, FAINTLY, OWN = 0.75, 0.65, 0.4
+SEARCHED, FAINTLY, OWN = 0.75, 0.6, 0.4
 VISIBLE = 5.0  # sd at which an effect of the smallest size worth a name would be found for sure
 
 

@@ -36,8 +36,9 @@ Form = TypeVar("Form", bound=Description)
 
 SAME = 0.99  # correlation of two signals of which one is enough
 LEVELS = {"force": "force.coulomb"}  # what a kind of site turns and holds, and others scale
-# The fastest waves that are looked for: Hz, and periods within the range of a length.
-FASTEST, FINEST = 30.0, 300.0
+# The fastest waves that are looked for: Hz, and periods within the range of a length. A sensor's track is finer than
+# what pushes.
+FASTEST, FINEST, TRACK = 30.0, 100.0, 300.0
 LENGTHS = ("m", "rad")
 SCALED = 0.2  # share that a height of 1 scales by
 TURN = 0.05  # of the speed's root mean square: where a curve that turns with its sign has turned
@@ -112,7 +113,9 @@ def waves(base: Candidate, ground: Ground, site: str) -> list[Signature]:
     for k, state in enumerate(model.states):
         if state.unit in LENGTHS and "." not in state.name:
             values = guide.filtered.states[0][:, k]
-            followed[state.name] = (values, FINEST / max(float(np.nanmax(values) - np.nanmin(values)), 1e-12))
+            low, high = _ends(values)
+            most = TRACK if kind_of(site) == "sensor" else FINEST
+            followed[state.name] = (values, most / max(high - low, 1e-12))
     found = []
     for name, (along, fastest) in followed.items():
         for plain in fitting(base.rig, [Wave(site, name, size=size)]):
