@@ -25,6 +25,7 @@ from optid.diagnose.screen import Signature
 from optid.diagnose.where import region, telling
 from optid.diagnose.words import quantity
 from optid.effects.description import Description
+from optid.effects.effect import Effect
 from optid.fit.scoring import quieted
 
 DRAWN = 2  # curves that are refitted
@@ -122,11 +123,16 @@ def nameless(base: Candidate, sites: Sequence[Located], described: Described | N
         effect, evidence = described.rival.effect, described.rival.against
         law, followed = law_at(base, described.rival.candidate, first.site), effect.depends_on
         there = "" if first.site == best else f" at {first.site}"
-        values = own_values(effect, described.rival.candidate.rig, described.rival.candidate.answer)
-        units = {q.name: q.unit for q in effect.parameters}
-        said = effect.says.format(**{name: quantity(value, units[name]) for name, value in values.items()})
+        said = _said(effect, described.rival.candidate)
         words += f"; {said}{there}, without a name"
     shown = tuple(telling(where.states, tuple(name for name in followed if name in where.states)))
     return Finding(
         None, kind, first.site, (), where, shown, evidence, first.gain, 0.0, (), words, first, law
     )  # fmt: skip
+
+
+def _said(effect: Effect, candidate: Candidate) -> str:
+    """What a description says, with the values that were fitted."""
+    units = {q.name: q.unit for q in effect.parameters}
+    values = own_values(effect, candidate.rig, candidate.answer)
+    return effect.says.format(**{name: quantity(value, units[name]) for name, value in values.items()})

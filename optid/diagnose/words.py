@@ -5,6 +5,7 @@ from __future__ import annotations
 from optid.diagnose.finding import Diagnosis, Finding, Verdict
 from optid.diagnose.judge import EXCESS, excess
 from optid.diagnose.refit import LEVEL
+from optid.effects.description import Description
 
 _FRIENDLY = {
     "m": (1e3, "mm"), "m/s": (1e3, "mm/s"), "Pa": (1e-5, "bar"), "m**2": (1e6, "mm2"),
@@ -67,8 +68,12 @@ def _answer(d: Diagnosis) -> str:
 
 
 def _described(d: Diagnosis, after: str) -> str:
-    """How far goes what describes it, names that fell short among that."""
-    return "" if d.best is d.base else f" With that, which names nothing, windows err by {after}."
+    """How far goes what describes it, or else the names that fell short."""
+    if d.best is d.base:
+        return ""
+    nameless = any(isinstance(effect, Description) for effect in d.best.effects)
+    what = "what describes it, which names nothing" if nameless else "that, which falls short"
+    return f" With {what}, windows err by {after}."
 
 
 def _closest(d: Diagnosis) -> str:

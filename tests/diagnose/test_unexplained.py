@@ -12,11 +12,12 @@ from optid.diagnose.diagnosis import diagnose
 from optid.diagnose.disturbance import Located, locate, locate_at
 from optid.diagnose.finding import Verdict
 from optid.diagnose.forms import curves, fitting, levels, shared, swelling, turned
-from optid.diagnose.unexplained import _rivalling, describe, nameless
+from optid.diagnose.unexplained import _rivalling, _said, describe, nameless
 from optid.effects.curve import Curve
+from optid.effects.relaxation import Relaxation
 from optid.report.diagnosis_document import diagnosis_document
 from optid.report.diagnosis_page import diagnosis_page
-from optid.rigs.rigfile import read_rig, write_rig
+from optid.rigs.rigfile import read_rig, with_effects, write_rig
 from tests.diagnose.trolley import SD, recording, rig
 
 
@@ -135,7 +136,10 @@ def test_an_answer_holds_the_curve_and_no_name(tmp_path):
     assert document["improved"]["parameters"].keys() >= {
         f"curve@drive.command@command.height_{k}" for k in (1, 13)
     }
-    assert f"With that, which names nothing, windows err by position {1e3 * after:.3g} mm" in found.summary
+    assert (
+        f"With what describes it, which names nothing, windows err by position {1e3 * after:.3g} mm"
+        in found.summary
+    )
     assert "through it what describes it" in diagnosis_page(found)
 
 
@@ -244,3 +248,12 @@ def test_what_swells_with_a_speed_is_found_to(tmp_path):
     assert found.rival.effect.name in ("curve@drag.force@position*velocity", "curve@drag.force@position*v")
     before, after = (one.judged.scores["position"].rmse for one in (base, found.rival.candidate))
     assert after < 0.04 * before
+
+
+def test_a_description_says_times_with_their_unit(tmp_path):
+    memory = Relaxation("drag.force", "velocity")
+    full = with_effects(rig(tmp_path), [memory], memory.qualified({"height": 1.0, "time": 0.25}))
+    fitted_to = SimpleNamespace(rig=full, answer=SimpleNamespace(p=full.model.vector(full.parameters)))
+    assert (
+        _said(memory, fitted_to) == "what follows changes of velocity and is forgotten in 250 ms describes it"
+    )
