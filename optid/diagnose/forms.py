@@ -167,9 +167,7 @@ def _known(base: Candidate, sites: tuple[str, ...]) -> dict[str, Array]:
         rows = [k for k, port in enumerate(full.outputs) if port.role.startswith("reading_")]
         X, U = answer.filtered.states[0], answer.question.problem.inputs
         values = np.array(full.sensors.map(len(X))(X.T, U.T, answer.p))[rows].T
-        if not np.ptp(values) > 0.0:
-            continue
-        if not any(abs(np.corrcoef(values.ravel(), other.ravel())[0, 1]) > SAME for other in found.values()):
+        if np.ptp(values) > 0.0 and not _resembles(values, found.values()):
             found[name] = values
     return found
 
@@ -209,7 +207,8 @@ def swelling(base: Candidate, form: Form) -> list[Form]:
     found = []
     for name, values in _signals(base, form.sites).items():
         magnitude = np.abs(values)
-        if np.ptp(magnitude) > 0.0:
+        low, high = _ends(magnitude)
+        if low < high:
             found.append(form.swelling(name, float(np.sqrt(np.nanmean(magnitude**2)))))
     return found
 
@@ -234,10 +233,12 @@ def _signals(base: Candidate, sites: tuple[str, ...]) -> dict[str, Array]:
         return _known(base, sites)
     found = _moving(base)
     for name, values in _known(base, sites).items():
-        if not any(
-            abs(np.corrcoef(values[:, 0], other)[0, 1]) > SAME
-            for other in found.values()
-            if np.ptp(other) > 0.0
-        ):
+        if not _resembles(values, found.values()):
             found[name] = values[:, 0]
     return found
+
+
+def _resembles(values: Array, others: Iterable[Array]) -> bool:
+    """One of them says as much already."""
+    moving = [other for other in others if np.ptp(other) > 0.0]
+    return any(abs(np.corrcoef(values.ravel(), other.ravel())[0, 1]) > SAME for other in moving)
