@@ -28,6 +28,7 @@ from optid.effects.curve import Curve, Scaling
 from optid.effects.description import AND, Description
 from optid.effects.effect import Effect
 from optid.effects.relaxation import Relaxation
+from optid.effects.sticking import Sticking
 from optid.effects.wave import TIME, Wave
 from optid.errors import RigError
 from optid.rigs.rigfile import Rig, with_effects
@@ -100,6 +101,17 @@ def levels(base: Candidate, located: Located) -> list[Description]:
             found += [
                 Ageing(site, name, size=SCALED, slow=slow) for name, slow in _slow(base, AT_REST).items()
             ]
+    return found
+
+
+def sticking(base: Candidate, located: Located) -> list[Description]:
+    """What is sent to a site stays and jumps, where that is a recorded input, by which the site is then called."""
+    recorded = {port.role for port in base.rig.model.recorded}
+    found: list[Description] = []
+    for site in located.sites:
+        role = site.partition(".")[2]
+        if role in recorded and (size := float(np.sqrt(np.nanmean(_moving(base)[role] ** 2)))) > 0.0:
+            found.append(Sticking(site, role, size=size))
     return found
 
 
@@ -204,7 +216,9 @@ def _fits(rig: Rig, form: Description) -> bool:
 
 def swelling(base: Candidate, form: Form) -> list[Form]:
     """The same form in proportion to the magnitude of every signal that its sites know."""
-    found = []
+    found: list[Form] = []
+    if not form.adds:
+        return found
     for name, values in _signals(base, form.sites).items():
         magnitude = np.abs(values)
         low, high = _ends(magnitude)

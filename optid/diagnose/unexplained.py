@@ -16,7 +16,7 @@ import numpy as np
 from optid.diagnose.candidate import QUIETER, Candidate, Data
 from optid.diagnose.disturbance import Located, locate_at
 from optid.diagnose.finding import Finding
-from optid.diagnose.forms import curves, fitting, kind_of, levels, shared, swelling, turned, waves
+from optid.diagnose.forms import curves, fitting, kind_of, levels, shared, sticking, swelling, turned, waves
 from optid.diagnose.judge import EXCESS, Comparison, compare, excess
 from optid.diagnose.law import law_at
 from optid.diagnose.lead import Ground, leads
@@ -69,7 +69,10 @@ def describe(
         curve.name: curve for one in places.values() for curve in curves(current, one)
     }
     for one in likely:
-        lasting |= {form.name: form for form in (*shared(current, one), *levels(current, one))}
+        lasting |= {
+            form.name: form
+            for form in (*shared(current, one), *levels(current, one), *sticking(current, one))
+        }
     forms = fitting(current.rig, lasting.values())
     sources = dict.fromkeys(SOURCES.get(kind_of(site), site) for site in places)
     ground = Ground.of(current.rig, guide, data, plain, guide.p)

@@ -29,11 +29,13 @@ class Description(Effect):
 
     Attributes:
         kind: its name without the places.
+        adds: it adds something, which may swell with another signal.
         along: the state or input that it follows, or a signal that each of its sites knows, as a chamber's own "P".
         by: the same of the signal with whose magnitude it swells; "" for none.
     """
 
     kind: str
+    adds = True
     equation = "-"
     entire = True
     source = "a description, not a law"

@@ -22,12 +22,13 @@ from optid.effects.anywhere import MARK, Anywhere
 from optid.effects.curve import Curve, Scaling
 from optid.effects.effect import Effect
 from optid.effects.relaxation import Relaxation
+from optid.effects.sticking import Sticking
 from optid.effects.wave import Wave
 from optid.errors import PlantError, RigError, nearest
 
 # What stands for a mismatch without a name: from the places behind the kind, as in "curve@SITE@SIGNAL".
 DESCRIPTIONS: dict[str, Callable[..., Effect]] = {
-    kind.kind: kind for kind in (Ageing, Curve, Scaling, Relaxation, Wave)
+    kind.kind: kind for kind in (Ageing, Curve, Scaling, Relaxation, Sticking, Wave)
 }
 
 

@@ -11,7 +11,7 @@ from optid.diagnose.candidate import Data, fit_base
 from optid.diagnose.diagnosis import diagnose
 from optid.diagnose.disturbance import Located, locate, locate_at
 from optid.diagnose.finding import Verdict
-from optid.diagnose.forms import curves, fitting, levels, shared, swelling, turned
+from optid.diagnose.forms import curves, fitting, levels, shared, sticking, swelling, turned
 from optid.diagnose.unexplained import _rivalling, _said, describe, nameless
 from optid.effects.curve import Curve
 from optid.effects.relaxation import Relaxation
@@ -257,3 +257,16 @@ def test_a_description_says_times_with_their_unit(tmp_path):
     assert (
         _said(memory, fitted_to) == "what follows changes of velocity and is forgotten in 250 ms describes it"
     )
+
+
+def test_what_is_sent_may_stick_where_a_recorded_input_arrives():
+    base, _, there = axis_seen(("valve.command",))
+    assert sticking(base, there) == []  # the command does not move
+    U = base.answer.question.problem.inputs
+    U[:, 0] = np.linspace(-1.0, 1.0, len(U))
+    (stuck,) = sticking(base, there)
+    assert stuck.name == "sticking@valve.command@command"
+    assert stuck.at_null()["size"] == pytest.approx(np.sqrt(np.mean(U[:, 0] ** 2)))
+    assert swelling(base, stuck) == []  # it adds nothing that could
+    base, _, there = axis_seen(("force.external",))
+    assert sticking(base, there) == []
