@@ -91,9 +91,8 @@ def diagnose(
     wide = _enough(base, data)
     if wide is None and (simulated := by_simulation(base, data)) is not None:
         base, data = simulated
-    until, soon = (
-        max(start + share * time_limit, time.monotonic() + OWN * time_limit) for share in (SEARCHED, FAINTLY)
-    )
+    own_time = time.monotonic() + OWN * time_limit
+    until, soon = (max(start + share * time_limit, own_time) for share in (SEARCHED, FAINTLY))
     searched = replace(data, until=until, soon=soon)
     found = Search(base, base, ()) if wide else search(base, own, searched, report)
     last = next((one.screened for one in found.rounds if one.model is found.best), None)

@@ -71,7 +71,9 @@ def test_what_a_search_that_was_ended_leaves_is_described_while_there_is_time(tm
     asked_for = []
     monkeypatch.setattr(diagnosis_of, "SEARCHED", 0.0)
     monkeypatch.setattr(diagnosis_of, "OWN", 0.0)
-    monkeypatch.setattr(diagnosis_of, "describe", lambda base, sites, *_: asked_for.append(sites[0].site))
+    monkeypatch.setattr(
+        diagnosis_of, "describe", lambda base, current, sites, *_: asked_for.append(sites[0].site)
+    )
     found = asked(tmp_path, dead_band, time_limit=1e6)
     assert found.verdict is Verdict.UNEXPLAINED and found.search.stopped
     assert len(asked_for) == 1
@@ -91,21 +93,21 @@ def test_a_search_whose_time_is_over_says_so_and_names_nothing(tmp_path, dead, m
     assert not dead.search.stopped and "ended" not in dead.summary
 
 
-@pytest.mark.parametrize(("base_takes", "ends"), [(10.0, 75.0), (60.0, 100.0)])
+@pytest.mark.parametrize(("base_takes", "ends", "soon"), [(10.0, 75.0, 60.0), (60.0, 100.0, 100.0)])
 def test_the_time_limit_counts_from_the_start_but_leaves_the_search_its_own(
-    tmp_path, monkeypatch, base_takes, ends
+    tmp_path, monkeypatch, base_takes, ends, soon
 ):
     clock = iter((0.0, base_takes))
     monkeypatch.setattr(diagnosis_of, "time", SimpleNamespace(monotonic=lambda: next(clock)))
     until = []
 
     def searched(base, own, data, report):
-        until.append(data.until)
+        until.append((data.until, data.soon))
         return Search(base, base, ())
 
     monkeypatch.setattr(diagnosis_of, "search", searched)
     found = asked(tmp_path, dead_band, time_limit=100.0)
-    assert until == [pytest.approx(ends)]
+    assert until == [pytest.approx((ends, soon))]
     assert found.data.until == math.inf  # to locate and to tell takes its time
 
 
