@@ -1,8 +1,8 @@
 """Forms that may describe what no effect explains: what is tried where a mismatch lies, over which signals.
 
 A curve runs over a state or input, as it is or turning with a speed; sites alike share one that scales what is there; a
-relaxation remembers a signal for a time; a wave goes on by itself, over time or a length. Each of them may be in
-proportion to the magnitude of another signal.
+relaxation remembers a signal for a time; dry friction ages at rest; what is sent to a site stays and jumps; a wave goes
+on by itself, over time or a length. What adds something may be in proportion to the magnitude of another signal.
 """
 
 from __future__ import annotations
@@ -66,7 +66,6 @@ def curves(base: Candidate, located: Located) -> Sequence[Curve]:
     return plain + [
         curve(name, speed, low=low, high=high, width=width)
         for speed, width in turns.items()
-        if width > 0.0
         for name, (low, high) in moving.items()
         if name != speed
     ]

@@ -1,8 +1,6 @@
 """What no effect explains: where it lies, and what describes it, for simulation, without a name.
 
-A curve runs over the state or input that leads farthest from where the mismatch was located; several sites share one
-that scales what is there; a relaxation remembers such a signal for a time; a wave goes on by itself, over time or a
-length. They compete as effects do, and what is held out decides whether one stays.
+Forms over signals, as in `forms`, compete as effects do, and what is held out decides whether one stays.
 """
 
 from __future__ import annotations

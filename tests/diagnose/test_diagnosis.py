@@ -10,6 +10,7 @@ import pytest
 
 from optid.diagnose import diagnosis as diagnosis_of
 from optid.diagnose import search as search_of
+from optid.diagnose.candidate import refitted
 from optid.diagnose.diagnosis import diagnose
 from optid.diagnose.finding import Verdict
 from optid.diagnose.judge import missed
@@ -17,7 +18,7 @@ from optid.diagnose.refit import Contest, refit
 from optid.diagnose.search import Search, in_time
 from optid.diagnose.uncertainty import estimates
 from optid.diagnose.words import summary
-from optid.effects.library import built_in
+from optid.effects.library import admitted, built_in
 from optid.errors import InputError
 from optid.report.diagnosis_document import diagnosis_document
 from optid.report.diagnosis_page import diagnosis_page
@@ -91,6 +92,24 @@ def test_a_search_whose_time_is_over_says_so_and_names_nothing(tmp_path, dead, m
     assert not any(one.rivals for one in found.search.rounds)
     assert "The search was ended before everything was tried" in found.summary
     assert not dead.search.stopped and "ended" not in dead.summary
+
+
+@pytest.mark.parametrize("little", [True, False])
+def test_what_describes_comes_to_names_only_where_these_explain_much(tmp_path, monkeypatch, little):
+    seen = []
+
+    def searched(base, own, data, report):
+        wrong = next(e for e in admitted(base.rig.model) if e.name == "saturation@drive.command")
+        return Search(base, refitted(base.rig, (wrong,), base, data, base.rig.model), ())
+
+    monkeypatch.setattr(diagnosis_of, "search", searched)
+    monkeypatch.setattr(diagnosis_of, "explains_little", lambda *_: little)
+    monkeypatch.setattr(diagnosis_of, "describe", lambda base, current, *_: seen.append(current.effects))
+    found = asked(tmp_path, dead_band)
+    assert found.verdict is Verdict.UNEXPLAINED
+    assert [[effect.name for effect in one] for one in seen] == [
+        [] if little else ["saturation@drive.command"]
+    ]
 
 
 @pytest.mark.parametrize(("base_takes", "ends", "soon"), [(10.0, 75.0, 60.0), (60.0, 100.0, 100.0)])
