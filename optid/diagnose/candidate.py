@@ -45,8 +45,8 @@ class Data:
     """Recordings to fit, recordings held out, sd of their noise by role, and the randomness of the resampling.
 
     `misfit` is what the base model's simulation misses, by role, where models are judged by simulation; `late` are the
-    recordings of which the beginning does not count; `until` is when searches end with what they have, `soon` when
-    those do that have explained little, by `time.monotonic`.
+    recordings of which the beginning does not count; `until` is when searches end with what they have, by
+    `time.monotonic`.
     """
 
     train: tuple[Recording, ...]
@@ -56,7 +56,6 @@ class Data:
     misfit: Mapping[str, float] | None = None
     late: tuple[str, ...] = ()
     until: float = math.inf
-    soon: float = math.inf
 
     @property
     def over(self) -> bool:

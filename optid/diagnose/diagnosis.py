@@ -24,10 +24,10 @@ from optid.diagnose.refit import LEVEL, own_values
 from optid.diagnose.residuals import residual_tests
 from optid.diagnose.rivals import compared, indistinguishable
 from optid.diagnose.screen import Signature, screen
-from optid.diagnose.search import EVEN, Search, explains_little, needed, search
+from optid.diagnose.search import EVEN, Search, explains_little, needed, search, stands
 from optid.diagnose.settling import foreseen, likelier
 from optid.diagnose.uncertainty import disagreement, estimates, resolution
-from optid.diagnose.unexplained import describe, nameless
+from optid.diagnose.unexplained import Described, Look, describe, look, nameless
 from optid.diagnose.where import contribution, region, telling
 from optid.diagnose.words import quantity, summary
 from optid.effects.effect import Effect
@@ -37,8 +37,9 @@ from optid.fit.result import Estimate
 from optid.rigs.rigfile import Rig
 
 NOTHING = 0.01  # of the smallest size worth a name: what is below it is told in words
-# Of the time limit. To locate a rest and to describe it takes two minutes of ten, more where that is nearly all.
-SEARCHED, FAINTLY, OWN = 0.75, 0.6, 0.4
+# Of the time limit: until when effects are searched for, and what the search has in any case. What was found to be
+# needed and how sure it is takes a minute of ten, and as long what describes a rest and has not arrived yet.
+SEARCHED, OWN = 0.8, 0.4
 VISIBLE = 5.0  # sd at which an effect of the smallest size worth a name would be found for sure
 
 
@@ -65,7 +66,7 @@ def diagnose(
         generator: of the resampling.
         progress: called with the share done and a few words.
         time_limit: s, about which the whole may take: of that, SEARCHED are for the base fit and the search for
-            effects, which ends with what it has, but OWN are its own; FAINTLY where that explains little.
+            effects, which ends with what it has, but OWN are its own.
 
     Raises:
         InputError: nothing to fit or nothing held out.
@@ -92,23 +93,29 @@ def diagnose(
     if wide is None and (simulated := by_simulation(base, data)) is not None:
         base, data = simulated
     own_time = time.monotonic() + OWN * time_limit
-    until, soon = (max(start + share * time_limit, own_time) for share in (SEARCHED, FAINTLY))
-    searched = replace(data, until=until, soon=soon)
-    found = Search(base, base, ()) if wide else search(base, own, searched, report)
+    searched = replace(data, until=max(start + SEARCHED * time_limit, own_time))
+    looked: list[Look] = []
+
+    def aside() -> None:
+        """What would describe it all without a name: a minute's work, for which the end may leave no time."""
+        report(0.3, "locating the mismatch with an unknown signal")
+        looked.append(look(base, base, locate(base, data), searched, partial(report, 0.3)))
+
+    found = Search(base, base, ()) if wide else search(base, own, searched, report, aside)
     last = next((one.screened for one in found.rounds if one.model is found.best), None)
     if last is None:
         last = tuple(screen(found.best.answer, data.train, admitted(found.best.rig.model, own)))
     hurried = replace(data, until=start + time_limit)
     found = _settled(found, data, hurried, report)
-    stands = _stands(found, data) or excess(found.best.judged, noise) <= EXCESS
-    if found.best.effects and stands and not found.stopped:
+    whole = stands(base, found.best, data) or excess(found.best.judged, noise) <= EXCESS
+    if found.best.effects and whole and not found.stopped:
         named = found.best.effects
         found = compared(found, own, data, partial(report, 0.94))
         if found.best.effects != named:
             last = tuple(screen(found.best.answer, data.train, admitted(found.best.rig.model, own)))
     report(0.95, "intervals and residual tests")
     likely, least = found, resolution(found.best)
-    if found.best.effects and stands and excess(found.best.judged, noise) > EXCESS:
+    if found.best.effects and whole and excess(found.best.judged, noise) > EXCESS:
         report(0.95, "how far the recordings disagree")
         least = np.maximum(least, disagreement(found.best, data, rig.model))
         best, apart = foreseen(found.best, data)
@@ -120,19 +127,14 @@ def diagnose(
         else estimates(base.answer, (), ratio=missed(base.judged, noise))
     )
     verdict, best, sites, closest = (
-        (Verdict.PARAMETERS, wide, (), None) if wide else _verdict(found, data, report)
+        (Verdict.PARAMETERS, wide, (), None) if wide else _verdict(found, data, report, looked)
     )
     findings: tuple[Finding, ...] = ()
     if verdict is Verdict.MISSING_PHYSICS:
         findings = _findings(found, likely, best_parameters, data, report)
     elif sites:
-        # Names that fell short may describe most of it, and something without a name the rest.
-        tell = partial(report, 0.97)
-        beside = base if explains_little(base, found.best, data) else found.best
-        described = None if hurried.over else describe(base, beside, sites, hurried, tell)
+        described = _described(base, found.best, sites, looked, hurried, partial(report, 0.97))
         best = found.best if described is None else described.rival.candidate
-        if cleared(base.judged, best.judged, noise) < cleared(base.judged, found.best.judged, noise):
-            described, best = None, found.best
         findings = (nameless(base, sites, described, data),)
     if best is not found.best:
         best_parameters = estimates(best.answer, (), ratio=missed(best.judged, noise))
@@ -153,10 +155,37 @@ def _settled(found: Search, data: Data, hurried: Data, report: Report) -> Search
         return found  # more is missing than a likelier top would show
     report(0.94, "where its windows lead")
     best = likelier(rough, hurried)
-    if best is rough and _stands(found, data):
+    if best is rough and stands(found.base, best, data):
         report(0.94, "settling what was found")
         best = settled(rough.effects, rough.rig, rough.answer.p, rough.answer, data, found.base.rig.model)
     return replace(found, best=best)
+
+
+def _described(
+    base: Candidate,
+    named: Candidate,
+    sites: Sequence[Located],
+    looked: Sequence[Look],
+    data: Data,
+    tell: Callable[[str], None],
+) -> Described | None:
+    """What describes a mismatch, unless names that fell short clear more of it.
+
+    Those that explain much may describe most of it, and something without a name the rest.
+    """
+    if not looked and not data.over and explains_little(base, named, data):
+        looked = [look(base, base, sites, data, tell)]
+    arrived = any(one.arrived for one in looked)
+    if not arrived and not data.over and not explains_little(base, named, data):
+        looked = [*looked, look(base, named, sites, data, tell)]
+    found = [one for there in looked if (one := describe(there, data)) is not None]
+    best = max(
+        found, key=lambda one: cleared(base.judged, one.rival.candidate.judged, data.noise), default=None
+    )
+    if best is None:
+        return None
+    less = cleared(base.judged, best.rival.candidate.judged, data.noise)
+    return None if less < cleared(base.judged, named.judged, data.noise) else best
 
 
 def _noise(rig: Rig, recordings: Sequence[Recording]) -> dict[str, float]:
@@ -240,7 +269,7 @@ def _says(effect: Effect, best: Candidate) -> str:
 
 
 def _verdict(
-    found: Search, data: Data, report: Report
+    found: Search, data: Data, report: Report, looked: Sequence[Look] = ()
 ) -> tuple[Verdict, Candidate, Sequence[Located], Closest | None]:
     """What the search amounts to, the model that stands for it, where a rest lies, and names that fell short."""
     base, best = found.base, found.best
@@ -248,18 +277,12 @@ def _verdict(
         return Verdict.MISSING_PHYSICS, best, (), None
     if excess(base.judged, data.noise) <= EXCESS:
         return (Verdict.MISSING_PHYSICS if best.effects else Verdict.CONSISTENT), best, (), None
-    if _stands(found, data):
+    if stands(base, best, data):
         return Verdict.MISSING_PHYSICS, best, (), None
     report(0.94, "locating the mismatch with an unknown signal")
     names = tuple(effect.name for effect in best.effects)
     closest = Closest(names, cleared(base.judged, best.judged, data.noise), needed(base)) if names else None
-    return Verdict.UNEXPLAINED, base, locate(base, data), closest
-
-
-def _stands(found: Search, data: Data) -> bool:
-    """Whether names clear as much of the squared error as right ones do."""
-    best = found.best
-    return bool(best.effects) and cleared(found.base.judged, best.judged, data.noise) >= needed(found.base)
+    return Verdict.UNEXPLAINED, base, looked[0].sites if looked else locate(base, data), closest
 
 
 def _rejected(found: Search, best: Candidate, closest: Closest | None) -> tuple[tuple[str, str], ...]:

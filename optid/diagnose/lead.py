@@ -59,14 +59,14 @@ def leads(
     q = guide.question
     starts = [guide.p] if near or current.effects else [q.model.vector(current.rig.parameters), guide.p]
     alone = min(steered_fit(q, start, q.model, guide.filtered, QUICK).loss for start in starts)
-    rows, worst = int(np.isfinite(guide.filtered.innovations[0]).sum()), _worst(guide)
+    rows, first = int(np.isfinite(guide.filtered.innovations[0]).sum()), worst(guide)
     for start in starts:
         ground = Ground.of(current.rig, guide, data, plain, start)
         running = [lead for effect in effects for lead in _begun(ground, effect)]
         for leg, (evaluations, most, alike) in enumerate(race):
             if data.over:
                 return []
-            over = None if leg else worst
+            over = None if leg else first
             running = _ahead([lead.further(guide, evaluations, over) for lead in running], most, alike)
         gains = [rows * (1.0 - lead.at.loss / alone) for lead in running]  # of as many squares as rows
         if gains and gains[0] > 0.0:
@@ -86,6 +86,14 @@ def stood(current: Candidate, led: Signature, guide: Answer, data: Data, plain: 
         return None
     here.glance()
     return here.answer(False)
+
+
+def worst(guide: Answer) -> list[int]:
+    """The segments of the recording in which most is missing."""
+    problem, f = guide.question.problem, guide.filtered
+    loss = np.nansum(huber(f.innovations[0] / np.sqrt(f.variances[0])), axis=1)
+    lost = np.bincount(np.repeat(problem.recording, problem.counts + 1), weights=loss)
+    return np.flatnonzero(problem.recording == np.argmax(lost)).tolist()
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,14 +171,6 @@ class _Lead:
         own = {q.name: values[f"{self.effect.name}.{q.name}"] for q in self.effect.parameters}
         beside = {name: values[name] for name in self.beside}
         return Signature(self.effect, own, gain, np.zeros(0), self.effect.size(own), math.inf, beside)
-
-
-def _worst(guide: Answer) -> list[int]:
-    """The segments of the recording in which most is missing."""
-    problem, f = guide.question.problem, guide.filtered
-    loss = np.nansum(huber(f.innovations[0] / np.sqrt(f.variances[0])), axis=1)
-    lost = np.bincount(np.repeat(problem.recording, problem.counts + 1), weights=loss)
-    return np.flatnonzero(problem.recording == np.argmax(lost)).tolist()
 
 
 def _begun(ground: Ground, effect: Effect) -> list[_Lead]:

@@ -14,11 +14,11 @@ from typing import NamedTuple
 import numpy as np
 
 from optid.core.model import Array
-from optid.diagnose.lead import Ground
+from optid.diagnose.lead import Ground, worst
 from optid.diagnose.screen import grown
 from optid.effects.wave import TIME, Wave
 from optid.fit.likelihood import FAR
-from optid.fit.problem import Integers
+from optid.fit.problem import Booleans, Integers
 from optid.fit.steering import innovations
 
 FINE = 2  # steps of the grid to a line's width
@@ -55,27 +55,50 @@ def loudest(ground: Ground, wave: Wave, along: Array, fastest: float, at: float 
         fastest: periods by the unit of that, at most.
         at: so many periods by the unit alone, instead of a search.
     """
-    rows = np.nonzero(np.isfinite(ground.guide.filtered.innovations[0]))[0]
     problem = ground.guide.question.problem
-    owner = np.repeat(problem.recording, problem.counts + 1)[rows]
-    pieces = [np.flatnonzero(owner == one) for one in np.unique(owner)]
-    span = max(float(np.ptp(along[rows[piece]])) for piece in pieces)
+    seen = _seen(ground)
+    span = max(float(np.ptp(along[seen.rows[seen.owner == one]])) for one in np.unique(seen.owner))
     if not span > 0.0:
         return None
-    if wave.along != TIME:
-        pieces = [np.arange(len(rows))]
-    grid, found = np.arange(SLOWEST / span, fastest, 1.0 / (FINE * span)), []
     if at is not None:
-        grid = np.array([at])
+        return max(_explained(ground, wave, np.array([at])), default=None)
+    grid = np.arange(SLOWEST / span, fastest, 1.0 / (FINE * span))
+    over = worst(ground.guide)
+    if len(over) < len(problem.counts) and len(grid) > BATCH:
+        # Which of them are worth a look at all recordings shows in that in which most is missing.
+        rough = sorted(_batches(ground, wave, grid, over), reverse=True)[:BATCH]
+        grid = np.array(sorted(line.repeats for line in rough))
+    return max(_batches(ground, wave, grid), default=None)
+
+
+class _Seen(NamedTuple):
+    """What is measured: the sample and the recording of each, and which of all that is, (measured,)."""
+
+    rows: Integers
+    owner: Integers
+    among: Booleans
+
+
+def _seen(ground: Ground, only: Sequence[int] | None = None) -> _Seen:
+    """In all segments, or in some."""
+    problem = ground.guide.question.problem
+    rows = np.nonzero(np.isfinite(ground.guide.filtered.innovations[0]))[0]
+    segment = np.repeat(np.arange(len(problem.counts)), problem.counts + 1)[rows]
+    among = np.ones(len(rows), dtype=np.bool_) if only is None else np.isin(segment, only)
+    return _Seen(rows[among], problem.recording[segment[among]], among)
+
+
+def _batches(ground: Ground, wave: Wave, grid: Array, only: Sequence[int] | None = None) -> list[Line]:
+    found = []
     for first in range(0, len(grid), BATCH):
         if ground.data.over:
             break
-        found += _explained(ground, wave, grid[first : first + BATCH], pieces)
-    return max(found, default=None)
+        found += _explained(ground, wave, grid[first : first + BATCH], only)
+    return found
 
 
-def _explained(ground: Ground, wave: Wave, some: Array, pieces: Sequence[Integers]) -> list[Line]:
-    """What waves of some frequencies would explain.
+def _explained(ground: Ground, wave: Wave, some: Array, only: Sequence[int] | None = None) -> list[Line]:
+    """What waves of some frequencies would explain, in all segments or in some.
 
     The free parameters have their linear say first; innovations that are far off count as Huber has it.
     """
@@ -88,9 +111,13 @@ def _explained(ground: Ground, wave: Wave, some: Array, pieces: Sequence[Integer
         ]
     ]
     P = np.array([ground.placed(question, wave.qualified(point)) for point in points])
-    here, *there = innovations(question, P, guide.question.model, guide.filtered)
+    here, *there = innovations(question, P, guide.question.model, guide.filtered, only)
+    seen = _seen(ground, only)
+    pieces = [np.flatnonzero(seen.owner == one) for one in np.unique(seen.owner)]
+    if wave.along != TIME:
+        pieces = [np.arange(len(seen.rows))]
     root = np.sqrt(np.minimum(1.0, FAR / np.maximum(np.abs(here), 1e-12)))
-    basis = np.linalg.qr(ground.slopes * root[:, None])[0]
+    basis = np.linalg.qr(ground.slopes[seen.among] * root[:, None])[0]
     rest, *changes = (
         column - basis @ (basis.T @ column)
         for column in (here * root, *((one - here) * root for one in there))

@@ -15,8 +15,9 @@ from optid.diagnose.judge import EXCESS, Comparison, brought_to_noise, cleared, 
 from optid.diagnose.screen import Signature, grown
 from optid.effects.effect import Effect
 from optid.errors import SolveError
+from optid.fit.likelihood import Noise
 from optid.fit.multistep import foreseeing
-from optid.fit.place import Answer, Question
+from optid.fit.place import Answer, Place, Question
 from optid.fit.scoring import NEARBY, likeliest, maximise, middling, standing
 from optid.fit.steering import steered_fit
 from optid.rigs.rigfile import Rig
@@ -39,6 +40,10 @@ ALIKE = 0.3  # the same for an effect that is easily confused with the best: it 
 CLOSE = (
     0.9  # of the best gain: first refits leave up to a tenth, and rivals nearer than that are taken further
 )
+# Turns by the gains of its own filter, evaluations of each, how many may lead to worse places in a row, and by how much
+# less process noise may suit what they find.
+TURNS, TURN, ASTRAY = 6, 15, 2
+CALM = (0.0, 1.25, 2.5, 3.75, 5.0, 6.25)
 TINY = (
     0.25  # of the smallest size worth a name: what a screen or a first refit leaves below it is not followed
 )
@@ -131,6 +136,60 @@ def refit(c: Contest, few: Sequence[Signature], before: Sequence[Rival] = ()) ->
     if before:  # they take their turns together
         both = [replace(rival, why=_reason(c, rival, place)) for place, rival in enumerate(both)]
     return _foremost(sorted(both, key=_order))
+
+
+def led_on(c: Contest, few: Sequence[Signature], before: Sequence[Rival] = ()) -> list[Rival]:
+    """Forms where they led and further, by the gains of their own filters, best first; nothing is left to likelihood.
+
+    A form that arrives at the noise leaves the others nothing. Rivals `before` are counted with them.
+    """
+    rivals = list(before)
+    for signature in few:
+        if c.data.over or any(_at_noise(c, rival) for rival in rivals):
+            break
+        c.tell(f"following {signature.effect.name}")
+        with contextlib.suppress(SolveError):  # it may lead out of the numbers
+            rivals.append(_rival(c, _turning(c, signature), len(rivals)))
+    return sorted(rivals, key=_order)
+
+
+def _at_noise(c: Contest, rival: Rival) -> bool:
+    return not rival.why and excess(rival.candidate.judged, c.data.noise) <= EXCESS
+
+
+def _turning(c: Contest, signature: Signature) -> _Refit:
+    """An effect from where it led, along the gains of its own filter, at every turn as quiet as is likeliest.
+
+    Not every turn is likelier than the one before: where a model is far off, the way leads through worse places.
+
+    Raises:
+        SolveError: the model cannot be simulated where it led.
+    """
+    effect, here = signature.effect, c.current.answer
+    rig = grown(c.current.rig, effect)
+    rig = replace(rig, parameters={**rig.parameters, **effect.qualified(signature.values)})
+    question = c.data.question(rig, c.base.rig.model)
+    p = _placed(c, question, {**signature.beside, **effect.qualified(signature.values)}, here)
+    calm = [at - by for at in (here.noise.levels, middling(question)) for by in CALM]
+    best: Place | None = None
+    worse = 0
+    for _ in range(TURNS):
+        p, levels = likeliest(question, [(p, at) for at in calm])
+        there = Place(question, p, Noise(question.measurement, question.groups, levels))
+        won = math.inf if best is None else best.score - there.score
+        if best is None or won > 0.0:
+            best, worse = there, 0
+        else:
+            worse += 1
+        if c.data.over or worse == ASTRAY or 0.0 <= won < NEARBY * abs(here.score - best.score):
+            break
+        with contextlib.suppress(SolveError):  # the best before has to do
+            p = steered_fit(question, p, question.model, there.filtered, TURN).p
+            continue
+        break
+    assert best is not None
+    best.glance()
+    return _Refit(effect, rig, best.answer(False), signature.values)
 
 
 def _foremost(rivals: list[Rival]) -> list[Rival]:

@@ -109,28 +109,41 @@ class Search:
     stopped: bool = False
 
 
-def search(base: Candidate, own: Sequence[Effect], data: Data, report: Report) -> Search:
-    """Add effects while held-out recordings confirm them."""
+def search(
+    base: Candidate,
+    own: Sequence[Effect],
+    data: Data,
+    report: Report,
+    aside: Callable[[], None] = lambda: None,
+) -> Search:
+    """Add effects while held-out recordings confirm them.
+
+    Args:
+        base: the model to which they come.
+        own: the user's own, beside the catalogue.
+        data: recordings, and until when to search.
+        report: is told what is being done.
+        aside: called once before more than one effect is looked for, where one alone does not stand.
+    """
     plain, current, before, rounds = base.rig.model, base, base, []
     confirmed, guide = base, None
     for depth in range(DEEPEST + 1):
-        here = (
-            replace(data, until=min(data.until, data.soon)) if explains_little(base, current, data) else data
-        )
         tell = partial(report, 0.1 + 0.8 * depth / (DEEPEST + 1))
         tell(f"round {depth + 1}: screening the catalogue")
         little, much = _little_left(base, current, data), excess(current.judged, data.noise) > EXCESS
         # What the pasts of windows leave open may be all they err by; it may as well hide something.
         quiet = little and not much and not beyond_noise(current.judged, data.noise)
-        ended = len(current.effects) == DEEPEST or quiet or _hopeless(base, current, data) or here.over
+        ended = len(current.effects) == DEEPEST or quiet or _hopeless(base, current, data) or data.over
+        if depth == 1 and much and not ended and not stands(base, current, data):
+            aside()
         most = 0 if ended else LITTLE if little else None
-        look = _round(base, current, own, here, tell, most, guide=guide)
-        if here.over:
-            look = replace(look, rivals=tuple(in_time(rival, here) for rival in look.rivals))
+        look = _round(base, current, own, data, tell, most, guide=guide)
+        if data.over:
+            look = replace(look, rivals=tuple(in_time(rival, data) for rival in look.rivals))
         winner = next((rival for rival in look.rivals if not rival.why), None)
         ahead = winner
         if (
-            not here.over
+            not data.over
             and winner is None
             and current is confirmed
             and depth + 1 < DEEPEST
@@ -149,7 +162,7 @@ def search(base: Candidate, own: Sequence[Effect], data: Data, report: Report) -
                 tell("where its windows lead")
                 current = likelier(current, data)
             confirmed = current
-    stopped = here.over  # what was left out of the rounds, no one counts
+    stopped = data.over  # what was left out of the rounds, no one counts
     closing = replace(data, until=math.inf)  # to know what was found takes its time
     best, without, dropped = _thinned(base, confirmed, before, closing, plain, report)
     if len(best.effects) > 1 and not stopped and excess(best.judged, data.noise) > EXCESS:
@@ -255,6 +268,11 @@ def _exchanged(
 def explains_little(base: Candidate, current: Candidate, data: Data) -> bool:
     """The effects clear less than they leave: what is missing is more likely none of the catalogue's."""
     return cleared(base.judged, current.judged, data.noise) < MOST
+
+
+def stands(base: Candidate, best: Candidate, data: Data) -> bool:
+    """Whether names clear as much of the squared error as right ones do."""
+    return bool(best.effects) and cleared(base.judged, best.judged, data.noise) >= needed(base)
 
 
 def needed(base: Candidate) -> float:

@@ -6,8 +6,7 @@ Forms over signals, as in `forms`, compete as effects do, and what is held out d
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,7 +17,7 @@ from optid.diagnose.forms import curves, fitting, kind_of, levels, shared, stick
 from optid.diagnose.judge import EXCESS, Comparison, compare, excess
 from optid.diagnose.law import law_at
 from optid.diagnose.lead import Ground, leads
-from optid.diagnose.refit import LEVEL, WORTH, Contest, Rival, own_values, refit
+from optid.diagnose.refit import LEVEL, WORTH, Contest, Rival, led_on, own_values, refit
 from optid.diagnose.screen import Signature
 from optid.diagnose.where import region, telling
 from optid.diagnose.words import quantity
@@ -48,10 +47,37 @@ class Described:
     located: Located
 
 
-def describe(
+@dataclass(frozen=True, eq=False)
+class Look:
+    """Forms where they led from a model, and on by the gains of their own filters.
+
+    Attributes:
+        sites: where unknown signals were tried, the best first.
+        contest: in which forms come to a model.
+        led: forms where they led, those to be refitted first.
+        rivals: those that were followed, the best first.
+    """
+
+    sites: Sequence[Located]
+    contest: Contest
+    led: Sequence[Signature]
+    rivals: Sequence[Rival]
+
+    @property
+    def best(self) -> Rival | None:
+        """The best that is confirmed."""
+        return next((rival for rival in self.rivals if not rival.why), None)
+
+    @property
+    def arrived(self) -> bool:
+        """Its windows held out are at the noise."""
+        return self.best is not None and excess(self.best.candidate.judged, self.contest.data.noise) <= EXCESS
+
+
+def look(
     base: Candidate, current: Candidate, sites: Sequence[Located], data: Data, tell: Callable[[str], None]
-) -> Described | None:
-    """What describes a mismatch best where it may lie, on what is held out; ``None`` if nothing is gained.
+) -> Look:
+    """Where forms lead that may describe a mismatch where it may lie.
 
     Args:
         base: the model as it came.
@@ -62,7 +88,7 @@ def describe(
     """
     likely = [sites[0], *_rivalling(sites, data)[:ASIDE]]
     guide, plain = quieted(current.answer, QUIETER), base.rig.model
-    places = {site: one.only(site) for one in reversed(likely) for site in one.sites}
+    places = _places(likely)
     lasting: dict[str, Description] = {
         curve.name: curve for one in places.values() for curve in curves(current, one)
     }
@@ -75,28 +101,70 @@ def describe(
     sources = dict.fromkeys(SOURCES.get(kind_of(site), site) for site in places)
     ground = Ground.of(current.rig, guide, data, plain, guide.p)
     heard = [wave for site in sources if site in plain.sites for wave in waves(current, ground, site)]
-    # Only a filter finds the phase of every recording: waves are not led, but refitted from where they are loudest.
+    # Only a filter finds the phase of every recording: waves are not led, but begin where they are loudest.
     first = sorted(heard, key=lambda one: -one.gain)[:1]
-    race = partial(leads, current, guide, data=data, plain=plain, near=True)
-    led = [one for best in race(forms, race=CURVES) for one in _swelled(current, best, race)]
     contest = Contest(base, current, guide, len(forms) + len(heard), data, tell)
-    rivals = refit(contest, [*first, *sorted(led, key=lambda one: -one.gain)])
-    if rivals and not rivals[0].why and excess(rivals[0].candidate.judged, data.noise) > EXCESS:
-        other = fitting(current.rig, turned(current, rivals[0].effect))
-        rivals = refit(contest, race(other, race=SWELLED), rivals) if other else rivals
-    best = next((rival for rival in rivals if not rival.why), None)
-    if best is None:
+    led = [one for best in _race(contest, forms, CURVES) for one in _swelled(contest, best)]
+    few = sorted([*first, *led], key=lambda one: -one.gain)
+    there = Look(sites, contest, few, led_on(contest, few))
+    return there if there.arrived else _turned(there, led_on)
+
+
+def describe(looked: Look, data: Data) -> Described | None:
+    """What describes a mismatch best, on what is held out; ``None`` if nothing is gained.
+
+    Forms that have not arrived where they led are refitted, as effects are, while the time of the data allows.
+    """
+    there = replace(looked, contest=replace(looked.contest, data=data))
+    if not there.arrived:
+        few = [_further(one, looked.rivals) for one in looked.led]
+        there = replace(there, rivals=refit(there.contest, few, there.rivals))
+        there = there if there.arrived else _turned(there, refit)
+    if there.best is None:
         return None
-    site = best.effect.sites[0]
-    there = places.get(site) or locate_at(current, data, site)
-    return None if there is None else Described(best, there)
+    site = there.best.effect.sites[0]
+    placed = _places(looked.sites).get(site) or locate_at(looked.contest.current, data, site)
+    return None if placed is None else Described(there.best, placed)
 
 
-def _swelled(current: Candidate, led: Signature, race: Callable[..., list[Signature]]) -> list[Signature]:
+def _turned(there: Look, compete: Callable[..., list[Rival]]) -> Look:
+    """With the best form turned, if it can be, where it leaves an excess."""
+    if there.best is None:
+        return there
+    current = there.contest.current
+    other = fitting(current.rig, turned(current, there.best.effect))
+    if not other or any(rival.effect.name == other[0].name for rival in there.rivals):
+        return there
+    few = _race(there.contest, other, SWELLED)
+    return replace(there, rivals=compete(there.contest, few, there.rivals))
+
+
+def _race(c: Contest, forms: Sequence[Description], race: Sequence[tuple[int, int, int]]) -> list[Signature]:
+    return leads(c.current, c.guide, forms, c.data, c.base.rig.model, near=True, race=race)
+
+
+def _further(led: Signature, rivals: Sequence[Rival]) -> Signature:
+    """A form where it was followed to, if that is likelier than the model without it."""
+    for rival in rivals:
+        if rival.effect is led.effect and rival.train_gain > 0.0:
+            rig, p = rival.candidate.rig, rival.candidate.answer.p
+            own = own_values(led.effect, rig, rival.candidate.answer)
+            beside = {q.name: float(v) for q, v in zip(rig.model.parameters, p, strict=True)}
+            beside = {name: v for name, v in beside.items() if not name.startswith(f"{led.effect.name}.")}
+            return replace(led, values=own, beside=beside)
+    return led
+
+
+def _places(likely: Sequence[Located]) -> dict[str, Located]:
+    """Every site alone, as the best of these has it."""
+    return {site: one.only(site) for one in reversed(likely) for site in one.sites}
+
+
+def _swelled(c: Contest, led: Signature) -> list[Signature]:
     """Where a form leads in proportion to another signal, if that is farther by enough to be worth a second one."""
     if not isinstance(led.effect, Description):
         return [led]
-    more = race(fitting(current.rig, swelling(current, led.effect)), race=SWELLED)
+    more = _race(c, fitting(c.current.rig, swelling(c.current, led.effect)), SWELLED)
     return [one for one in more if one.gain > (1.0 + WORTH) * led.gain] or [led]
 
 

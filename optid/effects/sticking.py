@@ -10,7 +10,7 @@ import numpy as np
 
 from optid.core.parameter import Parameter
 from optid.core.sheet import Sheet
-from optid.effects.description import LEAST, OWN, POSITIVE, Description, constant
+from optid.effects.description import OWN, POSITIVE, Description, constant
 
 WIDTHS = np.geomspace(0.02, 1.0, 28)  # of the usual size: where searches begin, as jumps tell no slope
 LOOSE, BACK = 4e-5, 8e-5  # s: in which it comes loose, and in which it then goes
@@ -43,7 +43,7 @@ class Sticking(Description):
                 logarithmic=True,
             ),
         )  # fmt: skip
-        self.strength = {"width": LEAST * float(WIDTHS[-1])}
+        self.strength = {"width": float(WIDTHS[0])}
         self.usual = tuple({"width": float(width)} for width in WIDTHS)
         self.law = f"what stays until {self.along.replace('_', ' ')} has gone so far, and then jumps there"
         self.says = f"{self.law} ({{width}} of its usual size){self.describes}"

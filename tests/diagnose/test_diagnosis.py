@@ -68,13 +68,22 @@ def test_without_a_beginning_that_misleads_the_base_is_fitted_again(tmp_path, mo
     assert "the beginning does not count" not in summary(replace(found, data=replace(found.data, late=())))
 
 
+def looking(seen, arrived=False):
+    """Stands in for a look at what may describe a mismatch."""
+
+    def look(base, current, sites, data, tell):
+        seen(current, sites)
+        return SimpleNamespace(sites=sites, arrived=arrived)
+
+    return look
+
+
 def test_what_a_search_that_was_ended_leaves_is_described_while_there_is_time(tmp_path, monkeypatch):
     asked_for = []
     monkeypatch.setattr(diagnosis_of, "SEARCHED", 0.0)
     monkeypatch.setattr(diagnosis_of, "OWN", 0.0)
-    monkeypatch.setattr(
-        diagnosis_of, "describe", lambda base, current, sites, *_: asked_for.append(sites[0].site)
-    )
+    monkeypatch.setattr(diagnosis_of, "look", looking(lambda current, sites: asked_for.append(sites[0].site)))
+    monkeypatch.setattr(diagnosis_of, "describe", lambda looked, data: None)
     found = asked(tmp_path, dead_band, time_limit=1e6)
     assert found.verdict is Verdict.UNEXPLAINED and found.search.stopped
     assert len(asked_for) == 1
@@ -84,7 +93,7 @@ def test_a_search_whose_time_is_over_says_so_and_names_nothing(tmp_path, dead, m
     def dear(*_, **__):
         raise AssertionError("there is no time left for it")
 
-    monkeypatch.setattr(diagnosis_of, "describe", dear)
+    monkeypatch.setattr(diagnosis_of, "look", dear)
     monkeypatch.setattr(search_of, "refit", dear)
     found = asked(tmp_path, dead_band, time_limit=1e-9)
     assert found.verdict is Verdict.UNEXPLAINED and found.search.stopped
@@ -98,13 +107,14 @@ def test_a_search_whose_time_is_over_says_so_and_names_nothing(tmp_path, dead, m
 def test_what_describes_comes_to_names_only_where_these_explain_much(tmp_path, monkeypatch, little):
     seen = []
 
-    def searched(base, own, data, report):
+    def searched(base, own, data, report, aside):
         wrong = next(e for e in admitted(base.rig.model) if e.name == "saturation@drive.command")
         return Search(base, refitted(base.rig, (wrong,), base, data, base.rig.model), ())
 
     monkeypatch.setattr(diagnosis_of, "search", searched)
     monkeypatch.setattr(diagnosis_of, "explains_little", lambda *_: little)
-    monkeypatch.setattr(diagnosis_of, "describe", lambda base, current, *_: seen.append(current.effects))
+    monkeypatch.setattr(diagnosis_of, "look", looking(lambda current, _: seen.append(current.effects)))
+    monkeypatch.setattr(diagnosis_of, "describe", lambda looked, data: None)
     found = asked(tmp_path, dead_band)
     assert found.verdict is Verdict.UNEXPLAINED
     assert [[effect.name for effect in one] for one in seen] == [
@@ -112,21 +122,54 @@ def test_what_describes_comes_to_names_only_where_these_explain_much(tmp_path, m
     ]
 
 
-@pytest.mark.parametrize(("base_takes", "ends", "soon"), [(10.0, 75.0, 60.0), (60.0, 100.0, 100.0)])
+@pytest.mark.parametrize(
+    ("shares", "arrived", "told"),
+    [
+        ({"named": 0.2, "aside": 0.9}, False, "aside"),
+        ({"named": 0.6, "aside": 0.5, "beside": 0.9}, False, "beside"),
+        ({"named": 0.6, "aside": 0.7, "beside": 0.9}, True, "aside"),  # nobody looks any further
+        ({"named": 0.6, "aside": 0.5, "beside": 0.4}, False, None),  # the names clear more
+        ({"named": 0.6}, False, None),
+    ],
+)
+def test_of_what_describes_a_mismatch_the_best_is_told_unless_names_clear_more(
+    shares, arrived, told, monkeypatch
+):
+    monkeypatch.setattr(diagnosis_of, "cleared", lambda base, judged, noise: shares[judged])
+    monkeypatch.setattr(diagnosis_of, "explains_little", lambda base, named, data: shares["named"] < 0.5)
+    monkeypatch.setattr(
+        diagnosis_of,
+        "look",
+        lambda *_: SimpleNamespace(arrived=False, found="beside" if len(shares) == 3 else None),
+    )
+
+    def describing(looked, data):
+        candidate = SimpleNamespace(judged=looked.found)
+        return SimpleNamespace(rival=SimpleNamespace(candidate=candidate)) if looked.found else None
+
+    monkeypatch.setattr(diagnosis_of, "describe", describing)
+    base, named = SimpleNamespace(judged="base"), SimpleNamespace(judged="named")
+    looked = [SimpleNamespace(arrived=arrived, found="aside" if len(shares) > 1 else None)]
+    data = SimpleNamespace(noise={}, over=False)
+    found = diagnosis_of._described(base, named, [], looked, data, lambda words: None)
+    assert (found and found.rival.candidate.judged) == told
+
+
+@pytest.mark.parametrize(("base_takes", "ends"), [(10.0, 80.0), (60.0, 100.0)])
 def test_the_time_limit_counts_from_the_start_but_leaves_the_search_its_own(
-    tmp_path, monkeypatch, base_takes, ends, soon
+    tmp_path, monkeypatch, base_takes, ends
 ):
     clock = iter((0.0, base_takes))
     monkeypatch.setattr(diagnosis_of, "time", SimpleNamespace(monotonic=lambda: next(clock)))
     until = []
 
-    def searched(base, own, data, report):
-        until.append((data.until, data.soon))
+    def searched(base, own, data, report, aside):
+        until.append(data.until)
         return Search(base, base, ())
 
     monkeypatch.setattr(diagnosis_of, "search", searched)
     found = asked(tmp_path, dead_band, time_limit=100.0)
-    assert until == [pytest.approx((ends, soon))]
+    assert until == [pytest.approx(ends)]
     assert found.data.until == math.inf  # to locate and to tell takes its time
 
 
@@ -240,6 +283,7 @@ def test_names_that_leave_more_than_right_ones_do_are_no_answer(leave, share, ve
     best = SimpleNamespace(effects=(SimpleNamespace(name="lag"),), judged="best")
     for name, value in (("excess", 9.0), ("cleared", share), ("locate", ["here"])):
         monkeypatch.setattr(diagnosis_of, name, lambda *others, value=value: value)
+    monkeypatch.setattr(search_of, "cleared", lambda *others: share)
     data = SimpleNamespace(noise={}, generator=None)
     found = diagnosis_of._verdict(SimpleNamespace(base=base, best=best), data, lambda share, words: None)
     assert found[0] is verdict

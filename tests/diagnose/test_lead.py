@@ -8,7 +8,7 @@ import pytest
 
 from optid.diagnose import refit as refit_of
 from optid.diagnose.candidate import QUIETER, Data, fit_base, refitted
-from optid.diagnose.lead import RACE, _ahead, _worst, leads, stood
+from optid.diagnose.lead import RACE, _ahead, leads, stood, worst
 from optid.effects.library import admitted
 from optid.errors import SolveError
 from optid.fit.likelihood import FAR
@@ -75,9 +75,9 @@ def test_the_first_leg_runs_over_all_of_the_recording_that_lacks_most():
         question=SimpleNamespace(problem=problem),
         filtered=SimpleNamespace(innovations=E, variances=np.full(E.shape, 4.0)),
     )
-    assert _worst(guide) == [1, 2]
+    assert worst(guide) == [1, 2]
     E[0, 3] = 500.0
-    assert _worst(guide) == [0]
+    assert worst(guide) == [0]
 
 
 def test_the_legs_of_a_race_run_over_one_recording_and_then_over_all(worn, monkeypatch):

@@ -1,4 +1,4 @@
-"""How long a search goes on: as its time allows, and not as long where it has explained little."""
+"""How long a search goes on, and what is looked at beside it."""
 
 import math
 import time
@@ -33,18 +33,20 @@ def test_what_clears_less_than_it_leaves_explains_little(bent):
     assert not explains_little(base, leaving(0.4), data)
 
 
-def test_a_search_that_has_explained_nothing_ends_soon(bent):
+def test_a_search_whose_time_is_over_names_nothing(bent):
     base, data = bent
-    over = replace(data, soon=time.monotonic() - 1.0)
-    found = search(base, (), over, lambda share, words: None)
+    found = search(base, (), replace(data, until=time.monotonic() - 1.0), lambda share, words: None)
     assert found.stopped and found.best is base
 
 
-def test_one_that_has_explained_most_goes_on(bent, monkeypatch):
+@pytest.mark.parametrize("stands", [True, False])
+def test_what_may_describe_it_is_looked_at_once_where_one_effect_does_not_stand(bent, monkeypatch, stands):
+    """Before a second one is looked for, which takes long."""
     base, data = bent
-    monkeypatch.setattr(searching, "explains_little", lambda *_: False)
-    over = replace(data, soon=time.monotonic() - 1.0)
-    found = search(base, (), over, lambda share, words: None)
-    assert not found.stopped and [effect.name for effect in found.best.effects] == [
-        "saturation@drive.command"
-    ]
+    said, asked = [], []
+    monkeypatch.setattr(searching, "stands", lambda *_: stands)
+    monkeypatch.setattr(searching, "excess", lambda *_: 2.0)  # something is left
+    monkeypatch.setattr(searching, "_little_left", lambda *_: False)
+    found = search(base, (), data, lambda share, words: said.append(words), lambda: asked.append(said[-1]))
+    assert [effect.name for effect in found.best.effects] == ["saturation@drive.command"]
+    assert asked == ([] if stands else ["round 2: screening the catalogue"])

@@ -12,7 +12,7 @@ from optid.diagnose.disturbance import locate_at
 from optid.diagnose.lead import Ground
 from optid.diagnose.line import loudest
 from optid.diagnose.refit import own_values
-from optid.diagnose.unexplained import describe, nameless
+from optid.diagnose.unexplained import describe, look, nameless
 from optid.effects.wave import KNOTS, Wave
 from optid.fit.scoring import quieted
 from tests.diagnose.trolley import SD, recording, rig
@@ -35,7 +35,7 @@ def described(request, tmp_path_factory):
     data = Data(tuple(runs[:2]), (runs[2],), {"position": SD}, np.random.default_rng(0))
     base = fit_base(rig(tmp_path_factory.mktemp("wave")), data, lambda share, words: None)
     site = locate_at(base, data, "drag.force")
-    return request.param, base, data, site, describe(base, base, [site], data, lambda words: None)
+    return request.param, base, data, site, describe(look(base, base, [site], data, lambda words: None), data)
 
 
 def test_the_wave_is_the_law(described):
@@ -118,7 +118,9 @@ def test_what_parameters_explain_is_no_wave(tmp_path):
 def test_a_wave_may_come_from_another_site_of_the_kind(described, monkeypatch):
     _, base, data, site, found = described
     monkeypatch.setattr(unexplained, "SOURCES", {"sensor": "drag.force"})
-    there = describe(base, base, [replace(site, sites=("sensor.position",))], data, lambda words: None)
+    there = describe(
+        look(base, base, [replace(site, sites=("sensor.position",))], data, lambda words: None), data
+    )
     assert there.rival.effect.name == found.rival.effect.name
     assert there.located.sites == ("drag.force",)
     assert there.located.signal == pytest.approx(site.signal)
@@ -137,7 +139,7 @@ def test_a_wave_that_only_speed_brings_about_has_heights_over_it(tmp_path):
     runs = [recording(seed, f"run_{seed}", beside=beside) for seed in (1, 2, 3)]
     data = Data(tuple(runs[:2]), (runs[2],), {"position": SD}, np.random.default_rng(0))
     base = fit_base(rig(tmp_path), data, lambda share, words: None)
-    found = describe(base, base, [locate_at(base, data, "drag.force")], data, lambda words: None)
+    found = describe(look(base, base, [locate_at(base, data, "drag.force")], data, lambda words: None), data)
     wave, best = found.rival.effect, found.rival.candidate
     assert wave.name == "wave@drag.force@position*velocity"
     before, after = (one.judged.scores["position"].rmse for one in (base, best))
