@@ -145,16 +145,19 @@ def led_on(c: Contest, few: Sequence[Signature], before: Sequence[Rival] = ()) -
     """
     rivals = list(before)
     for signature in few:
-        if c.data.over or any(_at_noise(c, rival) for rival in rivals):
+        if c.data.over:
             break
         c.tell(f"following {signature.effect.name}")
         with contextlib.suppress(SolveError):  # it may lead out of the numbers
             rivals.append(_rival(c, _turning(c, signature), len(rivals)))
+            if at_noise(rivals[-1], c.data):
+                break
     return sorted(rivals, key=_order)
 
 
-def _at_noise(c: Contest, rival: Rival) -> bool:
-    return not rival.why and excess(rival.candidate.judged, c.data.noise) <= EXCESS
+def at_noise(rival: Rival, data: Data) -> bool:
+    """It is confirmed, and leaves nothing to explain."""
+    return not rival.why and excess(rival.candidate.judged, data.noise) <= EXCESS
 
 
 def _turning(c: Contest, signature: Signature) -> _Refit:

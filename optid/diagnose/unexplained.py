@@ -14,10 +14,10 @@ from optid.diagnose.candidate import QUIETER, Candidate, Data
 from optid.diagnose.disturbance import Located, locate_at
 from optid.diagnose.finding import Finding
 from optid.diagnose.forms import curves, fitting, kind_of, levels, shared, sticking, swelling, turned, waves
-from optid.diagnose.judge import EXCESS, Comparison, compare, excess
+from optid.diagnose.judge import Comparison, beyond_noise, compare
 from optid.diagnose.law import law_at
 from optid.diagnose.lead import Ground, leads
-from optid.diagnose.refit import LEVEL, WORTH, Contest, Rival, led_on, own_values, refit
+from optid.diagnose.refit import LEVEL, WORTH, Contest, Rival, at_noise, led_on, own_values, refit
 from optid.diagnose.screen import Signature
 from optid.diagnose.where import region, telling
 from optid.diagnose.words import quantity
@@ -71,7 +71,7 @@ class Look:
     @property
     def arrived(self) -> bool:
         """Its windows held out are at the noise."""
-        return self.best is not None and excess(self.best.candidate.judged, self.contest.data.noise) <= EXCESS
+        return self.best is not None and at_noise(self.best, self.contest.data)
 
 
 def look(
@@ -106,8 +106,7 @@ def look(
     contest = Contest(base, current, guide, len(forms) + len(heard), data, tell)
     led = [one for best in _race(contest, forms, CURVES) for one in _swelled(contest, best)]
     few = sorted([*first, *led], key=lambda one: -one.gain)
-    there = Look(sites, contest, few, led_on(contest, few))
-    return there if there.arrived else _turned(there, led_on)
+    return _turned(Look(sites, contest, few, led_on(contest, few)), led_on)
 
 
 def describe(looked: Look, data: Data) -> Described | None:
@@ -118,8 +117,7 @@ def describe(looked: Look, data: Data) -> Described | None:
     there = replace(looked, contest=replace(looked.contest, data=data))
     if not there.arrived:
         few = [_further(one, looked.rivals) for one in looked.led]
-        there = replace(there, rivals=refit(there.contest, few, there.rivals))
-        there = there if there.arrived else _turned(there, refit)
+        there = _turned(replace(there, rivals=refit(there.contest, few, there.rivals)), refit)
     if there.best is None:
         return None
     site = there.best.effect.sites[0]
@@ -128,15 +126,14 @@ def describe(looked: Look, data: Data) -> Described | None:
 
 
 def _turned(there: Look, compete: Callable[..., list[Rival]]) -> Look:
-    """With the best form turned, if it can be, where it leaves an excess."""
-    if there.best is None:
+    """With the best form turned, if it can be, where windows err beyond the noise."""
+    c = there.contest
+    if there.best is None or not beyond_noise(there.best.candidate.judged, c.data.noise):
         return there
-    current = there.contest.current
-    other = fitting(current.rig, turned(current, there.best.effect))
+    other = fitting(c.current.rig, turned(c.current, there.best.effect))
     if not other or any(rival.effect.name == other[0].name for rival in there.rivals):
         return there
-    few = _race(there.contest, other, SWELLED)
-    return replace(there, rivals=compete(there.contest, few, there.rivals))
+    return replace(there, rivals=compete(c, _race(c, other, SWELLED), there.rivals))
 
 
 def _race(c: Contest, forms: Sequence[Description], race: Sequence[tuple[int, int, int]]) -> list[Signature]:

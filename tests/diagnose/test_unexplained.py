@@ -7,11 +7,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from optid.diagnose import unexplained
 from optid.diagnose.candidate import Data, fit_base
 from optid.diagnose.diagnosis import diagnose
 from optid.diagnose.disturbance import Located, locate, locate_at
 from optid.diagnose.finding import Verdict
 from optid.diagnose.forms import curves, fitting, levels, shared, sticking, swelling, turned
+from optid.diagnose.refit import own_values
 from optid.diagnose.unexplained import _rivalling, _said, describe, look, nameless
 from optid.effects.curve import Curve
 from optid.effects.relaxation import Relaxation
@@ -251,6 +253,63 @@ def test_what_swells_with_a_speed_is_found_to(tmp_path):
     assert found.rival.effect.name in ("curve@drag.force@position*velocity", "curve@drag.force@position*v")
     before, after = (one.judged.scores["position"].rmse for one in (base, found.rival.candidate))
     assert after < 0.04 * before
+
+
+def test_a_drive_that_sticks_and_jumps_is_followed_to(tmp_path):
+    """No slope leads to its width, and nothing that is added does what it does."""
+
+    def stuck(u):
+        stands, out = 0.0, []
+        for one in u:
+            stands = one if abs(one - stands) > 0.35 else stands
+            out.append(stands)
+        return np.array(out)
+
+    base, data = fitted(tmp_path, stuck)
+    looked = look(base, base, [locate_at(base, data, "drive.command")], data, lambda words: None)
+    assert looked.best.effect.name == "sticking@drive.command@command" and looked.arrived
+    found = looked.best.candidate
+    own = own_values(looked.best.effect, found.rig, found.answer)
+    assert own["size"] * own["width"] == pytest.approx(0.35, rel=0.1)
+    before, after = (one.judged.scores["position"].rmse for one in (base, found))
+    assert after < 1.2 * SD < 0.1 * before
+
+
+def test_what_has_arrived_is_not_refitted_and_what_has_not_is_taken_further(described, monkeypatch):
+    base, data, *_ = described
+    looked = look(base, base, [described[2]], data, lambda words: None)
+    seen = []
+    monkeypatch.setattr(unexplained, "refit", lambda contest, few, before: seen.append(few) or list(before))
+    assert looked.arrived and describe(looked, data).rival is looked.best
+    assert seen == []
+    far = replace(looked, contest=replace(looked.contest, data=replace(data, noise={"position": SD / 9})))
+    assert not far.arrived
+    describe(far, replace(data, noise={"position": SD / 9}))
+    begun = next(one for one in seen[0] if one.effect is looked.best.effect)
+    fitted_to = looked.best.candidate
+    assert begun.values == own_values(begun.effect, fitted_to.rig, fitted_to.answer)
+    assert set(begun.beside) == {"gain", "drag"}
+
+
+@pytest.mark.parametrize(("quieter", "turns"), [(1.0, False), (9.0, True)])
+def test_the_best_form_is_turned_where_windows_err_beyond_the_noise(described, monkeypatch, quieter, turns):
+    base, data, site, _ = described
+    other = over(curves(base, site), "velocity")
+    monkeypatch.setattr(unexplained, "turned", lambda current, form: [other])
+    less = replace(data, noise={"position": SD / quieter})
+    rivals = look(base, base, [site], less, lambda words: None).rivals
+    assert rivals[0].effect.name == "curve@drive.command@command"
+    assert (other.name in [rival.effect.name for rival in rivals]) is turns
+
+
+def over(forms, along):
+    return next(form for form in forms if form.along == along and not form.by)
+
+
+def test_when_the_time_is_over_nobody_is_followed(described):
+    base, data, site, _ = described
+    looked = look(base, base, [site], replace(data, until=0.0), lambda words: None)
+    assert (looked.led, looked.rivals, looked.arrived) == ([], [], False)
 
 
 def test_a_description_says_times_with_their_unit(tmp_path):
