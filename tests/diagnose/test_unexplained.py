@@ -13,7 +13,7 @@ from optid.diagnose.diagnosis import diagnose
 from optid.diagnose.disturbance import Located, locate, locate_at
 from optid.diagnose.finding import Verdict
 from optid.diagnose.forms import curves, fitting, levels, shared, sticking, swelling, turned
-from optid.diagnose.refit import own_values
+from optid.diagnose.refit import led_on, own_values
 from optid.diagnose.unexplained import _rivalling, _said, describe, look, nameless
 from optid.effects.curve import Curve
 from optid.effects.relaxation import Relaxation
@@ -304,6 +304,21 @@ def test_the_best_form_is_turned_where_windows_err_beyond_the_noise(described, m
 
 def over(forms, along):
     return next(form for form in forms if form.along == along and not form.by)
+
+
+def test_who_arrives_leaves_the_others_nothing(described):
+    base, data, site, _ = described
+    looked = look(base, base, [site], data, lambda words: None)
+    right = next(one for one in looked.led if one.effect is looked.best.effect)
+    form = over(curves(base, site), "velocity")
+    wrong = replace(right, effect=form, values=form.at_null())
+    said = []
+    contest = replace(looked.contest, tell=said.append)
+    (best,) = led_on(contest, [right, wrong])
+    assert best.effect is right.effect and said == [f"following {right.effect.name}"]
+    best, other = led_on(contest, [wrong, right])
+    assert (best.effect, other.effect) == (right.effect, form) and len(said) == 3
+    assert other.why and not best.why
 
 
 def test_when_the_time_is_over_nobody_is_followed(described):
