@@ -174,23 +174,27 @@ def _turning(c: Contest, signature: Signature) -> _Refit:
     question = c.data.question(rig, c.base.rig.model)
     p = _placed(c, question, {**signature.beside, **effect.qualified(signature.values)}, here)
     calm = [at - by for at in (here.noise.levels, middling(question)) for by in CALM]
-    best: Place | None = None
-    worse = 0
-    for _ in range(TURNS):
+
+    def stand(p: Array) -> Place:
         p, levels = likeliest(question, [(p, at) for at in calm])
-        there = Place(question, p, Noise(question.measurement, question.groups, levels))
-        won = math.inf if best is None else best.score - there.score
-        if best is None or won > 0.0:
-            best, worse = there, 0
-        else:
-            worse += 1
-        if c.data.over or worse == ASTRAY or 0.0 <= won < NEARBY * abs(here.score - best.score):
-            break
-        with contextlib.suppress(SolveError):  # the best before has to do
-            p = steered_fit(question, p, question.model, there.filtered, TURN).p
-            continue
-        break
-    assert best is not None
+        return Place(question, p, Noise(question.measurement, question.groups, levels))
+
+    best = there = stand(p)
+    if not math.isfinite(best.score):
+        raise SolveError("the model leaves the numbers where it led")
+    worse = 0
+    with contextlib.suppress(SolveError):  # the best before has to do
+        for _ in range(TURNS - 1):
+            if c.data.over or worse == ASTRAY:
+                break
+            there = stand(steered_fit(question, there.p, question.model, there.filtered, TURN).p)
+            won = best.score - there.score
+            if won > 0.0:
+                best, worse = there, 0
+            else:
+                worse += 1
+            if 0.0 <= won < NEARBY * abs(here.score - best.score):
+                break
     best.glance()
     return _Refit(effect, rig, best.answer(False), signature.values)
 
