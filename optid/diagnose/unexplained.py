@@ -25,7 +25,7 @@ from optid.effects.description import Description
 from optid.effects.effect import Effect
 from optid.fit.scoring import quieted
 
-DRAWN = 2  # curves that are refitted
+DRAWN = 2  # curves that are followed
 # Their race, as in lead.RACE: curves have many parameters, so that a leg is dear, and few lead anywhere. They begin
 # where the fitted model stands: from far away the first steps of so many parameters tell nothing.
 CURVES = ((5, 10, 1), (5, 4, 1), (12, DRAWN, 1))

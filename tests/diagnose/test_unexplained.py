@@ -8,14 +8,16 @@ import numpy as np
 import pytest
 
 from optid.diagnose import unexplained
-from optid.diagnose.candidate import Data, fit_base
+from optid.diagnose.candidate import Data, fit_base, refitted
 from optid.diagnose.diagnosis import diagnose
 from optid.diagnose.disturbance import Located, locate, locate_at
 from optid.diagnose.finding import Verdict
 from optid.diagnose.forms import curves, fitting, levels, shared, sticking, swelling, turned
+from optid.diagnose.judge import EXCESS, excess
 from optid.diagnose.refit import led_on, own_values
 from optid.diagnose.unexplained import _rivalling, _said, describe, look, nameless
 from optid.effects.curve import Curve
+from optid.effects.library import admitted
 from optid.effects.relaxation import Relaxation
 from optid.report.diagnosis_document import diagnosis_document
 from optid.report.diagnosis_page import diagnosis_page
@@ -319,6 +321,18 @@ def test_who_arrives_leaves_the_others_nothing(described):
     best, other = led_on(contest, [wrong, right])
     assert (best.effect, other.effect) == (right.effect, form) and len(said) == 3
     assert other.why and not best.why
+
+
+def test_beside_effects_with_states_of_their_own_only_the_first_models_states_are_noisy(described):
+    base, data, *_ = described
+    (effect,) = (e for e in admitted(base.rig.model) if e.name == "hysteresis@drive.command")
+    named = refitted(base.rig, (effect,), base, data, base.rig.model)
+    assert len(named.rig.model.states) > len(base.rig.model.states)
+    looked = look(base, named, [locate_at(named, data, "drive.command")], data, lambda words: None)
+    best = looked.best.candidate
+    assert [one.name for one in best.effects] == [effect.name, "curve@drive.command@command"]
+    assert best.answer.question.groups == base.answer.question.groups
+    assert excess(best.judged, data.noise) < EXCESS < excess(named.judged, data.noise)
 
 
 def test_when_the_time_is_over_nobody_is_followed(described):
