@@ -27,7 +27,7 @@ from optid.diagnose.screen import Signature, screen
 from optid.diagnose.search import EVEN, Search, explains_little, needed, search, stands
 from optid.diagnose.settling import foreseen, likelier
 from optid.diagnose.uncertainty import disagreement, estimates, resolution
-from optid.diagnose.unexplained import Described, Look, describe, look, nameless
+from optid.diagnose.unexplained import Described, Look, describe, listen, look, nameless
 from optid.diagnose.where import contribution, region, telling
 from optid.diagnose.words import quantity, summary
 from optid.effects.effect import Effect
@@ -175,9 +175,10 @@ def _described(
     """
     if not looked and not data.over and explains_little(base, named, data):
         looked = [look(base, base, sites, data, tell)]
+    looked = [listen(one, data) for one in looked]
     arrived = any(one.arrived for one in looked)
     if not arrived and not data.over and not explains_little(base, named, data):
-        looked = [*looked, look(base, named, sites, data, tell)]
+        looked = [*looked, listen(look(base, named, sites, data, tell), data)]
     found = [one for there in looked if (one := describe(there, data)) is not None]
     best = max(
         found, key=lambda one: cleared(base.judged, one.rival.candidate.judged, data.noise), default=None

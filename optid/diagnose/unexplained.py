@@ -53,12 +53,14 @@ class Look:
 
     Attributes:
         sites: where unknown signals were tried, the best first.
+        likely: the best of them, and those that do nearly as well.
         contest: in which forms come to a model.
         led: forms where they led, those to be refitted first.
         rivals: those that were followed, the best first.
     """
 
     sites: Sequence[Located]
+    likely: Sequence[Located]
     contest: Contest
     led: Sequence[Signature]
     rivals: Sequence[Rival]
@@ -77,7 +79,7 @@ class Look:
 def look(
     base: Candidate, current: Candidate, sites: Sequence[Located], data: Data, tell: Callable[[str], None]
 ) -> Look:
-    """Where forms lead that may describe a mismatch where it may lie.
+    """Where forms lead that may describe a mismatch where it may lie; waves are for `listen`.
 
     Args:
         base: the model as it came.
@@ -87,10 +89,8 @@ def look(
         tell: is told what is being done.
     """
     likely = [sites[0], *_rivalling(sites, data)[:ASIDE]]
-    guide, plain = quieted(current.answer, QUIETER), base.rig.model
-    places = _places(likely)
     lasting: dict[str, Description] = {
-        curve.name: curve for one in places.values() for curve in curves(current, one)
+        curve.name: curve for one in _places(likely).values() for curve in curves(current, one)
     }
     for one in likely:
         lasting |= {
@@ -98,25 +98,37 @@ def look(
             for form in (*shared(current, one), *levels(current, one), *sticking(current, one))
         }
     forms = fitting(current.rig, lasting.values())
-    sources = dict.fromkeys(SOURCES.get(kind_of(site), site) for site in places)
-    ground = Ground.of(current.rig, guide, data, plain, guide.p)
-    heard = [wave for site in sources if site in plain.sites for wave in waves(current, ground, site)]
-    # Only a filter finds the phase of every recording: waves are not led, but begin where they are loudest.
-    first = sorted(heard, key=lambda one: -one.gain)[:1]
-    contest = Contest(base, current, guide, len(forms) + len(heard), data, tell)
+    contest = Contest(base, current, quieted(current.answer, QUIETER), len(forms), data, tell)
     led = [one for best in _race(contest, forms, CURVES) for one in _swelled(contest, best)]
-    few = sorted([*first, *led], key=lambda one: -one.gain)
-    return _turned(Look(sites, contest, few, led_on(contest, few)), led_on)
+    led = sorted(led, key=lambda one: -one.gain)
+    return _turned(Look(sites, likely, contest, led, led_on(contest, led)), led_on)
+
+
+def listen(looked: Look, data: Data) -> Look:
+    """With the loudest wave where the mismatch may lie, if no form has arrived and there is time.
+
+    Only a filter finds the phase of every recording: waves are not led, but begin where they are loudest.
+    """
+    if looked.arrived or data.over:
+        return looked
+    c = replace(looked.contest, data=data)
+    plain, guide = c.base.rig.model, c.guide
+    sources = dict.fromkeys(SOURCES.get(kind_of(site), site) for site in _places(looked.likely))
+    ground = Ground.of(c.current.rig, guide, data, plain, guide.p)
+    heard = [wave for site in sources if site in plain.sites for wave in waves(c.current, ground, site)]
+    first = sorted(heard, key=lambda one: -one.gain)[:1]
+    c = replace(c, screened=c.screened + len(heard))
+    return replace(looked, contest=c, led=[*first, *looked.led], rivals=led_on(c, first, looked.rivals))
 
 
 def describe(looked: Look, data: Data) -> Described | None:
     """What describes a mismatch best, on what is held out; ``None`` if nothing is gained.
 
-    Forms that have not arrived where they led are refitted, as effects are, while the time of the data allows.
+    What has not arrived where it led is refitted, as effects are, while the time of the data allows.
     """
     there = replace(looked, contest=replace(looked.contest, data=data))
     if not there.arrived:
-        few = [_further(one, looked.rivals) for one in looked.led]
+        few = [_further(one, there.rivals) for one in there.led]
         there = _turned(replace(there, rivals=refit(there.contest, few, there.rivals)), refit)
     if there.best is None:
         return None

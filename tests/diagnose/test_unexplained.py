@@ -22,6 +22,7 @@ from optid.effects.relaxation import Relaxation
 from optid.report.diagnosis_document import diagnosis_document
 from optid.report.diagnosis_page import diagnosis_page
 from optid.rigs.rigfile import read_rig, with_effects, write_rig
+from tests.diagnose.describing import description
 from tests.diagnose.trolley import SD, recording, rig
 
 
@@ -40,7 +41,7 @@ def fitted(folder, concealed):
 def described(tmp_path_factory):
     base, data = fitted(tmp_path_factory.mktemp("wavy"), wavy)
     site = locate_at(base, data, "drive.command")  # the drag's force would do as well
-    return base, data, site, describe(look(base, base, [site], data, lambda words: None), data)
+    return base, data, site, description(base, base, [site], data)
 
 
 def test_the_curve_is_the_law(described):
@@ -78,10 +79,7 @@ def test_the_rig_file_holds_it(described, tmp_path):
 
 def test_nothing_is_drawn_where_nothing_is_missing(tmp_path):
     base, data = fitted(tmp_path, lambda u: u)
-    assert all(
-        describe(look(base, base, [one], data, lambda words: None), data) is None
-        for one in locate(base, data)
-    )
+    assert all(description(base, base, [one], data) is None for one in locate(base, data))
 
 
 def test_curves_run_over_what_moved_and_turn_with_what_is_a_speed(described):
@@ -110,7 +108,7 @@ def test_a_curve_may_lie_at_any_of_the_sites_whose_signals_came_together(describ
         site, sites=("sensor.position", *site.sites), signals=np.c_[9.0 * site.signal, site.signal]
     )
     assert both.site == "sensor.position"
-    found = describe(look(base, base, [both], data, lambda words: None), data)
+    found = description(base, base, [both], data)
     assert found.rival.effect.sites == before.rival.effect.sites == ("drive.command",)
     finding = nameless(base, [both], found, data)
     assert finding.place == "drive.command" and finding.signal.signal == pytest.approx(site.signal)
@@ -122,7 +120,7 @@ def test_places_that_do_nearly_as_well_are_looked_at_as_well(described):
     badly = replace(site.judged, deviance=site.judged.deviance + 1.0)
     worse = replace(site, sites=("drag.force",), judged=badly)
     assert _rivalling([elsewhere, site, worse], data) == [site]
-    found = describe(look(base, base, [elsewhere, site, worse], data, lambda words: None), data)
+    found = description(base, base, [elsewhere, site, worse], data)
     assert found.rival.effect.name == before.rival.effect.name == "curve@drive.command@command"
     finding = nameless(base, [elsewhere, site, worse], found, data)
     assert (finding.site, finding.place) == ("drive", "drive.command")
@@ -251,7 +249,7 @@ def test_what_swells_with_a_speed_is_found_to(tmp_path):
     runs = [recording(seed, f"run_{seed}", beside=beside) for seed in (1, 2, 3)]
     data = Data(tuple(runs[:2]), (runs[2],), {"position": SD}, np.random.default_rng(0))
     base = fit_base(rig(tmp_path), data, lambda share, words: None)
-    found = describe(look(base, base, [locate_at(base, data, "drag.force")], data, lambda words: None), data)
+    found = description(base, base, [locate_at(base, data, "drag.force")], data)
     assert found.rival.effect.name in ("curve@drag.force@position*velocity", "curve@drag.force@position*v")
     before, after = (one.judged.scores["position"].rmse for one in (base, found.rival.candidate))
     assert after < 0.04 * before

@@ -12,9 +12,10 @@ from optid.diagnose.disturbance import locate_at
 from optid.diagnose.lead import Ground
 from optid.diagnose.line import loudest
 from optid.diagnose.refit import own_values
-from optid.diagnose.unexplained import describe, look, nameless
+from optid.diagnose.unexplained import listen, look, nameless
 from optid.effects.wave import KNOTS, Wave
 from optid.fit.scoring import quieted
+from tests.diagnose.describing import description
 from tests.diagnose.trolley import SD, recording, rig
 
 ACCELERATION, HERTZ, PITCH = 0.8, 1.7, 0.31
@@ -35,7 +36,7 @@ def described(request, tmp_path_factory):
     data = Data(tuple(runs[:2]), (runs[2],), {"position": SD}, np.random.default_rng(0))
     base = fit_base(rig(tmp_path_factory.mktemp("wave")), data, lambda share, words: None)
     site = locate_at(base, data, "drag.force")
-    return request.param, base, data, site, describe(look(base, base, [site], data, lambda words: None), data)
+    return request.param, base, data, site, description(base, base, [site], data)
 
 
 def test_the_wave_is_the_law(described):
@@ -104,6 +105,19 @@ def test_where_there_is_no_room_or_no_time_there_is_no_line(described):
     assert loudest(grounded(base, replace(data, until=0.0)), wave, time, 5.0) is None
 
 
+def test_waves_are_heard_once_no_form_has_arrived(described):
+    law, base, data, site, found = described
+    looked = look(base, base, [site], data, lambda words: None)
+    assert not looked.arrived and not any(one.effect.name.startswith("wave@") for one in looked.led)
+    heard = listen(looked, data)
+    name = found.rival.effect.name
+    assert heard.led[0].effect.name == name and name in [rival.effect.name for rival in heard.rivals]
+    if law is swinging:
+        assert heard.arrived and heard.best.effect.name == name
+        assert listen(heard, data) is heard
+    assert listen(looked, replace(data, until=0.0)) is looked
+
+
 def test_what_parameters_explain_is_no_wave(tmp_path):
     runs = [recording(seed, f"run_{seed}") for seed in (1, 2, 3)]
     data = Data(tuple(runs[:2]), (runs[2],), {"position": SD}, np.random.default_rng(0))
@@ -118,9 +132,7 @@ def test_what_parameters_explain_is_no_wave(tmp_path):
 def test_a_wave_may_come_from_another_site_of_the_kind(described, monkeypatch):
     _, base, data, site, found = described
     monkeypatch.setattr(unexplained, "SOURCES", {"sensor": "drag.force"})
-    there = describe(
-        look(base, base, [replace(site, sites=("sensor.position",))], data, lambda words: None), data
-    )
+    there = description(base, base, [replace(site, sites=("sensor.position",))], data)
     assert there.rival.effect.name == found.rival.effect.name
     assert there.located.sites == ("drag.force",)
     assert there.located.signal == pytest.approx(site.signal)
@@ -139,7 +151,7 @@ def test_a_wave_that_only_speed_brings_about_has_heights_over_it(tmp_path):
     runs = [recording(seed, f"run_{seed}", beside=beside) for seed in (1, 2, 3)]
     data = Data(tuple(runs[:2]), (runs[2],), {"position": SD}, np.random.default_rng(0))
     base = fit_base(rig(tmp_path), data, lambda share, words: None)
-    found = describe(look(base, base, [locate_at(base, data, "drag.force")], data, lambda words: None), data)
+    found = description(base, base, [locate_at(base, data, "drag.force")], data)
     wave, best = found.rival.effect, found.rival.candidate
     assert wave.name == "wave@drag.force@position*velocity"
     before, after = (one.judged.scores["position"].rmse for one in (base, best))
