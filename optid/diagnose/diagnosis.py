@@ -39,7 +39,7 @@ from optid.rigs.rigfile import Rig
 NOTHING = 0.01  # of the smallest size worth a name: what is below it is told in words
 # Of the time limit: until when effects are searched for, and what the search has in any case. What was found to be
 # needed and how sure it is takes a minute of ten, and as long what describes a rest and has not arrived yet.
-SEARCHED, OWN = 0.8, 0.4
+SEARCHED, OWN = 0.85, 0.4
 VISIBLE = 5.0  # sd at which an effect of the smallest size worth a name would be found for sure
 
 
