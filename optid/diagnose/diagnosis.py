@@ -37,9 +37,9 @@ from optid.fit.result import Estimate
 from optid.rigs.rigfile import Rig
 
 NOTHING = 0.01  # of the smallest size worth a name: what is below it is told in words
-# Of the time limit: until when effects are searched for, and what the search has in any case. What was found to be
-# needed and how sure it is takes a minute of ten, and as long what describes a rest and has not arrived yet.
-SEARCHED, OWN = 0.85, 0.4
+# Of the time limit: until when effects are searched for, and what the search has in any case. To locate a rest and to
+# describe it takes two minutes of ten.
+SEARCHED, OWN = 0.75, 0.4
 VISIBLE = 5.0  # sd at which an effect of the smallest size worth a name would be found for sure
 
 
@@ -97,7 +97,7 @@ def diagnose(
     looked: list[Look] = []
 
     def aside() -> None:
-        """What would describe it all without a name: a minute's work, for which the end may leave no time."""
+        """What would describe it all without a name, for which the end may leave no time."""
         report(0.3, "locating the mismatch with an unknown signal")
         looked.append(look(base, base, locate(base, data), searched, partial(report, 0.3)))
 
@@ -173,7 +173,7 @@ def _described(
 
     Those that explain much may describe most of it, and something without a name the rest.
     """
-    if not looked and not data.over and explains_little(base, named, data):
+    if not looked and not data.over:
         looked = [look(base, base, sites, data, tell)]
     looked = [listen(one, data) for one in looked]
     arrived = any(one.arrived for one in looked)
