@@ -37,9 +37,9 @@ from optid.fit.result import Estimate
 from optid.rigs.rigfile import Rig
 
 NOTHING = 0.01  # of the smallest size worth a name: what is below it is told in words
-# Of the time limit: until when effects are searched for, and what the search has in any case. To locate a rest and to
-# describe it takes two minutes of ten.
-SEARCHED, OWN = 0.75, 0.4
+# Of the time limit: until when effects are searched for, what describes it all included, and what the search has in any
+# case. What was found to be needed, and how sure it is, takes a minute of ten.
+SEARCHED, OWN = 0.85, 0.4
 VISIBLE = 5.0  # sd at which an effect of the smallest size worth a name would be found for sure
 
 

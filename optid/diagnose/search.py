@@ -31,7 +31,6 @@ REFITS = 5  # candidates of a round
 LITTLE = 2  # candidates of a round when little is left to explain
 SECOND = 3  # candidates of a round that only another look brings in, or that come before one
 DEEPEST = 3  # effects at most
-BEFORE = 2  # rounds after which something without a name is as likely as one more effect
 # Of the squared error, what names must clear where no trial has measured what right ones leave: an even share among as
 # many as can be named and a rest.
 EVEN = 1 / (DEEPEST + 1)
@@ -124,7 +123,7 @@ def search(
         own: the user's own, beside the catalogue.
         data: recordings, and until when to search.
         report: is told what is being done.
-        aside: called once before a third effect is looked for, where two do not stand: few rigs lack three.
+        aside: called once before a second effect is looked for, where the first does not stand.
     """
     plain, current, before, rounds = base.rig.model, base, base, []
     confirmed, guide = base, None
@@ -135,7 +134,7 @@ def search(
         # What the pasts of windows leave open may be all they err by; it may as well hide something.
         quiet = little and not much and not beyond_noise(current.judged, data.noise)
         ended = len(current.effects) == DEEPEST or quiet or _hopeless(base, current, data) or data.over
-        if depth == BEFORE and much and not ended and not stands(base, current, data):
+        if depth == 1 and much and not ended and not stands(base, current, data):
             aside()
         most = 0 if ended else LITTLE if little else None
         look = _round(base, current, own, data, tell, most, guide=guide)

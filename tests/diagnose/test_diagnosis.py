@@ -158,7 +158,7 @@ def test_of_what_describes_a_mismatch_the_best_is_told_unless_names_clear_more(
     assert (found and found.rival.candidate.judged) == told
 
 
-@pytest.mark.parametrize(("base_takes", "ends"), [(10.0, 75.0), (60.0, 100.0)])
+@pytest.mark.parametrize(("base_takes", "ends"), [(10.0, 85.0), (60.0, 100.0)])
 def test_the_time_limit_counts_from_the_start_but_leaves_the_search_its_own(
     tmp_path, monkeypatch, base_takes, ends
 ):

@@ -40,8 +40,8 @@ def test_a_search_whose_time_is_over_names_nothing(bent):
 
 
 @pytest.mark.parametrize("stands", [True, False])
-def test_what_may_describe_it_is_looked_at_once_where_two_effects_do_not_stand(bent, monkeypatch, stands):
-    """Before a third one is looked for: something without a name is as likely then."""
+def test_what_may_describe_it_is_looked_at_once_where_one_effect_does_not_stand(bent, monkeypatch, stands):
+    """Before a second one is looked for, which takes long."""
     base, data = bent
     won = search(base, (), data, lambda share, words: None).rounds[0].winner
     assert won.effect.name == "saturation@drive.command"
@@ -53,4 +53,4 @@ def test_what_may_describe_it_is_looked_at_once_where_two_effects_do_not_stand(b
     monkeypatch.setattr(searching, "_little_left", lambda *_: False)
     search(base, (), data, lambda share, words: said.append(words), lambda: asked.append(said[-1]))
     assert "round 4: screening the catalogue" in said
-    assert asked == ([] if stands else ["round 3: screening the catalogue"])
+    assert asked == ([] if stands else ["round 2: screening the catalogue"])
