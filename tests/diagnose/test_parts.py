@@ -459,6 +459,7 @@ def test_a_search_goes_on_while_something_is_left_and_with_few_where_it_is_littl
     monkeypatch.setattr(search_of, "excess", lambda judged, noise: ratio if rounds else 9.0)
     monkeypatch.setattr(search_of, "beyond_noise", lambda judged, noise: beyond)
     monkeypatch.setattr(search_of, "cleared", lambda *others: 1.0 - left)
+    monkeypatch.setattr(search_of, "needed", lambda base: 0.96)
     monkeypatch.setattr(search_of, "likelier", lambda current, data: led_on.append(current) or current)
     for name in ("screen", "admitted", "quieted"):
         monkeypatch.setattr(search_of, name, lambda *others: [SimpleNamespace(name="any")] * 9)
