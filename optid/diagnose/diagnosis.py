@@ -175,10 +175,10 @@ def _described(
     """
     if not looked and not data.over:
         looked = [look(base, base, sites, data, tell)]
-    looked = [listen(one, data) for one in looked]
+    looked = [listen(one, data, tell) for one in looked]
     arrived = any(one.arrived for one in looked)
     if not arrived and not data.over and not explains_little(base, named, data):
-        looked = [*looked, listen(look(base, named, sites, data, tell), data)]
+        looked = [*looked, listen(look(base, named, sites, data, tell), data, tell)]
     found = [one for there in looked if (one := describe(there, data)) is not None]
     best = max(
         found, key=lambda one: cleared(base.judged, one.rival.candidate.judged, data.noise), default=None

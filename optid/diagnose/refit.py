@@ -15,9 +15,8 @@ from optid.diagnose.judge import EXCESS, Comparison, brought_to_noise, cleared, 
 from optid.diagnose.screen import Signature, grown
 from optid.effects.effect import Effect
 from optid.errors import SolveError
-from optid.fit.likelihood import Noise
 from optid.fit.multistep import foreseeing
-from optid.fit.place import Answer, Place, Question
+from optid.fit.place import Answer, Question
 from optid.fit.scoring import NEARBY, likeliest, maximise, middling, standing
 from optid.fit.steering import steered_fit
 from optid.rigs.rigfile import Rig
@@ -40,10 +39,6 @@ ALIKE = 0.3  # the same for an effect that is easily confused with the best: it 
 CLOSE = (
     0.9  # of the best gain: first refits leave up to a tenth, and rivals nearer than that are taken further
 )
-# Turns by the gains of its own filter, evaluations of each, how many may lead to worse places in a row, and by how much
-# less process noise may suit what they find.
-TURNS, TURN, ASTRAY = 6, 15, 2
-CALM = (0.0, 1.25, 2.5, 3.75, 5.0, 6.25)
 TINY = (
     0.25  # of the smallest size worth a name: what a screen or a first refit leaves below it is not followed
 )
@@ -85,7 +80,7 @@ class Contest:
 
 
 @dataclass(eq=False)
-class _Refit:
+class Refitted:
     """An effect on its way through a round: `values` is where the screen would have it, SI, by own name."""
 
     effect: Effect
@@ -104,8 +99,8 @@ def refit(c: Contest, few: Sequence[Signature], before: Sequence[Rival] = ()) ->
 
     Rivals of an earlier look, `before`, compete with them; an effect that both have is the likelier of the two.
     """
-    tried: list[_Refit] = []
-    whole: list[_Refit] = []
+    tried: list[Refitted] = []
+    whole: list[Refitted] = []
     for signature in few:
         if whole and not any(alike(signature.effect, t.effect) for t in whole):
             continue  # one explains all there is: only what resembles it could do as well
@@ -119,8 +114,8 @@ def refit(c: Contest, few: Sequence[Signature], before: Sequence[Rival] = ()) ->
     tried.sort(key=lambda t: t.answer.score)
     _start_again(c, tried)
     _follow(c, tried)
-    rivals = [_rival(c, t, place) for place, t in enumerate(tried)]
-    first = min(range(len(tried)), key=lambda place: _order(rivals[place]), default=None)
+    rivals = [rival_of(c, t, place) for place, t in enumerate(tried)]
+    first = min(range(len(tried)), key=lambda place: order(rivals[place]), default=None)
     # Where much is missing still, more than the last units of likelihood would close is left open.
     if (
         first is not None
@@ -128,75 +123,14 @@ def refit(c: Contest, few: Sequence[Signature], before: Sequence[Rival] = ()) ->
         and excess(rivals[first].candidate.judged, c.data.noise) <= EXCESS
     ):
         _settle(c, tried[first])
-        rivals[first] = _rival(c, tried[first], first)
+        rivals[first] = rival_of(c, tried[first], first)
     likeliest_of: dict[str, Rival] = {}
     for rival in sorted([*before, *rivals], key=lambda one: -one.train_gain):
         likeliest_of.setdefault(rival.effect.name, rival)
     both = list(likeliest_of.values())
     if before:  # they take their turns together
         both = [replace(rival, why=_reason(c, rival, place)) for place, rival in enumerate(both)]
-    return _foremost(sorted(both, key=_order))
-
-
-def led_on(c: Contest, few: Sequence[Signature], before: Sequence[Rival] = ()) -> list[Rival]:
-    """Forms where they led and further, by the gains of their own filters, best first; nothing is left to likelihood.
-
-    A form that arrives at the noise leaves the others nothing. Rivals `before` are counted with them.
-    """
-    rivals = list(before)
-    for signature in few:
-        if c.data.over:
-            break
-        c.tell(f"following {signature.effect.name}")
-        with contextlib.suppress(SolveError):  # it may lead out of the numbers
-            rivals.append(_rival(c, _turning(c, signature), len(rivals)))
-            if at_noise(rivals[-1], c.data):
-                break
-    return sorted(rivals, key=_order)
-
-
-def at_noise(rival: Rival, data: Data) -> bool:
-    """It is confirmed, and leaves nothing to explain."""
-    return not rival.why and excess(rival.candidate.judged, data.noise) <= EXCESS
-
-
-def _turning(c: Contest, signature: Signature) -> _Refit:
-    """An effect from where it led, along the gains of its own filter, at every turn as quiet as is likeliest.
-
-    Not every turn is likelier than the one before: where a model is far off, the way leads through worse places.
-
-    Raises:
-        SolveError: the model cannot be simulated where it led.
-    """
-    effect, here = signature.effect, c.current.answer
-    rig = grown(c.current.rig, effect)
-    rig = replace(rig, parameters={**rig.parameters, **effect.qualified(signature.values)})
-    question = c.data.question(rig, c.base.rig.model)
-    p = _placed(c, question, {**signature.beside, **effect.qualified(signature.values)}, here)
-    calm = [at - by for at in (here.noise.levels, middling(question)) for by in CALM]
-
-    def stand(p: Array) -> Place:
-        p, levels = likeliest(question, [(p, at) for at in calm])
-        return Place(question, p, Noise(question.measurement, question.groups, levels))
-
-    best = there = stand(p)
-    if not math.isfinite(best.score):
-        raise SolveError("the model leaves the numbers where it led")
-    worse = 0
-    with contextlib.suppress(SolveError):  # the best before has to do
-        for _ in range(TURNS - 1):
-            if c.data.over or worse == ASTRAY:
-                break
-            there = stand(steered_fit(question, there.p, question.model, there.filtered, TURN).p)
-            won = best.score - there.score
-            if won > 0.0:
-                best, worse = there, 0
-            else:
-                worse += 1
-            if 0.0 <= won < NEARBY * abs(here.score - best.score):
-                break
-    best.glance()
-    return _Refit(effect, rig, best.answer(False), signature.values)
+    return _foremost(sorted(both, key=order))
 
 
 def _foremost(rivals: list[Rival]) -> list[Rival]:
@@ -223,7 +157,7 @@ def _surpasses(one: Rival, other: Rival) -> bool:
     )
 
 
-def _start_again(c: Contest, tried: list[_Refit]) -> None:
+def _start_again(c: Contest, tried: list[Refitted]) -> None:
     """Second starts for the look-alikes of the best that fell behind it, from where the best stands.
 
     They may have lost their way, which is: to much process noise and next to no effect.
@@ -246,24 +180,24 @@ def _start_again(c: Contest, tried: list[_Refit]) -> None:
     tried.sort(key=lambda t: t.answer.score)
 
 
-def _explains_all(c: Contest, t: _Refit) -> bool:
+def _explains_all(c: Contest, t: Refitted) -> bool:
     """The windows held out are at the noise; the model's own imperfection is dear, and looked at only near there."""
     judged = judge(t.answer, c.data.holdout)
     near = all(s.rmse <= ABOUT * c.data.noise.get(role, 0.0) for role, s in judged.scores.items())
     return near and excess(judged, c.data.noise) <= EXCESS
 
 
-def _beside(c: Contest, t: _Refit, best: _Refit) -> Answer:
+def _beside(c: Contest, t: Refitted, best: Refitted) -> Answer:
     """From the parameters and the process noise that the best of the round found, at the likeliest of some sizes."""
     question, levels = t.answer.question, best.answer.noise.levels
     starts = [
-        (_placed(c, question, t.effect.qualified(_scaled(t.effect, t.values, much)), best.answer), levels)
+        (placed(c, question, t.effect.qualified(_scaled(t.effect, t.values, much)), best.answer), levels)
         for much in SIZES
     ]
     return maximise(question, *likeliest(question, starts), iterations=QUICK, polish=False, near=t.answer)
 
 
-def _follow(c: Contest, tried: list[_Refit]) -> None:
+def _follow(c: Contest, tried: list[Refitted]) -> None:
     """Bring the best of the first refits further, and once more those that then are close together."""
     here = c.current.answer.score
     gains = [here - t.answer.score for t in tried]
@@ -286,12 +220,12 @@ def _follow(c: Contest, tried: list[_Refit]) -> None:
     tried.sort(key=lambda t: t.answer.score)
 
 
-def _settle(c: Contest, t: _Refit) -> None:
+def _settle(c: Contest, t: Refitted) -> None:
     c.tell(f"settling {t.effect.name}")
     t.answer = maximise(t.answer.question, t.answer.p, t.answer.noise.levels, near=t.answer)
 
 
-def _rival(c: Contest, t: _Refit, place: int) -> Rival:
+def rival_of(c: Contest, t: Refitted, place: int) -> Rival:
     """A refitted effect against the model of its round, in its turn by likelihood."""
     effects = (*c.current.effects, t.effect)
     t.rig, t.answer = centred(effects, t.rig, t.answer)
@@ -319,7 +253,7 @@ def _reason(c: Contest, rival: Rival, place: int) -> str:
     return why
 
 
-def _order(rival: Rival) -> tuple[bool, float]:
+def order(rival: Rival) -> tuple[bool, float]:
     """The best first, of two as good the one with fewer parameters; those with a reason against them last."""
     return bool(rival.why), cost(rival.effect) - rival.train_gain - rival.against.bounded_gain
 
@@ -334,15 +268,14 @@ def cost(effect: Effect) -> float:
     return len(effect.fitted) * math.log(1e4)
 
 
-def _attempt(c: Contest, signature: Signature, again: bool) -> _Refit:
+def _attempt(c: Contest, signature: Signature, again: bool) -> Refitted:
     """A first refit from where the screen would have the effect, or from where it led.
 
     The most promising is tried `again` if that loses it: from other sizes, or longer.
     """
     effect, values = signature.effect, signature.values
-    rig = grown(c.current.rig, effect)
-    rig = replace(rig, parameters={**rig.parameters, **effect.qualified(values)})
-    question = c.data.question(rig, c.base.rig.model)
+    question = posed(c, signature)
+    rig = question.rig
     if signature.beside:
         led = {**signature.beside, **effect.qualified(values)}
         answer = _from_afar(c, question, led)
@@ -350,8 +283,8 @@ def _attempt(c: Contest, signature: Signature, again: bool) -> _Refit:
             answer = maximise(
                 question, answer.p, answer.noise.levels, polish=False, rough=NEARBY, near=answer
             )
-        return _Refit(effect, rig, answer, values)
-    best = _Refit(effect, rig, _started(c, question, effect, values), values)
+        return Refitted(effect, rig, answer, values)
+    best = Refitted(effect, rig, _started(c, question, effect, values), values)
     if again and effect.size(values) >= 1.0 > best.size:
         for factor in AGAIN:
             with contextlib.suppress(SolveError):
@@ -360,12 +293,19 @@ def _attempt(c: Contest, signature: Signature, again: bool) -> _Refit:
     return best
 
 
+def posed(c: Contest, signature: Signature) -> Question:
+    """What the recordings are asked of the current model with one more effect, from where that is seen."""
+    rig = grown(c.current.rig, signature.effect)
+    own = signature.effect.qualified(signature.values)
+    return c.data.question(replace(rig, parameters={**rig.parameters, **own}), c.base.rig.model)
+
+
 def _started(c: Contest, question: Question, effect: Effect, values: Mapping[str, float]) -> Answer:
     """By the gains of the guide, which may move the states less than the current model's, then a rough refit."""
     here = c.current.answer
-    p = _placed(c, question, effect.qualified(values), here)
+    p = placed(c, question, effect.qualified(values), here)
     # A trace of it is as likely as none, wherever the screen would have led.
-    faint = _placed(c, question, effect.qualified(_scaled(effect, values, FAINT)), here)
+    faint = placed(c, question, effect.qualified(_scaled(effect, values, FAINT)), here)
     starts = [(p, here.noise.levels), (faint, here.noise.levels)]
     with contextlib.suppress(SolveError):  # it holds on to the data by more noise than the guide allows
         led = steered_fit(question, p, c.guide.question.model, c.guide.filtered, QUICK).p
@@ -382,14 +322,14 @@ def _from_afar(c: Contest, question: Question, led: Mapping[str, float]) -> Answ
 
     Where the current model is far from there, it is likelier than that at first, by its process noise.
     """
-    p = _placed(c, question, led, c.current.answer)
+    p = placed(c, question, led, c.current.answer)
     near = standing(question, p, c.guide.noise.levels, FIRST).p
     levels = [at - by for at in (c.current.answer.noise.levels, middling(question)) for by in SCANNED]
     best = likeliest(question, [(near, at) for at in levels])
     return maximise(question, *best, iterations=QUICK, polish=False)
 
 
-def _placed(c: Contest, question: Question, values: Mapping[str, float], source: Answer) -> Array:
+def placed(c: Contest, question: Question, values: Mapping[str, float], source: Answer) -> Array:
     """All parameters of a question: the current model's as `source` has them, and an effect's `values`."""
     model, other = question.model, source.question.model
     p = model.vector(question.rig.parameters)
@@ -410,7 +350,7 @@ def _scaled(effect: Effect, values: Mapping[str, float], factor: float) -> dict[
     }
 
 
-def _misfit(t: _Refit, gain: float, screened: int) -> str:
+def _misfit(t: Refitted, gain: float, screened: int) -> str:
     """Why a refitted effect does not even fit the recordings it was given; empty when it does."""
     needed = stats.chi2.isf(LEVEL / max(screened, 1), len(t.effect.fitted)) + cost(t.effect)
     if gain < needed:

@@ -13,11 +13,12 @@ import numpy as np
 from optid.diagnose.candidate import QUIETER, Candidate, Data
 from optid.diagnose.disturbance import Located, locate_at
 from optid.diagnose.finding import Finding
+from optid.diagnose.following import at_noise, led_on
 from optid.diagnose.forms import curves, fitting, kind_of, levels, shared, sticking, swelling, turned, waves
 from optid.diagnose.judge import Comparison, beyond_noise, compare
 from optid.diagnose.law import law_at
 from optid.diagnose.lead import Ground, leads
-from optid.diagnose.refit import LEVEL, WORTH, Contest, Rival, at_noise, led_on, own_values, refit
+from optid.diagnose.refit import LEVEL, WORTH, Contest, Rival, own_values, refit
 from optid.diagnose.screen import Signature
 from optid.diagnose.where import region, telling
 from optid.diagnose.words import quantity
@@ -104,14 +105,14 @@ def look(
     return _turned(Look(sites, likely, contest, led, led_on(contest, led)), led_on)
 
 
-def listen(looked: Look, data: Data) -> Look:
+def listen(looked: Look, data: Data, tell: Callable[[str], None]) -> Look:
     """With the loudest wave where the mismatch may lie, if no form has arrived and there is time.
 
     Only a filter finds the phase of every recording: waves are not led, but begin where they are loudest.
     """
     if looked.arrived or data.over:
         return looked
-    c = replace(looked.contest, data=data)
+    c = replace(looked.contest, data=data, tell=tell)
     plain, guide = c.base.rig.model, c.guide
     sources = dict.fromkeys(SOURCES.get(kind_of(site), site) for site in _places(looked.likely))
     ground = Ground.of(c.current.rig, guide, data, plain, guide.p)

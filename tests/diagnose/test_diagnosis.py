@@ -83,7 +83,7 @@ def test_what_a_search_that_was_ended_leaves_is_described_while_there_is_time(tm
     monkeypatch.setattr(diagnosis_of, "SEARCHED", 0.0)
     monkeypatch.setattr(diagnosis_of, "OWN", 0.0)
     monkeypatch.setattr(diagnosis_of, "look", looking(lambda current, sites: asked_for.append(sites[0].site)))
-    monkeypatch.setattr(diagnosis_of, "listen", lambda looked, data: looked)
+    monkeypatch.setattr(diagnosis_of, "listen", lambda looked, data, tell: looked)
     monkeypatch.setattr(diagnosis_of, "describe", lambda looked, data: None)
     found = asked(tmp_path, dead_band, time_limit=1e6)
     assert found.verdict is Verdict.UNEXPLAINED and found.search.stopped
@@ -115,7 +115,7 @@ def test_what_describes_comes_to_names_only_where_these_explain_much(tmp_path, m
     monkeypatch.setattr(diagnosis_of, "search", searched)
     monkeypatch.setattr(diagnosis_of, "explains_little", lambda *_: little)
     monkeypatch.setattr(diagnosis_of, "look", looking(lambda current, _: seen.append(current.effects)))
-    monkeypatch.setattr(diagnosis_of, "listen", lambda looked, data: looked)
+    monkeypatch.setattr(diagnosis_of, "listen", lambda looked, data, tell: looked)
     monkeypatch.setattr(diagnosis_of, "describe", lambda looked, data: None)
     found = asked(tmp_path, dead_band)
     assert found.verdict is Verdict.UNEXPLAINED
@@ -149,7 +149,7 @@ def test_of_what_describes_a_mismatch_the_best_is_told_unless_names_clear_more(
         candidate = SimpleNamespace(judged=looked.found)
         return SimpleNamespace(rival=SimpleNamespace(candidate=candidate)) if looked.found else None
 
-    monkeypatch.setattr(diagnosis_of, "listen", lambda looked, data: looked)
+    monkeypatch.setattr(diagnosis_of, "listen", lambda looked, data, tell: looked)
     monkeypatch.setattr(diagnosis_of, "describe", describing)
     base, named = SimpleNamespace(judged="base"), SimpleNamespace(judged="named")
     looked = [SimpleNamespace(arrived=arrived, found="aside" if len(shares) > 1 else None)]

@@ -315,8 +315,8 @@ def test_of_two_as_good_the_effect_with_fewer_parameters_leads():
         return Rival(effect, None, gain, against, "", hopeful=True)
 
     plain, rich, richer = rival(1, 1000.0), rival(2, 1001.0), rival(3, 1500.0)
-    assert sorted([rich, plain], key=refit_of._order) == [plain, rich]
-    assert sorted([plain, richer], key=refit_of._order) == [richer, plain]
+    assert sorted([rich, plain], key=refit_of.order) == [plain, rich]
+    assert sorted([plain, richer], key=refit_of.order) == [richer, plain]
 
 
 @pytest.mark.parametrize(
@@ -358,7 +358,7 @@ def test_an_effect_that_its_refit_loses_is_tried_again_from_others(again, monkey
 
     monkeypatch.setattr(refit_of, "_started", started)
     monkeypatch.setattr(refit_of, "own_values", lambda effect, rig, answer: {"much": answer.much})
-    monkeypatch.setattr(Data, "question", lambda self, rig, plain: None)
+    monkeypatch.setattr(Data, "question", lambda self, rig, plain: SimpleNamespace(rig=rig))
     for name in ("grown", "replace"):
         monkeypatch.setattr(
             refit_of, name, lambda *others, **more: SimpleNamespace(model=None, parameters={})
@@ -502,7 +502,7 @@ def test_beside_others_an_effect_must_clear_more_than_the_form_of_their_laws_lea
     monkeypatch.setattr(refit_of, "excess", lambda judged, noise: {"before": ratio, "after": left}[judged])
     data = Data((), (), {}, np.random.default_rng(0))
     contest = refit_of.Contest(base, current, None, 1, data, lambda words: None)
-    rival = refit_of._rival(contest, tried, 0)
+    rival = refit_of.rival_of(contest, tried, 0)
     assert rival.candidate.rig == (
         ("large", effect),
         "told",
@@ -618,7 +618,7 @@ def test_where_one_explains_all_only_what_resembles_it_is_tried(left, tried, mon
         monkeypatch.setattr(refit_of, name, lambda *others: None)
     effect = SimpleNamespace(name="lost")
     lost, turns = Rival(effect, None, 0.0, SimpleNamespace(bounded_gain=0.0), "no gain", False), []
-    monkeypatch.setattr(refit_of, "_rival", lambda contest, t, turn: turns.append(turn) or lost)
+    monkeypatch.setattr(refit_of, "rival_of", lambda contest, t, turn: turns.append(turn) or lost)
     monkeypatch.setattr(refit_of, "cost", lambda effect: 0.0)
     data = Data((), (), {"position": 2e-5}, np.random.default_rng(0))
     contest = refit_of.Contest(None, None, None, 4, data, lambda words: None)
@@ -655,7 +655,7 @@ def test_a_winner_is_settled_where_nothing_more_is_missing(noise_left, settled, 
     monkeypatch.setattr(refit_of, "_explains_all", lambda *others: False)
     for name in ("_start_again", "_follow"):
         monkeypatch.setattr(refit_of, name, lambda *others: None)
-    monkeypatch.setattr(refit_of, "_rival", lambda *others: won)
+    monkeypatch.setattr(refit_of, "rival_of", lambda *others: won)
     monkeypatch.setattr(refit_of, "_settle", lambda *others: calls.append(1))
     monkeypatch.setattr(refit_of, "excess", lambda judged, noise: noise_left)
     data = Data((), (), {}, np.random.default_rng(0))

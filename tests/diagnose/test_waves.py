@@ -109,13 +109,15 @@ def test_waves_are_heard_once_no_form_has_arrived(described):
     law, base, data, site, found = described
     looked = look(base, base, [site], data, lambda words: None)
     assert not looked.arrived and not any(one.effect.name.startswith("wave@") for one in looked.led)
-    heard = listen(looked, data)
+    said = []
+    heard = listen(looked, data, said.append)
     name = found.rival.effect.name
     assert heard.led[0].effect.name == name and name in [rival.effect.name for rival in heard.rivals]
     if law is swinging:
         assert heard.arrived and heard.best.effect.name == name
-        assert listen(heard, data) is heard
-    assert listen(looked, replace(data, until=0.0)) is looked
+        assert listen(heard, data, said.append) is heard
+    assert said[0] == f"following {name}"  # to whom it is told by then
+    assert listen(looked, replace(data, until=0.0), said.append) is looked
 
 
 def test_what_parameters_explain_is_no_wave(tmp_path):

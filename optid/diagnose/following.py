@@ -1,0 +1,85 @@
+"""Forms that follow the gains of their own filters from where they led: a fit that likelihood is not asked for.
+
+Prediction errors under held gains, the gains taken anew at every turn (Ljung, System Identification, 1999, section
+8.4), lead past the tops that process noise makes, and cost a fraction of a refit by likelihood.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from collections.abc import Sequence
+
+from optid.core.model import Array
+from optid.diagnose.candidate import Data
+from optid.diagnose.judge import EXCESS, excess
+from optid.diagnose.refit import Contest, Refitted, Rival, order, placed, posed, rival_of
+from optid.diagnose.screen import Signature
+from optid.errors import SolveError
+from optid.fit.likelihood import Noise
+from optid.fit.place import Place
+from optid.fit.scoring import NEARBY, likeliest, middling
+from optid.fit.steering import steered_fit
+
+# Turns by the gains of its own filter, evaluations of each, how many may lead to worse places in a row, and by how much
+# less process noise may suit what they find.
+TURNS, TURN, ASTRAY = 6, 15, 2
+CALM = (0.0, 1.25, 2.5, 3.75, 5.0, 6.25)
+
+
+def led_on(c: Contest, few: Sequence[Signature], before: Sequence[Rival] = ()) -> list[Rival]:
+    """Forms where they led and further, by the gains of their own filters, best first; nothing is left to likelihood.
+
+    A form that arrives at the noise leaves the others nothing. Rivals `before` are counted with them.
+    """
+    rivals = list(before)
+    for signature in few:
+        if c.data.over:
+            break
+        c.tell(f"following {signature.effect.name}")
+        with contextlib.suppress(SolveError):  # it may lead out of the numbers
+            rivals.append(rival_of(c, _turning(c, signature), len(rivals)))
+            if at_noise(rivals[-1], c.data):
+                break
+    return sorted(rivals, key=order)
+
+
+def at_noise(rival: Rival, data: Data) -> bool:
+    """It is confirmed, and leaves nothing to explain."""
+    return not rival.why and excess(rival.candidate.judged, data.noise) <= EXCESS
+
+
+def _turning(c: Contest, signature: Signature) -> Refitted:
+    """An effect from where it led, along the gains of its own filter, at every turn as quiet as is likeliest.
+
+    Not every turn is likelier than the one before: where a model is far off, the way leads through worse places.
+
+    Raises:
+        SolveError: the model cannot be simulated where it led.
+    """
+    effect, here, question = signature.effect, c.current.answer, posed(c, signature)
+    p = placed(c, question, {**signature.beside, **effect.qualified(signature.values)}, here)
+    calm = [at - by for at in (here.noise.levels, middling(question)) for by in CALM]
+
+    def stand(p: Array) -> Place:
+        p, levels = likeliest(question, [(p, at) for at in calm])
+        return Place(question, p, Noise(question.measurement, question.groups, levels))
+
+    best = there = stand(p)
+    if not math.isfinite(best.score):
+        raise SolveError("the model leaves the numbers where it led")
+    worse = 0
+    with contextlib.suppress(SolveError):  # the best before has to do
+        for _ in range(TURNS - 1):
+            if c.data.over or worse == ASTRAY:
+                break
+            there = stand(steered_fit(question, there.p, question.model, there.filtered, TURN).p)
+            won = best.score - there.score
+            if won > 0.0:
+                best, worse = there, 0
+            else:
+                worse += 1
+            if 0.0 <= won < NEARBY * abs(here.score - best.score):
+                break
+    best.glance()
+    return Refitted(effect, question.rig, best.answer(False), signature.values)
