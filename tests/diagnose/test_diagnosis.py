@@ -124,6 +124,25 @@ def test_what_describes_comes_to_names_only_where_these_explain_much(tmp_path, m
     )
 
 
+def test_what_was_looked_at_beside_the_search_is_not_looked_for_again(tmp_path, monkeypatch):
+    seen, located, described = [], [], []
+    locate = diagnosis_of.locate
+
+    def searched(base, own, data, report, aside):
+        aside()
+        assert len(seen) == len(located) == 1
+        return Search(base, base, ())
+
+    monkeypatch.setattr(diagnosis_of, "search", searched)
+    monkeypatch.setattr(diagnosis_of, "locate", lambda *given: located.append(given) or locate(*given))
+    monkeypatch.setattr(diagnosis_of, "look", looking(lambda current, _: seen.append(current.effects), True))
+    monkeypatch.setattr(diagnosis_of, "listen", lambda looked, data, tell: looked)
+    monkeypatch.setattr(diagnosis_of, "describe", lambda looked, data: described.append(looked.arrived))
+    found = asked(tmp_path, dead_band)
+    assert found.verdict is Verdict.UNEXPLAINED
+    assert (len(seen), len(located), described) == (1, 1, [True])
+
+
 @pytest.mark.parametrize(
     ("shares", "arrived", "told"),
     [

@@ -10,7 +10,7 @@ from optid.diagnose import unexplained
 from optid.diagnose.candidate import QUIETER, Data, fit_base
 from optid.diagnose.disturbance import locate_at
 from optid.diagnose.lead import Ground
-from optid.diagnose.line import loudest
+from optid.diagnose.line import _explained, loudest
 from optid.diagnose.refit import own_values
 from optid.diagnose.unexplained import listen, look, nameless
 from optid.effects.wave import KNOTS, Wave
@@ -127,6 +127,19 @@ def test_what_parameters_explain_is_no_wave(tmp_path):
     wave, time = Wave("drag.force", "time"), followed(base, "time")
     right, wrong = (
         loudest(grounded(base, data, p), wave, time, 5.0).gain for p in (base.answer.p, base.answer.p * 1.05)
+    )
+    assert wrong < 3.0 * right
+
+
+@pytest.mark.parametrize("recorded", [0, 1])
+def test_what_parameters_explain_is_no_wave_in_one_recording_either(tmp_path, recorded):
+    runs = [recording(seed, f"run_{seed}") for seed in (1, 2, 3)]
+    data = Data(tuple(runs[:2]), (runs[2],), {"position": SD}, np.random.default_rng(0))
+    base = fit_base(rig(tmp_path), data, lambda share, words: None)
+    wave, some = Wave("drag.force", "time"), np.arange(0.2, 5.0, 0.2)
+    right, wrong = (
+        max(_explained(grounded(base, data, p), wave, some, [recorded])).gain
+        for p in (base.answer.p, base.answer.p * 1.05)
     )
     assert wrong < 3.0 * right
 
