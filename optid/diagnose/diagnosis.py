@@ -117,7 +117,7 @@ def diagnose(
     likely, least = found, resolution(found.best)
     if found.best.effects and whole and excess(found.best.judged, noise) > EXCESS:
         report(0.95, "how far the recordings disagree")
-        least = np.maximum(least, disagreement(found.best, data, rig.model))
+        least = np.maximum(least, disagreement(found.best.answer))
         best, apart = foreseen(found.best, data)
         found, least = replace(found, best=best), np.maximum(least, apart)
     best_parameters = estimates(found.best.answer, last, least, missed(found.best.judged, noise))

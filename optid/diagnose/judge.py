@@ -40,7 +40,7 @@ class Judged:
         measured: what was recorded, (samples, outputs).
         time: of each sample in its recording, s; `recording` says which one.
         scores: of the windows, by role.
-        find_imperfection: gives `imperfection`.
+        find_open: gives `left_open`.
     """
 
     horizon: float
@@ -52,11 +52,13 @@ class Judged:
     time: Array
     recording: Integers
     scores: Mapping[str, Score]
-    find_imperfection: Callable[[], Mapping[str, float]]
+    find_open: Callable[[], Mapping[str, Array]]
 
     @cached_property
-    def imperfection(self) -> Mapping[str, float]:
-        """What the windows of a model that lacks nothing may miss by beside the noise, root mean square by role, SI.
+    def left_open(self) -> Mapping[str, Array]:
+        """What the window of each sample may miss by beside the noise if nothing is missing, root mean square, SI.
+
+        By role, (samples,); NaN where there is no window.
 
         The model's own smoothing leaves something open, and so do laws that stand in for nature's, such as that of
         friction at rest: the largest change where a numerical setting is halved or doubled, or a parameter of such a
@@ -64,7 +66,12 @@ class Judged:
         axis rests does not know when it breaks away. Found when first asked for: it costs several filters, and of most
         rivals nobody asks.
         """
-        return self.find_imperfection()
+        return self.find_open()
+
+    @property
+    def imperfection(self) -> Mapping[str, float]:
+        """The same of all windows together, by role, SI."""
+        return {role: _rms(left) for role, left in self.left_open.items()}
 
 
 def judge(answer: Answer, recordings: Sequence[Recording]) -> Judged:
@@ -93,20 +100,25 @@ def judge(answer: Answer, recordings: Sequence[Recording]) -> Judged:
     z = f.innovations[0] / np.sqrt(f.variances[0])
     each = deviance(f.innovations[0], f.variances[0])
 
-    def imperfection() -> dict[str, float]:
+    def left_open() -> dict[str, Array]:
         settings = np.concatenate([numerical_settings(answer), _within_leeway(answer)])
-        others = seen(settings)[1] if len(settings) else []
+        others = [other - windows for other in (seen(settings)[1] if len(settings) else [])]
         unknown = _started(answer, problem, cut, start, f.states[0], windows)
-        return {
-            port.role: math.hypot(
-                max((_rms(other[:, j] - windows[:, j]) for other in others), default=0.0), unknown[j]
-            )
-            for j, port in enumerate(model.outputs)
-        }
+        found = {}
+        for j, port in enumerate(model.outputs):
+            most = max((other[:, j] for other in others), key=_rms, default=0.0 * windows[:, j])
+            found[port.role] = np.sqrt(_by_block(most**2 + unknown[:, j], blocks))
+        return found
 
-    return Judged(
-        length, each, blocks, windows, z, problem.measured, problem.time, owner, scores, imperfection
-    )
+    return Judged(length, each, blocks, windows, z, problem.measured, problem.time, owner, scores, left_open)
+
+
+def _by_block(values: Array, blocks: Integers) -> Array:
+    """The mean of each sample's block; NaN stays where it is."""
+    known = np.isfinite(values)
+    count = np.bincount(blocks[known], minlength=int(blocks.max()) + 1)
+    total = np.bincount(blocks[known], weights=values[known], minlength=len(count))
+    return np.where(known, (total / np.maximum(count, 1))[blocks], np.nan)
 
 
 def numerical_settings(answer: Answer) -> Array:
@@ -157,7 +169,7 @@ def _windows(model: Model, p: Array, whole: Problem, cut: Problem, states: Array
 def _started(
     answer: Answer, whole: Problem, cut: Problem, start: Start, states: Array, windows: Array
 ) -> Array:
-    """What windows miss, root mean square, where their starts are as uncertain as noise alone leaves them, (outputs,).
+    """What windows miss, squared, where their starts are as uncertain as noise alone leaves them, (samples, outputs).
 
     The covariance at a start is that of a model which lacks nothing: with process noise, what is missing would count as
     uncertain. The mean of the squares over it is taken by sigma points, as the filter takes means.
@@ -175,16 +187,22 @@ def _started(
             moved = states.copy()
             moved[cut.begins] += side * math.sqrt(REACH2) * roots[:, :, k]
             square += (_windows(model, answer.p, whole, cut, moved) - windows) ** 2 / (2.0 * REACH2)
-    return np.array([_rms(np.sqrt(column)) for column in square.T])
+    return square
 
 
 def excess(judged: Judged, noise: Mapping[str, float]) -> float:
-    """The largest ratio of a window's error to noise and numerical imperfection together, over the channels."""
+    """The largest ratio of windows' errors to what noise and pasts leave open, root mean square, over the channels.
+
+    Each window counts by what is left open there: one in which an axis breaks away after a long rest does not excuse
+    the others, nor are they judged by it.
+    """
     ratios = []
-    for role, score in judged.scores.items():
-        floor = math.hypot(noise.get(role, 0.0), judged.imperfection[role])
-        if floor > 0.0:
-            ratios.append(score.rmse / floor)
+    for j, (role, left) in enumerate(judged.left_open.items()):
+        floor = np.hypot(noise.get(role, 0.0), left)
+        off = judged.measured[:, j] - judged.windows[:, j]
+        known = np.isfinite(off) & (floor > 0.0)
+        if known.any():
+            ratios.append(_rms(off[known] / floor[known]))
     return max(ratios, default=1.0)
 
 

@@ -36,6 +36,10 @@ AGAIN = (0.5, 2.0)  # the same, where a refit from the whole of it ends at next 
 SIZES = (0.5, 1.0, 1.6, 2.5)  # the same, beside parameters that have found where they belong
 NEAR = 0.8  # of the best gain: a refit below this share does not go on
 ALIKE = 0.3  # the same for an effect that is easily confused with the best: it may only have lost its way
+COMING = (
+    0.5  # of the best confirmed gain before: a refit from afar below this share is not on its way to more
+)
+SAME = 0.25  # share by which own values differ at most where a refit stands where its effect leads from afar
 CLOSE = (
     0.9  # of the best gain: first refits leave up to a tenth, and rivals nearer than that are taken further
 )
@@ -112,8 +116,7 @@ def refit(c: Contest, few: Sequence[Signature], before: Sequence[Rival] = ()) ->
             if _explains_all(c, tried[-1]):
                 whole.append(tried[-1])
     tried.sort(key=lambda t: t.answer.score)
-    _start_again(c, tried)
-    _follow(c, tried)
+    _follow(c, tried, max((rival.train_gain for rival in before if not rival.why), default=0.0))
     rivals = [rival_of(c, t, place) for place, t in enumerate(tried)]
     first = min(range(len(tried)), key=lambda place: order(rivals[place]), default=None)
     # Where much is missing still, more than the last units of likelihood would close is left open.
@@ -157,17 +160,17 @@ def _surpasses(one: Rival, other: Rival) -> bool:
     )
 
 
-def _start_again(c: Contest, tried: list[Refitted]) -> None:
-    """Second starts for the look-alikes of the best that fell behind it, from where the best stands.
+def _start_again(c: Contest, tried: list[Refitted]) -> list[Refitted]:
+    """Second starts for the look-alikes of the best that fell behind it, from where the best stands; who gained by it.
 
     They may have lost their way, which is: to much process noise and next to no effect.
     """
     if not tried or c.guide is c.current.answer:  # there is no other look than the one that led here
-        return
-    best = tried[0]
+        return []
+    best, again = tried[0], []
     gain = c.current.answer.score - best.answer.score
     if _misfit(best, gain, c.screened):
-        return
+        return []
     for t in tried:
         if (
             not c.data.over
@@ -176,8 +179,12 @@ def _start_again(c: Contest, tried: list[Refitted]) -> None:
         ):
             c.tell(f"starting again with {t.effect.name}")
             with contextlib.suppress(SolveError):
-                t.answer = min(t.answer, _beside(c, t, best), key=lambda answer: answer.score)
+                other = _beside(c, t, best, goal=c.current.answer.score - ALIKE * gain)
+                if other.score < t.answer.score:
+                    t.answer = other
+                    again.append(t)
     tried.sort(key=lambda t: t.answer.score)
+    return again
 
 
 def _explains_all(c: Contest, t: Refitted) -> bool:
@@ -187,23 +194,47 @@ def _explains_all(c: Contest, t: Refitted) -> bool:
     return near and excess(judged, c.data.noise) <= EXCESS
 
 
-def _beside(c: Contest, t: Refitted, best: Refitted) -> Answer:
-    """From the parameters and the process noise that the best of the round found, at the likeliest of some sizes."""
+def _beside(c: Contest, t: Refitted, best: Refitted, goal: float) -> Answer:
+    """From the parameters and the process noise that the best of the round found, at the likeliest of some sizes.
+
+    It ends where a `goal`, without which it is not followed further, falls out of reach.
+    """
     question, levels = t.answer.question, best.answer.noise.levels
     starts = [
         (placed(c, question, t.effect.qualified(_scaled(t.effect, t.values, much)), best.answer), levels)
         for much in SIZES
     ]
-    return maximise(question, *likeliest(question, starts), iterations=QUICK, polish=False, near=t.answer)
+    start = likeliest(question, starts)
+    return maximise(question, *start, iterations=QUICK, polish=False, near=t.answer, goal=goal)
 
 
-def _follow(c: Contest, tried: list[Refitted]) -> None:
-    """Bring the best of the first refits further, and once more those that then are close together."""
+def _follow(c: Contest, tried: list[Refitted], before: float) -> None:
+    """Bring the best of the first refits further, and once more those that then are close together.
+
+    Where they leave something, their look-alikes start again in between. Those that come far short of the best
+    confirmed gain `before` are left.
+    """
+    here = c.current.answer.score
+    _further(c, tried, before, tried)
+    if tried and not _explains_all(c, tried[0]):
+        _further(c, tried, before, _start_again(c, tried))
+    gains = [here - t.answer.score for t in tried]
+    for t, gain in zip(tried, gains, strict=True):
+        if gain > max(CLOSE * max(gains), COMING * before) and t.size > TINY and not c.data.over:
+            c.tell(f"refitting further with {t.effect.name}")
+            at, levels = t.answer.p, t.answer.noise.levels
+            t.answer = maximise(t.answer.question, at, levels, polish=False, rough=NEARBY, near=t.answer)
+    tried.sort(key=lambda t: t.answer.score)
+
+
+def _further(c: Contest, tried: list[Refitted], before: float, whom: Sequence[Refitted]) -> None:
+    """Bring on those of the best for `whom` it is asked, by prediction over windows and then by likelihood."""
     here = c.current.answer.score
     gains = [here - t.answer.score for t in tried]
-    for place, (t, gain) in enumerate(zip(tried, gains, strict=True)):
+    for place, (t, gain) in enumerate(zip(list(tried), gains, strict=True)):
         twin = alike(t.effect, tried[0].effect)
         near = place < (3 if twin else 2) and gain > (ALIKE if twin else NEAR) * gains[0]
+        near = near and gain > COMING * before and any(t is one for one in whom)
         if near and t.size > TINY and not c.data.over:
             c.tell(f"refitting with {t.effect.name}")
             led = foreseeing(t.answer, c.current.judged.horizon)
@@ -211,12 +242,6 @@ def _follow(c: Contest, tried: list[Refitted]) -> None:
             at, levels = led.p, led.noise.levels
             found = maximise(led.question, at, levels, iterations=QUICK, polish=False, near=led, goal=goal)
             t.answer = min(t.answer, found, key=lambda answer: answer.score)
-    gains = [here - t.answer.score for t in tried]
-    for t, gain in zip(tried, gains, strict=True):
-        if gain > CLOSE * max(gains) and t.size > TINY and not c.data.over:
-            c.tell(f"refitting further with {t.effect.name}")
-            at, levels = t.answer.p, t.answer.noise.levels
-            t.answer = maximise(t.answer.question, at, levels, polish=False, rough=NEARBY, near=t.answer)
     tried.sort(key=lambda t: t.answer.score)
 
 
@@ -387,6 +412,14 @@ def _unasked(c: Contest, candidate: Candidate) -> str:
     if share >= MOST:
         return ""
     return f"it clears {100 * max(share, 0):.0f} % of the error beyond the noise: where windows begin may explain that"
+
+
+def arrived(rival: Rival, led: Signature) -> bool:
+    """A confirmed rival has the values to which its effect leads from afar: a refit from there would end here."""
+    if rival.why or rival.effect is not led.effect:
+        return False
+    own = own_values(rival.effect, rival.candidate.rig, rival.candidate.answer)
+    return all(abs(own[n] - v) <= SAME * max(abs(own[n]), abs(v)) for n, v in led.values.items())
 
 
 def own_values(effect: Effect, rig: Rig, answer: Answer) -> dict[str, float]:

@@ -19,7 +19,7 @@ from optid.core.model import Model
 from optid.diagnose.candidate import ABOUT, QUIETER, Candidate, Data, Report, refitted, settled
 from optid.diagnose.judge import EXCESS, beyond_noise, brought_to_noise, cleared, compare, excess
 from optid.diagnose.lead import leads, stood
-from optid.diagnose.refit import FORM, LEVEL, MOST, TINY, Contest, Rival, cost, refit
+from optid.diagnose.refit import FORM, LEVEL, MOST, TINY, Contest, Rival, arrived, cost, refit
 from optid.diagnose.screen import Signature, screen
 from optid.diagnose.settling import likelier
 from optid.effects.effect import Effect
@@ -212,7 +212,8 @@ def _round(
     ):
         tell("where effects lead from afar")
         led = leads(current, guide, effects, data, base.rig.model)[: most or REFITS]
-        rivals = refit(contest, led, rivals) if led else rivals
+        farther = [one for one in led if not any(arrived(rival, one) for rival in rivals)]
+        rivals = refit(contest, farther, rivals) if farther else rivals
     return _Look(tuple(signatures), tuple(led), guide, tuple(rivals))
 
 

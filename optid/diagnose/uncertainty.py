@@ -10,22 +10,20 @@ may err alike.
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Sequence
 
 import numpy as np
 from scipy import stats
 
-from optid.core.model import Array, Model
-from optid.diagnose.candidate import QUICK, Candidate, Data
+from optid.core.model import Array
+from optid.diagnose.candidate import QUICK, Candidate
 from optid.diagnose.judge import numerical_settings
 from optid.diagnose.screen import LOST, Signature, View
-from optid.errors import SolveError
 from optid.fit.likelihood import run_steered
 from optid.fit.place import Answer
 from optid.fit.prediction import horizon
 from optid.fit.result import Estimate
-from optid.fit.scoring import maximise
+from optid.fit.steering import steered_fit
 
 UNNAMED = 0.5  # sd of an unnamed effect's size, in smallest sizes worth a name
 BLOCK = 0.5  # of a window: innovations within it count as one
@@ -63,20 +61,18 @@ def estimates(
     return tuple(found)
 
 
-def disagreement(model: Candidate, data: Data, plain: Model) -> Array:
+def disagreement(answer: Answer) -> Array:
     """Half-widths of 95 % intervals by the jackknife over recordings (Miller, Biometrika 61, 1974), (free,), SI.
 
-    A law of another form than the truth's comes out differently where the excitation differs.
+    A law of another form than the truth's comes out differently where the excitation differs. What the recordings say
+    without one of them is found under the answer's own gains: they are the same for all.
     """
-    q, found = model.answer.question, []
-    for number in range(len(data.train) if len(data.train) > 1 else 0):
-        rest = [recording for k, recording in enumerate(data.train) if k != number]
-        question = data.question(model.rig, plain, rest)
-        with contextlib.suppress(SolveError):
-            answer = maximise(
-                question, model.answer.p, model.answer.noise.levels, iterations=QUICK, polish=False
-            )
-            found.append(answer.p[list(q.free)])
+    q, found = answer.question, []
+    owners = np.unique(q.problem.recording)
+    for left_out in owners if len(owners) > 1 else ():
+        rest = np.flatnonzero(q.problem.recording != left_out).tolist()
+        p = steered_fit(q, answer.p, q.model, answer.filtered, QUICK, rest).p
+        found.append(p[list(q.free)])
     count = len(found)
     if count < 2:
         return np.zeros(len(q.free))

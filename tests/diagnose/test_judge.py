@@ -52,7 +52,7 @@ def test_what_the_past_cannot_tell_is_not_held_against_a_model():
     judged = judge(answer(1e-4), [recording(load=0.2)])
     assert judged.imperfection["position"] == pytest.approx(SPREAD * SINCE, rel=0.01)
     assert judged.scores["position"].rmse > 100 * SD
-    assert excess(judged, {"position": SD}) == pytest.approx(1.0, abs=0.02)
+    assert excess(judged, {"position": SD}) == pytest.approx(1.0, abs=0.1)
 
 
 def test_where_it_may_not_move_at_all_both_sides_count():

@@ -23,15 +23,18 @@ OTHERS = Parameter(
 )  # fmt: skip
 # s: keeps the equations from becoming stiff at the null; over that long any speed is about constant.
 SHORTEST = 1e-3
+# m: what a piston moves in the time by which clocks come to differ, and its sd where a record begins. Speeds instead of
+# ways would have to be known far better than they show in so short a time.
+USUAL, SPREAD = 1e-2, 5e-5
 
 
 class ClockDrift(Effect):
     """Shown at t is the position of t - r t, with t from the start of each recording.
 
     Where the position comes late and other channels do, too, all that the command does comes late: the command of r t
-    ago is taken, exactly. What the position alone comes late by is what it moved meanwhile, r t times the mean speed
-    of the last r t seconds, by Pade's approximation of second order: a piston may have broken away in between, and
-    no speed or acceleration of now tells of that. What it comes early is carried on, x - v r t + a (r t)^2 / 2.
+    ago is taken, exactly. What the position alone comes late by is what it moved in the last r t seconds, by Pade's
+    approximation of second order: a piston may have broken away in between, and no speed or acceleration of now
+    tells of that. What it comes early is carried on, x - v r t + a (r t)^2 / 2.
     """
 
     name = "clock_drift"
@@ -63,11 +66,12 @@ class ClockDrift(Effect):
         if site == "valve.input":
             return command_ago(sheet, nominal, together)
         alone, v = late - together, near["v"]
-        mean = sheet.state("mean_speed", "m/s", 0.5, spread=0.05)
-        # Of it, in the time that it is the mean of.
-        change = sheet.state("mean_change", "m/s", 0.5, spread=0.05)
         long = ca.fmax(alone, SHORTEST)
-        sheet.rate(mean, change / long)
-        sheet.rate(change, (12 * (v - mean) - 6 * change) / long)
+        longer = ca.if_else(alone > SHORTEST, sheet.param(RATE) * (1 - sheet.param(OTHERS)), 0)
+        moved = sheet.state("moved", "m", USUAL, spread=SPREAD)
+        # Of what it moved, in the time in which it did.
+        change = sheet.state("moved_change", "m", USUAL, spread=SPREAD)
+        sheet.rate(moved, (longer * moved + change) / long)
+        sheet.rate(change, (12 * (v * long - moved) + (longer - 6) * change) / long)
         early = nominal - v * alone + near.get("a", 0.0) * alone**2 / 2
-        return ca.if_else(alone > 0, nominal - alone * mean, early)
+        return ca.if_else(alone > 0, nominal - moved * alone / long, early)
