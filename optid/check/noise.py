@@ -18,6 +18,8 @@ _QUIET = 0.2  # share of stretches counted as quiet
 _COLOURS = np.linspace(0.0, 0.95, 20)
 _WHITE = 0.1  # four standard deviations of what 8 s of white noise at 1 kHz seem to have
 _MOTION = 0.93  # what remembers for longer is motion that the curves did not follow
+_HIDDEN = 0.25  # of a step: more noise than that rattles between levels at rest, too
+_MANY = 500  # differences in fast motion: fewer are mostly impacts
 _FEWEST_LEVELS = 6  # with fewer values any set looks like a grid
 
 
@@ -27,7 +29,8 @@ def noise_sd(values: Array) -> float:
     Robust to motion (differences of fourth order take out what is smooth over five samples) and to outliers
     and impacts (median of their size, which stands firm while fewer than one sample in ten is hit). A signal
     that rests between two levels of its grid shows no noise at all, yet its error is that of rounding, so the
-    result is never below grid/sqrt(12). Filtered noise hides from differences; the quietest stretches show it, see
+    result is never below grid/sqrt(12); what noise there is beside the rounding shows where it moves by a step of the
+    grid or more from sample to sample. Filtered noise hides from differences; the quietest stretches show it, see
     `quietest`.
 
     Args:
@@ -37,14 +40,21 @@ def noise_sd(values: Array) -> float:
         The standard deviation; 0 where fewer than 20 differences are whole.
     """
     step = grid(values)
-    return max(scatter(values, step), quietest(values)[0], step / math.sqrt(12))
+    least = step / math.sqrt(12)
+    beside = min(scatter(values, step, fast=True), math.hypot(least, _HIDDEN * step))
+    return max(scatter(values, step), quietest(values)[0], least, beside)
 
 
-def scatter(values: Array, step: float = 0.0) -> float:
-    """What `noise_sd` sees in the differences alone; `step` is the grid, 0 for none."""
+def scatter(values: Array, step: float = 0.0, fast: bool = False) -> float:
+    """What `noise_sd` sees in the differences alone; `step` is the grid, 0 for none.
+
+    Only in those that are `fast` if so asked, over which the signal moves by a step or more from sample to sample.
+    """
     differences = np.diff(values, _ORDER)
+    if fast:
+        differences = differences[np.abs(values[_ORDER:] - values[:-_ORDER]) >= _ORDER * step]
     differences = differences[np.isfinite(differences)]
-    if differences.size < 20:
+    if differences.size < (_MANY if fast else 20):
         return 0.0
     # On a grid the median of the sizes jumps from level to level; an even spread over one step smooths it.
     dither = step * ((np.arange(differences.size) * _GOLDEN) % 1.0 - 0.5)
