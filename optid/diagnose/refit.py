@@ -231,7 +231,7 @@ def _further(c: Contest, tried: list[Refitted], before: float, whom: Sequence[Re
     """Bring on those of the best for `whom` it is asked, by prediction over windows and then by likelihood."""
     here = c.current.answer.score
     gains = [here - t.answer.score for t in tried]
-    for place, (t, gain) in enumerate(zip(list(tried), gains, strict=True)):
+    for place, (t, gain) in enumerate(zip(tried, gains, strict=True)):
         twin = alike(t.effect, tried[0].effect)
         near = place < (3 if twin else 2) and gain > (ALIKE if twin else NEAR) * gains[0]
         near = near and gain > COMING * before and any(t is one for one in whom)

@@ -69,13 +69,13 @@ def disagreement(answer: Answer) -> Array:
     """
     q, found = answer.question, []
     owners = np.unique(q.problem.recording)
-    for left_out in owners if len(owners) > 1 else ():
+    count = len(owners)
+    if count < 2:
+        return np.zeros(len(q.free))
+    for left_out in owners:
         rest = np.flatnonzero(q.problem.recording != left_out).tolist()
         p = steered_fit(q, answer.p, q.model, answer.filtered, QUICK, rest).p
         found.append(p[list(q.free)])
-    count = len(found)
-    if count < 2:
-        return np.zeros(len(q.free))
     squares = (np.array(found) - np.mean(found, axis=0)) ** 2
     spread = np.sqrt((count - 1) / count * squares.sum(axis=0))
     return np.asarray(stats.t.ppf(0.975, count - 1) * spread)

@@ -48,14 +48,15 @@ def test_a_resting_quantised_signal_still_errs_by_rounding():
     assert noise_sd(values) >= 1e-3 / math.sqrt(12)
 
 
-@pytest.mark.parametrize("share", [0.0, 0.1, 0.16])
+@pytest.mark.parametrize("share", [0.0, 0.16, 0.2])
 def test_noise_below_the_grid_shows_in_fast_motion(share):
     """At rest neither rounding nor so little noise shows; where it moves by steps from sample to sample, both do."""
     rng = np.random.default_rng(4)
     step = 6e-5
     rests = np.where(T < 1.5, MOTION, MOTION[1500])
     found = noise_sd(np.round((rests + rng.normal(0, share * step, T.size)) / step) * step)
-    assert found == pytest.approx(step * math.hypot(share, 1 / math.sqrt(12)), rel=0.15)
+    true = step * math.hypot(share, 1 / math.sqrt(12))
+    assert 0.97 * true < found < 1.15 * true
     assert found < step * math.hypot(0.25, 1 / math.sqrt(12)) + 1e-12  # more would have shown at rest
 
 

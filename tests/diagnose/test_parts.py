@@ -677,6 +677,30 @@ def test_what_acts_seldom_counts_where_it_brings_the_windows_to_the_noise(
     assert (best is with_it) is (before > 1.2 >= after)
 
 
+@pytest.mark.parametrize("there", [True, False])
+def test_a_round_spares_what_stands_where_its_effect_leads(there, monkeypatch):
+    lag, drag = (SimpleNamespace(name=name) for name in ("lag", "drag"))
+    refits = []
+
+    def refit(contest, few, before=()):
+        refits.append([one.effect.name for one in few])
+        return [Rival(lag, Candidate((lag,), None, None, None), 900.0, None, "", hopeful=True)]
+
+    leads = [SimpleNamespace(effect=effect) for effect in (lag, drag)]
+    monkeypatch.setattr(search_of, "refit", refit)
+    monkeypatch.setattr(search_of, "leads", lambda *others: leads)
+    monkeypatch.setattr(search_of, "arrived", lambda rival, led: there and rival.effect is led.effect)
+    monkeypatch.setattr(search_of, "excess", lambda judged, noise: 9.0)
+    monkeypatch.setattr(search_of, "admitted", lambda model, own: [lag, drag])
+    for name in ("screen", "quieted", "_promising"):
+        monkeypatch.setattr(search_of, name, lambda *others: [])
+    current = Candidate((), SimpleNamespace(model=None), None, None)
+    data = Data((), (), {}, np.random.default_rng(0))
+    look = search_of._round(current, current, (), data, lambda words: None)
+    assert refits == [[], ["drag"] if there else ["lag", "drag"]]
+    assert look.led == tuple(leads)  # who led is known all the same
+
+
 def test_a_round_may_leave_an_effect_out(monkeypatch):
     both = [SimpleNamespace(name=name) for name in ("lag", "drag")]
     seen = []
@@ -737,17 +761,23 @@ def test_where_one_explains_all_only_what_resembles_it_is_tried(left, tried, mon
 def test_the_rivals_of_two_looks_take_their_turns_together(monkeypatch):
     """By likelihood: one of the second look that gains most has the first turn's half of the error rate."""
     monkeypatch.setattr(refit_of, "_reason", lambda contest, rival, place: f"turn {place}")
-    monkeypatch.setattr(refit_of, "_follow", lambda contest, tried, before: None)
+    best = []
+    monkeypatch.setattr(refit_of, "_follow", lambda contest, tried, before: best.append(before))
     monkeypatch.setattr(refit_of, "cost", lambda effect: 0.0)
     before = [
         Rival(SimpleNamespace(name=name), None, gain, SimpleNamespace(bounded_gain=0.0), "", True)
         for name, gain in (("drag", 5.0), ("lag", 900.0), ("drag", 50.0))
     ]
+    before.append(replace(before[1], effect=SimpleNamespace(name="drift"), train_gain=4.0, why="no gain"))
+    before[1] = replace(before[1], why="")
     data = Data((), (), {}, np.random.default_rng(0))
     found = refit_of.refit(refit_of.Contest(None, None, None, 4, data, lambda words: None), (), before)
     assert [(one.effect.name, one.train_gain, one.why) for one in found] == [
-        ("lag", 900.0, "turn 0"), ("drag", 50.0, "turn 1"),
+        ("lag", 900.0, "turn 0"), ("drag", 50.0, "turn 1"), ("drift", 4.0, "turn 2"),
     ]  # fmt: skip
+    assert best == [900.0]
+    refit_of.refit(refit_of.Contest(None, None, None, 4, data, lambda words: None), (), before[3:])
+    assert best[1] == 0.0  # nobody is confirmed
 
 
 @pytest.mark.parametrize(("noise_left", "settled"), [(1.1, 1), (1.5, 0)])
