@@ -510,6 +510,18 @@ def test_a_refit_that_stands_where_its_effect_leads_is_not_refitted_from_there(
     )
 
 
+def test_a_second_start_ends_where_its_goal_falls_out_of_reach(monkeypatch):
+    goals, noise = [], SimpleNamespace(levels=None)
+    answer = SimpleNamespace(question=None, noise=noise)
+    t = SimpleNamespace(effect=SimpleNamespace(qualified=dict), answer=answer, values={})
+    monkeypatch.setattr(refit_of, "placed", lambda *others: None)
+    monkeypatch.setattr(refit_of, "_scaled", lambda effect, values, much: values)
+    monkeypatch.setattr(refit_of, "likeliest", lambda question, starts: starts[0])
+    monkeypatch.setattr(refit_of, "maximise", lambda *others, goal, **more: goals.append(goal))
+    refit_of._beside(None, t, t, goal=-270.0)
+    assert goals == [-270.0]
+
+
 def test_the_air_may_go_wrong_in_both_chambers_at_once():
     tried = places(read_rig(Path(__file__).parents[2] / "data" / "bench.toml").model)
     assert ("flow.chamber_a", "flow.chamber_b") in tried and ("valve.command",) in tried
