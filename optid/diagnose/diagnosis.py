@@ -16,11 +16,11 @@ from optid.core.thinning import thinned
 from optid.diagnose.beginning import begun
 from optid.diagnose.by_simulation import by_simulation
 from optid.diagnose.candidate import Candidate, Data, fit_base, settled, widened
+from optid.diagnose.contest import LEVEL, own_values
 from optid.diagnose.disturbance import Located, locate, locate_at
 from optid.diagnose.finding import Closest, Diagnosis, Finding, Verdict
 from optid.diagnose.judge import EXCESS, cleared, compare, excess, missed
 from optid.diagnose.law import law_at
-from optid.diagnose.refit import LEVEL, own_values
 from optid.diagnose.residuals import residual_tests
 from optid.diagnose.rivals import compared, indistinguishable
 from optid.diagnose.screen import Signature, screen

@@ -12,8 +12,9 @@ from collections.abc import Sequence
 
 from optid.core.model import Array
 from optid.diagnose.candidate import Data
+from optid.diagnose.contest import Contest, Refitted, Rival, order, rival_of
 from optid.diagnose.judge import EXCESS, excess
-from optid.diagnose.refit import Contest, Refitted, Rival, order, placed, posed, rival_of
+from optid.diagnose.refit import placed, posed
 from optid.diagnose.screen import Signature
 from optid.errors import SolveError
 from optid.fit.likelihood import Noise

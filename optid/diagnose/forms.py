@@ -17,11 +17,11 @@ import numpy as np
 from optid.core.model import Array
 from optid.core.sheet import Sheet
 from optid.diagnose.candidate import Candidate
+from optid.diagnose.contest import cost
 from optid.diagnose.disturbance import Located, push
 from optid.diagnose.instrument import Instrument
 from optid.diagnose.lead import Ground
 from optid.diagnose.line import loudest
-from optid.diagnose.refit import cost
 from optid.diagnose.screen import Signature, grown
 from optid.effects.ageing import Ageing
 from optid.effects.curve import Curve, Scaling

@@ -3,15 +3,23 @@
 from __future__ import annotations
 
 import contextlib
-import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-
-from scipy import stats
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 from optid.core.model import Array
-from optid.diagnose.candidate import ABOUT, QUICK, SCANNED, Candidate, Data, centred
-from optid.diagnose.judge import EXCESS, Comparison, brought_to_noise, cleared, compare, excess, judge
+from optid.diagnose.candidate import ABOUT, QUICK, SCANNED
+from optid.diagnose.contest import (
+    Contest,
+    Refitted,
+    Rival,
+    alike,
+    foremost,
+    misfit,
+    order,
+    reason,
+    rival_of,
+)
+from optid.diagnose.judge import EXCESS, excess, judge
 from optid.diagnose.screen import Signature, grown
 from optid.effects.effect import Effect
 from optid.errors import SolveError
@@ -19,17 +27,7 @@ from optid.fit.multistep import foreseeing
 from optid.fit.place import Answer, Question
 from optid.fit.scoring import NEARBY, likeliest, maximise, middling, standing
 from optid.fit.steering import steered_fit
-from optid.rigs.rigfile import Rig
 
-LEVEL = 0.01  # of false alarms on a rig that lacks nothing, for the whole catalogue together
-WORTH = 0.04  # share by which an effect must lower the windows' error on the hold-out (physics catalogue B.3, step 5)
-# Of the squared error that the plain model began with, what an effect beside others must clear: true laws follow those
-# of the catalogue within a tenth or two of their size. One that brings the windows to the noise need not: what the
-# form of other laws leaves has no reason to end just there.
-FORM = 0.02
-# ... and one that clears most of what the laws before it left need not either: what their form leaves has no reason to
-# look like another law.
-MOST = 0.5
 FIRST = 4  # iterations that show which refits are worth more
 FAINT = 0.03  # of a signature's strength
 AGAIN = (0.5, 2.0)  # the same, where a refit from the whole of it ends at next to nothing
@@ -39,63 +37,12 @@ ALIKE = 0.3  # the same for an effect that is easily confused with the best: it 
 COMING = (
     0.5  # of the best confirmed gain before: a refit from afar below this share is not on its way to more
 )
-SAME = 0.25  # share by which own values differ at most where a refit stands where its effect leads from afar
 CLOSE = (
     0.9  # of the best gain: first refits leave up to a tenth, and rivals nearer than that are taken further
 )
 TINY = (
     0.25  # of the smallest size worth a name: what a screen or a first refit leaves below it is not followed
 )
-
-
-@dataclass(frozen=True, eq=False)
-class Rival:
-    """An effect that was refitted in a round: against the model of that round, and why it was not taken.
-
-    `hopeful` says that it fits the recordings it was given, whatever those held out say.
-    """
-
-    effect: Effect
-    candidate: Candidate
-    train_gain: float
-    against: Comparison
-    why: str
-    hopeful: bool
-
-
-@dataclass(frozen=True, eq=False)
-class Contest:
-    """What the refits of a round have in common.
-
-    Attributes:
-        base, current: the model before any effect, and the one that the round goes from.
-        guide: whose filter's gains lead first refits.
-        screened: how many effects the screen saw.
-        data: recordings.
-        tell: is told what is being done.
-    """
-
-    base: Candidate
-    current: Candidate
-    guide: Answer
-    screened: int
-    data: Data
-    tell: Callable[[str], None]
-
-
-@dataclass(eq=False)
-class Refitted:
-    """An effect on its way through a round: `values` is where the screen would have it, SI, by own name."""
-
-    effect: Effect
-    rig: Rig
-    answer: Answer
-    values: Mapping[str, float]
-
-    @property
-    def size(self) -> float:
-        """In smallest sizes worth a name."""
-        return self.effect.size(own_values(self.effect, self.rig, self.answer))
 
 
 def refit(c: Contest, few: Sequence[Signature], before: Sequence[Rival] = ()) -> list[Rival]:
@@ -132,32 +79,8 @@ def refit(c: Contest, few: Sequence[Signature], before: Sequence[Rival] = ()) ->
         likeliest_of.setdefault(rival.effect.name, rival)
     both = list(likeliest_of.values())
     if before:  # they take their turns together
-        both = [replace(rival, why=_reason(c, rival, place)) for place, rival in enumerate(both)]
-    return _foremost(sorted(both, key=order))
-
-
-def _foremost(rivals: list[Rival]) -> list[Rival]:
-    """The best first, once one is confirmed: then something is missing, and who explains more of it takes the lead.
-
-    That is one that fits better what it was given and predicts better what was held out, by likelihood and by error,
-    though few windows may carry its gain: too few for the test that has been passed already.
-    """
-    if not rivals or rivals[0].why:
-        return rivals
-    won = rivals[0]
-    better = [r for r in rivals[1:] if r.hopeful and r.why and _surpasses(r, won)]
-    if not better:
-        return rivals
-    lead = max(better, key=lambda r: r.train_gain - cost(r.effect))
-    return [replace(lead, why=""), *(r for r in rivals if r is not lead)]
-
-
-def _surpasses(one: Rival, other: Rival) -> bool:
-    return (
-        one.train_gain - cost(one.effect) > other.train_gain - cost(other.effect)
-        and one.against.bounded_gain > other.against.bounded_gain
-        and one.against.error_gain > other.against.error_gain
-    )
+        both = [replace(rival, why=reason(c, rival, place)) for place, rival in enumerate(both)]
+    return foremost(sorted(both, key=order))
 
 
 def _start_again(c: Contest, tried: list[Refitted]) -> list[Refitted]:
@@ -169,7 +92,7 @@ def _start_again(c: Contest, tried: list[Refitted]) -> list[Refitted]:
         return []
     best, again = tried[0], []
     gain = c.current.answer.score - best.answer.score
-    if _misfit(best, gain, c.screened):
+    if misfit(best, gain, c.screened):
         return []
     for t in tried:
         if (
@@ -248,49 +171,6 @@ def _further(c: Contest, tried: list[Refitted], before: float, whom: Sequence[Re
 def _settle(c: Contest, t: Refitted) -> None:
     c.tell(f"settling {t.effect.name}")
     t.answer = maximise(t.answer.question, t.answer.p, t.answer.noise.levels, near=t.answer)
-
-
-def rival_of(c: Contest, t: Refitted, place: int) -> Rival:
-    """A refitted effect against the model of its round, in its turn by likelihood."""
-    effects = (*c.current.effects, t.effect)
-    t.rig, t.answer = centred(effects, t.rig, t.answer)
-    candidate = Candidate(effects, t.rig, t.answer, judge(t.answer, c.data.holdout))
-    gain = c.current.answer.score - t.answer.score
-    against = compare(c.current.judged, candidate.judged, c.data.generator)
-    misfit = _misfit(t, gain, c.screened)
-    rival = Rival(t.effect, candidate, gain, against, misfit, not misfit)
-    return replace(rival, why=_reason(c, rival, place))
-
-
-def _reason(c: Contest, rival: Rival, place: int) -> str:
-    """Why a rival is not taken, in its turn by likelihood; empty if it may be."""
-    if not rival.hopeful:
-        return rival.why
-    why = _unproven(rival.against, place)
-    if why and rival.against.bounded_gain > 0.0:
-        # What acts seldom shows in a window or two, too few for a test over windows.
-        why = "" if brought_to_noise(c.current.judged, rival.candidate.judged, c.data.noise) else why
-    if not why and c.current.effects:
-        if excess(rival.candidate.judged, c.data.noise) > EXCESS:
-            why = _formal(c, rival.candidate)
-        elif excess(c.current.judged, c.data.noise) <= EXCESS:
-            why = _unasked(c, rival.candidate)
-    return why
-
-
-def order(rival: Rival) -> tuple[bool, float]:
-    """The best first, of two as good the one with fewer parameters; those with a reason against them last."""
-    return bool(rival.why), cost(rival.effect) - rival.train_gain - rival.against.bounded_gain
-
-
-def alike(one: Effect, other: Effect) -> bool:
-    """Either is known to be easily confused with the other."""
-    return one.name in other.look_alikes or other.name in one.look_alikes
-
-
-def cost(effect: Effect) -> float:
-    """What parameters gain by themselves in -2 log likelihood, as Schwarz's criterion has it."""
-    return len(effect.fitted) * math.log(1e4)
 
 
 def _attempt(c: Contest, signature: Signature, again: bool) -> Refitted:
@@ -373,56 +253,3 @@ def _scaled(effect: Effect, values: Mapping[str, float], factor: float) -> dict[
         name: null[name] + factor * (value - null[name]) if name in effect.strength else value
         for name, value in values.items()
     }
-
-
-def _misfit(t: Refitted, gain: float, screened: int) -> str:
-    """Why a refitted effect does not even fit the recordings it was given; empty when it does."""
-    needed = stats.chi2.isf(LEVEL / max(screened, 1), len(t.effect.fitted)) + cost(t.effect)
-    if gain < needed:
-        return f"the refit gains {gain:.0f} in -2 log likelihood where {needed:.0f} are needed"
-    if t.size < 1.0:
-        return f"the refit leaves it at {100 * t.size:.0f} % of the smallest size worth a name"
-    return ""
-
-
-def _unproven(against: Comparison, place: int) -> str:
-    """What the recordings held out have against a refitted effect; empty when they confirm it.
-
-    The refits take their turn by likelihood, and each turn has half of the hold-out's error rate that is left.
-    """
-    if against.p_value > LEVEL / 2 ** (place + 1):
-        return f"no gain on the recordings held out (p = {against.p_value:.2g})"
-    if against.error_gain < WORTH:
-        return f"held out, windows err by {100 * max(against.error_gain, 0):.1f} % less: too little to matter"
-    return ""
-
-
-def _formal(c: Contest, candidate: Candidate) -> str:
-    """Whether an effect beside others clears no more than the form of their laws may have left; empty if it does."""
-    before = cleared(c.base.judged, c.current.judged, c.data.noise)
-    more = cleared(c.base.judged, candidate.judged, c.data.noise) - before
-    if more >= min(FORM, MOST * (1.0 - before)):
-        return ""
-    return f"it clears {100 * max(more, 0):.1f} % of the first error: the form of the laws before it may leave that"
-
-
-def _unasked(c: Contest, candidate: Candidate) -> str:
-    """Whether an effect leaves most of what the pasts of windows may explain as well; empty if it takes that away."""
-    share = cleared(c.current.judged, candidate.judged, c.data.noise, imperfect=False)
-    if share >= MOST:
-        return ""
-    return f"it clears {100 * max(share, 0):.0f} % of the error beyond the noise: where windows begin may explain that"
-
-
-def arrived(rival: Rival, led: Signature) -> bool:
-    """A confirmed rival has the values to which its effect leads from afar: a refit from there would end here."""
-    if rival.why or rival.effect is not led.effect:
-        return False
-    own = own_values(rival.effect, rival.candidate.rig, rival.candidate.answer)
-    return all(abs(own[n] - v) <= SAME * max(abs(own[n]), abs(v)) for n, v in led.values.items())
-
-
-def own_values(effect: Effect, rig: Rig, answer: Answer) -> dict[str, float]:
-    """The fitted values of an effect's parameters by own name, SI."""
-    index = rig.model.index
-    return {q.name: float(answer.p[index(f"{effect.name}.{q.name}")]) for q in effect.parameters}

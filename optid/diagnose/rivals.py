@@ -15,9 +15,9 @@ import numpy as np
 
 from optid.core.model import Model
 from optid.diagnose.candidate import QUICK, Candidate, Data
+from optid.diagnose.contest import alike, cost, own_values
 from optid.diagnose.judge import Judged, compare, judge
 from optid.diagnose.lead import leads
-from optid.diagnose.refit import alike, cost, own_values
 from optid.diagnose.screen import Signature, grown
 from optid.diagnose.search import Instead, Search
 from optid.effects.effect import Effect

@@ -17,9 +17,10 @@ from scipy import stats
 
 from optid.core.model import Model
 from optid.diagnose.candidate import ABOUT, QUIETER, Candidate, Data, Report, refitted, settled
+from optid.diagnose.contest import FORM, LEVEL, MOST, Contest, Rival, arrived, cost
 from optid.diagnose.judge import EXCESS, beyond_noise, brought_to_noise, cleared, compare, excess
 from optid.diagnose.lead import leads, stood
-from optid.diagnose.refit import FORM, LEVEL, MOST, TINY, Contest, Rival, arrived, cost, refit
+from optid.diagnose.refit import TINY, refit
 from optid.diagnose.screen import Signature, screen
 from optid.diagnose.settling import likelier
 from optid.effects.effect import Effect

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from optid.diagnose.candidate import QUIETER, Candidate, Data
+from optid.diagnose.contest import LEVEL, WORTH, Contest, Rival, own_values
 from optid.diagnose.disturbance import Located, locate_at
 from optid.diagnose.finding import Finding
 from optid.diagnose.following import at_noise, led_on
@@ -18,7 +19,7 @@ from optid.diagnose.forms import curves, fitting, kind_of, levels, shared, stick
 from optid.diagnose.judge import Comparison, beyond_noise, compare
 from optid.diagnose.law import law_at
 from optid.diagnose.lead import Ground, leads
-from optid.diagnose.refit import LEVEL, WORTH, Contest, Rival, own_values, refit
+from optid.diagnose.refit import refit
 from optid.diagnose.screen import Signature
 from optid.diagnose.where import region, telling
 from optid.diagnose.words import quantity

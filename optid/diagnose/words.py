@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from optid.diagnose.contest import LEVEL
 from optid.diagnose.finding import Diagnosis, Finding, Verdict
 from optid.diagnose.judge import EXCESS, excess
-from optid.diagnose.refit import LEVEL
 from optid.effects.description import Description
 
 _FRIENDLY = {

@@ -9,8 +9,8 @@ from typing import Any
 import jinja2
 from markupsafe import Markup
 
+from optid.diagnose.contest import Rival
 from optid.diagnose.finding import Diagnosis, Finding
-from optid.diagnose.refit import Rival
 from optid.diagnose.words import quantity
 from optid.fit.result import Estimate
 from optid.report import diagnosis_figures as figures

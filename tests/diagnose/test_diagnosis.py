@@ -11,10 +11,11 @@ import pytest
 from optid.diagnose import diagnosis as diagnosis_of
 from optid.diagnose import search as search_of
 from optid.diagnose.candidate import refitted
+from optid.diagnose.contest import Contest
 from optid.diagnose.diagnosis import diagnose
 from optid.diagnose.finding import Verdict
 from optid.diagnose.judge import missed
-from optid.diagnose.refit import Contest, refit
+from optid.diagnose.refit import refit
 from optid.diagnose.search import Search, in_time
 from optid.diagnose.uncertainty import estimates
 from optid.diagnose.words import summary

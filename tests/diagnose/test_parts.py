@@ -10,14 +10,15 @@ from scipy.signal import lfilter
 
 from optid.core.recording import Channel, Recording
 from optid.diagnose import candidate as candidate_of
+from optid.diagnose import contest as contest_of
 from optid.diagnose import diagnosis as diagnosis_of
 from optid.diagnose import refit as refit_of
 from optid.diagnose import search as search_of
 from optid.diagnose.candidate import Candidate, Data, fit_base
+from optid.diagnose.contest import FORM, Rival
 from optid.diagnose.disturbance import places
 from optid.diagnose.judge import Comparison, Judged, beyond_noise, cleared, compare, excess
 from optid.diagnose.law import law_at
-from optid.diagnose.refit import FORM, Rival
 from optid.diagnose.residuals import _portmanteau
 from optid.diagnose.screen import screen
 from optid.diagnose.uncertainty import disagreement, estimates, resolution
@@ -330,8 +331,8 @@ def test_of_two_as_good_the_effect_with_fewer_parameters_leads():
         return Rival(effect, None, gain, against, "", hopeful=True)
 
     plain, rich, richer = rival(1, 1000.0), rival(2, 1001.0), rival(3, 1500.0)
-    assert sorted([rich, plain], key=refit_of.order) == [plain, rich]
-    assert sorted([plain, richer], key=refit_of.order) == [richer, plain]
+    assert sorted([rich, plain], key=contest_of.order) == [plain, rich]
+    assert sorted([plain, richer], key=contest_of.order) == [richer, plain]
 
 
 @pytest.mark.parametrize(
@@ -352,10 +353,10 @@ def test_who_explains_more_in_every_way_leads_once_something_is_confirmed(
         return Rival(effect, None, gain, Comparison(bounded, bounded, 0.01, 0.0, closer), why, hopeful)
 
     confirmed, larger = rival(1700.0, 600.0, 0.1, ""), rival(train, held_out, error, "p = 0.009", hopeful)
-    found = refit_of._foremost([confirmed, larger])
+    found = contest_of.foremost([confirmed, larger])
     assert (found[0].effect is larger.effect, found[0].why) == (leads, "")
     assert len(found) == 2
-    unconfirmed = refit_of._foremost([larger, rival(1.0, 1.0, 0.0, "p = 0.5")])
+    unconfirmed = contest_of.foremost([larger, rival(1.0, 1.0, 0.0, "p = 0.5")])
     assert unconfirmed[0] is larger and unconfirmed[0].why
 
 
@@ -372,7 +373,7 @@ def test_an_effect_that_its_refit_loses_is_tried_again_from_others(again, monkey
         return SimpleNamespace(score=scores[much], much=0.0 if much == 2.0 else much)
 
     monkeypatch.setattr(refit_of, "_started", started)
-    monkeypatch.setattr(refit_of, "own_values", lambda effect, rig, answer: {"much": answer.much})
+    monkeypatch.setattr(contest_of, "own_values", lambda effect, rig, answer: {"much": answer.much})
     monkeypatch.setattr(Data, "question", lambda self, rig, plain: SimpleNamespace(rig=rig))
     for name in ("grown", "replace"):
         monkeypatch.setattr(
@@ -501,11 +502,11 @@ def test_a_refit_that_stands_where_its_effect_leads_is_not_refitted_from_there(
     effect, candidate = SimpleNamespace(name="lag"), Candidate((), None, None, None)
     rival = Rival(effect, candidate, 900.0, None, why, hopeful=True)
     monkeypatch.setattr(
-        refit_of, "own_values", lambda effect, rig, answer: {"lag": lag, "second": second, "none": 0.0}
+        contest_of, "own_values", lambda effect, rig, answer: {"lag": lag, "second": second, "none": 0.0}
     )
     led = SimpleNamespace(effect=effect, values={"lag": 3.7e-3, "second": 0.8, "none": 0.0})
-    assert refit_of.arrived(rival, led) is there
-    assert not refit_of.arrived(
+    assert contest_of.arrived(rival, led) is there
+    assert not contest_of.arrived(
         rival, SimpleNamespace(effect=SimpleNamespace(name="other"), values=led.values)
     )
 
@@ -613,16 +614,16 @@ def test_beside_others_an_effect_must_clear_more_than_the_form_of_their_laws_lea
     current = Candidate(("large",), None, SimpleNamespace(score=1000.0), "before")
     base = Candidate((), None, None, "base")
     proof = SimpleNamespace(p_value=1e-4, error_gain=0.5, bounded_gain=9.0)
-    monkeypatch.setattr(refit_of, "judge", lambda answer, holdout: "after")
-    monkeypatch.setattr(refit_of, "centred", lambda effects, rig, answer: ((effects, "told"), answer))
-    monkeypatch.setattr(refit_of, "compare", lambda *others: proof)
+    monkeypatch.setattr(contest_of, "judge", lambda answer, holdout: "after")
+    monkeypatch.setattr(contest_of, "centred", lambda effects, rig, answer: ((effects, "told"), answer))
+    monkeypatch.setattr(contest_of, "compare", lambda *others: proof)
     monkeypatch.setattr(
-        refit_of, "cleared", lambda base, seen, noise: {"before": before, "after": after}[seen]
+        contest_of, "cleared", lambda base, seen, noise: {"before": before, "after": after}[seen]
     )
-    monkeypatch.setattr(refit_of, "excess", lambda judged, noise: {"before": ratio, "after": left}[judged])
+    monkeypatch.setattr(contest_of, "excess", lambda judged, noise: {"before": ratio, "after": left}[judged])
     data = Data((), (), {}, np.random.default_rng(0))
     contest = refit_of.Contest(base, current, None, 1, data, lambda words: None)
-    rival = refit_of.rival_of(contest, tried, 0)
+    rival = contest_of.rival_of(contest, tried, 0)
     assert rival.candidate.rig == (
         ("large", effect),
         "told",
@@ -641,14 +642,14 @@ def test_what_the_pasts_of_windows_may_explain_an_effect_beside_others_must_take
         asked.append((before, after, imperfect))
         return share
 
-    monkeypatch.setattr(refit_of, "excess", lambda judged, noise: 1.1)
-    monkeypatch.setattr(refit_of, "cleared", cleared)
+    monkeypatch.setattr(contest_of, "excess", lambda judged, noise: 1.1)
+    monkeypatch.setattr(contest_of, "cleared", cleared)
     current = Candidate(("large",), None, None, "before")
     data = Data((), (), {}, np.random.default_rng(0))
     contest = refit_of.Contest(current, current, None, 1, data, lambda words: None)
     proof = SimpleNamespace(p_value=1e-4, error_gain=0.5, bounded_gain=9.0)
     rival = Rival(None, Candidate((), None, None, "after"), 99.0, proof, "", hopeful=True)
-    why = refit_of._reason(contest, rival, 0)
+    why = contest_of.reason(contest, rival, 0)
     assert (not why) is named
     assert named or why.startswith("it clears 40 % of the error beyond the noise")
     assert asked == [("before", "after", False)]
@@ -678,8 +679,8 @@ def test_what_acts_seldom_counts_where_it_brings_the_windows_to_the_noise(
     )
     against = Comparison(gain, gain, 0.016, 0.0, 0.5)
     rival = Rival(SimpleNamespace(name="cushion", fitted=()), candidate, 900.0, against, "", hopeful=True)
-    assert (not refit_of._reason(contest, rival, 0)) is named
-    assert refit_of._reason(contest, replace(rival, why="too little", hopeful=False), 0) == "too little"
+    assert (not contest_of.reason(contest, rival, 0)) is named
+    assert contest_of.reason(contest, replace(rival, why="too little", hopeful=False), 0) == "too little"
     # It is needed later, too, though the windows that show it are few.
     effect = rival.effect
     with_it = Candidate((effect,), None, SimpleNamespace(score=-900.0), candidate.judged)
@@ -762,7 +763,7 @@ def test_where_one_explains_all_only_what_resembles_it_is_tried(left, tried, mon
     effect = SimpleNamespace(name="lost")
     lost, turns = Rival(effect, None, 0.0, SimpleNamespace(bounded_gain=0.0), "no gain", False), []
     monkeypatch.setattr(refit_of, "rival_of", lambda contest, t, turn: turns.append(turn) or lost)
-    monkeypatch.setattr(refit_of, "cost", lambda effect: 0.0)
+    monkeypatch.setattr(contest_of, "cost", lambda effect: 0.0)
     data = Data((), (), {"position": 2e-5}, np.random.default_rng(0))
     contest = refit_of.Contest(None, None, None, 4, data, lambda words: None)
     refit_of.refit(contest, few)
@@ -772,10 +773,10 @@ def test_where_one_explains_all_only_what_resembles_it_is_tried(left, tried, mon
 
 def test_the_rivals_of_two_looks_take_their_turns_together(monkeypatch):
     """By likelihood: one of the second look that gains most has the first turn's half of the error rate."""
-    monkeypatch.setattr(refit_of, "_reason", lambda contest, rival, place: f"turn {place}")
+    monkeypatch.setattr(refit_of, "reason", lambda contest, rival, place: f"turn {place}")
     best = []
     monkeypatch.setattr(refit_of, "_follow", lambda contest, tried, before: best.append(before))
-    monkeypatch.setattr(refit_of, "cost", lambda effect: 0.0)
+    monkeypatch.setattr(contest_of, "cost", lambda effect: 0.0)
     before = [
         Rival(SimpleNamespace(name=name), None, gain, SimpleNamespace(bounded_gain=0.0), "", True)
         for name, gain in (("drag", 5.0), ("lag", 900.0), ("drag", 50.0))

@@ -9,13 +9,13 @@ import pytest
 
 from optid.diagnose import unexplained
 from optid.diagnose.candidate import Data, fit_base, refitted
+from optid.diagnose.contest import own_values
 from optid.diagnose.diagnosis import diagnose
 from optid.diagnose.disturbance import Located, locate, locate_at
 from optid.diagnose.finding import Verdict
 from optid.diagnose.following import led_on
 from optid.diagnose.forms import curves, fitting, levels, shared, sticking, swelling, turned
 from optid.diagnose.judge import EXCESS, excess
-from optid.diagnose.refit import own_values
 from optid.diagnose.unexplained import _rivalling, _said, describe, look, nameless
 from optid.effects.curve import Curve
 from optid.effects.library import admitted

@@ -8,10 +8,10 @@ import pytest
 
 from optid.diagnose import unexplained
 from optid.diagnose.candidate import QUIETER, Data, fit_base
+from optid.diagnose.contest import own_values
 from optid.diagnose.disturbance import locate_at
 from optid.diagnose.lead import Ground
 from optid.diagnose.line import _explained, loudest
-from optid.diagnose.refit import own_values
 from optid.diagnose.unexplained import listen, look, nameless
 from optid.effects.wave import KNOTS, Wave
 from optid.fit.scoring import quieted
