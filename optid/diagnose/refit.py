@@ -34,15 +34,12 @@ AGAIN = (0.5, 2.0)  # the same, where a refit from the whole of it ends at next 
 SIZES = (0.5, 1.0, 1.6, 2.5)  # the same, beside parameters that have found where they belong
 NEAR = 0.8  # of the best gain: a refit below this share does not go on
 ALIKE = 0.3  # the same for an effect that is easily confused with the best: it may only have lost its way
-COMING = (
-    0.5  # of the best confirmed gain before: a refit from afar below this share is not on its way to more
-)
-CLOSE = (
-    0.9  # of the best gain: first refits leave up to a tenth, and rivals nearer than that are taken further
-)
-TINY = (
-    0.25  # of the smallest size worth a name: what a screen or a first refit leaves below it is not followed
-)
+# Of the best confirmed gain before: a refit from afar below this share is not on its way to more.
+COMING = 0.5
+# Of the best gain: first refits leave up to a tenth, and rivals nearer than that are taken further.
+CLOSE = 0.9
+# Of the smallest size worth a name: what a screen or a first refit leaves below it is not followed.
+TINY = 0.25
 
 
 def refit(c: Contest, few: Sequence[Signature], before: Sequence[Rival] = ()) -> list[Rival]:
