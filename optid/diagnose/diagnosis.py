@@ -33,6 +33,7 @@ from optid.diagnose.words import quantity, summary
 from optid.effects.effect import Effect
 from optid.effects.library import admitted
 from optid.errors import InputError
+from optid.fit.multistep import preferable
 from optid.fit.result import Estimate
 from optid.rigs.rigfile import Rig
 
@@ -158,6 +159,8 @@ def _settled(found: Search, data: Data, hurried: Data, report: Report) -> Search
     if best is rough and stands(found.base, best, data):
         report(0.94, "settling what was found")
         best = settled(rough.effects, rough.rig, rough.answer.p, rough.answer, data, found.base.rig.model)
+        if preferable(best.answer, rough.answer, rough.judged.horizon) is rough.answer:
+            best = rough
     return replace(found, best=best)
 
 

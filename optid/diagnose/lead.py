@@ -1,9 +1,7 @@
-"""Where effects lead from the values that the rig file states, under the gains of one filter.
+"""Where effects lead from a fitted model, all parameters free, under the gains of one filter.
 
-A fitted model that lacks something large has bent its parameters to make up for it: no small change from there shows
-what is missing, and searches that begin there end beside it. So effects are tried from where nothing is bent yet, all
-parameters free, by a search that goes far and costs little because gains are held. What innovations each effect leaves
-ranks it, and where it led is where its refit begins.
+Held gains make a search cheap. What innovations each effect leaves ranks it, and where it led is where its refit, or
+the turns after it, begin. What is missing altogether is looked for from `afar`.
 """
 
 from __future__ import annotations
@@ -20,8 +18,9 @@ from optid.diagnose.candidate import QUICK, Candidate, Data
 from optid.diagnose.screen import Signature, grown, heard
 from optid.effects.effect import Effect
 from optid.errors import SolveError
-from optid.fit.likelihood import FAR, Noise, huber
+from optid.fit.likelihood import FAR, Filtered, Noise, huber
 from optid.fit.place import NUDGES, Answer, Place, Question
+from optid.fit.problem import Booleans
 from optid.fit.steering import Steered, innovations, steered_fit
 from optid.rigs.rigfile import Rig
 
@@ -38,14 +37,9 @@ def leads(
     effects: Sequence[Effect],
     data: Data,
     plain: Model,
-    *,
-    near: bool = False,
     race: Sequence[tuple[int, int, int]] = RACE,
 ) -> list[Signature]:
-    """What effects gain where they lead, the most promising first.
-
-    They begin at the rig file's values, and only if nothing gains from there, as these are far off, at the fitted
-    ones; beside other effects where the guide stands, which is about where all of them belong.
+    """What effects gain where they lead from where the guide stands, the most promising first.
 
     Args:
         current: the model that they come to.
@@ -53,34 +47,35 @@ def leads(
         effects: to try.
         data: recordings.
         plain: the model as it came.
-        near: begin where the guide stands in any case.
         race: its legs, as in RACE.
     """
     q = guide.question
-    starts = [guide.p] if near or current.effects else [q.model.vector(current.rig.parameters), guide.p]
-    alone = min(steered_fit(q, start, q.model, guide.filtered, QUICK).loss for start in starts)
-    rows, first = int(np.isfinite(guide.filtered.innovations[0]).sum()), worst(guide)
-    for start in starts:
-        ground = Ground.of(current.rig, guide, data, plain, start)
-        running = [lead for effect in effects for lead in _begun(ground, effect)]
-        for leg, (evaluations, most, alike) in enumerate(race):
-            if data.over:
-                return []
-            over = None if leg else first
-            running = _ahead([lead.further(guide, evaluations, over) for lead in running], most, alike)
-        gains = [rows * (1.0 - lead.at.loss / alone) for lead in running]  # of as many squares as rows
-        if gains and gains[0] > 0.0:
-            worthy = [gain > WORTHY * gains[0] for gain in gains]
-            return [
-                lead.signature(gain) for lead, gain, good in zip(running, gains, worthy, strict=True) if good
-            ]
-    return []
+    alone = steered_fit(q, guide.p, q.model, guide.filtered, QUICK).loss
+    first = worst(guide)
+    ground = Ground.of(current.rig, guide, data, plain, guide.p)
+    running = [lead for effect in effects for lead in _begun(ground, effect)]
+    for leg, (evaluations, most, alike) in enumerate(race):
+        if data.over:
+            return []
+        over = None if leg else first
+        running = ahead(
+            [lead.further(q.model, guide.filtered, evaluations, over) for lead in running], most, alike
+        )
+    return worthy(running, alone, guide)
+
+
+def worthy(running: Sequence[Lead], alone: float, guide: Answer) -> list[Signature]:
+    """Leads, the best first, that gain over the loss of the model `alone`, and not much less than the best."""
+    rows = int(np.isfinite(guide.filtered.innovations[0]).sum())
+    gains = [rows * (1.0 - lead.at.loss / alone) for lead in running]  # of as many squares as rows
+    least = WORTHY * max([0.0, *gains])
+    return [lead.signature(gain) for lead, gain in zip(running, gains, strict=True) if gain > least]
 
 
 def stood(current: Candidate, led: Signature, guide: Answer, data: Data, plain: Model) -> Answer | None:
     """A model with an effect where it led to, its states as quiet as the guide's; ``None`` if that is no model."""
     question = data.question(grown(current.rig, led.effect), plain)
-    p = question.model.vector({**question.rig.parameters, **led.beside, **led.effect.qualified(led.values)})
+    p = question.at({**led.beside, **led.effect.qualified(led.values)})
     here = Place(question, p, Noise(question.measurement, question.groups, guide.noise.levels))
     if not math.isfinite(here.score):
         return None
@@ -130,25 +125,25 @@ class Ground:
 
     def placed(self, question: Question, own: Mapping[str, float]) -> Array:
         """All parameters of a question with an effect's `own`, by qualified name."""
-        model = question.model
-        p = model.vector(question.rig.parameters)
-        for name, value in {**self.values, **own}.items():
-            low, high = model.parameters[model.index(name)].bounds
-            p[model.index(name)] = min(max(value, low), high)
-        return p
+        return question.at({**self.values, **own})
 
     def losses(self, question: Question, P: Array) -> Array:
         """What the free parameters' linear say leaves of the innovations, by Huber's weights, (sets,)."""
         found = np.empty(len(P))
         for k, z in enumerate(innovations(question, P, self.guide.question.model, self.guide.filtered)):
-            root = np.sqrt(np.minimum(1.0, FAR / np.maximum(np.abs(z), 1e-12)))
-            step = np.linalg.lstsq(self.slopes * root[:, None], -root * z, rcond=1e-9)[0]
-            found[k] = huber(z + self.slopes @ step).sum()
+            found[k] = left(z, self.slopes)
         return found
 
 
+def left(z: Array, slopes: Array) -> float:
+    """What of scaled innovations (rows,) a linear say by these slopes (rows, free) leaves, by Huber's weights."""
+    root = np.sqrt(np.minimum(1.0, FAR / np.maximum(np.abs(z), 1e-12)))
+    step = np.linalg.lstsq(slopes * root[:, None], -root * z, rcond=1e-9)[0]
+    return float(huber(z + slopes @ step).sum())
+
+
 @dataclass(frozen=True, eq=False)
-class _Lead:
+class Lead:
     """An effect on its way, from parameters of which `beside` are not its own."""
 
     effect: Effect
@@ -156,11 +151,17 @@ class _Lead:
     beside: Sequence[str]
     at: Steered
 
-    def further(self, guide: Answer, evaluations: int, over: Sequence[int] | None = None) -> Self:
-        """The same, so many evaluations further `over` some segments; lost where it leaves the numbers."""
-        plain, f = guide.question.model, guide.filtered
+    def further(
+        self,
+        plain: Model,
+        guide: Filtered,
+        evaluations: int,
+        over: Sequence[int] | None = None,
+        looks: Booleans | None = None,
+    ) -> Self:
+        """The same, so many evaluations further, as `steered_fit` has it; lost where it leaves the numbers."""
         try:
-            at = steered_fit(self.question, self.at.p, plain, f, evaluations, over)
+            at = steered_fit(self.question, self.at.p, plain, guide, evaluations, over, looks)
         except SolveError:
             at = Steered(self.at.p, math.inf)
         return replace(self, at=at)
@@ -173,19 +174,19 @@ class _Lead:
         return Signature(self.effect, own, gain, np.zeros(0), self.effect.size(own), math.inf, beside)
 
 
-def _begun(ground: Ground, effect: Effect) -> list[_Lead]:
+def _begun(ground: Ground, effect: Effect) -> list[Lead]:
     """The branches of an effect that promise most, where they begin."""
     question = ground.data.question(grown(ground.rig, effect), ground.plain)
     branches = [effect.qualified({**effect.at_null(), **one}) for one in effect.tries(*heard(ground.guide))]
     P = np.array([ground.placed(question, branch) for branch in branches])
     losses = ground.losses(question, P)
     first = np.argsort(losses)[:BRANCHES]
-    return [_Lead(effect, question, tuple(ground.values), Steered(P[k], float(losses[k]))) for k in first]
+    return [Lead(effect, question, tuple(ground.values), Steered(P[k], float(losses[k]))) for k in first]
 
 
-def _ahead(running: list[_Lead], most: int, alike: int) -> list[_Lead]:
+def ahead(running: list[Lead], most: int, alike: int) -> list[Lead]:
     """The best of a race, so many of one effect at most."""
-    kept: list[_Lead] = []
+    kept: list[Lead] = []
     for lead in sorted(running, key=lambda one: one.at.loss):
         if len(kept) < most and sum(one.effect is lead.effect for one in kept) < alike:
             kept.append(lead)

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import contextlib
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from optid.core.model import Array
+from optid.diagnose.afar import calm
 from optid.diagnose.candidate import ABOUT, QUICK, SCANNED
 from optid.diagnose.contest import (
     Contest,
@@ -23,9 +25,9 @@ from optid.diagnose.judge import EXCESS, excess, judge
 from optid.diagnose.screen import Signature, grown
 from optid.effects.effect import Effect
 from optid.errors import SolveError
-from optid.fit.multistep import foreseeing
-from optid.fit.place import Answer, Question
-from optid.fit.scoring import NEARBY, likeliest, maximise, middling, standing
+from optid.fit.multistep import foreseeing, preferable
+from optid.fit.place import Answer, Place, Question
+from optid.fit.scoring import NEARBY, likeliest, maximise, middling
 from optid.fit.steering import steered_fit
 
 FIRST = 4  # iterations that show which refits are worth more
@@ -143,7 +145,8 @@ def _follow(c: Contest, tried: list[Refitted], before: float) -> None:
         if gain > max(CLOSE * max(gains), COMING * before) and t.size > TINY and not c.data.over:
             c.tell(f"refitting further with {t.effect.name}")
             at, levels = t.answer.p, t.answer.noise.levels
-            t.answer = maximise(t.answer.question, at, levels, polish=False, rough=NEARBY, near=t.answer)
+            found = maximise(t.answer.question, at, levels, polish=False, rough=NEARBY, near=t.answer)
+            t.answer = _chosen(c, found, t.answer)
     tried.sort(key=lambda t: t.answer.score)
 
 
@@ -161,7 +164,7 @@ def _further(c: Contest, tried: list[Refitted], before: float, whom: Sequence[Re
             goal = here - CLOSE * max(here - other.answer.score for other in tried)
             at, levels = led.p, led.noise.levels
             found = maximise(led.question, at, levels, iterations=QUICK, polish=False, near=led, goal=goal)
-            t.answer = min(t.answer, found, key=lambda answer: answer.score)
+            t.answer = _chosen(c, min(t.answer, found, key=lambda one: one.score), led)
     tried.sort(key=lambda t: t.answer.score)
 
 
@@ -220,27 +223,33 @@ def _started(c: Contest, question: Question, effect: Effect, values: Mapping[str
 
 
 def _from_afar(c: Contest, question: Question, led: Mapping[str, float]) -> Answer:
-    """From where an effect led, all parameters of it by name: brought to stand there, then a rough refit.
+    """From where windows led an effect, all parameters of it by name: a rough refit, unless it leads astray again.
 
-    Where the current model is far from there, it is likelier than that at first, by its process noise.
+    Raises:
+        SolveError: the model cannot be simulated where it led.
     """
-    p = placed(c, question, led, c.current.answer)
-    near = standing(question, p, c.guide.noise.levels, FIRST).p
+    here = Place(question, question.at(led), calm(question))
+    if not math.isfinite(here.score):
+        raise SolveError("the model leaves the numbers where its effect led")
+    here.glance()
+    near = foreseeing(here.answer(False), c.current.judged.horizon)
+    # Where the current model is far from there, it is likelier than that at first, by its process noise.
     levels = [at - by for at in (c.current.answer.noise.levels, middling(question)) for by in SCANNED]
-    best = likeliest(question, [(near, at) for at in levels])
-    return maximise(question, *best, iterations=QUICK, polish=False)
+    best = likeliest(question, [(near.p, at) for at in (near.noise.levels, *levels)])
+    found = maximise(question, *best, iterations=QUICK, polish=False)
+    return _chosen(c, found, near)
+
+
+def _chosen(c: Contest, likely: Answer, led: Answer) -> Answer:
+    """The likelier of two, unless it leads astray from where windows led and that gains as well."""
+    return likely if led.score > c.current.answer.score else preferable(likely, led, c.current.judged.horizon)
 
 
 def placed(c: Contest, question: Question, values: Mapping[str, float], source: Answer) -> Array:
     """All parameters of a question: the current model's as `source` has them, and an effect's `values`."""
-    model, other = question.model, source.question.model
-    p = model.vector(question.rig.parameters)
-    for parameter in c.current.rig.model.parameters:
-        p[model.index(parameter.name)] = source.p[other.index(parameter.name)]
-    for name, value in values.items():
-        low, high = model.parameters[model.index(name)].bounds
-        p[model.index(name)] = min(max(value, low), high)
-    return p
+    other = source.question.model
+    stands = {q.name: float(source.p[other.index(q.name)]) for q in c.current.rig.model.parameters}
+    return question.at({**stands, **values})
 
 
 def _scaled(effect: Effect, values: Mapping[str, float], factor: float) -> dict[str, float]:

@@ -118,7 +118,7 @@ def _instead(found: Search, effect: Effect, own: Sequence[Effect], data: Data) -
     if guide is None:
         return []
     empty, models = Candidate(rest, rig, guide, best.judged), []
-    led = leads(empty, guide, [effect, *others], data, base.rig.model, near=True)
+    led = leads(empty, guide, [effect, *others], data, base.rig.model)
     mine = next((one.gain for one in led if one.effect is effect), math.inf)
     rows = int(np.isfinite(guide.filtered.innovations[0]).sum())
     for one in led:

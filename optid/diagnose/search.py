@@ -16,10 +16,11 @@ from functools import partial
 from scipy import stats
 
 from optid.core.model import Model
+from optid.diagnose.afar import from_afar
 from optid.diagnose.candidate import ABOUT, QUIETER, Candidate, Data, Report, refitted, settled
 from optid.diagnose.contest import FORM, LEVEL, MOST, Contest, Rival, arrived, cost
 from optid.diagnose.judge import EXCESS, beyond_noise, brought_to_noise, cleared, compare, excess
-from optid.diagnose.lead import leads, stood
+from optid.diagnose.lead import stood
 from optid.diagnose.refit import TINY, refit
 from optid.diagnose.screen import Signature, screen
 from optid.diagnose.settling import likelier
@@ -188,34 +189,54 @@ def _round(
 ) -> _Look:
     """A look at the catalogue from a model, and refits of the `most` promising `but` one.
 
-    Where that leaves much, effects are led from `afar`; `guide` leads in place of the model itself, where that has too
-    much process noise to show the way.
+    Where much is missing, and the model may be bent, effects are first led from `afar`; where less is, only if the
+    screen shows none that explains it. `guide` leads in place of the model itself, where that has too much process
+    noise to show the way.
     """
     effects = [effect for effect in admitted(current.rig.model, own) if effect.name != but]
-    signatures, tight = screen(current.answer, data.train, effects), []
+    signatures = screen(current.answer, data.train, effects)
     if most == 0:
         return _Look(tuple(signatures), (), current.answer, ())
     much = excess(current.judged, data.noise)
     if much > EXCESS:
-        # What is missing may hide in the process noise: look with less of it, too.
         guide = guide or quieted(current.answer, QUIETER)
-        tight = screen(guide, data.train, effects)
     # Few samples of a slow plant never tell a bent model from a right one.
-    guide, few = guide or current.answer, data.misfit is not None
-    afar = afar and (much > ABOUT or few)
+    guide, bent = guide or current.answer, much > ABOUT or data.misfit is not None
     contest = Contest(base, current, guide, len(signatures), data, tell)
-    rivals = refit(contest, _promising(signatures, tight)[: most or (SECOND if afar else None)])
     led: list[Signature] = []
+    rivals: list[Rival] = []
+
+    def lead() -> None:
+        tell("where effects lead from afar")
+        led.extend(from_afar(current, guide, effects, data, base.rig.model)[: most or REFITS])
+        farther = [one for one in led if not any(arrived(rival, one) for rival in rivals)]
+        rivals[:] = refit(contest, farther, rivals) if farther else rivals
+
+    if afar and bent:
+        lead()
+    if not _explained(rivals, data):
+        # What is missing may hide in the process noise: look with less of it, too.
+        tight = [] if guide is current.answer else screen(guide, data.train, effects)
+        near = _promising(signatures, tight)[: most or (SECOND if led else None)]
+        near = [
+            one for one in near if not any(rival.hopeful and rival.effect is one.effect for rival in rivals)
+        ]
+        rivals[:] = refit(contest, near, rivals) if near else rivals
     if (
         afar
+        and not bent
+        and much > EXCESS
+        and most is None
+        and not _explained(rivals, data)
         and not data.over
-        and (few or all(one.why or excess(one.candidate.judged, data.noise) > ABOUT for one in rivals))
     ):
-        tell("where effects lead from afar")
-        led = leads(current, guide, effects, data, base.rig.model)[: most or REFITS]
-        farther = [one for one in led if not any(arrived(rival, one) for rival in rivals)]
-        rivals = refit(contest, farther, rivals) if farther else rivals
+        lead()
     return _Look(tuple(signatures), tuple(led), guide, tuple(rivals))
+
+
+def _explained(rivals: Sequence[Rival], data: Data) -> bool:
+    """One is confirmed that leaves nothing."""
+    return any(not one.why and excess(one.candidate.judged, data.noise) <= EXCESS for one in rivals)
 
 
 def in_time(rival: Rival, data: Data) -> Rival:

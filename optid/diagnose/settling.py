@@ -17,7 +17,7 @@ from optid.core.model import Array
 from optid.diagnose.candidate import Candidate, Data
 from optid.diagnose.judge import EXCESS, excess, judge
 from optid.errors import SolveError
-from optid.fit.multistep import foreseeing, misses
+from optid.fit.multistep import foreseeing, misses, preferable
 from optid.fit.place import Answer
 from optid.fit.scoring import ENOUGH, maximise, standing
 
@@ -31,13 +31,14 @@ def likelier(found: Candidate, data: Data) -> Candidate:
     if excess(found.judged, data.noise) <= EXCESS or data.misfit is not None or data.over:
         return found
     answer = _asked(found, data)
-    led = foreseeing(answer, found.judged.horizon)
+    seconds = found.judged.horizon
+    led = foreseeing(answer, seconds)
     if led is answer:
         return found
     with contextlib.suppress(SolveError):  # so little process noise may not hold the model to the data
         quiet = standing(led.question, led.p, led.noise.levels - CALMER, STANDING)
         other = maximise(led.question, quiet.p, quiet.noise.levels)
-        if other.score < found.answer.score - ENOUGH:
+        if other.score < found.answer.score - ENOUGH and preferable(other, led, seconds) is other:
             return _with(found, other, data)
     return found
 

@@ -151,7 +151,7 @@ def _turned(there: Look, compete: Callable[..., list[Rival]]) -> Look:
 
 
 def _race(c: Contest, forms: Sequence[Description], race: Sequence[tuple[int, int, int]]) -> list[Signature]:
-    return leads(c.current, c.guide, forms, c.data, c.base.rig.model, near=True, race=race)
+    return leads(c.current, c.guide, forms, c.data, c.base.rig.model, race=race)
 
 
 def _further(led: Signature, rivals: Sequence[Rival]) -> Signature:

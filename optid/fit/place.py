@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -55,6 +55,15 @@ class Question:
     def over(self) -> bool:
         """The time for searches is over."""
         return time.monotonic() > self.until
+
+    def at(self, values: Mapping[str, float]) -> Array:
+        """All parameters: the rig's own, but these values by name, within what the model allows, (parameters,)."""
+        model = self.model
+        p = model.vector(self.rig.parameters)
+        for name, value in values.items():
+            low, high = model.parameters[model.index(name)].bounds
+            p[model.index(name)] = min(max(value, low), high)
+        return p
 
 
 @dataclass(frozen=True, eq=False)

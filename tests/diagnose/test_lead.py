@@ -1,14 +1,12 @@
-"""Where effects lead under held gains: from values that are far off, past a fit that is bent, on the trolley."""
+"""Where effects lead from a fit under held gains, on the trolley."""
 
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from optid.diagnose import refit as refit_of
 from optid.diagnose.candidate import QUIETER, Data, fit_base, refitted
-from optid.diagnose.lead import RACE, _ahead, leads, stood, worst
+from optid.diagnose.lead import RACE, ahead, leads, stood, worst
 from optid.effects.library import admitted
 from optid.errors import SolveError
 from optid.fit.likelihood import FAR
@@ -110,8 +108,8 @@ def test_a_race_takes_few_of_one_effect_and_the_best_of_all():
         SimpleNamespace(effect=effect, at=Steered(np.zeros(1), loss))
         for effect, loss in ((lag, 1.0), (drag, 9.0), (lag, 2.0), (drag, 5.0), (lag, 3.0))
     ]
-    assert [one.at.loss for one in _ahead(running, 3, 2)] == [1.0, 2.0, 5.0]
-    assert [one.at.loss for one in _ahead(running, 9, 1)] == [1.0, 5.0]
+    assert [one.at.loss for one in ahead(running, 3, 2)] == [1.0, 2.0, 5.0]
+    assert [one.at.loss for one in ahead(running, 9, 1)] == [1.0, 5.0]
 
 
 def test_a_lead_that_leaves_the_numbers_falls_behind(worn, monkeypatch):
@@ -140,59 +138,6 @@ def test_effects_lead_on_beside_one_with_states_of_its_own(worn):
     ahead = leads(beside, guide, admitted(beside.rig.model), data, plain)
     assert ahead[0].effect.name == "saturation@drive.command"
     assert f"{found.name}.width" in ahead[0].beside
-
-
-def test_a_refit_begins_where_its_effect_led(worn):
-    base, guide, data = worn
-    plain = base.rig.model
-    led = leads(base, guide, admitted(plain), data, plain)[0]
-    contest = refit_of.Contest(base, base, guide, 30, data, lambda words: None)
-    found = refit_of._attempt(contest, led, again=False).answer
-    assert found.score < base.answer.score - 500.0
-    model = found.question.model
-    limit = model.index("saturation@drive.command.limit")
-    assert found.p[limit] == pytest.approx(0.4, rel=0.01)
-    lost = led.effect.qualified(led.values) | {"gain": 50.0, "drag": 0.01}
-    assert refit_of._from_afar(contest, found.question, lost).p[limit] == pytest.approx(0.4, rel=0.05)
-
-
-@pytest.mark.parametrize(("again", "score", "longer"), [(True, 5.0, 1), (True, -5.0, 0), (False, 5.0, 0)])
-def test_the_best_lead_is_refitted_until_it_stands(worn, again, score, longer, monkeypatch):
-    base, guide, data = worn
-    plain = base.rig.model
-    led = leads(base, guide, admitted(plain), data, plain)[0]
-    there = SimpleNamespace(p=None, noise=SimpleNamespace(levels=None), score=base.answer.score + score)
-    calls = []
-
-    def maximise(question, p, levels, **others):
-        calls.append(others)
-        return "stood"
-
-    monkeypatch.setattr(refit_of, "_from_afar", lambda *others: there)
-    monkeypatch.setattr(refit_of, "maximise", maximise)
-    contest = refit_of.Contest(base, base, guide, 30, data, lambda words: None)
-    found = refit_of._attempt(contest, led, again)
-    assert (found.answer == "stood", len(calls)) == (bool(longer), longer)
-
-
-def test_where_the_rig_files_values_are_far_off_effects_lead_from_the_fitted_ones(worn):
-    """A gain of 40 where 3 is right, held there: nothing that leads from the rig file's values gains."""
-    base, guide, data = worn
-    plain = base.rig.model
-    starts = []
-
-    def held(question, p, *others):
-        starts.append(p[question.model.index("gain")])
-        far = starts[-1] > 30.0
-        return Steered(p, 1e9) if far else steered_fit(question, p, *others)
-
-    stated = replace(base.rig, parameters={**base.rig.parameters, "gain": 40.0})
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("optid.diagnose.lead.steered_fit", held)
-        found = leads(replace(base, rig=stated), guide, admitted(plain), data, plain)
-    assert starts[0] == starts[2] == 40.0  # both starts alone, then the effects from the first
-    assert found[0].effect.name == "saturation@drive.command"
-    assert found[0].beside["gain"] == pytest.approx(TRUTH["gain"], rel=0.02)
 
 
 def test_a_search_takes_no_slopes_that_no_step_follows(worn, monkeypatch):

@@ -61,6 +61,12 @@ def test_windows_lead_to_the_likelier_top(sound, astray):
     assert excess(found.judged, data.noise) <= EXCESS
 
 
+def test_a_likelier_top_is_left_where_windows_miss_more_than_they_led_to(sound, astray, monkeypatch):
+    _, data = sound
+    monkeypatch.setattr("optid.diagnose.settling.preferable", lambda likely, led, seconds: led)
+    assert likelier(astray, data) is astray
+
+
 def test_no_time_nothing_is_settled(sound, astray):
     _, data = sound
     hurried = replace(data, until=0.0)

@@ -8,7 +8,7 @@ import pytest
 from optid.core.simulation import simulate
 from optid.fit import multistep
 from optid.fit.likelihood import WHOLE, run_filter, run_steered
-from optid.fit.multistep import foreseeing, misses, windows
+from optid.fit.multistep import ASTRAY, foreseeing, misses, preferable, windows
 from optid.fit.place import Answer
 from optid.fit.problem import pose
 from optid.fit.scoring import _start, maximise, question_of
@@ -124,3 +124,22 @@ def test_a_search_that_leaves_the_numbers_leaves_the_answer(asked, monkeypatch):
 
     monkeypatch.setattr(multistep, "steered_fit", lost)
     assert foreseeing(answer, SECONDS) is answer
+
+
+@pytest.mark.parametrize(
+    ("likely", "missed", "taken"),
+    [
+        (-9.0, 1.0, "likely"),
+        (-9.0, 1.0 / (1.0 - ASTRAY) - 0.01, "likely"),
+        (-9.0, 1.0 / (1.0 - ASTRAY) + 0.01, "led"),  # it is likelier by process noise alone
+        (1.0, 0.5, "led"),
+    ],
+)
+def test_of_two_answers_the_likelier_counts_unless_its_windows_are_led_astray(
+    likely, missed, taken, asked, monkeypatch
+):
+    q, p = asked
+    led = at(q, p, -4.0)
+    other = replace(led, score=led.score + likely)
+    monkeypatch.setattr(multistep, "misses", lambda answer, seconds: 1.0 if answer is led else missed)
+    assert preferable(other, led, SECONDS) is (other if taken == "likely" else led)

@@ -1,0 +1,198 @@
+"""Where effects lead from afar: a race by what short windows miss, each model by the gains of its own filter.
+
+A fitted model that lacks something large has bent its parameters and its process noise to make up for it: no small
+change from there shows what is missing, and prediction from sample to sample hardly errs. Over a tenth of a second in
+which nothing is corrected a wrong law adds up and noise cannot stand in for it; yet that is short enough for even
+parameters that are far off to show the way. An effect that is at work soon misses a fraction of what others do.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from optid.core.model import Array, Model
+from optid.diagnose.candidate import Candidate, Data
+from optid.diagnose.judge import EXCESS, excess, judge
+from optid.diagnose.lead import Lead, ahead, left, worst, worthy
+from optid.diagnose.screen import Signature, grown, heard
+from optid.effects.effect import Effect
+from optid.errors import SolveError
+from optid.fit.likelihood import Filtered, Noise, deviance, run_filter
+from optid.fit.multistep import windows
+from optid.fit.place import LEVELS, NUDGES, Answer, Place, Question
+from optid.fit.problem import Booleans
+from optid.fit.scoring import middling
+from optid.fit.steering import Steered, innovations, steered_fit
+
+SHORT = 0.2  # of the windows that models are judged by
+CALM = 2.0  # log: by how much less process noise than a middling one the filters have
+# The race: evaluations of each lead, how many go on, and how many of one effect. The first leg, and the look before it
+# at every branch of every effect, run over the recording in which most is missing, those that are left over all.
+BEGUN, OF_ONE = 32, 2
+RACE = ((3, 12, 2), (5, 5, 1), (10, 5, 1))
+# Of effects that are worth it, how many branches together are brought on if what the race found leaves something: they
+# end on tops of their own, and which is the highest shows only there. The legs of each, over all recordings: by short
+# windows, or whole ones, so many evaluations.
+BRANCHES = 6
+TO_ONE_TOP = ((True, 5), (True, 10))
+TO_ITS_END = ((False, 10), (False, 10))
+
+
+def from_afar(
+    current: Candidate, guide: Answer, effects: Sequence[Effect], data: Data, plain: Model
+) -> list[Signature]:
+    """What effects gain where they lead, the most promising first.
+
+    They begin where the guide stands and, as that may be bent, at the rig file's values; beside other effects only
+    where the guide stands, which is about where all of them belong.
+
+    Args:
+        current: the model that they come to.
+        guide: of the same model.
+        effects: to try.
+        data: recordings.
+        plain: the model as it came.
+    """
+    q = guide.question
+    starts = [guide.p] if current.effects else [guide.p, q.model.vector(current.rig.parameters)]
+    seconds, first = current.judged.horizon, worst(guide)
+    looks, whole = windows(q.problem, SHORT * seconds), windows(q.problem, seconds)
+    begun: list[Lead] = []
+    running: list[Lead] = []
+    for start in starts:
+        ground = _Ground.of(guide, start, first, looks)
+        if ground is not None:
+            begun += (there := ground.begun(current, guide, effects, data, plain))
+            running += ahead(there, BEGUN, OF_ONE)
+    alone = min(_alone(guide, start, looks) for start in starts)
+    for leg, (evaluations, most, alike) in enumerate(RACE):
+        if data.over:
+            return []
+        over = None if leg else first
+        running = ahead(
+            [_further(lead, evaluations, over, looks) for lead in running if not data.over], most, alike
+        )
+    found = worthy(running, alone, guide)
+    best: list[Signature] = []
+    for signature in found:
+        lead = next(one for one in running if one.effect is signature.effect)
+        others = ahead([one for one in begun if one.effect is lead.effect], BRANCHES // len(found), BRANCHES)
+        best.append(_best(lead, others, looks, whole, data).signature(signature.gain))
+    return best
+
+
+def _best(lead: Lead, others: Sequence[Lead], looks: Booleans, whole: Booleans, data: Data) -> Lead:
+    """Where an effect led, brought to its end by whole windows; by other branches too, if that leaves something."""
+    best = _brought(lead, TO_ITS_END, looks, whole)
+    for other in others:
+        if data.over or _arrived(best, data):
+            break
+        best = min(best, _brought(other, TO_ONE_TOP + TO_ITS_END, looks, whole), key=lambda one: one.at.loss)
+    return best
+
+
+def _brought(lead: Lead, legs: Sequence[tuple[bool, int]], looks: Booleans, whole: Booleans) -> Lead:
+    for short, evaluations in legs:
+        lead = _further(lead, evaluations, None, looks if short else whole)
+    return lead
+
+
+def _arrived(lead: Lead, data: Data) -> bool:
+    """Its windows held out are at the noise."""
+    here = Place(lead.question, lead.at.p, calm(lead.question))
+    if not math.isfinite(here.score):
+        return False
+    here.glance()
+    return excess(judge(here.answer(False), data.holdout), data.noise) <= EXCESS
+
+
+def calm(q: Question) -> Noise:
+    """Process noise so small that what is missing is not taken for it, and filters still hold models to the data."""
+    return Noise(q.measurement, q.groups, np.maximum(middling(q) - CALM, LEVELS[0]))
+
+
+@dataclass(frozen=True, eq=False)
+class _Ground:
+    """Where leads begin: values of the parameters there, by name, and slopes by the free ones, in typical sizes."""
+
+    values: Mapping[str, float]
+    slopes: Array
+    over: Sequence[int]
+    looks: Booleans
+
+    @classmethod
+    def of(cls, guide: Answer, start: Array, over: Sequence[int], looks: Booleans) -> Self | None:
+        """At a start, (parameters,), by windows in some segments; ``None`` if the model leaves the numbers there."""
+        q, free = guide.question, list(guide.question.free)
+        P = np.tile(start, (len(free) + 1, 1))
+        steps = np.where(start[free] + NUDGES[1] * q.typical > q.high, -NUDGES[1], NUDGES[1])
+        P[range(1, len(P)), free] += steps * q.typical
+        (held,) = _filters(q, start[None], over)
+        if held is None:
+            return None
+        here, *others = innovations(q, P, q.model, held, over, looks)
+        values = dict(zip((one.name for one in q.model.parameters), start.tolist(), strict=True))
+        return cls(values, ((np.array(others) - here) / steps[:, None]).T, over, looks)
+
+    def begun(
+        self, current: Candidate, guide: Answer, effects: Iterable[Effect], data: Data, plain: Model
+    ) -> list[Lead]:
+        """Every branch of every effect, by what windows miss once the other parameters have had their linear say."""
+        leads: list[Lead] = []
+        for effect in effects:
+            if data.over:
+                break
+            question = data.question(grown(current.rig, effect), plain)
+            branches = effect.tries(*heard(guide))
+            P = np.array(
+                [
+                    question.at({**self.values, **effect.qualified({**effect.at_null(), **one})})
+                    for one in branches
+                ]
+            )
+            for p, held in zip(P, _filters(question, P, self.over), strict=True):
+                if held is not None:
+                    z = innovations(question, p[None], question.model, held, self.over, self.looks)[0]
+                    leads.append(Lead(effect, question, tuple(self.values), Steered(p, left(z, self.slopes))))
+        return leads
+
+
+def _filters(q: Question, P: Array, over: Sequence[int] | None = None) -> list[Filtered | None]:
+    """Calm filters of parameter sets, the measurement's own variances in them; ``None`` for what leaves the numbers."""
+    noise = calm(q)
+    Q, R = (np.tile(one, (len(P), 1)) for one in (noise.spectrum(len(q.model.states)), noise.measurement))
+    f = run_filter(q.model, q.problem, P, Q, R, keep=True, only=over)
+    known = np.isfinite(deviance(f.innovations, f.variances).sum(axis=-1))
+    return [
+        Filtered(
+            f.innovations[k : k + 1], np.broadcast_to(noise.measurement, f.variances[:1].shape),
+            f.states[k : k + 1], f.gains[k : k + 1], f.covariances, f.tolerance[k : k + 1],
+        )
+        if good else None
+        for k, good in enumerate(known)
+    ]  # fmt: skip
+
+
+def _further(lead: Lead, evaluations: int, over: Sequence[int] | None, looks: Booleans) -> Lead:
+    (held,) = _filters(lead.question, lead.at.p[None], over)
+    if held is None:
+        return Lead(lead.effect, lead.question, lead.beside, Steered(lead.at.p, math.inf))
+    return lead.further(lead.question.model, held, evaluations, over, looks)
+
+
+def _alone(guide: Answer, start: Array, looks: Booleans) -> float:
+    """What windows of the model without any of the effects miss, as far as it gets in a race."""
+    p, loss = start, math.inf
+    for evaluations, *_ in RACE[1:]:
+        (held,) = _filters(guide.question, p[None])
+        if held is None:
+            return loss
+        with contextlib.suppress(SolveError):
+            p, loss = steered_fit(guide.question, p, guide.question.model, held, evaluations, looks=looks)
+    return loss

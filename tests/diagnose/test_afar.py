@@ -1,0 +1,212 @@
+"""Where effects lead from afar, by windows: past a fit that is bent, from values that are far off, on the trolley."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from optid.diagnose import afar
+from optid.diagnose import refit as refit_of
+from optid.diagnose.afar import BRANCHES, RACE, calm, from_afar
+from optid.diagnose.candidate import QUIETER, Data, fit_base, refitted
+from optid.diagnose.judge import EXCESS, excess, judge
+from optid.diagnose.lead import Lead
+from optid.effects.library import admitted
+from optid.errors import SolveError
+from optid.fit.multistep import windows
+from optid.fit.place import Place
+from optid.fit.scoring import middling, quieted
+from optid.fit.steering import Steered, steered_fit
+from tests.diagnose.trolley import TRUTH, recording, rig
+
+
+def limited(command):
+    return np.clip(command, -0.4, 0.4)
+
+
+@pytest.fixture(scope="module")
+def worn(tmp_path_factory):
+    """Recordings of a trolley whose push is limited, the fit of a model without that, and the same made quiet."""
+    train = tuple(recording(seed, f"run{seed}.csv", limited) for seed in (1, 2))
+    data = Data(train, train[:1], {"position": 5e-4}, np.random.default_rng(0))
+    base = fit_base(rig(tmp_path_factory.mktemp("trolley")), data, lambda share, words: None)
+    return base, quieted(base.answer, QUIETER), data
+
+
+@pytest.fixture(scope="module")
+def first(worn):
+    base, guide, data = worn
+    return from_afar(base, guide, admitted(base.rig.model), data, base.rig.model)[0]
+
+
+def test_the_effect_at_work_leads_farthest_and_to_the_truth(worn):
+    base, guide, data = worn
+    plain = base.rig.model
+    bent = base.answer.p[plain.index("gain")]
+    assert abs(bent / TRUTH["gain"] - 1.0) > 0.1
+    found = from_afar(base, guide, admitted(plain), data, plain)
+    assert found[0].effect.name == "saturation@drive.command"
+    assert found[0].values["limit"] == pytest.approx(0.4, rel=0.02)
+    assert {name: found[0].beside[name] for name in TRUTH} == pytest.approx(TRUTH, rel=0.02)
+    gains = [one.gain for one in found]
+    assert gains == sorted(gains, reverse=True)
+    assert gains[0] > 0.9 * np.isfinite(guide.filtered.innovations[0]).sum()
+
+
+def test_a_refit_begins_where_its_effect_led(worn, first):
+    base, guide, data = worn
+    contest = refit_of.Contest(base, base, guide, 30, data, lambda words: None)
+    found = refit_of._attempt(contest, first, again=False).answer
+    assert found.score < base.answer.score - 500.0
+    model = found.question.model
+    limit = model.index("saturation@drive.command.limit")
+    assert found.p[limit] == pytest.approx(0.4, rel=0.01)
+    lost = {**first.beside, **first.effect.qualified(first.values)} | {"gain": 3.6, "drag": 1.0}
+    assert refit_of._from_afar(contest, found.question, lost).p[limit] == pytest.approx(0.4, rel=0.05)
+
+
+@pytest.mark.parametrize(("again", "score", "longer"), [(True, 5.0, 1), (True, -5.0, 0), (False, 5.0, 0)])
+def test_the_best_lead_is_refitted_until_it_stands(worn, first, again, score, longer, monkeypatch):
+    base, guide, data = worn
+    there = SimpleNamespace(p=None, noise=SimpleNamespace(levels=None), score=base.answer.score + score)
+    calls = []
+
+    def maximise(question, p, levels, **others):
+        calls.append(others)
+        return "stood"
+
+    monkeypatch.setattr(refit_of, "_from_afar", lambda *others: there)
+    monkeypatch.setattr(refit_of, "maximise", maximise)
+    contest = refit_of.Contest(base, base, guide, 30, data, lambda words: None)
+    found = refit_of._attempt(contest, first, again)
+    assert (found.answer == "stood", len(calls)) == (bool(longer), longer)
+
+
+def test_a_refit_that_likelihood_leads_astray_stays_where_windows_led(worn, monkeypatch):
+    """A score that is better and windows that miss far more: that is process noise, not the law."""
+    base, guide, data = worn
+    contest = refit_of.Contest(base, base, guide, 30, data, lambda words: None)
+    led, likely = (SimpleNamespace(score=base.answer.score - by) for by in (10.0, 90.0))
+    missed = {id(led): 100.0, id(likely): 105.0}
+    monkeypatch.setattr("optid.fit.multistep.misses", lambda answer, seconds: missed[id(answer)])
+    assert refit_of._chosen(contest, likely, led) is likely
+    missed[id(likely)] = 120.0
+    assert refit_of._chosen(contest, likely, led) is led
+    led.score = base.answer.score + 1.0  # worse than without it: that names nothing
+    assert refit_of._chosen(contest, likely, led) is likely
+
+
+@pytest.mark.parametrize("far", ["stated", "fitted"])
+def test_effects_begin_from_both_starts_and_one_may_be_far_off(worn, far):
+    """A gain of 40 where 3 is right, held there: nothing gains from it, be it the file's or the fit's."""
+    base, guide, data = worn
+    plain, starts = base.rig.model, set()
+
+    def held(question, p, *others, **named):
+        gain = p[question.model.index("gain")]
+        starts.add(gain > 30.0)
+        return Steered(p, 1e9) if gain > 30.0 else steered_fit(question, p, *others, **named)
+
+    if far == "stated":
+        base = replace(base, rig=replace(base.rig, parameters={**base.rig.parameters, "gain": 40.0}))
+    else:
+        p = guide.p.copy()
+        p[plain.index("gain")] = 40.0
+        guide = replace(guide, p=p)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("optid.diagnose.lead.steered_fit", held)
+        patch.setattr("optid.diagnose.afar.steered_fit", held)
+        found = from_afar(base, guide, admitted(plain), data, plain)
+    assert starts == {True, False}
+    assert found[0].effect.name == "saturation@drive.command"
+    assert found[0].beside["gain"] == pytest.approx(TRUTH["gain"], rel=0.02)
+
+
+def test_beside_another_effect_leads_begin_where_both_belong(worn):
+    base, _, data = worn
+    plain = base.rig.model
+    found = next(e for e in admitted(plain) if e.name == "hysteresis@drive.command")
+    beside = refitted(base.rig, (found,), base, data, plain)
+    guide = quieted(beside.answer, QUIETER)
+    led = from_afar(beside, guide, admitted(beside.rig.model), data, plain)
+    assert led[0].effect.name == "saturation@drive.command"
+    assert f"{found.name}.width" in led[0].beside
+
+
+def test_the_legs_of_a_race_run_over_one_recording_and_then_over_all(worn, monkeypatch):
+    base, guide, data = worn
+    ran = []
+
+    def watched(question, p, plain, held, evaluations, over=None, looks=None):
+        ran.append((evaluations, over is not None, int(looks.sum())))
+        return steered_fit(question, p, plain, held, evaluations, over, looks)
+
+    monkeypatch.setattr("optid.diagnose.lead.steered_fit", watched)
+    from_afar(base, guide, admitted(base.rig.model), data, base.rig.model)
+    (begun, *_), *_ = RACE
+    assert {over for count, over, _ in ran if count == begun} == {True}
+    assert {over for count, over, _ in ran if count != begun} == {False}
+    short, whole = (
+        int(windows(guide.question.problem, share * base.judged.horizon).sum()) for share in (afar.SHORT, 1.0)
+    )
+    assert {looks for *_, looks in ran} == {short, whole}
+    assert ran[-1][2] == whole
+
+
+@pytest.mark.parametrize(("arrives", "brought"), [(0, 0), (2, 2), (99, BRANCHES)])
+def test_other_branches_are_brought_on_until_one_arrives_and_the_best_is_kept(arrives, brought, monkeypatch):
+    ended = iter([9.0, 8.0, 5.0, 7.0, 6.0, 4.0, 3.0])
+    looked = []
+    monkeypatch.setattr(
+        afar, "_brought", lambda lead, *others: replace(lead, at=Steered(lead.at.p, next(ended)))
+    )
+    monkeypatch.setattr(afar, "_arrived", lambda lead, data: looked.append(lead) or len(looked) > arrives)
+    lead = Lead(SimpleNamespace(), SimpleNamespace(), (), Steered(np.zeros(1), 1.0))
+    data = SimpleNamespace(over=False)
+    best = afar._best(lead, [lead] * BRANCHES, None, None, data)
+    assert best.at.loss == min([9.0, 8.0, 5.0, 7.0, 6.0, 4.0, 3.0][: brought + 1])
+
+
+def test_a_lead_arrives_where_its_windows_held_out_are_at_the_noise(worn, first):
+    base, guide, data = worn
+    question = data.question(afar.grown(base.rig, first.effect), base.rig.model)
+    p = question.at({**first.beside, **first.effect.qualified(first.values)})
+    names = tuple(first.beside)
+    assert afar._arrived(Lead(first.effect, question, names, Steered(p, 1.0)), data)
+    assert not afar._arrived(Lead(first.effect, guide.question, names, Steered(guide.p, 1.0)), data)
+    here = Place(guide.question, guide.p, calm(guide.question))
+    here.glance()
+    assert excess(judge(here.answer(False), data.holdout), data.noise) > EXCESS
+
+
+def test_filters_of_a_race_are_calm_and_weigh_by_the_measurement_alone(worn):
+    base, guide, _ = worn
+    q = guide.question
+    assert calm(q).levels == pytest.approx(middling(q) - afar.CALM)
+    P = np.array([guide.p, base.rig.model.vector(base.rig.parameters)])
+    for p, held in zip(P, afar._filters(q, P), strict=True):
+        own = Place(q, p, calm(q)).filtered
+        assert held.gains == pytest.approx(own.gains)
+        assert held.innovations == pytest.approx(own.innovations, nan_ok=True)
+        assert (held.variances == q.measurement).all()
+
+
+def test_a_lead_that_leaves_the_numbers_falls_behind(worn, first, monkeypatch):
+    base, guide, data = worn
+    plain = base.rig.model
+
+    def lost(question, *others, **named):
+        if any(q.name.startswith("saturation@drive.command") for q in question.model.parameters):
+            raise SolveError("the simulation leaves the numbers")
+        return steered_fit(question, *others, **named)
+
+    monkeypatch.setattr("optid.diagnose.lead.steered_fit", lost)
+    names = [one.effect.name for one in from_afar(base, guide, admitted(plain), data, plain)]
+    assert first.effect.name not in names
+
+
+def test_nothing_leads_when_the_time_is_over(worn):
+    base, guide, data = worn
+    plain = base.rig.model
+    assert from_afar(base, guide, admitted(plain), replace(data, until=0.0), plain) == []
