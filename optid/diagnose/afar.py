@@ -37,9 +37,9 @@ CALM = 2.0  # log: by how much less process noise than a middling one the filter
 BEGUN, OF_ONE = 32, 2
 RACE = ((3, 12, 2), (5, 5, 1), (10, 5, 1))
 # Of effects that are worth it, how many branches together are brought on if what the race found leaves something: they
-# end on tops of their own, and which is the highest shows only there. The legs of each, over all recordings: by short
-# windows, or whole ones, so many evaluations.
-BRANCHES = 6
+# end on tops of their own, and which is the highest shows only there. It ends where so many in a row miss hardly less
+# than the best. The legs of each, over all recordings: by short windows, or whole ones, so many evaluations.
+BRANCHES, PATIENCE, HIGHER = 6, 2, 0.05
 TO_ONE_TOP = ((True, 5), (True, 10))
 TO_ITS_END = ((False, 10), (False, 10))
 
@@ -89,11 +89,13 @@ def from_afar(
 
 def _best(lead: Lead, others: Sequence[Lead], looks: Booleans, whole: Booleans, data: Data) -> Lead:
     """Where an effect led, brought to its end by whole windows; by other branches too, if that leaves something."""
-    best = _brought(lead, TO_ITS_END, looks, whole)
+    best, lower = _brought(lead, TO_ITS_END, looks, whole), 0
     for other in others:
-        if data.over or _arrived(best, data):
+        if data.over or lower == PATIENCE or (lower == 0 and _arrived(best, data)):
             break
-        best = min(best, _brought(other, TO_ONE_TOP + TO_ITS_END, looks, whole), key=lambda one: one.at.loss)
+        there = _brought(other, TO_ONE_TOP + TO_ITS_END, looks, whole)
+        lower = 0 if there.at.loss < (1.0 - HIGHER) * best.at.loss else lower + 1
+        best = min(best, there, key=lambda one: one.at.loss)
     return best
 
 

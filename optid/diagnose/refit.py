@@ -170,7 +170,8 @@ def _further(c: Contest, tried: list[Refitted], before: float, whom: Sequence[Re
 
 def _settle(c: Contest, t: Refitted) -> None:
     c.tell(f"settling {t.effect.name}")
-    t.answer = maximise(t.answer.question, t.answer.p, t.answer.noise.levels, near=t.answer)
+    found = maximise(t.answer.question, t.answer.p, t.answer.noise.levels, near=t.answer)
+    t.answer = _chosen(c, found, t.answer)
 
 
 def _attempt(c: Contest, signature: Signature, again: bool) -> Refitted:

@@ -154,18 +154,25 @@ def test_the_legs_of_a_race_run_over_one_recording_and_then_over_all(worn, monke
     assert ran[-1][2] == whole
 
 
-@pytest.mark.parametrize(("arrives", "brought"), [(0, 0), (2, 2), (99, BRANCHES)])
-def test_other_branches_are_brought_on_until_one_arrives_and_the_best_is_kept(arrives, brought, monkeypatch):
-    ended = iter([9.0, 8.0, 5.0, 7.0, 6.0, 4.0, 3.0])
-    looked = []
+@pytest.mark.parametrize(
+    ("losses", "arrives", "kept", "brought"),
+    [
+        ([9.0, 5.0], 9.0, 9.0, 1),  # at the noise already
+        ([9.0, 5.0, 4.0, 1.0], 4.0, 4.0, 3),
+        ([9.0, 8.8, 8.7, 1.0], 0.0, 8.7, 3),  # two in a row miss hardly less
+        ([9.0, 9.5, 6.0, 7.0, 3.0, 4.0, 2.0, 1.0], 0.0, 2.0, 7),
+    ],
+)
+def test_other_branches_are_brought_on_while_that_leads_anywhere(losses, arrives, kept, brought, monkeypatch):
+    ended = iter(losses)
     monkeypatch.setattr(
         afar, "_brought", lambda lead, *others: replace(lead, at=Steered(lead.at.p, next(ended)))
     )
-    monkeypatch.setattr(afar, "_arrived", lambda lead, data: looked.append(lead) or len(looked) > arrives)
+    monkeypatch.setattr(afar, "_arrived", lambda lead, data: lead.at.loss <= arrives)
     lead = Lead(SimpleNamespace(), SimpleNamespace(), (), Steered(np.zeros(1), 1.0))
-    data = SimpleNamespace(over=False)
-    best = afar._best(lead, [lead] * BRANCHES, None, None, data)
-    assert best.at.loss == min([9.0, 8.0, 5.0, 7.0, 6.0, 4.0, 3.0][: brought + 1])
+    best = afar._best(lead, [lead] * BRANCHES, None, None, SimpleNamespace(over=False))
+    assert best.at.loss == kept
+    assert list(ended) == losses[brought:]
 
 
 def test_a_lead_arrives_where_its_windows_held_out_are_at_the_noise(worn, first):
