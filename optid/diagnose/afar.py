@@ -45,7 +45,14 @@ TO_ITS_END = ((False, 10), (False, 10))
 
 
 def from_afar(
-    current: Candidate, guide: Answer, effects: Sequence[Effect], data: Data, plain: Model
+    current: Candidate,
+    guide: Answer,
+    effects: Sequence[Effect],
+    data: Data,
+    plain: Model,
+    *,
+    near: bool = False,
+    race: Sequence[tuple[int, int, int]] = RACE,
 ) -> list[Signature]:
     """What effects gain where they lead, the most promising first.
 
@@ -58,9 +65,11 @@ def from_afar(
         effects: to try.
         data: recordings.
         plain: the model as it came.
+        near: begin only where the guide stands in any case.
+        race: its legs, as in RACE.
     """
     q = guide.question
-    starts = [guide.p] if current.effects else [guide.p, q.model.vector(current.rig.parameters)]
+    starts = [guide.p] if near or current.effects else [guide.p, q.model.vector(current.rig.parameters)]
     seconds, first = current.judged.horizon, worst(guide)
     looks, whole = windows(q.problem, SHORT * seconds), windows(q.problem, seconds)
     begun: list[Lead] = []
@@ -70,21 +79,21 @@ def from_afar(
         if ground is not None:
             begun += (there := ground.begun(current, guide, effects, data, plain))
             running += ahead(there, BEGUN, OF_ONE)
-    alone = min(_alone(guide, start, looks) for start in starts)
-    for leg, (evaluations, most, alike) in enumerate(RACE):
+    for leg, (evaluations, most, alike) in enumerate(race):
         if data.over:
             return []
         over = None if leg else first
         running = ahead(
             [_further(lead, evaluations, over, looks) for lead in running if not data.over], most, alike
         )
-    found = worthy(running, alone, guide)
-    best: list[Signature] = []
+    alone = [_alone(guide, start, looks, whole) for start in starts]
+    found = worthy(running, min(short for short, _ in alone), guide)
+    best: list[Lead] = []
     for signature in found:
         lead = next(one for one in running if one.effect is signature.effect)
         others = ahead([one for one in begun if one.effect is lead.effect], BRANCHES // len(found), BRANCHES)
-        best.append(_best(lead, others, looks, whole, data).signature(signature.gain))
-    return best
+        best.append(_best(lead, others, looks, whole, data))
+    return worthy(ahead(best, len(best), 1), min(long for _, long in alone), guide)
 
 
 def _best(lead: Lead, others: Sequence[Lead], looks: Booleans, whole: Booleans, data: Data) -> Lead:
@@ -188,13 +197,16 @@ def _further(lead: Lead, evaluations: int, over: Sequence[int] | None, looks: Bo
     return lead.further(lead.question.model, held, evaluations, over, looks)
 
 
-def _alone(guide: Answer, start: Array, looks: Booleans) -> float:
-    """What windows of the model without any of the effects miss, as far as it gets in a race."""
-    p, loss = start, math.inf
-    for evaluations, *_ in RACE[1:]:
-        (held,) = _filters(guide.question, p[None])
-        if held is None:
-            return loss
-        with contextlib.suppress(SolveError):
-            p, loss = steered_fit(guide.question, p, guide.question.model, held, evaluations, looks=looks)
-    return loss
+def _alone(guide: Answer, start: Array, looks: Booleans, whole: Booleans) -> tuple[float, float]:
+    """What short windows and whole ones of the model without any of the effects miss, as far as it gets."""
+    q = guide.question
+    p, found = start, []
+    for legs in (TO_ONE_TOP, TO_ITS_END):
+        loss = math.inf
+        for short, evaluations in legs:
+            (held,) = _filters(q, p[None])
+            if held is not None:
+                with contextlib.suppress(SolveError):
+                    p, loss = steered_fit(q, p, q.model, held, evaluations, looks=looks if short else whole)
+        found.append(loss)
+    return found[0], found[1]

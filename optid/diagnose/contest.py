@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
+import numpy as np
 from scipy import stats
 
 from optid.diagnose.candidate import Candidate, Data, centred
@@ -64,12 +65,16 @@ class Contest:
 
 @dataclass(eq=False)
 class Refitted:
-    """An effect on its way through a round: `values` is where the screen would have it, SI, by own name."""
+    """An effect on its way through a round: `values` is where the screen would have it, SI, by own name.
+
+    `foreseen` is what its windows gain, where that counts as well as likelihood, in its units: for what describes.
+    """
 
     effect: Effect
     rig: Rig
     answer: Answer
     values: Mapping[str, float]
+    foreseen: float = -math.inf
 
     @property
     def size(self) -> float:
@@ -106,7 +111,7 @@ def rival_of(c: Contest, t: Refitted, place: int) -> Rival:
     effects = (*c.current.effects, t.effect)
     t.rig, t.answer = centred(effects, t.rig, t.answer)
     candidate = Candidate(effects, t.rig, t.answer, judge(t.answer, c.data.holdout))
-    gain = c.current.answer.score - t.answer.score
+    gain = max(c.current.answer.score - t.answer.score, t.foreseen)
     against = compare(c.current.judged, candidate.judged, c.data.generator)
     why = misfit(t, gain, c.screened)
     rival = Rival(t.effect, candidate, gain, against, why, hopeful=not why)
@@ -130,8 +135,12 @@ def reason(c: Contest, rival: Rival, place: int) -> str:
 
 
 def order(rival: Rival) -> tuple[bool, float]:
-    """The best first, of two as good the one with fewer parameters; those with a reason against them last."""
-    return bool(rival.why), cost(rival.effect) - rival.train_gain - rival.against.bounded_gain
+    """The best first, of two as good the one with fewer parameters; those with a reason against them last.
+
+    Less than a unit of likelihood says nothing.
+    """
+    price = cost(rival.effect) - rival.train_gain - rival.against.bounded_gain
+    return bool(rival.why), float(np.round(price))
 
 
 def alike(one: Effect, other: Effect) -> bool:

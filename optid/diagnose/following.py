@@ -10,15 +10,19 @@ import contextlib
 import math
 from collections.abc import Sequence
 
+import numpy as np
+
 from optid.core.model import Array
+from optid.diagnose.afar import calm
 from optid.diagnose.candidate import Data
 from optid.diagnose.contest import Contest, Refitted, Rival, order, rival_of
 from optid.diagnose.judge import EXCESS, excess
-from optid.diagnose.refit import placed, posed
+from optid.diagnose.refit import chosen, placed, posed
 from optid.diagnose.screen import Signature
 from optid.errors import SolveError
 from optid.fit.likelihood import Noise
-from optid.fit.place import Place
+from optid.fit.multistep import foreseeing, misses
+from optid.fit.place import Answer, Place, Question
 from optid.fit.scoring import NEARBY, likeliest, middling
 from optid.fit.steering import steered_fit
 
@@ -51,7 +55,7 @@ def at_noise(rival: Rival, data: Data) -> bool:
 
 
 def _turning(c: Contest, signature: Signature) -> Refitted:
-    """An effect from where it led, along the gains of its own filter, at every turn as quiet as is likeliest.
+    """An effect from where it led, by whole windows and along the gains of its own filter, as quiet as is likeliest.
 
     Not every turn is likelier than the one before: where a model is far off, the way leads through worse places.
 
@@ -60,13 +64,13 @@ def _turning(c: Contest, signature: Signature) -> Refitted:
     """
     effect, here, question = signature.effect, c.current.answer, posed(c, signature)
     p = placed(c, question, {**signature.beside, **effect.qualified(signature.values)}, here)
-    calm = [at - by for at in (here.noise.levels, middling(question)) for by in CALM]
+    levels = [at - by for at in (here.noise.levels, middling(question)) for by in CALM]
 
     def stand(p: Array) -> Place:
-        p, levels = likeliest(question, [(p, at) for at in calm])
-        return Place(question, p, Noise(question.measurement, question.groups, levels))
+        p, level = likeliest(question, [(p, at) for at in levels])
+        return Place(question, p, Noise(question.measurement, question.groups, level))
 
-    best = there = stand(p)
+    first = best = there = stand(_foreseen(question, p, c.current.judged.horizon))
     if not math.isfinite(best.score):
         raise SolveError("the model leaves the numbers where it led")
     worse = 0
@@ -82,5 +86,28 @@ def _turning(c: Contest, signature: Signature) -> Refitted:
                 worse += 1
             if 0.0 <= won < NEARBY * abs(here.score - best.score):
                 break
-    best.glance()
-    return Refitted(effect, question.rig, best.answer(False), signature.values)
+    first.glance()
+    if best is not first:
+        best.glance()
+    answer = chosen(c, best.answer(False), first.answer(False))
+    return Refitted(effect, question.rig, answer, signature.values, _gained(c, answer))
+
+
+def _gained(c: Contest, answer: Answer) -> float:
+    """What whole windows of the recordings to fit gain; each counts once, as what they miss lasts all through them.
+
+    A form that is not nature's may predict far better and be less likely for it: where it jumps a moment too late, the
+    filter is surprised, and process noise is not.
+    """
+    seconds = c.current.judged.horizon
+    length = max(seconds / float(np.median(answer.question.problem.dt)), 1.0)
+    return 2.0 * (misses(c.current.answer, seconds) - misses(answer, seconds)) / length
+
+
+def _foreseen(question: Question, p: Array, seconds: float) -> Array:
+    """Where whole windows lead from there; there itself if that is no model in so little process noise."""
+    here = Place(question, p, calm(question))
+    if not math.isfinite(here.score):
+        return p
+    here.glance()
+    return foreseeing(here.answer(False), seconds).p

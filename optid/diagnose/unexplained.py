@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from optid.diagnose.afar import from_afar
 from optid.diagnose.candidate import QUIETER, Candidate, Data
 from optid.diagnose.contest import LEVEL, WORTH, Contest, Rival, own_values
 from optid.diagnose.disturbance import Located, locate_at
@@ -18,7 +19,7 @@ from optid.diagnose.following import at_noise, led_on
 from optid.diagnose.forms import curves, fitting, kind_of, levels, shared, sticking, swelling, turned, waves
 from optid.diagnose.judge import Comparison, beyond_noise, compare
 from optid.diagnose.law import law_at
-from optid.diagnose.lead import Ground, leads
+from optid.diagnose.lead import Ground
 from optid.diagnose.refit import refit
 from optid.diagnose.screen import Signature
 from optid.diagnose.where import region, telling
@@ -28,9 +29,9 @@ from optid.effects.effect import Effect
 from optid.fit.scoring import quieted
 
 DRAWN = 2  # curves that are followed
-# Their race, as in lead.RACE: curves have many parameters, so that a leg is dear, and few lead anywhere. They begin
+# Their race, as in afar.RACE: curves have many parameters, so that a leg is dear, and few lead anywhere. They begin
 # where the fitted model stands: from far away the first steps of so many parameters tell nothing.
-CURVES = ((5, 10, 1), (5, 4, 1), (12, DRAWN, 1))
+CURVES = ((3, 6, 1), (6, 3, 1), (12, DRAWN, 1))
 SWELLED = ((10, 4, 1), (8, 2, 1), (12, 1, 1))  # of one of them in proportion to several signals
 SOURCES = {"flow": "flow.supply"}  # where waves come from that show at a kind of site
 ASIDE = 2  # places beside the best at which a description is looked for
@@ -102,7 +103,7 @@ def look(
     forms = fitting(current.rig, lasting.values())
     contest = Contest(base, current, quieted(current.answer, QUIETER), len(forms), data, tell)
     led = [one for best in _race(contest, forms, CURVES) for one in _swelled(contest, best)]
-    led = sorted(led, key=lambda one: -one.gain)
+    led = _ordered(led, [kind_of(one.site) for one in likely])
     return _turned(Look(sites, likely, contest, led, led_on(contest, led)), led_on)
 
 
@@ -150,8 +151,23 @@ def _turned(there: Look, compete: Callable[..., list[Rival]]) -> Look:
     return replace(there, rivals=compete(c, _race(c, other, SWELLED), there.rivals))
 
 
+def _ordered(led: Sequence[Signature], kinds: Sequence[str]) -> list[Signature]:
+    """The best first; of those about as good the one where the mismatch lies rather than elsewhere.
+
+    What a command is given too little a force may give as well, and who arrives first leaves the others nothing.
+    """
+    best = max((one.gain for one in led), default=0.0)
+
+    def place(one: Signature) -> tuple[bool, int, float]:
+        kind = kind_of(one.effect.sites[0])
+        where = kinds.index(kind) if kind in kinds else len(kinds)
+        return one.gain < (1.0 - WORTH) * best, where, -one.gain
+
+    return sorted(led, key=place)
+
+
 def _race(c: Contest, forms: Sequence[Description], race: Sequence[tuple[int, int, int]]) -> list[Signature]:
-    return leads(c.current, c.guide, forms, c.data, c.base.rig.model, race=race)
+    return from_afar(c.current, c.guide, forms, c.data, c.base.rig.model, near=True, race=race)
 
 
 def _further(led: Signature, rivals: Sequence[Rival]) -> Signature:

@@ -1,5 +1,6 @@
 """The parts of a diagnosis: comparison by blocks, residual tests, ranges of signals, words."""
 
+import math
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -446,7 +447,7 @@ def test_who_comes_far_short_of_what_is_confirmed_is_not_followed(before, follow
     monkeypatch.setattr(refit_of, "foreseeing", lambda answer, horizon: answer)
     monkeypatch.setattr(refit_of, "_explains_all", lambda contest, best: False)
     monkeypatch.setattr(refit_of, "_start_again", lambda contest, tried: [])
-    monkeypatch.setattr(refit_of, "_chosen", lambda contest, likely, led: likely)
+    monkeypatch.setattr(refit_of, "chosen", lambda contest, likely, led: likely)
     current = Candidate((), None, SimpleNamespace(score=0.0), SimpleNamespace(horizon=0.5))
     data = Data((), (), {}, np.random.default_rng(0))
     contest = refit_of.Contest(current, current, None, 1, data, lambda words: None)
@@ -476,7 +477,7 @@ def test_look_alikes_start_again_only_where_the_best_leaves_something(whole, ask
         tried.insert(1, late)
         return [late]
 
-    monkeypatch.setattr(refit_of, "_chosen", lambda contest, likely, led: likely)
+    monkeypatch.setattr(refit_of, "chosen", lambda contest, likely, led: likely)
     monkeypatch.setattr(refit_of, "maximise", maximise)
     monkeypatch.setattr(refit_of, "foreseeing", lambda answer, horizon: answer)
     monkeypatch.setattr(refit_of, "_explains_all", lambda contest, best: whole)
@@ -618,7 +619,7 @@ def test_beside_others_an_effect_must_clear_more_than_the_form_of_their_laws_lea
 ):
     effect = SimpleNamespace(name="small", fitted=(), look_alikes=())
     answer = SimpleNamespace(score=0.0)
-    tried = SimpleNamespace(effect=effect, rig=None, answer=answer, size=5.0)
+    tried = SimpleNamespace(effect=effect, rig=None, answer=answer, size=5.0, foreseen=-math.inf)
     current = Candidate(("large",), None, SimpleNamespace(score=1000.0), "before")
     base = Candidate((), None, None, "base")
     proof = SimpleNamespace(p_value=1e-4, error_gain=0.5, bounded_gain=9.0)

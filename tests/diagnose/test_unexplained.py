@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from optid.diagnose import unexplained
+from optid.diagnose import following, unexplained
 from optid.diagnose.candidate import Data, fit_base, refitted
 from optid.diagnose.contest import own_values
 from optid.diagnose.diagnosis import diagnose
@@ -20,11 +20,12 @@ from optid.diagnose.unexplained import _rivalling, _said, describe, look, namele
 from optid.effects.curve import Curve
 from optid.effects.library import admitted
 from optid.effects.relaxation import Relaxation
+from optid.fit.multistep import misses
 from optid.report.diagnosis_document import diagnosis_document
 from optid.report.diagnosis_page import diagnosis_page
 from optid.rigs.rigfile import read_rig, with_effects, write_rig
 from tests.diagnose.describing import description
-from tests.diagnose.trolley import SD, recording, rig
+from tests.diagnose.trolley import RATE, SD, recording, rig
 
 
 def wavy(u):
@@ -147,6 +148,16 @@ def test_an_answer_holds_the_curve_and_no_name(tmp_path):
         in found.summary
     )
     assert "through it what describes it" in diagnosis_page(found)
+
+
+def test_of_forms_about_as_good_the_one_where_the_mismatch_lies_is_followed_first():
+    def led(site, gain):
+        return SimpleNamespace(effect=SimpleNamespace(sites=(site,)), gain=gain)
+
+    force, drive, poor = led("drag.force", 990.0), led("drive.command", 970.0), led("drive.command", 900.0)
+    assert unexplained._ordered([poor, force, drive], ["drive", "drag"]) == [drive, force, poor]
+    assert unexplained._ordered([poor, force, drive], ["sensor", "drag"]) == [force, drive, poor]
+    assert unexplained._ordered([], ["drive"]) == []
 
 
 def test_a_curve_over_what_the_plant_declares_only_later_is_left_out(tmp_path):
@@ -301,6 +312,22 @@ def test_the_best_form_is_turned_where_windows_err_beyond_the_noise(described, m
     rivals = look(base, base, [site], less, lambda words: None).rivals
     assert rivals[0].effect.name == "curve@drive.command@command"
     assert (other.name in [rival.effect.name for rival in rivals]) is turns
+
+
+def test_what_predicts_better_describes_even_where_it_is_less_likely(described, monkeypatch):
+    """A level that jumps a moment late surprises the filter, which process noise does not; windows hardly mind."""
+    base, data, site, _ = described
+    (first, *_), less = look(base, base, [site], data, lambda words: None).led, 1e5
+    likely = replace(base, answer=replace(base.answer, score=base.answer.score - less))
+    contest = replace(look(base, base, [site], data, lambda words: None).contest, current=likely)
+    (rival,) = led_on(contest, [first])
+    assert likely.answer.score < rival.candidate.answer.score and not rival.why
+    seconds = base.judged.horizon
+    missed = [misses(one, seconds) for one in (base.answer, rival.candidate.answer)]
+    assert rival.train_gain == pytest.approx(2.0 * (missed[0] - missed[1]) / (seconds * RATE), rel=1e-6)
+    monkeypatch.setattr(following, "misses", lambda answer, seconds: 1.0)
+    (rival,) = led_on(contest, [first])
+    assert rival.why.startswith("the refit gains 0 in -2 log likelihood")
 
 
 def over(forms, along):
