@@ -65,7 +65,7 @@ def from_afar(
         effects: to try.
         data: recordings.
         plain: the model as it came.
-        near: begin only where the guide stands in any case.
+        near: begin only where the guide stands in any case, and end where the race does.
         race: its legs, as in RACE.
     """
     q = guide.question
@@ -86,14 +86,15 @@ def from_afar(
         running = ahead(
             [_further(lead, evaluations, over, looks) for lead in running if not data.over], most, alike
         )
-    alone = [_alone(guide, start, looks, whole) for start in starts]
-    found = worthy(running, min(short for short, _ in alone), guide)
+    alone = _alone(guide, looks, whole)
+    found = worthy(running, alone[0], guide)
     best: list[Lead] = []
     for signature in found:
         lead = next(one for one in running if one.effect is signature.effect)
-        others = ahead([one for one in begun if one.effect is lead.effect], BRANCHES // len(found), BRANCHES)
+        branches = [] if near else [one for one in begun if one.effect is lead.effect]
+        others = ahead(branches, BRANCHES // len(found), BRANCHES)
         best.append(_best(lead, others, looks, whole, data))
-    return worthy(ahead(best, len(best), 1), min(long for _, long in alone), guide)
+    return worthy(ahead(best, len(best), 1), alone[1], guide)
 
 
 def _best(lead: Lead, others: Sequence[Lead], looks: Booleans, whole: Booleans, data: Data) -> Lead:
@@ -197,10 +198,10 @@ def _further(lead: Lead, evaluations: int, over: Sequence[int] | None, looks: Bo
     return lead.further(lead.question.model, held, evaluations, over, looks)
 
 
-def _alone(guide: Answer, start: Array, looks: Booleans, whole: Booleans) -> tuple[float, float]:
+def _alone(guide: Answer, looks: Booleans, whole: Booleans) -> tuple[float, float]:
     """What short windows and whole ones of the model without any of the effects miss, as far as it gets."""
     q = guide.question
-    p, found = start, []
+    p, found = guide.p, []
     for legs in (TO_ONE_TOP, TO_ITS_END):
         loss = math.inf
         for short, evaluations in legs:
