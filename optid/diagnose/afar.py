@@ -19,13 +19,13 @@ import numpy as np
 from optid.core.model import Array, Model
 from optid.diagnose.candidate import Candidate, Data
 from optid.diagnose.judge import EXCESS, excess, judge
-from optid.diagnose.lead import Lead, ahead, left, worst, worthy
+from optid.diagnose.lead import Lead, ahead, left, sloped, worst, worthy
 from optid.diagnose.screen import Signature, grown, heard
 from optid.effects.effect import Effect
 from optid.errors import SolveError
 from optid.fit.likelihood import Filtered, Noise, deviance, run_filter
 from optid.fit.multistep import windows
-from optid.fit.place import LEVELS, NUDGES, Answer, Place, Question
+from optid.fit.place import LEVELS, Answer, Place, Question
 from optid.fit.problem import Booleans
 from optid.fit.scoring import middling
 from optid.fit.steering import Steered, innovations, steered_fit
@@ -141,16 +141,13 @@ class _Ground:
     @classmethod
     def of(cls, guide: Answer, start: Array, over: Sequence[int], looks: Booleans) -> Self | None:
         """At a start, (parameters,), by windows in some segments; ``None`` if the model leaves the numbers there."""
-        q, free = guide.question, list(guide.question.free)
-        P = np.tile(start, (len(free) + 1, 1))
-        steps = np.where(start[free] + NUDGES[1] * q.typical > q.high, -NUDGES[1], NUDGES[1])
-        P[range(1, len(P)), free] += steps * q.typical
+        q = guide.question
         (held,) = _filters(q, start[None], over)
         if held is None:
             return None
-        here, *others = innovations(q, P, q.model, held, over, looks)
+        slopes = sloped(q, start, lambda P: innovations(q, P, q.model, held, over, looks))
         values = dict(zip((one.name for one in q.model.parameters), start.tolist(), strict=True))
-        return cls(values, ((np.array(others) - here) / steps[:, None]).T, over, looks)
+        return cls(values, slopes, over, looks)
 
     def begun(
         self, current: Candidate, guide: Answer, effects: Iterable[Effect], data: Data, plain: Model

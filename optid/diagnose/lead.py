@@ -7,7 +7,7 @@ the turns after it, begin. What is missing altogether is looked for from `afar`.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -115,13 +115,9 @@ class Ground:
     def of(cls, rig: Rig, guide: Answer, data: Data, plain: Model, start: Array) -> Self:
         """At a start, (parameters,)."""
         q = guide.question
-        free = list(q.free)
-        P = np.tile(start, (len(free) + 1, 1))
-        steps = np.where(start[free] + NUDGES[1] * q.typical > q.high, -NUDGES[1], NUDGES[1])
-        P[range(1, len(P)), free] += steps * q.typical
-        here, *others = innovations(q, P, q.model, guide.filtered)
+        slopes = sloped(q, start, lambda P: innovations(q, P, q.model, guide.filtered))
         values = dict(zip((one.name for one in q.model.parameters), start.tolist(), strict=True))
-        return cls(rig, guide, data, plain, values, ((np.array(others) - here) / steps[:, None]).T)
+        return cls(rig, guide, data, plain, values, slopes)
 
     def placed(self, question: Question, own: Mapping[str, float]) -> Array:
         """All parameters of a question with an effect's `own`, by qualified name."""
@@ -133,6 +129,19 @@ class Ground:
         for k, z in enumerate(innovations(question, P, self.guide.question.model, self.guide.filtered)):
             found[k] = left(z, self.slopes)
         return found
+
+
+def sloped(q: Question, start: Array, seen: Callable[[Array], Array]) -> Array:
+    """Slopes of innovations by the free parameters in typical sizes at a start, (measured, free).
+
+    `seen` gives them for parameter sets (sets, parameters), (sets, measured).
+    """
+    free = list(q.free)
+    P = np.tile(start, (len(free) + 1, 1))
+    steps = np.where(start[free] + NUDGES[1] * q.typical > q.high, -NUDGES[1], NUDGES[1])
+    P[range(1, len(P)), free] += steps * q.typical
+    here, *others = seen(P)
+    return np.asarray(((np.array(others) - here) / steps[:, None]).T)
 
 
 def left(z: Array, slopes: Array) -> float:

@@ -9,7 +9,7 @@ import pytest
 from optid.diagnose import afar
 from optid.diagnose import refit as refit_of
 from optid.diagnose.afar import BRANCHES, RACE, calm, from_afar
-from optid.diagnose.candidate import QUIETER, Data, fit_base, refitted
+from optid.diagnose.candidate import QUIETER, refitted
 from optid.diagnose.judge import EXCESS, excess, judge
 from optid.diagnose.lead import Lead
 from optid.effects.library import admitted
@@ -18,20 +18,13 @@ from optid.fit.multistep import windows
 from optid.fit.place import Place
 from optid.fit.scoring import middling, quieted
 from optid.fit.steering import Steered, steered_fit
-from tests.diagnose.trolley import TRUTH, recording, rig
-
-
-def limited(command):
-    return np.clip(command, -0.4, 0.4)
+from tests.diagnose import trolley
+from tests.diagnose.trolley import TRUTH
 
 
 @pytest.fixture(scope="module")
 def worn(tmp_path_factory):
-    """Recordings of a trolley whose push is limited, the fit of a model without that, and the same made quiet."""
-    train = tuple(recording(seed, f"run{seed}.csv", limited) for seed in (1, 2))
-    data = Data(train, train[:1], {"position": 5e-4}, np.random.default_rng(0))
-    base = fit_base(rig(tmp_path_factory.mktemp("trolley")), data, lambda share, words: None)
-    return base, quieted(base.answer, QUIETER), data
+    return trolley.worn(tmp_path_factory.mktemp("trolley"))
 
 
 @pytest.fixture(scope="module")

@@ -5,27 +5,20 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from optid.diagnose.candidate import QUIETER, Data, fit_base, refitted
+from optid.diagnose.candidate import QUIETER, refitted
 from optid.diagnose.lead import RACE, ahead, leads, stood, worst
 from optid.effects.library import admitted
 from optid.errors import SolveError
 from optid.fit.likelihood import FAR
 from optid.fit.scoring import quieted
 from optid.fit.steering import Steered, innovations, steered_fit
-from tests.diagnose.trolley import TRUTH, recording, rig
-
-
-def limited(command):
-    return np.clip(command, -0.4, 0.4)
+from tests.diagnose import trolley
+from tests.diagnose.trolley import TRUTH
 
 
 @pytest.fixture(scope="module")
 def worn(tmp_path_factory):
-    """Recordings of a trolley whose push is limited, the fit of a model without that, and the same made quiet."""
-    train = tuple(recording(seed, f"run{seed}.csv", limited) for seed in (1, 2))
-    data = Data(train, train[:1], {"position": 5e-4}, np.random.default_rng(0))
-    base = fit_base(rig(tmp_path_factory.mktemp("trolley")), data, lambda share, words: None)
-    return base, quieted(base.answer, QUIETER), data
+    return trolley.worn(tmp_path_factory.mktemp("trolley"))
 
 
 def test_the_effect_at_work_leads_farthest_and_to_the_truth(worn):

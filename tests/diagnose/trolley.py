@@ -10,6 +10,8 @@ import numpy as np
 
 from optid.core.parameter import Parameter
 from optid.core.recording import Channel, Recording
+from optid.diagnose.candidate import QUIETER, Data, fit_base
+from optid.fit.scoring import quieted
 from optid.rigs.rigfile import read_rig
 
 GAIN = Parameter("gain", "m/s**2", 2.0, "push at full command", "a test", bounds=(0.0, 100.0))
@@ -66,3 +68,11 @@ def recording(seed, name, concealed=lambda u: u, seconds=12.0, beside=lambda t, 
         "position": Channel("position", "x", "m", measured, sd=SD),
     }
     return Recording(name, np.arange(n) / RATE, channels)
+
+
+def worn(folder):
+    """The fit of a model to a trolley whose push is limited, the same made quiet, and its data."""
+    train = tuple(recording(seed, f"run{seed}.csv", lambda u: np.clip(u, -0.4, 0.4)) for seed in (1, 2))
+    data = Data(train, train[:1], {"position": SD}, np.random.default_rng(0))
+    base = fit_base(rig(folder), data, lambda share, words: None)
+    return base, quieted(base.answer, QUIETER), data
