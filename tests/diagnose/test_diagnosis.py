@@ -14,7 +14,7 @@ from optid.diagnose.candidate import refitted
 from optid.diagnose.contest import Contest
 from optid.diagnose.diagnosis import diagnose
 from optid.diagnose.finding import Verdict
-from optid.diagnose.judge import missed
+from optid.diagnose.judge import EXCESS, excess, missed
 from optid.diagnose.refit import refit
 from optid.diagnose.search import Search, in_time
 from optid.diagnose.uncertainty import estimates
@@ -290,6 +290,20 @@ def test_the_intervals_of_a_model_that_lacks_something_are_wider_than_its_likeli
     for wide, narrow in zip(dead.base_parameters, own, strict=True):
         assert wide.value == narrow.value
         assert wide.high - wide.low > 1.5 * (narrow.high - narrow.low) or wide.at_bound
+
+
+def test_where_three_recordings_disagree_intervals_are_no_narrower_even_at_the_noise(
+    tmp_path, dead, monkeypatch
+):
+    """Of two the spread has one degree of freedom: it says too little."""
+    monkeypatch.setattr(diagnosis_of, "disagreement", lambda answer: answer.question.typical)
+    runs = [recording(seed, f"run{seed}.csv", dead_band) for seed in (1, 2, 3, 4)]
+    three = diagnose(rig(tmp_path), runs[:3], runs[3:], generator=np.random.default_rng(0))
+    assert excess(three.best.judged, three.noise) <= EXCESS
+    assert [finding.effect.name for finding in three.findings] == [dead.findings[0].effect.name]
+    for found, wide in ((three, True), (dead, False)):
+        gain = next(one for one in found.best_parameters if one.name == "gain")
+        assert ((gain.high - gain.low) > 1.0) is wide
 
 
 @pytest.mark.parametrize(
