@@ -17,11 +17,11 @@ from optid.diagnose.afar import calm
 from optid.diagnose.candidate import Data
 from optid.diagnose.contest import Contest, Refitted, Rival, order, rival_of
 from optid.diagnose.judge import EXCESS, excess
-from optid.diagnose.refit import chosen, placed, posed
+from optid.diagnose.refit import placed, posed
 from optid.diagnose.screen import Signature
 from optid.errors import SolveError
 from optid.fit.likelihood import Noise
-from optid.fit.multistep import foreseeing, misses
+from optid.fit.multistep import foreseeing, misses, preferable
 from optid.fit.place import Answer, Place, Question
 from optid.fit.scoring import NEARBY, likeliest, middling
 from optid.fit.steering import steered_fit
@@ -29,6 +29,9 @@ from optid.fit.steering import steered_fit
 # Turns by the gains of its own filter, evaluations of each, how many may lead to worse places in a row, and by how much
 # less process noise may suit what they find.
 TURNS, TURN, ASTRAY = 6, 15, 2
+WORSE = (
+    0.1  # of what windows miss: a form is for simulation, and turns that are likelier must not cost it more
+)
 CALM = (0.0, 1.25, 2.5, 3.75, 5.0, 6.25)
 
 
@@ -89,7 +92,7 @@ def _turning(c: Contest, signature: Signature) -> Refitted:
     first.glance()
     if best is not first:
         best.glance()
-    answer = chosen(c, best.answer(False), first.answer(False))
+    answer = preferable(best.answer(False), first.answer(False), c.current.judged.horizon, WORSE)
     return Refitted(effect, question.rig, answer, signature.values, _gained(c, answer))
 
 

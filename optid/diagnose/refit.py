@@ -146,7 +146,7 @@ def _follow(c: Contest, tried: list[Refitted], before: float) -> None:
             c.tell(f"refitting further with {t.effect.name}")
             at, levels = t.answer.p, t.answer.noise.levels
             found = maximise(t.answer.question, at, levels, polish=False, rough=NEARBY, near=t.answer)
-            t.answer = chosen(c, found, t.answer)
+            t.answer = _chosen(c, found, t.answer)
     tried.sort(key=lambda t: t.answer.score)
 
 
@@ -164,14 +164,14 @@ def _further(c: Contest, tried: list[Refitted], before: float, whom: Sequence[Re
             goal = here - CLOSE * max(here - other.answer.score for other in tried)
             at, levels = led.p, led.noise.levels
             found = maximise(led.question, at, levels, iterations=QUICK, polish=False, near=led, goal=goal)
-            t.answer = chosen(c, min(t.answer, found, key=lambda one: one.score), led)
+            t.answer = _chosen(c, min(t.answer, found, key=lambda one: one.score), led)
     tried.sort(key=lambda t: t.answer.score)
 
 
 def _settle(c: Contest, t: Refitted) -> None:
     c.tell(f"settling {t.effect.name}")
     found = maximise(t.answer.question, t.answer.p, t.answer.noise.levels, near=t.answer)
-    t.answer = chosen(c, found, t.answer)
+    t.answer = _chosen(c, found, t.answer)
 
 
 def _attempt(c: Contest, signature: Signature, again: bool) -> Refitted:
@@ -238,10 +238,10 @@ def _from_afar(c: Contest, question: Question, led: Mapping[str, float]) -> Answ
     levels = [at - by for at in (c.current.answer.noise.levels, middling(question)) for by in SCANNED]
     best = likeliest(question, [(near.p, at) for at in (near.noise.levels, *levels)])
     found = maximise(question, *best, iterations=QUICK, polish=False)
-    return chosen(c, found, near)
+    return _chosen(c, found, near)
 
 
-def chosen(c: Contest, likely: Answer, led: Answer) -> Answer:
+def _chosen(c: Contest, likely: Answer, led: Answer) -> Answer:
     """The likelier of two, unless it leads astray from where windows led and that gains as well."""
     return likely if led.score > c.current.answer.score else preferable(likely, led, c.current.judged.horizon)
 

@@ -23,7 +23,7 @@ from optid.fit.steering import innovations, steered_fit
 
 TURNS, TURN = 4, 10  # times that the windows' starts are taken anew by a filter, and evaluations of each
 WORTH = 5e-3  # of the loss: a turn that gains less is the last
-ASTRAY = 0.1  # of what windows miss: where a law's form is not nature's, likelihood may lead to where they miss more
+ASTRAY = 0.5  # of what windows miss: where likelihood leads to twice as much, process noise is likelier, not the law
 QUIETER = (0.0, 1.25, 2.5)  # log: by how much less process noise may suit what a turn found
 
 
@@ -57,9 +57,9 @@ def foreseeing(answer: Answer, seconds: float) -> Answer:
     return here.answer(False)
 
 
-def preferable(likely: Answer, led: Answer, seconds: float) -> Answer:
-    """Of two answers of one question the likelier, unless its windows are led astray: they miss far more."""
-    if likely.score <= led.score and misses(led, seconds) >= (1.0 - ASTRAY) * misses(likely, seconds):
+def preferable(likely: Answer, led: Answer, seconds: float, astray: float = ASTRAY) -> Answer:
+    """Of two answers of one question the likelier, unless windows of `led` miss less by the share `astray` or more."""
+    if likely.score <= led.score and misses(led, seconds) >= (1.0 - astray) * misses(likely, seconds):
         return likely
     return led
 

@@ -81,13 +81,13 @@ def test_a_refit_that_likelihood_leads_astray_stays_where_windows_led(worn, monk
     base, guide, data = worn
     contest = refit_of.Contest(base, base, guide, 30, data, lambda words: None)
     led, likely = (SimpleNamespace(score=base.answer.score - by) for by in (10.0, 90.0))
-    missed = {id(led): 100.0, id(likely): 105.0}
+    missed = {id(led): 100.0, id(likely): 190.0}
     monkeypatch.setattr("optid.fit.multistep.misses", lambda answer, seconds: missed[id(answer)])
-    assert refit_of.chosen(contest, likely, led) is likely
-    missed[id(likely)] = 120.0
-    assert refit_of.chosen(contest, likely, led) is led
+    assert refit_of._chosen(contest, likely, led) is likely
+    missed[id(likely)] = 210.0
+    assert refit_of._chosen(contest, likely, led) is led
     led.score = base.answer.score + 1.0  # worse than without it: that names nothing
-    assert refit_of.chosen(contest, likely, led) is likely
+    assert refit_of._chosen(contest, likely, led) is likely
 
 
 @pytest.mark.parametrize("far", ["stated", "fitted"])

@@ -447,7 +447,7 @@ def test_who_comes_far_short_of_what_is_confirmed_is_not_followed(before, follow
     monkeypatch.setattr(refit_of, "foreseeing", lambda answer, horizon: answer)
     monkeypatch.setattr(refit_of, "_explains_all", lambda contest, best: False)
     monkeypatch.setattr(refit_of, "_start_again", lambda contest, tried: [])
-    monkeypatch.setattr(refit_of, "chosen", lambda contest, likely, led: likely)
+    monkeypatch.setattr(refit_of, "_chosen", lambda contest, likely, led: likely)
     current = Candidate((), None, SimpleNamespace(score=0.0), SimpleNamespace(horizon=0.5))
     data = Data((), (), {}, np.random.default_rng(0))
     contest = refit_of.Contest(current, current, None, 1, data, lambda words: None)
@@ -477,7 +477,7 @@ def test_look_alikes_start_again_only_where_the_best_leaves_something(whole, ask
         tried.insert(1, late)
         return [late]
 
-    monkeypatch.setattr(refit_of, "chosen", lambda contest, likely, led: likely)
+    monkeypatch.setattr(refit_of, "_chosen", lambda contest, likely, led: likely)
     monkeypatch.setattr(refit_of, "maximise", maximise)
     monkeypatch.setattr(refit_of, "foreseeing", lambda answer, horizon: answer)
     monkeypatch.setattr(refit_of, "_explains_all", lambda contest, best: whole)
@@ -843,7 +843,7 @@ def test_a_winner_is_settled_where_nothing_more_is_missing(noise_left, settled, 
     ],
 )  # fmt: skip
 def test_the_first_effect_has_to_hold_its_place_beside_the_others(score, why, noisy, kept, monkeypatch):
-    """It was chosen alone: what does better in its place takes it, where the windows are not at the noise."""
+    """It was _chosen alone: what does better in its place takes it, where the windows are not at the noise."""
     first, second, other = (SimpleNamespace(name=name, fitted=()) for name in ("first", "second", "other"))
 
     def candidate(effects, score):
