@@ -65,7 +65,7 @@ def from_afar(
         effects: to try.
         data: recordings.
         plain: the model as it came.
-        near: begin only where the guide stands in any case, and end where the race does.
+        near: begin only where the guide stands in any case, and bring on no other branches than the race found.
         race: its legs, as in RACE.
     """
     q = guide.question

@@ -37,7 +37,6 @@ def leads(
     effects: Sequence[Effect],
     data: Data,
     plain: Model,
-    race: Sequence[tuple[int, int, int]] = RACE,
 ) -> list[Signature]:
     """What effects gain where they lead from where the guide stands, the most promising first.
 
@@ -47,14 +46,13 @@ def leads(
         effects: to try.
         data: recordings.
         plain: the model as it came.
-        race: its legs, as in RACE.
     """
     q = guide.question
     alone = steered_fit(q, guide.p, q.model, guide.filtered, QUICK).loss
     first = worst(guide)
     ground = Ground.of(current.rig, guide, data, plain, guide.p)
     running = [lead for effect in effects for lead in _begun(ground, effect)]
-    for leg, (evaluations, most, alike) in enumerate(race):
+    for leg, (evaluations, most, alike) in enumerate(RACE):
         if data.over:
             return []
         over = None if leg else first
