@@ -32,16 +32,16 @@ from optid.fit.steering import Steered, innovations, steered_fit
 
 SHORT = 0.2  # of the windows that models are judged by
 CALM = 2.0  # log: by how much less process noise than a middling one the filters have
-# The race: evaluations of each lead, how many go on, and how many of one effect. The first leg, and the look before it
+# The race: steps of each lead, how many go on, and how many of one effect. The first leg, and the look before it
 # at every branch of every effect, run over the recording in which most is missing, those that are left over all.
 BEGUN, OF_ONE = 32, 2
-RACE = ((3, 12, 2), (5, 5, 1), (10, 5, 1))
+RACE = ((2, 12, 2), (3, 5, 1), (4, 5, 1))
 # Of effects that are worth it, how many branches together are brought on if what the race found leaves something: they
 # end on tops of their own, and which is the highest shows only there. It ends where so many in a row miss hardly less
-# than the best. The legs of each, over all recordings: by short windows, or whole ones, so many evaluations.
+# than the best. The legs of each, over all recordings: by short windows, or whole ones, so many steps.
 BRANCHES, PATIENCE, HIGHER = 6, 2, 0.05
-TO_ONE_TOP = ((True, 5), (True, 10))
-TO_ITS_END = ((False, 10), (False, 10))
+TO_ONE_TOP = ((True, 3), (True, 4))
+TO_ITS_END = ((False, 4), (False, 4))
 
 
 def from_afar(
@@ -79,12 +79,12 @@ def from_afar(
         if ground is not None:
             begun += (there := ground.begun(current, guide, effects, data, plain))
             running += ahead(there, BEGUN, OF_ONE)
-    for leg, (evaluations, most, alike) in enumerate(race):
+    for leg, (steps, most, alike) in enumerate(race):
         if data.over:
             return []
         over = None if leg else first
         running = ahead(
-            [_further(lead, evaluations, over, looks) for lead in running if not data.over], most, alike
+            [_further(lead, steps, over, looks) for lead in running if not data.over], most, alike
         )
     alone = _alone(guide, looks, whole)
     found = worthy(running, alone[0], guide)
@@ -110,8 +110,8 @@ def _best(lead: Lead, others: Sequence[Lead], looks: Booleans, whole: Booleans, 
 
 
 def _brought(lead: Lead, legs: Sequence[tuple[bool, int]], looks: Booleans, whole: Booleans) -> Lead:
-    for short, evaluations in legs:
-        lead = _further(lead, evaluations, None, looks if short else whole)
+    for short, steps in legs:
+        lead = _further(lead, steps, None, looks if short else whole)
     return lead
 
 
@@ -188,11 +188,11 @@ def _filters(q: Question, P: Array, over: Sequence[int] | None = None) -> list[F
     ]  # fmt: skip
 
 
-def _further(lead: Lead, evaluations: int, over: Sequence[int] | None, looks: Booleans) -> Lead:
+def _further(lead: Lead, steps: int, over: Sequence[int] | None, looks: Booleans) -> Lead:
     (held,) = _filters(lead.question, lead.at.p[None], over)
     if held is None:
         return Lead(lead.effect, lead.question, lead.beside, Steered(lead.at.p, math.inf))
-    return lead.further(lead.question.model, held, evaluations, over, looks)
+    return lead.further(lead.question.model, held, steps, over, looks)
 
 
 def _alone(guide: Answer, looks: Booleans, whole: Booleans) -> tuple[float, float]:
@@ -201,10 +201,10 @@ def _alone(guide: Answer, looks: Booleans, whole: Booleans) -> tuple[float, floa
     p, found = guide.p, []
     for legs in (TO_ONE_TOP, TO_ITS_END):
         loss = math.inf
-        for short, evaluations in legs:
+        for short, steps in legs:
             (held,) = _filters(q, p[None])
             if held is not None:
                 with contextlib.suppress(SolveError):
-                    p, loss = steered_fit(q, p, q.model, held, evaluations, looks=looks if short else whole)
+                    p, loss = steered_fit(q, p, q.model, held, steps, looks=looks if short else whole)
         found.append(loss)
     return found[0], found[1]

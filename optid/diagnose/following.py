@@ -24,11 +24,11 @@ from optid.fit.likelihood import Noise
 from optid.fit.multistep import foreseeing, misses, preferable
 from optid.fit.place import Answer, Place, Question
 from optid.fit.scoring import NEARBY, likeliest, middling
-from optid.fit.steering import steered_fit
+from optid.fit.steering import STEPS, steered_fit
 
-# Turns by the gains of its own filter, evaluations of each, how many may lead to worse places in a row, and by how much
+# Turns by the gains of its own filter, how many may lead to worse places in a row, and by how much
 # less process noise may suit what they find.
-TURNS, TURN, ASTRAY = 6, 15, 2
+TURNS, ASTRAY = 6, 2
 WORSE = (
     0.1  # of what windows miss: a form is for simulation, and turns that are likelier must not cost it more
 )
@@ -81,7 +81,7 @@ def _turning(c: Contest, signature: Signature) -> Refitted:
         for _ in range(TURNS - 1):
             if c.data.over or worse == ASTRAY:
                 break
-            there = stand(steered_fit(question, there.p, question.model, there.filtered, TURN).p)
+            there = stand(steered_fit(question, there.p, question.model, there.filtered, STEPS).p)
             won = best.score - there.score
             if won > 0.0:
                 best, worse = there, 0

@@ -14,20 +14,20 @@ from typing import Self
 import numpy as np
 
 from optid.core.model import Array, Model
-from optid.diagnose.candidate import QUICK, Candidate, Data
+from optid.diagnose.candidate import Candidate, Data
 from optid.diagnose.screen import Signature, grown, heard
 from optid.effects.effect import Effect
 from optid.errors import SolveError
 from optid.fit.likelihood import FAR, Filtered, Noise, huber
 from optid.fit.place import NUDGES, Answer, Place, Question
 from optid.fit.problem import Booleans
-from optid.fit.steering import Steered, innovations, steered_fit
+from optid.fit.steering import STEPS, Steered, innovations, steered_fit
 from optid.rigs.rigfile import Rig
 
 BRANCHES = 3  # of an effect, that are led at all
-# The race: evaluations of each lead, how many go on, and how many of one effect. The many of the first leg run over the
+# The race: steps of each lead, how many go on, and how many of one effect. The many of the first leg run over the
 # recording in which most is missing, those that are left over all.
-RACE = ((3, 24, 2), (5, 8, 1), (QUICK, 8, 1))
+RACE = ((1, 24, 2), (2, 8, 1), (STEPS, 8, 1))
 WORTHY = 0.5  # of the best gain: what gains less is not worth a refit
 
 
@@ -48,17 +48,15 @@ def leads(
         plain: the model as it came.
     """
     q = guide.question
-    alone = steered_fit(q, guide.p, q.model, guide.filtered, QUICK).loss
+    alone = steered_fit(q, guide.p, q.model, guide.filtered, STEPS).loss
     first = worst(guide)
     ground = Ground.of(current.rig, guide, data, plain, guide.p)
     running = [lead for effect in effects for lead in _begun(ground, effect)]
-    for leg, (evaluations, most, alike) in enumerate(RACE):
+    for leg, (steps, most, alike) in enumerate(RACE):
         if data.over:
             return []
         over = None if leg else first
-        running = ahead(
-            [lead.further(q.model, guide.filtered, evaluations, over) for lead in running], most, alike
-        )
+        running = ahead([lead.further(q.model, guide.filtered, steps, over) for lead in running], most, alike)
     return worthy(running, alone, guide)
 
 
@@ -162,13 +160,13 @@ class Lead:
         self,
         plain: Model,
         guide: Filtered,
-        evaluations: int,
+        steps: int,
         over: Sequence[int] | None = None,
         looks: Booleans | None = None,
     ) -> Self:
-        """The same, so many evaluations further, as `steered_fit` has it; lost where it leaves the numbers."""
+        """The same, so many steps further, as `steered_fit` has it; lost where it leaves the numbers."""
         try:
-            at = steered_fit(self.question, self.at.p, plain, guide, evaluations, over, looks)
+            at = steered_fit(self.question, self.at.p, plain, guide, steps, over, looks)
         except SolveError:
             at = Steered(self.at.p, math.inf)
         return replace(self, at=at)

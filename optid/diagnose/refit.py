@@ -28,7 +28,7 @@ from optid.errors import SolveError
 from optid.fit.multistep import foreseeing, preferable
 from optid.fit.place import Answer, Place, Question
 from optid.fit.scoring import NEARBY, likeliest, maximise, middling
-from optid.fit.steering import steered_fit
+from optid.fit.steering import STEPS, steered_fit
 
 FIRST = 4  # iterations that show which refits are worth more
 FAINT = 0.03  # of a signature's strength
@@ -214,7 +214,7 @@ def _started(c: Contest, question: Question, effect: Effect, values: Mapping[str
     faint = placed(c, question, effect.qualified(_scaled(effect, values, FAINT)), here)
     starts = [(p, here.noise.levels), (faint, here.noise.levels)]
     with contextlib.suppress(SolveError):  # it holds on to the data by more noise than the guide allows
-        led = steered_fit(question, p, c.guide.question.model, c.guide.filtered, QUICK).p
+        led = steered_fit(question, p, c.guide.question.model, c.guide.filtered, STEPS).p
         starts += [(led, here.noise.levels - by) for by in SCANNED]
     best = likeliest(question, starts)
     # The guide's derivatives are a start, but not its score: with less noise than suits the model that is far off.

@@ -16,14 +16,14 @@ import numpy as np
 from scipy import stats
 
 from optid.core.model import Array
-from optid.diagnose.candidate import QUICK, Candidate
+from optid.diagnose.candidate import Candidate
 from optid.diagnose.judge import numerical_settings
 from optid.diagnose.screen import LOST, Signature, View
 from optid.fit.likelihood import run_steered
 from optid.fit.place import Answer
 from optid.fit.prediction import horizon
 from optid.fit.result import Estimate
-from optid.fit.steering import steered_fit
+from optid.fit.steering import STEPS, steered_fit
 
 UNNAMED = 0.5  # sd of an unnamed effect's size, in smallest sizes worth a name
 BLOCK = 0.5  # of a window: innovations within it count as one
@@ -74,7 +74,7 @@ def disagreement(answer: Answer) -> Array:
         return np.zeros(len(q.free))
     for left_out in owners:
         rest = np.flatnonzero(q.problem.recording != left_out).tolist()
-        p = steered_fit(q, answer.p, q.model, answer.filtered, QUICK, rest).p
+        p = steered_fit(q, answer.p, q.model, answer.filtered, STEPS, rest).p
         found.append(p[list(q.free)])
     squares = (np.array(found) - np.mean(found, axis=0)) ** 2
     spread = np.sqrt((count - 1) / count * squares.sum(axis=0))

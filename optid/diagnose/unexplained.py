@@ -31,8 +31,8 @@ from optid.fit.scoring import quieted
 DRAWN = 2  # curves that are followed
 # Their race, as in afar.RACE: curves have many parameters, so that a leg is dear, and few lead anywhere. They begin
 # where the fitted model stands: from far away the first steps of so many parameters tell nothing.
-CURVES = ((3, 6, 1), (6, 3, 1), (12, DRAWN, 1))
-SWELLED = ((10, 4, 1), (8, 2, 1), (12, 1, 1))  # of one of them in proportion to several signals
+CURVES = ((2, 6, 1), (3, 3, 1), (5, DRAWN, 1))
+SWELLED = ((4, 4, 1), (3, 2, 1), (5, 1, 1))  # of one of them in proportion to several signals
 SOURCES = {"flow": "flow.supply"}  # where waves come from that show at a kind of site
 ASIDE = 2  # places beside the best at which a description is looked for
 

@@ -21,7 +21,7 @@ from optid.fit.problem import Booleans, Problem
 from optid.fit.scoring import likeliest
 from optid.fit.steering import innovations, steered_fit
 
-TURNS, TURN = 4, 10  # times that the windows' starts are taken anew by a filter, and evaluations of each
+TURNS, TURN = 4, 4  # times that the windows' starts are taken anew by a filter, and steps of each
 WORTH = 5e-3  # of the loss: a turn that gains less is the last
 ASTRAY = 0.5  # of what windows miss: where likelihood leads to twice as much, process noise is likelier, not the law
 QUIETER = (0.0, 1.25, 2.5)  # log: by how much less process noise may suit what a turn found

@@ -22,7 +22,7 @@ from optid.fit.objective import freed_with_rest, objective_of
 from optid.fit.place import LEVELS, Answer, Place, Question
 from optid.fit.problem import Problem
 from optid.fit.simplex import FEW, around
-from optid.fit.steering import steered_fit
+from optid.fit.steering import STEPS, steered_fit
 from optid.rigs.rigfile import Rig
 
 MIDDLING = 3e-3  # of their usual sizes: what process noise moves states by from sample to sample where a search begins
@@ -31,7 +31,7 @@ NEARBY, ROUGH = 2e-3, 2e-2  # of the whole decrease: ends an approach, and a sea
 TRIALS = (2, 5)  # of a step on carried and on fresh derivatives, with more and more damping
 KEPT = 0.25  # of what a step promised: less, and carried derivatives are taken anew
 LED = 3  # times at most that a start is led by the gains of the filter run before
-TURNS, TURN = 4, 15  # times that an answer follows its own filter's gains, and evaluations of each
+TURNS = 4  # times that an answer follows its own filter's gains
 PACE = 3  # steps by whose best a search is judged that is to reach a goal: one on stale derivatives may gain little
 APPROACH = 10  # iterations at the first level of process noise
 RESTARTS = 2  # from other levels of process noise
@@ -141,7 +141,7 @@ def standing(q: Question, p: Array, levels: Array, iterations: int) -> Answer:
 def _led(here: Place) -> Place:
     """Where held gains lead from a place, and from there once more, as long as that is likelier."""
     for _ in range(LED):
-        p = steered_fit(here.q, here.p, here.q.model, here.filtered, APPROACH).p
+        p = steered_fit(here.q, here.p, here.q.model, here.filtered, STEPS).p
         there = Place(here.q, p, here.noise)
         if not there.score < here.score - ENOUGH:
             break
@@ -171,7 +171,7 @@ def followed(answer: Answer, levels: Array, less: Sequence[float]) -> tuple[Arra
             here = Place(q, p, noise)
             if q.over or not math.isfinite(here.score):
                 break
-            p = steered_fit(q, p, q.model, here.filtered, TURN).p
+            p = steered_fit(q, p, q.model, here.filtered, STEPS).p
             best = likeliest(q, [best, *((p, answer.noise.levels - by) for by in less)])
     return best
 

@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from optid.core.model import Array, Model
 from optid.errors import SolveError
@@ -20,6 +19,10 @@ from optid.fit.place import NUDGES, REACH, Question
 from optid.fit.problem import Booleans
 
 TOLERANCE = 1e-3  # of the loss, that a step must gain for the search to go on
+# Of the curvature: as many as a vector holds are tried at once. Where the least or the most does best the next ones are
+# smaller or larger; where none does, larger ones are tried.
+DAMPINGS, PACE, FARTHER, TRIALS = (1e-4, 1e-2, 0.3, 10.0), (0.1, 1.0, 1.0, 10.0), 1e3, 2
+STEPS = 6  # that lead to about where a search ends
 LOST = 1e3  # sd: an innovation of a model that has left the numbers
 
 
@@ -64,91 +67,77 @@ def steered_fit(
     p: Array,
     plain: Model,
     guide: Filtered,
-    iterations: int,
+    steps: int,
     only: Sequence[int] | None = None,
     looks: Booleans | None = None,
 ) -> Steered:
-    """The parameters under which innovations are least, from a start.
+    """The parameters under which innovations are least, from a start, by Levenberg-Marquardt steps.
+
+    Several dampings are tried at once: they cost one simulation's time together, and no step is lost by having reached
+    too far.
 
     Args:
         q: the question.
         p: start, (parameters,).
         plain: model of the guide, whose states are among the question's.
         guide: whose gains and variances hold, with gains kept.
-        iterations: evaluations at most.
+        steps: at most.
         only: these segments count, all if absent.
         looks: as for `innovations`.
 
     Raises:
         SolveError: the model cannot be simulated at the start.
     """
-    search = _Search(q, p, plain, guide, iterations, only, looks)
-    start = np.clip(p[list(q.free)] / q.typical, search.low, search.high)
-    if not np.abs(search.residuals(start)[: -len(start)]).min() < LOST:
+    free, low, high = list(q.free), q.low / q.typical, q.high / q.typical
+
+    def residuals(X: Array) -> Array:
+        """Innovations in sd, then what the priors miss, (sets, rows), at free parameters in typical sizes."""
+        P = np.tile(p, (len(X), 1))
+        P[:, free] = np.clip(X * q.typical, q.low, q.high)
+        prior = (X * q.typical - q.prior) / q.prior_sd
+        return np.concatenate([innovations(q, P, plain, guide, only, looks), prior], axis=1)
+
+    x = np.clip(p[free] / q.typical, low, high)
+    (z,) = residuals(x[None])
+    if not np.abs(z[: len(z) - len(x)]).min() < LOST:
         raise SolveError("the simulation leaves the numbers at the start values; check them and their units")
-    try:
-        found = least_squares(
-            search.residuals, start, search.slopes, bounds=(search.low, search.high), loss="huber", f_scale=FAR,
-            max_nfev=iterations, ftol=TOLERANCE, xtol=1e-6, gtol=1e-12,
-        )  # fmt: skip
-        x, loss = found.x, float(found.cost)
-    except _Spent:
-        x, loss = search.x, search.loss()
-    best = p.copy()
-    best[list(q.free)] = np.clip(x * q.typical, q.low, q.high)
-    return Steered(best, loss)
+    loss, far, nudges = 0.5 * float(huber(z).sum()), 1.0, np.full(len(x), NUDGES[1])
+    for _ in range(steps):
+        moved = np.where(x + nudges > high, -nudges, nudges)
+        J = ((residuals(x + np.diag(moved)) - z) / moved[:, None]).T
+        nudges = np.clip(REACH / np.maximum(np.linalg.norm(J, axis=0), 1e-12), NUDGES[0], NUDGES[2])
+        weight = np.minimum(1.0, FAR / np.maximum(np.abs(z), 1e-12))
+        gradient, curvature = J.T @ (weight * z), (J.T * weight) @ J
+        before = loss
+        for _ in range(TRIALS):
+            X = np.array([_stepped(x, gradient, curvature, far * by, low, high) for by in DAMPINGS])
+            Z = residuals(X)
+            losses = 0.5 * huber(Z).sum(axis=1)
+            best = int(np.argmin(losses))
+            if losses[best] < loss:
+                x, z, loss = X[best], Z[best], float(losses[best])
+                far *= PACE[best]
+                break
+            far *= FARTHER
+        if before - loss < TOLERANCE * loss:
+            break
+    found = p.copy()
+    found[free] = np.clip(x * q.typical, q.low, q.high)
+    return Steered(found, loss)
 
 
-class _Spent(Exception):
-    """No evaluation is left, so that slopes would lead nowhere."""
-
-
-class _Search:
-    """Residuals and slopes by the free parameters in typical sizes; remembers where it was last.
-
-    Slopes cost as many simulations as there are parameters: they need not be taken where no step will follow, nor the
-    innovations anew where they are known.
-    """
-
-    def __init__(
-        self,
-        q: Question,
-        p: Array,
-        plain: Model,
-        guide: Filtered,
-        evaluations: int,
-        only: Sequence[int] | None,
-        looks: Booleans | None,
-    ) -> None:
-        self.q, self.p, self.plain, self.guide, self.left = q, p, plain, guide, evaluations
-        self.only, self.looks = only, looks
-        self.low, self.high = q.low / q.typical, q.high / q.typical
-        self.nudges = np.full(len(q.free), NUDGES[1])
-        self.x, self.values = np.full(len(q.free), np.nan), np.zeros(0)
-
-    def residuals(self, x: Array) -> Array:
-        """Innovations in sd, then what the priors miss."""
-        if not np.array_equal(x, self.x):
-            prior = (x * self.q.typical - self.q.prior) / self.q.prior_sd
-            self.x, self.values = x.copy(), np.concatenate([self._seen(x[None])[0], prior])
-            self.left -= 1
-        return self.values
-
-    def slopes(self, x: Array) -> Array:
-        """Of the residuals, (residuals, free); raises `_Spent` where the search must end."""
-        here = self.residuals(x)[: -len(x)]
-        if self.left <= 0:
-            raise _Spent
-        step = np.where(x + self.nudges > self.high, -self.nudges, self.nudges)
-        J = (self._seen(x + np.diag(step)) - here).T / step
-        self.nudges = np.clip(REACH / np.maximum(np.linalg.norm(J, axis=0), 1e-12), NUDGES[0], NUDGES[2])
-        return np.vstack([J, np.diag(self.q.typical / self.q.prior_sd)])
-
-    def loss(self) -> float:
-        """Huber's, where it was last, as SciPy counts it."""
-        return 0.5 * float(np.sum(huber(self.values)))
-
-    def _seen(self, X: Array) -> Array:
-        P = np.tile(self.p, (len(X), 1))
-        P[:, list(self.q.free)] = X * self.q.typical
-        return innovations(self.q, P, self.plain, self.guide, self.only, self.looks)
+def _stepped(x: Array, gradient: Array, curvature: Array, damping: float, low: Array, high: Array) -> Array:
+    """Where a damped step leads from x within the bounds; coordinates at one that would leave it stay."""
+    held = np.zeros(len(x), dtype=np.bool_)
+    step = np.zeros(len(x))
+    for _ in range(len(x)):
+        keep = ~held
+        H = curvature[np.ix_(keep, keep)]
+        H = H + np.diag(damping * np.diag(H) + 1e-12)
+        step[:] = 0.0
+        step[keep] = -np.linalg.solve(H, gradient[keep])
+        outward = ((x <= low) & (step < 0.0)) | ((x >= high) & (step > 0.0))
+        if not (outward & ~held).any():
+            break
+        held |= outward
+    return np.clip(x + step, low, high)

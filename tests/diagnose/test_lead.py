@@ -133,8 +133,8 @@ def test_effects_lead_on_beside_one_with_states_of_its_own(worn):
     assert f"{found.name}.width" in ahead[0].beside
 
 
-def test_a_search_takes_no_slopes_that_no_step_follows(worn, monkeypatch):
-    """Start, three slopes and the steps they lead to: no simulation of what is known, none after the last step."""
+def test_a_step_costs_slopes_and_one_vector_of_dampings(worn, monkeypatch):
+    """Start, slopes and what they lead to: no simulation of what is known, and no slopes that no step follows."""
     base, guide, _ = worn
     q, sets = guide.question, []
 
@@ -143,7 +143,29 @@ def test_a_search_takes_no_slopes_that_no_step_follows(worn, monkeypatch):
         return innovations(question, P, *others)
 
     monkeypatch.setattr("optid.fit.steering.innovations", counted)
-    found = steered_fit(q, q.model.vector(base.rig.parameters), q.model, guide.filtered, 4)
+    found = steered_fit(q, q.model.vector(base.rig.parameters), q.model, guide.filtered, 3)
     free = len(q.free)
-    assert sets == [1, free, 1, free, 1, free, 1]
-    assert found.loss < steered_fit(q, q.model.vector(base.rig.parameters), q.model, guide.filtered, 3).loss
+    assert sets == [1, free, 4, free, 4, free, 4]
+    assert found.loss < steered_fit(q, q.model.vector(base.rig.parameters), q.model, guide.filtered, 2).loss
+
+
+def test_a_step_that_would_reach_too_far_is_damped_and_gains(worn, monkeypatch):
+    """Arctangents, from whose flanks a whole Gauss-Newton step overshoots to where they miss more."""
+    _, guide, _ = worn
+    q = guide.question
+    free = list(q.free)
+    target = q.at(TRUTH)[free] / q.typical
+
+    def flanked(question, P, *others):
+        return np.repeat(np.arctan(4.0 * (P[:, free] / q.typical - target)), 50, axis=1)
+
+    monkeypatch.setattr("optid.fit.steering.innovations", flanked)
+    far = q.at({name: 1.8 * value for name, value in TRUTH.items()})
+    start, damped = (steered_fit(q, far, q.model, guide.filtered, steps) for steps in (0, 1))
+    assert damped.loss < 0.6 * start.loss
+    assert steered_fit(q, far, q.model, guide.filtered, 10).p[free] / q.typical == pytest.approx(
+        target, abs=1e-3
+    )
+    monkeypatch.setattr("optid.fit.steering.DAMPINGS", (1e-4,) * 4)
+    monkeypatch.setattr("optid.fit.steering.TRIALS", 1)
+    assert steered_fit(q, far, q.model, guide.filtered, 1).loss == start.loss
