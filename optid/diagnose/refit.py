@@ -74,7 +74,7 @@ def refit(c: Contest, few: Sequence[Signature], before: Sequence[Rival] = ()) ->
         _settle(c, tried[first])
         rivals[first] = rival_of(c, tried[first], first)
     likeliest_of: dict[str, Rival] = {}
-    for rival in sorted([*before, *rivals], key=lambda one: -one.train_gain):
+    for rival in sorted([*before, *rivals], key=lambda one: -round(one.train_gain)):
         likeliest_of.setdefault(rival.effect.name, rival)
     both = list(likeliest_of.values())
     if before:  # they take their turns together
