@@ -22,6 +22,9 @@ TOLERANCE = 1e-3  # of the loss, that a step must gain for the search to go on
 # Of the curvature: as many as a vector holds are tried at once. Where the least or the most does best the next ones are
 # smaller or larger; where none does, larger ones are tried.
 DAMPINGS, PACE, FARTHER, TRIALS = (1e-4, 1e-2, 0.3, 10.0), (0.1, 1.0, 1.0, 10.0), 1e3, 2
+# Of the largest curvature, added to each before it is damped: what one recording hardly shows, as heights of a curve
+# where it never was, stays about where it is.
+FLOOR = 1e-3
 STEPS = 6  # that lead to about where a search ends
 LOST = 1e3  # sd: an innovation of a model that has left the numbers
 
@@ -128,12 +131,12 @@ def steered_fit(
 
 def _stepped(x: Array, gradient: Array, curvature: Array, damping: float, low: Array, high: Array) -> Array:
     """Where a damped step leads from x within the bounds; coordinates at one that would leave it stay."""
-    held = np.zeros(len(x), dtype=np.bool_)
+    held, floor = np.zeros(len(x), dtype=np.bool_), FLOOR * np.diag(curvature).max()
     step = np.zeros(len(x))
     for _ in range(len(x)):
         keep = ~held
         H = curvature[np.ix_(keep, keep)]
-        H = H + np.diag(damping * np.diag(H) + 1e-12)
+        H = H + np.diag(damping * (np.diag(H) + floor) + 1e-12)
         step[:] = 0.0
         step[keep] = -np.linalg.solve(H, gradient[keep])
         outward = ((x <= low) & (step < 0.0)) | ((x >= high) & (step > 0.0))

@@ -169,3 +169,24 @@ def test_a_step_that_would_reach_too_far_is_damped_and_gains(worn, monkeypatch):
     monkeypatch.setattr("optid.fit.steering.DAMPINGS", (1e-4,) * 4)
     monkeypatch.setattr("optid.fit.steering.TRIALS", 1)
     assert steered_fit(q, far, q.model, guide.filtered, 1).loss == start.loss
+
+
+def test_what_the_recordings_hardly_show_stays_where_it_is(worn, monkeypatch):
+    """Rows that the second parameter hardly moves: a step by its own curvature alone would lead to its bound."""
+    _, guide, _ = worn
+    q = guide.question
+    free = list(q.free)
+    start = q.at({name: 1.2 * value for name, value in TRUTH.items()})
+    origin = start[free] / q.typical
+
+    def faint(question, P, *others):
+        x = P[:, free] / q.typical - origin
+        far = np.tanh(x[:, 1:]) * 1e-4  # what a large step of it promises it does not keep
+        return np.repeat(np.concatenate([x[:, :1] - 0.1, far - 5e-4], axis=1), 40, axis=1)
+
+    monkeypatch.setattr("optid.fit.steering.innovations", faint)
+    held = steered_fit(q, start, q.model, guide.filtered, 1).p[free] / q.typical - origin
+    assert held[0] == pytest.approx(0.1, abs=0.01) and abs(held[1]) < 0.5
+    monkeypatch.setattr("optid.fit.steering.FLOOR", 0.0)
+    loose = steered_fit(q, start, q.model, guide.filtered, 1).p[free] / q.typical - origin
+    assert abs(loose[1]) > 1.0
