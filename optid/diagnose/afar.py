@@ -10,17 +10,16 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Self
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from optid.core.model import Array, Model
 from optid.diagnose.candidate import Candidate, Data
 from optid.diagnose.judge import EXCESS, excess, judge
-from optid.diagnose.lead import Lead, ahead, left, sloped, worst, worthy
-from optid.diagnose.screen import Signature, grown, heard
+from optid.diagnose.lead import Ground, Lead, ahead, worst, worthy
+from optid.diagnose.screen import Signature
 from optid.effects.effect import Effect
 from optid.errors import SolveError
 from optid.fit.likelihood import Filtered, Noise, deviance, run_filter
@@ -28,12 +27,13 @@ from optid.fit.multistep import windows
 from optid.fit.place import LEVELS, Answer, Place, Question
 from optid.fit.problem import Booleans
 from optid.fit.scoring import middling
-from optid.fit.steering import Steered, innovations, steered_fit
+from optid.fit.steering import Steered, steered_fit
 
 SHORT = 0.2  # of the windows that models are judged by
 CALM = 2.0  # log: by how much less process noise than a middling one the filters have
-# The race: steps of each lead, how many go on, and how many of one effect. The first leg, and the look before it
-# at every branch of every effect, run over the recording in which most is missing, those that are left over all.
+# The race: steps of each lead, how many go on, and how many of one effect. The first leg, and the look before it at
+# every branch of every effect, which the filter of the model without them leads, run over the recording in which most
+# is missing, those that are left over all.
 BEGUN, OF_ONE = 32, 2
 RACE = ((2, 12, 2), (3, 5, 1), (4, 5, 1))
 # Of effects that are worth it, how many branches together are brought on if what the race found leaves something: they
@@ -75,9 +75,11 @@ def from_afar(
     begun: list[Lead] = []
     running: list[Lead] = []
     for start in starts:
-        ground = _Ground.of(guide, start, first, looks)
-        if ground is not None:
-            begun += (there := ground.begun(current, guide, effects, data, plain))
+        held = _filter(q, start, first)
+        if held is not None:
+            ground = Ground.of(current.rig, guide, data, plain, start, held, first, looks)
+            there = [lead for effect in effects if not data.over for lead in ground.begun(effect)]
+            begun += there
             running += ahead(there, BEGUN, OF_ONE)
     for leg, (steps, most, alike) in enumerate(race):
         if data.over:
@@ -129,67 +131,18 @@ def calm(q: Question) -> Noise:
     return Noise(q.measurement, q.groups, np.maximum(middling(q) - CALM, LEVELS[0]))
 
 
-@dataclass(frozen=True, eq=False)
-class _Ground:
-    """Where leads begin: values of the parameters there, by name, and slopes by the free ones, in typical sizes."""
-
-    values: Mapping[str, float]
-    slopes: Array
-    over: Sequence[int]
-    looks: Booleans
-
-    @classmethod
-    def of(cls, guide: Answer, start: Array, over: Sequence[int], looks: Booleans) -> Self | None:
-        """At a start, (parameters,), by windows in some segments; ``None`` if the model leaves the numbers there."""
-        q = guide.question
-        (held,) = _filters(q, start[None], over)
-        if held is None:
-            return None
-        slopes = sloped(q, start, lambda P: innovations(q, P, q.model, held, over, looks))
-        values = dict(zip((one.name for one in q.model.parameters), start.tolist(), strict=True))
-        return cls(values, slopes, over, looks)
-
-    def begun(
-        self, current: Candidate, guide: Answer, effects: Iterable[Effect], data: Data, plain: Model
-    ) -> list[Lead]:
-        """Every branch of every effect, by what windows miss once the other parameters have had their linear say."""
-        leads: list[Lead] = []
-        for effect in effects:
-            if data.over:
-                break
-            question = data.question(grown(current.rig, effect), plain)
-            branches = effect.tries(*heard(guide))
-            P = np.array(
-                [
-                    question.at({**self.values, **effect.qualified({**effect.at_null(), **one})})
-                    for one in branches
-                ]
-            )
-            for p, held in zip(P, _filters(question, P, self.over), strict=True):
-                if held is not None:
-                    z = innovations(question, p[None], question.model, held, self.over, self.looks)[0]
-                    leads.append(Lead(effect, question, tuple(self.values), Steered(p, left(z, self.slopes))))
-        return leads
-
-
-def _filters(q: Question, P: Array, over: Sequence[int] | None = None) -> list[Filtered | None]:
-    """Calm filters of parameter sets, the measurement's own variances in them; ``None`` for what leaves the numbers."""
+def _filter(q: Question, p: Array, over: Sequence[int] | None = None) -> Filtered | None:
+    """The calm filter, the measurement's own variances in it; ``None`` where the model leaves the numbers."""
     noise = calm(q)
-    Q, R = (np.tile(one, (len(P), 1)) for one in (noise.spectrum(len(q.model.states)), noise.measurement))
-    f = run_filter(q.model, q.problem, P, Q, R, keep=True, only=over)
-    known = np.isfinite(deviance(f.innovations, f.variances).sum(axis=-1))
-    return [
-        Filtered(
-            f.innovations[k : k + 1], np.broadcast_to(noise.measurement, f.variances[:1].shape),
-            f.states[k : k + 1], f.gains[k : k + 1], f.covariances, f.tolerance[k : k + 1],
-        )
-        if good else None
-        for k, good in enumerate(known)
-    ]  # fmt: skip
+    Q = noise.spectrum(len(q.model.states))[None]
+    f = run_filter(q.model, q.problem, p[None], Q, noise.measurement[None], keep=True, only=over)
+    if not math.isfinite(float(deviance(f.innovations, f.variances).sum())):
+        return None
+    return replace(f, variances=np.broadcast_to(noise.measurement, f.variances.shape))
 
 
 def _further(lead: Lead, steps: int, over: Sequence[int] | None, looks: Booleans) -> Lead:
-    (held,) = _filters(lead.question, lead.at.p[None], over)
+    held = _filter(lead.question, lead.at.p, over)
     if held is None:
         return Lead(lead.effect, lead.question, lead.beside, Steered(lead.at.p, math.inf))
     return lead.further(lead.question.model, held, steps, over, looks)
@@ -202,7 +155,7 @@ def _alone(guide: Answer, looks: Booleans, whole: Booleans) -> tuple[float, floa
     for legs in (TO_ONE_TOP, TO_ITS_END):
         loss = math.inf
         for short, steps in legs:
-            (held,) = _filters(q, p[None])
+            held = _filter(q, p)
             if held is not None:
                 with contextlib.suppress(SolveError):
                     p, loss = steered_fit(q, p, q.model, held, steps, looks=looks if short else whole)

@@ -51,7 +51,7 @@ def leads(
     alone = steered_fit(q, guide.p, q.model, guide.filtered, STEPS).loss
     first = worst(guide)
     ground = Ground.of(current.rig, guide, data, plain, guide.p)
-    running = [lead for effect in effects for lead in _begun(ground, effect)]
+    running = [lead for effect in effects for lead in ahead(ground.begun(effect), BRANCHES, BRANCHES)]
     for leg, (steps, most, alike) in enumerate(RACE):
         if data.over:
             return []
@@ -93,27 +93,55 @@ class Ground:
 
     Attributes:
         rig: without the effect.
-        guide: whose gains hold.
+        guide: of the same model.
+        held: whose gains hold, the guide's own filter or another of its model.
         data: recordings.
         plain: the model as it came, whose states alone carry process noise.
         values: of the parameters there, by name.
         slopes: of the scaled innovations by the free parameters there, in typical sizes, (measured, free).
+        over, looks: as `innovations` has them.
     """
 
     rig: Rig
     guide: Answer
+    held: Filtered
     data: Data
     plain: Model
     values: Mapping[str, float]
     slopes: Array
+    over: Sequence[int] | None = None
+    looks: Booleans | None = None
 
     @classmethod
-    def of(cls, rig: Rig, guide: Answer, data: Data, plain: Model, start: Array) -> Self:
+    def of(
+        cls,
+        rig: Rig,
+        guide: Answer,
+        data: Data,
+        plain: Model,
+        start: Array,
+        held: Filtered | None = None,
+        over: Sequence[int] | None = None,
+        looks: Booleans | None = None,
+    ) -> Self:
         """At a start, (parameters,)."""
-        q = guide.question
-        slopes = sloped(q, start, lambda P: innovations(q, P, q.model, guide.filtered))
+        q, held = guide.question, held or guide.filtered
+        slopes = _sloped(q, start, lambda P: innovations(q, P, q.model, held, over, looks))
         values = dict(zip((one.name for one in q.model.parameters), start.tolist(), strict=True))
-        return cls(rig, guide, data, plain, values, slopes)
+        return cls(rig, guide, held, data, plain, values, slopes, over, looks)
+
+    def begun(self, effect: Effect) -> list[Lead]:
+        """Every branch of an effect, by what is left once the other parameters have had their linear say."""
+        question = self.data.question(grown(self.rig, effect), self.plain)
+        branches = effect.tries(*heard(self.guide))
+        P = np.array(
+            [self.placed(question, effect.qualified({**effect.at_null(), **branch})) for branch in branches]
+        )
+        losses = self.losses(question, P)
+        return [
+            Lead(effect, question, tuple(self.values), Steered(p, float(loss)))
+            for p, loss in zip(P, losses, strict=True)
+        ]
 
     def placed(self, question: Question, own: Mapping[str, float]) -> Array:
         """All parameters of a question with an effect's `own`, by qualified name."""
@@ -122,12 +150,13 @@ class Ground:
     def losses(self, question: Question, P: Array) -> Array:
         """What the free parameters' linear say leaves of the innovations, by Huber's weights, (sets,)."""
         found = np.empty(len(P))
-        for k, z in enumerate(innovations(question, P, self.guide.question.model, self.guide.filtered)):
-            found[k] = left(z, self.slopes)
+        seen = innovations(question, P, self.guide.question.model, self.held, self.over, self.looks)
+        for k, z in enumerate(seen):
+            found[k] = _left(z, self.slopes)
         return found
 
 
-def sloped(q: Question, start: Array, seen: Callable[[Array], Array]) -> Array:
+def _sloped(q: Question, start: Array, seen: Callable[[Array], Array]) -> Array:
     """Slopes of innovations by the free parameters in typical sizes at a start, (measured, free).
 
     `seen` gives them for parameter sets (sets, parameters), (sets, measured).
@@ -140,7 +169,7 @@ def sloped(q: Question, start: Array, seen: Callable[[Array], Array]) -> Array:
     return np.asarray(((np.array(others) - here) / steps[:, None]).T)
 
 
-def left(z: Array, slopes: Array) -> float:
+def _left(z: Array, slopes: Array) -> float:
     """What of scaled innovations (rows,) a linear say by these slopes (rows, free) leaves, by Huber's weights."""
     root = np.sqrt(np.minimum(1.0, FAR / np.maximum(np.abs(z), 1e-12)))
     step = np.linalg.lstsq(slopes * root[:, None], -root * z, rcond=1e-9)[0]
@@ -177,16 +206,6 @@ class Lead:
         own = {q.name: values[f"{self.effect.name}.{q.name}"] for q in self.effect.parameters}
         beside = {name: values[name] for name in self.beside}
         return Signature(self.effect, own, gain, np.zeros(0), self.effect.size(own), math.inf, beside)
-
-
-def _begun(ground: Ground, effect: Effect) -> list[Lead]:
-    """The branches of an effect that promise most, where they begin."""
-    question = ground.data.question(grown(ground.rig, effect), ground.plain)
-    branches = [effect.qualified({**effect.at_null(), **one}) for one in effect.tries(*heard(ground.guide))]
-    P = np.array([ground.placed(question, branch) for branch in branches])
-    losses = ground.losses(question, P)
-    first = np.argsort(losses)[:BRANCHES]
-    return [Lead(effect, question, tuple(ground.values), Steered(P[k], float(losses[k]))) for k in first]
 
 
 def ahead(running: list[Lead], most: int, alike: int) -> list[Lead]:

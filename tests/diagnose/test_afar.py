@@ -12,6 +12,7 @@ from optid.diagnose.afar import BRANCHES, RACE, calm, from_afar
 from optid.diagnose.candidate import QUIETER, refitted
 from optid.diagnose.judge import EXCESS, excess, judge
 from optid.diagnose.lead import Lead
+from optid.diagnose.screen import grown
 from optid.effects.library import admitted
 from optid.errors import SolveError
 from optid.fit.multistep import windows
@@ -170,7 +171,7 @@ def test_other_branches_are_brought_on_while_that_leads_anywhere(losses, arrives
 
 def test_a_lead_arrives_where_its_windows_held_out_are_at_the_noise(worn, first):
     base, guide, data = worn
-    question = data.question(afar.grown(base.rig, first.effect), base.rig.model)
+    question = data.question(grown(base.rig, first.effect), base.rig.model)
     p = question.at({**first.beside, **first.effect.qualified(first.values)})
     names = tuple(first.beside)
     assert afar._arrived(Lead(first.effect, question, names, Steered(p, 1.0)), data)
@@ -185,8 +186,8 @@ def test_filters_of_a_race_are_calm_and_weigh_by_the_measurement_alone(worn):
     q = guide.question
     assert calm(q).levels == pytest.approx(middling(q) - afar.CALM)
     P = np.array([guide.p, base.rig.model.vector(base.rig.parameters)])
-    for p, held in zip(P, afar._filters(q, P), strict=True):
-        own = Place(q, p, calm(q)).filtered
+    for p in P:
+        held, own = afar._filter(q, p), Place(q, p, calm(q)).filtered
         assert held.gains == pytest.approx(own.gains)
         assert held.innovations == pytest.approx(own.innovations, nan_ok=True)
         assert (held.variances == q.measurement).all()
