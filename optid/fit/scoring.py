@@ -22,7 +22,7 @@ from optid.fit.objective import freed_with_rest, objective_of
 from optid.fit.place import LEVELS, Answer, Place, Question
 from optid.fit.problem import Problem
 from optid.fit.simplex import FEW, around
-from optid.fit.steering import STEPS, steered_fit
+from optid.fit.steering import STEPS, damped_step, steered_fit
 from optid.rigs.rigfile import Rig
 
 MIDDLING = 3e-3  # of their usual sizes: what process noise moves states by from sample to sample where a search begins
@@ -339,19 +339,9 @@ def _bounds(q: Question, p: Array) -> tuple[Array, Array]:
 
 def _step(here: Place, gradient: Array, information: Array, damping: float, levels_held: bool) -> Array:
     """The damped scoring step; parameters that would leave their bounds stay."""
-    q, nf = here.q, len(here.q.free)
-    theta = here.p[list(q.free)]
-    held = np.zeros(len(gradient), dtype=bool)
-    held[nf:] = levels_held
-    for _ in range(nf + 1):
-        keep = ~held
-        H = information[np.ix_(keep, keep)]
-        H = H + np.diag(damping * np.diag(H) + 1e-12)
-        step = np.zeros(len(gradient))
-        step[keep] = -np.linalg.solve(H, gradient[keep])
-        outward = ((theta <= q.low) & (step[:nf] < 0)) | ((theta >= q.high) & (step[:nf] > 0))
-        new = outward & ~held[:nf]
-        if not new.any():
-            break
-        held[:nf] |= outward
-    return step
+    q, levels = here.q, here.noise.levels
+    free = np.full(len(levels), math.inf)  # levels are clipped where they are used
+    x, held = np.concatenate([here.p[list(q.free)], levels]), np.zeros(len(gradient), dtype=np.bool_)
+    held[len(q.free) :] = levels_held
+    low, high = np.concatenate([q.low, -free]), np.concatenate([q.high, free])
+    return damped_step(gradient, information, damping, x, low, high, held=held)

@@ -22,8 +22,8 @@ TOLERANCE = 1e-3  # of the loss, that a step must gain for the search to go on
 # Of the curvature: as many as a vector holds are tried at once. Where the least or the most does best the next ones are
 # smaller or larger; where none does, larger ones are tried.
 DAMPINGS, PACE, FARTHER, TRIALS = (1e-4, 1e-2, 0.3, 10.0), (0.1, 1.0, 1.0, 10.0), 1e3, 2
-# Of the largest curvature, added to each before it is damped: what one recording hardly shows, as heights of a curve
-# where it never was, stays about where it is.
+# Of the largest curvature: each coordinate is damped as if its own were larger by that. What one recording hardly
+# shows, as heights of a curve where it never was, stays about where it is.
 FLOOR = 1e-3
 STEPS = 6  # that lead to about where a search ends
 LOST = 1e3  # sd: an innovation of a model that has left the numbers
@@ -111,9 +111,10 @@ def steered_fit(
         nudges = np.clip(REACH / np.maximum(np.linalg.norm(J, axis=0), 1e-12), NUDGES[0], NUDGES[2])
         weight = np.minimum(1.0, FAR / np.maximum(np.abs(z), 1e-12))
         gradient, curvature = J.T @ (weight * z), (J.T * weight) @ J
-        before = loss
+        floor, before = FLOOR * np.diag(curvature).max(), loss
         for _ in range(TRIALS):
-            X = np.array([_stepped(x, gradient, curvature, far * by, low, high) for by in DAMPINGS])
+            ladder = [damped_step(gradient, curvature, far * by, x, low, high, floor) for by in DAMPINGS]
+            X = np.clip(x + np.array(ladder), low, high)
             Z = residuals(X)
             losses = 0.5 * huber(Z).sum(axis=1)
             best = int(np.argmin(losses))
@@ -129,18 +130,27 @@ def steered_fit(
     return Steered(found, loss)
 
 
-def _stepped(x: Array, gradient: Array, curvature: Array, damping: float, low: Array, high: Array) -> Array:
-    """Where a damped step leads from x within the bounds; coordinates at one that would leave it stay."""
-    held, floor = np.zeros(len(x), dtype=np.bool_), FLOOR * np.diag(curvature).max()
-    step = np.zeros(len(x))
-    for _ in range(len(x)):
-        keep = ~held
+def damped_step(
+    gradient: Array,
+    curvature: Array,
+    damping: float,
+    x: Array,
+    low: Array,
+    high: Array,
+    floor: float = 0.0,
+    held: Booleans | None = None,
+) -> Array:
+    """A Levenberg-Marquardt step, (coordinates,); a coordinate of x at a bound that it would leave stays.
+
+    Each is damped by its own curvature and by a `floor` for all; those `held` stay in any case.
+    """
+    held = np.zeros(len(gradient), dtype=np.bool_) if held is None else held.copy()
+    while True:
+        keep, step = ~held, np.zeros(len(gradient))
         H = curvature[np.ix_(keep, keep)]
         H = H + np.diag(damping * (np.diag(H) + floor) + 1e-12)
-        step[:] = 0.0
         step[keep] = -np.linalg.solve(H, gradient[keep])
         outward = ((x <= low) & (step < 0.0)) | ((x >= high) & (step > 0.0))
-        if not (outward & ~held).any():
-            break
+        if not outward.any():
+            return step
         held |= outward
-    return np.clip(x + step, low, high)

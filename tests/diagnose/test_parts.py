@@ -843,7 +843,7 @@ def test_a_winner_is_settled_where_nothing_more_is_missing(noise_left, settled, 
     ],
 )  # fmt: skip
 def test_the_first_effect_has_to_hold_its_place_beside_the_others(score, why, noisy, kept, monkeypatch):
-    """It was _chosen alone: what does better in its place takes it, where the windows are not at the noise."""
+    """It was chosen alone: what does better in its place takes it, where the windows are not at the noise."""
     first, second, other = (SimpleNamespace(name=name, fitted=()) for name in ("first", "second", "other"))
 
     def candidate(effects, score):
