@@ -17,7 +17,7 @@ from optid.core.model import Array
 from optid.diagnose.candidate import Candidate, Data
 from optid.diagnose.judge import EXCESS, excess, judge
 from optid.errors import SolveError
-from optid.fit.multistep import foreseeing, misses, preferable
+from optid.fit.multistep import foreseeing, misses, misses_unseen, preferable
 from optid.fit.place import Answer
 from optid.fit.scoring import ENOUGH, maximise, standing
 
@@ -46,6 +46,8 @@ def likelier(found: Candidate, data: Data) -> Candidate:
 def foreseen(found: Candidate, data: Data) -> tuple[Candidate, Array]:
     """The model with the parameters that predict windows of the recordings to fit best, where that matters.
 
+    What is gained on recordings that had no say in them counts: all together would gain by any misfit of one of them.
+
     Returns:
         The model, and how far its free parameters are from the likeliest, (free,), SI.
     """
@@ -54,7 +56,7 @@ def foreseen(found: Candidate, data: Data) -> tuple[Candidate, Array]:
         return found, none
     answer, seconds = _asked(found, data), found.judged.horizon
     led = foreseeing(answer, seconds)
-    if misses(led, seconds) > (1.0 - LESS) * misses(answer, seconds):
+    if led is answer or misses_unseen(led, seconds) > (1.0 - LESS) * misses(answer, seconds):
         return found, none
     free = list(answer.question.free)
     return _with(found, led, data), np.abs(led.p - answer.p)[free]

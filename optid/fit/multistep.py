@@ -9,6 +9,7 @@ section 4.4), they make the best of one that is not.
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -69,6 +70,25 @@ def misses(answer: Answer, seconds: float) -> float:
     return _loss(Place(answer.question, answer.p, answer.noise), windows(answer.question.problem, seconds))
 
 
+def misses_unseen(led: Answer, seconds: float) -> float:
+    """What windows of each recording miss by parameters that windows of the others lead to (cross-validation).
+
+    Where a law's form is not nature's every motion asks for parameters of its own, and what is best for all recordings
+    together need not be for the next. With one recording there is nothing to leave out: what its windows miss.
+    """
+    q = led.question
+    owners = np.unique(q.problem.recording)
+    if len(owners) < 2:
+        return misses(led, seconds)
+    looks, gains, lost = windows(q.problem, seconds), _measuring(Place(q, led.p, led.noise)), 0.0
+    for left_out in owners:
+        own = q.problem.recording == left_out
+        rest = np.flatnonzero(~own).tolist()
+        p = steered_fit(q, led.p, q.model, gains, TURN, rest, looks).p
+        lost += _loss(Place(q, p, led.noise), looks, np.flatnonzero(own).tolist())
+    return lost
+
+
 def windows(problem: Problem, seconds: float) -> Booleans:
     """Samples at which windows begin, (samples,); up to the first one's end every sample, as nothing is known yet."""
     looks = np.zeros(len(problem.time), dtype=np.bool_)
@@ -85,8 +105,9 @@ def _measuring(here: Place) -> Filtered:
     return replace(f, variances=np.broadcast_to(here.noise.measurement, f.variances.shape))
 
 
-def _loss(here: Place, looks: Booleans) -> float:
+def _loss(here: Place, looks: Booleans, only: Sequence[int] | None = None) -> float:
+    """Of all segments, or of these only."""
     q = here.q
-    z: Array = innovations(q, here.p[None], q.model, _measuring(here), looks=looks)
+    z: Array = innovations(q, here.p[None], q.model, _measuring(here), only, looks)
     prior = ((here.p[list(q.free)] - q.prior) / q.prior_sd) ** 2
     return 0.5 * float(huber(z).sum() + prior.sum())

@@ -8,13 +8,14 @@ import pytest
 from optid.diagnose.candidate import Candidate, Data, fit_base
 from optid.diagnose.judge import EXCESS, excess, judge
 from optid.diagnose.settling import foreseen, likelier
-from optid.fit.multistep import misses
+from optid.fit.multistep import foreseeing, misses, misses_unseen
 from optid.fit.place import Place
 from tests.diagnose.trolley import SD, TRUTH, recording, rig
 
 
-def fitted(folder, concealed):
-    train = [recording(seed, f"run_{seed}", concealed) for seed in (1, 2)]
+def fitted(folder, concealed, later=None):
+    """A base fit of two recordings, the second with something else concealed on request."""
+    train = [recording(1, "run_1", concealed), recording(2, "run_2", later or concealed)]
     data = Data(tuple(train), (recording(3, "held", concealed),), {"position": SD}, np.random.default_rng(0))
     return fit_base(rig(folder), data, lambda share, words: None), data
 
@@ -24,11 +25,16 @@ def sound(tmp_path_factory):
     return fitted(tmp_path_factory.mktemp("sound"), lambda u: u)
 
 
+def lagging(u):
+    """By 0.15 s."""
+    late = np.exp(-np.arange(120) / 15.0)
+    return np.convolve(u, late / late.sum())[: len(u)]
+
+
 @pytest.fixture(scope="module")
 def bent(tmp_path_factory):
-    """What pushes lags behind the command by 0.15 s."""
-    late = np.exp(-np.arange(120) / 15.0)
-    return fitted(tmp_path_factory.mktemp("bent"), lambda u: np.convolve(u, late / late.sum())[: len(u)])
+    """What pushes lags behind the command."""
+    return fitted(tmp_path_factory.mktemp("bent"), lagging)
 
 
 @pytest.fixture(scope="module")
@@ -84,3 +90,13 @@ def test_a_law_that_is_not_natures_gets_what_predicts_its_recordings_and_says_ho
     assert (apart > 0.0).all()
     assert found.judged is not base.judged
     assert likelier(base, data).answer.score <= base.answer.score
+
+
+def test_what_serves_one_recording_alone_is_not_taken(tmp_path):
+    """One rig's command lags, the other's saturates: parameters that predict both best predict neither unseen."""
+    base, data = fitted(tmp_path, lagging, later=lambda u: np.clip(u, -0.3, 0.5))
+    seconds = base.judged.horizon
+    led = foreseeing(base.answer, seconds)
+    assert misses(led, seconds) < 0.98 * misses(base.answer, seconds) < misses_unseen(led, seconds)
+    found, apart = foreseen(base, data)
+    assert found is base and not apart.any()

@@ -6,9 +6,11 @@ from collections.abc import Mapping
 from typing import Any
 
 import casadi as ca
+import numpy as np
 
 from optid.core.parameter import Parameter
 from optid.core.sheet import Sheet
+from optid.core.smooth import dead_zone
 from optid.effects.effect import Effect
 
 DISTANCE = Parameter(
@@ -24,41 +26,40 @@ DAMPING = Parameter(
     "micro_damping", "N s/m", 200.0, "damping of that elastic motion", "physics catalogue A.1: 50 to 1000 N s/m",
     200.0, (0.0, 3e3),
 )  # fmt: skip
-PARTS = {
-    "first": -1.0,
-    "second": -1 / 3,
-    "third": 1 / 3,
-    "last": 1.0,
-}  # of the spread: how much longer than the mean
-BEYOND = 1.5  # of a deflection squared, over what slips: where that falls faster the bristle follows at a steady pace
-ABRUPT = 2.0  # times the plant's lag in which a bristle builds up at speed: an abrupt one is stiffer
+BEND = Parameter(
+    "bend", "1", 0.05, "how much longer the last part holds than an even spread has it, as a share of the distance",
+    "lengths are positive, so that their distribution leans to the long ones", 0.0, (0.0, 0.5),
+)  # fmt: skip
+# Parts' places in the spread. A filter moves eight points at a time: six parts cost as much as four would.
+SIDES = np.linspace(-1.0, 1.0, 6)
+SKEWED = SIDES**2 - float(np.mean(SIDES**2))  # leaves the mean distance
+CATCH = 3e-4  # s: in which a part that slips lets its deflection follow; the force is exact at any value
 
 
 class Presliding(Effect):
-    """Four bristles in parallel instead of the plant's own, each a quarter of the friction and longer than the last.
+    """Six elastic parts in parallel instead of the plant's bristle, each a sixth of the friction, each holds longer.
 
-    With z_k their deflections over their lengths d_k: F = F_r mean(z_k) + sigma_1 mean(d_k z_k'). Each is nearly
-    elastic until it slips, and elastic again when the motion turns (Bouc and Wen's law with beta = gamma, n = 8): one
-    bristle forgets a reversal within a larger one, which real seals remember (Masing's rule); several do not.
+    Each is a spring until it slips and bears no more (Iwan's elements): after a reversal it is elastic again, and large
+    motions are remembered beside small ones (Masing's rule). What holds is damped, what slips is not.
     """
 
     name = "presliding"
     sites = ("force.presliding", "force.coulomb", "force.friction")
     equation = "11"
-    parameters = (DISTANCE, SPREAD, DAMPING)
+    parameters = (DISTANCE, SPREAD, BEND, DAMPING)
     strength = {"distance": 4e-5}
     usual = tuple(
-        {"distance": d, "spread": spread, "micro_damping": 200.0}
+        {"distance": d, "spread": spread, "bend": 0.0, "micro_damping": 200.0}
         for d in (1e-4, 3e-4, 1e-3)
         for spread in (0.0, 0.6)
     )
     law = (
-        "dry friction builds up over four distances d_k from d (1 - s) to d (1 + s): z_k' = v / d_k until z_k is 1, "
-        "F = F_r mean(z_k) + sigma_1 mean(d_k z_k')"
+        "dry friction builds up over six distances d_k from d (1 - s) to d (1 + s), bent: z_k' = v while |z_k| < d_k, "
+        "F = F_r mean(z_k / d_k) + sigma_1 mean(z_k')"
     )
     says = (
         "the axis gives elastically over {distance} before it slides, one part of the seal {spread} of that earlier "
-        "and another later, damped by {micro_damping}"
+        "and another later (the last by {bend} more), damped by {micro_damping}"
     )
     depends_on = ("velocity",)
     needs = "reversals and starts from rest, best of 0.1 to 1 mm amplitude"
@@ -86,17 +87,17 @@ class Presliding(Effect):
         )
 
     def _bend(self, length: Any, near: Mapping[str, Any], sheet: Sheet) -> None:
-        """Note how far the mean deflection is from the plant's own bristle's, and the mean speed of bending, m/s."""
+        """Note how far the parts' mean share is from the plant's own bristle's, and the mean speed of bending, m/s."""
         v, most, distance = near["v"], near["most"], sheet.param(DISTANCE)
-        lag = ABRUPT * sheet.plant_param("bristle_lag")
+        spread, bend = sheet.param(SPREAD), sheet.param(BEND)
         mean, speed = ca.SX(0), ca.SX(0)
-        for name, side in PARTS.items():
-            z, own = sheet.state(name, "1", 1.0, spread=1.0), (1 + side * sheet.param(SPREAD)) * distance
-            squared = ca.fmin((z / most) ** 2, BEYOND)
-            reach = ca.sqrt(ca.fmax(length, own) ** 2 + (lag * v) ** 2)
-            rate = (v - ((squared**2) ** 2) * (v + ca.fabs(v) * ca.sign(z)) / 2) / reach
-            sheet.rate(z, rate)
-            mean, speed = mean + z / len(PARTS), speed + own * rate / len(PARTS)
-        # Where they are shorter than the plant's own they count the less, and at nothing not at all.
-        sheet.note("apart", (mean - near["z"]) * ca.fmin(1, distance / length))
-        sheet.note("speed", speed)
+        for number, (side, skew) in enumerate(zip(SIDES, SKEWED, strict=True), 1):
+            own = ca.fmax(length, (1 + side * spread + skew * bend) * distance)
+            deflection = sheet.state(f"part_{number}", "m", 1e-4, spread=1e-4)
+            beyond = dead_zone(deflection, most * own)
+            sheet.rate(deflection, v - beyond / CATCH)
+            mean = mean + (deflection - beyond) / own / len(SIDES)
+            speed = speed + ca.if_else(beyond == 0, v, 0) / len(SIDES)
+        counts = ca.fmin(1, distance / length)  # shorter ones than the plant's own count the less
+        sheet.note("apart", (mean - near["z"]) * counts)
+        sheet.note("speed", speed * counts)

@@ -25,7 +25,7 @@ ZERO = Parameter("zero", "m", 1e-3, "error everywhere: what the even part has at
 SLOPE = Parameter(
     "slope", "m", 1e-3, "error at the far end of one that grows with the way", SIZE, 0.0, WITHIN
 )
-FINER = (2, 3, 4)  # times as many waves along the stroke
+FINER = (2, 3, 4, 5, 6)  # times as many waves along the stroke: a pinion errs once a turn, some 63 to 125 mm
 BOWS, CURLS = (
     tuple(
         Parameter(
@@ -43,7 +43,7 @@ TRIED = 5.0  # times that
 
 
 class SensorNonlinearity(Effect):
-    """x + zero + slope 2 x / L + sum_k bow_k cos((2 k - 1) pi x / L) + curl_k sin(2 k pi x / L), k = 1..4.
+    """x + zero + slope 2 x / L + sum_k bow_k cos((2 k - 1) pi x / L) + curl_k sin(2 k pi x / L), k = 1..6.
 
     Any smooth bend is nearly such a sum; its zero and slope show in the motion as well, through the dead volumes.
     """
@@ -60,8 +60,8 @@ class SensorNonlinearity(Effect):
     law = "shown position is x + zero + slope 2 x / L + sum of bow_k cos((2 k - 1) pi x / L) + curl_k sin(2 k pi x / L)"
     says = (
         "the position sensor is bent: it errs by {bow} at mid-stroke and by {curl} a quarter of the stroke beyond, in "
-        "finer shapes by {bow_2}, {bow_3}, {bow_4} evenly and by {curl_2}, {curl_3}, {curl_4} oddly, apart from {zero} "
-        "everywhere and {slope} more at the far end"
+        "finer shapes by {bow_2}, {bow_3}, {bow_4}, {bow_5}, {bow_6} evenly and by {curl_2}, {curl_3}, {curl_4}, "
+        "{curl_5}, {curl_6} oddly, apart from {zero} everywhere and {slope} more at the far end"
     )
     depends_on = ("position",)
     needs = "motion over most of the stroke"
