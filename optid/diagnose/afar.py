@@ -19,15 +19,16 @@ from optid.core.model import Array, Model
 from optid.diagnose.candidate import Candidate, Data
 from optid.diagnose.judge import EXCESS, excess, judge
 from optid.diagnose.lead import Ground, Lead, ahead, worst, worthy
+from optid.diagnose.resemblance import resembling
 from optid.diagnose.screen import Signature
 from optid.effects.effect import Effect
 from optid.errors import SolveError
-from optid.fit.likelihood import Filtered, Noise, deviance, run_filter
+from optid.fit.likelihood import Filtered, Noise, deviance, huber, run_filter
 from optid.fit.multistep import windows
 from optid.fit.place import LEVELS, Answer, Place, Question
 from optid.fit.problem import Booleans
 from optid.fit.scoring import middling
-from optid.fit.steering import Steered, steered_fit
+from optid.fit.steering import Steered, innovations, steered_fit
 
 SHORT = 0.2  # of the windows that models are judged by
 CALM = 2.0  # log: by how much less process noise than a middling one the filters have
@@ -57,7 +58,8 @@ def from_afar(
     """What effects gain where they lead, the most promising first.
 
     They begin where the guide stands and, as that may be bent, at the rig file's values; beside other effects only
-    where the guide stands, which is about where all of them belong.
+    where the guide stands, which is about where all of them belong. Effects of a sensor begin where an unknown signal
+    there stands, too, which they resemble.
 
     Args:
         current: the model that they come to.
@@ -72,6 +74,7 @@ def from_afar(
     starts = [guide.p] if near or current.effects else [guide.p, q.model.vector(current.rig.parameters)]
     seconds, first = current.judged.horizon, worst(guide)
     looks, whole = windows(q.problem, SHORT * seconds), windows(q.problem, seconds)
+    names = tuple(parameter.name for parameter in q.model.parameters)
     begun: list[Lead] = []
     running: list[Lead] = []
     for start in starts:
@@ -81,6 +84,13 @@ def from_afar(
             there = [lead for effect in effects if not data.over for lead in ground.begun(effect)]
             begun += there
             running += ahead(there, BEGUN, OF_ONE)
+    if not near:
+        resembled = [
+            _seen(Lead(effect, question, names, Steered(p, math.inf)), first, looks)
+            for effect, question, p in resembling(current, effects, data, plain)
+        ]
+        begun += resembled
+        running += resembled
     for leg, (steps, most, alike) in enumerate(race):
         if data.over:
             return []
@@ -97,6 +107,15 @@ def from_afar(
         others = ahead(branches, BRANCHES // len(found), BRANCHES)
         best.append(_best(lead, others, looks, whole, data))
     return worthy(ahead(best, len(best), 1), alone[1], guide)
+
+
+def _seen(lead: Lead, over: Sequence[int], looks: Booleans) -> Lead:
+    """The same with what its own filter leaves of the innovations, over the recording that is looked at first."""
+    held = _filter(lead.question, lead.at.p, over)
+    if held is None:
+        return replace(lead, at=Steered(lead.at.p, math.inf))
+    (z,) = innovations(lead.question, lead.at.p[None], lead.question.model, held, over, looks)
+    return replace(lead, at=Steered(lead.at.p, float(huber(z).sum())))
 
 
 def _best(lead: Lead, others: Sequence[Lead], looks: Booleans, whole: Booleans, data: Data) -> Lead:
