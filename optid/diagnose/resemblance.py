@@ -7,7 +7,7 @@ it turned out to be is what a law has to look like (regression of the estimated 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -18,8 +18,8 @@ from optid.diagnose.disturbance import Located, locate_at
 from optid.diagnose.law import Probe
 from optid.diagnose.screen import grown
 from optid.effects.effect import Effect
-from optid.errors import OptidError
 from optid.fit.place import Question
+from optid.fit.problem import Integers
 from optid.rigs.rigfile import with_effects
 
 # What is added to a reading moves the readings alone: held gains take it for motion, and lead astray.
@@ -68,55 +68,63 @@ def _regressed(
     current: Candidate, effect: Effect, question: Question, located: Located
 ) -> dict[str, float] | None:
     """Its parameters by own name; ``None`` for a law with a memory of its own."""
-    site, answer = located.site, located.answer
-    try:
-        rig = with_effects(current.rig, (Probe("before", site), effect, Probe("after", site)), {})
-    except OptidError:
+    problem = question.problem
+    rows = np.arange(0, len(problem.time), max(len(problem.time) // POINTS, 1))
+    added, signal = _added(current, effect, question, located, rows), located.signal[rows]
+    spread = 1.4826 * float(np.median(np.abs(signal - np.median(signal))))
+    if added is None or not spread > 0.0:
         return None
-    model, own = rig.model, answer.question.model
+    owner = np.repeat(problem.recording, problem.counts + 1)[rows]
+    recordings = [owner == one for one in np.unique(owner)]
+
+    def off(values: Array) -> Array:
+        """What the law misses of the signal, in its spread, but for a constant in each recording.
+
+        A walk that begins at nothing stays behind by as much as nobody knows of the start.
+        """
+        missed = np.nan_to_num((added(values) - signal) / spread, nan=AWAY)
+        for own in recordings:
+            missed[own] -= np.median(missed[own])
+        return np.asarray(missed)
+
+    def loss(values: Array) -> float:
+        return float(np.log1p((off(values) / PLAIN) ** 2).sum())
+
+    low, high = np.array([q.bounds for q in effect.parameters]).T
+    inside = 1e-6 * (high - low)
+    tries = [{**effect.at_null(), **one} for one in effect.usual]
+    starts = [np.array([one[q.name] for q in effect.parameters]) for one in tries]
+    ends = [
+        least_squares(
+            off, np.clip(start, low + inside, high - inside), bounds=(low, high), loss="cauchy", f_scale=PLAIN,
+            x_scale=[q.typical for q in effect.parameters], max_nfev=EVALUATIONS,
+        ).x
+        for start in sorted(starts, key=loss)[:FEW]
+    ]  # fmt: skip
+    return dict(zip((q.name for q in effect.parameters), min(ends, key=loss).tolist(), strict=True))
+
+
+def _added(
+    current: Candidate, effect: Effect, question: Question, located: Located, rows: Integers
+) -> Callable[[Array], Array] | None:
+    """What the law adds to its site at these samples, given its parameters in SI; ``None`` if it has a memory."""
+    site, answer = located.site, located.answer
+    model = with_effects(current.rig, (Probe("before", site), effect, Probe("after", site)), {}).model
+    own = answer.question.model
     known = [state.name for state in own.states]
     if not {state.name for state in model.states} <= set(known):
         return None
-    problem = question.problem
-    rows = np.arange(0, len(problem.time), max(len(problem.time) // POINTS, 1))
-    owner = np.repeat(problem.recording, problem.counts + 1)[rows]
-    own_rows = [owner == recording for recording in np.unique(owner)]
-    X = answer.filtered.states[0][np.ix_(rows, [known.index(state.name) for state in model.states])].T
-    U, signal = problem.inputs[rows].T, located.signal[rows]
-    roles = [port.role for port in model.outputs]
-    after, before, shown = roles.index("after"), roles.index("before"), model.sensors.map(len(rows))
-    stands = dict(zip((q.name for q in own.parameters), answer.p.tolist(), strict=True))
+    columns = np.array([known.index(state.name) for state in model.states])
+    X, U = answer.filtered.states[0][np.ix_(rows, columns)].T, question.problem.inputs[rows].T
     names = {q.name for q in model.parameters}
-    p = model.vector({name: value for name, value in stands.items() if name in names})
-    mine = np.array([model.index(f"{effect.name}.{q.name}") for q in effect.parameters])
-    typical = np.array([q.typical for q in effect.parameters])
-    low, high = np.array([q.bounds for q in effect.parameters]).T / typical
-    spread = 1.4826 * float(np.median(np.abs(signal - np.median(signal))))
-    if not spread > 0.0:
-        return None
+    stands = zip((q.name for q in own.parameters), answer.p.tolist(), strict=True)
+    p = model.vector({name: value for name, value in stands if name in names})
+    mine = [model.index(f"{effect.name}.{q.name}") for q in effect.parameters]
+    roles, shown = [port.role for port in model.outputs], model.sensors.map(len(rows))
 
-    def off(theta: Array) -> Array:
-        """What the law misses of the signal, in its spread, but for a constant in each recording."""
-        p[mine] = theta * typical
-        values = np.array(shown(X, U, p))
-        missed = np.nan_to_num((values[after] - values[before] - signal) / spread, nan=AWAY)
-        for (
-            one
-        ) in own_rows:  # a walk that begins at nothing is late by as much as it does not know of the start
-            missed[one] -= np.median(missed[one])
-        return np.asarray(missed)
+    def added(values: Array) -> Array:
+        p[mine] = values
+        out = np.array(shown(X, U, p))
+        return np.asarray(out[roles.index("after")] - out[roles.index("before")])
 
-    def loss(theta: Array) -> float:
-        return float(np.log1p((off(theta) / PLAIN) ** 2).sum())
-
-    points = [{**effect.at_null(), **one} for one in effect.usual]
-    starts = [np.array([one[q.name] for q in effect.parameters]) / typical for one in points]
-    best: list[Array] = []
-    for start in sorted(starts, key=loss)[:FEW]:
-        inside = np.clip(start, low + 1e-6 * (high - low), high - 1e-6 * (high - low))
-        fit = least_squares(
-            off, inside, bounds=(low, high), loss="cauchy", f_scale=PLAIN, x_scale="jac", max_nfev=EVALUATIONS
-        )
-        best.append(fit.x)
-    values = min(best, key=loss) * typical
-    return dict(zip((q.name for q in effect.parameters), values.tolist(), strict=True))
+    return added
