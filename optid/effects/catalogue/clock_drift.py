@@ -33,7 +33,7 @@ class ClockDrift(Effect):
 
     Where the position comes late and other channels do, too, all that the command does comes late: the command of r t
     ago is taken, exactly. What the position alone comes late by is what it moved in the last r t seconds, by Pade's
-    approximation of second order: a piston may have broken away in between, and no speed or acceleration of now
+    approximation of third order: a piston may have broken away in between, and no speed or acceleration of now
     tells of that. What it comes early is carried on, x - v r t + a (r t)^2 / 2.
     """
 
@@ -68,10 +68,13 @@ class ClockDrift(Effect):
         alone, v = late - together, near["v"]
         long = ca.fmax(alone, SHORTEST)
         longer = ca.if_else(alone > SHORTEST, sheet.param(RATE) * (1 - sheet.param(OTHERS)), 0)
-        moved = sheet.state("moved", "m", USUAL, spread=SPREAD)
-        # Of what it moved, in the time in which it did.
-        change = sheet.state("moved_change", "m", USUAL, spread=SPREAD)
-        sheet.rate(moved, (longer * moved + change) / long)
-        sheet.rate(change, (12 * (v * long - moved) + (longer - 6) * change) / long)
+        way, change, bend = (
+            sheet.state(name, "m", USUAL, spread=SPREAD) for name in ("way", "way_change", "way_bend")
+        )
+        # The mean speed of that time, by (120 + 2 s^2) / (120 + 60 s + 12 s^2 + s^3) with s in that time, times it.
+        sheet.rate(way, (longer * way + change) / long)
+        sheet.rate(change, (longer * change + bend) / long)
+        sheet.rate(bend, (120 * (v * long - way) - 60 * change + (longer - 12) * bend) / long)
+        moved = way + bend / 60
         early = nominal - v * alone + near.get("a", 0.0) * alone**2 / 2
         return ca.if_else(alone > 0, nominal - moved * alone / long, early)
