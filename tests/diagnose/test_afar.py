@@ -211,3 +211,14 @@ def test_nothing_leads_when_the_time_is_over(worn):
     base, guide, data = worn
     plain = base.rig.model
     assert from_afar(base, guide, admitted(plain), replace(data, until=0.0), plain) == []
+
+
+def test_what_resembles_an_unknown_signal_leads_as_well_but_not_near(worn, first, monkeypatch):
+    base, guide, data = worn
+    plain = base.rig.model
+    question = data.question(grown(base.rig, first.effect), plain)
+    p = question.at({**first.beside, **first.effect.qualified(first.values)})
+    monkeypatch.setattr(afar, "resembling", lambda *args: [(first.effect, question, p)])
+    (found,) = from_afar(base, guide, [], data, plain)
+    assert found.effect is first.effect and found.values["limit"] == pytest.approx(0.4, rel=0.02)
+    assert from_afar(base, guide, [], data, plain, near=True) == []

@@ -6,12 +6,12 @@ from collections.abc import Mapping
 from typing import Any
 
 import casadi as ca
-import numpy as np
 
 from optid.core.parameter import Parameter
 from optid.core.sheet import Sheet
 from optid.core.smooth import dead_zone
 from optid.effects.effect import Effect
+from optid.effects.parallel import shares
 
 DISTANCE = Parameter(
     "distance", "m", 1e-4, "mean elastic motion before dry friction slips, where longer than presliding_length",
@@ -30,9 +30,6 @@ BEND = Parameter(
     "bend", "1", 0.05, "how much longer the last part holds than an even spread has it, as a share of the distance",
     "lengths are positive, so that their distribution leans to the long ones", 0.0, (0.0, 0.5),
 )  # fmt: skip
-# Parts' places in the spread. A filter moves eight points at a time: six parts cost as much as four would.
-SIDES = np.linspace(-1.0, 1.0, 6)
-SKEWED = SIDES**2 - float(np.mean(SIDES**2))  # leaves the mean distance
 CATCH = 3e-4  # s: in which a part that slips lets its deflection follow; the force is exact at any value
 
 
@@ -91,13 +88,14 @@ class Presliding(Effect):
         v, most, distance = near["v"], near["most"], sheet.param(DISTANCE)
         spread, bend = sheet.param(SPREAD), sheet.param(BEND)
         mean, speed = ca.SX(0), ca.SX(0)
-        for number, (side, skew) in enumerate(zip(SIDES, SKEWED, strict=True), 1):
-            own = ca.fmax(length, (1 + side * spread + skew * bend) * distance)
+        parts = shares(spread, bend)
+        for number, share in enumerate(parts, 1):
+            own = ca.fmax(length, share * distance)
             deflection = sheet.state(f"part_{number}", "m", 1e-4, spread=1e-4)
             beyond = dead_zone(deflection, most * own)
             sheet.rate(deflection, v - beyond / CATCH)
-            mean = mean + (deflection - beyond) / own / len(SIDES)
-            speed = speed + ca.if_else(beyond == 0, v, 0) / len(SIDES)
+            mean = mean + (deflection - beyond) / own / len(parts)
+            speed = speed + ca.if_else(beyond == 0, v, 0) / len(parts)
         counts = ca.fmin(1, distance / length)  # shorter ones than the plant's own count the less
         sheet.note("apart", (mean - near["z"]) * counts)
         sheet.note("speed", speed * counts)

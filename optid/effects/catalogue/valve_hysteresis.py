@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
-
 from optid.core.parameter import Parameter
 from optid.core.sheet import Sheet
 from optid.core.smooth import dead_zone
 from optid.effects.effect import Effect
+from optid.effects.parallel import shares
 
 WIDTH = Parameter(
     "width", "1", 5e-3, "half the hysteresis, as a share of full command", "physics catalogue A.2: 0.1 to 3 %",
@@ -25,9 +24,6 @@ BEND = Parameter(
     "bend", "1", 0.05, "how much wider the widest part is than an even spread has it, as a share of the mean",
     "widths are positive, so that their distribution leans to the wide ones", 0.0, (0.0, 0.5),
 )  # fmt: skip
-# Parts' places in the spread. A filter moves eight points at a time: six plays cost as much as four would.
-SIDES = np.linspace(-1.0, 1.0, 6)
-SKEWED = SIDES**2 - float(np.mean(SIDES**2))  # leaves the mean width
 CATCH = 3e-4  # s: in which the spool's memory follows; what it shows is exact while it moves, at any value
 
 
@@ -58,10 +54,10 @@ class ValveHysteresis(Effect):
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
         """The share of full travel at which the spool stands."""
         width, spread, bend = sheet.param(WIDTH), sheet.param(SPREAD), sheet.param(BEND)
-        stands = 0.0
-        for number, (side, skew) in enumerate(zip(SIDES, SKEWED, strict=True), 1):
+        stands, parts = 0.0, shares(spread, bend)
+        for number, share in enumerate(parts, 1):
             memory = sheet.state(f"play_{number}", "1", 0.1, spread=0.3)
-            beyond = dead_zone(nominal - memory, width * (1 + side * spread + skew * bend))
+            beyond = dead_zone(nominal - memory, width * share)
             sheet.rate(memory, beyond / CATCH)
-            stands = stands + (memory + beyond) / len(SIDES)
+            stands = stands + (memory + beyond) / len(parts)
         return stands
