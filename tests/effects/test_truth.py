@@ -451,6 +451,26 @@ def test_a_seal_that_slips_part_by_part_remembers_an_inner_reversal():
     assert z == pytest.approx(1.0) and worst < 1e-3
 
 
+@pytest.mark.parametrize(("bent_by", "damped"), [(0.0, 1.0), (1e-3, 0.0)])
+def test_a_seal_is_damped_while_it_holds_and_not_while_it_slips(bent_by, damped):
+    plant, speed = grown(AXIS, "presliding"), 0.02
+    names, u = [state.name for state in plant.model.states], inputs_of(plant.model, np.zeros(1))[0]
+    x = np.array(plant.model.start(plant.vector({}))[0]).ravel()
+    x[names.index("velocity")] = speed
+    for number in range(1, 7):
+        x[names.index(f"presliding.part_{number}")] = bent_by
+    without, rates = (
+        np.array(
+            plant.model.rates(
+                x, u, plant.vector({"presliding.distance": 2e-4, "presliding.micro_damping": much})
+            )
+        ).ravel()[names.index("velocity")]
+        for much in (0.0, 500.0)
+    )
+    force = (without - rates) * plant.values["payload_mass"]
+    assert force == pytest.approx(damped * 500.0 * speed, abs=1e-9)
+
+
 def test_a_recording_may_have_its_own_phase_of_a_disturbance():
     plant = grown(AXIS, "periodic_disturbance")
     names = [state.name for state in plant.model.states]
