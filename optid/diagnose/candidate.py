@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from optid.core.model import Model
+from optid.core.model import Array, Model
 from optid.core.recording import Recording
 from optid.diagnose.judge import EXCESS, Judged, excess, judge
 from optid.effects.effect import Effect
@@ -24,13 +24,10 @@ from optid.rigs.rigfile import Rig, with_effects
 QUIETER = 2.5  # log: how much less process noise a second look and a first refit allow where much is missing
 SCANNED = (0.0, 1.25, 2.5, 3.75)  # log: by how much less process noise may suit a first refit
 SAME = 0.1  # of typical sizes: friction at rest that near is the same
-STUCK = {
-    "presliding_length": -1,
-    "presliding_shape": 1,
-}  # bounds at which friction at rest neither yields nor creeps
-FADES = (
-    0.02  # m/s: where a search for the fading of the contact's damping begins; at its default it hardly shows
-)
+# Bounds at which friction at rest neither yields nor creeps.
+STUCK = {"presliding_length": -1, "presliding_shape": 1}
+# Where searches for a contact's damping begin; at its default the fading hardly shows.
+DAMPED = {"bristle_damping": 2e-4, "bristle_fading": 0.02}
 ABOUT = 4.0  # times what a settled fit leaves: a first refit of the same model leaves no more
 SKEW = "sampling_skew"
 QUICK = 15  # iterations of a first refit; the best then converge
@@ -86,16 +83,9 @@ def fit_base(rig: Rig, data: Data, report: Report) -> Candidate:
     """
     report(0.02, "fitting the base model")
     question = data.question(rig, rig.model)
-    start = rig.model.vector(rig.parameters)
-    for i in question.free:
-        if rig.model.parameters[i].name == "bristle_fading":
-            start[i] = FADES
-    stuck = start.copy()
-    for k, i in enumerate(question.free):
-        name = rig.model.parameters[i].name
-        if name in STUCK:
-            stuck[i] = (question.low if STUCK[name] < 0 else question.high)[k]
-    starts = [start] if np.array_equal(start, stuck) else [start, stuck]
+    start = damped(question, rig.model.vector(rig.parameters))
+    sticking = stuck(question, start)
+    starts = [start] if np.array_equal(start, sticking) else [start, sticking]
     near = [approach(question, p) for p in starts]
     if len(near) > 1 and not _alike(*near):  # the level of process noise may yet turn the choice
         near = [
@@ -107,7 +97,7 @@ def fit_base(rig: Rig, data: Data, report: Report) -> Candidate:
     if excess(judge(best, data.holdout), data.noise) > EXCESS:
         best = _followed(best)
         # What is missing leaves more open than the last few units of likelihood would close.
-        best = _unskewed(maximise(question, best.p, best.noise.levels, polish=False))
+        best = _quietly_unskewed(maximise(question, best.p, best.noise.levels, polish=False))
         rough = Candidate((), rig, best, judge(best, data.holdout))
         if excess(rough.judged, data.noise) > EXCESS:
             return rough
@@ -119,16 +109,38 @@ def fit_base(rig: Rig, data: Data, report: Report) -> Candidate:
     return min(base, again, key=lambda one: one.answer.score)
 
 
-def _unskewed(answer: Answer) -> Answer:
+def damped(q: Question, p: Array) -> Array:
+    """Parameters with the damping of friction at rest where a search for it begins, as far as it is free."""
+    p = p.copy()
+    for i in q.free:
+        p[i] = DAMPED.get(q.model.parameters[i].name, p[i])
+    return p
+
+
+def stuck(q: Question, p: Array) -> Array:
+    """Parameters with a contact that sticks: as short and as abrupt as may be, and damped as where searches begin."""
+    p = damped(q, p)
+    for k, i in enumerate(q.free):
+        if (way := STUCK.get(q.model.parameters[i].name)) is not None:
+            p[i] = (q.low if way < 0 else q.high)[k]
+    return p
+
+
+def unskewed(q: Question, p: Array) -> Array:
+    """Parameters without a skew of the sampling, as far as that is free."""
+    p = p.copy()
+    p[[i for i in q.free if q.model.parameters[i].name == SKEW]] = 0.0
+    return p
+
+
+def _quietly_unskewed(answer: Answer) -> Answer:
     """From no skew of the sampling and with less process noise, where that is likelier.
 
     At first, in much noise, a skew stands in for what parameters and friction at rest still get wrong, and holds them.
     """
-    skews = [i for i in answer.question.free if answer.question.model.parameters[i].name == SKEW]
-    if not skews:
+    p = unskewed(answer.question, answer.p)
+    if np.array_equal(p, answer.p):
         return answer
-    p = answer.p.copy()
-    p[skews] = 0.0
     with contextlib.suppress(SolveError):  # so little noise may not hold the model to the data
         other = maximise(answer.question, p, answer.noise.levels - QUIETER, polish=False)
         return min(answer, other, key=lambda one: one.score)

@@ -25,7 +25,7 @@ from optid.diagnose.residuals import residual_tests
 from optid.diagnose.rivals import compared, indistinguishable
 from optid.diagnose.screen import Signature, screen
 from optid.diagnose.search import EVEN, Search, explains_little, needed, search, stands
-from optid.diagnose.settling import foreseen, likelier
+from optid.diagnose.settling import foreseen, likelier, plainer
 from optid.diagnose.uncertainty import disagreement, estimates, resolution
 from optid.diagnose.unexplained import Described, Look, describe, listen, look, nameless
 from optid.diagnose.where import contribution, region, telling
@@ -114,8 +114,14 @@ def diagnose(
         found = compared(found, own, data, partial(report, 0.94))
         if found.best.effects != named:
             last = tuple(screen(found.best.answer, data.train, admitted(found.best.rig.model, own)))
+    likely = found  # its rivals started where it did
+    if whole and not wide:
+        report(0.94, "the same from a plain start")
+        best = plainer(found.best, data)
+        base = base if found.best.effects else best
+        found = replace(found, base=base, best=best)
     report(0.95, "intervals and residual tests")
-    likely, least = found, resolution(found.best)
+    least = resolution(found.best)
     if found.best.effects and whole:
         # A law of another form than nature's may bring windows to the noise, and its values still be a recording's own;
         # two recordings say too little of that to widen what is at the noise.
@@ -225,7 +231,7 @@ def _enough(base: Candidate, data: Data) -> Candidate | None:
 def _findings(
     found: Search, likely: Search, parameters: tuple[Estimate, ...], data: Data, report: Report
 ) -> tuple[Finding, ...]:
-    """Of every effect; with what it may be confused is told by `likely`, the same at its likeliest parameters."""
+    """Of every effect; with what it may be confused is told by `likely`, the same as the search left it."""
     best = found.best
     findings = []
     for effect in best.effects:

@@ -14,10 +14,11 @@ from dataclasses import replace
 import numpy as np
 
 from optid.core.model import Array
-from optid.diagnose.candidate import Candidate, Data
+from optid.diagnose.candidate import Candidate, Data, stuck, unskewed
 from optid.diagnose.judge import EXCESS, excess, judge
 from optid.errors import SolveError
 from optid.fit.multistep import foreseeing, misses, misses_unseen, preferable
+from optid.fit.objective import stiffest
 from optid.fit.place import Answer
 from optid.fit.scoring import ENOUGH, maximise, standing
 
@@ -39,6 +40,29 @@ def likelier(found: Candidate, data: Data) -> Candidate:
         quiet = standing(led.question, led.p, led.noise.levels - CALMER, STANDING)
         other = maximise(led.question, quiet.p, quiet.noise.levels)
         if other.score < found.answer.score - ENOUGH and preferable(other, led, seconds) is other:
+            return _with(found, other, data)
+    return found
+
+
+def plainer(found: Candidate, data: Data) -> Candidate:
+    """The same model, where it is likelier from a plain start: a rigid contact, no skew, laws at their simplest.
+
+    While physics was missing, whatever may bend stood in for it, and along a ridge of the likelihood it may hold on to
+    that: a second lag of a sensor against the skew of a card, a contact that yields against a lag.
+    """
+    if data.misfit is not None or data.over:
+        return found
+    question = _asked(found, data).question
+    question = replace(question, low=stiffest(question.model, question.free, question.low))
+    simple: dict[str, float] = {}
+    for effect in found.effects:
+        simple |= effect.qualified(effect.simplest)
+    p = unskewed(question, stuck(question, found.answer.p))
+    for name, value in simple.items():
+        p[question.model.index(name)] = value
+    with contextlib.suppress(SolveError):  # so rigid a contact may leave the numbers
+        other = maximise(question, p, found.answer.noise.levels)
+        if other.score < found.answer.score - ENOUGH:
             return _with(found, other, data)
     return found
 

@@ -116,6 +116,15 @@ class Effect:
         """The defaults by own name: no effect."""
         return {q.name: float(q.default) for q in self.parameters if q.default is not None}
 
+    @property
+    def simplest(self) -> dict[str, float]:
+        """By own name the shapes that its law can do without: their defaults are ends of what they may be."""
+        return {
+            q.name: q.default
+            for q in self.fitted
+            if q.default is not None and q.name not in self.strength and q.default in q.bounds
+        }
+
     def size(self, values: Mapping[str, float]) -> float:
         """How many times the smallest size worth a name, from values by own name; the largest strength counts."""
         null = self.at_null()

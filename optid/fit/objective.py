@@ -19,20 +19,21 @@ WINDOW = 0.25  # s between nodes; long against friction's microseconds, short ag
 # Local error of the integration as a share of each state's usual size: 0.01 micrometre of position, and a cost
 # that is smooth to 0.001; at 1e-5 its roughness of about 1 keeps the last iterations busy and saves no time.
 SOLVER = 1e-6
+CONTACT_LENGTH = "presliding_length"
 # Freed with the rest unless the rig file states them, with the sd of what is known before: friction at rest, and
 # the fraction of a sample that lies between a card's channels.
 NUISANCE = {
-    "presliding_length": None,
+    CONTACT_LENGTH: None,
     "presliding_shape": None,
     "friction_width": None,
     "sampling_skew": 2e-4,
 }
 # Freed as well where fits are by filter: a smoother of short recordings loses its way in them (one fit in five of 4 s).
 CONTACT = {"bristle_damping": 5e-3, "bristle_fading": None}
-# Contacts that give by more than this before they slide are physics worth a name, not a nuisance; by less than the
-# least, no sensor sees it, and the equations at rest would only become stiff.
-LEAST = {"presliding_length": 2e-6, "bristle_fading": 2e-3}
-MOST = {"presliding_length": 6e-5, "bristle_damping": 2e-2, "bristle_fading": 0.5}
+# Contacts that give by more than this before they slide are physics worth a name, not a nuisance; less than the least
+# costs searches twice the time, as the equations at rest become stiff (see `stiffest`).
+LEAST = {CONTACT_LENGTH: 2e-6, "bristle_fading": 2e-3}
+MOST = {CONTACT_LENGTH: 6e-5, "bristle_damping": 2e-2, "bristle_fading": 0.5}
 
 
 def freed_with_rest(rig: Rig, *, contact: bool = False) -> tuple[Freed, ...]:
@@ -53,6 +54,18 @@ def freed_with_rest(rig: Rig, *, contact: bool = False) -> tuple[Freed, ...]:
         if parameter.name in nuisance and parameter.name not in names | set(rig.parameters)
     ]
     return tuple(freed)
+
+
+def stiffest(model: Model, free: Iterable[int], low: Array) -> Array:
+    """Lower bounds of free parameters, (free,), SI, with a contact that may be as short as its law allows.
+
+    What a contact gives too much is taken off the friction at rest.
+    """
+    low = low.copy()
+    for k, parameter in enumerate(model.parameters[i] for i in free):
+        if parameter.name == CONTACT_LENGTH and low[k] == LEAST[CONTACT_LENGTH]:  # else the rig file's own
+            low[k] = parameter.bounds[0]
+    return low
 
 
 def window_length(model: Model, recordings: Iterable[Recording]) -> float:

@@ -1,16 +1,26 @@
 """What errs beyond the noise is settled by its windows: to a likelier top, or to parameters that predict better."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from optid.core.readers import read_recording
 from optid.diagnose.candidate import Candidate, Data, fit_base
 from optid.diagnose.judge import EXCESS, excess, judge
-from optid.diagnose.settling import foreseen, likelier
+from optid.diagnose.settling import foreseen, likelier, plainer
+from optid.effects.library import built_in
+from optid.errors import SolveError
+from optid.fit.likelihood import Noise
 from optid.fit.multistep import foreseeing, misses, misses_unseen
+from optid.fit.objective import stiffest
 from optid.fit.place import Place
+from optid.fit.scoring import middling
+from optid.rigs.rigfile import read_rig, with_effects
 from tests.diagnose.trolley import SD, TRUTH, recording, rig
+
+DATA = Path(__file__).parents[2] / "data"
 
 
 def fitted(folder, concealed, later=None):
@@ -73,10 +83,80 @@ def test_a_likelier_top_is_left_where_windows_miss_more_than_they_led_to(sound, 
     assert likelier(astray, data) is astray
 
 
+@pytest.fixture(scope="module")
+def yielding():
+    """The bench, which sticks truly, at its truth but for a contact that yields and a card that skews."""
+    plain = read_rig(DATA / "bench.toml")
+    run = read_recording(DATA / "bench.csv", plain)
+    data = Data((run,), (run,), {"position": 3e-5}, np.random.default_rng(0))
+    lag = built_in()["sensor_lag"]
+    rig = with_effects(plain, (lag,), {})
+    question = data.question(rig, plain.model)
+    truth = {"viscous_friction": 61.3, "coulomb_friction": 71.4, "discharge_coefficient": 0.733}
+    odd = {
+        "residual_length": 9.2e-3, "presliding_length": 1.2e-5, "presliding_shape": 0.0, "bristle_damping": 0.018,
+        "bristle_fading": 2e-3, "sampling_skew": -1.5e-4, "sensor_lag.second": 0.3,
+    }  # fmt: skip
+    noise = Noise(question.measurement, question.groups, middling(question))
+    place = Place(question, question.at(truth | odd), noise)
+    place.differentiate()
+    answer = place.answer(False)
+    return Candidate((lag,), rig, answer, judge(answer, data.holdout)), data
+
+
+def test_from_a_plain_start_a_contact_that_yielded_sticks_and_what_bent_is_straight(yielding):
+    found, data = yielding
+    better = plainer(found, data)
+    values = dict(zip((q.name for q in better.rig.model.parameters), better.answer.p.tolist(), strict=True))
+    assert better.answer.score < found.answer.score - 100.0
+    assert values["presliding_length"] < 1e-6
+    assert abs(values["sampling_skew"]) < 2e-5
+    # With a contact of 2 um at least it comes out 0.08 low.
+    assert values["viscous_friction"] == pytest.approx(61.3, abs=0.07)
+    assert excess(better.judged, data.noise) <= EXCESS
+    assert better.judged is not found.judged
+
+
+def test_from_a_plain_start_everything_odd_is_gone_and_what_is_no_likelier_stays(yielding, monkeypatch):
+    found, data = yielding
+    starts = []
+
+    def maximise(question, p, levels):
+        starts.append(dict(zip((q.name for q in question.model.parameters), p.tolist(), strict=True)))
+        return found.answer
+
+    monkeypatch.setattr("optid.diagnose.settling.maximise", maximise)
+    assert plainer(found, data) is found
+    (start,) = starts
+    expected = {
+        "presliding_length": 3e-7, "presliding_shape": 1.0, "bristle_damping": 2e-4, "bristle_fading": 0.02,
+        "sampling_skew": 0.0, "sensor_lag.second": 0.0, "viscous_friction": 61.3,
+    }  # fmt: skip
+    assert {name: start[name] for name in expected} == expected
+
+    def leaves(question, p, levels):
+        raise SolveError("the simulation leaves the numbers")
+
+    monkeypatch.setattr("optid.diagnose.settling.maximise", leaves)
+    assert plainer(found, data) is found
+    assert plainer(found, replace(data, misfit={"position": 1e-3})) is found
+
+
+def test_a_contact_as_short_as_the_rig_file_says_stays_so(yielding):
+    found, _ = yielding
+    question = found.answer.question
+    k = question.free.index(question.model.index("presliding_length"))
+    own = question.low.copy()
+    assert stiffest(question.model, question.free, question.low)[k] == 3e-7 < own[k]
+    own[k] = 5e-6
+    assert stiffest(question.model, question.free, own).tolist() == own.tolist()
+
+
 def test_no_time_nothing_is_settled(sound, astray):
     _, data = sound
     hurried = replace(data, until=0.0)
     assert likelier(astray, hurried) is astray
+    assert plainer(astray, hurried) is astray
     assert foreseen(astray, hurried)[0] is astray
 
 
