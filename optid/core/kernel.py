@@ -26,7 +26,9 @@ compiled = kept(nogil=True, error_model="numpy", fastmath={"contract", "nsz", "a
 
 STABLE = 2.5  # largest step times relaxation rate; the method's own limit on the real axis is 3.3
 SMALLEST = 1e-12  # of a hold: below this step the equations are singular, not stiff
-MOST = 1000  # linearly implicit steps tried in a hold: equations that need more have left the numbers
+# Steps tried in a hold: equations that need more have left the numbers, though it may take hours to see it.
+MOST = 1000  # linearly implicit ones
+MOST_EXPLICIT = 10_000  # ten times what friction at its stiffest needs in a hold of 0.1 s
 
 
 class Code(NamedTuple):
@@ -105,9 +107,12 @@ def _advance(begin, step, x, S, u, c, k, T, tolerance, span, h):
     the slopes say how fast states relax (behind the rates in k): a state saturated to the last bit (friction in
     full slip) shows no error at any step, while its sensitivity would be multiplied by the unstable method.
     """
-    left = span
+    left, tried = span, 0
     call(begin, (x, S, u, c, at(k, 0), T))
     while left > 0.0:
+        tried += 1
+        if tried > MOST_EXPLICIT:
+            return -1.0
         length = min(h, left)
         if k[-1] * length > STABLE:
             length = STABLE / k[-1]

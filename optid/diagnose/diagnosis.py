@@ -117,7 +117,7 @@ def diagnose(
     likely = found  # its rivals started where it did
     if whole and not wide:
         report(0.94, "the same from a plain start")
-        best = plainer(found.best, data)
+        best = plainer(found.best, hurried)
         base = base if found.best.effects else best
         found = replace(found, base=base, best=best)
     report(0.95, "intervals and residual tests")

@@ -5,7 +5,8 @@ was not named, which may be present up to the smallest size worth a name, and th
 wrong by a factor of two. The last two are priors on sizes that the data may sharpen; they are what keeps intervals
 honest when a law's form is not exact. Where it visibly is not, recordings disagree, and that counts as well; and what
 a model misses by beyond noise widens every interval in proportion (Birge, Physical Review 40, 1932), as all recordings
-may err alike.
+may err alike. A search ends somewhat below the top: what is within reach of the top is within reach of its end by as
+much more.
 """
 
 from __future__ import annotations
@@ -23,10 +24,14 @@ from optid.fit.likelihood import run_steered
 from optid.fit.place import Answer
 from optid.fit.prediction import horizon
 from optid.fit.result import Estimate
+from optid.fit.scoring import ENOUGH
 from optid.fit.steering import STEPS, steered_fit
 
 UNNAMED = 0.5  # sd of an unnamed effect's size, in smallest sizes worth a name
 BLOCK = 0.5  # of a window: innovations within it count as one
+# sd to the ends of a 95 % interval: where the likelihood has fallen by what chance makes it fall, and by what a search
+# leaves of the way up.
+WITHIN = float(np.sqrt(stats.chi2.ppf(0.95, 1) + ENOUGH))
 
 
 def estimates(
@@ -46,7 +51,7 @@ def estimates(
     sd = np.sqrt(np.maximum(np.diag(covariance), 0.0)) * q.typical
     span = np.where(np.isfinite(q.high - q.low), q.high - q.low, np.abs(theta) + q.typical)
     bound = (theta - q.low <= 1e-9 * span) | (q.high - theta <= 1e-9 * span)
-    half = np.maximum(ratio * stats.norm.ppf(0.975) * sd, 0.0 if least is None else least)
+    half = np.maximum(ratio * WITHIN * sd, 0.0 if least is None else least)
     found = []
     for k, i in enumerate(q.free):
         parameter = q.model.parameters[i]

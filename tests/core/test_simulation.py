@@ -1,6 +1,6 @@
 """Windows carried one after the other, and code that is compiled once for equations that are the same."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -73,6 +73,20 @@ def test_a_window_that_leaves_the_numbers_ends_there(cut):
     assert found.nodes[0, 1] == found.nodes[0, 0] == 20.0  # carried over from the node before
     assert np.isnan(found.outputs[0, 24])
     assert found.ends[0, 2] > 0.5
+
+
+def test_a_run_that_would_take_hours_leaves_the_numbers():
+    """A state that relaxes within nanoseconds, in holds of a millisecond: a million steps each."""
+
+    def stiff(s):
+        x = s.state("x", "m", 1.0)
+        s.rate(x, s.input("push", "1") - s.param(replace(RATE, bounds=(0.0, 1e12))) * x)
+        s.output("position", "m", x)
+
+    model, dt, push = build(stiff), np.full(4, 1e-3), np.ones((4, 1))
+    x = simulate(model, np.array([[1e5], [2e9]]), np.array([1.0]), dt, push).states[:, :, 0]
+    assert x[0, 1:] == pytest.approx(1e-5, rel=1e-3)
+    assert np.isnan(x[1, 1:]).all()
 
 
 def test_equal_equations_are_compiled_once(monkeypatch):
