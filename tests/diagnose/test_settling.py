@@ -8,6 +8,8 @@ import pytest
 
 from optid.core.readers import read_recording
 from optid.diagnose.candidate import Candidate, Data, fit_base
+from optid.diagnose.diagnosis import diagnose
+from optid.diagnose.finding import Verdict
 from optid.diagnose.judge import EXCESS, excess, judge
 from optid.diagnose.settling import foreseen, likelier, plainer
 from optid.effects.library import built_in
@@ -140,6 +142,24 @@ def test_from_a_plain_start_everything_odd_is_gone_and_what_is_no_likelier_stays
     monkeypatch.setattr("optid.diagnose.settling.maximise", leaves)
     assert plainer(found, data) is found
     assert plainer(found, replace(data, misfit={"position": 1e-3})) is found
+
+
+def test_a_sound_rig_is_told_by_its_fit_from_a_plain_start(sound, monkeypatch):
+    base, data = sound
+    ends = []
+
+    def plain(found, data):
+        ends.append((replace(found), data.until))
+        return ends[-1][0]
+
+    monkeypatch.setattr("optid.diagnose.diagnosis.plainer", plain)
+    told = diagnose(
+        base.rig, data.train, data.holdout, own=(), generator=np.random.default_rng(0), time_limit=500.0
+    )
+    ((end, until),) = ends
+    assert told.verdict is Verdict.CONSISTENT
+    assert told.base is end and told.best is end
+    assert np.isfinite(until)
 
 
 def test_a_contact_as_short_as_the_rig_file_says_stays_so(yielding):
