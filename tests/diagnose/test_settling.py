@@ -12,13 +12,14 @@ from optid.diagnose.diagnosis import diagnose
 from optid.diagnose.finding import Verdict
 from optid.diagnose.judge import EXCESS, excess, judge
 from optid.diagnose.settling import foreseen, likelier, plainer
+from optid.diagnose.uncertainty import _covariance, estimates
 from optid.effects.library import built_in
 from optid.errors import SolveError
 from optid.fit.likelihood import Noise
 from optid.fit.multistep import foreseeing, misses, misses_unseen
 from optid.fit.objective import stiffest
 from optid.fit.place import Place
-from optid.fit.scoring import middling
+from optid.fit.scoring import ENOUGH, middling
 from optid.rigs.rigfile import read_rig, with_effects
 from tests.diagnose.trolley import SD, TRUTH, recording, rig
 
@@ -160,6 +161,17 @@ def test_a_sound_rig_is_told_by_its_fit_from_a_plain_start(sound, monkeypatch):
     assert told.verdict is Verdict.CONSISTENT
     assert told.base is end and told.best is end
     assert np.isfinite(until)
+
+
+def test_intervals_reach_as_far_below_the_top_as_chance_and_a_search_leave(sound):
+    base, _ = sound
+    told = {e.name: (e.high - e.low) / 2 for e in estimates(base.answer, ())}
+    sd = np.sqrt(np.diag(_covariance(base.answer, ()))) * base.answer.question.typical
+    names = [base.rig.model.parameters[i].name for i in base.answer.question.free]
+    assert set(TRUTH) <= set(names)
+    for name, one in zip(names, sd, strict=True):
+        if name in TRUTH:
+            assert (told[name] / one) ** 2 == pytest.approx(3.841 + ENOUGH, rel=1e-3)
 
 
 def test_a_contact_as_short_as_the_rig_file_says_stays_so(yielding):
