@@ -218,9 +218,8 @@ def _round(
         # What is missing may hide in the process noise: look with less of it, too.
         tight = [] if guide is current.answer else screen(guide, data.train, effects)
         near = _promising(signatures, tight)[: most or (SECOND if led else None)]
-        near = [
-            one for one in near if not any(rival.hopeful and rival.effect is one.effect for rival in rivals)
-        ]
+        # One that came from afar and is not confirmed may have lost its way: it begins here, too.
+        near = [one for one in near if not any(not rival.why and rival.effect is one.effect for rival in rivals)]
         rivals[:] = refit(contest, near, rivals) if near else rivals
     if (
         afar
