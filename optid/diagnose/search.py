@@ -219,7 +219,9 @@ def _round(
         tight = [] if guide is current.answer else screen(guide, data.train, effects)
         near = _promising(signatures, tight)[: most or (SECOND if led else None)]
         # One that came from afar and is not confirmed may have lost its way: it begins here, too.
-        near = [one for one in near if not any(not rival.why and rival.effect is one.effect for rival in rivals)]
+        near = [
+            one for one in near if not any(not rival.why and rival.effect is one.effect for rival in rivals)
+        ]
         rivals[:] = refit(contest, near, rivals) if near else rivals
     if (
         afar
