@@ -700,22 +700,26 @@ def test_what_acts_seldom_counts_where_it_brings_the_windows_to_the_noise(
 
 
 @pytest.mark.parametrize(
-    ("much", "there", "asked"),
+    ("much", "there", "why", "asked"),
     [
-        (9.0, True, [["lag", "drag"], ["play"]]),
-        (9.0, False, [["lag", "drag"], ["play"]]),
-        (2.0, True, [["lag", "play"], ["drag"]]),
-        (2.0, False, [["lag", "play"], ["lag", "drag"]]),
+        (9.0, True, "", [["lag", "drag"], ["play"]]),
+        (9.0, False, "", [["lag", "drag"], ["play"]]),
+        (9.0, False, "no gain", [["lag", "drag"], ["lag", "play"]]),
+        (2.0, True, "", [["lag", "play"], ["drag"]]),
+        (2.0, False, "", [["lag", "play"], ["lag", "drag"]]),
     ],
 )
-def test_a_round_spares_what_stands_where_its_effect_leads(much, there, asked, monkeypatch):
-    """A bent model is led from afar first; elsewhere what the screen shows may already stand where that would end."""
+def test_a_round_spares_what_stands_where_its_effect_leads(much, there, why, asked, monkeypatch):
+    """A bent model is led from afar first; elsewhere what the screen shows may already stand where that would end.
+
+    What came from afar and is not confirmed may have lost its way: it begins where the model is, too.
+    """
     lag, drag, play = (SimpleNamespace(name=name) for name in ("lag", "drag", "play"))
     refits = []
 
     def refit(contest, few, before=()):
         refits.append([one.effect.name for one in few])
-        return [Rival(lag, Candidate((lag,), None, None, None), 900.0, None, "", hopeful=True)]
+        return [Rival(lag, Candidate((lag,), None, None, None), 900.0, None, why, hopeful=True)]
 
     def seen(*effects):
         return lambda *others: [SimpleNamespace(effect=effect) for effect in effects]
