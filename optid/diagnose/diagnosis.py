@@ -15,7 +15,7 @@ from optid.core.recording import Array, Recording
 from optid.core.thinning import thinned
 from optid.diagnose.beginning import begun
 from optid.diagnose.by_simulation import by_simulation
-from optid.diagnose.candidate import Candidate, Data, fit_base, settled, widened
+from optid.diagnose.candidate import ABOUT, Candidate, Data, fit_base, settled, widened
 from optid.diagnose.contest import LEVEL, own_values
 from optid.diagnose.disturbance import Located, locate, locate_at
 from optid.diagnose.finding import Closest, Diagnosis, Finding, Verdict
@@ -115,11 +115,14 @@ def diagnose(
         if found.best.effects != named:
             last = tuple(screen(found.best.answer, data.train, admitted(found.best.rig.model, own)))
     likely = found  # its rivals started where it did
-    if whole and not wide:
+    # Where hardly anything is missing, a contact that should stick more rigidly may be all there is.
+    nearly = not found.best.effects and excess(found.best.judged, noise) <= ABOUT * EXCESS
+    if (whole or nearly) and not wide:
         report(0.94, "the same from a plain start")
         best = plainer(found.best, hurried)
-        base = base if found.best.effects else best
-        found = replace(found, base=base, best=best)
+        if whole or excess(best.judged, noise) <= EXCESS:
+            base = base if found.best.effects else best
+            found = replace(found, base=base, best=best)
     report(0.95, "intervals and residual tests")
     least = resolution(found.best)
     if found.best.effects and whole:

@@ -23,7 +23,7 @@ from optid.diagnose.judge import EXCESS, beyond_noise, brought_to_noise, cleared
 from optid.diagnose.lead import stood
 from optid.diagnose.refit import TINY, refit
 from optid.diagnose.screen import Signature, screen
-from optid.diagnose.settling import likelier
+from optid.diagnose.settling import likelier, plainer
 from optid.effects.effect import Effect
 from optid.effects.library import admitted
 from optid.fit.place import Answer
@@ -163,6 +163,9 @@ def search(
                 # It may be all there is, and stand beside its top: nothing else is to be tried then.
                 tell("where its windows lead")
                 current = likelier(current, data)
+                if excess(current.judged, data.noise) > EXCESS:
+                    tell("the same from a plain start")
+                    current = plainer(current, data, rigid=False)
             confirmed = current
     stopped = data.over  # what was left out of the rounds, no one counts
     closing = replace(data, until=math.inf)  # to know what was found takes its time

@@ -44,16 +44,23 @@ def likelier(found: Candidate, data: Data) -> Candidate:
     return found
 
 
-def plainer(found: Candidate, data: Data) -> Candidate:
+def plainer(found: Candidate, data: Data, *, rigid: bool = True) -> Candidate:
     """The same model, where it is likelier from a plain start: a rigid contact, no skew, laws at their simplest.
 
     While physics was missing, whatever may bend stood in for it, and along a ridge of the likelihood it may hold on to
     that: a second lag of a sensor against the skew of a card, a contact that yields against a lag.
+
+    Args:
+        found: the model.
+        data: recordings.
+        rigid: the contact may be as rigid as its law goes; otherwise as the model's own bounds have it, beside which
+            others are compared.
     """
     if data.misfit is not None or data.over:
         return found
     question = _asked(found, data).question
-    question = replace(question, low=stiffest(question.model, question.free, question.low))
+    if rigid:
+        question = replace(question, low=stiffest(question.model, question.free, question.low))
     simple: dict[str, float] = {}
     for effect in found.effects:
         simple |= effect.qualified(effect.simplest)

@@ -574,7 +574,12 @@ def test_a_search_goes_on_while_something_is_left_and_with_few_where_it_is_littl
 
     Where much is left, the five or two that lead best from afar come before three that the screen shows.
     """
-    rounds, led_on = [], []
+    rounds, led_on, begun = [], [], []
+
+    def plain(current, data, *, rigid):
+        assert not rigid  # those after it are compared with it
+        begun.append(current)
+        return current
 
     def rivals(contest, few, before=()):
         rounds.append(len(few))
@@ -591,6 +596,7 @@ def test_a_search_goes_on_while_something_is_left_and_with_few_where_it_is_littl
     monkeypatch.setattr(search_of, "cleared", lambda *others: 1.0 - left)
     monkeypatch.setattr(search_of, "needed", lambda base: 0.96)
     monkeypatch.setattr(search_of, "likelier", lambda current, data: led_on.append(current) or current)
+    monkeypatch.setattr(search_of, "plainer", plain)
     for name in ("screen", "admitted", "quieted"):
         monkeypatch.setattr(search_of, name, lambda *others: [SimpleNamespace(name="any")] * 9)
     for name, count in (("_promising", 9), ("from_afar", led)):
@@ -602,6 +608,7 @@ def test_a_search_goes_on_while_something_is_left_and_with_few_where_it_is_littl
     assert rounds == asked
     assert found.best.effects == ("effect 1",)
     assert led_on == ([found.best] if left < FORM else [])  # it may be all, and only stand beside its top
+    assert begun == (led_on if ratio > 1.2 else [])
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ from optid.diagnose.candidate import Candidate, Data, fit_base
 from optid.diagnose.diagnosis import diagnose
 from optid.diagnose.finding import Verdict
 from optid.diagnose.judge import EXCESS, excess, judge
+from optid.diagnose.search import Search
 from optid.diagnose.settling import foreseen, likelier, plainer
 from optid.diagnose.uncertainty import _covariance, estimates
 from optid.effects.library import built_in
@@ -120,7 +121,11 @@ def test_from_a_plain_start_a_contact_that_yielded_sticks_and_what_bent_is_strai
     assert better.judged is not found.judged
 
 
-def test_from_a_plain_start_everything_odd_is_gone_and_what_is_no_likelier_stays(yielding, monkeypatch):
+@pytest.mark.parametrize(("rigid", "shortest"), [(True, 3e-7), (False, 2e-6)])
+def test_from_a_plain_start_everything_odd_is_gone_and_what_is_no_likelier_stays(
+    rigid, shortest, yielding, monkeypatch
+):
+    """Within a search the contact keeps the bound under which others are compared with it."""
     found, data = yielding
     starts = []
 
@@ -129,10 +134,10 @@ def test_from_a_plain_start_everything_odd_is_gone_and_what_is_no_likelier_stays
         return found.answer
 
     monkeypatch.setattr("optid.diagnose.settling.maximise", maximise)
-    assert plainer(found, data) is found
+    assert plainer(found, data, rigid=rigid) is found
     (start,) = starts
     expected = {
-        "presliding_length": 3e-7, "presliding_shape": 1.0, "bristle_damping": 2e-4, "bristle_fading": 0.02,
+        "presliding_length": shortest, "presliding_shape": 1.0, "bristle_damping": 2e-4, "bristle_fading": 0.02,
         "sampling_skew": 0.0, "sensor_lag.second": 0.0, "viscous_friction": 61.3,
     }  # fmt: skip
     assert {name: start[name] for name in expected} == expected
@@ -161,6 +166,29 @@ def test_a_sound_rig_is_told_by_its_fit_from_a_plain_start(sound, monkeypatch):
     assert told.verdict is Verdict.CONSISTENT
     assert told.base is end and told.best is end
     assert np.isfinite(until)
+
+
+@pytest.mark.parametrize(
+    ("errs", "then", "told"),
+    [(2.0, 1.1, True), (2.0, 1.3, False), (9.0, None, False)],
+)
+def test_where_hardly_anything_is_missing_a_rigid_contact_may_be_all(sound, errs, then, told, monkeypatch):
+    """Others were compared with a base of another bound: one that leaves something is not taken for it."""
+    base, data = sound
+    better = judge(base.answer, data.holdout)
+
+    def plain(found, data):
+        assert then is not None  # much is missing: no one asks
+        return replace(found, judged=better)
+
+    part = "optid.diagnose.diagnosis."
+    monkeypatch.setattr(part + "excess", lambda judged, noise: then if judged is better else errs)
+    monkeypatch.setattr(part + "search", lambda base, *others: Search(base, base, ()))
+    monkeypatch.setattr(part + "plainer", plain)
+    monkeypatch.setattr(part + "_verdict", lambda found, *others: (Verdict.CONSISTENT, found.best, (), None))
+    found = diagnose(base.rig, data.train, data.holdout, own=(), generator=np.random.default_rng(0))
+    assert (found.best.judged is better) is told
+    assert found.base is found.best
 
 
 def test_intervals_reach_as_far_below_the_top_as_chance_and_a_search_leave(sound):
