@@ -16,6 +16,7 @@ from optid.diagnose.judge import EXCESS, Judged, excess, judge
 from optid.effects.effect import Effect
 from optid.errors import SolveError
 from optid.fit.likelihood import WHOLE
+from optid.fit.objective import stiffest
 from optid.fit.place import Answer, Place, Question
 from optid.fit.problem import pose
 from optid.fit.scoring import approach, followed, maximise, question_of, quieted
@@ -43,7 +44,7 @@ class Data:
 
     `misfit` is what the base model's simulation misses, by role, where models are judged by simulation; `late` are the
     recordings of which the beginning does not count; `until` is when searches end with what they have, by
-    `time.monotonic`.
+    `time.monotonic`; where it is `rigid` a contact may be as short as its law allows, which takes twice the time.
     """
 
     train: tuple[Recording, ...]
@@ -53,6 +54,7 @@ class Data:
     misfit: Mapping[str, float] | None = None
     late: tuple[str, ...] = ()
     until: float = math.inf
+    rigid: bool = False
 
     @property
     def over(self) -> bool:
@@ -62,7 +64,8 @@ class Data:
     def question(self, rig: Rig, plain: Model, train: Sequence[Recording] | None = None) -> Question:
         """What the recordings to fit, or others, are asked of a rig; only states of `plain` carry process noise."""
         problem = pose(rig.model, self.train if train is None else train, WHOLE)
-        return replace(question_of(rig, problem, plain, self.misfit), until=self.until)
+        question = replace(question_of(rig, problem, plain, self.misfit), until=self.until)
+        return yielding_least(question) if self.rigid else question
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,6 +127,11 @@ def stuck(q: Question, p: Array) -> Array:
         if (way := STUCK.get(q.model.parameters[i].name)) is not None:
             p[i] = (q.low if way < 0 else q.high)[k]
     return p
+
+
+def yielding_least(q: Question) -> Question:
+    """The question with a contact that may be as short as its law allows."""
+    return replace(q, low=stiffest(q.model, q.free, q.low))
 
 
 def unskewed(q: Question, p: Array) -> Array:

@@ -26,7 +26,7 @@ from optid.diagnose.rivals import compared, indistinguishable
 from optid.diagnose.screen import Signature, screen
 from optid.diagnose.search import EVEN, Search, explains_little, needed, search, stands
 from optid.diagnose.settling import foreseen, likelier, plainer
-from optid.diagnose.uncertainty import disagreement, estimates, resolution
+from optid.diagnose.uncertainty import FEWEST, disagreement, estimates, resolution
 from optid.diagnose.unexplained import Described, Look, describe, listen, look, nameless
 from optid.diagnose.where import contribution, region, telling
 from optid.diagnose.words import quantity, summary
@@ -106,6 +106,7 @@ def diagnose(
     last = next((one.screened for one in found.rounds if one.model is found.best), None)
     if last is None:
         last = tuple(screen(found.best.answer, data.train, admitted(found.best.rig.model, own)))
+    data = replace(data, rigid=found.rigid)
     hurried = replace(data, until=start + time_limit)
     found = _settled(found, data, hurried, report)
     whole = stands(base, found.best, data) or excess(found.best.judged, noise) <= EXCESS
@@ -128,11 +129,11 @@ def diagnose(
     if found.best.effects and whole:
         # A law of another form than nature's may bring windows to the noise, and its values still be a recording's own;
         # two recordings say too little of that to widen what is at the noise.
-        if len(data.train) > 2 or excess(found.best.judged, noise) > EXCESS:
+        if len(data.train) >= FEWEST or excess(found.best.judged, noise) > EXCESS:
             report(0.95, "how far the recordings disagree")
             least = np.maximum(least, disagreement(found.best.answer))
         best, apart = foreseen(found.best, data)
-        found, least = replace(found, best=best), np.maximum(least, apart)
+        found, least = replace(found, best=best), least + apart  # as far as those of the likeliest reach
     best_parameters = estimates(found.best.answer, last, least, missed(found.best.judged, noise))
     base_parameters = (
         best_parameters

@@ -100,6 +100,7 @@ class Search:
         dropped: effects that a later one made idle.
         instead: models with a look-alike in the place of an effect, by that effect's name.
         stopped: its time was over before everything was tried.
+        rigid: contacts of the best model may be as short as their law allows, and so those of its rivals.
     """
 
     base: Candidate
@@ -109,6 +110,7 @@ class Search:
     dropped: tuple[Effect, ...] = field(default=())
     instead: Mapping[str, tuple[Instead, ...]] = field(default_factory=dict)
     stopped: bool = False
+    rigid: bool = False
 
 
 def search(
@@ -163,9 +165,10 @@ def search(
                 # It may be all there is, and stand beside its top: nothing else is to be tried then.
                 tell("where its windows lead")
                 current = likelier(current, data)
-                if excess(current.judged, data.noise) > EXCESS:
-                    tell("the same from a plain start")
-                    current = plainer(current, data, rigid=False)
+            if EXCESS < excess(current.judged, data.noise) <= ABOUT * EXCESS:
+                tell("the same from a plain start")
+                if (whole := _whole(base, current, data)) is not None:
+                    current, data = whole, replace(data, rigid=True)  # and so are those compared with it
             confirmed = current
     stopped = data.over  # what was left out of the rounds, no one counts
     closing = replace(data, until=math.inf)  # to know what was found takes its time
@@ -176,7 +179,7 @@ def search(
             rounds.append(other)
             best, without, more = _thinned(base, other.winner.candidate, other.model, closing, plain, report)
             dropped += more
-    return Search(base, best, tuple(rounds), without, dropped, stopped=stopped)
+    return Search(base, best, tuple(rounds), without, dropped, stopped=stopped, rigid=data.rigid)
 
 
 def _round(
@@ -318,6 +321,19 @@ def _hopeless(base: Candidate, current: Candidate, data: Data) -> bool:
 def _little_left(base: Candidate, current: Candidate, data: Data) -> bool:
     """What the form of a law may leave: only an effect that takes most of it, or all but the noise, is still named."""
     return bool(current.effects) and 1.0 - cleared(base.judged, current.judged, data.noise) < FORM
+
+
+def _whole(base: Candidate, current: Candidate, data: Data) -> Candidate | None:
+    """A confirmed model from a plain start, if it leaves nothing so; ``None`` otherwise.
+
+    While its contact yielded it may have bent to what another effect would straighten. What a rigid contact brings to
+    the noise without it needs no effect.
+    """
+    plain = plainer(current, data)
+    if excess(plain.judged, data.noise) > EXCESS:
+        return None
+    near = excess(base.judged, data.noise) <= ABOUT * EXCESS
+    return None if near and excess(plainer(base, data).judged, data.noise) <= EXCESS else plain
 
 
 def _promising(plain: Sequence[Signature], tight: Sequence[Signature]) -> list[Signature]:

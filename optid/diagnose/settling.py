@@ -14,11 +14,11 @@ from dataclasses import replace
 import numpy as np
 
 from optid.core.model import Array
-from optid.diagnose.candidate import Candidate, Data, stuck, unskewed
+from optid.diagnose.candidate import Candidate, Data, stuck, unskewed, yielding_least
 from optid.diagnose.judge import EXCESS, excess, judge
+from optid.diagnose.uncertainty import FEWEST, jackknife
 from optid.errors import SolveError
 from optid.fit.multistep import foreseeing, misses, misses_unseen, preferable
-from optid.fit.objective import stiffest
 from optid.fit.place import Answer
 from optid.fit.scoring import ENOUGH, maximise, standing
 
@@ -44,23 +44,15 @@ def likelier(found: Candidate, data: Data) -> Candidate:
     return found
 
 
-def plainer(found: Candidate, data: Data, *, rigid: bool = True) -> Candidate:
+def plainer(found: Candidate, data: Data) -> Candidate:
     """The same model, where it is likelier from a plain start: a rigid contact, no skew, laws at their simplest.
 
     While physics was missing, whatever may bend stood in for it, and along a ridge of the likelihood it may hold on to
     that: a second lag of a sensor against the skew of a card, a contact that yields against a lag.
-
-    Args:
-        found: the model.
-        data: recordings.
-        rigid: the contact may be as rigid as its law goes; otherwise as the model's own bounds have it, beside which
-            others are compared.
     """
     if data.misfit is not None or data.over:
         return found
-    question = _asked(found, data).question
-    if rigid:
-        question = replace(question, low=stiffest(question.model, question.free, question.low))
+    question = yielding_least(_asked(found, data).question)
     simple: dict[str, float] = {}
     for effect in found.effects:
         simple |= effect.qualified(effect.simplest)
@@ -78,19 +70,28 @@ def foreseen(found: Candidate, data: Data) -> tuple[Candidate, Array]:
     """The model with the parameters that predict windows of the recordings to fit best, where that matters.
 
     What is gained on recordings that had no say in them counts: all together would gain by any misfit of one of them.
+    Whether windows err beyond the noise does not matter: what their pasts leave open is no reason to predict worse than
+    the same law can.
 
     Returns:
-        The model, and how far its free parameters are from the likeliest, (free,), SI.
+        The model, and the least half-widths of its intervals, (free,), SI: how far the likeliest parameters are, and
+        how far windows of single recordings disagree, if there are enough to tell.
     """
     none = np.zeros(len(found.answer.question.free))
-    if excess(found.judged, data.noise) <= EXCESS or data.misfit is not None:
+    if data.misfit is not None:
         return found, none
     answer, seconds = _asked(found, data), found.judged.horizon
     led = foreseeing(answer, seconds)
-    if led is answer or misses_unseen(led, seconds) > (1.0 - LESS) * misses(answer, seconds):
+    if led is answer:
+        return found, none
+    missed, without = misses_unseen(led, seconds)
+    if missed > (1.0 - LESS) * misses(answer, seconds):
         return found, none
     free = list(answer.question.free)
-    return _with(found, led, data), np.abs(led.p - answer.p)[free]
+    apart = np.abs(led.p - answer.p)[free]
+    if len(without) >= FEWEST:
+        apart = np.maximum(apart, jackknife([p[free] for p in without]))
+    return _with(found, led, data), apart
 
 
 def _asked(found: Candidate, data: Data) -> Answer:

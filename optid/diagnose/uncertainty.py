@@ -27,6 +27,7 @@ from optid.fit.result import Estimate
 from optid.fit.scoring import ENOUGH
 from optid.fit.steering import STEPS, steered_fit
 
+FEWEST = 3  # recordings whose disagreement says something; of two an interval is 13 times what they differ by
 UNNAMED = 0.5  # sd of an unnamed effect's size, in smallest sizes worth a name
 BLOCK = 0.5  # of a window: innovations within it count as one
 # sd to the ends of a 95 % interval: where the likelihood has fallen by what chance makes it fall, and by what a search
@@ -81,7 +82,13 @@ def disagreement(answer: Answer) -> Array:
         rest = np.flatnonzero(q.problem.recording != left_out).tolist()
         p = steered_fit(q, answer.p, q.model, answer.filtered, STEPS, rest).p
         found.append(p[list(q.free)])
-    squares = (np.array(found) - np.mean(found, axis=0)) ** 2
+    return jackknife(found)
+
+
+def jackknife(without: Sequence[Array]) -> Array:
+    """Half-widths of 95 % intervals from what was estimated without one recording each, as `disagreement` takes it."""
+    count = len(without)
+    squares = (np.array(without) - np.mean(without, axis=0)) ** 2
     spread = np.sqrt((count - 1) / count * squares.sum(axis=0))
     return np.asarray(stats.t.ppf(0.975, count - 1) * spread)
 

@@ -70,23 +70,28 @@ def misses(answer: Answer, seconds: float) -> float:
     return _loss(Place(answer.question, answer.p, answer.noise), windows(answer.question.problem, seconds))
 
 
-def misses_unseen(led: Answer, seconds: float) -> float:
+def misses_unseen(led: Answer, seconds: float) -> tuple[float, list[Array]]:
     """What windows of each recording miss by parameters that windows of the others lead to (cross-validation).
 
     Where a law's form is not nature's every motion asks for parameters of its own, and what is best for all recordings
     together need not be for the next. With one recording there is nothing to leave out: what its windows miss.
+
+    Returns:
+        The loss, and the parameters without each recording, (parameters,) each; none with one recording.
     """
     q = led.question
     owners = np.unique(q.problem.recording)
     if len(owners) < 2:
-        return misses(led, seconds)
-    looks, gains, lost = windows(q.problem, seconds), _measuring(Place(q, led.p, led.noise)), 0.0
+        return misses(led, seconds), []
+    looks, gains = windows(q.problem, seconds), _measuring(Place(q, led.p, led.noise))
+    lost, without = 0.0, []
     for left_out in owners:
         own = q.problem.recording == left_out
         rest = np.flatnonzero(~own).tolist()
         p = steered_fit(q, led.p, q.model, gains, TURN, rest, looks).p
         lost += _loss(Place(q, p, led.noise), looks, np.flatnonzero(own).tolist())
-    return lost
+        without.append(p)
+    return lost, without
 
 
 def windows(problem: Problem, seconds: float) -> Booleans:

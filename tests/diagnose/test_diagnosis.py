@@ -306,6 +306,21 @@ def test_where_three_recordings_disagree_intervals_are_no_narrower_even_at_the_n
         assert ((gain.high - gain.low) > 1.0) is wide
 
 
+def test_where_windows_ask_for_other_parameters_intervals_reach_as_far_as_those_of_the_likeliest(
+    tmp_path, monkeypatch
+):
+    runs = [recording(seed, f"run{seed}.csv", dead_band) for seed in (1, 2, 3, 4)]
+    monkeypatch.setattr(diagnosis_of, "disagreement", lambda answer: 0.5 * answer.question.typical)
+    monkeypatch.setattr(
+        diagnosis_of, "foreseen", lambda found, data: (found, 0.25 * found.answer.question.typical)
+    )
+    told = diagnose(rig(tmp_path), runs[:3], runs[3:], generator=np.random.default_rng(0))
+    gain = next(one for one in told.best_parameters if one.name == "gain")
+    question = told.best.answer.question
+    k = question.free.index(question.model.index("gain"))
+    assert gain.high - gain.value == pytest.approx(0.75 * question.typical[k])
+
+
 @pytest.mark.parametrize(
     ("leave", "share", "verdict"),
     [
