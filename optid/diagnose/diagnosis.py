@@ -90,6 +90,7 @@ def diagnose(
     if (later := begun(base, data)) is not data:
         data = later
         base = fit_base(rig, data, report)
+    base, data = _plainly(base, data, start + SEARCHED * time_limit, report)
     wide = _enough(base, data)
     if wide is None and (simulated := by_simulation(base, data)) is not None:
         base, data = simulated
@@ -106,7 +107,7 @@ def diagnose(
     last = next((one.screened for one in found.rounds if one.model is found.best), None)
     if last is None:
         last = tuple(screen(found.best.answer, data.train, admitted(found.best.rig.model, own)))
-    data = replace(data, rigid=found.rigid)
+    data = replace(data, rigid=found.rigid)  # as the best model is, so are those compared with it
     hurried = replace(data, until=start + time_limit)
     found = _settled(found, data, hurried, report)
     whole = stands(base, found.best, data) or excess(found.best.judged, noise) <= EXCESS
@@ -116,14 +117,9 @@ def diagnose(
         if found.best.effects != named:
             last = tuple(screen(found.best.answer, data.train, admitted(found.best.rig.model, own)))
     likely = found  # its rivals started where it did
-    # Where hardly anything is missing, a contact that should stick more rigidly may be all there is.
-    nearly = not found.best.effects and excess(found.best.judged, noise) <= ABOUT * EXCESS
-    if (whole or nearly) and not wide:
+    if found.best.effects and whole:
         report(0.94, "the same from a plain start")
-        best = plainer(found.best, hurried)
-        if whole or excess(best.judged, noise) <= EXCESS:
-            base = base if found.best.effects else best
-            found = replace(found, base=base, best=best)
+        found = replace(found, best=plainer(found.best, hurried))
     report(0.95, "intervals and residual tests")
     least = resolution(found.best)
     if found.best.effects and whole:
@@ -158,6 +154,20 @@ def diagnose(
         _not_testable(found, last, own), noise, residuals, found, data, closest,
     )  # fmt: skip
     return replace(diagnosis, summary=summary(diagnosis))
+
+
+def _plainly(base: Candidate, data: Data, until: float, report: Report) -> tuple[Candidate, Data]:
+    """The base model from a plain start, if nothing shows to be missing so, and data for rivals as rigid.
+
+    A model beside its top has something to give that an effect which is not there would take.
+    """
+    if excess(base.judged, data.noise) > ABOUT * EXCESS:
+        return base, data
+    report(0.07, "the same from a plain start")
+    plain = plainer(base, replace(data, until=until))
+    if plain is base or excess(plain.judged, data.noise) > EXCESS:
+        return base, data
+    return plain, replace(data, rigid=True)
 
 
 def _settled(found: Search, data: Data, hurried: Data, report: Report) -> Search:

@@ -166,9 +166,11 @@ def search(
                 tell("where its windows lead")
                 current = likelier(current, data)
             if EXCESS < excess(current.judged, data.noise) <= ABOUT * EXCESS:
+                # While its contact yielded it may have bent to what another effect would straighten.
                 tell("the same from a plain start")
-                if (whole := _whole(base, current, data)) is not None:
-                    current, data = whole, replace(data, rigid=True)  # and so are those compared with it
+                rigid = plainer(current, data)
+                if excess(rigid.judged, data.noise) <= EXCESS:
+                    current, data = rigid, replace(data, rigid=True)  # and so are those compared with it
             confirmed = current
     stopped = data.over  # what was left out of the rounds, no one counts
     closing = replace(data, until=math.inf)  # to know what was found takes its time
@@ -321,19 +323,6 @@ def _hopeless(base: Candidate, current: Candidate, data: Data) -> bool:
 def _little_left(base: Candidate, current: Candidate, data: Data) -> bool:
     """What the form of a law may leave: only an effect that takes most of it, or all but the noise, is still named."""
     return bool(current.effects) and 1.0 - cleared(base.judged, current.judged, data.noise) < FORM
-
-
-def _whole(base: Candidate, current: Candidate, data: Data) -> Candidate | None:
-    """A confirmed model from a plain start, if it leaves nothing so; ``None`` otherwise.
-
-    While its contact yielded it may have bent to what another effect would straighten. What a rigid contact brings to
-    the noise without it needs no effect.
-    """
-    plain = plainer(current, data)
-    if excess(plain.judged, data.noise) > EXCESS:
-        return None
-    near = excess(base.judged, data.noise) <= ABOUT * EXCESS
-    return None if near and excess(plainer(base, data).judged, data.noise) <= EXCESS else plain
 
 
 def _promising(plain: Sequence[Signature], tight: Sequence[Signature]) -> list[Signature]:

@@ -48,7 +48,8 @@ def plainer(found: Candidate, data: Data) -> Candidate:
     """The same model, where it is likelier from a plain start: a rigid contact, no skew, laws at their simplest.
 
     While physics was missing, whatever may bend stood in for it, and along a ridge of the likelihood it may hold on to
-    that: a second lag of a sensor against the skew of a card, a contact that yields against a lag.
+    that: a second lag of a sensor against the skew of a card, a contact that yields against a lag. Process noise stood
+    in for it as well, and as much of it would not show the way.
     """
     if data.misfit is not None or data.over:
         return found
@@ -60,7 +61,7 @@ def plainer(found: Candidate, data: Data) -> Candidate:
     for name, value in simple.items():
         p[question.model.index(name)] = value
     with contextlib.suppress(SolveError):  # so rigid a contact may leave the numbers
-        other = maximise(question, p, found.answer.noise.levels)
+        other = maximise(question, p, found.answer.noise.levels - CALMER)
         if other.score < found.answer.score - ENOUGH:
             return _with(found, other, data)
     return found

@@ -610,44 +610,29 @@ def test_a_search_goes_on_while_something_is_left_and_with_few_where_it_is_littl
     assert begun == ([found.best] if 1.2 < ratio < 4.8 else [])  # it may be all, and its contact only yield
 
 
-@pytest.mark.parametrize(
-    ("plainly", "base_errs", "base_plainly", "taken"),
-    [
-        (1.1, 9.0, None, True),
-        (1.3, 9.0, None, False),  # others are to come
-        (1.1, 3.0, 2.0, True),
-        (1.1, 3.0, 1.1, False),  # no effect is needed then
-    ],
-)
-def test_what_a_rigid_contact_makes_all_there_is_counts_if_it_does_not_so_without_effects(
-    plainly, base_errs, base_plainly, taken, monkeypatch
-):
-    """Whoever is compared with it then has a contact as rigid."""
+@pytest.mark.parametrize(("plainly", "taken"), [(1.1, True), (1.3, False)])
+def test_an_effect_that_a_rigid_contact_makes_all_there_is_goes_on_so(plainly, taken, monkeypatch):
+    """One that leaves something still is left as others will be compared with it; they are as rigid otherwise."""
 
     def model(judged, effects):
         return Candidate(effects, SimpleNamespace(model=None), None, judged)
-
-    base, winner = model(base_errs, ()), model(2.0, ("any",))
-    plain = {base: model(base_plainly, ()), winner: model(plainly, ("any",))}
-    if base_plainly is None:
-        del plain[base]  # much is missing there: no one asks
-    rigid = []
 
     def look(base, current, own, data, *others, **named):
         rigid.append(data.rigid)
         rivals = [Rival("any", winner, 100.0, None, "", hopeful=True)] if len(rigid) == 1 else []
         return search_of._Look((), (), None, tuple(rivals))
 
+    base, winner, plain, rigid = model(9.0, ()), model(2.0, ("any",)), model(plainly, ("any",)), []
     monkeypatch.setattr(search_of, "_round", look)
     monkeypatch.setattr(search_of, "_thinned", lambda base, current, *others: (current, {}, ()))
-    monkeypatch.setattr(search_of, "plainer", lambda found, data: plain[found])
+    monkeypatch.setattr(search_of, "plainer", lambda found, data: {winner: plain}[found])
     monkeypatch.setattr(search_of, "excess", lambda judged, noise: judged)
     monkeypatch.setattr(search_of, "beyond_noise", lambda judged, noise: True)
     monkeypatch.setattr(search_of, "cleared", lambda *others: 0.5)
     monkeypatch.setattr(search_of, "needed", lambda base: 0.4)
     data = Data((), (), {}, np.random.default_rng(0))
     found = search_of.search(base, (), data, lambda share, words: None)
-    assert found.best is (plain[winner] if taken else winner)
+    assert found.best is (plain if taken else winner)
     assert found.rigid is taken
     assert rigid == [False, taken]
 

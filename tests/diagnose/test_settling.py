@@ -166,12 +166,16 @@ def test_a_sound_rig_is_told_by_its_fit_from_a_plain_start(sound, monkeypatch):
 
 @pytest.mark.parametrize(
     ("errs", "then", "told"),
-    [(2.0, 1.1, True), (2.0, 1.3, False), (9.0, None, False)],
+    [(2.0, 1.1, True), (2.0, 1.3, False), (1.1, 1.0, True), (9.0, None, False)],
 )
 def test_where_hardly_anything_is_missing_a_rigid_contact_may_be_all(sound, errs, then, told, monkeypatch):
-    """Others were compared with a base of another bound: one that leaves something is not taken for it."""
+    """One that leaves something is not taken; who is compared with one that is has a contact as rigid."""
     base, data = sound
-    better = judge(base.answer, data.holdout)
+    better, rigid = judge(base.answer, data.holdout), []
+
+    def search(base, own, data, *others):
+        rigid.append(data.rigid)
+        return Search(base, base, (), rigid=data.rigid)
 
     def plain(found, data):
         assert then is not None  # much is missing: no one asks
@@ -179,12 +183,13 @@ def test_where_hardly_anything_is_missing_a_rigid_contact_may_be_all(sound, errs
 
     part = "optid.diagnose.diagnosis."
     monkeypatch.setattr(part + "excess", lambda judged, noise: then if judged is better else errs)
-    monkeypatch.setattr(part + "search", lambda base, *others: Search(base, base, ()))
+    monkeypatch.setattr(part + "search", search)
     monkeypatch.setattr(part + "plainer", plain)
     monkeypatch.setattr(part + "_verdict", lambda found, *others: (Verdict.CONSISTENT, found.best, (), None))
     found = diagnose(base.rig, data.train, data.holdout, own=(), generator=np.random.default_rng(0))
     assert (found.best.judged is better) is told
     assert found.base is found.best
+    assert rigid == [told]
 
 
 def test_intervals_reach_as_far_below_the_top_as_chance_and_a_search_leave(sound):
