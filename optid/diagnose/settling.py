@@ -1,4 +1,4 @@
-"""Settling a model that still errs beyond the noise: by way of its windows to a likelier top, or to what they ask for.
+"""Settling a model: by its windows to a likelier top or to what they ask for, and by a plain start.
 
 Likelihood with process noise has many tops; from one of them no step of scoring shows the next. Windows see what adds
 up over half a second and lead past it. Where a law's form is not nature's the likeliest parameters may predict far

@@ -126,9 +126,8 @@ def test_from_a_plain_start_everything_odd_is_gone_and_what_is_no_likelier_stays
     starts = []
 
     def maximise(question, p, levels):
-        assert (
-            levels < found.answer.noise.levels - 1.0
-        ).all()  # noise that stood in for physics shows no way
+        # As much noise as stood in for physics shows no way.
+        assert (levels < found.answer.noise.levels - 1.0).all()
         starts.append(dict(zip((q.name for q in question.model.parameters), p.tolist(), strict=True)))
         return found.answer
 
