@@ -15,7 +15,7 @@ from optid.core.recording import Array, Recording
 from optid.core.thinning import thinned
 from optid.diagnose.beginning import begun
 from optid.diagnose.by_simulation import by_simulation
-from optid.diagnose.candidate import ABOUT, Candidate, Data, fit_base, settled, widened
+from optid.diagnose.candidate import Candidate, Data, fit_base, settled, widened
 from optid.diagnose.contest import LEVEL, own_values
 from optid.diagnose.disturbance import Located, locate, locate_at
 from optid.diagnose.finding import Closest, Diagnosis, Finding, Verdict
@@ -25,7 +25,7 @@ from optid.diagnose.residuals import residual_tests
 from optid.diagnose.rivals import compared, indistinguishable
 from optid.diagnose.screen import Signature, screen
 from optid.diagnose.search import EVEN, Search, explains_little, needed, search, stands
-from optid.diagnose.settling import foreseen, likelier, plainer
+from optid.diagnose.settling import foreseen, likelier, plainer, rigidly
 from optid.diagnose.uncertainty import FEWEST, disagreement, estimates, resolution
 from optid.diagnose.unexplained import Described, Look, describe, listen, look, nameless
 from optid.diagnose.where import contribution, region, telling
@@ -90,7 +90,9 @@ def diagnose(
     if (later := begun(base, data)) is not data:
         data = later
         base = fit_base(rig, data, report)
-    base, data = _plainly(base, data, start + SEARCHED * time_limit, report)
+    report(0.07, "the same from a plain start")
+    base, rigid = rigidly(base, replace(data, until=start + SEARCHED * time_limit))
+    data = replace(data, rigid=rigid.rigid)
     wide = _enough(base, data)
     if wide is None and (simulated := by_simulation(base, data)) is not None:
         base, data = simulated
@@ -154,20 +156,6 @@ def diagnose(
         _not_testable(found, last, own), noise, residuals, found, data, closest,
     )  # fmt: skip
     return replace(diagnosis, summary=summary(diagnosis))
-
-
-def _plainly(base: Candidate, data: Data, until: float, report: Report) -> tuple[Candidate, Data]:
-    """The base model from a plain start, if nothing shows to be missing so, and data for rivals as rigid.
-
-    A model beside its top has something to give that an effect which is not there would take.
-    """
-    if excess(base.judged, data.noise) > ABOUT * EXCESS:
-        return base, data
-    report(0.07, "the same from a plain start")
-    plain = plainer(base, replace(data, until=until))
-    if plain is base or excess(plain.judged, data.noise) > EXCESS:
-        return base, data
-    return plain, replace(data, rigid=True)
 
 
 def _settled(found: Search, data: Data, hurried: Data, report: Report) -> Search:

@@ -23,7 +23,7 @@ from optid.diagnose.judge import EXCESS, beyond_noise, brought_to_noise, cleared
 from optid.diagnose.lead import stood
 from optid.diagnose.refit import TINY, refit
 from optid.diagnose.screen import Signature, screen
-from optid.diagnose.settling import likelier, plainer
+from optid.diagnose.settling import likelier, rigidly
 from optid.effects.effect import Effect
 from optid.effects.library import admitted
 from optid.fit.place import Answer
@@ -165,12 +165,9 @@ def search(
                 # It may be all there is, and stand beside its top: nothing else is to be tried then.
                 tell("where its windows lead")
                 current = likelier(current, data)
-            if EXCESS < excess(current.judged, data.noise) <= ABOUT * EXCESS:
-                # While its contact yielded it may have bent to what another effect would straighten.
+            if excess(current.judged, data.noise) > EXCESS:
                 tell("the same from a plain start")
-                rigid = plainer(current, data)
-                if excess(rigid.judged, data.noise) <= EXCESS:
-                    current, data = rigid, replace(data, rigid=True)  # and so are those compared with it
+                current, data = rigidly(current, data)
             confirmed = current
     stopped = data.over  # what was left out of the rounds, no one counts
     closing = replace(data, until=math.inf)  # to know what was found takes its time

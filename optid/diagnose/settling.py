@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from optid.core.model import Array
-from optid.diagnose.candidate import Candidate, Data, stuck, unskewed, yielding_least
+from optid.diagnose.candidate import ABOUT, Candidate, Data, stuck, unskewed, yielding_least
 from optid.diagnose.judge import EXCESS, excess, judge
 from optid.diagnose.uncertainty import FEWEST, jackknife
 from optid.errors import SolveError
@@ -65,6 +65,20 @@ def plainer(found: Candidate, data: Data) -> Candidate:
         if other.score < found.answer.score - ENOUGH:
             return _with(found, other, data)
     return found
+
+
+def rigidly(found: Candidate, data: Data) -> tuple[Candidate, Data]:
+    """A model that errs little from a plain start, if nothing shows to be missing so, and data for rivals as rigid.
+
+    Beside its top it has something to give that an effect which is not there would take: while a contact yielded it may
+    have bent to what another would straighten. What leaves something still stays, and so do the data.
+    """
+    if excess(found.judged, data.noise) > ABOUT * EXCESS:
+        return found, data
+    plain = plainer(found, data)
+    if plain is found or excess(plain.judged, data.noise) > EXCESS:
+        return found, data
+    return plain, replace(data, rigid=True)
 
 
 def foreseen(found: Candidate, data: Data) -> tuple[Candidate, Array]:

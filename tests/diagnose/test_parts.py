@@ -15,6 +15,7 @@ from optid.diagnose import contest as contest_of
 from optid.diagnose import diagnosis as diagnosis_of
 from optid.diagnose import refit as refit_of
 from optid.diagnose import search as search_of
+from optid.diagnose import settling
 from optid.diagnose.candidate import Candidate, Data, fit_base
 from optid.diagnose.contest import FORM, Rival
 from optid.diagnose.disturbance import places
@@ -258,6 +259,7 @@ def searched(names, confirmed, share, monkeypatch):
     monkeypatch.setattr(search_of, "_thinned", lambda base, current, *others: (current, {}, ()))
     monkeypatch.setattr(search_of, "_exchanged", lambda *others: None)
     monkeypatch.setattr(search_of, "excess", lambda judged, noise: 9.0)
+    monkeypatch.setattr(search_of, "rigidly", lambda current, data: (current, data))
     monkeypatch.setattr(search_of, "cleared", lambda *others: share)
     for name in ("screen", "admitted", "quieted", "_promising"):
         monkeypatch.setattr(search_of, name, lambda *others: [SimpleNamespace(name="any")])
@@ -590,12 +592,13 @@ def test_a_search_goes_on_while_something_is_left_and_with_few_where_it_is_littl
 
     monkeypatch.setattr(search_of, "refit", rivals)
     monkeypatch.setattr(search_of, "_thinned", lambda base, current, *others: (current, {}, ()))
-    monkeypatch.setattr(search_of, "excess", lambda judged, noise: ratio if rounds else 9.0)
     monkeypatch.setattr(search_of, "beyond_noise", lambda judged, noise: beyond)
     monkeypatch.setattr(search_of, "cleared", lambda *others: 1.0 - left)
     monkeypatch.setattr(search_of, "needed", lambda base: 0.96)
     monkeypatch.setattr(search_of, "likelier", lambda current, data: led_on.append(current) or current)
-    monkeypatch.setattr(search_of, "plainer", plain)
+    for part in (search_of, settling):
+        monkeypatch.setattr(part, "excess", lambda judged, noise: ratio if rounds else 9.0)
+    monkeypatch.setattr(settling, "plainer", plain)
     for name in ("screen", "admitted", "quieted"):
         monkeypatch.setattr(search_of, name, lambda *others: [SimpleNamespace(name="any")] * 9)
     for name, count in (("_promising", 9), ("from_afar", led)):
@@ -625,8 +628,9 @@ def test_an_effect_that_a_rigid_contact_makes_all_there_is_goes_on_so(plainly, t
     base, winner, plain, rigid = model(9.0, ()), model(2.0, ("any",)), model(plainly, ("any",)), []
     monkeypatch.setattr(search_of, "_round", look)
     monkeypatch.setattr(search_of, "_thinned", lambda base, current, *others: (current, {}, ()))
-    monkeypatch.setattr(search_of, "plainer", lambda found, data: {winner: plain}[found])
-    monkeypatch.setattr(search_of, "excess", lambda judged, noise: judged)
+    monkeypatch.setattr(settling, "plainer", lambda found, data: {winner: plain}[found])
+    for part in (search_of, settling):
+        monkeypatch.setattr(part, "excess", lambda judged, noise: judged)
     monkeypatch.setattr(search_of, "beyond_noise", lambda judged, noise: True)
     monkeypatch.setattr(search_of, "cleared", lambda *others: 0.5)
     monkeypatch.setattr(search_of, "needed", lambda base: 0.4)
@@ -907,6 +911,7 @@ def test_the_first_effect_has_to_hold_its_place_beside_the_others(score, why, no
     monkeypatch.setattr(search_of, "_round", one_round)
     monkeypatch.setattr(search_of, "_thinned", thinned)
     monkeypatch.setattr(search_of, "excess", lambda judged, noise: 9.0 if noisy else 1.1)
+    monkeypatch.setattr(search_of, "rigidly", lambda current, data: (current, data))
     monkeypatch.setattr(search_of, "cleared", lambda *others: 0.5)
     data = Data((), (), {}, np.random.default_rng(0))
     found = search_of.search(base, (), data, lambda share, words: None)
