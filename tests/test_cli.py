@@ -10,8 +10,9 @@ from malformed import CASES, SOUND_RECORDING, SOUND_RIG, Case, make
 
 from optid import cli
 from optid.cli.common import deliver
+from optid.effects.library import admitted
 from optid.errors import JobError, SolveError
-from optid.rigs.rigfile import read_rig
+from optid.rigs.rigfile import read_rig, with_effects, write_rig
 
 DATA = Path(__file__).resolve().parents[1] / "data"
 BENCH, STEPS, HELD_OUT = DATA / "bench.toml", DATA / "bench.csv", DATA / "bench_holdout.csv"
@@ -155,6 +156,20 @@ def test_half_written_results_never_show(tmp_path):
 def simulated(tmp_path_factory):
     out = tmp_path_factory.mktemp("simulate") / "deep" / "out"
     return run("simulate", BENCH, STEPS, "--out", out), out
+
+
+@pytest.mark.parametrize("command", [("check",), ("simulate", "--out", "out")])
+def test_a_rig_whose_effects_read_clock_and_past_commands_needs_no_channel_for_them(command, tmp_path):
+    rig = read_rig(BENCH)
+    effects = tuple(
+        e for e in admitted(rig.model) if e.name in ("friction_drift", "sensor_drift", "input_delay")
+    )
+    assert len(effects) == 3
+    path = tmp_path / "rig.toml"
+    write_rig(with_effects(rig, effects), path, {})
+    options = [tmp_path / word if word == "out" else word for word in command[1:]]
+    result = run(command[0], path, STEPS, *options)
+    assert result.exit_code == 0, result.output
 
 
 def test_simulate_writes_what_the_contract_says(simulated):

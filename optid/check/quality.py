@@ -23,7 +23,7 @@ def quality(recording: Recording, model: Model) -> tuple[Remark, ...]:
     Raises:
         RecordingError: an input of the model is not recorded.
     """
-    inputs = tuple(recording[port.role].role for port in model.inputs)
+    inputs = tuple(recording[port.role].role for port in model.recorded)
     outputs = tuple(port.role for port in model.outputs if port.role in recording)
     absent = tuple(missing(recording, inputs, outputs))
     # A stretch of a recording may hold no sample of a channel: that is said, and all there is to say.

@@ -7,6 +7,7 @@ import pytest
 
 from optid.check.motion import lag
 from optid.check.quality import quality
+from optid.core.model import CLOCK, INTERVAL
 from optid.core.readers import read_recording
 from optid.core.recording import Channel, ChannelMap, Recording
 from optid.core.sheet import build
@@ -14,6 +15,7 @@ from optid.errors import RecordingError
 from optid.rigs.cascaded_tanks import cascaded_tanks
 from optid.rigs.rigfile import read_rig
 from optid.rigs.servo_pneumatic import servo_pneumatic
+from tests.effects.plants import grown
 
 N, DT = 8000, 1e-3
 MODEL = build(servo_pneumatic)
@@ -61,6 +63,14 @@ def only(found, kind, channel):
 @pytest.mark.parametrize("seed", range(10))
 def test_sound_recordings_draw_no_remark(seed):
     assert quality(recording(**signals(seed)), MODEL) == ()
+
+
+def test_what_effects_read_that_no_channel_holds_is_not_asked_of_a_recording():
+    """Time since the start, the interval, past commands: the recording's own, and remarked on once."""
+    model = grown("servo-pneumatic").model
+    assert {(CLOCK, 0), (INTERVAL, 0), ("command", 1)} <= {(port.role, port.ago) for port in model.inputs}
+    flat = recording(command=np.zeros(N))
+    assert quality(flat, model) == quality(flat, MODEL) != ()
 
 
 @pytest.mark.parametrize("case", ["plain", "one_effect", "two_effects_with_pressures"])
