@@ -15,6 +15,7 @@ from optid.core.recording import Array, Recording
 from optid.core.thinning import thinned
 from optid.diagnose.beginning import begun
 from optid.diagnose.by_simulation import by_simulation
+from optid.diagnose.bypass import done_by
 from optid.diagnose.candidate import Candidate, Data, fit_base, settled, widened
 from optid.diagnose.contest import LEVEL, own_values
 from optid.diagnose.disturbance import Located, locate, locate_at
@@ -245,7 +246,8 @@ def _findings(
         for name, null in effect.qualified(effect.at_null()).items():
             if name.removeprefix(f"{effect.name}.") in effect.strength:
                 p[best.rig.model.index(name)] = null
-        where = region(best.answer, contribution(best.answer, p), data.train)
+        done = done_by(found.base, best, effect)
+        where = region(best.answer, contribution(best.answer, p), done, data.train)
         shown = tuple(telling(where.states, tuple(s for s in effect.depends_on if s in where.states)))
         mine = tuple(
             replace(e, name=e.name.removeprefix(f"{effect.name}."))

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from optid.diagnose.afar import from_afar
+from optid.diagnose.bypass import done_by
 from optid.diagnose.candidate import QUIETER, Candidate, Data
 from optid.diagnose.contest import LEVEL, WORTH, Contest, Rival, own_values
 from optid.diagnose.disturbance import Located, locate_at
@@ -22,7 +23,7 @@ from optid.diagnose.law import law_at
 from optid.diagnose.lead import Ground
 from optid.diagnose.refit import refit
 from optid.diagnose.screen import Signature
-from optid.diagnose.where import region, telling
+from optid.diagnose.where import by_usual_size, heard_steadily, region, telling
 from optid.diagnose.words import quantity
 from optid.effects.description import Description
 from optid.effects.effect import Effect
@@ -207,7 +208,11 @@ def nameless(base: Candidate, sites: Sequence[Located], described: Described | N
     outputs = len(base.rig.model.outputs)
     spread = np.repeat((signal - np.nanmedian(signal))[:, None], outputs, axis=1)
     measured = np.isfinite(base.answer.filtered.innovations[0])
-    where = region(base.answer, np.where(measured, spread, np.nan), data.train)
+    if described is None:
+        done = by_usual_size(heard_steadily(signal - np.nanmedian(signal), base.answer.question.problem))
+    else:
+        done = done_by(base, described.rival.candidate, described.rival.effect)
+    where = region(base.answer, np.where(measured, spread, np.nan), done, data.train)
     kind, best = kind_of(first.site), first.site if first.site in sites[0].sites else sites[0].site
     # Once, and in their order: both chambers together stand under the name of one.
     near = dict.fromkeys(one.site for one in _rivalling(sites, data) if one.site not in (best, first.site))

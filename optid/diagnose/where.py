@@ -1,4 +1,4 @@
-"""When, and where in state space, an effect is at work: the share of the innovations that it carries."""
+"""When an effect is at work, and where in state space the mismatch lies: the share of the innovations it carries."""
 
 from __future__ import annotations
 
@@ -12,10 +12,11 @@ from optid.core.recording import Recording
 from optid.fit.likelihood import run_steered
 from optid.fit.place import Answer
 from optid.fit.prediction import horizon
-from optid.fit.problem import Integers
+from optid.fit.problem import Booleans, Integers, Problem
 
-SLOT = 0.2  # of a window: resolution of the intervals; 0.1 s where sampling is fast
-LOUD = 0.1  # of the loudest slot's energy: a slot above it belongs to an interval
+SLOT = 0.2  # of a window: resolution of the map over time; 0.1 s where sampling is fast
+WORKS = 0.2  # of its usual size: what an effect does beyond that counts as being at work
+GAP = 0.1  # of a window: what is at work again within it was not away
 COVER = 0.8  # share of the mismatch that a range of a signal should hold
 PIECES = 40  # of a signal's range, each holding as many samples
 TELLING = 1.25  # times the samples' share that a range must hold of the mismatch to be worth telling
@@ -38,12 +39,12 @@ class Region:
 
     Attributes:
         channels: outputs that show it.
-        intervals: (recording, from, to), s.
+        intervals: (recording, from, to), s, in which it is at work.
         states: signal -> range.
         energy: of the mismatch at each sample, in squared sd of the innovations, (samples,).
         signals: name -> (values at the samples, unit).
         owner, time: recording and time of each sample.
-        slot: resolution of the intervals, s.
+        slot: resolution of a map over time, s.
     """
 
     channels: tuple[str, ...]
@@ -64,8 +65,15 @@ def contribution(answer: Answer, without: Array) -> Array:
     return np.asarray((both[1] - both[0]) / np.sqrt(f.variances[0]))
 
 
-def region(answer: Answer, mismatch: Array, recordings: tuple[Recording, ...]) -> Region:
-    """Intervals and ranges of a mismatch given as scaled innovations, (samples, outputs)."""
+def region(answer: Answer, mismatch: Array, done: Array, recordings: tuple[Recording, ...]) -> Region:
+    """When something is at work, and between which values of the states its mismatch lies.
+
+    Args:
+        answer: of the model whose states tell where.
+        mismatch: scaled innovations, (samples, outputs).
+        done: what it does at each sample, by its usual size, (samples,).
+        recordings: to fit.
+    """
     problem = answer.question.problem
     by_output = np.nansum(np.where(np.isfinite(mismatch), mismatch, 0.0) ** 2, axis=0)
     outputs = answer.question.model.outputs
@@ -78,9 +86,9 @@ def region(answer: Answer, mismatch: Array, recordings: tuple[Recording, ...]) -
     owner = np.repeat(problem.recording, problem.counts + 1)
     signals = _signals(answer, owner)
     states = {name: _range(values, energy, unit) for name, (values, unit) in signals.items()}
-    slot = SLOT * horizon(float(np.median(problem.dt)))
-    intervals = _intervals(energy, owner, problem.time, recordings, slot)
-    return Region(channels, intervals, states, energy, signals, owner, problem.time, slot)
+    window = horizon(float(np.median(problem.dt)))
+    intervals = _intervals(done > WORKS, owner, problem.time, recordings, GAP * window)
+    return Region(channels, intervals, states, energy, signals, owner, problem.time, SLOT * window)
 
 
 def telling(states: Mapping[str, Range], always: tuple[str, ...]) -> dict[str, Range]:
@@ -130,23 +138,43 @@ def _range(values: Array, energy: Array, unit: str) -> Range:
 
 
 def _intervals(
-    energy: Array, owner: Integers, time: Array, recordings: tuple[Recording, ...], slot: float
+    works: Booleans, owner: Integers, time: Array, recordings: tuple[Recording, ...], gap: float
 ) -> tuple[tuple[str, float, float], ...]:
-    slots = np.floor(time / slot).astype(int)
-    loudest, sums = 0.0, []
-    for number in range(len(recordings)):
-        mine = owner == number
-        first = int(slots[mine].min()) if mine.any() else 0
-        total = np.bincount(slots[mine] - first, weights=energy[mine])
-        sums.append((first, total))
-        loudest = max(loudest, float(total.max()) if len(total) else 0.0)
+    """Runs of samples, each up to the one after it; those less than `gap` apart are one."""
     found = []
-    for recording, (first, total) in zip(recordings, sums, strict=True):
-        loud = np.flatnonzero(total > LOUD * loudest)
-        for run in np.split(loud, np.flatnonzero(np.diff(loud) > 2) + 1) if len(loud) else []:
-            begin, end = (first + run[0]) * slot, (first + run[-1] + 1) * slot
-            file = recording.name
-            found.append(
-                (file, round(max(begin, recording.time[0]), 6), round(min(end, recording.time[-1]), 6))
-            )
+    for number, recording in enumerate(recordings):
+        mine = owner == number
+        t, at = time[mine], np.flatnonzero(works[mine])
+        for run in np.split(at, np.flatnonzero(np.diff(t[at]) > gap) + 1) if len(at) else []:
+            begin, end = t[run[0]], t[min(run[-1] + 1, len(t) - 1)]
+            if end > begin:
+                found.append((recording.name, round(float(begin), 6), round(float(end), 6)))
     return tuple(found)
+
+
+def by_usual_size(*sizes: Array) -> Array:
+    """The largest of these, each by its usual size: half of all that it does is done by less; 0 where nothing is done.
+
+    Neither rest nor a jolt is the measure of the rest, as with a quantile over samples or the largest of them.
+    """
+    shares = [np.zeros(len(sizes[0]))]
+    for size in sizes:
+        done = np.where(np.isfinite(size), size, 0.0)
+        ranked = np.sort(done)
+        below = np.cumsum(ranked)
+        if below[-1] > 0.0:
+            shares.append(done / ranked[np.searchsorted(below, 0.5 * below[-1])])
+    return np.asarray(np.max(shares, axis=0))
+
+
+def heard_steadily(signal: Array, problem: Problem) -> Array:
+    """The root mean square of an estimated signal over a slot around each sample, of its recording: it is noisy."""
+    step = float(np.median(problem.dt))
+    box = np.ones(max(round(SLOT * horizon(step) / step), 1))
+    power = np.where(np.isfinite(signal), signal, 0.0) ** 2
+    owner = np.repeat(problem.recording, problem.counts + 1)
+    for number in np.unique(owner):
+        mine = owner == number
+        there = np.convolve(np.ones(mine.sum()), box)[len(box) // 2 :][: mine.sum()]
+        power[mine] = np.convolve(power[mine], box)[len(box) // 2 :][: mine.sum()] / there
+    return np.asarray(np.sqrt(power))

@@ -69,3 +69,16 @@ def test_a_finding_without_a_name_tells_the_sites_that_do_as_well(driven):
     other = next(one for one in ("drive.command", "drag.force") if one != found[0].site)
     assert finding.sentence.endswith(f"explains the recordings best; {other} would do nearly as well")
     assert finding.train_gain == found[0].gain
+
+
+def test_what_pulls_for_a_while_is_told_by_when_it_does(tmp_path):
+    time = np.arange(N) / RATE
+    for_a_while = (time >= 4.0) & (time < 8.0)
+    base, data = base_of(
+        tmp_path, [recording(s, f"{s}.csv", lambda u: u + PULL * for_a_while) for s in (1, 2)]
+    )
+    finding = nameless(base, [locate_at(base, data, "drive.command")], None, data)
+    for one in data.train:
+        told = [(a, b) for name, a, b in finding.region.intervals if name == one.name]
+        works = np.any([(time >= a) & (time < b) for a, b in told], axis=0)
+        assert np.sum(works & for_a_while) > 0.8 * np.sum(works | for_a_while)

@@ -24,7 +24,6 @@ from optid.diagnose.law import law_at
 from optid.diagnose.residuals import _portmanteau
 from optid.diagnose.screen import screen
 from optid.diagnose.uncertainty import disagreement, estimates, resolution
-from optid.diagnose.where import _range
 from optid.diagnose.words import quantity
 from optid.effects.library import admitted, built_in
 from optid.errors import SolveError
@@ -70,17 +69,6 @@ def test_portmanteau_of_white_noise_has_as_much_as_lags():
     assert np.mean(values) == pytest.approx(20.0, abs=1.5)
     coloured = np.convolve(rng.normal(size=2000), [1.0, 0.8])
     assert _portmanteau(coloured, coloured) > 200
-
-
-def test_a_range_holds_most_of_the_mismatch_with_the_fewest_samples():
-    rng = np.random.default_rng(3)
-    v = rng.uniform(-1, 1, 20_000)
-    energy = np.where(np.abs(v - 0.3) < 0.1, 1.0, 0.01)
-    found = _range(v, energy, "m/s")
-    assert found.low == pytest.approx(0.2, abs=0.06)
-    assert found.high == pytest.approx(0.4, abs=0.06)
-    assert found.share >= 0.8
-    assert found.occupancy < 0.2
 
 
 def test_three_lucky_blocks_do_not_outweigh_the_many_that_got_worse():

@@ -32,8 +32,8 @@ class AmbientLeakage(Effect):
         "m_leak = C_0 area P f(P_atm / P) / sqrt(T) out of each chamber, or with P^2 - P_atm^2 through a gap"
     )
     says = (
-        "air leaks to the room, from chamber A through {area_a}, from chamber B through {area_b}; {laminar_share} of "
-        "it as through a gap"
+        "air leaks to the room, from chamber A through {area_a}, from chamber B through {area_b}; a share of "
+        "{laminar_share} of it as through a gap"
     )
     depends_on = (
         "pressure_a",

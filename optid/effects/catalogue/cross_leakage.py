@@ -29,7 +29,7 @@ class CrossLeakage(Effect):
         "m_leak = C_0 area P_high f(P_low / P_high) / sqrt(T) from the fuller chamber into the other, or with the "
         "difference of P^2 through a gap"
     )
-    says = "air leaks past the piston through {area}; {laminar_share} of it as through a gap"
+    says = "air leaks past the piston through {area}; a share of {laminar_share} of it as through a gap"
     depends_on = (
         "pressure_a",
         "pressure_b",
