@@ -4,16 +4,19 @@
     python studies/concealed.py run DIR [--limit SECONDS] [--jobs N]
     python studies/concealed.py score DIR --key DIR.key [--former BOARD.json]
     python studies/concealed.py page DIR --key DIR.key [--real DIAGNOSIS_DIR...] [--out concealed.html]
+    python studies/concealed.py table BOARD.json...
 
 `draw` writes the key beside DIR, not into it; without `--seed` nobody knows what was drawn. `run` opens no seal,
 and goes on where it was stopped. A draw too long for one sitting goes in parts: with the hash of the code's commit
 as its seed (`--seed 0x5741c692`), which nobody can have chosen the code by, each part is drawn where it is run, and
-`score` counts the parts before it by their board, DIR/scores/diagnose.json, which `page` puts beside the page.
+`score` counts the parts before it by their board, DIR/scores/diagnose.json, which `page` puts beside the page. `table`
+sets boards side by side, as the README has them.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import secrets
 import sys
@@ -21,6 +24,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1]))  # finds the studies beside it from any folder
 
+from studies.trial.board import beside
 from studies.trial.case import KINDS
 from studies.trial.drawing import Order, draw
 from studies.trial.page import page
@@ -66,6 +70,8 @@ def arguments() -> argparse.ArgumentParser:
         if name == "page":
             two.add_argument("--real", type=Path, nargs="*", default=[], help="diagnoses of real recordings")
             two.add_argument("--out", type=Path, default=Path(__file__).with_suffix(".html"))
+    three = commands.add_parser("table", help="boards side by side, in Markdown")
+    three.add_argument("boards", type=Path, nargs="+")
     return parser
 
 
@@ -81,6 +87,15 @@ def main() -> None:
         key_file(asked.out).write_text(draw(asked.out, order, asked.jobs) + "\n")
         print(
             f"{len(order.cases())} cases in {asked.out}; the key to its answers.sealed is {key_file(asked.out)}"
+        )
+    elif asked.command == "table":
+        print(
+            beside(
+                {
+                    board.stem.removeprefix("concealed_"): json.loads(board.read_text())
+                    for board in asked.boards
+                }
+            )
         )
     elif asked.command == "run":
         run(asked.folder, asked.method, asked.limit, asked.jobs, say)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -16,6 +16,8 @@ from studies.trial.judging import Judged
 Test = Callable[[Judged], bool]
 RIGHT_LEAVE = "right names leave of the squared error"
 SENSORS = ("position only", "with pressures")
+AFTER = "hold-out RMSE after, over the oracle's"
+MOST = {"median": 1.1, "p90": 1.5}  # that this should come to
 
 
 @dataclass(frozen=True)
@@ -115,7 +117,7 @@ def spreads(cases: Sequence[Judged]) -> dict[str, dict[str, float | int]]:
     before = [c.before / c.oracle for c in cases if c.before and c.oracle and c.true]
     gain = [c.after / c.before for c in cases if c.after and c.before and c.true]
     found = {
-        "hold-out RMSE after, over the oracle's": after,
+        AFTER: after,
         "... of cases named exactly": [c.after / c.oracle for c in cases if c.after and c.oracle and c.exact],
         "hold-out RMSE before, over the oracle's, something missing": before,
         "hold-out RMSE after, over before, something missing": gain,
@@ -221,6 +223,22 @@ def text(result: dict[str, Any]) -> str:
     for row, said in result["confusion"].items():
         lines.append(f"  {row:36}" + ", ".join(f"{name} {n}" for name, n in said.items()))
     return "\n".join(lines)
+
+
+def beside(boards: Mapping[str, dict[str, Any]]) -> str:
+    """The figures of the trial that have a target, of several boards by name, as a table in Markdown."""
+    first = next(iter(boards.values()))
+    rows = [["figure", "asked", *boards], ["---"] * (2 + len(boards)), ["cases", "150"]]
+    rows[-1] += [str(one["cases"]) for one in boards.values()]
+    for k, r in enumerate(first["rates"]):
+        if r["target"]:
+            got = [one["rates"][k] for one in boards.values()]
+            shown = [f"{g['hits']} of {g['trials']}" for g in got]
+            rows.append([r["figure"], f"{100 * r['target']:.0f} %", *shown])
+    for share, most in MOST.items():
+        got = [one["spreads"][AFTER][share] for one in boards.values()]
+        rows.append([f"{AFTER}, {share}", f"at most {most:g}", *(f"{g:.2f}" for g in got)])
+    return "\n".join(f"| {' | '.join(row)} |" for row in rows)
 
 
 def _line(r: dict[str, Any]) -> str:

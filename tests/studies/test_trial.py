@@ -2,6 +2,7 @@
 
 import ast
 import json
+import re
 import sys
 from collections import Counter
 from dataclasses import replace
@@ -349,6 +350,21 @@ def test_intervals_of_clopper_and_pearson():
     assert Rate("", 0, 300).interval == pytest.approx((0.0, 1 - 0.025 ** (1 / 300)))
     assert Rate("", 95, 100).interval == pytest.approx((0.8872, 0.9836), abs=1e-4)
     assert Rate("", 20, 20).interval[1] == 1.0
+
+
+def test_the_readme_shows_the_boards_as_they_are(capsys, monkeypatch):
+    root = Path(concealed.__file__).parents[1]
+    readme = (root / "README.md").read_text()
+    shown = re.search(r"\| figure \| asked \|(.*)\|\n", readme).group(1)
+    files = [
+        root / "studies" / ("concealed.json" if name == "concealed" else f"concealed_{name}.json")
+        for name in (word.strip() for word in shown.split("|"))
+    ]
+    monkeypatch.setattr("sys.argv", ["concealed.py", "table", *map(str, files)])
+    concealed.main()
+    table = capsys.readouterr().out
+    assert table in readme
+    assert len(table.splitlines()) == 13
 
 
 SCRIPT = """
