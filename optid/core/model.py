@@ -112,3 +112,13 @@ class Model:
         if absent:
             raise PlantError(f"no value for {', '.join(absent)}", where=self.name)
         return np.array([float(values.get(q.name, q.default)) for q in self.parameters])  # type: ignore[arg-type]
+
+    def vector_from(self, smaller: Model, p: Array, values: Mapping[str, float]) -> Array:
+        """The vector p with what a smaller model of the same plant has, too, as in its own `p`; the rest as named.
+
+        Raises:
+            PlantError: as `vector`; a parameter of the smaller model is not here.
+        """
+        found = self.vector(values)
+        found[[self.index(q.name) for q in smaller.parameters]] = p
+        return found

@@ -60,8 +60,7 @@ def done_by(base: Candidate, best: Candidate, effect: Effect) -> Array:
     X, U = answer.filtered.states[0], answer.question.problem.inputs
     states, names = [s.name for s in own.states], [s.name for s in model.states]
     order = [states.index(name) for name in names]
-    p = model.vector(rig.parameters)
-    p[[model.index(parameter.name) for parameter in own.parameters]] = answer.p
+    p = model.vector_from(own, answer.p, rig.parameters)
     plant = [k for k, name in enumerate(names) if not name.startswith(f"{effect.name}.")]
     rates = _beyond(
         np.array(own.rates.map(len(X))(X.T, U.T, answer.p))[order], model.rates, X[:, order], U, p

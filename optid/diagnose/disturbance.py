@@ -117,8 +117,7 @@ def locate_at(candidate: Candidate, data: Data, *sites: str) -> Located | None:
     own = [state.name for state in model.states]
     walks = tuple(own.index(f"unknown.signal_{k}") for k in range(len(sites)))
     question = replace(data.question(rig, plain), groups=(walks,))
-    p = model.vector(rig.parameters)
-    p[[model.index(parameter.name) for parameter in plain.parameters]] = candidate.answer.p
+    p = model.vector_from(plain, candidate.answer.p, rig.parameters)
     try:
         start = likeliest(question, [(p, np.array([level])) for level in STEPS])
         answer = maximise(question, *start, iterations=SEARCH, polish=False, since=candidate.answer.score)
@@ -142,8 +141,7 @@ def push(candidate: Candidate, data: Data, site: str) -> float | None:
     """
     rig = with_effects(candidate.rig, (Disturbance((site,), "1", 1.0),), {})
     model, plain, answer = rig.model, candidate.rig.model, candidate.answer
-    p = model.vector(rig.parameters)
-    p[[model.index(parameter.name) for parameter in plain.parameters]] = answer.p
+    p = model.vector_from(plain, answer.p, rig.parameters)
     names = [state.name for state in model.states]
     common = [names.index(state.name) for state in plain.states]
     problem = pose(model, data.train, WHOLE)

@@ -42,8 +42,7 @@ def law_at(base: Candidate, best: Candidate, site: str) -> Array | None:
     except InputError:  # declared twice
         return None
     model, own, answer = rig.model, best.rig.model, best.answer
-    p = model.vector(rig.parameters)
-    p[[model.index(parameter.name) for parameter in own.parameters]] = answer.p
+    p = model.vector_from(own, answer.p, rig.parameters)
     names = [state.name for state in own.states]
     X = answer.filtered.states[0][:, [names.index(state.name) for state in model.states]]
     U = answer.question.problem.inputs

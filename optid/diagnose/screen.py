@@ -115,8 +115,7 @@ def _best(answer: Answer, recordings: Sequence[Recording], effect: Effect, view:
         for branch in effect.tries(*heard(answer)) for share in SHARES
     ]  # fmt: skip
     P = np.empty((len(points), len(model.parameters)))
-    P[:] = model.vector(rig.parameters)
-    P[:, [model.index(parameter.name) for parameter in plain.parameters]] = answer.p
+    P[:] = model.vector_from(plain, answer.p, rig.parameters)
     for row, point in zip(P, points, strict=True):
         for name, value in effect.qualified(point).items():
             row[model.index(name)] = value

@@ -137,8 +137,7 @@ class _View:
         rig = with_effects(plain.rig, (effect,), {})
         model = rig.model
         P = np.empty((len(points), len(model.parameters)))
-        P[:] = model.vector(rig.parameters)
-        P[:, [model.index(q.name) for q in plain.model.parameters]] = self._answer.p
+        P[:] = model.vector_from(plain.model, self._answer.p, rig.parameters)
         for row, point in zip(P, points, strict=True):
             for name, value in effect.qualified(point).items():
                 row[model.index(name)] = value
