@@ -104,7 +104,8 @@ def diagnose(
     def aside() -> None:
         """What would describe it all without a name, for which the end may leave no time."""
         report(0.3, "locating the mismatch with an unknown signal")
-        looked.append(look(base, base, locate(base, data), searched, partial(report, 0.3)))
+        if sites := locate(base, data):
+            looked.append(look(base, base, sites, searched, partial(report, 0.3)))
 
     found = Search(base, base, ()) if wide else search(base, own, searched, report, aside)
     last = next((one.screened for one in found.rounds if one.model is found.best), None)

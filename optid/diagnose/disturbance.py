@@ -137,7 +137,8 @@ def _still(candidate: Candidate) -> float:
 def push(candidate: Candidate, data: Data, site: str) -> float | None:
     """A constant at the site that moves the innovations by about one sd; ``None`` where none does.
 
-    Where a model with held gains loses track before that, the largest one tried under which it does not.
+    Where a model with held gains loses track before that, the largest one tried under which it does not; where it has
+    lost track without any, what makes the middle of a walk's levels the signal's own usual size.
     """
     rig = with_effects(candidate.rig, (Disturbance((site,), "1", 1.0),), {})
     model, plain, answer = rig.model, candidate.rig.model, candidate.answer
@@ -147,6 +148,7 @@ def push(candidate: Candidate, data: Data, site: str) -> float | None:
     problem = pose(model, data.train, WHOLE)
     sd = np.sqrt(answer.filtered.variances[0])
     size, seen = 1e-9, 0.0
+    usual = plain.sizes[plain.sites.index(site)] / LOUD or None
     for _ in range(17):
         moved = run_steered(
             model,
@@ -160,7 +162,7 @@ def push(candidate: Candidate, data: Data, site: str) -> float | None:
         with np.errstate(invalid="ignore"):  # both may have left the numbers
             change = (moved - still) / sd
         if not np.isfinite(change[np.isfinite(answer.filtered.innovations[0])]).all():
-            return size / 10.0 if seen > 0.0 else None
+            return size / 10.0 if seen > 0.0 else usual
         rms = float(np.sqrt(np.nanmean(change**2)))
         if rms > 0.1:
             return size / rms

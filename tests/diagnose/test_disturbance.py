@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from optid.diagnose.candidate import Data, fit_base
-from optid.diagnose.disturbance import locate, locate_at
+from optid.diagnose.disturbance import LOUD, locate, locate_at, push
 from optid.diagnose.unexplained import nameless
 from tests.diagnose.trolley import RATE, recording, rig
 
@@ -82,3 +82,14 @@ def test_what_pulls_for_a_while_is_told_by_when_it_does(tmp_path):
         told = [(a, b) for name, a, b in finding.region.intervals if name == one.name]
         works = np.any([(time >= a) & (time < b) for a, b in told], axis=0)
         assert np.sum(works & for_a_while) > 0.8 * np.sum(works | for_a_while)
+
+
+def test_where_a_model_with_held_gains_loses_track_a_walk_is_tried_by_the_signals_usual_size(
+    driven, monkeypatch
+):
+    base, data = driven
+    model = base.rig.model
+    lost = np.full((1, sum(len(one) for one in data.train), len(model.outputs)), np.nan)
+    monkeypatch.setattr("optid.diagnose.disturbance.run_steered", lambda *args, **named: lost)
+    size = model.sizes[model.sites.index("drive.command")]
+    assert push(base, data, "drive.command") == size / LOUD > 0.0

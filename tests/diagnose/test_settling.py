@@ -195,6 +195,23 @@ def test_where_hardly_anything_is_missing_a_rigid_contact_may_be_all(sound, errs
     assert rigid == [told]
 
 
+def test_where_no_unknown_signal_keeps_to_the_numbers_nothing_is_said_of_a_site(sound, monkeypatch):
+    base, data = sound
+
+    def search(base, own, data, report, aside):
+        aside()
+        return Search(base, base, ())
+
+    part = "optid.diagnose.diagnosis."
+    monkeypatch.setattr(part + "locate", lambda *others: [])
+    monkeypatch.setattr(part + "search", search)
+    monkeypatch.setattr(part + "excess", lambda judged, noise: 9.0)
+    told = diagnose(base.rig, data.train, data.holdout, own=(), generator=np.random.default_rng(0))
+    assert told.verdict is Verdict.UNEXPLAINED
+    assert told.findings == ()
+    assert "explain" in told.summary
+
+
 def test_intervals_reach_as_far_below_the_top_as_chance_and_a_search_leave(sound):
     base, _ = sound
     told = {e.name: (e.high - e.low) / 2 for e in estimates(base.answer, ())}
