@@ -89,14 +89,8 @@ def main() -> None:
             f"{len(order.cases())} cases in {asked.out}; the key to its answers.sealed is {key_file(asked.out)}"
         )
     elif asked.command == "table":
-        print(
-            beside(
-                {
-                    board.stem.removeprefix("concealed_"): json.loads(board.read_text())
-                    for board in asked.boards
-                }
-            )
-        )
+        boards = {file.stem.removeprefix("concealed_"): json.loads(file.read_text()) for file in asked.boards}
+        print(beside(boards))
     elif asked.command == "run":
         run(asked.folder, asked.method, asked.limit, asked.jobs, say)
     else:

@@ -23,7 +23,7 @@ from optid.diagnose.law import law_at
 from optid.diagnose.lead import Ground
 from optid.diagnose.refit import refit
 from optid.diagnose.screen import Signature
-from optid.diagnose.where import by_usual_size, heard_steadily, region, telling
+from optid.diagnose.where import by_usual_size, region, running_rms, telling
 from optid.diagnose.words import quantity
 from optid.effects.description import Description
 from optid.effects.effect import Effect
@@ -209,7 +209,7 @@ def nameless(base: Candidate, sites: Sequence[Located], described: Described | N
     spread = np.repeat((signal - np.nanmedian(signal))[:, None], outputs, axis=1)
     measured = np.isfinite(base.answer.filtered.innovations[0])
     if described is None:
-        done = by_usual_size(heard_steadily(signal - np.nanmedian(signal), base.answer.question.problem))
+        done = by_usual_size(running_rms(signal - np.nanmedian(signal), base.answer.question.problem))
     else:
         done = done_by(base, described.rival.candidate, described.rival.effect)
     where = region(base.answer, np.where(measured, spread, np.nan), done, data.train)

@@ -167,7 +167,7 @@ def by_usual_size(*sizes: Array) -> Array:
     return np.asarray(np.max(shares, axis=0))
 
 
-def heard_steadily(signal: Array, problem: Problem) -> Array:
+def running_rms(signal: Array, problem: Problem) -> Array:
     """The root mean square of an estimated signal over a slot around each sample, of its recording: it is noisy."""
     step = float(np.median(problem.dt))
     box = np.ones(max(round(SLOT * horizon(step) / step), 1))

@@ -51,6 +51,34 @@ def test_an_effect_is_at_work_and_at_its_null_it_is_not(name, effect):
     assert not done_by(base, best, *best.effects).any()
 
 
+@pytest.mark.parametrize(("name", "effect"), EVERY)
+def test_beside_a_bypass_the_plant_is_the_plain_one(name, effect):
+    base, best = placed(name, (effect,))
+    plain, answer = base.rig.model, best.answer
+    own, ports = Grown(name, plain, best.rig.model, best.effects, {}).shared
+    X, U = answer.filtered.states[0], answer.question.problem.inputs
+    p = plain.vector(base.rig.parameters)
+    changed = []
+    for full, without, rows, by in (
+        (best.rig.model.rates, plain.rates, own, plain.scales),
+        (best.rig.model.sensors, plain.sensors, slice(None), np.ones(len(plain.outputs))),
+    ):
+        both = np.array(full.map(COUNT)(X.T, U.T, answer.p))[rows]
+        more = both - np.array(without.map(COUNT)(X[:, own].T, U[:, ports].T, p))
+        changed.append(
+            np.linalg.norm(np.where(abs(more) > 1e-9 * abs(both), more, 0.0) / by[:, None], axis=0)
+        )
+    assert done_by(base, best, *best.effects) == pytest.approx(by_usual_size(*changed), rel=1e-3, abs=1e-3)
+
+
+def test_of_two_at_one_site_each_is_told_by_itself():
+    base, best = placed("servo-pneumatic", ("constant_force", "spring_load"))
+    force, spring = best.effects if best.effects[0].name == "constant_force" else best.effects[::-1]
+    assert set(force.sites) == set(spring.sites)
+    assert done_by(base, best, force) == pytest.approx(np.ones(COUNT))
+    assert np.ptp(done_by(base, best, spring)) > 0.5
+
+
 def test_what_always_acts_is_always_at_work_and_what_acts_at_the_ends_is_there():
     both = ("constant_force", "end_cushioning")
     base, best = placed("servo-pneumatic", both)
