@@ -21,7 +21,7 @@ PIVOT = 1e-14  # of a covariance, as a share of its largest variance: below it a
 
 @compiled
 def filtered(
-    code, first, last, of_set, of_segment, starts, counts, M0, S0, P, Q, R, dt, U, Y, linear, tolerance, scales,
+    code, first, last, of_set, of_segment, starts, counts, M0, C0, P, Q, R, dt, U, Y, linear, tolerance, scales,
     keep, E, V, X, K, S,
 ):  # fmt: skip
     """Filter runs first..last-1; run r takes parameter set of_set[r] over segment of_segment[r].
@@ -29,7 +29,7 @@ def filtered(
     Args:
         code: of the model.
         starts, counts: first sample and intervals of each segment.
-        M0, S0: mean and sd of the state at a segment's start, (sets, segments, states).
+        M0, C0: mean (sets, segments, states) and covariance (..., states, states) of the state at a segment's start.
         P: parameters, (sets, parameters).
         Q: process noise, variance a second in squared scales, (sets, states).
         R: variance of the measurement noise, (sets, outputs).
@@ -57,10 +57,10 @@ def filtered(
         call(code.constants, (at(P, s * P.shape[1]), at(c, 0)))
         for i in range(len(c)):
             cs[i] = c[i]
-        C[:] = 0.0
         for i in range(nx):
             m[i] = M0[s, g, i] / scales[i]
-            C[i, i] = (S0[s, g, i] / scales[i]) ** 2
+            for o in range(nx):
+                C[i, o] = C0[s, g, i, o] / (scales[i] * scales[o])
         _slopes(code, m, at(U, starts[g] * nu), c, x, y, scales, H)
         steps[:] = dt[starts[g]]
         for n in range(starts[g], starts[g] + counts[g] + 1):

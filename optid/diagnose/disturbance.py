@@ -145,19 +145,14 @@ def push(candidate: Candidate, data: Data, site: str) -> float | None:
     p = model.vector_from(plain, answer.p, rig.parameters)
     names = [state.name for state in model.states]
     common = [names.index(state.name) for state in plain.states]
+    unknown = np.array([[float(name == "unknown.signal_0") for name in names]])
     problem = pose(model, data.train, WHOLE)
     sd = np.sqrt(answer.filtered.variances[0])
     size, seen = 1e-9, 0.0
     usual = plain.sizes[plain.sites.index(site)] / LOUD or None
     for _ in range(17):
-        moved = run_steered(
-            model,
-            problem,
-            p[None],
-            answer.filtered,
-            common,
-            nudge=(names.index("unknown.signal_0"), size),
-        )[0]
+        nudge = size * unknown
+        moved = run_steered(model, problem, p[None], answer.filtered, common, nudge=nudge)[0]
         still = run_steered(model, problem, p[None], answer.filtered, common)[0]
         with np.errstate(invalid="ignore"):  # both may have left the numbers
             change = (moved - still) / sd

@@ -13,8 +13,8 @@ from optid.core.filter import REACH2
 from optid.core.model import Array, Model
 from optid.core.recording import Recording
 from optid.core.simulation import simulate
-from optid.fit.first_look import first_look
-from optid.fit.likelihood import QUIET, WHOLE, Filtered, Start, deviance, run_filter
+from optid.fit.first_look import Known, first_look
+from optid.fit.likelihood import QUIET, WHOLE, Filtered, deviance, run_filter
 from optid.fit.place import Answer
 from optid.fit.prediction import horizon
 from optid.fit.problem import Integers, Problem, pose
@@ -79,12 +79,12 @@ def judge(answer: Answer, recordings: Sequence[Recording]) -> Judged:
     model = answer.question.model
     length = max(horizon(recording.interval) for recording in recordings)
     problem, cut = pose(model, recordings, WHOLE), pose(model, recordings, length)
-    start = first_look(model, problem, answer.p, answer.noise, length)
+    known = first_look(model, problem, cut, answer.p, answer.noise)
 
     def seen(P: Array) -> tuple[Filtered, list[Array]]:
         Q = np.tile(answer.noise.spectrum(len(model.states)), (len(P), 1))
-        R, starts = np.tile(answer.noise.measurement, (len(P), 1)), start.times(len(P))
-        f = run_filter(model, problem, P, Q, R, keep=True, start=starts)
+        R, starts = np.tile(answer.noise.measurement, (len(P), 1)), known.start.times(len(P))
+        f = run_filter(model, known.pieces, P, Q, R, keep=True, start=starts)
         return f, [_windows(model, p, problem, cut, X) for p, X in zip(P, f.states, strict=True)]
 
     f, (windows,) = seen(answer.p[None])
@@ -103,7 +103,7 @@ def judge(answer: Answer, recordings: Sequence[Recording]) -> Judged:
     def left_open() -> dict[str, Array]:
         settings = np.concatenate([numerical_settings(answer), _within_leeway(answer)])
         others = [other - windows for other in (seen(settings)[1] if len(settings) else [])]
-        unknown = _started(answer, problem, cut, start, f.states[0], windows)
+        unknown = _started(answer, problem, cut, known, f.states[0], windows)
         found = {}
         for j, port in enumerate(model.outputs):
             most = max((other[:, j] for other in others), key=_rms, default=0.0 * windows[:, j])
@@ -167,7 +167,7 @@ def _windows(model: Model, p: Array, whole: Problem, cut: Problem, states: Array
 
 
 def _started(
-    answer: Answer, whole: Problem, cut: Problem, start: Start, states: Array, windows: Array
+    answer: Answer, whole: Problem, cut: Problem, known: Known, states: Array, windows: Array
 ) -> Array:
     """What windows miss, squared, where their starts are as uncertain as noise alone leaves them, (samples, outputs).
 
@@ -177,7 +177,7 @@ def _started(
     model = answer.question.model
     quiet = np.full((1, len(model.states)), QUIET**2)
     R = answer.noise.measurement[None]
-    f = run_filter(model, whole, answer.p[None], quiet, R, covariances=True, start=start)
+    f = run_filter(model, known.pieces, answer.p[None], quiet, R, covariances=True, start=known.start)
     covariance = f.covariances[0, cut.begins] / np.outer(model.scales, model.scales)
     values, vectors = np.linalg.eigh(covariance)
     roots = vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :] * model.scales[:, None]

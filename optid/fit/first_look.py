@@ -4,7 +4,9 @@ A record says little of its first state before it moves. Pressures that may lie 
 push the piston either way or not at all, and a filter that takes so much for one normal distribution believes, when
 the first motion is over, in pressures a tenth of a bar off, and is sure of them. Each of many normal
 distributions that together make up the same prior is narrow enough to be filtered well (Gaussian sums: Sorenson and
-Alspach, Automatica 7, 1971); the likeliest one, by the first moments of the record, is where the filter begins.
+Alspach, Automatica 7, 1971); the likeliest one, by the first moments of the record, is where the filter begins. Where
+the first window ends, and at the next ones as long as that changes anything, the filter begins anew with what least
+squares on everything read so far make of the state there.
 
 Most records begin at rest. A filter to which the speed is unknown takes friction that holds the axis for forces in
 balance, and believes in pressures that would balance: so everything is tried at rest as well.
@@ -12,7 +14,9 @@ balance, and believes in pressures that would balance: so everything is tried at
 
 from __future__ import annotations
 
-from dataclasses import replace
+import itertools
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -20,75 +24,188 @@ from scipy import stats
 
 from optid.core.model import Array, Model
 from optid.fit.likelihood import QUIET, Noise, Start, deviance, run_filter, start_of
-from optid.fit.problem import Booleans, Problem
+from optid.fit.likely_start import Likely, Opening, carried, likely_start, nearest
+from optid.fit.problem import Booleans, Integers, Problem
 
 PARTS = 32
 NARROW = 0.5  # sd of a part, in those of the whole
 WORTH = 2.0 * np.log(PARTS)  # in -2 log likelihood: what the likeliest of so many gains by chance
+KEPT = 4  # parts that least squares begin at
+LOOKS = 4  # windows at most, at the ends of which a filter begins anew
+ALIKE, BEHIND = (
+    1.0,
+    20.0,
+)  # in -2 log likelihood: starts that near have found the same; those so far off are given up
 
 
-def first_look(model: Model, problem: Problem, p: Array, noise: Noise, seconds: float) -> Start:
-    """What is known where each segment begins, after a look at its first `seconds`.
+class Known(NamedTuple):
+    """Segments cut into pieces at which a filter begins anew, and what is known of the states there; one set."""
+
+    pieces: Problem
+    start: Start
+
+
+class _Begun(NamedTuple):
+    """Where a filter begins: the row, mean (states,) and covariance (states, states)."""
+
+    row: int
+    mean: Array
+    covariance: Array
+
+
+class _Tried(NamedTuple):
+    """A normal distribution tried as start: mean and sd (states,), which states least squares move, odds against it."""
+
+    mean: Array
+    sd: Array
+    moved: Integers
+    odds: float
+
+
+def first_look(model: Model, problem: Problem, cut: Problem, p: Array, noise: Noise) -> Known:
+    """What is known of the states where segments begin, and where their first windows end, from what is read before.
 
     Args:
         model: the plant.
         problem: posed with one window per segment.
+        cut: the same recordings cut into windows.
         p: parameters, (parameters,).
         noise: of measurement and states.
-        seconds: of every segment that count.
 
     Returns:
-        One of the parts of what the model itself says of the start, moving or at rest, or all that where no part is
-        likelier; one set.
+        Where each segment begins one of the parts of what the model itself says of the start, moving or at rest, or all
+        that where no part is likelier by what is read in the first window; then what all readings since say.
     """
-    whole = start_of(model, p[None], len(problem.begins))
+    whole = start_of(model, p[None], 1)
+    mean, sd = whole.mean[0, 0], np.sqrt(np.diagonal(whole.covariance[0, 0]))
     measured = np.asarray(np.isfinite(problem.measured).any(axis=0))
-    hidden = _unseen(model, p, measured) & (whole.sd[0] > 0.0).all(axis=0)
+    hidden = _unseen(model, p, measured) & (sd > 0.0)
     if not hidden.any():
-        return whole
-    z = np.zeros((PARTS, len(model.states)))
-    z[:, hidden] = _spread(int(hidden.sum()))
-    tried, odds = [_parts(whole, z, hidden)], [_odds(z)]
-    if (speeds := _speeds(model, p)).any():
-        still, held = np.where(speeds, QUIET * model.scales, whole.sd), np.where(speeds, 0.0, z)
-        tried.append(_parts(Start(np.where(speeds, 0.0, whole.mean), still), held, hidden & ~speeds))
-        odds.append(_odds(held))
-    both = Start(*(np.ascontiguousarray(np.concatenate(a)) for a in zip(*tried, strict=True)))
-    counts = np.minimum(
-        problem.counts,
-        [np.searchsorted(problem.time[b : b + n + 1], problem.time[b] + seconds) - 1
-         for b, n in zip(problem.begins, problem.counts, strict=True)],
-    )  # fmt: skip
-    counts = np.maximum(counts, 1).astype(np.int64)
-    rows = np.concatenate([np.arange(b, b + n + 1) for b, n in zip(problem.begins, counts, strict=True)])
-    begins = np.r_[0, np.cumsum(counts + 1)[:-1]].astype(np.int64)
-    opening = replace(
-        problem, time=problem.time[rows], dt=problem.dt[rows], inputs=problem.inputs[rows],
-        measured=problem.measured[rows], begins=begins, counts=counts,
-    )  # fmt: skip
-    count = len(both.mean)
-    Q, R = np.tile(noise.spectrum(len(model.states)), (count, 1)), np.tile(noise.measurement, (count, 1))
-    f = run_filter(model, opening, np.tile(p, (count, 1)), Q, R, start=both)
-    each = deviance(f.innovations, f.variances)
-    best = np.zeros(len(problem.begins), dtype=int)
-    for k, (begin, n) in enumerate(zip(opening.begins, opening.counts, strict=True)):
-        score = each[:, begin : begin + n + 1].sum(axis=1) + np.concatenate(odds)
-        best[k] = int(np.argmin(np.where(np.isfinite(score), score, np.inf)))
-    segments = np.arange(len(best))
-    return Start(both.mean[best, segments][None], both.sd[best, segments][None])
-
-
-def _parts(whole: Start, z: Array, hidden: Booleans) -> Start:
-    """The whole, and its parts at so many sd, narrow in the states that are hidden, (1 + parts, segments, states)."""
-    return Start(
-        np.concatenate([whole.mean, whole.mean + np.sqrt(1.0 - NARROW**2) * z[:, None] * whole.sd]),
-        np.concatenate([whole.sd, np.tile(np.where(hidden, NARROW, 1.0) * whole.sd, (len(z), 1, 1))]),
+        return Known(problem, start_of(model, p[None], len(problem.begins)))
+    look = _Look(model, p, noise, mean, sd, _tried(model, p, mean, sd, hidden))
+    begun: list[_Begun] = []
+    counts: list[int] = []
+    for begin, count in zip(problem.begins.tolist(), problem.counts.tolist(), strict=True):
+        ends = [row for row in cut.begins.tolist() if begin < row < begin + count][:LOOKS]
+        found = look.at(problem, begin, ends or [begin + count])
+        counts += [b - a - 1 for a, b in itertools.pairwise([*(one.row for one in found), begin + count + 1])]
+        begun += found
+    start = Start(
+        *(np.stack(part)[None] for part in ([b.mean for b in begun], [b.covariance for b in begun]))
     )
+    begins = np.array([one.row for one in begun], dtype=np.int64)
+    pieces = replace(
+        problem, begins=np.array(begins, dtype=np.int64), counts=np.array(counts, dtype=np.int64),
+        closed=np.ones(len(begins), dtype=np.bool_), linked=np.zeros(len(begins), dtype=np.bool_),
+        recording=problem.recording[np.searchsorted(problem.begins, begins, side="right") - 1],
+    )  # fmt: skip
+    return Known(pieces, start)
 
 
-def _odds(z: Array) -> Array:
-    """What speaks against each of such parts beforehand, in -2 log likelihood; for the whole, what chance gains."""
-    return np.asarray(np.r_[-WORTH, (z**2).sum(axis=1)])
+@dataclass(frozen=True, eq=False)
+class _Look:
+    """A look at one segment after the other."""
+
+    model: Model
+    p: Array
+    noise: Noise
+    mean: Array
+    sd: Array
+    tried: tuple[_Tried, ...]
+
+    def at(self, problem: Problem, begin: int, ends: list[int]) -> list[_Begun]:
+        """Where a filter begins in a segment: at its beginning, and where windows end."""
+        opening = self._opening(problem, begin, ends[0])
+        order = np.argsort(self._against(opening), kind="stable")[:KEPT]
+        first = self.tried[order[0]]
+        found = [_Begun(begin, first.mean, np.diag(first.sd**2))]
+        ways = [(one.moved, self._z(one)) for one in (self.tried[k] for k in order)]
+        for end in ends:
+            opening = self._opening(problem, begin, end)
+            likely = sorted(
+                ((likely_start(opening, moved, z), moved) for moved, z in nearest(opening, ways, KEPT)),
+                key=lambda one: _evidence(one[0]),
+            )
+            best, moved = likely[0]
+            mean, covariance, normal = carried(opening, moved, best)
+            if normal:
+                last = found[-1]
+                since = self._opening(problem, last.row, end)
+                if last.row > begin and self._agrees(since, last, mean, covariance):
+                    break
+                found.append(_Begun(end, mean, covariance))
+            ways = [(moved, best.z + way) for way in np.concatenate([best.root.T, -best.root.T])]
+            ways += [
+                (moved, one.z)
+                for k, (one, moved) in enumerate(likely)
+                if _evidence(one) < _evidence(best) + BEHIND
+                and all(abs(one.cost - other.cost) > ALIKE for other, _ in likely[:k])
+            ]
+        return found
+
+    def _against(self, opening: Opening) -> Array:
+        """What speaks against each of the starts tried, in -2 log likelihood."""
+        sets = len(self.tried)
+        start = Start.apart(
+            np.stack([one.mean for one in self.tried])[:, None],
+            np.stack([one.sd for one in self.tried])[:, None],
+        )
+        given = (
+            np.tile(a, (sets, 1))
+            for a in (self.p, self.noise.spectrum(len(self.mean)), self.noise.measurement)
+        )
+        f = run_filter(self.model, opening.problem, *given, start=start)
+        score = deviance(f.innovations, f.variances).sum(axis=1) + [one.odds for one in self.tried]
+        return np.where(np.isfinite(score), score, np.inf)
+
+    def _agrees(self, since: Opening, last: _Begun, mean: Array, covariance: Array) -> bool:
+        """Whether a filter that began there stands where least squares do, as far as these are certain."""
+        start = Start(last.mean[None, None], last.covariance[None, None])
+        given = (a[None] for a in (self.p, self.noise.spectrum(len(mean)), self.noise.measurement))
+        f = run_filter(self.model, since.problem, *given, keep=True, start=start)
+        return bool((np.abs(f.states[0, -1] - mean) <= np.sqrt(np.diagonal(covariance))).all())
+
+    def _z(self, one: _Tried) -> Array:
+        """Where it begins, in sd off the mean."""
+        return np.asarray(((one.mean - self.mean) / self.sd)[one.moved])
+
+    def _opening(self, problem: Problem, begin: int, end: int) -> Opening:
+        """From one row up to another; what is read there counts as not yet known."""
+        rows = slice(begin, end + 1)
+        measured = problem.measured[rows].copy()
+        measured[-1] = np.nan
+        part = replace(
+            problem, time=problem.time[rows], dt=problem.dt[rows], inputs=problem.inputs[rows], measured=measured,
+            begins=np.zeros(1, dtype=np.int64), counts=np.array([end - begin], dtype=np.int64),
+            closed=np.ones(1, dtype=np.bool_), linked=np.zeros(1, dtype=np.bool_),
+            recording=np.zeros(1, dtype=np.int64),
+        )  # fmt: skip
+        return Opening(self.model, self.p, self.noise, part, self.mean, self.sd)
+
+
+def _evidence(likely: Likely) -> float:
+    """-2 log of the probability of all readings, by Laplace's approximation, up to a constant."""
+    return likely.cost - 2.0 * float(np.linalg.slogdet(likely.root)[1])
+
+
+def _tried(model: Model, p: Array, mean: Array, sd: Array, hidden: Booleans) -> tuple[_Tried, ...]:
+    """The whole, and its parts at so many sd, narrow in the states that are hidden; the same at rest."""
+    z = np.zeros((PARTS, len(mean)))
+    z[:, hidden] = _spread(int(hidden.sum()))
+    speeds = _speeds(model, p)
+    found = []
+    for still in (False, True) if speeds.any() else (False,):
+        rests = speeds & still
+        middle = np.where(rests, 0.0, mean)
+        wide = np.where(rests, QUIET * model.scales, sd)
+        moved = np.flatnonzero(hidden & ~rests)
+        narrow = wide.copy()
+        narrow[moved] *= NARROW
+        found.append(_Tried(middle, wide, moved, -WORTH))
+        for one in np.where(rests, 0.0, z):
+            at = middle + np.sqrt(1.0 - NARROW**2) * one * sd
+            found.append(_Tried(at, narrow, moved, float((one**2).sum())))
+    return tuple(found)
 
 
 def _speeds(model: Model, p: Array) -> Booleans:

@@ -30,14 +30,24 @@ FAR = 6.0  # innovations beyond so many sd count linearly
 
 
 class Start(NamedTuple):
-    """What is known of the states where segments begin: mean and sd, (sets, segments, states), SI."""
+    """What is known of the states where segments begin, SI.
+
+    Attributes:
+        mean: (sets, segments, states).
+        covariance: (sets, segments, states, states).
+    """
 
     mean: Array
-    sd: Array
+    covariance: Array
+
+    @classmethod
+    def apart(cls, mean: Array, sd: Array) -> Start:
+        """Of states of which none tells of another, with sd as `mean` has it."""
+        return cls(mean, sd[..., None] ** 2 * np.eye(sd.shape[-1]))
 
     def times(self, sets: int) -> Start:
         """The same for so many sets, from one."""
-        return Start(np.repeat(self.mean, sets, axis=0), np.repeat(self.sd, sets, axis=0))
+        return Start(np.repeat(self.mean, sets, axis=0), np.repeat(self.covariance, sets, axis=0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,14 +139,14 @@ def run_filter(
     sets = len(P)
     segments = np.array(range(len(problem.begins)) if only is None else only)
     nx, N, ny = len(model.states), len(problem.time), len(model.outputs)
-    M0, S0 = (np.ascontiguousarray(a) for a in start or start_of(model, P, len(problem.begins)))
+    M0, C0 = (np.ascontiguousarray(a) for a in start or start_of(model, P, len(problem.begins)))
     E, V = np.full((sets, N, ny), np.nan), np.full((sets, N, ny), np.nan)
     X = np.zeros((sets, N, nx) if keep else (1, 1, 1))
     K = np.zeros((sets, N, ny, nx) if keep else (1, 1, 1, 1))
     S = np.zeros((sets if covariances else 0, N, nx, nx))
     of_set, of_segment = (np.ascontiguousarray(a) for a in _runs(sets, segments))
     code, linear = compiled_lanes(model).code, linear_outputs(model)
-    given = (of_set, of_segment, problem.begins, problem.counts, M0, S0, P, Q, R, problem.dt, problem.inputs)
+    given = (of_set, of_segment, problem.begins, problem.counts, M0, C0, P, Q, R, problem.dt, problem.inputs)
     noise = np.sqrt(Q * float(np.median(problem.dt))) * model.scales
     tolerance = np.ascontiguousarray(np.maximum(_tolerance(model), BESIDE * noise))
     spread(
@@ -163,7 +173,7 @@ def run_steered(
     guide: Filtered,
     common: Sequence[int],
     *,
-    nudge: tuple[int, float] | None = None,
+    nudge: Array | None = None,
     only: Sequence[int] | None = None,
     looks: Booleans | None = None,
 ) -> Array:
@@ -175,7 +185,7 @@ def run_steered(
         P: (sets, parameters).
         guide: the filter, with gains kept, sets = 1.
         common: see `model`.
-        nudge: a state and what is added to it at every segment's start.
+        nudge: added to the states at every segment's start, (sets, states).
         only: these segments, all if absent; NaN in the others.
         looks: samples up to which the past is known, (samples,): what comes after one is predicted from there up to
             the next, instead of from sample to sample.
@@ -185,7 +195,7 @@ def run_steered(
     looks = np.ones(len(problem.time), dtype=np.bool_) if looks is None else looks
     M0 = np.ascontiguousarray(_starts(model, P)[0])
     if nudge is not None:
-        M0[:, nudge[0]] += nudge[1]
+        M0 = M0 + nudge
     E = np.full((sets, len(problem.time), len(model.outputs)), np.nan)
     first_set, of_segment = _runs(-(-sets // LANES), segments)
     code, places = compiled_lanes(model).code, np.array(common, dtype=np.int64)
@@ -211,7 +221,7 @@ def _starts(model: Model, P: Array) -> tuple[Array, Array]:
 def start_of(model: Model, P: Array, segments: int) -> Start:
     """What a model says of the states where a segment begins, for each parameter set."""
     mean, sd = _starts(model, P)
-    return Start(np.repeat(mean[:, None], segments, axis=1), np.repeat(sd[:, None], segments, axis=1))
+    return Start.apart(np.repeat(mean[:, None], segments, axis=1), np.repeat(sd[:, None], segments, axis=1))
 
 
 def _runs(sets: int, segments: Integers) -> tuple[Array, Array]:

@@ -5,10 +5,11 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 import pytest
+from scipy import stats
 
 from optid.core.recording import Channel, Recording
 from optid.core.sheet import build
-from optid.fit.first_look import NARROW, PARTS, _spread, first_look
+from optid.fit.first_look import NARROW, PARTS, Known, _spread, first_look
 from optid.fit.likelihood import WHOLE, Noise, deviance, run_filter, start_of
 from optid.fit.problem import pose
 from optid.rigs.rigfile import read_rig
@@ -33,7 +34,8 @@ def latch(s):
 def recording(load, push=0.0, seconds=1.0, name="a"):
     """Its path by small steps."""
     x, out = 0.0, []
-    for _ in range(round(seconds / DT)):
+    pushes = np.broadcast_to(push, round(seconds / DT))
+    for push in pushes:
         out.append(x)
         for _ in range(20):
             force = load + push
@@ -41,7 +43,7 @@ def recording(load, push=0.0, seconds=1.0, name="a"):
             load -= DT / 20 * 2 * load * abs(load)
     measured = np.array(out) + SD * np.random.default_rng(5).standard_normal(len(out))
     channels = {
-        "command": Channel("command", "u", "m/s", np.full(len(out), push)),
+        "command": Channel("command", "u", "m/s", pushes),
         "position": Channel("position", "x", "m", measured, sd=SD),
     }
     return Recording(name, DT * np.arange(len(out)), channels)
@@ -67,66 +69,88 @@ def axis(tmp_path_factory):
         "presliding_length": 2e-6, "presliding_shape": 1.0, "bristle_damping": 3e-4, "bristle_fading": 0.05,
     }  # fmt: skip
     noise = Noise(np.array([case.sensors.position_noise**2, 1.0, 1.0]), ((1,), (2, 3)), np.log([1e-5, 1e-4]))
-    problem = pose(model, [Recording("steps", run.t, channels)], WHOLE)
-    return model, problem, model.vector({**rig.parameters, **truth}), noise, run
+    steps = [Recording("steps", run.t, channels)]
+    problem, cut = pose(model, steps, WHOLE), pose(model, steps, 0.5)
+    return model, problem, cut, model.vector({**rig.parameters, **truth}), noise, run
 
 
-def test_half_a_second_later_the_pressures_are_nearer_the_truth_and_the_record_is_likelier(axis):
-    model, problem, p, noise, run = axis
-    whole, start = start_of(model, p[None], 1), first_look(model, problem, p, noise, 0.5)
+def filtered(model, known, p, noise):
+    Q, R = noise.spectrum(len(model.states))[None], noise.measurement[None]
+    return run_filter(model, known.pieces, p[None], Q, R, keep=True, start=known.start)
+
+
+def sd_of(start):
+    return np.sqrt(np.diagonal(start.covariance, axis1=-2, axis2=-1))
+
+
+def test_half_a_second_later_the_pressures_are_where_they_are_and_the_record_is_likelier(axis):
+    model, problem, cut, p, noise, run = axis
     off, scores = [], []
-    for one in (whole, start):
-        Q, R = noise.spectrum(len(model.states))[None], noise.measurement[None]
-        f = run_filter(model, problem, p[None], Q, R, keep=True, start=one)
-        off.append(np.abs(f.states[0, 500, 2:4] - [run.pressure_a[500], run.pressure_b[500]]).max())
-        scores.append(deviance(f.innovations[0], f.variances[0])[:501].sum())
+    for known in (Known(problem, start_of(model, p[None], 1)), first_look(model, problem, cut, p, noise)):
+        f, end = filtered(model, known, p, noise), cut.begins[1]
+        off.append(np.abs(f.states[0, end, 2:4] - [run.pressure_a[end], run.pressure_b[end]]).max())
+        scores.append(deviance(f.innovations[0], f.variances[0])[:end].sum())
     assert off[1] < 0.5 * off[0]
     assert scores[1] < scores[0] - 100.0
 
 
+def test_where_a_window_ends_the_truth_is_as_far_off_as_the_covariance_says(axis):
+    model, problem, cut, p, noise, run = axis
+    known, end = first_look(model, problem, cut, p, noise), cut.begins[1]
+    assert known.pieces.begins.tolist() == [0, end]
+    truth = [run.position[end], run.velocity[end], run.pressure_a[end], run.pressure_b[end]]
+    off = known.start.mean[0, 1, :4] - truth
+    assert off @ np.linalg.solve(known.start.covariance[0, 1, :4, :4], off) < stats.chi2.ppf(0.999, 4)
+
+
 def test_what_is_seen_at_once_keeps_what_the_model_says_of_it(axis):
-    model, problem, p, noise, _ = axis
-    whole, start = start_of(model, p[None], 1), first_look(model, problem, p, noise, 0.5)
-    assert start.mean.shape == start.sd.shape == (1, 1, len(model.states))
+    model, problem, cut, p, noise, _ = axis
+    whole, start = start_of(model, p[None], 1), first_look(model, problem, cut, p, noise).start
     assert start.mean[0, 0, 0] == whole.mean[0, 0, 0]
-    assert start.sd[0, 0, 0] == whole.sd[0, 0, 0]
-    hidden = start.sd[0, 0, 2:] / whole.sd[0, 0, 2:]
+    assert sd_of(start)[0, 0, 0] == sd_of(whole)[0, 0, 0]
+    hidden = sd_of(start)[0, 0, 2:] / sd_of(whole)[0, 0, 2:]
     assert hidden == pytest.approx(1.0) or hidden == pytest.approx(NARROW)
     shown = replace(problem, measured=np.column_stack([problem.measured[:, 0], run_pressures(axis)]))
-    seen = first_look(model, shown, p, replace(noise, measurement=np.array([9e-10, 2.5e5, 2.5e5])), 0.5)
+    seen = first_look(model, shown, cut, p, replace(noise, measurement=np.array([9e-10, 2.5e5, 2.5e5]))).start
     assert np.array_equal(seen.mean[0, 0, 2:4], whole.mean[0, 0, 2:4])
 
 
 def test_a_record_that_begins_at_rest_is_found_at_rest_and_one_cut_from_a_motion_is_not(axis):
-    model, problem, p, noise, run = axis
-    still = first_look(model, problem, p, noise, 0.5)
+    model, problem, cut, p, noise, run = axis
+    still = first_look(model, problem, cut, p, noise).start
     assert still.mean[0, 0, 1] == 0.0
-    assert still.sd[0, 0, 1] < 1e-3
+    assert sd_of(still)[0, 0, 1] < 1e-3
     moving = int(np.argmax(np.abs(run.velocity[:400])))
     rows = slice(moving, None)
     late = replace(
         problem, time=problem.time[rows] - problem.time[moving], dt=problem.dt[rows], inputs=problem.inputs[rows],
         measured=problem.measured[rows], counts=problem.counts - moving,
     )  # fmt: skip
-    thrown = first_look(model, late, p, noise, 0.5)
-    assert abs(thrown.mean[0, 0, 1] - run.velocity[moving]) < 2.0 * thrown.sd[0, 0, 1]
+    thrown = first_look(model, late, replace(cut, begins=cut.begins - np.array([0, moving])), p, noise).start
+    assert abs(thrown.mean[0, 0, 1] - run.velocity[moving]) < 2.0 * sd_of(thrown)[0, 0, 1]
 
 
 def run_pressures(axis):
     """Measured without noise."""
-    return np.column_stack([axis[4].pressure_a, axis[4].pressure_b])
+    return np.column_stack([axis[-1].pressure_a, axis[-1].pressure_b])
+
+
+def looked_at(model, recordings, p, seconds):
+    return first_look(model, pose(model, recordings, WHOLE), pose(model, recordings, seconds), p, NOISE)
 
 
 def test_a_record_that_tells_nothing_begins_as_the_model_says():
     model = build(latch)
-    problem = pose(model, [recording(0.0)], WHOLE)
     p = model.vector({})
-    start, whole = first_look(model, problem, p, NOISE, 0.05), start_of(model, p[None], 1)
-    assert np.array_equal(start.mean, whole.mean)
-    assert np.array_equal(start.sd, whole.sd)
+    known, whole = looked_at(model, [recording(0.0)], p, 0.05), start_of(model, p[None], 1)
+    assert (
+        len(known.pieces.begins) == 1
+    )  # no normal distribution: loads that would have moved it are out of the question
+    assert np.array_equal(known.start.mean, whole.mean)
+    assert np.array_equal(known.start.covariance, whole.covariance)
 
 
-def test_only_the_first_moments_count():
+def test_only_the_first_moments_say_where_the_record_begins():
     """A push that comes later tells of the load, but not in time."""
     model = build(latch)
     first, later = recording(0.0, seconds=0.3), recording(2.0, push=4.0, seconds=0.7)
@@ -136,20 +160,53 @@ def test_only_the_first_moments_count():
     }
     both = Recording("both", DT * np.arange(1000), channels)
     p = model.vector({})
-    start = first_look(model, pose(model, [both], WHOLE), p, NOISE, 0.25)
-    alone = first_look(model, pose(model, [first], WHOLE), p, NOISE, 0.25)
-    assert np.array_equal(start.mean, alone.mean)
+    known, alone = looked_at(model, [both], p, 0.25), looked_at(model, [first], p, 0.25)
+    assert np.array_equal(known.start.mean[:, 0], alone.start.mean[:, 0])
+
+
+def test_a_later_window_tells_what_the_first_one_did_not():
+    """At rest nothing shows of the load; after a push it is known, and the filter begins anew with that."""
+    model = build(latch)
+    pushed = np.where(np.arange(1000) < 500, 0.0, 3.0)
+    run = recording(0.5, push=pushed)
+    p = model.vector({})
+    known = looked_at(model, [run], p, 0.25)
+    assert known.pieces.begins[1] == pytest.approx(750, abs=2)
+    load, row = 0.5, known.pieces.begins[1]
+    for _ in range(row * 20):
+        load -= DT / 20 * 2 * load * abs(load)
+    assert abs(known.start.mean[0, 1, 1] - load) < 3.0 * sd_of(known.start)[0, 1, 1]
+    assert sd_of(known.start)[0, 1, 1] < 0.02 * SPREAD
 
 
 def test_every_segment_is_looked_at_by_itself():
     model = build(latch)
     runs = [recording(load, push=push, seconds=0.6) for load, push in ((-3.0, 2.0), (1.5, 0.0), (3.0, 1.0))]
     p = model.vector({})
-    both = first_look(model, pose(model, runs, WHOLE), p, NOISE, 0.25)
-    alone = [first_look(model, pose(model, [run], WHOLE), p, NOISE, 0.25) for run in runs]
-    assert np.array_equal(both.mean[0], [one.mean[0, 0] for one in alone])
-    assert np.array_equal(both.sd[0], [one.sd[0, 0] for one in alone])
-    assert len(np.unique(both.mean[0], axis=0)) == 3
+    both, alone = looked_at(model, runs, p, 0.25), [looked_at(model, [run], p, 0.25) for run in runs]
+    heads = np.searchsorted(both.pieces.begins, np.cumsum([0, 600, 600]))
+    assert np.array_equal(both.start.mean[0], np.concatenate([one.start.mean[0] for one in alone]))
+    assert np.array_equal(
+        both.start.covariance[0], np.concatenate([one.start.covariance[0] for one in alone])
+    )
+    assert len(np.unique(both.start.mean[0, heads], axis=0)) == 3
+    assert [both.pieces.recording[k] for k in heads] == [0, 1, 2]
+
+
+def test_pieces_hold_every_sample_once(axis):
+    model, problem, cut, p, noise, _ = axis
+    pieces = first_look(model, problem, cut, p, noise).pieces
+    rows = np.concatenate(
+        [np.arange(a, a + n + 1) for a, n in zip(pieces.begins, pieces.counts, strict=True)]
+    )
+    assert rows.tolist() == list(range(len(problem.time)))
+
+
+def test_no_more_windows_are_looked_at_than_may_be(monkeypatch):
+    monkeypatch.setattr("optid.fit.first_look.LOOKS", 2)
+    model = build(latch)
+    run = recording(0.5, push=np.where(np.arange(1000) < 500, 0.0, 3.0))
+    assert len(looked_at(model, [run], model.vector({}), 0.25).pieces.begins) == 1
 
 
 def test_parts_make_up_the_whole():

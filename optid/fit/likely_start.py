@@ -1,0 +1,155 @@
+"""The likeliest states where a record begins: least squares on all its first readings at once.
+
+A filter keeps one normal distribution, which what friction holds at rest bends out of shape before a first motion tells
+of the pressures; what it then believes is off, and it is sure of it. Least squares over everything read since the
+beginning has no such memory (moving horizon estimation: Rao, Rawlings and Mayne, IEEE Trans. Autom. Control 48, 2003).
+Where states carry process noise, the innovations of a filter that begins at one point are what is squared, so that a
+model which errs is not held to its simulation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from optid.core.model import Array, Model
+from optid.fit.likelihood import QUIET, Filtered, Noise, Start, deviance, run_filter, run_steered
+from optid.fit.problem import Integers, Problem
+
+STEPS, TRIALS = 25, 5  # of Levenberg and Marquardt, and dampings of each
+NUDGE = 1e-4  # of the sd beforehand, for differences
+ENOUGH = 0.1  # in -2 log likelihood: a step that gains less is the last
+CURVED = 4.0  # a normal distribution's cost rises by 1 in one sd: where by more or less than so many times, it is none
+
+
+@dataclass(frozen=True, eq=False)
+class Opening:
+    """The beginning of one segment, and what is asked of it.
+
+    Attributes:
+        model: the plant; `p` its parameters, `noise` that of measurement and states.
+        problem: one segment, up to where the look ends.
+        mean, sd: what is known of the states beforehand, (states,).
+    """
+
+    model: Model
+    p: Array
+    noise: Noise
+    problem: Problem
+    mean: Array
+    sd: Array
+
+    def filtered(self, means: Array, sd: Array) -> tuple[Array, Filtered]:
+        """-2 log likelihood (sets,) and what filters see that begin at `means` (sets, states)."""
+        sets = len(means)
+        start = Start.apart(means[:, None], np.broadcast_to(sd, (sets, 1, len(sd))))
+        Q, R = self.noise.spectrum(len(self.mean)), self.noise.measurement
+        given = (np.tile(a, (sets, 1)) for a in (self.p, Q, R))
+        f = run_filter(self.model, self.problem, *given, keep=True, covariances=True, start=start)
+        score = deviance(f.innovations, f.variances).sum(axis=-1)
+        return np.where(np.isfinite(score), score, np.inf), f
+
+
+@dataclass(frozen=True, eq=False)
+class Likely:
+    """A start that no step makes likelier.
+
+    Attributes:
+        z: in sd beforehand, off the mean beforehand, of the states that moved, (moved,).
+        cost: what speaks against it, in -2 log likelihood.
+        root: of the covariance of z that readings and prior leave, (moved, moved).
+    """
+
+    z: Array
+    cost: float
+    root: Array
+
+
+def likely_start(opening: Opening, moved: Integers, z: Array) -> Likely:
+    """From a start to the likeliest one near it; states that are not `moved` begin as they are known beforehand."""
+    place = _Place(opening, moved)
+    cost, f = place.cost(z[None])
+    damping, here = 1e-3, float(cost[0])
+    slopes, r = place.slopes(z, f)
+    for _ in range(STEPS if np.isfinite(here) else 0):
+        information, gradient = slopes.T @ slopes + np.eye(len(z)), slopes.T @ r + z
+        gain = 0.0
+        for _ in range(TRIALS):
+            step = np.linalg.solve(information + damping * np.diag(np.diag(information)), gradient)
+            cost, f = place.cost((z - step)[None])
+            if cost[0] < here:
+                gain, here, z = here - float(cost[0]), float(cost[0]), z - step
+                slopes, r = place.slopes(z, f)
+                damping /= 10.0
+                break
+            damping = max(10.0 * damping, 1e-2)
+        if gain < ENOUGH:
+            break
+    values, vectors = np.linalg.eigh(slopes.T @ slopes + np.eye(len(z)))
+    return Likely(z, here, vectors / np.sqrt(values))
+
+
+def nearest(
+    opening: Opening, ways: Sequence[tuple[Integers, Array]], count: int
+) -> list[tuple[Integers, Array]]:
+    """Of starts, each with the states that move, those that come nearest to the readings as they are."""
+    cost = [float(_Place(opening, moved).cost(z[None])[0][0]) for moved, z in ways]
+    return [ways[k] for k in np.argsort(cost, kind="stable")[:count]]
+
+
+def carried(opening: Opening, moved: Integers, likely: Likely) -> tuple[Array, Array, bool]:
+    """Mean and covariance of the states where a look ends, and whether they are those of a normal distribution.
+
+    They are where the cost rises in every direction as the covariance says. It does not while an axis rests: pressures
+    that would have moved it are out of the question, and all others are alike.
+    """
+    place = _Place(opening, moved)
+    ways = np.concatenate([likely.root.T, -likely.root.T])
+    cost, f = place.cost(np.concatenate([likely.z[None], likely.z + ways]))
+    rise = cost[1:] - cost[0]
+    last = opening.problem.begins[0] + opening.problem.counts[0]
+    ends, half = f.states[:, last], len(ways) // 2
+    roots = 0.5 * (ends[1 : 1 + half] - ends[1 + half :])
+    normal = bool((rise < CURVED).all())
+    return ends[0], roots.T @ roots + f.covariances[0, last], normal
+
+
+class _Place:
+    """Filters of an opening that begin at points of the states that move."""
+
+    def __init__(self, opening: Opening, moved: Integers) -> None:
+        self._opening, self._moved = opening, moved
+        self._sd = opening.sd.copy()
+        self._sd[moved] = QUIET * opening.model.scales[moved]
+
+    def means(self, Z: Array) -> Array:
+        """Where filters begin, (sets, states)."""
+        o = self._opening
+        means = np.tile(o.mean, (len(Z), 1))
+        means[:, self._moved] += Z * o.sd[self._moved]
+        return means
+
+    def cost(self, Z: Array) -> tuple[Array, Filtered]:
+        """What speaks against points (sets, moved), and the filters that begin there."""
+        score, f = self._opening.filtered(self.means(Z), self._sd)
+        return score + (Z**2).sum(axis=1), f
+
+    def slopes(self, z: Array, f: Filtered) -> tuple[Array, Array]:
+        """Slopes of the scaled innovations by z, (readings, moved), and those innovations, with held gains."""
+        o = self._opening
+        nudged = self.means(np.concatenate([z[None], z + NUDGE * np.eye(len(z))]))
+        only = replace(f, gains=f.gains[:1])
+        E = run_steered(
+            o.model,
+            o.problem,
+            np.tile(o.p, (len(nudged), 1)),
+            only,
+            range(len(o.mean)),
+            nudge=nudged - o.mean,
+        )
+        scaled = E / np.sqrt(f.variances[:1])
+        known = np.isfinite(scaled).all(axis=0)
+        r = scaled[:, known]
+        return np.asarray((r[1:] - r[0]).T / NUDGE), np.asarray(r[0])

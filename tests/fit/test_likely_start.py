@@ -1,0 +1,112 @@
+"""The likeliest start: on a linear plant that of a Kalman filter, and where friction holds no normal distribution."""
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from optid.core.recording import Channel, Recording
+from optid.core.sheet import build
+from optid.fit.likelihood import WHOLE, Noise, Start, run_filter, start_of
+from optid.fit.likely_start import Opening, carried, likely_start
+from optid.fit.problem import pose
+
+SD, DT, SPREAD = 1e-4, 1e-3, 1.5
+QUIETEST = Noise(np.array([SD**2]), ((1,),), np.log([1e-6]))
+
+
+def decaying(s):
+    """x' = v, v' = load - v, the load decays: linear, with two states that no sensor shows."""
+    x, v = s.state("x", "m", 0.01), s.state("v", "m/s", 1.0, spread=SPREAD)
+    load = s.state("load", "m/s2", 1.0, spread=SPREAD)
+    push = s.input("command", "m/s2")
+    s.rate(x, v)
+    s.rate(v, load + push - v)
+    s.rate(load, -load)
+    s.output("position", "m", x)
+
+
+def held(s):
+    """x' = load beyond -1 and 1, nothing in between."""
+    x, load = s.state("x", "m", 0.01), s.state("load", "m/s", 1.0, spread=SPREAD)
+    force = load + s.input("command", "m/s")
+    s.rate(x, force - ca.fmin(ca.fmax(force, -1), 1))
+    s.rate(load, -2 * load)
+    s.output("position", "m", x)
+
+
+def opening(plant, x, noise, push=0.0):
+    """Of a record of x, up to but without its last sample."""
+    model = build(plant)
+    channels = {
+        "command": Channel("command", "u", "1", np.full(len(x), push)),
+        "position": Channel("position", "x", "m", x, sd=SD),
+    }
+    problem = pose(model, [Recording("a", DT * np.arange(len(x)), channels)], WHOLE)
+    problem.measured[-1] = np.nan
+    p = model.vector({})
+    start = start_of(model, p[None], 1)
+    return Opening(model, p, noise, problem, start.mean[0, 0], np.sqrt(np.diagonal(start.covariance[0, 0])))
+
+
+@pytest.fixture(params=[1e-6, 1e-3], ids=["no process noise", "process noise"])
+def linear(request):
+    t, rng = DT * np.arange(300), np.random.default_rng(3)
+    v, load, x = 0.7, -1.2, np.zeros(300)
+    for k in range(1, 300):
+        x[k] = x[k - 1] + DT * v
+        v, load = v + DT * (load + 0.5 - v), load - DT * load
+    noise = Noise(np.array([SD**2]), ((1, 2),), np.log([request.param]))
+    return opening(decaying, x + SD * rng.standard_normal(len(t)), noise, push=0.5)
+
+
+def test_on_a_linear_plant_a_look_ends_where_a_kalman_filter_does(linear):
+    likely = likely_start(linear, np.array([1, 2]), np.array([2.0, -1.5]))
+    mean, covariance, normal = carried(linear, np.array([1, 2]), likely)
+    o = linear
+    Q, R = o.noise.spectrum(3)[None], o.noise.measurement[None]
+    exact = run_filter(
+        o.model, o.problem, o.p[None], Q, R, keep=True, covariances=True,
+        start=Start.apart(o.mean[None, None], o.sd[None, None]),
+    )  # fmt: skip
+    sd = np.sqrt(np.diagonal(exact.covariances[0, -1]))
+    assert normal
+    assert (np.abs(mean - exact.states[0, -1]) < 0.1 * sd).all()
+    apart = np.linalg.solve(exact.covariances[0, -1], covariance)
+    assert np.linalg.eigvals(apart).real == pytest.approx(1.0, abs=0.1)
+
+
+def test_it_is_found_from_both_sides(linear):
+    ends = [likely_start(linear, np.array([1, 2]), np.array(z)) for z in ([2.0, -1.5], [-2.0, 1.5])]
+    assert ends[0].z == pytest.approx(ends[1].z, abs=0.01)
+    assert ends[0].cost == pytest.approx(ends[1].cost, abs=0.2)
+
+
+def test_what_does_not_move_is_left_to_the_filter(linear):
+    """Which knows as little of the speed, and so says the same of the load."""
+    likely, both = (likely_start(linear, np.array(moved), np.zeros(len(moved))) for moved in ([2], [1, 2]))
+    assert likely.z == pytest.approx(both.z[1:], abs=1e-3)
+    assert likely.root @ likely.root.T == pytest.approx((both.root @ both.root.T)[1:, 1:], rel=0.05)
+
+
+def test_loads_that_friction_holds_are_no_normal_distribution():
+    still = opening(
+        held,
+        SD * np.random.default_rng(4).standard_normal(200),
+        Noise(np.array([SD**2]), ((1,),), np.log([1e-6])),
+    )
+    likely = likely_start(still, np.array([1]), np.array([0.3]))
+    _, _, normal = carried(still, np.array([1]), likely)
+    assert not normal
+    assert abs(still.mean[1] + likely.z[0] * SPREAD) < 1.0
+
+
+def test_a_start_at_which_the_model_leaves_the_numbers_speaks_against_itself():
+    def runaway(s):
+        x, load = s.state("x", "m", 0.01), s.state("load", "m/s", 1.0, spread=SPREAD)
+        s.input("command", "m/s")
+        s.rate(x, load)
+        s.rate(load, ca.exp(1e3 * load))
+        s.output("position", "m", x)
+
+    lost = opening(runaway, np.zeros(100), QUIETEST)
+    assert likely_start(lost, np.array([1]), np.array([2.0])).cost == np.inf
