@@ -30,12 +30,8 @@ from optid.fit.problem import Booleans, Integers, Problem
 PARTS = 32
 NARROW = 0.5  # sd of a part, in those of the whole
 WORTH = 2.0 * np.log(PARTS)  # in -2 log likelihood: what the likeliest of so many gains by chance
-KEPT = 4  # parts that least squares begin at
+KEPT, AGAIN = 4, 2  # starts of least squares: at the first window's end, and later
 LOOKS = 4  # windows at most, at the ends of which a filter begins anew
-ALIKE, BEHIND = (
-    1.0,
-    20.0,
-)  # in -2 log likelihood: starts that near have found the same; those so far off are given up
 
 
 class Known(NamedTuple):
@@ -120,10 +116,13 @@ class _Look:
         first = self.tried[order[0]]
         found = [_Begun(begin, first.mean, np.diag(first.sd**2))]
         ways = [(one.moved, self._z(one)) for one in (self.tried[k] for k in order)]
+        moved, around = first.moved, None
         for end in ends:
             opening = self._opening(problem, begin, end)
+            if around is not None:
+                ways = [(moved, z) for z in nearest(opening, moved, around, AGAIN)]
             likely = sorted(
-                ((likely_start(opening, moved, z), moved) for moved, z in nearest(opening, ways, KEPT)),
+                ((likely_start(opening, moved, z), moved) for moved, z in ways),
                 key=lambda one: _evidence(one[0]),
             )
             best, moved = likely[0]
@@ -134,13 +133,8 @@ class _Look:
                 if last.row > begin and self._agrees(since, last, mean, covariance):
                     break
                 found.append(_Begun(end, mean, covariance))
-            ways = [(moved, best.z + way) for way in np.concatenate([best.root.T, -best.root.T])]
-            ways += [
-                (moved, one.z)
-                for k, (one, moved) in enumerate(likely)
-                if _evidence(one) < _evidence(best) + BEHIND
-                and all(abs(one.cost - other.cost) > ALIKE for other, _ in likely[:k])
-            ]
+            others = [one.z for one, way in likely if len(way) == len(moved)]
+            around = np.concatenate([others, best.z + best.root.T, best.z - best.root.T])
         return found
 
     def _against(self, opening: Opening) -> Array:

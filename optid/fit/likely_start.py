@@ -9,7 +9,6 @@ model which errs is not held to its simulation.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -91,12 +90,12 @@ def likely_start(opening: Opening, moved: Integers, z: Array) -> Likely:
     return Likely(z, here, vectors / np.sqrt(values))
 
 
-def nearest(
-    opening: Opening, ways: Sequence[tuple[Integers, Array]], count: int
-) -> list[tuple[Integers, Array]]:
-    """Of starts, each with the states that move, those that come nearest to the readings as they are."""
-    cost = [float(_Place(opening, moved).cost(z[None])[0][0]) for moved, z in ways]
-    return [ways[k] for k in np.argsort(cost, kind="stable")[:count]]
+def nearest(opening: Opening, moved: Integers, Z: Array, count: int) -> Array:
+    """Of starts (sets, moved) those that come nearest to the readings, as held gains show it, the nearest first."""
+    place = _Place(opening, moved)
+    E = place.scaled(Z, place.cost(Z[:1])[1])
+    cost = np.nansum(E**2, axis=(1, 2)) + (Z**2).sum(axis=1)
+    return Z[np.argsort(np.where(np.isfinite(cost), cost, np.inf), kind="stable")[:count]]
 
 
 def carried(opening: Opening, moved: Integers, likely: Likely) -> tuple[Array, Array, bool]:
@@ -138,18 +137,13 @@ class _Place:
 
     def slopes(self, z: Array, f: Filtered) -> tuple[Array, Array]:
         """Slopes of the scaled innovations by z, (readings, moved), and those innovations, with held gains."""
-        o = self._opening
-        nudged = self.means(np.concatenate([z[None], z + NUDGE * np.eye(len(z))]))
-        only = replace(f, gains=f.gains[:1])
-        E = run_steered(
-            o.model,
-            o.problem,
-            np.tile(o.p, (len(nudged), 1)),
-            only,
-            range(len(o.mean)),
-            nudge=nudged - o.mean,
-        )
-        scaled = E / np.sqrt(f.variances[:1])
-        known = np.isfinite(scaled).all(axis=0)
-        r = scaled[:, known]
+        scaled = self.scaled(np.concatenate([z[None], z + NUDGE * np.eye(len(z))]), f)
+        r = scaled[:, np.isfinite(scaled).all(axis=0)]
         return np.asarray((r[1:] - r[0]).T / NUDGE), np.asarray(r[0])
+
+    def scaled(self, Z: Array, f: Filtered) -> Array:
+        """Innovations (sets, samples, outputs), in sd, of models begun at points with the gains of the first filter."""
+        o, held = self._opening, replace(f, gains=f.gains[:1])
+        P, nudge = np.tile(o.p, (len(Z), 1)), self.means(Z) - o.mean
+        E = run_steered(o.model, o.problem, P, held, range(len(o.mean)), nudge=nudge)
+        return np.asarray(E / np.sqrt(f.variances[:1]))
