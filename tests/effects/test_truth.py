@@ -732,10 +732,52 @@ def test_a_needle_grows_by_the_power_of_the_distance(power, grown_by):
     values = {"throttling": throttling, "length": length, "taper": taper, "taper_power": power}
     p = plant.vector({f"end_cushioning.{k}": v for k, v in values.items()})
     names = [state.name for state in plant.model.states]
+    middle = float(p[plant.model.index("stroke")]) / 2 - length / 2
+    at, free = (vented(plant, names, middle, q) for q in (p, plant.vector()))
+    in_series = 1 / np.sqrt(1 + (throttling * 0.5 / (1 + taper * grown_by)) ** 2)
+    assert at / free == pytest.approx(in_series, rel=1e-3)
+
+
+@pytest.mark.parametrize("entry", [5e-4, 4e-3])
+def test_a_spear_closes_its_bore_over_its_entry(entry):
+    """Half way through, half of the throttling is there, be the entry sharp or long."""
+    plant, throttling, length = grown(AXIS, "end_cushioning"), 30.0, 0.02
+    values = {"throttling": throttling, "length": length, "taper": 0.0, "entry": entry}
+    p = plant.vector({f"end_cushioning.{k}": v for k, v in values.items()})
+    names, half = [state.name for state in plant.model.states], float(p[plant.model.index("stroke")]) / 2
+    for inside, share in ((0.0, 0.0), (0.5, 0.5), (1.0, 1.0)):
+        in_series = 1 / np.sqrt(1 + (throttling * share * 0.5) ** 2)
+        at, free = (vented(plant, names, half - length + inside * entry, q) for q in (p, plant.vector()))
+        assert at / free == pytest.approx(in_series, rel=1e-6)
+
+
+def vented(plant, names, position, p):
+    """Rate of a chamber's pressure that vents, choked, at half of full command."""
+    x = np.zeros(len(names))
+    x[names.index("position")] = position
+    x[names.index("pressure_a")], x[names.index("pressure_b")] = 4e5, 4e5
+    return float(plant.model.rates(x, [0.5], p)[names.index("pressure_b")])
+
+
+@pytest.mark.parametrize("settling", [2.0, 1e4])
+def test_friction_drifts_by_itself_or_by_its_logarithm(settling):
+    plant, rate = grown(AXIS, "friction_drift"), -0.05
+    names = [state.name for state in plant.model.states]
+    clock = [port.role for port in plant.model.inputs].index("clock")
     x = np.zeros(len(names))
     x[names.index("pressure_a")], x[names.index("pressure_b")] = 4e5, 4e5
-    x[names.index("position")] = float(p[plant.model.index("stroke")]) / 2 - length / 2
-    vented = float(plant.model.rates(x, [0.5], p)[names.index("pressure_b")])
-    free = float(plant.model.rates(x, [0.5], plant.vector())[names.index("pressure_b")])
-    in_series = 1 / np.sqrt(1 + (throttling * 0.5 / (1 + taper * grown_by)) ** 2)
-    assert vented / free == pytest.approx(in_series, rel=1e-3)
+    x[names.index("velocity")], x[names.index("bristle")] = 0.1, 1.0
+    for t in (0.5, 3.0, 8.0):
+        e = rate * settling * (1 - np.exp(-t / settling))
+        for straightness, expected in ((1.0, 1 + e), (0.05, np.exp(e))):
+            lost = []
+            for r in (0.0, rate):
+                p = plant.vector(
+                    {"friction_drift.rate": r, "friction_drift.settling_time": settling,
+                     "friction_drift.straightness": straightness}
+                )  # fmt: skip
+                u = np.zeros(len(plant.model.inputs))
+                u[clock] = t
+                lost.append(float(plant.model.rates(x, u, p)[names.index("velocity")]))
+            coulomb, mass = p[plant.model.index("coulomb_friction")], p[plant.model.index("payload_mass")]
+            assert 1 - (lost[1] - lost[0]) * mass / coulomb == pytest.approx(expected, abs=0.01)

@@ -32,8 +32,11 @@ POWER = Parameter(
     "taper_power", "1", 0.5, "power of the distance with which it grows: 1 a cone, 2 a rounded spear",
     "either is turned", 1.0, (0.5, 3.0),
 )  # fmt: skip
+ENTRY = Parameter(
+    "entry", "m", 1e-3, "way over which the spear closes the bore", "its chamfer: a sharp edge to a few millimetres",
+    2e-3, (1e-4, 5e-3), logarithmic=True,
+)  # fmt: skip
 SHUT = 1e-3  # of the length: nearer the end the power is a line
-BLEND = 2e-3  # m: way over which the spear closes the bore
 
 
 class EndCushioning(Effect):
@@ -45,10 +48,17 @@ class EndCushioning(Effect):
     name = "end_cushioning"
     sites = ("flow.exhaust_area",)
     equation = "1, 2"
-    parameters = (THROTTLING, LENGTH, SIDE, TAPER, POWER)
+    parameters = (THROTTLING, LENGTH, SIDE, TAPER, POWER, ENTRY)
     strength = {"throttling": 2.0}
     usual = tuple(
-        {"throttling": throttling, "length": length, "side": side, "taper": taper, "taper_power": 1.0}
+        {
+            "throttling": throttling,
+            "length": length,
+            "side": side,
+            "taper": taper,
+            "taper_power": 1.0,
+            "entry": 2e-3,
+        }
         for throttling, length, taper in (
             (20.0, 0.01, 0.0),
             (20.0, 0.018, 0.0),
@@ -64,7 +74,7 @@ class EndCushioning(Effect):
     says = (
         "cushions throttle the outflow over the last {length}, to a needle {throttling} times smaller than the "
         "open valve (side {side}: 0 both ends, 1 the far one, -1 the near one; {taper} times wider where it begins, "
-        "by the power {taper_power} of the distance)"
+        "by the power {taper_power} of the distance; it enters over {entry})"
     )
     depends_on = ("position", "flow")
     needs = "motion into the last 10 to 25 mm before an end of the stroke"
@@ -76,7 +86,7 @@ class EndCushioning(Effect):
         """Venting area, m2."""
         s, x, half = near["spool"], near["x"], sheet.plant_param("stroke") / 2
         distance = ca.if_else(s > 0, half - x, half + x)
-        inside = ca.fmin(ca.fmax((sheet.param(LENGTH) - distance) / BLEND, 0), 1)
+        inside = ca.fmin(ca.fmax((sheet.param(LENGTH) - distance) / sheet.param(ENTRY), 0), 1)
         share = inside**2 * (3 - 2 * inside)
         # Throttling is whole at the ends that have it: the side takes from the other one only.
         side = sheet.param(SIDE)

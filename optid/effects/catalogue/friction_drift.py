@@ -19,25 +19,34 @@ SETTLING = Parameter(
     "settling_time", "s", 10.0, "time constant with which it settles; long for a steady drift",
     "warming up takes minutes, a film of oil seconds", 60.0, (0.5, 1e4), logarithmic=True,
 )  # fmt: skip
+STRAIGHTNESS = Parameter(
+    "straightness", "1", 0.5, "1: friction itself changes at the rate and settles; towards 0: its logarithm does",
+    "a seal's friction falls about in proportion to its warming, a film's viscosity exponentially", 0.5, (0.05, 1.0),
+)  # fmt: skip
+LEAST = 0.05  # of what friction was, where it would fall to nothing
 MOST = 2.0  # largest change, as a logarithm: keeps long recordings within a factor of 7
 
 
 class FrictionDrift(Effect):
-    """F_r exp(r s (1 - exp(-t / s))), with t from the start of each recording: F_r exp(r t) for t << s."""
+    """F_r (1 + b e)^(1/b), e = r s (1 - exp(-t / s)), with t from each recording's start; F_r exp(e) for small b.
+
+    The power between a change of friction and one of its logarithm is Box and Cox's (J. R. Stat. Soc. B 26, 1964).
+    """
 
     name = "friction_drift"
     sites = ("force.coulomb",)
     equation = "11"
-    parameters = (RATE, SETTLING)
+    parameters = (RATE, SETTLING, STRAIGHTNESS)
     strength = {"rate": 2e-3}
     usual = tuple(
-        {"rate": sign * rate, "settling_time": settling}
+        {"rate": sign * rate, "settling_time": settling, "straightness": 0.5}
         for rate, settling in ((0.015, 60.0), (0.05, 3.0))
         for sign in (1, -1)
     )
     law = "dry friction grows from F_r at the rate r F_r and settles, with the time since the recording began"
     says = (
-        "dry friction drifts while the recording runs, by {rate} at first, and settles with {settling_time}"
+        "dry friction drifts while the recording runs, by {rate} at first, and settles with {settling_time} "
+        "(straightness {straightness}: 1 friction itself changes so, 0 its logarithm)"
     )
     depends_on = ("time",)
     needs = "motion from the recording's start to its end"
@@ -55,4 +64,6 @@ class FrictionDrift(Effect):
         """The level of dry friction, N."""
         settling = sheet.param(SETTLING)
         exponent = sheet.param(RATE) * settling * (1 - ca.exp(-sheet.clock() / settling))
-        return nominal * ca.exp(MOST * ca.tanh(exponent / MOST))
+        straight = sheet.param(STRAIGHTNESS)
+        grown = 1 + straight * MOST * ca.tanh(exponent / MOST)
+        return nominal * ca.exp(ca.log(ca.fmax(grown, LEAST)) / straight)
