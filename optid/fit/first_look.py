@@ -32,6 +32,7 @@ NARROW = 0.5  # sd of a part, in those of the whole
 WORTH = 2.0 * np.log(PARTS)  # in -2 log likelihood: what the likeliest of so many gains by chance
 KEPT, AGAIN = 4, 2  # starts of least squares: at the first window's end, and later
 LOOKS = 4  # windows at most, at the ends of which a filter begins anew
+LONGEST = 8  # segments at most in which it does: recordings with many gaps have dozens
 
 
 class Known(NamedTuple):
@@ -81,9 +82,10 @@ def first_look(model: Model, problem: Problem, cut: Problem, p: Array, noise: No
     look = _Look(model, p, noise, mean, sd, _tried(model, p, mean, sd, hidden))
     begun: list[_Begun] = []
     counts: list[int] = []
+    least = np.sort(problem.counts)[-LONGEST:][0]
     for begin, count in zip(problem.begins.tolist(), problem.counts.tolist(), strict=True):
         ends = [row for row in cut.begins.tolist() if begin < row < begin + count][:LOOKS]
-        found = look.at(problem, begin, ends or [begin + count])
+        found = look.at(problem, begin, ends or [begin + count], anew=len(ends) if count >= least else 0)
         counts += [b - a - 1 for a, b in itertools.pairwise([*(one.row for one in found), begin + count + 1])]
         begun += found
     start = Start(
@@ -109,15 +111,15 @@ class _Look:
     sd: Array
     tried: tuple[_Tried, ...]
 
-    def at(self, problem: Problem, begin: int, ends: list[int]) -> list[_Begun]:
-        """Where a filter begins in a segment: at its beginning, and where windows end."""
+    def at(self, problem: Problem, begin: int, ends: list[int], anew: int) -> list[_Begun]:
+        """Where a filter begins in a segment: at its beginning, and where so many windows end at most."""
         opening = self._opening(problem, begin, ends[0])
         order = np.argsort(self._against(opening), kind="stable")[:KEPT]
         first = self.tried[order[0]]
         found = [_Begun(begin, first.mean, np.diag(first.sd**2))]
         ways = [(one.moved, self._z(one)) for one in (self.tried[k] for k in order)]
         moved, around = first.moved, None
-        for end in ends:
+        for end in ends[:anew]:
             opening = self._opening(problem, begin, end)
             if around is not None:
                 ways = [(moved, z) for z in nearest(opening, moved, around, AGAIN)]

@@ -107,7 +107,8 @@ def carried(opening: Opening, moved: Integers, likely: Likely) -> tuple[Array, A
     place = _Place(opening, moved)
     ways = np.concatenate([likely.root.T, -likely.root.T])
     cost, f = place.cost(np.concatenate([likely.z[None], likely.z + ways]))
-    rise = cost[1:] - cost[0]
+    with np.errstate(invalid="ignore"):  # where all leave the numbers nothing rises
+        rise = cost[1:] - cost[0]
     last = opening.problem.begins[0] + opening.problem.counts[0]
     ends, half = f.states[:, last], len(ways) // 2
     roots = 0.5 * (ends[1 : 1 + half] - ends[1 + half :])

@@ -209,6 +209,17 @@ def test_no_more_windows_are_looked_at_than_may_be(monkeypatch):
     assert len(looked_at(model, [run], model.vector({}), 0.25).pieces.begins) == 1
 
 
+def test_only_the_longest_segments_are_begun_anew(monkeypatch):
+    model, p = build(latch), build(latch).vector({})
+    runs = [recording(-3.0, push=2.0, seconds=seconds, name=str(seconds)) for seconds in (0.6, 1.2, 0.7)]
+    assert {1, 2} <= {
+        k for k, n in enumerate(np.bincount(looked_at(model, runs, p, 0.25).pieces.recording)) if n > 1
+    }
+    monkeypatch.setattr("optid.fit.first_look.LONGEST", 1)
+    few = looked_at(model, runs, p, 0.25).pieces
+    assert few.recording.tolist() == [0, 1, 1, 2]
+
+
 def test_parts_make_up_the_whole():
     z = np.sqrt(1.0 - NARROW**2) * _spread(3)
     assert z.shape == (PARTS, 3)
