@@ -82,18 +82,18 @@ def first_look(model: Model, problem: Problem, cut: Problem, p: Array, noise: No
     look = _Look(model, p, noise, mean, sd, _tried(model, p, mean, sd, hidden))
     begun: list[_Begun] = []
     counts: list[int] = []
-    least = np.sort(problem.counts)[-LONGEST:][0]
-    for begin, count in zip(problem.begins.tolist(), problem.counts.tolist(), strict=True):
+    longest = np.argsort(-problem.counts, kind="stable")[:LONGEST].tolist()
+    for k, (begin, count) in enumerate(zip(problem.begins.tolist(), problem.counts.tolist(), strict=True)):
         ends = [row for row in cut.begins.tolist() if begin < row < begin + count][:LOOKS]
-        found = look.at(problem, begin, ends or [begin + count], anew=len(ends) if count >= least else 0)
+        found = look.at(problem, begin, ends or [begin + count], anew=len(ends) if k in longest else 0)
         counts += [b - a - 1 for a, b in itertools.pairwise([*(one.row for one in found), begin + count + 1])]
         begun += found
     start = Start(
-        *(np.stack(part)[None] for part in ([b.mean for b in begun], [b.covariance for b in begun]))
+        np.stack([one.mean for one in begun])[None], np.stack([one.covariance for one in begun])[None]
     )
     begins = np.array([one.row for one in begun], dtype=np.int64)
     pieces = replace(
-        problem, begins=np.array(begins, dtype=np.int64), counts=np.array(counts, dtype=np.int64),
+        problem, begins=begins, counts=np.array(counts, dtype=np.int64),
         closed=np.ones(len(begins), dtype=np.bool_), linked=np.zeros(len(begins), dtype=np.bool_),
         recording=problem.recording[np.searchsorted(problem.begins, begins, side="right") - 1],
     )  # fmt: skip

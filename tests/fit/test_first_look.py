@@ -211,7 +211,7 @@ def test_no_more_windows_are_looked_at_than_may_be(monkeypatch):
 
 def test_only_the_longest_segments_are_begun_anew(monkeypatch):
     model, p = build(latch), build(latch).vector({})
-    runs = [recording(-3.0, push=2.0, seconds=seconds, name=str(seconds)) for seconds in (0.6, 1.2, 0.7)]
+    runs = [recording(-3.0, push=2.0, seconds=seconds, name=str(seconds)) for seconds in (0.6, 1.2, 1.2)]
     assert {1, 2} <= {
         k for k, n in enumerate(np.bincount(looked_at(model, runs, p, 0.25).pieces.recording)) if n > 1
     }
