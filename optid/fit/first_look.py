@@ -24,13 +24,13 @@ from scipy import stats
 
 from optid.core.model import Array, Model
 from optid.fit.likelihood import QUIET, Noise, Start, deviance, run_filter, start_of
-from optid.fit.likely_start import Likely, Opening, carried, likely_start, nearest
+from optid.fit.likely_start import Opening, carried, likely_start, nearest
 from optid.fit.problem import Booleans, Integers, Problem
 
 PARTS = 32
 NARROW = 0.5  # sd of a part, in those of the whole
 WORTH = 2.0 * np.log(PARTS)  # in -2 log likelihood: what the likeliest of so many gains by chance
-KEPT, AGAIN = 4, 2  # starts of least squares: at the first window's end, and later
+KEPT, AGAIN = 4, 3  # starts of least squares: at the first window's end, and later
 LOOKS = 4  # windows at most, at the ends of which a filter begins anew
 LONGEST = 8  # segments at most in which it does: recordings with many gaps have dozens
 
@@ -124,11 +124,10 @@ class _Look:
             if around is not None:
                 ways = [(moved, z) for z in nearest(opening, moved, around, AGAIN)]
             likely = sorted(
-                ((likely_start(opening, moved, z), moved) for moved, z in ways),
-                key=lambda one: _evidence(one[0]),
+                ((likely_start(opening, way, z), way) for way, z in ways), key=lambda one: one[0].evidence
             )
             best, moved = likely[0]
-            mean, covariance, normal = carried(opening, moved, best)
+            mean, covariance, normal = carried(opening, moved, [one for one, _ in likely])
             if normal:
                 last = found[-1]
                 since = self._opening(problem, last.row, end)
@@ -177,11 +176,6 @@ class _Look:
             recording=np.zeros(1, dtype=np.int64),
         )  # fmt: skip
         return Opening(self.model, self.p, self.noise, part, self.mean, self.sd)
-
-
-def _evidence(likely: Likely) -> float:
-    """-2 log of the probability of all readings, by Laplace's approximation, up to a constant."""
-    return likely.cost - 2.0 * float(np.linalg.slogdet(likely.root)[1])
 
 
 def _tried(model: Model, p: Array, mean: Array, sd: Array, hidden: Booleans) -> tuple[_Tried, ...]:

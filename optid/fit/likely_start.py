@@ -9,6 +9,7 @@ model which errs is not held to its simulation.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -59,18 +60,25 @@ class Likely:
         z: in sd beforehand, off the mean beforehand, of the states that moved, (moved,).
         cost: what speaks against it, in -2 log likelihood.
         root: of the covariance of z that readings and prior leave, (moved, moved).
+        end: states where the look ends, (states,).
     """
 
     z: Array
     cost: float
     root: Array
+    end: Array
+
+    @property
+    def evidence(self) -> float:
+        """-2 log of the probability of the readings near it, by Laplace's approximation, up to a constant."""
+        return self.cost - 2.0 * float(np.linalg.slogdet(self.root)[1])
 
 
 def likely_start(opening: Opening, moved: Integers, z: Array) -> Likely:
     """From a start to the likeliest one near it; states that are not `moved` begin as they are known beforehand."""
     place = _Place(opening, moved)
     cost, f = place.cost(z[None])
-    damping, here = 1e-3, float(cost[0])
+    damping, here, end = 1e-3, float(cost[0]), place.ends(f)[0]
     slopes, r = place.slopes(z, f)
     for _ in range(STEPS if np.isfinite(here) else 0):
         information, gradient = slopes.T @ slopes + np.eye(len(z)), slopes.T @ r + z
@@ -81,13 +89,13 @@ def likely_start(opening: Opening, moved: Integers, z: Array) -> Likely:
             if cost[0] < here:
                 gain, here, z = here - float(cost[0]), float(cost[0]), z - step
                 slopes, r = place.slopes(z, f)
-                damping /= 10.0
+                damping, end = damping / 10.0, place.ends(f)[0]
                 break
             damping = max(10.0 * damping, 1e-2)
         if gain < ENOUGH:
             break
     values, vectors = np.linalg.eigh(slopes.T @ slopes + np.eye(len(z)))
-    return Likely(z, here, vectors / np.sqrt(values))
+    return Likely(z, here, vectors / np.sqrt(values), end)
 
 
 def nearest(opening: Opening, moved: Integers, Z: Array, count: int) -> Array:
@@ -98,22 +106,35 @@ def nearest(opening: Opening, moved: Integers, Z: Array, count: int) -> Array:
     return Z[np.argsort(np.where(np.isfinite(cost), cost, np.inf), kind="stable")[:count]]
 
 
-def carried(opening: Opening, moved: Integers, likely: Likely) -> tuple[Array, Array, bool]:
+def carried(opening: Opening, moved: Integers, found: Sequence[Likely]) -> tuple[Array, Array, bool]:
     """Mean and covariance of the states where a look ends, and whether they are those of a normal distribution.
 
-    They are where the cost rises in every direction as the covariance says. It does not while an axis rests: pressures
-    that would have moved it are out of the question, and all others are alike.
+    They are where the cost rises in every direction as the covariance of the best start found says. It does not while
+    an axis rests: pressures that would have moved it are out of the question, and all others are alike. Where readings
+    tell little the cost is a long valley with many small hollows, of which each seems narrow: so the others that were
+    found count, too, by how likely they are, as the normal distributions of a sum do.
+
+    Args:
+        opening: up to where the look ends.
+        moved: the states that moved.
+        found: starts, the best first.
     """
-    place = _Place(opening, moved)
-    ways = np.concatenate([likely.root.T, -likely.root.T])
-    cost, f = place.cost(np.concatenate([likely.z[None], likely.z + ways]))
+    place, best = _Place(opening, moved), found[0]
+    ways = np.concatenate([best.root.T, -best.root.T])
+    cost, f = place.cost(np.concatenate([best.z[None], best.z + ways]))
     with np.errstate(invalid="ignore"):  # where all leave the numbers nothing rises
         rise = cost[1:] - cost[0]
-    last = opening.problem.begins[0] + opening.problem.counts[0]
-    ends, half = f.states[:, last], len(ways) // 2
+    ends, half = place.ends(f), len(ways) // 2
     roots = 0.5 * (ends[1 : 1 + half] - ends[1 + half :])
-    normal = bool((rise < CURVED).all())
-    return ends[0], roots.T @ roots + f.covariances[0, last], normal
+    weights = np.exp(0.5 * (best.evidence - np.array([one.evidence for one in found])))
+    weights /= weights.sum()
+    there = np.array([one.end for one in found])[weights > 0.0]
+    weights = weights[weights > 0.0]
+    mean = weights @ there
+    apart = (there - mean) * np.sqrt(weights)[:, None]
+    last = opening.problem.begins[0] + opening.problem.counts[0]
+    covariance = roots.T @ roots + apart.T @ apart + f.covariances[0, last]
+    return mean, covariance, bool((rise < CURVED).all())
 
 
 class _Place:
@@ -135,6 +156,10 @@ class _Place:
         """What speaks against points (sets, moved), and the filters that begin there."""
         score, f = self._opening.filtered(self.means(Z), self._sd)
         return score + (Z**2).sum(axis=1), f
+
+    def ends(self, f: Filtered) -> Array:
+        """States where the look ends, (sets, states)."""
+        return f.states[:, self._opening.problem.begins[0] + self._opening.problem.counts[0]]
 
     def slopes(self, z: Array, f: Filtered) -> tuple[Array, Array]:
         """Slopes of the scaled innovations by z, (readings, moved), and those innovations, with held gains."""

@@ -1,5 +1,7 @@
 """The likeliest start: on a linear plant that of a Kalman filter, and where friction holds no normal distribution."""
 
+from dataclasses import replace
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -61,7 +63,7 @@ def linear(request):
 
 def test_on_a_linear_plant_a_look_ends_where_a_kalman_filter_does(linear):
     likely = likely_start(linear, np.array([1, 2]), np.array([2.0, -1.5]))
-    mean, covariance, normal = carried(linear, np.array([1, 2]), likely)
+    mean, covariance, normal = carried(linear, np.array([1, 2]), [likely])
     o = linear
     Q, R = o.noise.spectrum(3)[None], o.noise.measurement[None]
     exact = run_filter(
@@ -95,7 +97,7 @@ def test_loads_that_friction_holds_are_no_normal_distribution():
         Noise(np.array([SD**2]), ((1,),), np.log([1e-6])),
     )
     likely = likely_start(still, np.array([1]), np.array([0.3]))
-    _, _, normal = carried(still, np.array([1]), likely)
+    _, _, normal = carried(still, np.array([1]), [likely])
     assert not normal
     assert abs(still.mean[1] + likely.z[0] * SPREAD) < 1.0
 
@@ -110,3 +112,15 @@ def test_a_start_at_which_the_model_leaves_the_numbers_speaks_against_itself():
 
     lost = opening(runaway, np.zeros(100), QUIETEST)
     assert likely_start(lost, np.array([1]), np.array([2.0])).cost == np.inf
+
+
+def test_starts_about_as_likely_widen_what_is_known_and_unlikely_ones_do_not(linear):
+    moved = np.array([1, 2])
+    best = likely_start(linear, moved, np.zeros(2))
+    alone, covariance, _ = carried(linear, moved, [best])
+    for behind, weight in ((0.0, 0.5), (4.0, 1 / (1 + np.exp(2.0))), (1e4, 0.0)):
+        other = replace(best, cost=best.cost + behind, end=best.end + np.array([0.0, 0.3, -0.2]))
+        mean, wider, _ = carried(linear, moved, [best, other])
+        off = other.end - best.end
+        assert mean == pytest.approx(alone + weight * off, abs=1e-9)
+        assert wider - covariance == pytest.approx(weight * (1 - weight) * np.outer(off, off), abs=1e-9)
