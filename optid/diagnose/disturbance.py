@@ -21,7 +21,7 @@ from optid.diagnose.candidate import Candidate, Data
 from optid.diagnose.instrument import Instrument
 from optid.diagnose.judge import Judged, judge
 from optid.errors import SolveError
-from optid.fit.likelihood import WHOLE, Noise, run_steered
+from optid.fit.likelihood import WHOLE, Noise, run_steered, start_of
 from optid.fit.place import Answer, Place
 from optid.fit.problem import pose
 from optid.fit.scoring import likeliest, maximise
@@ -146,13 +146,14 @@ def push(candidate: Candidate, data: Data, site: str) -> float | None:
     names = [state.name for state in model.states]
     common = [names.index(state.name) for state in plain.states]
     unknown = np.array([[float(name == "unknown.signal_0") for name in names]])
+    begun = start_of(model, p[None], 1).mean[0]
     problem = pose(model, data.train, WHOLE)
     sd = np.sqrt(answer.filtered.variances[0])
     size, seen = 1e-9, 0.0
     usual = plain.sizes[plain.sites.index(site)] / LOUD or None
     for _ in range(17):
-        nudge = size * unknown
-        moved = run_steered(model, problem, p[None], answer.filtered, common, nudge=nudge)[0]
+        start = begun + size * unknown
+        moved = run_steered(model, problem, p[None], answer.filtered, common, start=start)[0]
         still = run_steered(model, problem, p[None], answer.filtered, common)[0]
         with np.errstate(invalid="ignore"):  # both may have left the numbers
             change = (moved - still) / sd

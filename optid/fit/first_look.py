@@ -24,8 +24,8 @@ from scipy import stats
 
 from optid.core.model import Array, Model
 from optid.fit.likelihood import QUIET, Noise, Start, deviance, run_filter, start_of
-from optid.fit.likely_start import Opening, carried, likely_start, nearest
-from optid.fit.problem import Booleans, Integers, Problem
+from optid.fit.likely_start import Beforehand, Opening, carried, likely_start, nearest
+from optid.fit.problem import Booleans, Problem
 
 PARTS = 32
 NARROW = 0.5  # sd of a part, in those of the whole
@@ -51,11 +51,11 @@ class _Begun(NamedTuple):
 
 
 class _Tried(NamedTuple):
-    """A normal distribution tried as start: mean and sd (states,), which states least squares move, odds against it."""
+    """A normal distribution tried as start: mean and sd (states,), of what it is a part, and odds against it."""
 
     mean: Array
     sd: Array
-    moved: Integers
+    whole: Beforehand
     odds: float
 
 
@@ -79,7 +79,7 @@ def first_look(model: Model, problem: Problem, cut: Problem, p: Array, noise: No
     hidden = _unseen(model, p, measured) & (sd > 0.0)
     if not hidden.any():
         return Known(problem, start_of(model, p[None], len(problem.begins)))
-    look = _Look(model, p, noise, mean, sd, _tried(model, p, mean, sd, hidden))
+    look = _Look(model, p, noise, _tried(model, p, mean, sd, hidden))
     begun: list[_Begun] = []
     counts: list[int] = []
     longest = np.argsort(-problem.counts, kind="stable")[:LONGEST].tolist()
@@ -107,75 +107,69 @@ class _Look:
     model: Model
     p: Array
     noise: Noise
-    mean: Array
-    sd: Array
     tried: tuple[_Tried, ...]
 
     def at(self, problem: Problem, begin: int, ends: list[int], anew: int) -> list[_Begun]:
         """Where a filter begins in a segment: at its beginning, and where so many windows end at most."""
-        opening = self._opening(problem, begin, ends[0])
-        order = np.argsort(self._against(opening), kind="stable")[:KEPT]
-        first = self.tried[order[0]]
+        against = self._against(_part(problem, begin, ends[0]))
+        first, *others = (self.tried[k] for k in np.argsort(against, kind="stable")[:KEPT])
         found = [_Begun(begin, first.mean, np.diag(first.sd**2))]
-        ways = [(one.moved, self._z(one)) for one in (self.tried[k] for k in order)]
-        moved, around = first.moved, None
+        ways = [(one.whole, one.whole.z(one.mean)) for one in (first, *others)]
+        whole, around = first.whole, None
         for end in ends[:anew]:
-            opening = self._opening(problem, begin, end)
+            part = _part(problem, begin, end)
             if around is not None:
-                ways = [(moved, z) for z in nearest(opening, moved, around, AGAIN)]
+                ways = [(whole, z) for z in nearest(self._opening(part, whole), around, AGAIN)]
             likely = sorted(
-                ((likely_start(opening, way, z), way) for way, z in ways), key=lambda one: one[0].evidence
+                ((likely_start(self._opening(part, known), z), known) for known, z in ways),
+                key=lambda one: one[0].evidence,
             )
-            best, moved = likely[0]
-            mean, covariance, normal = carried(opening, moved, [one for one, _ in likely])
+            best, whole = likely[0]
+            mean, covariance, normal = carried(self._opening(part, whole), [one for one, _ in likely])
             if normal:
                 last = found[-1]
-                since = self._opening(problem, last.row, end)
+                since = _part(problem, last.row, end)
                 if last.row > begin and self._agrees(since, last, mean, covariance):
                     break
                 found.append(_Begun(end, mean, covariance))
-            others = [one.z for one, way in likely if len(way) == len(moved)]
-            around = np.concatenate([others, best.z + best.root.T, best.z - best.root.T])
+            near = [one.z for one, known in likely if known is whole]
+            around = np.concatenate([near, best.z + best.root.T, best.z - best.root.T])
         return found
 
-    def _against(self, opening: Opening) -> Array:
+    def _against(self, opening: Problem) -> Array:
         """What speaks against each of the starts tried, in -2 log likelihood."""
-        sets = len(self.tried)
         start = Start.apart(
-            np.stack([one.mean for one in self.tried])[:, None],
-            np.stack([one.sd for one in self.tried])[:, None],
+            *(np.stack(part)[:, None] for part in zip(*((o.mean, o.sd) for o in self.tried), strict=True))
         )
-        given = (
-            np.tile(a, (sets, 1))
-            for a in (self.p, self.noise.spectrum(len(self.mean)), self.noise.measurement)
-        )
-        f = run_filter(self.model, opening.problem, *given, start=start)
+        f = run_filter(self.model, opening, *self._given(len(self.tried)), start=start)
         score = deviance(f.innovations, f.variances).sum(axis=1) + [one.odds for one in self.tried]
         return np.where(np.isfinite(score), score, np.inf)
 
-    def _agrees(self, since: Opening, last: _Begun, mean: Array, covariance: Array) -> bool:
+    def _agrees(self, since: Problem, last: _Begun, mean: Array, covariance: Array) -> bool:
         """Whether a filter that began there stands where least squares do, as far as these are certain."""
         start = Start(last.mean[None, None], last.covariance[None, None])
-        given = (a[None] for a in (self.p, self.noise.spectrum(len(mean)), self.noise.measurement))
-        f = run_filter(self.model, since.problem, *given, keep=True, start=start)
+        f = run_filter(self.model, since, *self._given(1), keep=True, start=start)
         return bool((np.abs(f.states[0, -1] - mean) <= np.sqrt(np.diagonal(covariance))).all())
 
-    def _z(self, one: _Tried) -> Array:
-        """Where it begins, in sd off the mean."""
-        return np.asarray(((one.mean - self.mean) / self.sd)[one.moved])
+    def _given(self, sets: int) -> tuple[Array, ...]:
+        """Parameters and noise of states and measurement, as many times."""
+        Q, R = self.noise.spectrum(len(self.model.states)), self.noise.measurement
+        return tuple(np.tile(a, (sets, 1)) for a in (self.p, Q, R))
 
-    def _opening(self, problem: Problem, begin: int, end: int) -> Opening:
-        """From one row up to another; what is read there counts as not yet known."""
-        rows = slice(begin, end + 1)
-        measured = problem.measured[rows].copy()
-        measured[-1] = np.nan
-        part = replace(
-            problem, time=problem.time[rows], dt=problem.dt[rows], inputs=problem.inputs[rows], measured=measured,
-            begins=np.zeros(1, dtype=np.int64), counts=np.array([end - begin], dtype=np.int64),
-            closed=np.ones(1, dtype=np.bool_), linked=np.zeros(1, dtype=np.bool_),
-            recording=np.zeros(1, dtype=np.int64),
-        )  # fmt: skip
-        return Opening(self.model, self.p, self.noise, part, self.mean, self.sd)
+    def _opening(self, part: Problem, known: Beforehand) -> Opening:
+        return Opening(self.model, self.p, self.noise, part, known)
+
+
+def _part(problem: Problem, begin: int, end: int) -> Problem:
+    """From one row up to another; what is read there counts as not yet known."""
+    rows = slice(begin, end + 1)
+    measured = problem.measured[rows].copy()
+    measured[-1] = np.nan
+    return replace(
+        problem, time=problem.time[rows], dt=problem.dt[rows], inputs=problem.inputs[rows], measured=measured,
+        begins=np.zeros(1, dtype=np.int64), counts=np.array([end - begin], dtype=np.int64),
+        closed=np.ones(1, dtype=np.bool_), linked=np.zeros(1, dtype=np.bool_), recording=np.zeros(1, dtype=np.int64),
+    )  # fmt: skip
 
 
 def _tried(model: Model, p: Array, mean: Array, sd: Array, hidden: Booleans) -> tuple[_Tried, ...]:
@@ -186,15 +180,17 @@ def _tried(model: Model, p: Array, mean: Array, sd: Array, hidden: Booleans) -> 
     found = []
     for still in (False, True) if speeds.any() else (False,):
         rests = speeds & still
-        middle = np.where(rests, 0.0, mean)
-        wide = np.where(rests, QUIET * model.scales, sd)
-        moved = np.flatnonzero(hidden & ~rests)
-        narrow = wide.copy()
-        narrow[moved] *= NARROW
-        found.append(_Tried(middle, wide, moved, -WORTH))
+        known = Beforehand(
+            np.where(rests, 0.0, mean),
+            np.where(rests, QUIET * model.scales, sd),
+            np.flatnonzero(hidden & ~rests),
+        )
+        narrow = known.sd.copy()
+        narrow[known.moved] *= NARROW
+        found.append(_Tried(known.mean, known.sd, known, -WORTH))
         for one in np.where(rests, 0.0, z):
-            at = middle + np.sqrt(1.0 - NARROW**2) * one * sd
-            found.append(_Tried(at, narrow, moved, float((one**2).sum())))
+            at = known.mean + np.sqrt(1.0 - NARROW**2) * one * sd
+            found.append(_Tried(at, narrow, known, float((one**2).sum())))
     return tuple(found)
 
 

@@ -173,7 +173,7 @@ def run_steered(
     guide: Filtered,
     common: Sequence[int],
     *,
-    nudge: Array | None = None,
+    start: Array | None = None,
     only: Sequence[int] | None = None,
     looks: Booleans | None = None,
 ) -> Array:
@@ -185,7 +185,7 @@ def run_steered(
         P: (sets, parameters).
         guide: the filter, with gains kept, sets = 1.
         common: see `model`.
-        nudge: added to the states at every segment's start, (sets, states).
+        start: states where every segment begins, (sets, states); what the model itself says of them if absent.
         only: these segments, all if absent; NaN in the others.
         looks: samples up to which the past is known, (samples,): what comes after one is predicted from there up to
             the next, instead of from sample to sample.
@@ -193,9 +193,7 @@ def run_steered(
     sets = len(P)
     segments = np.array(range(len(problem.begins)) if only is None else only)
     looks = np.ones(len(problem.time), dtype=np.bool_) if looks is None else looks
-    M0 = np.ascontiguousarray(_starts(model, P)[0])
-    if nudge is not None:
-        M0 = M0 + nudge
+    M0 = np.ascontiguousarray(_starts(model, P)[0] if start is None else start)
     E = np.full((sets, len(problem.time), len(model.outputs)), np.nan)
     first_set, of_segment = _runs(-(-sets // LANES), segments)
     code, places = compiled_lanes(model).code, np.array(common, dtype=np.int64)

@@ -25,27 +25,44 @@ CURVED = 4.0  # a normal distribution's cost rises by 1 in one sd: where by more
 
 
 @dataclass(frozen=True, eq=False)
+class Beforehand:
+    """What is known of the states where a record begins before anything is read.
+
+    Attributes:
+        mean, sd: (states,), SI.
+        moved: states that least squares move; the others are left to the filter.
+    """
+
+    mean: Array
+    sd: Array
+    moved: Integers
+
+    def z(self, states: Array) -> Array:
+        """Where those that move are, in sd off the mean."""
+        return np.asarray(((states - self.mean) / self.sd)[self.moved])
+
+
+@dataclass(frozen=True, eq=False)
 class Opening:
     """The beginning of one segment, and what is asked of it.
 
     Attributes:
         model: the plant; `p` its parameters, `noise` that of measurement and states.
         problem: one segment, up to where the look ends.
-        mean, sd: what is known of the states beforehand, (states,).
+        known: of the states beforehand.
     """
 
     model: Model
     p: Array
     noise: Noise
     problem: Problem
-    mean: Array
-    sd: Array
+    known: Beforehand
 
     def filtered(self, means: Array, sd: Array) -> tuple[Array, Filtered]:
         """-2 log likelihood (sets,) and what filters see that begin at `means` (sets, states)."""
         sets = len(means)
         start = Start.apart(means[:, None], np.broadcast_to(sd, (sets, 1, len(sd))))
-        Q, R = self.noise.spectrum(len(self.mean)), self.noise.measurement
+        Q, R = self.noise.spectrum(len(sd)), self.noise.measurement
         given = (np.tile(a, (sets, 1)) for a in (self.p, Q, R))
         f = run_filter(self.model, self.problem, *given, keep=True, covariances=True, start=start)
         score = deviance(f.innovations, f.variances).sum(axis=-1)
@@ -74,9 +91,9 @@ class Likely:
         return self.cost - 2.0 * float(np.linalg.slogdet(self.root)[1])
 
 
-def likely_start(opening: Opening, moved: Integers, z: Array) -> Likely:
-    """From a start to the likeliest one near it; states that are not `moved` begin as they are known beforehand."""
-    place = _Place(opening, moved)
+def likely_start(opening: Opening, z: Array) -> Likely:
+    """From a start to the likeliest one near it, both in sd off the mean beforehand."""
+    place = _Place(opening)
     cost, f = place.cost(z[None])
     damping, here, end = 1e-3, float(cost[0]), place.ends(f)[0]
     slopes, r = place.slopes(z, f)
@@ -98,15 +115,15 @@ def likely_start(opening: Opening, moved: Integers, z: Array) -> Likely:
     return Likely(z, here, vectors / np.sqrt(values), end)
 
 
-def nearest(opening: Opening, moved: Integers, Z: Array, count: int) -> Array:
+def nearest(opening: Opening, Z: Array, count: int) -> Array:
     """Of starts (sets, moved) those that come nearest to the readings, as held gains show it, the nearest first."""
-    place = _Place(opening, moved)
+    place = _Place(opening)
     E = place.scaled(Z, place.cost(Z[:1])[1])
     cost = np.nansum(E**2, axis=(1, 2)) + (Z**2).sum(axis=1)
     return Z[np.argsort(np.where(np.isfinite(cost), cost, np.inf), kind="stable")[:count]]
 
 
-def carried(opening: Opening, moved: Integers, found: Sequence[Likely]) -> tuple[Array, Array, bool]:
+def carried(opening: Opening, found: Sequence[Likely]) -> tuple[Array, Array, bool]:
     """Mean and covariance of the states where a look ends, and whether they are those of a normal distribution.
 
     They are where the cost rises in every direction as the covariance of the best start found says. It does not while
@@ -116,18 +133,17 @@ def carried(opening: Opening, moved: Integers, found: Sequence[Likely]) -> tuple
 
     Args:
         opening: up to where the look ends.
-        moved: the states that moved.
         found: starts, the best first.
     """
-    place, best = _Place(opening, moved), found[0]
+    place, best = _Place(opening), found[0]
     ways = np.concatenate([best.root.T, -best.root.T])
     cost, f = place.cost(np.concatenate([best.z[None], best.z + ways]))
-    with np.errstate(invalid="ignore"):  # where all leave the numbers nothing rises
+    with np.errstate(invalid="ignore"):  # where all leave the numbers nothing rises, and nothing counts
         rise = cost[1:] - cost[0]
+        weights = np.exp(0.5 * (best.evidence - np.array([one.evidence for one in found])))
+    weights /= weights.sum()
     ends, half = place.ends(f), len(ways) // 2
     roots = 0.5 * (ends[1 : 1 + half] - ends[1 + half :])
-    weights = np.exp(0.5 * (best.evidence - np.array([one.evidence for one in found])))
-    weights /= weights.sum()
     there = np.array([one.end for one in found])[weights > 0.0]
     weights = weights[weights > 0.0]
     mean = weights @ there
@@ -140,16 +156,16 @@ def carried(opening: Opening, moved: Integers, found: Sequence[Likely]) -> tuple
 class _Place:
     """Filters of an opening that begin at points of the states that move."""
 
-    def __init__(self, opening: Opening, moved: Integers) -> None:
-        self._opening, self._moved = opening, moved
-        self._sd = opening.sd.copy()
+    def __init__(self, opening: Opening) -> None:
+        self._opening = opening
+        self._sd, moved = opening.known.sd.copy(), opening.known.moved
         self._sd[moved] = QUIET * opening.model.scales[moved]
 
     def means(self, Z: Array) -> Array:
         """Where filters begin, (sets, states)."""
-        o = self._opening
-        means = np.tile(o.mean, (len(Z), 1))
-        means[:, self._moved] += Z * o.sd[self._moved]
+        known = self._opening.known
+        means = np.tile(known.mean, (len(Z), 1))
+        means[:, known.moved] += Z * known.sd[known.moved]
         return means
 
     def cost(self, Z: Array) -> tuple[Array, Filtered]:
@@ -170,6 +186,6 @@ class _Place:
     def scaled(self, Z: Array, f: Filtered) -> Array:
         """Innovations (sets, samples, outputs), in sd, of models begun at points with the gains of the first filter."""
         o, held = self._opening, replace(f, gains=f.gains[:1])
-        P, nudge = np.tile(o.p, (len(Z), 1)), self.means(Z) - o.mean
-        E = run_steered(o.model, o.problem, P, held, range(len(o.mean)), nudge=nudge)
+        P = np.tile(o.p, (len(Z), 1))
+        E = run_steered(o.model, o.problem, P, held, range(len(o.known.mean)), start=self.means(Z))
         return np.asarray(E / np.sqrt(f.variances[:1]))

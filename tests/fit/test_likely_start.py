@@ -9,7 +9,7 @@ import pytest
 from optid.core.recording import Channel, Recording
 from optid.core.sheet import build
 from optid.fit.likelihood import WHOLE, Noise, Start, run_filter, start_of
-from optid.fit.likely_start import Opening, carried, likely_start
+from optid.fit.likely_start import Beforehand, Opening, carried, likely_start, nearest
 from optid.fit.problem import pose
 
 SD, DT, SPREAD = 1e-4, 1e-3, 1.5
@@ -36,7 +36,7 @@ def held(s):
     s.output("position", "m", x)
 
 
-def opening(plant, x, noise, push=0.0):
+def opening(plant, x, noise, moved, push=0.0):
     """Of a record of x, up to but without its last sample."""
     model = build(plant)
     channels = {
@@ -47,7 +47,8 @@ def opening(plant, x, noise, push=0.0):
     problem.measured[-1] = np.nan
     p = model.vector({})
     start = start_of(model, p[None], 1)
-    return Opening(model, p, noise, problem, start.mean[0, 0], np.sqrt(np.diagonal(start.covariance[0, 0])))
+    sd = np.sqrt(np.diagonal(start.covariance[0, 0]))
+    return Opening(model, p, noise, problem, Beforehand(start.mean[0, 0], sd, np.array(moved)))
 
 
 @pytest.fixture(params=[1e-6, 1e-3], ids=["no process noise", "process noise"])
@@ -58,17 +59,17 @@ def linear(request):
         x[k] = x[k - 1] + DT * v
         v, load = v + DT * (load + 0.5 - v), load - DT * load
     noise = Noise(np.array([SD**2]), ((1, 2),), np.log([request.param]))
-    return opening(decaying, x + SD * rng.standard_normal(len(t)), noise, push=0.5)
+    return opening(decaying, x + SD * rng.standard_normal(len(t)), noise, [1, 2], push=0.5)
 
 
 def test_on_a_linear_plant_a_look_ends_where_a_kalman_filter_does(linear):
-    likely = likely_start(linear, np.array([1, 2]), np.array([2.0, -1.5]))
-    mean, covariance, normal = carried(linear, np.array([1, 2]), [likely])
+    likely = likely_start(linear, np.array([2.0, -1.5]))
+    mean, covariance, normal = carried(linear, [likely])
     o = linear
     Q, R = o.noise.spectrum(3)[None], o.noise.measurement[None]
     exact = run_filter(
         o.model, o.problem, o.p[None], Q, R, keep=True, covariances=True,
-        start=Start.apart(o.mean[None, None], o.sd[None, None]),
+        start=Start.apart(o.known.mean[None, None], o.known.sd[None, None]),
     )  # fmt: skip
     sd = np.sqrt(np.diagonal(exact.covariances[0, -1]))
     assert normal
@@ -78,28 +79,40 @@ def test_on_a_linear_plant_a_look_ends_where_a_kalman_filter_does(linear):
 
 
 def test_it_is_found_from_both_sides(linear):
-    ends = [likely_start(linear, np.array([1, 2]), np.array(z)) for z in ([2.0, -1.5], [-2.0, 1.5])]
+    ends = [likely_start(linear, np.array(z)) for z in ([2.0, -1.5], [-2.0, 1.5])]
     assert ends[0].z == pytest.approx(ends[1].z, abs=0.01)
     assert ends[0].cost == pytest.approx(ends[1].cost, abs=0.2)
 
 
 def test_what_does_not_move_is_left_to_the_filter(linear):
     """Which knows as little of the speed, and so says the same of the load."""
-    likely, both = (likely_start(linear, np.array(moved), np.zeros(len(moved))) for moved in ([2], [1, 2]))
+    load = replace(linear, known=replace(linear.known, moved=np.array([2])))
+    likely, both = likely_start(load, np.zeros(1)), likely_start(linear, np.zeros(2))
     assert likely.z == pytest.approx(both.z[1:], abs=1e-3)
     assert likely.root @ likely.root.T == pytest.approx((both.root @ both.root.T)[1:, 1:], rel=0.05)
 
 
+def test_what_is_known_to_rest_begins_at_rest(linear):
+    """A speed that is known leaves the load to explain the path."""
+    sd = np.array([linear.known.sd[0], 1e-6, SPREAD])
+    rests = replace(linear, known=Beforehand(np.zeros(3), sd, np.array([2])))
+    moving, still = likely_start(linear, np.zeros(2)), likely_start(rests, np.zeros(1))
+    assert still.cost > moving.cost + 100.0
+    assert np.abs(still.z - moving.z[1:]) > 10.0 * np.linalg.norm(moving.root[1])
+
+
+def test_the_nearest_starts_come_first(linear):
+    best = likely_start(linear, np.zeros(2)).z
+    Z = best + np.array([[0.0, 0.0], [0.05, 0.0], [-0.3, 0.0], [1.5, 0.0]])
+    assert np.array_equal(nearest(linear, Z[[0, 3, 1, 2]], 3), Z[:3])
+
+
 def test_loads_that_friction_holds_are_no_normal_distribution():
-    still = opening(
-        held,
-        SD * np.random.default_rng(4).standard_normal(200),
-        Noise(np.array([SD**2]), ((1,),), np.log([1e-6])),
-    )
-    likely = likely_start(still, np.array([1]), np.array([0.3]))
-    _, _, normal = carried(still, np.array([1]), [likely])
+    still = opening(held, SD * np.random.default_rng(4).standard_normal(200), QUIETEST, [1])
+    likely = likely_start(still, np.array([0.3]))
+    _, _, normal = carried(still, [likely])
     assert not normal
-    assert abs(still.mean[1] + likely.z[0] * SPREAD) < 1.0
+    assert abs(still.known.mean[1] + likely.z[0] * SPREAD) < 1.0
 
 
 def test_a_start_at_which_the_model_leaves_the_numbers_speaks_against_itself():
@@ -110,17 +123,18 @@ def test_a_start_at_which_the_model_leaves_the_numbers_speaks_against_itself():
         s.rate(load, ca.exp(1e3 * load))
         s.output("position", "m", x)
 
-    lost = opening(runaway, np.zeros(100), QUIETEST)
-    assert likely_start(lost, np.array([1]), np.array([2.0])).cost == np.inf
+    lost = opening(runaway, np.zeros(100), QUIETEST, [1])
+    likely = likely_start(lost, np.array([2.0]))
+    assert likely.cost == np.inf
+    assert not carried(lost, [likely])[2]
 
 
 def test_starts_about_as_likely_widen_what_is_known_and_unlikely_ones_do_not(linear):
-    moved = np.array([1, 2])
-    best = likely_start(linear, moved, np.zeros(2))
-    alone, covariance, _ = carried(linear, moved, [best])
+    best = likely_start(linear, np.zeros(2))
+    alone, covariance, _ = carried(linear, [best])
     for behind, weight in ((0.0, 0.5), (4.0, 1 / (1 + np.exp(2.0))), (1e4, 0.0)):
         other = replace(best, cost=best.cost + behind, end=best.end + np.array([0.0, 0.3, -0.2]))
-        mean, wider, _ = carried(linear, moved, [best, other])
+        mean, wider, _ = carried(linear, [best, other])
         off = other.end - best.end
         assert mean == pytest.approx(alone + weight * off, abs=1e-9)
         assert wider - covariance == pytest.approx(weight * (1 - weight) * np.outer(off, off), abs=1e-9)
