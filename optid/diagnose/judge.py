@@ -14,7 +14,7 @@ from optid.core.model import Array, Model
 from optid.core.recording import Recording
 from optid.core.simulation import simulate
 from optid.fit.first_look import Known, first_look
-from optid.fit.likelihood import QUIET, WHOLE, Filtered, deviance, run_filter
+from optid.fit.likelihood import QUIET, WHOLE, Filtered, Start, deviance, run_filter
 from optid.fit.place import Answer
 from optid.fit.prediction import horizon
 from optid.fit.problem import Integers, Problem, pose
@@ -172,22 +172,28 @@ def _started(
     """What windows miss, squared, where their starts are as uncertain as noise alone leaves them, (samples, outputs).
 
     The covariance at a start is that of a model which lacks nothing: with process noise, what is missing would count as
-    uncertain. The mean of the squares over it is taken by sigma points, as the filter takes means.
+    uncertain. What a filter knows that begins anew was found under the model's own; so what one knows counts as well
+    that follows the recording from its beginning without, where that leaves less open. The mean of the squares over a
+    covariance is taken by sigma points, as the filter takes means.
     """
     model = answer.question.model
-    quiet = np.full((1, len(model.states)), QUIET**2)
-    R = answer.noise.measurement[None]
-    f = run_filter(model, known.pieces, answer.p[None], quiet, R, covariances=True, start=known.start)
-    covariance = f.covariances[0, cut.begins] / np.outer(model.scales, model.scales)
-    values, vectors = np.linalg.eigh(covariance)
-    roots = vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :] * model.scales[:, None]
-    square = np.zeros_like(windows)
-    for k in range(len(model.states)):
-        for side in (1.0, -1.0):
-            moved = states.copy()
-            moved[cut.begins] += side * math.sqrt(REACH2) * roots[:, :, k]
-            square += (_windows(model, answer.p, whole, cut, moved) - windows) ** 2 / (2.0 * REACH2)
-    return square
+    quiet, R = np.full((1, len(model.states)), QUIET**2), answer.noise.measurement[None]
+    heads = np.isin(known.pieces.begins, whole.begins)
+    begun = Start(known.start.mean[:, heads], known.start.covariance[:, heads])
+    least = np.full_like(windows, np.inf)
+    for pieces, start in ((known.pieces, known.start), (whole, begun)):
+        f = run_filter(model, pieces, answer.p[None], quiet, R, covariances=True, start=start)
+        covariance = f.covariances[0, cut.begins] / np.outer(model.scales, model.scales)
+        values, vectors = np.linalg.eigh(covariance)
+        roots = vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :] * model.scales[:, None]
+        square = np.zeros_like(windows)
+        for k in range(len(model.states)):
+            for side in (1.0, -1.0):
+                moved = states.copy()
+                moved[cut.begins] += side * math.sqrt(REACH2) * roots[:, :, k]
+                square += (_windows(model, answer.p, whole, cut, moved) - windows) ** 2 / (2.0 * REACH2)
+        least = np.minimum(least, square)
+    return least
 
 
 def excess(judged: Judged, noise: Mapping[str, float]) -> float:
