@@ -30,7 +30,9 @@ from optid.fit.problem import Booleans, Problem
 PARTS = 32
 NARROW = 0.5  # sd of a part, in those of the whole
 WORTH = 2.0 * np.log(PARTS)  # in -2 log likelihood: what the likeliest of so many gains by chance
-KEPT, AGAIN = 4, 3  # starts of least squares: at the first window's end, and later
+KEPT = 4  # starts of least squares, and those that go on to the next window
+AGAIN = 2  # starts there beside them, about the best one: it may stand in a small hollow of a long valley
+BEHIND = 20.0  # in -2 log likelihood: starts so far off do not go on
 LOOKS = 4  # windows at most, at the ends of which a filter begins anew
 LONGEST = 8  # segments at most in which it does: recordings with many gaps have dozens
 
@@ -115,25 +117,23 @@ class _Look:
         first, *others = (self.tried[k] for k in np.argsort(against, kind="stable")[:KEPT])
         found = [_Begun(begin, first.mean, np.diag(first.sd**2))]
         ways = [(one.whole, one.whole.z(one.mean)) for one in (first, *others)]
-        whole, around = first.whole, None
         for end in ends[:anew]:
             part = _part(problem, begin, end)
-            if around is not None:
-                ways = [(whole, z) for z in nearest(self._opening(part, whole), around, AGAIN)]
             likely = sorted(
                 ((likely_start(self._opening(part, known), z), known) for known, z in ways),
                 key=lambda one: one[0].evidence,
             )
             best, whole = likely[0]
-            mean, covariance, normal = carried(self._opening(part, whole), [one for one, _ in likely])
+            opening = self._opening(part, whole)
+            mean, covariance, normal = carried(opening, [one for one, _ in likely])
             if normal:
                 last = found[-1]
-                since = _part(problem, last.row, end)
-                if last.row > begin and self._agrees(since, last, mean, covariance):
+                if last.row > begin and self._agrees(_part(problem, last.row, end), last, mean, covariance):
                     break
                 found.append(_Begun(end, mean, covariance))
-            near = [one.z for one, known in likely if known is whole]
-            around = np.concatenate([near, best.z + best.root.T, best.z - best.root.T])
+            about = nearest(opening, np.concatenate([best.z + best.root.T, best.z - best.root.T]), AGAIN)
+            on = [(known, one.z) for one, known in likely if one.evidence < best.evidence + BEHIND][:KEPT]
+            ways = [*on, *((whole, z) for z in about)]
         return found
 
     def _against(self, opening: Problem) -> Array:
