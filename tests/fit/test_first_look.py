@@ -179,6 +179,16 @@ def test_a_later_window_tells_what_the_first_one_did_not():
     assert sd_of(known.start)[0, 1, 1] < 0.02 * SPREAD
 
 
+def test_what_is_read_where_a_window_ends_is_not_yet_known():
+    model, p = build(latch), build(latch).vector({})
+    run = recording(-3.0, push=2.0, seconds=1.0)
+    problem, cut = pose(model, [run], WHOLE), pose(model, [run], 0.25)
+    known = first_look(model, problem, cut, p, NOISE)
+    end = known.pieces.begins[1]
+    problem.measured[end] += 1.0
+    assert np.array_equal(first_look(model, problem, cut, p, NOISE).start.mean[0, 1], known.start.mean[0, 1])
+
+
 def test_every_segment_is_looked_at_by_itself():
     model = build(latch)
     runs = [recording(load, push=push, seconds=0.6) for load, push in ((-3.0, 2.0), (1.5, 0.0), (3.0, 1.0))]

@@ -51,21 +51,27 @@ def opening(plant, x, noise, moved, push=0.0):
     return Opening(model, p, noise, problem, Beforehand(start.mean[0, 0], sd, np.array(moved)))
 
 
-@pytest.fixture(params=[1e-6, 1e-3], ids=["no process noise", "process noise"])
-def linear(request):
-    t, rng = DT * np.arange(300), np.random.default_rng(3)
-    v, load, x = 0.7, -1.2, np.zeros(300)
-    for k in range(1, 300):
+def decayed(samples, process_noise):
+    """Of so many samples of the linear plant."""
+    rng, v, load, x = np.random.default_rng(3), 0.7, -1.2, np.zeros(samples)
+    for k in range(1, samples):
         x[k] = x[k - 1] + DT * v
         v, load = v + DT * (load + 0.5 - v), load - DT * load
-    noise = Noise(np.array([SD**2]), ((1, 2),), np.log([request.param]))
-    return opening(decaying, x + SD * rng.standard_normal(len(t)), noise, [1, 2], push=0.5)
+    noise = Noise(np.array([SD**2]), ((1, 2),), np.log([process_noise]))
+    return opening(decaying, x + SD * rng.standard_normal(samples), noise, [1, 2], push=0.5)
 
 
-def test_on_a_linear_plant_a_look_ends_where_a_kalman_filter_does(linear):
-    likely = likely_start(linear, np.array([2.0, -1.5]))
-    mean, covariance, normal = carried(linear, [likely])
-    o = linear
+@pytest.fixture(params=[1e-6, 1e-3], ids=["no process noise", "process noise"])
+def linear(request):
+    return decayed(300, request.param)
+
+
+@pytest.mark.parametrize("samples", [300, 12], ids=["long", "so short that what was known before counts"])
+@pytest.mark.parametrize("process_noise", [1e-6, 1e-3])
+def test_on_a_linear_plant_a_look_ends_where_a_kalman_filter_does(samples, process_noise):
+    o = decayed(samples, process_noise)
+    likely = likely_start(o, np.array([2.0, -1.5]))
+    mean, covariance, normal = carried(o, [likely])
     Q, R = o.noise.spectrum(3)[None], o.noise.measurement[None]
     exact = run_filter(
         o.model, o.problem, o.p[None], Q, R, keep=True, covariances=True,
