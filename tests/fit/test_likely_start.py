@@ -70,7 +70,7 @@ def linear(request):
 @pytest.mark.parametrize("process_noise", [1e-6, 1e-3])
 def test_on_a_linear_plant_a_look_ends_where_a_kalman_filter_does(samples, process_noise):
     o = decayed(samples, process_noise)
-    likely = likely_start(o, np.array([2.0, -1.5]))
+    likely = likely_start(o, np.array([0.0, 3.0]))
     mean, covariance, normal = carried(o, [likely])
     Q, R = o.noise.spectrum(3)[None], o.noise.measurement[None]
     exact = run_filter(
@@ -144,3 +144,15 @@ def test_starts_about_as_likely_widen_what_is_known_and_unlikely_ones_do_not(lin
         off = other.end - best.end
         assert mean == pytest.approx(alone + weight * off, abs=1e-9)
         assert wider - covariance == pytest.approx(weight * (1 - weight) * np.outer(off, off), abs=1e-9)
+
+
+def test_a_filter_begun_anew_with_what_it_knew_goes_on_as_if_it_had_not(linear):
+    o, row = linear, 120
+    given = (o.p[None], o.noise.spectrum(3)[None], o.noise.measurement[None])
+    start = Start.apart(o.known.mean[None, None], o.known.sd[None, None])
+    whole = run_filter(o.model, o.problem, *given, keep=True, covariances=True, start=start)
+    rest = replace(o.problem, begins=np.array([row]), counts=o.problem.counts - row)
+    anew = Start(whole.states[:, row][None], whole.covariances[:, row][None])
+    again = run_filter(o.model, rest, *given, keep=True, start=anew)
+    assert again.innovations[0, row:-1] == pytest.approx(whole.innovations[0, row:-1], abs=1e-9)
+    assert again.variances[0, row:-1] == pytest.approx(whole.variances[0, row:-1], rel=1e-6)
