@@ -117,6 +117,8 @@ def likely_start(opening: Opening, z: Array) -> Likely:
 
 def nearest(opening: Opening, Z: Array, count: int) -> Array:
     """Of starts (sets, moved) those that come nearest to the readings, as held gains show it, the nearest first."""
+    if not Z.size:  # nothing moves
+        return Z
     place = _Place(opening)
     E = place.scaled(Z, place.cost(Z[:1])[1])
     cost = np.nansum(E**2, axis=(1, 2)) + (Z**2).sum(axis=1)

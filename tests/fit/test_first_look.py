@@ -189,6 +189,29 @@ def test_what_is_read_where_a_window_ends_is_not_yet_known():
     assert np.array_equal(first_look(model, problem, cut, p, NOISE).start.mean[0, 1], known.start.mean[0, 1])
 
 
+def test_where_only_a_speed_is_hidden_a_record_is_looked_at_moving_and_at_rest():
+    """At rest nothing is left for least squares to move."""
+
+    def sliding(s):
+        x, v = s.state("x", "m", 0.01), s.state("v", "m/s", 1.0, spread=SPREAD)
+        s.rate(x, v)
+        s.rate(v, s.input("command", "m/s2"))
+        s.output("position", "m", x)
+
+    model, t, noise = (
+        build(sliding),
+        DT * np.arange(1000),
+        SD * np.random.default_rng(5).standard_normal(1000),
+    )
+    for speed in (0.0, 0.3):
+        channels = {
+            "command": Channel("command", "u", "m/s2", np.zeros(1000)),
+            "position": Channel("position", "x", "m", speed * t + noise, sd=SD),
+        }
+        known = looked_at(model, [Recording("a", t, channels)], model.vector({}), 0.25)
+        assert abs(known.start.mean[0, 1, 1] - speed) < 4.0 * sd_of(known.start)[0, 1, 1] < 1e-2
+
+
 def test_every_segment_is_looked_at_by_itself():
     model = build(latch)
     runs = [recording(load, push=push, seconds=0.6) for load, push in ((-3.0, 2.0), (1.5, 0.0), (3.0, 1.0))]
