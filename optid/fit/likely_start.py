@@ -21,7 +21,7 @@ from optid.fit.problem import Integers, Problem
 STEPS, TRIALS = 25, 5  # of Levenberg and Marquardt, and dampings of each
 NUDGE = 1e-4  # of the sd beforehand, for differences
 ENOUGH = 0.1  # in -2 log likelihood: a step that gains less is the last
-CURVED = 4.0  # a normal distribution's cost rises by 1 in one sd: where by more or less than so many times, it is none
+STEEP = 4.0  # a normal distribution's cost rises by 1 in one sd: where it rises by more than this, it is none
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +57,11 @@ class Opening:
     noise: Noise
     problem: Problem
     known: Beforehand
+
+    @property
+    def last(self) -> int:
+        """Row where the look ends."""
+        return int(self.problem.begins[0] + self.problem.counts[0])
 
     def filtered(self, means: Array, sd: Array) -> tuple[Array, Filtered]:
         """-2 log likelihood (sets,) and what filters see that begin at `means` (sets, states)."""
@@ -128,10 +133,10 @@ def nearest(opening: Opening, Z: Array, count: int) -> Array:
 def carried(opening: Opening, found: Sequence[Likely]) -> tuple[Array, Array, bool]:
     """Mean and covariance of the states where a look ends, and whether they are those of a normal distribution.
 
-    They are where the cost rises in every direction as the covariance of the best start found says. It does not while
-    an axis rests: pressures that would have moved it are out of the question, and all others are alike. Where readings
-    tell little the cost is a long valley with many small hollows, of which each seems narrow: so the others that were
-    found count, too, by how likely they are, as the normal distributions of a sum do.
+    They are where the cost rises in no direction far more than the covariance of the best start found says. It does
+    while an axis rests: pressures that would have moved it are out of the question, and all others are alike. Where
+    readings tell little the cost is a long valley with many small hollows, of which each seems narrow: so the others
+    that were found count, too, by how likely they are, as the normal distributions of a sum do.
 
     Args:
         opening: up to where the look ends.
@@ -150,9 +155,8 @@ def carried(opening: Opening, found: Sequence[Likely]) -> tuple[Array, Array, bo
     weights = weights[weights > 0.0]
     mean = weights @ there
     apart = (there - mean) * np.sqrt(weights)[:, None]
-    last = opening.problem.begins[0] + opening.problem.counts[0]
-    covariance = roots.T @ roots + apart.T @ apart + f.covariances[0, last]
-    return mean, covariance, bool((rise < CURVED).all())
+    covariance = roots.T @ roots + apart.T @ apart + f.covariances[0, opening.last]
+    return mean, covariance, bool((rise < STEEP).all())
 
 
 class _Place:
@@ -177,7 +181,7 @@ class _Place:
 
     def ends(self, f: Filtered) -> Array:
         """States where the look ends, (sets, states)."""
-        return f.states[:, self._opening.problem.begins[0] + self._opening.problem.counts[0]]
+        return f.states[:, self._opening.last]
 
     def slopes(self, z: Array, f: Filtered) -> tuple[Array, Array]:
         """Slopes of the scaled innovations by z, (readings, moved), and those innovations, with held gains."""
