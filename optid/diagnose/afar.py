@@ -10,13 +10,14 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from optid.core.model import Array, Model
 from optid.diagnose.candidate import Candidate, Data
+from optid.diagnose.disturbance import Located
 from optid.diagnose.judge import EXCESS, excess, judge
 from optid.diagnose.lead import Ground, Lead, ahead, worst, worthy
 from optid.diagnose.resemblance import resembling
@@ -52,7 +53,7 @@ def from_afar(
     data: Data,
     plain: Model,
     *,
-    near: bool = False,
+    near: Mapping[str, Located] | None = None,
     race: Sequence[tuple[int, int, int]] = RACE,
 ) -> list[Signature]:
     """What effects gain where they lead, the most promising first.
@@ -67,11 +68,16 @@ def from_afar(
         effects: to try.
         data: recordings.
         plain: the model as it came.
-        near: begin only where the guide stands in any case, and bring on no other branches than the race found.
+        near: unknown signals by site that were estimated beside that model. If given, effects begin where the guide
+            stands and, at these sites, where the signal does, and no branch is brought on but what the race found.
         race: its legs, as in RACE.
     """
     q = guide.question
-    starts = [guide.p] if near or current.effects else [guide.p, q.model.vector(current.rig.parameters)]
+    starts = (
+        [guide.p]
+        if near is not None or current.effects
+        else [guide.p, q.model.vector(current.rig.parameters)]
+    )
     seconds, first = current.judged.horizon, worst(guide)
     looks, whole = windows(q.problem, SHORT * seconds), windows(q.problem, seconds)
     names = tuple(parameter.name for parameter in q.model.parameters)
@@ -84,13 +90,12 @@ def from_afar(
             there = [lead for effect in effects if not data.over for lead in ground.begun(effect)]
             begun += there
             running += ahead(there, BEGUN, OF_ONE)
-    if not near:
-        resembled = [
-            _seen(Lead(effect, question, names, Steered(p, math.inf)), first, looks)
-            for effect, question, p in resembling(current, effects, data, plain)
-        ]
-        begun += resembled
-        running += resembled
+    resembled = [
+        _seen(Lead(effect, question, names, Steered(p, math.inf)), first, looks)
+        for effect, question, p in resembling(current, effects, data, plain, near)
+    ]
+    begun += resembled
+    running += resembled
     for leg, (steps, most, alike) in enumerate(race):
         if data.over:
             return []
@@ -103,7 +108,7 @@ def from_afar(
     best: list[Lead] = []
     for signature in found:
         lead = next(one for one in running if one.effect is signature.effect)
-        branches = [] if near else [one for one in begun if one.effect is lead.effect]
+        branches = [] if near is not None else [one for one in begun if one.effect is lead.effect]
         others = ahead(branches, BRANCHES // len(found), BRANCHES)
         best.append(_best(lead, others, looks, whole, data))
     return worthy(ahead(best, len(best), 1), alone[1], guide)

@@ -7,7 +7,7 @@ it turned out to be is what a law has to look like (regression of the estimated 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -27,13 +27,18 @@ KINDS = ("sensor",)
 POINTS = 600  # of the signal, that a law is fitted to
 FEW = 2  # branches of an effect that are
 EVALUATIONS = 40
+FAINT = 1e-3  # spreads that a typical size of a parameter counts as
 AWAY = 1e3  # spreads: where a law leaves the numbers
 # Of the signal's spread: deviations beyond it count by their logarithm, as the signal errs wildly now and then.
 PLAIN = 0.1
 
 
 def resembling(
-    current: Candidate, effects: Sequence[Effect], data: Data, plain: Model
+    current: Candidate,
+    effects: Sequence[Effect],
+    data: Data,
+    plain: Model,
+    signals: Mapping[str, Located] | None = None,
 ) -> list[tuple[Effect, Question, Array]]:
     """Effects, each with its question and the parameters where it resembles the unknown signal at its site most.
 
@@ -44,12 +49,13 @@ def resembling(
         effects: to try.
         data: recordings.
         plain: the model as it came.
+        signals: unknown ones by site that were estimated beside that model; only effects at these are tried then.
     """
     found = []
     for site in dict.fromkeys(effect.sites[0] for effect in effects if effect.site in KINDS):
         if data.over:
             break
-        located = locate_at(current, data, site)
+        located = locate_at(current, data, site) if signals is None else signals.get(site)
         if located is None:
             continue
         for effect in effects:
@@ -77,31 +83,35 @@ def _regressed(
     owner = np.repeat(problem.recording, problem.counts + 1)[rows]
     recordings = [owner == one for one in np.unique(owner)]
 
-    def off(values: Array) -> Array:
-        """What the law misses of the signal, in its spread, but for a constant in each recording.
+    typical = np.array([q.typical for q in effect.fitted])
+    null = np.array([effect.at_null()[q.name] for q in effect.fitted])
 
-        A walk that begins at nothing stays behind by as much as nobody knows of the start.
+    def off(values: Array) -> Array:
+        """What the law misses of the signal, in its spread, but for a constant in each recording; then its parameters.
+
+        A walk that begins at nothing stays behind by as much as nobody knows of the start. What neither it nor the rest
+        of the signal tells stays about where there is no effect.
         """
         missed = np.nan_to_num((added(values) - signal) / spread, nan=AWAY)
         for own in recordings:
             missed[own] -= np.median(missed[own])
-        return np.asarray(missed)
+        return np.concatenate([missed, FAINT * (values - null) / typical])
 
     def loss(values: Array) -> float:
         return float(np.log1p((off(values) / PLAIN) ** 2).sum())
 
-    low, high = np.array([q.bounds for q in effect.parameters]).T
-    inside = 1e-6 * (high - low)
+    low, high = np.array([q.bounds for q in effect.fitted]).T
+    inside = np.nan_to_num(1e-6 * (high - low), posinf=0.0)
     tries = [{**effect.at_null(), **one} for one in effect.usual]
-    starts = [np.array([one[q.name] for q in effect.parameters]) for one in tries]
+    starts = [np.array([one[q.name] for q in effect.fitted]) for one in tries]
     ends = [
         least_squares(
             off, np.clip(start, low + inside, high - inside), bounds=(low, high), loss="cauchy", f_scale=PLAIN,
-            x_scale=[q.typical for q in effect.parameters], max_nfev=EVALUATIONS,
+            x_scale=typical, max_nfev=EVALUATIONS,
         ).x
         for start in sorted(starts, key=loss)[:FEW]
     ]  # fmt: skip
-    return dict(zip((q.name for q in effect.parameters), min(ends, key=loss).tolist(), strict=True))
+    return dict(zip((q.name for q in effect.fitted), min(ends, key=loss).tolist(), strict=True))
 
 
 def _added(
@@ -119,7 +129,7 @@ def _added(
     names = {q.name for q in model.parameters}
     stands = zip((q.name for q in own.parameters), answer.p.tolist(), strict=True)
     p = model.vector({name: value for name, value in stands if name in names})
-    mine = [model.index(f"{effect.name}.{q.name}") for q in effect.parameters]
+    mine = [model.index(f"{effect.name}.{q.name}") for q in effect.fitted]
     roles, shown = [port.role for port in model.outputs], model.sensors.map(len(rows))
 
     def added(values: Array) -> Array:

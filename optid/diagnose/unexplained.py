@@ -5,7 +5,7 @@ Forms over signals, as in `forms`, compete as effects do, and what is held out d
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -31,7 +31,8 @@ from optid.fit.scoring import quieted
 
 DRAWN = 2  # curves that are followed
 # Their race, as in afar.RACE: curves have many parameters, so that a leg is dear, and few lead anywhere. They begin
-# where the fitted model stands: from far away the first steps of so many parameters tell nothing.
+# where the fitted model stands, or an unknown signal at a sensor: from far away the first steps of so many parameters
+# tell nothing.
 CURVES = ((2, 6, 1), (3, 3, 1), (5, DRAWN, 1))
 SWELLED = ((4, 4, 1), (3, 2, 1), (5, 1, 1))  # of one of them in proportion to several signals
 SOURCES = {"flow": "flow.supply"}  # where waves come from that show at a kind of site
@@ -103,7 +104,8 @@ def look(
         }
     forms = fitting(current.rig, lasting.values())
     contest = Contest(base, current, quieted(current.answer, QUIETER), len(forms), data, tell)
-    led = [one for best in _race(contest, forms, CURVES) for one in _swelled(contest, best)]
+    raced = _race(contest, forms, CURVES, _places(likely) if current is base else {})
+    led = [one for best in raced for one in _swelled(contest, best)]
     led = _ordered(led, [kind_of(one.site) for one in likely])
     return _turned(Look(sites, likely, contest, led, led_on(contest, led)), led_on)
 
@@ -149,7 +151,7 @@ def _turned(there: Look, compete: Callable[..., list[Rival]]) -> Look:
     other = fitting(c.current.rig, turned(c.current, there.best.effect))
     if not other or any(rival.effect.name == other[0].name for rival in there.rivals):
         return there
-    return replace(there, rivals=compete(c, _race(c, other, SWELLED), there.rivals))
+    return replace(there, rivals=compete(c, _race(c, other, SWELLED, {}), there.rivals))
 
 
 def _ordered(led: Sequence[Signature], kinds: Sequence[str]) -> list[Signature]:
@@ -167,8 +169,13 @@ def _ordered(led: Sequence[Signature], kinds: Sequence[str]) -> list[Signature]:
     return sorted(led, key=place)
 
 
-def _race(c: Contest, forms: Sequence[Description], race: Sequence[tuple[int, int, int]]) -> list[Signature]:
-    return from_afar(c.current, c.guide, forms, c.data, c.base.rig.model, near=True, race=race)
+def _race(
+    c: Contest,
+    forms: Sequence[Description],
+    race: Sequence[tuple[int, int, int]],
+    near: Mapping[str, Located],
+) -> list[Signature]:
+    return from_afar(c.current, c.guide, forms, c.data, c.base.rig.model, near=near, race=race)
 
 
 def _further(led: Signature, rivals: Sequence[Rival]) -> Signature:
@@ -192,7 +199,7 @@ def _swelled(c: Contest, led: Signature) -> list[Signature]:
     """Where a form leads in proportion to another signal, if that is farther by enough to be worth a second one."""
     if not isinstance(led.effect, Description):
         return [led]
-    more = _race(c, fitting(c.current.rig, swelling(c.current, led.effect)), SWELLED)
+    more = _race(c, fitting(c.current.rig, swelling(c.current, led.effect)), SWELLED, {})
     return [one for one in more if one.gain > (1.0 + WORTH) * led.gain] or [led]
 
 

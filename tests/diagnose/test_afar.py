@@ -213,12 +213,16 @@ def test_nothing_leads_when_the_time_is_over(worn):
     assert from_afar(base, guide, admitted(plain), replace(data, until=0.0), plain) == []
 
 
-def test_what_resembles_an_unknown_signal_leads_as_well_but_not_near(worn, first, monkeypatch):
+def test_what_resembles_an_unknown_signal_leads_as_well(worn, first, monkeypatch):
     base, guide, data = worn
     plain = base.rig.model
     question = data.question(grown(base.rig, first.effect), plain)
     p = question.at({**first.beside, **first.effect.qualified(first.values)})
-    monkeypatch.setattr(afar, "resembling", lambda *args: [(first.effect, question, p)])
+    asked = []
+    there = [(first.effect, question, p)]
+    monkeypatch.setattr(afar, "resembling", lambda *args: asked.append(args) or there)
     (found,) = from_afar(base, guide, [], data, plain)
     assert found.effect is first.effect and found.values["limit"] == pytest.approx(0.4, rel=0.02)
-    assert from_afar(base, guide, [], data, plain, near=True) == []
+    assert asked == [(base, [], data, plain, None)]  # every sensor's signal is estimated
+    from_afar(base, guide, [], data, plain, near={})
+    assert asked[1][-1] == {}

@@ -5,14 +5,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from optid.diagnose import resemblance
 from optid.diagnose.candidate import Data, fit_base
+from optid.diagnose.disturbance import locate_at
+from optid.diagnose.forms import curves
 from optid.diagnose.resemblance import resembling
+from optid.effects.curve import HEIGHTS
 from optid.effects.generic.hysteresis import Hysteresis
 from optid.effects.generic.offset import Offset
 from optid.effects.library import admitted
 from tests.diagnose.trolley import RATE, SD, TRUTH, recording, rig
 
 SLOPE, SETTLING = -0.008, 4.0  # m/s, s
+BENT, PERIOD = 5e-3, 0.8  # m
 
 
 def drifting(seed):
@@ -25,11 +30,35 @@ def drifting(seed):
     return replace(plain, channels=channels)
 
 
+def uneven(seed):
+    """A recording whose position is read by a scale with a wave."""
+    plain = recording(seed, f"run{seed}.csv")
+    position = plain["position"]
+    values = position.values + BENT * np.sin(2.0 * np.pi * position.values / PERIOD)
+    return replace(plain, channels={**plain.channels, "position": replace(position, values=values)})
+
+
+def fitted_to(train, folder):
+    data = Data(train, train[:1], {"position": SD}, np.random.default_rng(0))
+    return fit_base(rig(folder), data, lambda share, words: None), data
+
+
 @pytest.fixture(scope="module")
 def bent(tmp_path_factory):
-    train = tuple(drifting(seed) for seed in (1, 2))
-    data = Data(train, train[:1], {"position": SD}, np.random.default_rng(0))
-    return fit_base(rig(tmp_path_factory.mktemp("drift")), data, lambda share, words: None), data
+    return fitted_to(tuple(drifting(seed) for seed in (1, 2)), tmp_path_factory.mktemp("drift"))
+
+
+@pytest.fixture(scope="module")
+def scale(tmp_path_factory):
+    """A base model of recordings by an uneven scale, its data, and the unknown signal at the sensor."""
+    base, data = fitted_to(tuple(uneven(seed) for seed in (1, 2)), tmp_path_factory.mktemp("uneven"))
+    return base, data, {"sensor.position": locate_at(base, data, "sensor.position")}
+
+
+def over_position(base, signals):
+    """The curve over the position at the sensor."""
+    (form,) = (one for one in curves(base, signals["sensor.position"]) if one.name.endswith("@position"))
+    return form
 
 
 def test_a_drift_is_seen_in_the_unknown_signal_at_its_sensor(bent):
@@ -57,3 +86,25 @@ def test_effects_elsewhere_and_laws_with_a_memory_are_left_out(bent):
 def test_no_time_no_resemblance(bent):
     base, data = bent
     assert resembling(base, admitted(base.rig.model), replace(data, until=0.0), base.rig.model) == []
+
+
+def test_a_curve_is_drawn_through_the_unknown_signal_it_follows(scale, monkeypatch):
+    base, data, signals = scale
+    monkeypatch.setattr(resemblance, "locate_at", None)  # it is not estimated again
+    form = over_position(base, signals)
+    ((effect, question, p),) = resembling(base, [form], data, base.rig.model, signals)
+    values = dict(zip((q.name for q in question.model.parameters), p, strict=True))
+    assert effect is form and {name: values[name] for name in TRUTH} == pytest.approx(TRUTH, rel=0.01)
+    own = {name.removeprefix(f"{form.name}."): value for name, value in values.items()}
+    heights = own["size"] * np.array([own[f"height_{k + 1}"] for k in range(HEIGHTS)])
+    middles = np.linspace(
+        own["low"], own["high"], HEIGHTS - 2
+    )  # of the B-splines, but the first and the last one
+    expected = BENT * np.sin(2.0 * np.pi * middles / PERIOD)
+    assert np.abs(heights).max() < 3.0 * BENT  # though nothing tells its mean
+    assert np.corrcoef(heights[1:-1], expected)[0, 1] > 0.9
+
+
+def test_only_sites_with_a_signal_are_tried_where_signals_are_given(scale):
+    base, data, signals = scale
+    assert resembling(base, [over_position(base, signals)], data, base.rig.model, {}) == []

@@ -367,6 +367,18 @@ def test_when_the_time_is_over_nobody_is_followed(described):
     assert (looked.led, looked.rivals, looked.arrived) == ([], [], False)
 
 
+def test_forms_may_begin_where_unknown_signals_stand_that_came_with_the_same_model(described, monkeypatch):
+    base, data, site, found = described
+    asked = []
+    monkeypatch.setattr(unexplained, "from_afar", lambda *args, near, race: asked.append(near) or [])
+    look(base, base, [site], data, lambda words: None)
+    look(base, found.rival.candidate, [site], data, lambda words: None)
+    (first, second) = asked
+    assert {name: one.answer for name, one in first.items()} == {
+        "drive.command": site.answer
+    } and second == {}
+
+
 def test_a_description_says_times_with_their_unit(tmp_path):
     memory = Relaxation("drag.force", "velocity")
     full = with_effects(rig(tmp_path), [memory], memory.qualified({"height": 1.0, "time": 0.25}))
