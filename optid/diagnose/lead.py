@@ -28,6 +28,7 @@ BRANCHES = 3  # of an effect, that are led at all
 # The race: steps of each lead, how many go on, and how many of one effect. The many of the first leg run over the
 # recording in which most is missing, those that are left over all.
 RACE = ((1, 24, 2), (2, 8, 1), (STEPS, 8, 1))
+LITTLE = 0.1  # of a way, by which its slope is taken
 WORTHY = 0.5  # of the best gain: what gains less is not worth a refit
 
 
@@ -131,13 +132,17 @@ class Ground:
         return cls(rig, guide, held, data, plain, values, slopes, over, looks)
 
     def begun(self, effect: Effect) -> list[Lead]:
-        """Every branch of an effect, by what is left once the other parameters have had their linear say."""
-        question = self.data.question(grown(self.rig, effect), self.plain)
-        branches = effect.tries(*heard(self.guide))
-        P = np.array(
-            [self.placed(question, effect.qualified({**effect.at_null(), **branch})) for branch in branches]
-        )
-        losses = self.losses(question, P)
+        """Every branch of an effect, by what is left once the other parameters have had their linear say.
+
+        So have the effect's own ways.
+        """
+        question, null = self.data.question(grown(self.rig, effect), self.plain), effect.at_null()
+        points = [{**null, **branch} for branch in effect.tries(*heard(self.guide))]
+        turns = [{name: null[name] + LITTLE * by for name, by in way.items()} for way in effect.ways]
+        points += [{**null, **turn} for turn in turns]
+        P = np.array([self.placed(question, effect.qualified(point)) for point in points])
+        seen = innovations(question, P, self.guide.question.model, self.held, self.over, self.looks)
+        P, losses = P[: len(P) - len(turns)], self._losses(seen, len(turns))
         return [
             Lead(effect, question, tuple(self.values), Steered(p, float(loss)))
             for p, loss in zip(P, losses, strict=True)
@@ -147,13 +152,15 @@ class Ground:
         """All parameters of a question with an effect's `own`, by qualified name."""
         return question.at({**self.values, **own})
 
-    def losses(self, question: Question, P: Array) -> Array:
-        """What the free parameters' linear say leaves of the innovations, by Huber's weights, (sets,)."""
-        found = np.empty(len(P))
-        seen = innovations(question, P, self.guide.question.model, self.held, self.over, self.looks)
-        for k, z in enumerate(seen):
-            found[k] = _left(z, self.slopes)
-        return found
+    def _losses(self, seen: Array, ways: int) -> Array:
+        """What the linear say of free parameters and ways leaves of innovations, by Huber's weights, (branches,).
+
+        The innovations are (branches + ways, measured); branches of an effect that has ways are all at its null.
+        """
+        begun = seen[: len(seen) - ways]
+        own = (seen[len(begun) :] - begun[0]) / LITTLE
+        slopes = np.column_stack([self.slopes, own.T])
+        return np.array([_left(z, slopes) for z in begun])
 
 
 def _sloped(q: Question, start: Array, seen: Callable[[Array], Array]) -> Array:

@@ -9,12 +9,16 @@ from collections.abc import Mapping
 from typing import Any, Self
 
 import casadi as ca
+import numpy as np
 
 from optid.core.parameter import Parameter
 from optid.core.sheet import Sheet
 from optid.effects.description import ANY, LEAST, OWN, POSITIVE, TIMES, Description, constant, followed
 
 HEIGHTS = 13
+BENDS = (
+    5  # of the shapes that tell what a curve may do, Legendre's polynomials: a constant, a slope, and bends
+)
 
 
 class Curve(Description):
@@ -39,6 +43,10 @@ class Curve(Description):
     drawn = "curve"
     needs = "motion over the whole range"
     usual = ({},)
+    ways = tuple(
+        {f"height_{k + 1}": float(height) for k, height in enumerate(shape)}
+        for shape in np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, HEIGHTS), BENDS - 1).T
+    )
 
     def __init__(
         self,

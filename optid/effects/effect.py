@@ -41,6 +41,8 @@ class Effect:
         strength: names of the parameters that make the effect vanish, each with the smallest size worth a name.
         usual: points at which to try it (parameter name -> SI value), one for every branch that a descent
             would not reach from the others: both signs, slow and fast, early and late.
+        ways: changes from the null by which its law goes in proportion (parameter name -> SI value), of a usual size
+            each and any of them together, where one that begins at the null has no better place to begin.
         law: the equation in words.
         says: what an engineer would say, with {parameter} to be filled in with value and unit.
         depends_on: the signals it follows, the most telling first, each one of SIGNALS.
@@ -63,6 +65,7 @@ class Effect:
     parameters: tuple[Parameter, ...]
     strength: Mapping[str, float]
     usual: Sequence[Mapping[str, float]]
+    ways: Sequence[Mapping[str, float]] = ()
     law: str
     says: str
     depends_on: tuple[str, ...]

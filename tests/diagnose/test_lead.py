@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from optid.diagnose.candidate import QUIETER, refitted
-from optid.diagnose.lead import RACE, ahead, leads, stood, worst
+from optid.diagnose.lead import RACE, Ground, ahead, leads, stood, worst
+from optid.effects.curve import Curve
 from optid.effects.library import admitted
 from optid.errors import SolveError
 from optid.fit.likelihood import FAR
@@ -33,6 +34,23 @@ def test_the_effect_at_work_leads_farthest_and_to_the_truth(worn):
     gains = [one.gain for one in found]
     assert gains == sorted(gains, reverse=True)
     assert gains[0] > 0.9 * np.isfinite(guide.filtered.innovations[0]).sum()
+
+
+def test_what_begins_at_its_null_is_told_apart_by_what_its_ways_would_explain(worn, monkeypatch):
+    base, guide, data = worn
+    ground = Ground.of(base.rig, guide, data, base.rig.model, guide.p)
+
+    def begun(along):
+        form = Curve("drive.command", along, low=-1.0, high=1.0, size=0.3)
+        (lead,) = ground.begun(form)
+        own = lead.signature(0.0).values
+        assert {name: own[name] for name in form.strength} == dict.fromkeys(form.strength, 0.0)
+        return lead.at.loss
+
+    right, wrong = begun("command"), begun("position")
+    assert right < 0.5 * wrong
+    monkeypatch.setattr(Curve, "ways", ())
+    assert begun("command") == pytest.approx(begun("position")) and begun("command") > wrong
 
 
 def test_a_lead_stands_with_the_guides_process_noise(worn):

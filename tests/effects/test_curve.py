@@ -7,7 +7,7 @@ import pytest
 from scipy.interpolate import BSpline
 
 from optid.core.sheet import build
-from optid.effects.curve import HEIGHTS, Curve
+from optid.effects.curve import BENDS, HEIGHTS, Curve
 from optid.effects.library import admitted, find_effect
 from optid.errors import PlantError, RigError
 from optid.rigs.emps import emps
@@ -71,3 +71,14 @@ def test_a_rig_file_states_all_of_its_numbers(tmp_path):
     with pytest.raises(RigError, match="no value for height_7") as caught:
         read_rig(tmp_path / "cut.toml")
     assert curve.name in str(caught.value.field)
+
+
+def test_its_ways_are_a_constant_a_slope_and_bends_of_a_usual_size():
+    curve = Curve("force.external", "position", low=LOW, high=HIGH, size=SIZE)
+    shapes = [
+        [force(curve, x, 0.0, list(way.values())) / SIZE for x in (LOW, (LOW + HIGH) / 2, HIGH)]
+        for way in curve.ways
+    ]
+    inner = (HEIGHTS - 3) / (HEIGHTS - 1)  # its ends lie one knot inside those of the heights
+    assert shapes[0] == pytest.approx([1.0, 1.0, 1.0]) and shapes[1] == pytest.approx([-inner, 0.0, inner])
+    assert np.linalg.matrix_rank([list(way.values()) for way in curve.ways]) == len(curve.ways) == BENDS
