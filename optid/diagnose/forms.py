@@ -36,7 +36,7 @@ from optid.rigs.rigfile import Rig, with_effects
 Form = TypeVar("Form", bound=Description)
 
 SAME = 0.99  # correlation of two signals of which one is enough
-LEVELS = {"force": "force.coulomb"}  # what a kind of site turns and holds, and others scale
+LEVELS = ("force.coulomb",)  # sites of what turns and holds, and others scale
 # The fastest waves that are looked for: Hz, and periods within the range of a length. A sensor's track is finer than
 # what pushes.
 FASTEST, FINEST, TRACK = 30.0, 100.0, 300.0
@@ -88,10 +88,13 @@ def shared(base: Candidate, located: Located) -> list[Description]:
     return found
 
 
-def levels(base: Candidate, located: Located) -> list[Description]:
-    """Shares of a level that others turn, such as that of dry friction: what sticks no added signal describes."""
+def levels(base: Candidate) -> list[Description]:
+    """Shares of a level that others turn, such as that of dry friction: what sticks no added signal describes.
+
+    Nor does it show where it acts: no smooth force holds anything, and what is missing is blamed on other sites.
+    """
     found: list[Description] = []
-    for site in dict.fromkeys(LEVELS.get(kind_of(site), "") for site in located.sites):
+    for site in LEVELS:
         if site in base.rig.model.sites:
             for name, values in _signals(base, (site,)).items():
                 low, high = _ends(values)

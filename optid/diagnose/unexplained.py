@@ -98,10 +98,8 @@ def look(
         curve.name: curve for one in _places(likely).values() for curve in curves(current, one)
     }
     for one in likely:
-        lasting |= {
-            form.name: form
-            for form in (*shared(current, one), *levels(current, one), *sticking(current, one))
-        }
+        lasting |= {form.name: form for form in (*shared(current, one), *sticking(current, one))}
+    lasting |= {form.name: form for form in levels(current)}
     forms = fitting(current.rig, lasting.values())
     contest = Contest(base, current, quieted(current.answer, QUIETER), len(forms), data, tell)
     raced = _race(contest, forms, CURVES, _places(likely) if current is base else {})

@@ -212,10 +212,10 @@ def test_a_single_site_remembers_states_and_inputs():
     assert found == {f"relaxation@force.external@{name}" for name in moving}
 
 
-def test_dry_friction_is_scaled_where_a_force_is_missing():
+def test_dry_friction_is_scaled_where_the_plant_has_some(described):
     """What sticks no force that is added describes."""
-    base, x, there = axis_seen(("force.external",))
-    found = {effect.name: effect for effect in levels(base, there)}
+    base, x, _ = axis_seen(("flow.chamber_a",))
+    found = {effect.name: effect for effect in levels(base)}
     known = ("position", "velocity", "pressure_a", "pressure_b", "drive", "share")
     shares = {f"scaling@force.coulomb@{name}" for name in known}
     assert found.keys() == shares | {"ageing@force.coulomb@velocity"}
@@ -224,8 +224,8 @@ def test_dry_friction_is_scaled_where_a_force_is_missing():
     null = found["scaling@force.coulomb@position"].at_null()
     assert (null["low"], null["high"]) == (x["position"].min(), x["position"].max())
     assert len(fitting(base.rig, found.values())) == len(found)
-    base, _, there = axis_seen(("flow.chamber_a",))
-    assert levels(base, there) == []
+    trolley, *_ = described
+    assert levels(trolley) == []
 
 
 def test_forms_swell_with_what_their_sites_know():
@@ -235,14 +235,13 @@ def test_forms_swell_with_what_their_sites_know():
     assert {"P", "other_P", "v", "x"} <= found.keys() and "spool" not in found  # the spool stands still
     P = np.r_[x["pressure_a"], x["pressure_b"]]
     assert found["P"].at_null()["magnitude"] == pytest.approx(np.sqrt(np.mean(P**2)))
-    base, _, there = axis_seen(("force.external",))
-    share = levels(base, there)[0]
+    share = levels(base)[0]
     assert {"velocity", "drive"} <= {form.by for form in swelling(base, share)}
 
 
 def test_a_curve_is_turned_where_it_swells():
-    base, x, there = axis_seen(("force.external",))
-    share = next(one for one in levels(base, there) if one.along == "position")
+    base, x, _ = axis_seen(("force.external",))
+    share = next(one for one in levels(base) if one.along == "position")
     assert turned(base, share) == []
     swelled = next(form for form in swelling(base, share) if form.by == "velocity")
     (other,) = turned(base, swelled)
