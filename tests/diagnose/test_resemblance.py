@@ -97,9 +97,7 @@ def test_a_curve_is_drawn_through_the_unknown_signal_it_follows(scale, monkeypat
     assert effect is form and {name: values[name] for name in TRUTH} == pytest.approx(TRUTH, rel=0.01)
     own = {name.removeprefix(f"{form.name}."): value for name, value in values.items()}
     heights = own["size"] * np.array([own[f"height_{k + 1}"] for k in range(HEIGHTS)])
-    middles = np.linspace(
-        own["low"], own["high"], HEIGHTS - 2
-    )  # of the B-splines, but the first and the last one
+    middles = np.linspace(own["low"], own["high"], HEIGHTS - 2)  # of all B-splines but the outermost
     expected = BENT * np.sin(2.0 * np.pi * middles / PERIOD)
     assert np.abs(heights).max() < 3.0 * BENT  # though nothing tells its mean
     assert np.corrcoef(heights[1:-1], expected)[0, 1] > 0.9

@@ -372,10 +372,9 @@ def test_forms_may_begin_where_unknown_signals_stand_that_came_with_the_same_mod
     monkeypatch.setattr(unexplained, "from_afar", lambda *args, near, race: asked.append(near) or [])
     look(base, base, [site], data, lambda words: None)
     look(base, found.rival.candidate, [site], data, lambda words: None)
-    (first, second) = asked
-    assert {name: one.answer for name, one in first.items()} == {
-        "drive.command": site.answer
-    } and second == {}
+    first, second = asked
+    assert list(first) == ["drive.command"] and first["drive.command"].answer is site.answer
+    assert second == {}
 
 
 def test_a_description_says_times_with_their_unit(tmp_path):
