@@ -20,7 +20,7 @@ from optid.diagnose.candidate import Candidate, Data, fit_base, settled, widened
 from optid.diagnose.contest import LEVEL, own_values
 from optid.diagnose.disturbance import Located, locate, locate_at
 from optid.diagnose.finding import Closest, Diagnosis, Finding, Verdict
-from optid.diagnose.judge import EXCESS, cleared, compare, excess, missed
+from optid.diagnose.judge import EXCESS, cleared, compare, excess, fit_gain, missed
 from optid.diagnose.law import law_at
 from optid.diagnose.residuals import residual_tests
 from optid.diagnose.rivals import compared, indistinguishable
@@ -235,14 +235,20 @@ def _enough(base: Candidate, data: Data) -> Candidate | None:
 def _findings(
     found: Search, likely: Search, parameters: tuple[Estimate, ...], data: Data, report: Report
 ) -> tuple[Finding, ...]:
-    """Of every effect; with what it may be confused is told by `likely`, the same as the search left it."""
+    """Of every effect, as `best` has it; what named it, and what it may be confused with, `likely` tells.
+
+    That is the same model where the search left it: likelihood is no judge of parameters that only predict better.
+    """
     best = found.best
     findings = []
     for effect in best.effects:
         without = found.without[effect.name]
         report(0.96, f"what {effect.name} could be confused with")
-        evidence = compare(without.judged, best.judged, data.generator)
-        gain = without.answer.score - best.answer.score
+        evidence = replace(
+            compare(without.judged, likely.best.judged, data.generator),
+            fit_gain=fit_gain(without.judged, best.judged),
+        )
+        gain = without.answer.score - likely.best.answer.score
         p = best.answer.p.copy()
         for name, null in effect.qualified(effect.at_null()).items():
             if name.removeprefix(f"{effect.name}.") in effect.strength:

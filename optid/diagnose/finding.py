@@ -35,8 +35,8 @@ class Finding:
         parameters: of the effect, with intervals, by own name.
         region: when and where.
         shown: signals worth telling.
-        evidence: on the hold-out, against the model without it.
-        train_gain: fall of -2 log likelihood on the training recordings.
+        evidence: on the hold-out, of the likeliest model against that without it; its gain in fit is the result's.
+        train_gain: fall of -2 log likelihood on the training recordings, likewise of the likeliest.
         delta_bic: that fall less what its parameters cost.
         indistinguishable: names of effects that explain the recordings as well.
         sentence: what an engineer would say.

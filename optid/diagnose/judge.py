@@ -255,7 +255,7 @@ class Comparison:
         gain: fall of -2 log likelihood from `before` to `after`.
         bounded_gain: the same with no window counting more than the fourth largest.
         p_value: of the hypothesis that a block's gain is not positive (bootstrap and flipped signs).
-        fit_gain: rise of the fit in percent points of the windows, of the first output.
+        fit_gain: as `fit_gain` has it.
         error_gain: fall of the windows' root mean square error as a share, of the output that gains most.
     """
 
@@ -300,6 +300,12 @@ def _flipped(gains: Array, generator: np.random.Generator) -> float:
     return (1 + above) / (1 + RESAMPLES)
 
 
+def fit_gain(before: Judged, after: Judged) -> float:
+    """Rise of the windows' fit in percent points, of the first output."""
+    first = next(iter(before.scores))
+    return after.scores[first].fit_percent - before.scores[first].fit_percent
+
+
 def compare(before: Judged, after: Judged, generator: np.random.Generator) -> Comparison:
     """What a second model gains over a first one, block by block.
 
@@ -314,12 +320,11 @@ def compare(before: Judged, after: Judged, generator: np.random.Generator) -> Co
         _flipped(_bounded(gains, 1.0), generator),
         _flipped(_bounded(closer, 1.0), generator),
     )
-    roles = list(before.scores)
-    ratio = [after.scores[r].rmse / before.scores[r].rmse for r in roles]
+    ratio = [after.scores[r].rmse / score.rmse for r, score in before.scores.items()]
     return Comparison(
         float(gains.sum()),
         float(_bounded(gains, 1.0).sum()),
         min(1.0, 3.0 * least),
-        after.scores[roles[0]].fit_percent - before.scores[roles[0]].fit_percent,
+        fit_gain(before, after),
         1.0 - float(np.min(ratio)),
     )

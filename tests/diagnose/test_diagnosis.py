@@ -321,6 +321,24 @@ def test_where_windows_ask_for_other_parameters_intervals_reach_as_far_as_those_
     assert gain.high - gain.value == pytest.approx(0.75 * question.typical[k])
 
 
+def test_the_evidence_for_a_name_is_that_of_the_likeliest_model(tmp_path, dead, monkeypatch):
+    """Windows may ask for parameters that likelihood abhors, which is no doubt of the name."""
+
+    def elsewhere(found, data):
+        judged, answer, none = found.judged, found.answer, np.zeros(len(found.answer.question.free))
+        scores = {role: replace(one, fit_percent=12.0) for role, one in judged.scores.items()}
+        judged = replace(judged, deviance=judged.deviance + 1e3, windows=judged.windows + 1.0, scores=scores)
+        return replace(found, judged=judged, answer=replace(answer, score=answer.score + 1e6)), none
+
+    monkeypatch.setattr(diagnosis_of, "foreseen", elsewhere)
+    (one,), (other,) = asked(tmp_path, dead_band).findings, dead.findings
+    assert one.evidence.p_value == pytest.approx(other.evidence.p_value, abs=0.005)
+    assert one.evidence.gain == pytest.approx(other.evidence.gain)
+    assert (one.train_gain, one.delta_bic) == pytest.approx((other.train_gain, other.delta_bic))
+    # The fit is that of the model handed out.
+    assert one.evidence.fit_gain == pytest.approx(12.0 - dead.base.judged.scores["position"].fit_percent)
+
+
 @pytest.mark.parametrize(
     ("leave", "share", "verdict"),
     [
