@@ -9,7 +9,7 @@ import pytest
 
 from optid.core.readers import read_recording
 from optid.rigs.rigfile import read_rig
-from studies.baselines import armax, sparse
+from studies.baselines import armax, neural, sparse
 from studies.baselines.equation import Motion, flow, motion_of
 from studies.baselines.neural import Network, NeuralForce, learned
 from studies.baselines.sparse import selected
@@ -119,13 +119,32 @@ def test_the_network_learns_and_stands_in_the_model_as_it_is():
     rng = np.random.default_rng(0)
     inputs = rng.uniform(-1, 1, (400, 3))
     force = 40.0 * inputs[:, 0] - 25.0
-    network = learned(inputs, force, rng)
+    network = learned(inputs, force, 0.3, rng)
     assert np.std(network(inputs) - force) < 0.2 * np.std(force)
     x, v, P = 0.03, -0.2, 0.7e5
     near = {"x": x, "v": v, "P_a": 4e5 + P, "P_b": 4e5}
     total = NeuralForce(network).apply("force.friction", 5.0, near, None)
     assert float(total) == pytest.approx(5.0 - float(network(np.array([[x / 0.1, v / 0.3, P / 1e5]]))[0]))
     assert abs(Network(np.zeros((8, 5)))(inputs)).max() == 0.0
+
+
+@pytest.mark.parametrize(
+    ("errors", "best"), [((2.0, 3.0, 1.0, 4.0, 5.0), 1.0), ((1.0, 2.0, 3.0, 4.0, 5.0), None)]
+)
+def test_a_recording_that_it_has_not_learned_from_chooses_the_network_or_none(
+    task, monkeypatch, errors, best
+):
+    left, judged = iter(errors), []
+
+    def rmse(rig, recording, base):
+        judged.append(recording.name)
+        return next(left)
+
+    monkeypatch.setattr(neural, "window_rmse", rmse)
+    monkeypatch.setattr(neural, "learned", lambda inputs, force, decay, rng: Network(np.full((1, 5), decay)))
+    rig = neural.chosen(task, SimpleNamespace(values=known(task.rig)))
+    assert judged == ["ramps.csv"] * 5
+    assert [effect.network.weights[0, 0] for effect in rig.effects] == ([] if best is None else [best])
 
 
 def test_the_networks_slopes_are_those_of_differences():
