@@ -18,6 +18,8 @@ def quantity(value: float, unit: str) -> str:
     factor, shown = _FRIENDLY.get(unit, (1.0, unit))
     if unit == "m" and abs(value) < 1e-4:
         factor, shown = 1e6, "um"
+    if unit in ("m", "m/s") and abs(value) >= 0.9995:  # what three digits of mm would show as 1e+03
+        factor, shown = 1.0, unit
     if unit == "s" and abs(value) < 1.0:
         factor, shown = 1e3, "ms"
     return f"{value * factor:.3g} {shown}".rstrip()

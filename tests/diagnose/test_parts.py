@@ -141,6 +141,8 @@ def test_a_window_counts_by_what_its_own_past_leaves_open():
 def test_quantities_are_said_in_units_people_use():
     assert quantity(0.0123, "m") == "12.3 mm"
     assert quantity(3e-5, "m") == "30 um"
+    assert (quantity(-2.21, "m/s"), quantity(0.999, "m/s")) == ("-2.21 m/s", "999 mm/s")
+    assert quantity(0.9996, "m") == "1 m"
     assert quantity(2.5e5, "Pa") == "2.5 bar"
     assert quantity(0.004, "s") == "4 ms"
     assert quantity(12.0, "s") == "12 s"
