@@ -255,7 +255,7 @@ class Comparison:
         gain: fall of -2 log likelihood from `before` to `after`.
         bounded_gain: the same with no window counting more than the fourth largest.
         p_value: of the hypothesis that a block's gain is not positive (bootstrap and flipped signs).
-        fit_gain: as `fit_gain` has it.
+        fit_gain: rise of the windows' fit in percent points, of the first output.
         error_gain: fall of the windows' root mean square error as a share, of the output that gains most.
     """
 
@@ -301,7 +301,7 @@ def _flipped(gains: Array, generator: np.random.Generator) -> float:
 
 
 def fit_gain(before: Judged, after: Judged) -> float:
-    """Rise of the windows' fit in percent points, of the first output."""
+    """By how many percent points the fit of the windows rises, of the first output."""
     first = next(iter(before.scores))
     return after.scores[first].fit_percent - before.scores[first].fit_percent
 
