@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 from optid.core.readers import read_recording
+from optid.effects.library import admitted
+from optid.errors import NotIdentifiable
 from optid.rigs.rigfile import read_rig
-from studies.baselines import armax, neural, sparse
+from studies.baselines import armax, exhaustive, neural, sparse
 from studies.baselines.equation import Motion, flow, motion_of
 from studies.baselines.neural import Network, NeuralForce, learned
 from studies.baselines.sparse import selected
@@ -180,3 +182,29 @@ def test_the_rig_file_of_a_case_reads(pushed):
     rig = read_rig(pushed / "rig.toml")
     assert {f.name for f in rig.freed} >= {"viscous_friction", "coulomb_friction", "discharge_coefficient"}
     assert len(read_recording(pushed / "mixed.csv", rig)) == 3000
+
+
+def test_brute_force_fits_slower_recordings_and_is_judged_by_what_was_recorded(task):
+    slower = exhaustive.slower(task)
+    assert [len(after) for after in slower.train] == [len(before) // 4 for before in task.train]
+    assert slower.holdout is task.holdout
+
+
+def test_brute_force_refits_the_strength_alone_where_the_form_does_not_show(task, monkeypatch):
+    effect = next(one for one in admitted(task.rig.model) if one.name == "valve_deadband")
+    base = {one.name for one in task.rig.freed}
+    asked = []
+
+    def fit(rig, recordings, options):
+        asked.append({one.name for one in rig.freed} - base)
+        if len(asked) == 1:
+            raise NotIdentifiable("its form does not show")
+        return "found"
+
+    monkeypatch.setattr(exhaustive, "fit", fit)
+    monkeypatch.setattr(exhaustive, "bic", lambda *_: 1.0)
+    assert exhaustive.attempt(task, effect)[1] == "found"
+    assert asked == [
+        {f"{effect.name}.{one.name}" for one in effect.parameters},
+        {f"{effect.name}.{name}" for name in effect.strength},
+    ]
