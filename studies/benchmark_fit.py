@@ -24,12 +24,11 @@ import numpy as np
 import pandas as pd
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
-from optid.core import threads
-from optid.core.compiled import compiled_runs, object_code
+from optid.core import compiled as machine
+from optid.core.compiled import WORKERS, compiled_runs
 from optid.core.emit import source
 from optid.core.readers import read_recording
 from optid.core.simulation import TOLERANCE, simulate
-from optid.core.threads import WORKERS
 from optid.fit.batch import FitOptions, fit
 from optid.rigs.rigfile import Rig, read_rig
 from studies.peers import axis, fit_c, fit_scipy
@@ -102,10 +101,10 @@ def fits(record: Record, full: bool) -> None:
         ("optid, process noise 0", FitOptions(process_noise=0.0), WORKERS),
         ("optid, one core", FitOptions(), 1),
     ):
-        threads.WORKERS = cores
+        machine.WORKERS = cores
         seconds, found = timed(lambda options=options: fit(rig, [recording], options))
         rows.append((name, seconds, errors(found.values)))
-    threads.WORKERS = WORKERS
+    machine.WORKERS = WORKERS
     own = rows[0][1]
     print(f"fit of {len(record.command)} samples on {WORKERS} cores; {compiling(rig)}")
     arguments = (record.guess, record.start_state, record.share, record.position, record.dt)
@@ -131,7 +130,7 @@ def compiling(rig: Rig) -> str:
     """What a model costs that was never compiled before: its equations, with slopes to three parameters."""
     free = tuple(rig.model.index(f.name) for f in rig.freed)
 
-    seconds, _ = timed(lambda: object_code(source(rig.model, free)))
+    seconds, _ = timed(lambda: machine.object_code(source(rig.model, free)))
     return f"compiling a new model: {seconds:.2f} s"
 
 

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import ctypes
+import itertools
+import os
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
@@ -14,6 +17,8 @@ from optid.core import kernel, normal
 from optid.core.compiling import stored
 from optid.core.emit import source, source_of_lanes, source_of_runs, width
 from optid.core.model import Model
+
+WORKERS = max(1, len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,3 +122,22 @@ def _machine() -> Any:
 def _features() -> str:
     features: str = llvm.get_host_cpu_features().flatten()
     return features
+
+
+def spread(count: int, work: Callable[[int, int], None], grain: int = 1) -> None:
+    """Run ``work(first, last)`` over 0..count in as many threads as there are cores; the kernels hold no lock.
+
+    `first` is a multiple of `grain`.
+    """
+    chunks = min(2 * WORKERS, -(-count // grain))  # two per core: windows differ in effort
+    if chunks <= 1 or WORKERS == 1:
+        work(0, count)
+        return
+    edges = [*(round(i * count / chunks / grain) * grain for i in range(chunks)), count]
+    for future in [_pool().submit(work, a, b) for a, b in itertools.pairwise(edges)]:
+        future.result()
+
+
+@lru_cache(maxsize=1)
+def _pool() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(WORKERS, thread_name_prefix="optid")

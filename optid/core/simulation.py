@@ -7,9 +7,8 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from optid.core.compiled import compiled_runs
+from optid.core.compiled import compiled_runs, spread
 from optid.core.model import Array, Model
-from optid.core.threads import spread
 
 # Local error of a step as a share of each state's usual size: positions within 0.01 micrometre of Radau (tests).
 TOLERANCE = 2e-8

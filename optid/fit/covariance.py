@@ -19,9 +19,8 @@ import numpy as np
 from scipy import special
 from scipy.fft import next_fast_len, rfft
 
-from optid.core.compiled import compiled
+from optid.core.compiled import compiled, spread
 from optid.core.model import Array
-from optid.core.threads import spread
 from optid.fit.problem import Problem
 from optid.fit.smoother import Objective, Point, System, Terms, settled_system, solve_schur
 

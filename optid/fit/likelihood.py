@@ -16,10 +16,9 @@ import casadi as ca
 import numpy as np
 
 from optid.core import filter as kernel
-from optid.core.compiled import compiled_lanes
+from optid.core.compiled import compiled_lanes, spread
 from optid.core.model import Array, Model
 from optid.core.rows import LANES
-from optid.core.threads import spread
 from optid.fit.problem import Booleans, Integers, Problem
 
 TOLERANCE = 1e-5  # local error of the integration as a share of each state's usual size,

@@ -15,10 +15,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import LinAlgError, cho_solve, cho_solve_banded, cholesky_banded
 
-from optid.core.compiled import compiled
+from optid.core.compiled import compiled, spread
 from optid.core.model import Array, Model
 from optid.core.rows import LANES
-from optid.core.threads import spread
 from optid.errors import SolveError
 from optid.fit.problem import Booleans, Problem
 

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from optid.core.compiled import compiled as machine_code
+from optid.core.compiled import spread
 from optid.core.kernel import advance, at, call
 from optid.core.model import CLOCK, INTERVAL, Array
-from optid.core.threads import spread
 from optid.errors import InputError
 from optid.pid.controller import Gains, Settings
 from optid.pid.law import GAINS, LAST_COMMAND, MEMORY, law

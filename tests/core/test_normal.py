@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from optid.core.compiled import compiled
+from optid.core.compiled import compiled, spread
 from optid.core.rows import LANES
 from optid.core.sheet import build
-from optid.core.threads import spread
 from optid.rigs.rigfile import read_rig
 from optid.rigs.servo_pneumatic import servo_pneumatic
 from tests.core.test_integrator import DATA
