@@ -24,11 +24,12 @@ import numpy as np
 import pandas as pd
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
-from optid.core import compiled as machine
-from optid.core.compiled import WORKERS, compiled_runs
+from optid.core import kernel, threads
+from optid.core.compiled import compiled_runs, object_code
 from optid.core.emit import source
 from optid.core.readers import read_recording
 from optid.core.simulation import TOLERANCE, simulate
+from optid.core.threads import WORKERS
 from optid.fit.batch import FitOptions, fit
 from optid.rigs.rigfile import Rig, read_rig
 from studies.peers import axis, fit_c, fit_scipy
@@ -101,10 +102,10 @@ def fits(record: Record, full: bool) -> None:
         ("optid, process noise 0", FitOptions(process_noise=0.0), WORKERS),
         ("optid, one core", FitOptions(), 1),
     ):
-        machine.WORKERS = cores
+        threads.WORKERS = cores
         seconds, found = timed(lambda options=options: fit(rig, [recording], options))
         rows.append((name, seconds, errors(found.values)))
-    machine.WORKERS = WORKERS
+    threads.WORKERS = WORKERS
     own = rows[0][1]
     print(f"fit of {len(record.command)} samples on {WORKERS} cores; {compiling(rig)}")
     arguments = (record.guess, record.start_state, record.share, record.position, record.dt)
@@ -130,7 +131,7 @@ def compiling(rig: Rig) -> str:
     """What a model costs that was never compiled before: its equations, with slopes to three parameters."""
     free = tuple(rig.model.index(f.name) for f in rig.freed)
 
-    seconds, _ = timed(lambda: machine.object_code(source(rig.model, free)))
+    seconds, _ = timed(lambda: object_code(source(rig.model, free)))
     return f"compiling a new model: {seconds:.2f} s"
 
 
@@ -154,13 +155,13 @@ def simulations(record: Record, short: int = 500) -> None:
     )
     print("and against C at a twentieth of a sample over the whole record")
     print(f"{'':32}{'s per s':>9}{'short, um':>11}{'whole, um':>11}")
-    kernel, start = compiled_runs(model), np.array([record.start_state])
+    machine, start = compiled_runs(model), np.array([record.start_state])
     first, counts = np.zeros(1, dtype=np.int64), np.array([n - 1], dtype=np.int64)
     X, Y = np.empty((1, n, 4)), np.empty((1, n, len(model.outputs)))
     for tolerance in (TOLERANCE, 1e-6, 1e-5):
         fixed = (first, counts, start, p[None], dt, inputs, tolerance * model.scales, X, Y)
-        kernel.simulate(0, 1, *fixed)
-        seconds, _ = timed(lambda fixed=fixed: kernel.simulate(0, 1, *fixed))
+        machine.run(kernel.simulate, 0, 1, *fixed)
+        seconds, _ = timed(lambda fixed=fixed: machine.run(kernel.simulate, 0, 1, *fixed))
         line(f"optid, tolerance {tolerance:g}", n * record.dt / seconds, X[0, :, 0].copy(), radau, record)
     seconds, _ = timed(lambda: simulate(model, p, record.start_state, dt, inputs))
     print(f"{'optid, simulate() as called':32}{n * record.dt / seconds:9.0f}")

@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 import ctypes
-import itertools
-import os
+import threading
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
 
 import llvmlite.binding as llvm
 
-from optid.core import kernel, normal
+from optid.core import kernel
 from optid.core.compiling import stored
 from optid.core.emit import source, source_of_lanes, source_of_runs, width
 from optid.core.model import Model
 
-WORKERS = max(1, len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1)
+_COMPILING = threading.Lock()
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,21 +34,14 @@ class Compiled:
     width: int
     engine: Any = field(repr=False)
 
-    def simulate(self, *arguments: Any) -> None:
-        """See `optid.core.kernel.simulate`."""
-        kernel.simulate(self.code, *arguments)
+    def run(self, function: Callable[..., None], *arguments: Any) -> None:
+        """Call a kernel with this code, which stays in memory until it is done; the addresses alone would not hold it.
 
-    def carry(self, *arguments: Any) -> None:
-        """See `optid.core.kernel.carry`."""
-        kernel.carry(self.code, *arguments)
-
-    def normal_equations(self, *arguments: Any) -> None:
-        """See `optid.core.normal.normal_equations`."""
-        normal.normal_equations(self.code, *arguments)
-
-    def trace(self, *arguments: Any) -> None:
-        """See `optid.core.kernel.trace`."""
-        kernel.trace(self.code, *arguments)
+        Args:
+            function: one of `optid.core.kernel`, `optid.core.filter` or `optid.core.normal`.
+            arguments: its own, after the code.
+        """
+        function(self.code, *arguments)
 
 
 @lru_cache(maxsize=64)
@@ -90,7 +81,8 @@ def machine_code(content: str, write: Callable[[], str]) -> Any:
     """
     machine = _machine()
     host = f"{llvm.llvm_version_info} {machine.triple} {llvm.get_host_cpu_name()} {_features()}"
-    code = stored(f"{host} {content}", lambda: object_code(write()))
+    with _COMPILING:  # LLVM does one at a time anyway, and who waits for the same model finds it stored
+        code = stored(f"{host} {content}", lambda: object_code(write()))
     engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
     engine.add_object_file(llvm.ObjectFileRef.from_data(code))
     engine.finalize_object()
@@ -122,22 +114,3 @@ def _machine() -> Any:
 def _features() -> str:
     features: str = llvm.get_host_cpu_features().flatten()
     return features
-
-
-def spread(count: int, work: Callable[[int, int], None], grain: int = 1) -> None:
-    """Run ``work(first, last)`` over 0..count in as many threads as there are cores; the kernels hold no lock.
-
-    `first` is a multiple of `grain`.
-    """
-    chunks = min(2 * WORKERS, -(-count // grain))  # two per core: windows differ in effort
-    if chunks <= 1 or WORKERS == 1:
-        work(0, count)
-        return
-    edges = [*(round(i * count / chunks / grain) * grain for i in range(chunks)), count]
-    for future in [_pool().submit(work, a, b) for a, b in itertools.pairwise(edges)]:
-        future.result()
-
-
-@lru_cache(maxsize=1)
-def _pool() -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(WORKERS, thread_name_prefix="optid")

@@ -7,8 +7,10 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from optid.core.compiled import compiled_runs, spread
+from optid.core import kernel
+from optid.core.compiled import compiled_runs
 from optid.core.model import Array, Model
+from optid.core.threads import spread
 
 # Local error of a step as a share of each state's usual size: positions within 0.01 micrometre of Radau (tests).
 TOLERANCE = 2e-8
@@ -85,9 +87,10 @@ def simulate(
     P = np.ascontiguousarray(np.broadcast_to(parameters, (runs, len(model.parameters))), dtype=float)
     X = np.full((runs, longest + 1, len(model.states)), np.nan)
     Y = np.full((runs, longest + 1, len(model.outputs)), np.nan)
-    kernel, sizes = compiled_runs(model), tolerance * model.scales
+    machine, sizes = compiled_runs(model), tolerance * model.scales
     dt, inputs = np.ascontiguousarray(dt, dtype=float), np.ascontiguousarray(inputs, dtype=float)
-    spread(runs, lambda a, b: kernel.simulate(a, b, starts, counts, X0, P, dt, inputs, sizes, X, Y))
+    given = (starts, counts, X0, P, dt, inputs, sizes, X, Y)
+    spread(runs, lambda a, b: machine.run(kernel.simulate, a, b, *given))
     return Runs(X, Y)
 
 
@@ -114,6 +117,6 @@ def carry(
     ends, Y = np.empty_like(X), np.full((len(P), len(windows.dt), len(model.outputs)), np.nan)
     given = (windows.begins, windows.counts, windows.closed, np.ascontiguousarray(known), X0, P)
     found = (windows.dt, windows.inputs, tolerance * model.scales, X, Y, ends)
-    kernel = compiled_runs(model)
-    spread(len(P), lambda a, b: kernel.carry(a, b, *given, *found))
+    machine = compiled_runs(model)
+    spread(len(P), lambda a, b: machine.run(kernel.carry, a, b, *given, *found))
     return Carried(X, ends, Y)

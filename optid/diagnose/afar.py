@@ -12,10 +12,12 @@ import contextlib
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from optid.core.model import Array, Model
+from optid.core.threads import together
 from optid.diagnose.candidate import Candidate, Data
 from optid.diagnose.disturbance import Located
 from optid.diagnose.judge import EXCESS, excess, judge
@@ -96,31 +98,38 @@ def from_afar(
     ]
     begun += resembled
     running += resembled
+
+    def further(lead: Lead, steps: int, over: Sequence[int] | None) -> Lead:
+        return _lost(lead) if data.over else _further(lead, steps, over, looks)
+
     for leg, (steps, most, alike) in enumerate(race):
         if data.over:
             return []
-        over = None if leg else first
-        running = ahead(
-            [_further(lead, steps, over, looks) for lead in running if not data.over], most, alike
-        )
+        on = partial(further, steps=steps, over=None if leg else first)
+        running = ahead(together(on, running), most, alike)
     alone = _alone(guide, looks, whole)
     found = worthy(running, alone[0], guide)
-    best: list[Lead] = []
-    for signature in found:
+
+    def best(signature: Signature) -> Lead:
         lead = next(one for one in running if one.effect is signature.effect)
         branches = [] if near is not None else [one for one in begun if one.effect is lead.effect]
         others = ahead(branches, BRANCHES // len(found), BRANCHES)
-        best.append(_best(lead, others, looks, whole, data))
-    return worthy(ahead(best, len(best), 1), alone[1], guide)
+        return _best(lead, others, looks, whole, data)
+
+    return worthy(ahead(together(best, found), len(found), 1), alone[1], guide)
 
 
 def _seen(lead: Lead, over: Sequence[int], looks: Booleans) -> Lead:
     """The same with what its own filter leaves of the innovations, over the recording that is looked at first."""
     held = _filter(lead.question, lead.at.p, over)
     if held is None:
-        return replace(lead, at=Steered(lead.at.p, math.inf))
+        return _lost(lead)
     (z,) = innovations(lead.question, lead.at.p[None], lead.question.model, held, over, looks)
     return replace(lead, at=Steered(lead.at.p, float(huber(z).sum())))
+
+
+def _lost(lead: Lead) -> Lead:
+    return replace(lead, at=Steered(lead.at.p, math.inf))
 
 
 def _best(lead: Lead, others: Sequence[Lead], looks: Booleans, whole: Booleans, data: Data) -> Lead:
@@ -168,7 +177,7 @@ def _filter(q: Question, p: Array, over: Sequence[int] | None = None) -> Filtere
 def _further(lead: Lead, steps: int, over: Sequence[int] | None, looks: Booleans) -> Lead:
     held = _filter(lead.question, lead.at.p, over)
     if held is None:
-        return Lead(lead.effect, lead.question, lead.beside, Steered(lead.at.p, math.inf))
+        return _lost(lead)
     return lead.further(lead.question.model, held, steps, over, looks)
 
 

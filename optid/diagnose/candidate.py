@@ -12,6 +12,7 @@ import numpy as np
 
 from optid.core.model import Array, Model
 from optid.core.recording import Recording
+from optid.core.threads import together
 from optid.diagnose.judge import EXCESS, Judged, excess, judge
 from optid.effects.effect import Effect
 from optid.errors import SolveError
@@ -89,12 +90,9 @@ def fit_base(rig: Rig, data: Data, report: Report) -> Candidate:
     start = damped(question, rig.model.vector(rig.parameters))
     sticking = stuck(question, start)
     starts = [start] if np.array_equal(start, sticking) else [start, sticking]
-    near = [approach(question, p) for p in starts]
+    near = together(lambda p: approach(question, p), starts)
     if len(near) > 1 and not _alike(*near):  # the level of process noise may yet turn the choice
-        near = [
-            maximise(one.question, one.p, one.noise.levels, iterations=QUICK, polish=False, near=one)
-            for one in near
-        ]
+        near = together(_nearer, near)
     best = min(near, key=lambda answer: answer.score)
     report(0.06, "settling the base model")
     if excess(judge(best, data.holdout), data.noise) > EXCESS:
@@ -153,6 +151,13 @@ def _quietly_unskewed(answer: Answer) -> Answer:
         other = maximise(answer.question, p, answer.noise.levels - QUIETER, polish=False)
         return min(answer, other, key=lambda one: one.score)
     return answer
+
+
+def _nearer(answer: Answer) -> Answer:
+    """A few steps further, all filters anew."""
+    return maximise(
+        answer.question, answer.p, answer.noise.levels, iterations=QUICK, polish=False, near=answer
+    )
 
 
 def _followed(answer: Answer) -> Answer:

@@ -9,11 +9,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Self
 
 import numpy as np
 
 from optid.core.model import Array, Model
+from optid.core.threads import together
 from optid.diagnose.candidate import Candidate, Data
 from optid.diagnose.screen import Signature, grown, heard
 from optid.effects.effect import Effect
@@ -57,7 +59,8 @@ def leads(
         if data.over:
             return []
         over = None if leg else first
-        running = ahead([lead.further(q.model, guide.filtered, steps, over) for lead in running], most, alike)
+        further = partial(Lead.further, plain=q.model, guide=guide.filtered, steps=steps, over=over)
+        running = ahead(together(further, running), most, alike)
     return worthy(running, alone, guide)
 
 

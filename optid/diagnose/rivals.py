@@ -14,6 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from optid.core.model import Model
+from optid.core.threads import together
 from optid.diagnose.candidate import QUICK, Candidate, Data
 from optid.diagnose.contest import alike, cost, own_values
 from optid.diagnose.judge import Judged, compare, judge
@@ -117,16 +118,19 @@ def _instead(found: Search, effect: Effect, own: Sequence[Effect], data: Data) -
     guide = _emptied(best, rig, data, base.rig.model) if others else None
     if guide is None:
         return []
-    empty, models = Candidate(rest, rig, guide, best.judged), []
+    empty = Candidate(rest, rig, guide, best.judged)
     led = leads(empty, guide, [effect, *others], data, base.rig.model)
     mine = next((one.gain for one in led if one.effect is effect), math.inf)
     rows = int(np.isfinite(guide.filtered.innovations[0]).sum())
-    for one in led:
-        if one.effect is not effect:
-            with contextlib.suppress(SolveError):
-                there = _in_place(found, effect, empty, one, data)
-                models.append(Instead(one.effect, there, one.gain > mine - TOLERANCE * rows))
-    return models
+
+    def instead(led: Signature) -> Instead | None:
+        with contextlib.suppress(SolveError):
+            there = _in_place(found, effect, empty, led, data)
+            return Instead(led.effect, there, led.gain > mine - TOLERANCE * rows)
+        return None
+
+    models = together(instead, [one for one in led if one.effect is not effect])
+    return [model for model in models if model is not None]
 
 
 def _emptied(best: Candidate, rig: Rig, data: Data, plain: Model) -> Answer | None:

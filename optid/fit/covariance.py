@@ -19,8 +19,10 @@ import numpy as np
 from scipy import special
 from scipy.fft import next_fast_len, rfft
 
-from optid.core.compiled import compiled, spread
+from optid.core.compiled import compiled
+from optid.core.kernel import trace
 from optid.core.model import Array
+from optid.core.threads import spread
 from optid.fit.problem import Problem
 from optid.fit.smoother import Objective, Point, System, Terms, settled_system, solve_schur
 
@@ -62,18 +64,18 @@ def covariance(o: Objective, at: Point, t: Terms, q: Array, held: np.ndarray) ->
 def _influence(o: Objective, at: Point, s: System, held: np.ndarray) -> tuple[Array, Array]:
     """d theta / d (residual in sd): (samples, outputs, free); and the residuals."""
     b, nx = o.problem, len(o.model.states)
-    kernel, n, ny = compiled(o.model, o.free), len(b.time), len(o.model.outputs)
-    X, Y, G = np.full((n, nx), np.nan), np.full((n, ny), np.nan), np.zeros((n, ny, kernel.width))
+    machine, n, ny = compiled(o.model, o.free), len(b.time), len(o.model.outputs)
+    X, Y, G = np.full((n, nx), np.nan), np.full((n, ny), np.nan), np.zeros((n, ny, machine.width))
     sizes = o.tolerance * o.model.scales
     arguments = (b.begins, b.counts, b.closed, at.X, at.p, b.dt, b.inputs, sizes, X, Y, G)
-    spread(len(b.begins), lambda i, j: kernel.trace(i, j, *arguments))
+    spread(len(b.begins), lambda i, j: machine.run(trace, i, j, *arguments))
     # From slopes along a window's start and along theta to those along theta with the states eliminated, in one.
     eliminated = -o.model.scales[:, None] * s.Z.reshape(len(b.begins), nx, -1)
     along = np.broadcast_to(np.diag(o.typical * ~held), (len(b.begins), len(o.free), len(o.free)))
     onto = np.concatenate([eliminated, along], axis=1) @ solve_schur(s, np.eye(len(o.free)))
     influence = np.empty((n, ny, len(o.free)))
     for w, (i, j) in enumerate(itertools.pairwise([*b.begins, n])):
-        influence[i:j] = G[i:j, :, : kernel.directions] @ onto[w]
+        influence[i:j] = G[i:j, :, : machine.directions] @ onto[w]
     residual = (b.measured - Y) * o.weight
     factor = np.minimum(1.0, o.huber / np.maximum(np.abs(residual), 1e-300))
     return influence * o.weight[:, :, None], residual * factor

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import NamedTuple
 
 import casadi as ca
@@ -23,8 +24,9 @@ import numpy as np
 from scipy import stats
 
 from optid.core.model import Array, Model
+from optid.core.threads import together
 from optid.fit.likelihood import QUIET, Noise, Start, deviance, run_filter, start_of
-from optid.fit.likely_start import Beforehand, Opening, carried, likely_start, nearest
+from optid.fit.likely_start import Beforehand, Likely, Opening, carried, likely_start, nearest
 from optid.fit.problem import Booleans, Problem
 
 PARTS = 32
@@ -119,10 +121,7 @@ class _Look:
         ways = [(one.whole, one.whole.z(one.mean)) for one in (first, *others)]
         for end in ends[:anew]:
             part = _part(problem, begin, end)
-            likely = sorted(
-                ((likely_start(self._opening(part, known), z), known) for known, z in ways),
-                key=lambda one: one[0].evidence,
-            )
+            likely = sorted(together(partial(self._likely, part), ways), key=lambda one: one[0].evidence)
             best, whole = likely[0]
             opening = self._opening(part, whole)
             mean, covariance, normal = carried(opening, [one for one, _ in likely])
@@ -135,6 +134,11 @@ class _Look:
             on = [(known, one.z) for one, known in likely if one.evidence < best.evidence + BEHIND][:KEPT]
             ways = [*on, *((whole, z) for z in about)]
         return found
+
+    def _likely(self, part: Problem, way: tuple[Beforehand, Array]) -> tuple[Likely, Beforehand]:
+        """The likeliest start near one, and what that was of."""
+        known, z = way
+        return likely_start(self._opening(part, known), z), known
 
     def _against(self, opening: Problem) -> Array:
         """What speaks against each of the starts tried, in -2 log likelihood."""

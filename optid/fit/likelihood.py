@@ -16,9 +16,10 @@ import casadi as ca
 import numpy as np
 
 from optid.core import filter as kernel
-from optid.core.compiled import compiled_lanes, spread
+from optid.core.compiled import compiled_lanes
 from optid.core.model import Array, Model
 from optid.core.rows import LANES
+from optid.core.threads import spread
 from optid.fit.problem import Booleans, Integers, Problem
 
 TOLERANCE = 1e-5  # local error of the integration as a share of each state's usual size,
@@ -145,16 +146,12 @@ def run_filter(
     K = np.zeros((sets, N, ny, nx) if keep else (1, 1, 1, 1))
     S = np.zeros((sets if covariances else 0, N, nx, nx))
     of_set, of_segment = (np.ascontiguousarray(a) for a in _runs(sets, segments))
-    code, linear = compiled_lanes(model).code, linear_outputs(model)
+    machine, linear = compiled_lanes(model), linear_outputs(model)
     given = (of_set, of_segment, problem.begins, problem.counts, M0, C0, P, Q, R, problem.dt, problem.inputs)
     noise = np.sqrt(Q * float(np.median(problem.dt))) * model.scales
     tolerance = np.ascontiguousarray(np.maximum(_tolerance(model), BESIDE * noise))
-    spread(
-        len(of_set),
-        lambda a, b: kernel.filtered(
-            code, a, b, *given, problem.measured, linear, tolerance, model.scales, keep, E, V, X, K, S
-        ),
-    )
+    found = (problem.measured, linear, tolerance, model.scales, keep, E, V, X, K, S)
+    spread(len(of_set), lambda a, b: machine.run(kernel.filtered, a, b, *given, *found))
     return Filtered(E, V, X, K, S, tolerance)
 
 
@@ -196,12 +193,12 @@ def run_steered(
     M0 = np.ascontiguousarray(_starts(model, P)[0] if start is None else start)
     E = np.full((sets, len(problem.time), len(model.outputs)), np.nan)
     first_set, of_segment = _runs(-(-sets // LANES), segments)
-    code, places = compiled_lanes(model).code, np.array(common, dtype=np.int64)
+    machine, places = compiled_lanes(model), np.array(common, dtype=np.int64)
     tolerance = _tolerance(model)
     tolerance[places] = guide.tolerance[0]
     given = (LANES * first_set, of_segment, problem.begins, problem.counts, M0, P, guide.gains[0], places)
     data = (problem.dt, problem.inputs, problem.measured, tolerance, looks, E)
-    spread(len(first_set), lambda a, b: kernel.steered(code, a, b, *given, *data))
+    spread(len(first_set), lambda a, b: machine.run(kernel.steered, a, b, *given, *data))
     return E
 
 

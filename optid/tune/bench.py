@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from optid.core.compiled import compiled as machine_code
-from optid.core.compiled import spread
 from optid.core.kernel import advance, at, call
 from optid.core.model import CLOCK, INTERVAL, Array
+from optid.core.threads import spread
 from optid.errors import InputError
 from optid.pid.controller import Gains, Settings
 from optid.pid.law import GAINS, LAST_COMMAND, MEMORY, law
@@ -75,7 +75,6 @@ class PhysicalBench:
     def costs(self, gains: Array, settings: Settings, criterion: Criterion, command_size: float) -> Array:
         """Of gains (n, GAINS), shape (n,): the weighted sum over the episodes."""
         found = np.empty(len(gains))
-        machine_code(self.rig.model)  # not in every thread at once
 
         def run(first: int, last: int) -> None:
             for i in range(first, last):
@@ -87,13 +86,12 @@ class PhysicalBench:
         return found
 
     def _run(self, vector: Array, settings: Settings, episode: Episode, noise: Array) -> tuple[Array, Array]:
-        code: Any = machine_code(self.rig.model).code
         n = episode.reference.size
         y, u = np.full(n, np.nan), np.full(n, np.nan)
         scales = TOLERANCE * np.asarray(self.rig.model.scales, dtype=float)
         outputs = len(self.rig.model.outputs)
-        _closed(
-            code, vector, settings.sample_time, self._start, self._parameters, self._feeds, 1.0 / self._per_unit,
+        machine_code(self.rig.model).run(
+            _closed, vector, settings.sample_time, self._start, self._parameters, self._feeds, 1.0 / self._per_unit,
             scales, episode.reference, episode.load, noise, outputs, self._column, y, u,
         )  # fmt: skip
         return y, u

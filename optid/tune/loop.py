@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from optid.core.compiled import spread
 from optid.core.model import Array
+from optid.core.threads import spread
 from optid.errors import InputError
 from optid.pid import law as memory_layout
 from optid.pid.law import GAINS, MEMORY, law

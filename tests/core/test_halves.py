@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from optid.core.compiled import compiled
+from optid.core.kernel import trace
 from optid.core.linearise import linearise
+from optid.core.normal import normal_equations
 from optid.core.parameter import Parameter
 from optid.core.recording import Channel, Recording
 from optid.core.rows import LANES
@@ -72,12 +74,11 @@ def test_a_switch_inside_a_hold_is_that_of_a_finer_command():
 @pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
 def test_slopes_reach_the_moment_of_the_switch(share):
     model, q = both()[0][0], both()[1][0]
-    code, free = compiled(model, (model.index("share"), model.index("drag"))), (0, 1)
+    machine, free = compiled(model, (model.index("share"), model.index("drag"))), (0, 1)
     p, X = model.vector({"share": share}), np.full((N, 2), np.nan)
-    Y, G = np.full((N, 1), np.nan), np.zeros((N, 1, code.width))
-    code.trace(
-        0, 1, q.begins, q.counts, q.closed, np.zeros((1, 2)), p, q.dt, q.inputs, 1e-12 * model.scales, X, Y, G
-    )
+    Y, G = np.full((N, 1), np.nan), np.zeros((N, 1, machine.width))
+    given = (q.begins, q.counts, q.closed, np.zeros((1, 2)), p, q.dt, q.inputs, 1e-12 * model.scales)
+    machine.run(trace, 0, 1, *given, X, Y, G)
     for column, name in enumerate(("share", "drag")):
         nudge = {0.0: 1e-6, 1.0: -1e-6}.get(share, 1e-6)
         moved = model.vector({"share": share, name: p[model.index(name)] + nudge})
@@ -91,18 +92,18 @@ def test_slopes_reach_the_moment_of_the_switch(share):
 
 def test_windows_taken_together_switch_each():
     model, q = both()[0][0], both(shown=np.sin(np.arange(N)))[1][0]
-    code, p = compiled(model, (model.index("share"),)), model.vector({})
+    machine, p = compiled(model, (model.index("share"),)), model.vector({})
     begins, counts = np.arange(0, N - 20, 20), np.full(5, 20)
     closed, weight = np.zeros(5, dtype=bool), np.ones((N, 1))
 
     def terms(first, last):
         found = (
-            np.empty((5, 2)), np.empty((5, 2, code.width)), np.empty((5, code.directions, code.width)),
-            np.empty((5, code.width)), np.empty((5, 2)),
+            np.empty((5, 2)), np.empty((5, 2, machine.width)), np.empty((5, machine.directions, machine.width)),
+            np.empty((5, machine.width)), np.empty((5, 2)),
         )  # fmt: skip
-        code.normal_equations(
-            first, last, begins, counts, closed, np.zeros((5, 2)), p, q.dt, q.inputs, q.measured, weight, np.inf,
-            1e-12 * model.scales, *found,
+        machine.run(
+            normal_equations, first, last, begins, counts, closed, np.zeros((5, 2)), p, q.dt, q.inputs, q.measured,
+            weight, np.inf, 1e-12 * model.scales, *found,
         )  # fmt: skip
         return [part[first:last] for part in found]
 

@@ -10,6 +10,7 @@ from scipy.integrate import solve_ivp
 
 from optid.core.compiled import compiled, compiled_runs
 from optid.core.kernel import at, call
+from optid.core.normal import normal_equations
 from optid.core.sheet import build
 from optid.core.simulation import simulate
 from optid.rigs.rigfile import read_rig
@@ -61,16 +62,16 @@ def test_many_runs_at_once_equal_single_ones():
 def test_slopes_of_a_window_are_those_of_its_end():
     model = build(servo_pneumatic)
     free = (model.index("viscous_friction"), model.index("presliding_length"))
-    kernel, p, n = compiled(model, free), model.vector(VALUES), 60
+    machine, p, n = compiled(model, free), model.vector(VALUES), 60
     u, dt, nx = rich(n, np.random.default_rng(5)), np.full(n, 1e-3), len(model.states)
     start, scales = np.array(model.start(p)[0]).ravel(), model.scales
 
     def window(x0, q):
-        end, slope = np.empty((1, nx)), np.empty((1, nx, kernel.width))
-        H, g, cost = np.empty((1, nx + 2, kernel.width)), np.empty((1, kernel.width)), np.empty((1, 2))
+        end, slope = np.empty((1, nx)), np.empty((1, nx, machine.width))
+        H, g, cost = np.empty((1, nx + 2, machine.width)), np.empty((1, machine.width)), np.empty((1, 2))
         none = np.full((n, len(model.outputs)), np.nan)
-        kernel.normal_equations(
-            0, 1, np.array([0]), np.array([n - 1]), np.array([True]), x0[None], q, dt, u, none,
+        machine.run(
+            normal_equations, 0, 1, np.array([0]), np.array([n - 1]), np.array([True]), x0[None], q, dt, u, none,
             np.ones_like(none), np.inf, 1e-9 * scales, end, slope, H, g, cost,
         )  # fmt: skip
         return end[0], slope[0]

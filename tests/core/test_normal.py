@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
-from optid.core.compiled import compiled, spread
+from optid.core.compiled import compiled
+from optid.core.normal import normal_equations
 from optid.core.rows import LANES
 from optid.core.sheet import build
+from optid.core.threads import spread
 from optid.rigs.rigfile import read_rig
 from optid.rigs.servo_pneumatic import servo_pneumatic
 from tests.core.test_integrator import DATA
@@ -37,8 +39,9 @@ def terms(setting, dt, first, last, huber=np.inf, X0=None):
         np.full((w, nx), np.nan), np.full((w, nx, machine.width), np.nan), np.full((w, nd, machine.width), np.nan),
         np.full((w, machine.width), np.nan), np.full((w, 2), np.nan),
     )  # fmt: skip
-    machine.normal_equations(
-        first, last, BEGINS, COUNTS, CLOSED, X0, p, dt, U, Y, weight, huber, 1e-11 * model.scales, *found,
+    machine.run(
+        normal_equations, first, last, BEGINS, COUNTS, CLOSED, X0, p, dt, U, Y, weight, huber, 1e-11 * model.scales,
+        *found,
     )  # fmt: skip
     end, slope, H, g, cost = (part[first:last] for part in found)
     return dict(zip(NAMES, (end, slope[..., :nd], H[..., :nd], g[..., :nd], cost), strict=True))

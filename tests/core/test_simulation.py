@@ -1,12 +1,10 @@
-"""Windows carried one after the other, and code that is compiled once for equations that are the same."""
+"""Windows carried one after the other, and runs that leave the numbers."""
 
 from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
 
-from optid.core import compiled as module
-from optid.core.compiled import compiled
 from optid.core.parameter import Parameter
 from optid.core.sheet import build
 from optid.core.simulation import carry, simulate
@@ -87,12 +85,3 @@ def test_a_run_that_would_take_hours_leaves_the_numbers():
     x = simulate(model, np.array([[1e5], [2e9]]), np.array([1.0]), dt, push).states[:, :, 0]
     assert x[0, 1:] == pytest.approx(1e-5, rel=1e-3)
     assert np.isnan(x[1, 1:]).all()
-
-
-def test_equal_equations_are_compiled_once(monkeypatch):
-    one, same = build(decay), build(decay)
-    assert one != same
-    assert compiled(one) is compiled(one)
-    assert compiled(one, (0,)).engine is not compiled(one).engine
-    monkeypatch.setattr(module, "object_code", lambda text: pytest.fail("compiled again"))
-    assert compiled(same) is not compiled(one)

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from optid.core import threads
 from optid.diagnose import afar
 from optid.diagnose import refit as refit_of
 from optid.diagnose.afar import BRANCHES, RACE, calm, from_afar
@@ -46,6 +47,17 @@ def test_the_effect_at_work_leads_farthest_and_to_the_truth(worn):
     gains = [one.gain for one in found]
     assert gains == sorted(gains, reverse=True)
     assert gains[0] > 0.9 * np.isfinite(guide.filtered.innovations[0]).sum()
+
+
+def test_effects_lead_to_the_same_on_any_number_of_cores(worn, monkeypatch):
+    base, guide, data = worn
+    found = []
+    for cores in (1, 2):
+        monkeypatch.setattr(threads, "WORKERS", cores)
+        found.append(from_afar(base, guide, admitted(base.rig.model), data, base.rig.model))
+    assert [(one.effect.name, one.values, one.gain, one.beside) for one in found[0]] == [
+        (one.effect.name, one.values, one.gain, one.beside) for one in found[1]
+    ]
 
 
 def test_a_refit_begins_where_its_effect_led(worn, first):

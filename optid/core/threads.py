@@ -1,0 +1,58 @@
+"""Work on all cores: kernels hold no lock, so threads are enough."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import threading
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
+from functools import lru_cache
+from typing import TypeVar
+
+WORKERS = max(1, len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1)
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+_here = threading.local()
+
+
+def spread(count: int, work: Callable[[int, int], None], grain: int = 1) -> None:
+    """Run ``work(first, last)``, which calls a kernel, over 0..count in as many threads as there are cores.
+
+    `first` is a multiple of `grain`.
+    """
+    chunks = min(2 * WORKERS, -(-count // grain))  # two per core: windows differ in effort
+    if chunks <= 1 or WORKERS == 1:
+        work(0, count)
+        return
+    edges = [*(round(i * count / chunks / grain) * grain for i in range(chunks)), count]
+    for future in [_kernels().submit(work, a, b) for a, b in itertools.pairwise(edges)]:
+        future.result()
+
+
+def together(work: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
+    """``work(item)`` of each, in their order, as many at a time as there are cores.
+
+    A search runs few simulations at once, and between them it thinks: two searches side by side leave no core idle.
+    Each must stand for itself. Inside of `work` it goes on one after the other, so that no thread waits for its like.
+
+    Raises:
+        Whatever `work` raises, of the first item that it does so for.
+    """
+    if WORKERS == 1 or getattr(_here, "searching", False):
+        return [work(item) for item in items]
+
+    return list(_searches().map(work, items))
+
+
+# Apart, as a search waits for the kernels that it calls.
+@lru_cache(maxsize=1)
+def _kernels() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(WORKERS, "optid-kernel")
+
+
+@lru_cache(maxsize=1)
+def _searches() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(WORKERS, "optid-search", initializer=lambda: setattr(_here, "searching", True))
