@@ -111,18 +111,32 @@ def rival_of(c: Contest, t: Refitted, place: int) -> Rival:
     effects = (*c.current.effects, t.effect)
     t.rig, t.answer = centred(effects, t.rig, t.answer)
     candidate = Candidate(effects, t.rig, t.answer, judge(t.answer, c.data.holdout))
+    return _rival(c, t, candidate, level(place))
+
+
+def as_last(c: Contest, effect: Effect, candidate: Candidate) -> Rival:
+    """An effect of a model as the last to come to the model of the round, which has all others; alone in its turn."""
+    return _rival(c, Refitted(effect, candidate.rig, candidate.answer, {}), candidate, LEVEL)
+
+
+def _rival(c: Contest, t: Refitted, candidate: Candidate, at: float) -> Rival:
     gain = max(c.current.answer.score - t.answer.score, t.foreseen)
     against = compare(c.current.judged, candidate.judged, c.data.generator)
     why = misfit(t, gain, c.screened)
     rival = Rival(t.effect, candidate, gain, against, why, hopeful=not why)
-    return replace(rival, why=reason(c, rival, place))
+    return replace(rival, why=reason(c, rival, at))
 
 
-def reason(c: Contest, rival: Rival, place: int) -> str:
-    """Why a rival is not taken, in its turn by likelihood; empty if it may be."""
+def level(place: int) -> float:
+    """Each refit takes its turn by likelihood, and has half of the hold-out's error rate that is left."""
+    return LEVEL / 2.0 ** (place + 1)
+
+
+def reason(c: Contest, rival: Rival, at: float) -> str:
+    """Why a rival is not taken at a level of significance; empty if it may be."""
     if not rival.hopeful:
         return rival.why
-    why = _unproven(rival.against, place)
+    why = _unproven(rival.against, at)
     if why and rival.against.bounded_gain > 0.0:
         # What acts seldom shows in a window or two, too few for a test over windows.
         why = "" if brought_to_noise(c.current.judged, rival.candidate.judged, c.data.noise) else why
@@ -163,12 +177,9 @@ def misfit(t: Refitted, gain: float, screened: int) -> str:
     return ""
 
 
-def _unproven(against: Comparison, place: int) -> str:
-    """What the recordings held out have against a refitted effect; empty when they confirm it.
-
-    The refits take their turn by likelihood, and each turn has half of the hold-out's error rate that is left.
-    """
-    if against.p_value > LEVEL / 2 ** (place + 1):
+def _unproven(against: Comparison, at: float) -> str:
+    """What the recordings held out have against a refitted effect; empty when they confirm it."""
+    if against.p_value > at:
         return f"no gain on the recordings held out (p = {against.p_value:.2g})"
     if against.error_gain < WORTH:
         return f"held out, windows err by {100 * max(against.error_gain, 0):.1f} % less: too little to matter"

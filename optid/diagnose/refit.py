@@ -16,6 +16,7 @@ from optid.diagnose.contest import (
     Rival,
     alike,
     foremost,
+    level,
     misfit,
     order,
     reason,
@@ -78,7 +79,7 @@ def refit(c: Contest, few: Sequence[Signature], before: Sequence[Rival] = ()) ->
         likeliest_of.setdefault(rival.effect.name, rival)
     both = list(likeliest_of.values())
     if before:  # they take their turns together
-        both = [replace(rival, why=reason(c, rival, place)) for place, rival in enumerate(both)]
+        both = [replace(rival, why=reason(c, rival, level(place))) for place, rival in enumerate(both)]
     return foremost(sorted(both, key=order))
 
 

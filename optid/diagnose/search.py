@@ -16,14 +16,15 @@ from functools import partial
 from scipy import stats
 
 from optid.core.model import Model
+from optid.core.threads import together
 from optid.diagnose.afar import from_afar
 from optid.diagnose.candidate import ABOUT, QUIETER, Candidate, Data, Report, refitted, settled
-from optid.diagnose.contest import FORM, LEVEL, MOST, Contest, Rival, arrived, cost
-from optid.diagnose.judge import EXCESS, beyond_noise, brought_to_noise, cleared, compare, excess
+from optid.diagnose.contest import FORM, LEVEL, MOST, Contest, Rival, arrived, as_last, cost
+from optid.diagnose.judge import EXCESS, beyond_noise, cleared, excess
 from optid.diagnose.lead import stood
 from optid.diagnose.refit import TINY, refit
 from optid.diagnose.screen import Signature, screen
-from optid.diagnose.settling import likelier, rigidly
+from optid.diagnose.settling import likelier, plainer, rigidly
 from optid.effects.effect import Effect
 from optid.effects.library import admitted
 from optid.fit.place import Answer
@@ -351,12 +352,14 @@ def _thinned(
             if before.effects == others:  # it may have stood on a lower top than where the last effect led
                 one = min(before, one, key=lambda found: found.answer.score)
             without[effect.name] = one
-            loss = compare(one.judged, current.judged, data.generator)
-            needed = stats.chi2.isf(LEVEL, len(effect.fitted)) + cost(effect)
-            shown = loss.p_value <= LEVEL or brought_to_noise(one.judged, current.judged, data.noise)
-            idle = not shown or one.answer.score - current.answer.score < needed
-            if idle and (weakest is None or loss.gain < weakest[0]):
-                weakest = (loss.gain, effect, one)
+            idle = _idle(base, effect, one, current, data)
+            if idle is None and others and excess(one.judged, data.noise) <= ABOUT * EXCESS:
+                # With what the effect took over, and as much process noise, it may have missed its top.
+                report(0.92, f"the same without {effect.name} from a plain start")
+                one, whole = together(partial(plainer, data=data), [one, current])
+                idle = _idle(base, effect, one, whole, data)
+            if idle is not None and (weakest is None or idle < weakest[0]):
+                weakest = (idle, effect, one)
         if weakest is None:
             return current, without, tuple(dropped)
         dropped.append(weakest[1])
@@ -366,3 +369,12 @@ def _thinned(
             if rough is base
             else settled(rough.effects, rough.rig, rough.answer.p, rough.answer, data, plain)
         )
+
+
+def _idle(base: Candidate, effect: Effect, one: Candidate, current: Candidate, data: Data) -> float | None:
+    """What a model predicts better with an effect than `one` without it; ``None`` if that is needed.
+
+    It is where it would be confirmed as the last to come: what brought it may have been the want of another.
+    """
+    last = as_last(Contest(base, one, one.answer, 1, data, lambda words: None), effect, current)
+    return last.against.gain if last.why else None

@@ -274,30 +274,75 @@ def test_a_last_effect_that_would_have_to_be_the_largest_is_not_looked_for(share
     assert len(found.best.effects) == count
 
 
+def two_named(monkeypatch, again=-60.0, plain=None, left=9.0, size=2.0, error_gain=0.5):
+    """What is left of an offset (-50 alone) and a delay (-1000 with it) whose models without the other are refitted.
+
+    Without the delay the refit ends `again`, and `plain` from a plain start, where windows err by `left` noises.
+    """
+    offset, delay = (
+        SimpleNamespace(name=name, fitted=(1,), size=lambda values: size) for name in ("offset", "delay")
+    )
+
+    def model(effects, score):
+        return Candidate(effects, SimpleNamespace(), SimpleNamespace(score=score, p=None), None)
+
+    base, before, both = model((), 0.0), model((offset,), -50.0), model((offset, delay), -1000.0)
+    proof = Comparison(1.0, 1.0, 0.001, 0.0, error_gain)
+    monkeypatch.setattr(
+        search_of, "refitted",
+        lambda rig, effects, *others: model(effects, again if effects == (offset,) else -60.0),
+    )  # fmt: skip
+    monkeypatch.setattr(
+        search_of, "plainer",
+        lambda found, data: model((offset,), plain) if found.effects == (offset,) and plain else found,
+    )  # fmt: skip
+    monkeypatch.setattr(
+        search_of, "settled", lambda effects, rig, p, answer, *others: model(effects, answer.score)
+    )
+    monkeypatch.setattr(search_of, "excess", lambda judged, noise: left)
+    monkeypatch.setattr(contest_of, "excess", lambda judged, noise: 1.1)
+    monkeypatch.setattr(contest_of, "cleared", lambda *others, **how: 1.0)
+    monkeypatch.setattr(contest_of, "brought_to_noise", lambda *others: False)
+    monkeypatch.setattr(contest_of, "own_values", lambda *others: {})
+    monkeypatch.setattr(contest_of, "compare", lambda *others: proof)
+    data = Data((), (), {}, np.random.default_rng(0))
+    return search_of._thinned(base, both, before, data, None, lambda share, words: None)
+
+
 @pytest.mark.parametrize(
     ("again", "kept"),
     [(-995.0, ["offset"]), (-100.0, ["offset", "delay"]), (-10.0, ["offset", "delay"])],  # -50 before
 )
 def test_the_last_effect_must_be_needed_from_where_it_led_too(again, kept, monkeypatch):
     """A delay may have been confirmed only because the model before it had stopped at a wrong skew."""
-    offset, delay = (SimpleNamespace(name=name, fitted=(1,)) for name in ("offset", "delay"))
-
-    def model(effects, score):
-        return Candidate(effects, SimpleNamespace(), SimpleNamespace(score=score, p=None), None)
-
-    base, before, both = model((), 0.0), model((offset,), -50.0), model((offset, delay), -1000.0)
-    monkeypatch.setattr(
-        search_of, "refitted",
-        lambda rig, effects, *others: model(effects, again if effects == (offset,) else -60.0),
-    )  # fmt: skip
-    monkeypatch.setattr(search_of, "settled", lambda effects, rig, p, answer, *others: model(effects, again))
-    monkeypatch.setattr(search_of, "compare", lambda *others: SimpleNamespace(p_value=0.001, gain=1.0))
-    data = Data((), (), {}, np.random.default_rng(0))
-    best, without, dropped = search_of._thinned(base, both, before, data, None, lambda share, words: None)
+    best, without, dropped = two_named(monkeypatch, again)
     assert [effect.name for effect in best.effects] == kept
     assert [effect.name for effect in dropped] == (["delay"] if len(kept) == 1 else [])
     if len(kept) == 2:
         assert without["delay"].answer.score == min(again, -50.0)
+
+
+@pytest.mark.parametrize(
+    ("plain", "left", "kept"),
+    [
+        (-995.0, 4.0, ["offset"]),  # with a delay it had stopped before its top
+        (-900.0, 4.0, ["offset", "delay"]),
+        (-995.0, 9.0, ["offset", "delay"]),  # more is missing than a plain start would bring
+    ],
+)
+def test_without_an_effect_a_model_may_start_as_plainly_as_with_it(plain, left, kept, monkeypatch):
+    best, without, _ = two_named(monkeypatch, plain=plain, left=left)
+    assert [effect.name for effect in best.effects] == kept
+    if len(kept) == 2:
+        assert without["delay"].answer.score == -60.0
+
+
+@pytest.mark.parametrize(("size", "error_gain"), [(0.9, 0.5), (2.0, 0.03)])
+def test_effects_stay_that_would_be_confirmed_as_the_last_to_come(size, error_gain, monkeypatch):
+    """One of a size that is not worth a name, or one whose windows err by 3 % less, would not."""
+    best, _, dropped = two_named(monkeypatch, size=size, error_gain=error_gain)
+    assert not best.effects
+    assert len(dropped) == 2
 
 
 @pytest.mark.parametrize("led", [True, False])
@@ -685,7 +730,7 @@ def test_what_the_pasts_of_windows_may_explain_an_effect_beside_others_must_take
     contest = refit_of.Contest(current, current, None, 1, data, lambda words: None)
     proof = SimpleNamespace(p_value=1e-4, error_gain=0.5, bounded_gain=9.0)
     rival = Rival(None, Candidate((), None, None, "after"), 99.0, proof, "", hopeful=True)
-    why = contest_of.reason(contest, rival, 0)
+    why = contest_of.reason(contest, rival, contest_of.level(0))
     assert (not why) is named
     assert named or why.startswith("it clears 40 % of the error beyond the noise")
     assert asked == [("before", "after", False)]
@@ -714,16 +759,18 @@ def test_what_acts_seldom_counts_where_it_brings_the_windows_to_the_noise(
         lambda words: None,
     )
     against = Comparison(gain, gain, 0.016, 0.0, 0.5)
-    rival = Rival(SimpleNamespace(name="cushion", fitted=()), candidate, 900.0, against, "", hopeful=True)
-    assert (not contest_of.reason(contest, rival, 0)) is named
-    assert contest_of.reason(contest, replace(rival, why="too little", hopeful=False), 0) == "too little"
+    cushion = SimpleNamespace(name="cushion", fitted=(), size=lambda values: 2.0)
+    rival = Rival(cushion, candidate, 900.0, against, "", hopeful=True)
+    assert (not contest_of.reason(contest, rival, contest_of.level(0))) is named
+    assert contest_of.reason(contest, replace(rival, why="too little", hopeful=False), 0.01) == "too little"
     # It is needed later, too, though the windows that show it are few.
     effect = rival.effect
     with_it = Candidate((effect,), None, SimpleNamespace(score=-900.0), candidate.judged)
     base = Candidate((), None, SimpleNamespace(score=0.0), current.judged)
-    monkeypatch.setattr(search_of, "compare", lambda *others: against)
+    monkeypatch.setattr(contest_of, "own_values", lambda *others: {})
+    monkeypatch.setattr(contest_of, "compare", lambda *others: against)
     best, *_ = search_of._thinned(base, with_it, base, contest.data, None, lambda share, words: None)
-    assert (best is with_it) is (before > 1.2 >= after)
+    assert (best is with_it) is named
 
 
 @pytest.mark.parametrize(
@@ -838,7 +885,7 @@ def test_the_rivals_of_two_looks_take_their_turns_together(monkeypatch):
     data = Data((), (), {}, np.random.default_rng(0))
     found = refit_of.refit(refit_of.Contest(None, None, None, 4, data, lambda words: None), (), before)
     assert [(one.effect.name, one.train_gain, one.why) for one in found] == [
-        ("lag", 900.0, "turn 0"), ("drag", 50.0, "turn 1"), ("drift", 4.0, "turn 2"),
+        ("lag", 900.0, "turn 0.005"), ("drag", 50.0, "turn 0.0025"), ("drift", 4.0, "turn 0.00125"),
     ]  # fmt: skip
     assert best == [900.0]
     refit_of.refit(refit_of.Contest(None, None, None, 4, data, lambda words: None), (), before[3:])
