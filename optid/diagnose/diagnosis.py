@@ -331,8 +331,8 @@ def _rejected(found: Search, best: Candidate, closest: Closest | None) -> tuple[
                     reasons[name] = (
                         f"the screen finds no more than {max(signature.gain, 0.0):.0f} for it in -2 log likelihood"
                     )
-    for effect in found.dropped:
-        reasons[effect.name] = "idle once the others are there"
+    for last in found.dropped:
+        reasons[last.effect.name] = f"beside the others {last.why}"
     for name, others in found.instead.items():
         for other in others:
             less = other.candidate.answer.score - best.answer.score

@@ -16,7 +16,6 @@ from functools import partial
 from scipy import stats
 
 from optid.core.model import Model
-from optid.core.threads import together
 from optid.diagnose.afar import from_afar
 from optid.diagnose.candidate import ABOUT, QUIETER, Candidate, Data, Report, refitted, settled
 from optid.diagnose.contest import FORM, LEVEL, MOST, Contest, Rival, arrived, as_last, cost
@@ -24,7 +23,7 @@ from optid.diagnose.judge import EXCESS, beyond_noise, cleared, excess
 from optid.diagnose.lead import stood
 from optid.diagnose.refit import TINY, refit
 from optid.diagnose.screen import Signature, screen
-from optid.diagnose.settling import likelier, plainer, rigidly
+from optid.diagnose.settling import likelier, rigidly
 from optid.effects.effect import Effect
 from optid.effects.library import admitted
 from optid.fit.place import Answer
@@ -98,7 +97,7 @@ class Search:
         base, best: the model before, and the one it ended with.
         rounds: every step.
         without: the best model without one of its effects, by that effect's name.
-        dropped: effects that a later one made idle.
+        dropped: effects that others made idle, each against the model without it.
         instead: models with a look-alike in the place of an effect, by that effect's name.
         stopped: its time was over before everything was tried.
         rigid: contacts of the best model may be as short as their law allows, and so those of its rivals.
@@ -108,7 +107,7 @@ class Search:
     best: Candidate
     rounds: tuple[Round, ...]
     without: Mapping[str, Candidate] = field(default_factory=dict)
-    dropped: tuple[Effect, ...] = field(default=())
+    dropped: tuple[Rival, ...] = field(default=())
     instead: Mapping[str, tuple[Instead, ...]] = field(default_factory=dict)
     stopped: bool = False
     rigid: bool = False
@@ -336,15 +335,16 @@ def _promising(plain: Sequence[Signature], tight: Sequence[Signature]) -> list[S
 
 def _thinned(
     base: Candidate, current: Candidate, before: Candidate, data: Data, plain: Model, report: Report
-) -> tuple[Candidate, dict[str, Candidate], tuple[Effect, ...]]:
-    """Without the effects that a later one made idle; what each of the others is needed for; those dropped.
+) -> tuple[Candidate, dict[str, Candidate], tuple[Rival, ...]]:
+    """Without the effects that others make idle; what each of those left is needed for; those dropped.
 
+    An effect stays if it would be confirmed as the last to come: what brought it may have been the want of another.
     `before` is the model before the last effect.
     """
-    dropped: list[Effect] = []
+    dropped: list[Rival] = []
     while True:
         without: dict[str, Candidate] = {}
-        weakest: tuple[float, Effect, Candidate] | None = None
+        idle: list[Rival] = []
         for effect in current.effects:
             report(0.92, f"whether {effect.name} is still needed")
             others = tuple(e for e in current.effects if e is not effect)
@@ -352,29 +352,15 @@ def _thinned(
             if before.effects == others:  # it may have stood on a lower top than where the last effect led
                 one = min(before, one, key=lambda found: found.answer.score)
             without[effect.name] = one
-            idle = _idle(base, effect, one, current, data)
-            if idle is None and others and excess(one.judged, data.noise) <= ABOUT * EXCESS:
-                # With what the effect took over, and as much process noise, it may have missed its top.
-                report(0.92, f"the same without {effect.name} from a plain start")
-                one, whole = together(partial(plainer, data=data), [one, current])
-                idle = _idle(base, effect, one, whole, data)
-            if idle is not None and (weakest is None or idle < weakest[0]):
-                weakest = (idle, effect, one)
-        if weakest is None:
+            last = as_last(Contest(base, one, one.answer, 1, data, partial(report, 0.92)), effect, current)
+            if last.why:
+                idle.append(last)
+        if not idle:
             return current, without, tuple(dropped)
-        dropped.append(weakest[1])
-        rough = weakest[2]
+        dropped.append(min(idle, key=lambda last: last.against.gain))
+        rough = without[dropped[-1].effect.name]
         current = (
             base
             if rough is base
             else settled(rough.effects, rough.rig, rough.answer.p, rough.answer, data, plain)
         )
-
-
-def _idle(base: Candidate, effect: Effect, one: Candidate, current: Candidate, data: Data) -> float | None:
-    """What a model predicts better with an effect than `one` without it; ``None`` if that is needed.
-
-    It is where it would be confirmed as the last to come: what brought it may have been the want of another.
-    """
-    last = as_last(Contest(base, one, one.answer, 1, data, lambda words: None), effect, current)
-    return last.against.gain if last.why else None

@@ -274,10 +274,10 @@ def test_a_last_effect_that_would_have_to_be_the_largest_is_not_looked_for(share
     assert len(found.best.effects) == count
 
 
-def two_named(monkeypatch, again=-60.0, plain=None, left=9.0, size=2.0, error_gain=0.5):
-    """What is left of an offset (-50 alone) and a delay (-1000 with it) whose models without the other are refitted.
+def two_named(monkeypatch, again=-60.0, size=2.0, error_gain=0.5):
+    """What is left of an offset (-50 alone) and a delay (-1000 with it) that are tried without each other.
 
-    Without the delay the refit ends `again`, and `plain` from a plain start, where windows err by `left` noises.
+    Without the delay the refit ends `again`.
     """
     offset, delay = (
         SimpleNamespace(name=name, fitted=(1,), size=lambda values: size) for name in ("offset", "delay")
@@ -293,13 +293,8 @@ def two_named(monkeypatch, again=-60.0, plain=None, left=9.0, size=2.0, error_ga
         lambda rig, effects, *others: model(effects, again if effects == (offset,) else -60.0),
     )  # fmt: skip
     monkeypatch.setattr(
-        search_of, "plainer",
-        lambda found, data: model((offset,), plain) if found.effects == (offset,) and plain else found,
-    )  # fmt: skip
-    monkeypatch.setattr(
         search_of, "settled", lambda effects, rig, p, answer, *others: model(effects, answer.score)
     )
-    monkeypatch.setattr(search_of, "excess", lambda judged, noise: left)
     monkeypatch.setattr(contest_of, "excess", lambda judged, noise: 1.1)
     monkeypatch.setattr(contest_of, "cleared", lambda *others, **how: 1.0)
     monkeypatch.setattr(contest_of, "brought_to_noise", lambda *others: False)
@@ -317,32 +312,23 @@ def test_the_last_effect_must_be_needed_from_where_it_led_too(again, kept, monke
     """A delay may have been confirmed only because the model before it had stopped at a wrong skew."""
     best, without, dropped = two_named(monkeypatch, again)
     assert [effect.name for effect in best.effects] == kept
-    assert [effect.name for effect in dropped] == (["delay"] if len(kept) == 1 else [])
+    assert [one.effect.name for one in dropped] == (["delay"] if len(kept) == 1 else [])
     if len(kept) == 2:
         assert without["delay"].answer.score == min(again, -50.0)
 
 
 @pytest.mark.parametrize(
-    ("plain", "left", "kept"),
+    ("size", "error_gain", "why"),
     [
-        (-995.0, 4.0, ["offset"]),  # with a delay it had stopped before its top
-        (-900.0, 4.0, ["offset", "delay"]),
-        (-995.0, 9.0, ["offset", "delay"]),  # more is missing than a plain start would bring
+        (0.9, 0.5, "the refit leaves it at 90 % of the smallest size worth a name"),
+        (2.0, 0.03, "held out, windows err by 3.0 % less"),
     ],
 )
-def test_without_an_effect_a_model_may_start_as_plainly_as_with_it(plain, left, kept, monkeypatch):
-    best, without, _ = two_named(monkeypatch, plain=plain, left=left)
-    assert [effect.name for effect in best.effects] == kept
-    if len(kept) == 2:
-        assert without["delay"].answer.score == -60.0
-
-
-@pytest.mark.parametrize(("size", "error_gain"), [(0.9, 0.5), (2.0, 0.03)])
-def test_effects_stay_that_would_be_confirmed_as_the_last_to_come(size, error_gain, monkeypatch):
+def test_effects_stay_that_would_be_confirmed_as_the_last_to_come(size, error_gain, why, monkeypatch):
     """One of a size that is not worth a name, or one whose windows err by 3 % less, would not."""
     best, _, dropped = two_named(monkeypatch, size=size, error_gain=error_gain)
     assert not best.effects
-    assert len(dropped) == 2
+    assert [one.why.partition(":")[0] for one in dropped] == 2 * [why]
 
 
 @pytest.mark.parametrize("led", [True, False])
