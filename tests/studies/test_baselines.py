@@ -190,6 +190,23 @@ def test_brute_force_fits_slower_recordings_and_is_judged_by_what_was_recorded(t
     assert slower.holdout is task.holdout
 
 
+def test_brute_force_begins_where_the_base_model_was_fitted(task, monkeypatch):
+    began = []
+
+    def fit(rig, recordings, options):
+        began.append(rig.parameters["viscous_friction"])
+        return SimpleNamespace(values={"viscous_friction": 77.0}, parameters=())
+
+    monkeypatch.setattr(exhaustive, "asked", lambda: task)
+    monkeypatch.setattr(exhaustive, "fit", fit)
+    monkeypatch.setattr(exhaustive, "bic", lambda *_: 1.0)
+    monkeypatch.setattr(exhaustive, "window_rmse", lambda *_: 1e-4)
+    exhaustive.main()
+    assert began[0] == task.rig.parameters["viscous_friction"]
+    assert set(began[1:]) == {77.0}
+    assert json.loads((task.out / "diagnosis.json").read_text())["verdict"] == "consistent"
+
+
 def test_brute_force_refits_the_strength_alone_where_the_form_does_not_show(task, monkeypatch):
     effect = next(one for one in admitted(task.rig.model) if one.name == "valve_deadband")
     base = {one.name for one in task.rig.freed}
