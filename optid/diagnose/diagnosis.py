@@ -332,7 +332,7 @@ def _rejected(found: Search, best: Candidate, closest: Closest | None) -> tuple[
                         f"the screen finds no more than {max(signature.gain, 0.0):.0f} for it in -2 log likelihood"
                     )
     for last in found.dropped:
-        reasons[last.effect.name] = f"beside the others {last.why}"
+        reasons[last.effect.name] = f"beside the others: {last.why}"
     for name, others in found.instead.items():
         for other in others:
             less = other.candidate.answer.score - best.answer.score

@@ -66,23 +66,6 @@ def test_who_asks_for_a_model_that_is_being_compiled_waits_for_it(monkeypatch, t
     assert len(calls) == 1
 
 
-def test_code_stays_while_it_runs_though_nobody_else_keeps_it():
-    """What keeps the addresses alone runs into memory that is no longer its own."""
-    model, seen = build(decay), []
-
-    def run(code):
-        compiled_runs.cache_clear()
-        gc.collect()
-        seen.append(engine() is not None)
-
-    compiled_runs.cache_clear()
-    engine = weakref.ref(compiled_runs(model).engine)
-    compiled_runs(model).run(run)
-    gc.collect()
-    assert seen == [True]
-    assert engine() is None
-
-
 def simulated(model):
     return simulate(model, np.array([3.0]), np.zeros(1), np.full(2000, 1e-3), np.ones((2000, 1))).states[
         0, -1, 0
@@ -98,6 +81,30 @@ def filtered(model):
     p, Q, R = np.array([[3.0]]), np.array([[1e-4]]), np.array([[1e-4]])
     f = run_filter(model, problem, p, Q, R, keep=True)
     return f.innovations[0, -1, 0], run_steered(model, problem, p, f, [0])[0, -1, 0]
+
+
+@pytest.mark.parametrize(
+    ("asked", "cache", "module", "name"),
+    [
+        (simulated, compiled_runs, simulation.kernel, "simulate"),
+        (filtered, compiled_lanes, likelihood.kernel, "filtered"),
+        (filtered, compiled_lanes, likelihood.kernel, "steered"),
+    ],
+)
+def test_code_stays_while_it_runs_though_the_cache_lets_it_go(asked, cache, module, name, monkeypatch):
+    """Who keeps the addresses alone runs into memory that is no longer its own."""
+    (model,), seen = others(1), []
+    engine = weakref.ref(cache(model).engine)
+
+    def run(*arguments):
+        cache.cache_clear()
+        gc.collect()
+        seen.append(engine() is not None)
+
+    monkeypatch.setattr(module, name, run)
+    asked(model)
+    assert seen
+    assert all(seen)
 
 
 @pytest.mark.parametrize("asked", [simulated, filtered])
