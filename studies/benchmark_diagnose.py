@@ -24,15 +24,15 @@ ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))  # the studies are no package: find their neighbours from any folder
 
 from optid.core.recording import Channel, Recording  # noqa: E402
-from optid.diagnose.candidate import Data, fit_base  # noqa: E402
-from optid.diagnose.diagnosis import diagnose  # noqa: E402
-from optid.diagnose.judge import judge  # noqa: E402
+from optid.diagnosis.candidate import Data, fit_base  # noqa: E402
+from optid.diagnosis.diagnosis import diagnose  # noqa: E402
+from optid.diagnosis.judge import judge  # noqa: E402
 from optid.effects.effect import Effect  # noqa: E402
 from optid.effects.library import admitted  # noqa: E402
 from optid.errors import SolveError  # noqa: E402
-from optid.fit.likelihood import WHOLE  # noqa: E402
-from optid.fit.problem import pose  # noqa: E402
-from optid.fit.scoring import maximise, question_of  # noqa: E402
+from optid.estimation.likelihood import WHOLE  # noqa: E402
+from optid.estimation.problem import pose  # noqa: E402
+from optid.estimation.scoring import maximise, question_of  # noqa: E402
 from optid.rigs.rigfile import Rig, read_rig, with_effects  # noqa: E402
 from studies.independent_rig import recording, simulate  # noqa: E402
 from studies.make_recording import WORN  # noqa: E402

@@ -30,7 +30,7 @@ from optid.core.emit import source
 from optid.core.readers import read_recording
 from optid.core.simulation import TOLERANCE, simulate
 from optid.core.threads import WORKERS
-from optid.fit.batch import FitOptions, fit
+from optid.estimation.batch import FitOptions, fit
 from optid.rigs.rigfile import Rig, read_rig
 from studies.peers import axis, fit_c, fit_scipy
 from studies.peers.record import NOISE, Record, benchmark_record

@@ -25,13 +25,13 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from optid.armax import Armax, Orders
 from optid.armax.batch import fit_batch
 from optid.pid.controller import Gains, Settings
-from optid.tune.baselines import ziegler_nichols_ultimate
-from optid.tune.demand import step
-from optid.tune.optimise import Options, default_gains, optimise
-from optid.tune.plant import plant_of
-from optid.tune.search import box
-from optid.tune.task import Task
-from optid.tune.ultimate import ultimate
+from optid.tuning.baselines import ziegler_nichols_ultimate
+from optid.tuning.demand import step
+from optid.tuning.optimise import Options, default_gains, optimise
+from optid.tuning.plant import plant_of
+from optid.tuning.search import box
+from optid.tuning.task import Task
+from optid.tuning.ultimate import ultimate
 
 Array = NDArray[np.float64]
 ROOT = Path(__file__).parents[1]

@@ -18,8 +18,8 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from optid.core.readers import read_recording
 from optid.core.recording import Recording, held
 from optid.core.simulation import simulate
-from optid.fit.batch import FitOptions, fit
-from optid.fit.result import Fit
+from optid.estimation.batch import FitOptions, fit
+from optid.estimation.result import Fit
 from optid.rigs.rigfile import Rig, read_rig
 
 ROOT = Path(__file__).parents[1]

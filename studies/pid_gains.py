@@ -30,19 +30,19 @@ import pandas as pd
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from optid.armax import Armax
 from optid.core.readers import read_recording
-from optid.fit.batch import fit
+from optid.estimation.batch import fit
 from optid.pid.controller import Controller, Gains, Settings
 from optid.rigs.rigfile import Rig, read_rig, write_rig
-from optid.tune.bench import PhysicalBench
-from optid.tune.criterion import Criterion
-from optid.tune.demand import Episode, moves, profile, step
-from optid.tune.loop import Course
-from optid.tune.margins import Required
-from optid.tune.optimise import Options, optimise
-from optid.tune.plant import plant_of
-from optid.tune.score import Response, response
-from optid.tune.task import Task
-from optid.tune.tuning import Scored, Tuning, compared, open_loop, tune
+from optid.tuning.bench import PhysicalBench
+from optid.tuning.criterion import Criterion
+from optid.tuning.demand import Episode, moves, profile, step
+from optid.tuning.loop import Course
+from optid.tuning.margins import Required
+from optid.tuning.optimise import Options, optimise
+from optid.tuning.plant import plant_of
+from optid.tuning.score import Response, response
+from optid.tuning.task import Task
+from optid.tuning.tuning import Scored, Tuning, compared, open_loop, tune
 from studies.benchmark_tune import LIMIT, ROOT, STEP, T, identified
 from studies.live_rig import LiveRig
 from studies.make_recording import BENCH

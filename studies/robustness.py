@@ -26,8 +26,8 @@ ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))  # the studies are no package: find their neighbours from any folder
 
 from optid.core.recording import Channel, Recording  # noqa: E402
-from optid.diagnose.diagnosis import diagnose  # noqa: E402
-from optid.diagnose.judge import excess  # noqa: E402
+from optid.diagnosis.diagnosis import diagnose  # noqa: E402
+from optid.diagnosis.judge import excess  # noqa: E402
 from optid.rigs.rigfile import Rig as RigFile  # noqa: E402
 from optid.rigs.rigfile import read_rig  # noqa: E402
 from studies.independent_rig import Rig, Sensors, recording, simulate  # noqa: E402

@@ -132,12 +132,12 @@ def test_check_of_a_still_recording_fails(tmp_path):
     ids=["job", "bug", "interrupt"],
 )  # fmt: skip
 def test_failing_job_leaves_nothing(error, status, fragment, tmp_path, monkeypatch):
-    import optid.fit.prediction
+    import optid.estimation.prediction
 
     def fail(*_):
         raise error
 
-    monkeypatch.setattr(optid.fit.prediction, "predict", fail)
+    monkeypatch.setattr(optid.estimation.prediction, "predict", fail)
     assert fragment in refused(run("simulate", BENCH, STEPS, "--out", tmp_path / "out"), status)
     assert list(tmp_path.iterdir()) == []
 

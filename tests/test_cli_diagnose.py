@@ -6,7 +6,6 @@ import sys
 
 import numpy as np
 import pytest
-
 from tests.diagnose.trolley import recording, rig
 
 WIDTH = 0.2

@@ -10,12 +10,15 @@ FLOORS = {
     "errors": 0,
     "core": 1,
     "rigs": 2, "effects": 2,
-    "fit": 3, "armax": 3, "pid": 3, "check": 3,
-    "diagnose": 4, "tune": 4, "live": 4, "plan": 4,
+    "estimation": 3, "armax": 3, "pid": 3, "quality": 3,
+    "diagnosis": 4, "tuning": 4, "live": 4, "experiments": 4,
     "report": 5, "plot": 5,
     "cli": 6,
 }  # fmt: skip
-NEIGHBOURS = {("fit", "check"), ("rigs", "effects"), ("live", "tune"), ("plan", "tune"), ("plan", "live")}
+NEIGHBOURS = {
+    ("estimation", "quality"), ("rigs", "effects"), ("live", "tuning"),
+    ("experiments", "tuning"), ("experiments", "live"),
+}  # fmt: skip
 FILES = sorted(path for path in PACKAGE.rglob("*.py") if path != PACKAGE / "__init__.py")
 
 

@@ -37,7 +37,7 @@ def check(context: click.Context, rig: str, recordings: tuple[str, ...]) -> None
 
 def _say_lags(rig: Rig, recording: Recording) -> None:
     """By how much what is measured follows each input, where they resemble each other at all."""
-    from optid.check.motion import answer
+    from optid.quality.motion import answer
 
     for cause in dict.fromkeys(port.role for port in rig.model.inputs if port.role in recording):
         for role in (port.role for port in rig.model.outputs if port.role in recording):
@@ -50,7 +50,7 @@ def _say_lags(rig: Rig, recording: Recording) -> None:
 
 def _say_identifiability(rig: Rig, recordings: list[Recording]) -> bool:
     """What the data tell of the parameters to fit; is one without influence?"""
-    from optid.fit.identifiability import identifiability
+    from optid.estimation.identifiability import identifiability
 
     with waiting("examining what the data can tell"):
         ties = identifiability(rig, recordings)

@@ -17,8 +17,8 @@ import click
 from optid.errors import InputError, JobError, NotIdentifiable
 
 if TYPE_CHECKING:
-    from optid.check.remark import Remark
     from optid.core.recording import Recording
+    from optid.quality.remark import Remark
     from optid.rigs.rigfile import Rig
 
 OUT = click.option("--out", required=True, metavar="DIR", help="Folder for the results; made if absent.")
@@ -28,9 +28,9 @@ Read = list[tuple["Recording", tuple["Remark", ...]]]
 
 def read_all(rig: str, recordings: Sequence[str], holdout: Sequence[str] = ()) -> tuple[Rig, Read, Read]:
     """The rig, and the recordings with their remarks: the first ones, and those held out."""
-    from optid.check.quality import quality
     from optid.core.readers import read_recording
     from optid.core.recording import Experiments
+    from optid.quality.quality import quality
     from optid.rigs.rigfile import read_rig
 
     understood = read_rig(rig)

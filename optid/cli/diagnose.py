@@ -54,7 +54,7 @@ def diagnose(
 
     import numpy as np
 
-    from optid.diagnose.diagnosis import diagnose as ask
+    from optid.diagnosis.diagnosis import diagnose as ask
     from optid.effects.library import from_file
     from optid.report.diagnosis_document import diagnosis_document
     from optid.report.diagnosis_page import diagnosis_page

@@ -26,9 +26,9 @@ from optid.errors import InputError, JobError, NotIdentifiable
 
 if TYPE_CHECKING:
     from optid.core.recording import Recording
-    from optid.fit.batch import FitOptions
-    from optid.fit.profile import Profile
-    from optid.fit.result import Fit
+    from optid.estimation.batch import FitOptions
+    from optid.estimation.profile import Profile
+    from optid.estimation.result import Fit
     from optid.report.page import Exhibit
     from optid.rigs.rigfile import Rig
 
@@ -53,10 +53,10 @@ def fit(rig: str, recordings: tuple[str, ...], holdout: tuple[str, ...], out: st
     understood, train, held_out = read_all(rig, recordings, holdout)
     refuse_unfit(train)
 
-    from optid.fit.batch import FitOptions
-    from optid.fit.batch import fit as fit_rig
-    from optid.fit.profile import fitted
-    from optid.fit.result import Outcome
+    from optid.estimation.batch import FitOptions
+    from optid.estimation.batch import fit as fit_rig
+    from optid.estimation.profile import fitted
+    from optid.estimation.result import Outcome
     from optid.report.page import fit_page
     from optid.report.scores import fit_document
     from optid.rigs.rigfile import write_rig
@@ -99,7 +99,7 @@ def fit(rig: str, recordings: tuple[str, ...], holdout: tuple[str, ...], out: st
 
 
 def _exhibits(rig: Rig, result: Fit, train: Read, held_out: Read) -> list[Exhibit]:
-    from optid.fit.prediction import predict
+    from optid.estimation.prediction import predict
     from optid.report.page import Exhibit
 
     return [
@@ -113,7 +113,7 @@ def _profiles(
     rig: Rig, recordings: list[Recording], result: Fit, options: FitOptions, names: tuple[str, ...]
 ) -> list[Profile]:
     """Those asked for; one that cannot be is said on the terminal, and the fit stands."""
-    from optid.fit.profile import profile
+    from optid.estimation.profile import profile
 
     found = []
     for name in dict.fromkeys(names):

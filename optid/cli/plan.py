@@ -14,8 +14,8 @@ from optid.errors import InputError
 
 if TYPE_CHECKING:
     from optid.effects.effect import Effect
-    from optid.plan.files import Planned
-    from optid.plan.loop import Loop
+    from optid.experiments.files import Planned
+    from optid.experiments.loop import Loop
     from optid.rigs.rigfile import Rig
 
 POSITIVE = click.FloatRange(min=0, min_open=True)
@@ -43,8 +43,8 @@ def plan(rig: str, out: str, **choices: Any) -> None:
 
     import numpy as np
 
-    from optid.plan.design import design
-    from optid.plan.files import Planned, document, table
+    from optid.experiments.design import design
+    from optid.experiments.files import Planned, document, table
     from optid.report.plan_page import plan_page
     from optid.rigs.rigfile import read_rig
 
@@ -88,9 +88,9 @@ def _call(rig: str, out: Path, planned: Planned, choices: dict[str, Any]) -> str
 
 
 def _loop(rig: Rig, choices: dict[str, Any]) -> Loop:
+    from optid.experiments.loop import Loop, refuse_endless, refuse_unfit
     from optid.live.gains import controller_settings, gentle, read_gains
     from optid.live.settings import live_settings
-    from optid.plan.loop import Loop, refuse_endless, refuse_unfit
 
     refuse_unfit(rig)
     settings = live_settings(rig, choices["rate"])
@@ -103,7 +103,7 @@ def _loop(rig: Rig, choices: dict[str, Any]) -> Loop:
 
 def _rivals(rig: Rig, choices: dict[str, Any]) -> tuple[Effect, ...]:
     from optid.effects.library import from_file
-    from optid.plan.rivals import from_diagnosis, named
+    from optid.experiments.rivals import from_diagnosis, named
 
     if (choices["rivals"] is None) == (choices["diagnosis"] is None):
         found = "neither is given" if choices["rivals"] is None else "both are given"
@@ -115,7 +115,7 @@ def _rivals(rig: Rig, choices: dict[str, Any]) -> tuple[Effect, ...]:
 
 
 def _say(planned: Planned) -> None:
-    from optid.plan.separation import NEEDED
+    from optid.experiments.separation import NEEDED
 
     rows = planned.design.separations
     click.echo(

@@ -18,7 +18,7 @@ def simulate(rig: str, recording: str, out: str) -> None:
     folder = results_folder(out)
     understood, [(read, remarks)], _ = read_all(rig, (recording,))
 
-    from optid.fit.prediction import predict
+    from optid.estimation.prediction import predict
     from optid.report.page import Exhibit, simulation_page
     from optid.report.scores import metrics_document
 

@@ -13,8 +13,8 @@ from optid.errors import InputError, SolveError
 
 if TYPE_CHECKING:
     from optid.core.model import Array
-    from optid.tune.posing import Posed, Wishes
-    from optid.tune.tuning import Scored, Tuning
+    from optid.tuning.posing import Posed, Wishes
+    from optid.tuning.tuning import Scored, Tuning
 
 
 SENSITIVITY = (
@@ -103,9 +103,9 @@ def tune(model: str, out: str, **choices: Any) -> None:
 
     from optid.armax.files import load
     from optid.rigs.rigfile import read_rig
-    from optid.tune.files import document
-    from optid.tune.posing import pose
-    from optid.tune.tuning import tune as tuned
+    from optid.tuning.files import document
+    from optid.tuning.posing import pose
+    from optid.tuning.tuning import tune as tuned
 
     contents = load(Path(model))
     rig = None if choices["rig"] is None else read_rig(choices["rig"])
@@ -147,7 +147,7 @@ def _exported(tuning: Tuning) -> dict[str, str]:
 
 def _options(choices: dict[str, Any]) -> Any:
     from optid.pid.controller import Gains
-    from optid.tune.optimise import Options
+    from optid.tuning.optimise import Options
 
     lag = _quantity(choices["derivative_filter"], "s", "--derivative-filter")
     return Options(
@@ -160,11 +160,11 @@ def _options(choices: dict[str, Any]) -> Any:
 def _wishes(choices: dict[str, Any], contents: Any) -> Wishes:
     """The options in SI."""
     from optid.pid.controller import AntiWindup
-    from optid.tune.criterion import Criterion
-    from optid.tune.margins import Required
-    from optid.tune.measure import Measure
-    from optid.tune.posing import Wishes, units_of
-    from optid.tune.task import Over
+    from optid.tuning.criterion import Criterion
+    from optid.tuning.margins import Required
+    from optid.tuning.measure import Measure
+    from optid.tuning.posing import Wishes, units_of
+    from optid.tuning.task import Over
 
     u, y = units_of(contents)
     low, high = _range(choices["limits"], u, "--limits")
@@ -261,8 +261,8 @@ def _path(name: str, sample_time: float) -> tuple[str, Array]:
 
 
 def _say(tuning: Tuning, posed: Posed) -> None:
-    from optid.tune.files import units
-    from optid.tune.tuning import compared
+    from optid.tuning.files import units
+    from optid.tuning.tuning import compared
 
     for line in posed.assumed:
         click.echo(f"assumed: {line}")

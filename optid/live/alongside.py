@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from optid.fit.prediction import HORIZON
+from optid.estimation.prediction import HORIZON
 from optid.live.observer import Observer
 from optid.live.parting import Parting
 from optid.live.settings import Settings, Wiring

@@ -10,7 +10,7 @@ from optid.errors import InputError, nearest
 from optid.live.settings import Limits, Settings
 from optid.pid.controller import Gains
 from optid.pid.controller import Settings as PidSettings
-from optid.tune.files import load
+from optid.tuning.files import load
 
 NAMES = tuple(field.name for field in fields(Gains))
 EXAMPLE = '"kp=40 ki=60 kd=0.5", or a pid.json'

@@ -12,12 +12,12 @@ from optid.live.loop import Choices
 from optid.live.settings import Settings, Wiring
 from optid.pid.controller import Gains
 from optid.pid.controller import Settings as PidSettings
-from optid.tune.bench import PhysicalBench
-from optid.tune.demand import Episode, step
-from optid.tune.margins import Required
-from optid.tune.plant import plant_of
-from optid.tune.score import Response, response
-from optid.tune.task import Task
+from optid.tuning.bench import PhysicalBench
+from optid.tuning.demand import Episode, step
+from optid.tuning.margins import Required
+from optid.tuning.plant import plant_of
+from optid.tuning.score import Response, response
+from optid.tuning.task import Task
 
 STEP_SHARE = 0.25  # of the stroke limits' span: the step that is tuned for and reviewed
 SECONDS = 1.5  # of the response
@@ -43,7 +43,7 @@ class Case:
     output: str
 
     def task(self, required: Required | None = None, bench: PhysicalBench | None = None) -> Task:
-        """As `optid.tune` wants it, with margins to keep, and a physical model to be good on as well."""
+        """As `optid.tuning` wants it, with margins to keep, and a physical model to be good on as well."""
         plants, required = (plant_of(self.model),), required or Required()
         return Task(plants, (self.episode,), self.pid, required=required, bench=bench)
 

@@ -12,10 +12,10 @@ import numpy as np
 from optid.live.plan import Plan
 from optid.live.review import Case, Review, review
 from optid.rigs.rigfile import read_rig
-from optid.tune.bench import PhysicalBench
-from optid.tune.margins import Required
-from optid.tune.optimise import Options
-from optid.tune.tuning import tune
+from optid.tuning.bench import PhysicalBench
+from optid.tuning.margins import Required
+from optid.tuning.optimise import Options
+from optid.tuning.tuning import tune
 
 NICENESS = 10  # a loop that runs by the clock goes first
 # Maximum sensitivity of a tuned loop. Åström and Hägglund (Advanced PID Control, 2006, sec. 4.6) name 1.2 to 2.0;

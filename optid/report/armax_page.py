@@ -17,8 +17,8 @@ from optid.armax.sampled import Sampled
 from optid.armax.survey import Candidate, Survey
 from optid.armax.table2 import CAPTIONS, Table2
 from optid.armax.whole import names
-from optid.check.remark import Remark
 from optid.core.recording import Recording
+from optid.quality.remark import Remark
 from optid.report import armax_figures as figures
 from optid.report.scores import friendly
 from optid.rigs.rigfile import Rig

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from optid.diagnose.finding import Closest, Diagnosis, Finding
-from optid.fit.result import Estimate, Score
+from optid.diagnosis.finding import Closest, Diagnosis, Finding
+from optid.estimation.result import Estimate, Score
 from optid.report.scores import number
 
 SCHEMA = "optid.diagnosis/1"

@@ -9,8 +9,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from optid.core.model import Array
-from optid.diagnose.finding import Diagnosis, Finding
-from optid.diagnose.judge import Judged
+from optid.diagnosis.finding import Diagnosis, Finding
+from optid.diagnosis.judge import Judged
 from optid.report.figures import ALARM, FREE, INK, QUIET, STYLE, WINDOW, svg, thin
 from optid.report.scores import friendly
 

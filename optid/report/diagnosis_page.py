@@ -9,10 +9,10 @@ from typing import Any
 import jinja2
 from markupsafe import Markup
 
-from optid.diagnose.contest import Rival
-from optid.diagnose.finding import Diagnosis, Finding
-from optid.diagnose.words import quantity
-from optid.fit.result import Estimate
+from optid.diagnosis.contest import Rival
+from optid.diagnosis.finding import Diagnosis, Finding
+from optid.diagnosis.words import quantity
+from optid.estimation.result import Estimate
 from optid.report import diagnosis_figures as figures
 
 _HEADLINES = {

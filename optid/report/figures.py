@@ -12,8 +12,8 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
 from optid.core.recording import Array, Recording
-from optid.fit.prediction import Prediction
-from optid.fit.profile import Profile
+from optid.estimation.prediction import Prediction
+from optid.estimation.profile import Profile
 from optid.report.scores import friendly, residual
 
 INK, WINDOW, FREE, QUIET, ALARM = "#2b2f36", "#0a7e8c", "#c8743a", "#9aa3ad", "#b3372f"

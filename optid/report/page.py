@@ -11,11 +11,11 @@ import jinja2
 import numpy as np
 from markupsafe import Markup
 
-from optid.check.remark import Remark
 from optid.core.recording import Recording
-from optid.fit.prediction import Prediction
-from optid.fit.profile import Profile
-from optid.fit.result import Estimate, Fit
+from optid.estimation.prediction import Prediction
+from optid.estimation.profile import Profile
+from optid.estimation.result import Estimate, Fit
+from optid.quality.remark import Remark
 from optid.report import figures
 from optid.report.scores import KINDS, friendly, pooled, residual, score_rows
 from optid.rigs.rigfile import Rig

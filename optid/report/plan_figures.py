@@ -6,8 +6,8 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
+from optid.experiments.files import Planned
 from optid.live.settings import wiring_of
-from optid.plan.files import Planned
 from optid.report.figures import ALARM, INK, QUIET, STYLE, WINDOW, axis_name, svg, thin
 from optid.report.scores import friendly
 

@@ -9,10 +9,10 @@ import jinja2
 import numpy as np
 from markupsafe import Markup
 
-from optid.diagnose.words import quantity
+from optid.diagnosis.words import quantity
 from optid.effects.effect import Effect
-from optid.plan.files import Planned
-from optid.plan.separation import NEEDED
+from optid.experiments.files import Planned
+from optid.experiments.separation import NEEDED
 from optid.report import plan_figures as figures
 
 

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from optid.core.recording import Array
-from optid.fit.prediction import Prediction
-from optid.fit.profile import Profile
-from optid.fit.result import Fit
+from optid.estimation.prediction import Prediction
+from optid.estimation.profile import Profile
+from optid.estimation.result import Fit
 
 KINDS = ("window", "free_run")
 SCHEMA = "optid.fit/1"

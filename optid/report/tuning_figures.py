@@ -16,11 +16,11 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from optid.core.model import Array
 from optid.report.figures import ALARM, FREE, INK, QUIET, STYLE, WINDOW, axis_name, svg
 from optid.report.scores import friendly
-from optid.tune.margins import Frequencies, loop_response
-from optid.tune.score import Response
-from optid.tune.search import PLACES, SIGNED
-from optid.tune.task import REFUSED
-from optid.tune.tuning import Scored, Tuning
+from optid.tuning.margins import Frequencies, loop_response
+from optid.tuning.score import Response
+from optid.tuning.search import PLACES, SIGNED
+from optid.tuning.task import REFUSED
+from optid.tuning.tuning import Scored, Tuning
 
 REST = ("#6f8fc9", "#b9a44c", "#8e6bb0")  # baselines
 CELLS = 41  # of a landscape, on each side

@@ -10,9 +10,9 @@ import jinja2
 from markupsafe import Markup
 
 from optid.report import tuning_figures as figures
-from optid.tune.files import units
-from optid.tune.posing import Posed
-from optid.tune.tuning import Scored, Tuning, compared
+from optid.tuning.files import units
+from optid.tuning.posing import Posed
+from optid.tuning.tuning import Scored, Tuning, compared
 
 _RIVALS = (
     "ziegler_nichols_ultimate",

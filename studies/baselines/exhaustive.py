@@ -20,9 +20,9 @@ from optid.core.thinning import thinned
 from optid.effects.effect import Effect
 from optid.effects.library import admitted
 from optid.errors import NotIdentifiable, OptidError
-from optid.fit.batch import FitOptions, fit
-from optid.fit.prediction import predict
-from optid.fit.result import Fit
+from optid.estimation.batch import FitOptions, fit
+from optid.estimation.prediction import predict
+from optid.estimation.result import Fit
 from optid.rigs.rigfile import Rig, with_effects
 from studies.baselines.task import Said, Task, asked, deliver, finding, parameters, window_rmse
 

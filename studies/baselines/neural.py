@@ -22,8 +22,8 @@ sys.path.insert(0, str(Path(__file__).parents[2]))  # finds the studies beside i
 from optid.core.model import Array
 from optid.core.sheet import Sheet
 from optid.effects.effect import Effect
-from optid.fit.batch import FitOptions, fit
-from optid.fit.result import Fit
+from optid.estimation.batch import FitOptions, fit
+from optid.estimation.result import Fit
 from optid.rigs.rigfile import Rig, with_effects
 from studies.baselines.equation import motion_of
 from studies.baselines.task import Said, Task, asked, deliver, finding, parameters, window_rmse

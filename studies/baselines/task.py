@@ -11,8 +11,8 @@ from typing import Any
 
 from optid.core.readers import read_recording
 from optid.core.recording import Recording
-from optid.fit.prediction import predict
-from optid.fit.result import Fit
+from optid.estimation.prediction import predict
+from optid.estimation.result import Fit
 from optid.rigs.rigfile import Rig, read_rig
 
 

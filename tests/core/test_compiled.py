@@ -17,9 +17,9 @@ from optid.core.parameter import Parameter
 from optid.core.recording import Channel, Recording
 from optid.core.sheet import build
 from optid.core.simulation import simulate
-from optid.fit import likelihood
-from optid.fit.likelihood import run_filter, run_steered
-from optid.fit.problem import pose
+from optid.estimation import likelihood
+from optid.estimation.likelihood import run_filter, run_steered
+from optid.estimation.problem import pose
 from tests.core.test_simulation import decay
 
 

@@ -7,9 +7,9 @@ from scipy.linalg import expm
 from optid.core.parameter import Parameter
 from optid.core.recording import Channel, Recording
 from optid.core.sheet import build
-from optid.fit import likelihood
-from optid.fit.likelihood import BESIDE, TOLERANCE, WHOLE, deviance, run_filter, run_steered
-from optid.fit.problem import pose
+from optid.estimation import likelihood
+from optid.estimation.likelihood import BESIDE, TOLERANCE, WHOLE, deviance, run_filter, run_steered
+from optid.estimation.problem import pose
 
 STIFFNESS = Parameter("stiffness", "N/m", 40.0, "spring", "test", 40.0, (0.0, 1e4))
 DAMPING = Parameter("damping", "N s/m", 1.5, "damper", "test", 1.5, (0.0, 1e3))

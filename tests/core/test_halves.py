@@ -12,8 +12,8 @@ from optid.core.recording import Channel, Recording
 from optid.core.rows import LANES
 from optid.core.sheet import build
 from optid.core.simulation import simulate
-from optid.fit.likelihood import WHOLE, run_filter, run_steered
-from optid.fit.problem import pose
+from optid.estimation.likelihood import WHOLE, run_filter, run_steered
+from optid.estimation.problem import pose
 from optid.live.twin import Twin
 
 SHARE = Parameter("share", "1", 0.3, "of a hold that the former command lasts", "test", 0.3, (0.0, 1.0))

@@ -13,8 +13,8 @@ from optid.core.recording import Channel, Recording
 from optid.core.rosenbrock import rosenbrock
 from optid.core.rows import LANES
 from optid.core.sheet import build
-from optid.fit.likelihood import WHOLE, run_filter
-from optid.fit.problem import pose
+from optid.estimation.likelihood import WHOLE, run_filter
+from optid.estimation.problem import pose
 from optid.rigs.rigfile import read_rig
 from optid.rigs.servo_pneumatic import servo_pneumatic
 from tests.core.test_integrator import DATA

@@ -8,7 +8,6 @@ import pytest
 
 from optid.armax.identifier import Identifier
 from optid.armax.structure import Orders
-from optid.check.quality import quality
 from optid.core.readers import read_recording
 from optid.live.ahead import one_ahead
 from optid.live.driver import open_driver
@@ -18,6 +17,7 @@ from optid.live.reference import Reference, tour
 from optid.live.settings import live_settings, wiring_of
 from optid.live.swings import Swings
 from optid.pid.controller import Gains
+from optid.quality.quality import quality
 from optid.rigs.rigfile import read_rig
 
 

@@ -5,9 +5,9 @@ import pytest
 
 from optid.armax.model import Armax
 from optid.pid.controller import Gains, Settings
-from optid.tune.demand import step
-from optid.tune.plant import plant_of
-from optid.tune.task import Task
+from optid.tuning.demand import step
+from optid.tuning.plant import plant_of
+from optid.tuning.task import Task
 from studies.benchmark_tune import LIMIT, SAMPLES, STEP, T, control_loop, scalar_loop
 
 MODEL = Armax((1.0, -2.86, 2.745, -0.885), ((1e-6, 6e-6, 2e-6),), nk=(2,), sample_time=T)

@@ -1,0 +1,135 @@
+"""Which wave at a site would explain what a model misses: a spectrum over time or over a state, by score tests.
+
+Both quadratures of every frequency are simulated under the gains of a filter, as a screen does with effects, and held
+against its innovations. A spectrum of an estimated signal would show lines over time as well, but hardly over a
+position, which comes and goes at its own pace and takes every slow drift along.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from optid.core.model import Array
+from optid.diagnosis.lead import Ground, worst
+from optid.diagnosis.screen import grown
+from optid.effects.wave import TIME, Wave
+from optid.estimation.likelihood import FAR
+from optid.estimation.problem import Booleans, Integers
+from optid.estimation.steering import innovations
+
+FINE = 2  # steps of the grid to a line's width
+SLOWEST = 2.0  # periods within the range, at least
+NUDGE = 0.1  # height at which a wave is tried
+BATCH = 32  # frequencies simulated together
+
+
+class Line(NamedTuple):
+    """A wave that explains some of what a model misses.
+
+    Attributes:
+        gain: by which the sum of squared, scaled innovations would fall.
+        repeats: periods by the SI unit of what it follows.
+        height, phase: of the wave; over time, root mean square and mean over the recordings.
+    """
+
+    gain: float
+    repeats: float
+    height: float
+    phase: float
+
+
+def loudest(ground: Ground, wave: Wave, along: Array, fastest: float, at: float | None = None) -> Line | None:
+    """The wave that explains most; ``None`` where there is room for none.
+
+    Over time each recording may have its own phase.
+
+    Args:
+        ground: where the model stands that misses something, and the filter whose gains hold; when the time of its
+            recordings is over, what was seen has to do.
+        wave: to try, of any frequency.
+        along: values of what it follows, (samples,).
+        fastest: periods by the unit of that, at most.
+        at: so many periods by the unit alone, instead of a search.
+    """
+    problem = ground.guide.question.problem
+    seen = _seen(ground)
+    span = max(float(np.ptp(along[seen.rows[seen.owner == one]])) for one in np.unique(seen.owner))
+    if not span > 0.0:
+        return None
+    if at is not None:
+        return max(_explained(ground, wave, np.array([at])), default=None)
+    grid = np.arange(SLOWEST / span, fastest, 1.0 / (FINE * span))
+    over = worst(ground.guide)
+    if len(over) < len(problem.counts) and len(grid) > BATCH:
+        # Which of them are worth a look at all recordings shows in that in which most is missing.
+        rough = sorted(_batches(ground, wave, grid, over), reverse=True)[:BATCH]
+        grid = np.array(sorted(line.repeats for line in rough))
+    return max(_batches(ground, wave, grid), default=None)
+
+
+class _Seen(NamedTuple):
+    """What is measured: the sample and the recording of each, and which of all that is, (measured,)."""
+
+    rows: Integers
+    owner: Integers
+    among: Booleans
+
+
+def _seen(ground: Ground, only: Sequence[int] | None = None) -> _Seen:
+    """In all segments, or in some."""
+    problem = ground.guide.question.problem
+    rows = np.nonzero(np.isfinite(ground.guide.filtered.innovations[0]))[0]
+    segment = np.repeat(np.arange(len(problem.counts)), problem.counts + 1)[rows]
+    among = np.ones(len(rows), dtype=np.bool_) if only is None else np.isin(segment, only)
+    return _Seen(rows[among], problem.recording[segment[among]], among)
+
+
+def _batches(ground: Ground, wave: Wave, grid: Array, only: Sequence[int] | None = None) -> list[Line]:
+    found = []
+    for first in range(0, len(grid), BATCH):
+        if ground.data.over:
+            break
+        found += _explained(ground, wave, grid[first : first + BATCH], only)
+    return found
+
+
+def _explained(ground: Ground, wave: Wave, some: Array, only: Sequence[int] | None = None) -> list[Line]:
+    """What waves of some frequencies would explain, in all segments or in some.
+
+    The free parameters have their linear say first; innovations that are far off count as Huber has it.
+    """
+    question, guide = ground.data.question(grown(ground.rig, wave), ground.plain), ground.guide
+    points = [
+        {**wave.of_height(height), "repeats": float(repeats), "phase": phase}
+        for height, repeats, phase in [
+            (0.0, some[0], 0.0),
+            *((NUDGE, one, turned) for one in some for turned in (0.0, math.pi / 2)),
+        ]
+    ]
+    P = np.array([ground.placed(question, wave.qualified(point)) for point in points])
+    here, *there = innovations(question, P, guide.question.model, guide.filtered, only)
+    seen = _seen(ground, only)
+    pieces = [np.flatnonzero(seen.owner == one) for one in np.unique(seen.owner)]
+    if wave.along != TIME:
+        pieces = [np.arange(len(seen.rows))]
+    root = np.sqrt(np.minimum(1.0, FAR / np.maximum(np.abs(here), 1e-12)))
+    basis = np.linalg.qr(ground.slopes[seen.among] * root[:, None])[0]
+    rest, *changes = (
+        column - basis @ (basis.T @ column)
+        for column in (here * root, *((one - here) * root for one in there))
+    )
+    found = []
+    for repeats, both in zip(some.tolist(), zip(changes[::2], changes[1::2], strict=True), strict=True):
+        columns, gain, steps = np.stack(both, axis=1), 0.0, []
+        for piece in pieces:
+            step = np.linalg.lstsq(columns[piece], -rest[piece], rcond=1e-9)[0]
+            gain += float(np.sum(rest[piece] ** 2) - np.sum((rest[piece] + columns[piece] @ step) ** 2))
+            steps.append(step)
+        height = NUDGE * float(np.sqrt(np.mean(np.sum(np.square(steps), axis=1))))
+        phase = math.atan2(*np.sum(steps, axis=0)[::-1])
+        found.append(Line(gain, repeats, height, phase))
+    return found

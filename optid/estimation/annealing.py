@@ -1,0 +1,157 @@
+"""The smoother's process noise: annealed from loose to tight, and kept where the data are likeliest."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from optid.core.model import Array, Model
+from optid.errors import SolveError
+from optid.estimation.result import Outcome
+from optid.estimation.smoother import Objective, Point, Terms, Watch, descend, settled_system
+
+# Process noise per node as a share of each state's usual size: the ladder that all states come down together.
+LEVELS = (0.3, 0.03, 1e-2, 3e-3, 1e-3, 3e-4, 1e-4)
+PATIENCE = 2  # levels in a row that explain the data less well; one alone may not have come down all the way
+RUNG = 3.0  # by which the states of one unit then go on by themselves, either way
+HARD = 1e-6  # the share that stands for none at all
+TIGHT = 1e-5  # as good as none, where the iteration still moves easily
+SETTLED = (
+    1e-7  # relative decrease of the cost that ends a fit: about 0.001 in -2 log likelihood, as its roughness
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Where one start ended: the point, its linearisation, the process noise, and the marginal score."""
+
+    at: Point
+    terms: Terms
+    q: Array
+    score: float
+    outcome: Outcome
+
+
+@dataclass(frozen=True)
+class Pace:
+    """How a search is followed: `watch` of a stage and the share done, whether time is up, and who keeps points."""
+
+    watch: Callable[[str, float], Watch]
+    late: Callable[[], bool]
+    keep: Callable[[Point], None]
+
+
+def anneal(o: Objective, at: Point, terms: Terms | None, asked: float | None, pace: Pace) -> Solution:
+    """Loose to tight; what is kept is the noise that the marginal likelihood prefers (or the level `asked` for)."""
+    levels: tuple[float, ...] = LEVELS
+    if asked is not None:
+        levels = (*(level for level in LEVELS if level > max(asked, HARD)), max(asked, HARD))
+    best: Solution | None = None
+    worse_by = 0
+    for step, level in enumerate(levels):
+        watch = pace.watch(f"process noise {level:g}", step / (len(levels) + 1))
+        try:
+            found = _descended(o, at, terms, level * o.model.scales, watch)
+        except SolveError:
+            if asked is not None or (best is None and level == levels[-1]):
+                raise
+            if best is None:
+                continue  # so loose the states say nothing of a parameter: a tighter level may
+            break  # what is left hangs on no more than rounding: the looser level stands
+        at, terms = found.at, found.terms
+        pace.keep(at)
+        worse = best is not None and asked is None and found.score > best.score
+        if best is None or not worse:
+            best = found
+        if pace.late():
+            return best
+        worse_by = worse_by + 1 if worse else 0
+        if worse_by == PATIENCE:
+            break  # tighter explains the data less well: the model is not better than this
+    assert best is not None
+    if asked is None:
+        best = _by_unit(o, best, len(levels) / (len(levels) + 1), pace)
+    return _settled(o, best, pace)
+
+
+def _by_unit(o: Objective, best: Solution, share: float, pace: Pace) -> Solution:
+    """The noise of each unit's states for itself, rung by rung while the data become likelier.
+
+    What a law gets wrong stands in one equation; as much noise in all of them would blur what the others say.
+    """
+    for unit, states in _units(o.model).items():
+        first = best
+        for factor in (1.0 / RUNG, RUNG):
+            if best is not first:
+                break  # the other way lies where it came from
+            while not pace.late():
+                q = best.q.copy()
+                q[states] *= factor
+                levels = q[states] / o.model.scales[states]
+                if levels.min() < TIGHT or levels.max() > LEVELS[0]:
+                    break
+                watch, found = pace.watch(f"process noise in {unit}", share), None
+                with contextlib.suppress(SolveError, np.linalg.LinAlgError):
+                    found = _descended(o, best.at, best.terms, q, watch)
+                if found is None or found.score >= best.score:
+                    break
+                best = found
+                pace.keep(best.at)
+    return best
+
+
+def _units(model: Model) -> dict[str, list[int]]:
+    groups: dict[str, list[int]] = {}
+    for i, state in enumerate(model.states):
+        groups.setdefault(state.unit, []).append(i)
+    return groups
+
+
+def _descended(o: Objective, at: Point, terms: Terms | None, q: Array, watch: Watch) -> Solution:
+    at, terms, _ = descend(o, at, q, iterations=50, precision=1e-4, terms=terms, watch=watch)
+    return Solution(at, terms, q, marginal(o, at, terms, q), Outcome.TIME_LIMIT)
+
+
+def _settled(o: Objective, best: Solution, pace: Pace) -> Solution:
+    at, terms, settled = descend(
+        o,
+        best.at,
+        best.q,
+        iterations=60,
+        precision=SETTLED,
+        terms=best.terms,
+        watch=pace.watch("settling", 1.0),
+    )
+    pace.keep(at)
+    short = Outcome.TIME_LIMIT if pace.late() else Outcome.NOT_CONVERGED
+    outcome = Outcome.CONVERGED if settled else short
+    return Solution(at, terms, best.q, marginal(o, at, terms, best.q), outcome)
+
+
+def tightened(o: Objective, best: Solution) -> tuple[Point, Terms]:
+    """Where the deterministic fit stands: from a solution on to next to no process noise.
+
+    Raises:
+        SolveError, numpy.linalg.LinAlgError: there is no way down.
+    """
+    at, terms, scales = best.at, best.terms, o.model.scales
+    for level in (*LEVELS, TIGHT):
+        q = np.minimum(best.q, level * scales)
+        if (q < best.q).any():
+            at, terms, _ = descend(o, at, q, iterations=40, precision=1e-6, terms=terms)
+    return at, terms
+
+
+def marginal(o: Objective, at: Point, t: Terms, q: Array) -> float:
+    """-2 log of the likelihood of the data with the states integrated out (Laplace), up to a constant.
+
+    The states' volume and the process noise's normalisation balance, so that q can be chosen by it, as the
+    diffusion in CTSM (Kristensen et al. 2004).
+    """
+    s = settled_system(o, at, t, q, np.zeros(len(o.free), dtype=bool))
+    volume = 2.0 * float(np.log(s.factor[0]).sum())
+    links = int(o.problem.linked.sum())
+    return t.cost + volume + 2.0 * links * float(np.log(q / o.model.scales).sum())

@@ -1,0 +1,239 @@
+"""The likelihood of recordings under a model with process noise: the innovations of a filter and their variances.
+
+Stochastic grey-box modelling (Kristensen, Madsen and Jorgensen, Automatica 40, 2004): the states follow the model
+and a random walk on top, whose size per second is estimated with the parameters. A model that lacks physics needs
+more of it, so that what it gets wrong counts as noise when parameters and effects are judged.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from optid.core import filter as kernel
+from optid.core.compiled import compiled_lanes
+from optid.core.model import Array, Model
+from optid.core.rows import LANES
+from optid.core.threads import spread
+from optid.estimation.problem import Booleans, Integers, Problem
+
+TOLERANCE = 1e-5  # local error of the integration as a share of each state's usual size,
+BESIDE = 0.01  # or of what process noise adds to the state from sample to sample, if that is more
+SHARE = 50.0  # times the tolerance of states without unit: a contact's own forget an error within microns of motion
+QUIET = 1e-4  # process noise of states that carry none of their own, in usual sizes per sqrt(s)
+WHOLE = 1e9  # s: the windows of a problem to be filtered are whole segments
+FAR = 6.0  # innovations beyond so many sd count linearly
+
+
+class Start(NamedTuple):
+    """What is known of the states where segments begin, SI.
+
+    Attributes:
+        mean: (sets, segments, states).
+        covariance: (sets, segments, states, states).
+    """
+
+    mean: Array
+    covariance: Array
+
+    @classmethod
+    def apart(cls, mean: Array, sd: Array) -> Start:
+        """Of states of which none tells of another, with sd as `mean` has it."""
+        return cls(mean, sd[..., None] ** 2 * np.eye(sd.shape[-1]))
+
+    def times(self, sets: int) -> Start:
+        """The same for so many sets, from one."""
+        return Start(np.repeat(self.mean, sets, axis=0), np.repeat(self.covariance, sets, axis=0))
+
+
+@dataclass(frozen=True, eq=False)
+class Filtered:
+    """What a filter saw, for each parameter set.
+
+    Attributes:
+        innovations: measured minus predicted from the past alone, (sets, samples, outputs); NaN where nothing is.
+        variances: of the innovations.
+        states: predicted from the past alone, (sets, samples, states), SI; empty unless kept.
+        gains: (sets, samples, outputs, states), SI; empty unless kept.
+        covariances: of the states, (sets, samples, states, states), SI; empty unless asked for.
+        tolerance: local error that the integration was allowed, (sets, states), SI.
+    """
+
+    innovations: Array
+    variances: Array
+    states: Array
+    gains: Array
+    covariances: Array
+    tolerance: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Noise:
+    """What is random: the measurement, and the states.
+
+    Attributes:
+        measurement: variance of each output, (outputs,).
+        groups: states that share a level of process noise, by unit.
+        levels: log of that noise, in usual sizes of the states per sqrt(s), (groups,).
+    """
+
+    measurement: Array
+    groups: tuple[tuple[int, ...], ...]
+    levels: Array
+
+    def spectrum(self, states: int) -> Array:
+        """Variance of each state's random walk a second, in squared usual sizes, (states,)."""
+        Q = np.full(states, QUIET**2)
+        for group, level in zip(self.groups, self.levels, strict=True):
+            Q[list(group)] = np.exp(2.0 * level)
+        return Q
+
+
+def noisy_states(model: Model, plain: Sequence[str] | None = None) -> tuple[tuple[int, ...], ...]:
+    """States that take process noise, grouped by unit: those with equations that physics could be missing from.
+
+    Left out are positions whose rate is another state, shares without unit, and whatever is not in `plain`.
+    """
+    x, u, p = (ca.SX.sym(n, k) for n, k in zip("xup", _sizes(model), strict=True))
+    rates = model.rates(x, u, p)
+    groups: dict[str, list[int]] = {}
+    for i, state in enumerate(model.states):
+        kinematic = any(ca.is_equal(rates[i], x[j]) for j in range(x.numel()))
+        if kinematic or state.unit == "1" or (plain is not None and state.name not in plain):
+            continue
+        groups.setdefault(state.unit, []).append(i)
+    return tuple(tuple(group) for group in groups.values())
+
+
+def _sizes(model: Model) -> tuple[int, int, int]:
+    return len(model.states), len(model.inputs), len(model.parameters)
+
+
+def run_filter(
+    model: Model,
+    problem: Problem,
+    P: Array,
+    Q: Array,
+    R: Array,
+    *,
+    keep: bool = False,
+    covariances: bool = False,
+    only: Sequence[int] | None = None,
+    start: Start | None = None,
+) -> Filtered:
+    """Filter segments with all parameter sets, in parallel.
+
+    Args:
+        model: the plant.
+        problem: posed with one window per segment.
+        P: (sets, parameters); `Q` (sets, states) and `R` (sets, outputs) as `filtered` takes them.
+        keep: also give states and gains.
+        covariances: also give those of the states.
+        only: these segments, all if absent; NaN in the others.
+        start: what is known where they begin; what the model itself says of it if absent.
+    """
+    sets = len(P)
+    segments = np.array(range(len(problem.begins)) if only is None else only)
+    nx, N, ny = len(model.states), len(problem.time), len(model.outputs)
+    M0, C0 = (np.ascontiguousarray(a) for a in start or start_of(model, P, len(problem.begins)))
+    E, V = np.full((sets, N, ny), np.nan), np.full((sets, N, ny), np.nan)
+    X = np.zeros((sets, N, nx) if keep else (1, 1, 1))
+    K = np.zeros((sets, N, ny, nx) if keep else (1, 1, 1, 1))
+    S = np.zeros((sets if covariances else 0, N, nx, nx))
+    of_set, of_segment = (np.ascontiguousarray(a) for a in _runs(sets, segments))
+    machine, linear = compiled_lanes(model), linear_outputs(model)
+    given = (of_set, of_segment, problem.begins, problem.counts, M0, C0, P, Q, R, problem.dt, problem.inputs)
+    noise = np.sqrt(Q * float(np.median(problem.dt))) * model.scales
+    tolerance = np.ascontiguousarray(np.maximum(_tolerance(model), BESIDE * noise))
+    found = (problem.measured, linear, tolerance, model.scales, keep, E, V, X, K, S)
+    spread(len(of_set), lambda a, b: machine.run(kernel.filtered, a, b, *given, *found))
+    return Filtered(E, V, X, K, S, tolerance)
+
+
+@lru_cache(maxsize=128)
+def linear_outputs(model: Model) -> Booleans:
+    """Outputs whose slopes by the states depend on parameters alone, (outputs,)."""
+    x, u, p = (ca.SX.sym(n, k) for n, k in zip("xup", _sizes(model), strict=True))
+    slopes = ca.jacobian(model.sensors(x, u, p), x)
+    return np.array([not ca.depends_on(slopes[o, :], ca.vertcat(x, u)) for o in range(len(model.outputs))])
+
+
+def run_steered(
+    model: Model,
+    problem: Problem,
+    P: Array,
+    guide: Filtered,
+    common: Sequence[int],
+    *,
+    start: Array | None = None,
+    only: Sequence[int] | None = None,
+    looks: Booleans | None = None,
+) -> Array:
+    """Innovations (sets, samples, outputs) of models that are corrected with a filter's gains instead of their own.
+
+    Args:
+        model: its states hold those of the guide's model at the places `common`.
+        problem: posed with one window per segment.
+        P: (sets, parameters).
+        guide: the filter, with gains kept, sets = 1.
+        common: see `model`.
+        start: states where every segment begins, (sets, states); what the model itself says of them if absent.
+        only: these segments, all if absent; NaN in the others.
+        looks: samples up to which the past is known, (samples,): what comes after one is predicted from there up to
+            the next, instead of from sample to sample.
+    """
+    sets = len(P)
+    segments = np.array(range(len(problem.begins)) if only is None else only)
+    looks = np.ones(len(problem.time), dtype=np.bool_) if looks is None else looks
+    M0 = np.ascontiguousarray(_starts(model, P)[0] if start is None else start)
+    E = np.full((sets, len(problem.time), len(model.outputs)), np.nan)
+    first_set, of_segment = _runs(-(-sets // LANES), segments)
+    machine, places = compiled_lanes(model), np.array(common, dtype=np.int64)
+    tolerance = _tolerance(model)
+    tolerance[places] = guide.tolerance[0]
+    given = (LANES * first_set, of_segment, problem.begins, problem.counts, M0, P, guide.gains[0], places)
+    data = (problem.dt, problem.inputs, problem.measured, tolerance, looks, E)
+    spread(len(first_set), lambda a, b: machine.run(kernel.steered, a, b, *given, *data))
+    return E
+
+
+def _tolerance(model: Model) -> Array:
+    shares = [SHARE if state.unit == "1" else 1.0 for state in model.states]
+    return np.asarray(TOLERANCE * model.scales * shares)
+
+
+def _starts(model: Model, P: Array) -> tuple[Array, Array]:
+    both = model.start.map(len(P))(P.T)
+    mean, sd = (np.array(a).T for a in both)
+    return mean, sd
+
+
+def start_of(model: Model, P: Array, segments: int) -> Start:
+    """What a model says of the states where a segment begins, for each parameter set."""
+    mean, sd = _starts(model, P)
+    return Start.apart(np.repeat(mean[:, None], segments, axis=1), np.repeat(sd[:, None], segments, axis=1))
+
+
+def _runs(sets: int, segments: Integers) -> tuple[Array, Array]:
+    s, g = np.meshgrid(np.arange(sets), segments, indexing="ij")
+    return np.ascontiguousarray(s.ravel()), np.ascontiguousarray(g.ravel())
+
+
+def deviance(innovations: Array, variances: Array) -> Array:
+    """-2 log likelihood of each sample, (..., samples), up to a constant; 0 where nothing is measured.
+
+    Innovations beyond `FAR` sd count linearly, as from heavier tails than the normal's.
+    """
+    loss = huber(innovations / np.sqrt(variances)) + np.log(variances)
+    return np.asarray(np.nansum(np.where(np.isnan(innovations), 0.0, loss), axis=-1))
+
+
+def huber(z: Array) -> Array:
+    """Squares of deviations in sd; what is beyond `FAR` counts linearly (Huber, Ann. Math. Statist. 35, 1964)."""
+    far = np.abs(z)
+    return np.asarray(np.where(far > FAR, FAR * (2.0 * far - FAR), far**2))

@@ -1,0 +1,122 @@
+"""What a fit of a rig minimises: data, weights, bounds and priors gathered from the rig file and the recordings."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+import numpy as np
+
+from optid.core.model import Array, Model
+from optid.core.parameter import Parameter
+from optid.core.recording import Recording
+from optid.estimation.problem import Problem
+from optid.estimation.smoother import Objective
+from optid.quality.noise import colour, noise_sd
+from optid.rigs.rigfile import Freed, Rig
+
+WINDOW = 0.25  # s between nodes; long against friction's microseconds, short against the pressures' drift
+# Local error of the integration as a share of each state's usual size: 0.01 micrometre of position, and a cost
+# that is smooth to 0.001; at 1e-5 its roughness of about 1 keeps the last iterations busy and saves no time.
+SOLVER = 1e-6
+CONTACT_LENGTH = "presliding_length"
+# Freed with the rest unless the rig file states them, with the sd of what is known before: friction at rest, and
+# the fraction of a sample that lies between a card's channels.
+NUISANCE = {
+    CONTACT_LENGTH: None,
+    "presliding_shape": None,
+    "friction_width": None,
+    "sampling_skew": 2e-4,
+}
+# Freed as well where fits are by filter: a smoother of short recordings loses its way in them (one fit in five of 4 s).
+CONTACT = {"bristle_damping": 5e-3, "bristle_fading": None}
+# Contacts that give by more than this before they slide are physics worth a name, not a nuisance; less than the least
+# costs searches twice the time, as the equations at rest become stiff (see `stiffest`).
+LEAST = {CONTACT_LENGTH: 2e-6, "bristle_fading": 2e-3}
+MOST = {CONTACT_LENGTH: 6e-5, "bristle_damping": 2e-2, "bristle_fading": 0.5}
+
+
+def freed_with_rest(rig: Rig, *, contact: bool = False) -> tuple[Freed, ...]:
+    """What the fit moves: the rig's [fit] table, and friction at rest where the file does not state it.
+
+    With `contact` also how the elastic motion before sliding is damped.
+    """
+    freed, nuisance = list(rig.freed), NUISANCE | (CONTACT if contact else {})
+    names = {f.name for f in freed}
+    freed += [
+        Freed(
+            parameter.name,
+            max(parameter.bounds[0], LEAST.get(parameter.name, -math.inf)),
+            min(parameter.bounds[1], MOST.get(parameter.name, math.inf)),
+            nuisance[parameter.name],
+        )
+        for parameter in rig.model.parameters
+        if parameter.name in nuisance and parameter.name not in names | set(rig.parameters)
+    ]
+    return tuple(freed)
+
+
+def stiffest(model: Model, free: Iterable[int], low: Array) -> Array:
+    """Lower bounds of free parameters, (free,), SI, with a contact that may be as short as its law allows.
+
+    What a contact gives too much is taken off the friction at rest.
+    """
+    low = low.copy()
+    for k, parameter in enumerate(model.parameters[i] for i in free):
+        if parameter.name == CONTACT_LENGTH and low[k] == LEAST[CONTACT_LENGTH]:  # else the rig file's own
+            low[k] = parameter.bounds[0]
+    return low
+
+
+def window_length(model: Model, recordings: Iterable[Recording]) -> float:
+    """Seconds between nodes: `WINDOW`, or 25 samples where sampling is slow."""
+    slowest = max(recording.interval for recording in recordings)
+    return max(WINDOW, 25 * slowest)
+
+
+def objective_of(
+    rig: Rig, freed: tuple[Freed, ...], problem: Problem, huber: float = math.inf
+) -> tuple[Objective, Array]:
+    """What a fit of `freed` minimises, and the parameter vector of the rig's own values."""
+    model, p = rig.model, rig.model.vector(rig.parameters)
+    free = tuple(model.index(f.name) for f in freed)
+    weight = np.ones_like(problem.measured)
+    for j, port in enumerate(model.outputs):
+        weight[:, j] = 1.0 / _sd(rig, problem, j, port.role)
+    mean, spread = (np.array(a).ravel() for a in model.start(p))
+    sd = np.array([f.sd if f.sd else math.inf for f in freed])
+    objective = Objective(
+        model,
+        problem,
+        free,
+        np.array([f.low for f in freed]),
+        np.array([f.high for f in freed]),
+        np.array([_size(model.parameters[i], p[i]) for i in free]),
+        p[list(free)],
+        sd,
+        weight,
+        mean,
+        spread,
+        huber,
+        SOLVER,
+    )
+    return objective, p
+
+
+def _size(parameter: Parameter, value: float) -> float:
+    """A parameter's usual size, of which searches take their steps."""
+    return parameter.typical if parameter.name in CONTACT else abs(value) or parameter.typical
+
+
+def _sd(rig: Rig, problem: Problem, output: int, role: str) -> float:
+    """Of the white noise that tells as little of slow motion as the output's own: coloured noise averages out later."""
+    y = problem.measured[:, output]
+    y = y[np.isfinite(y)]
+    if not len(y):
+        return 1.0
+    stated = rig.channels[role].sd if role in rig.channels else None
+    floor = 1e-6 * max(float(np.std(y)), 1e-12)
+    found = stated or noise_sd(y)
+    found = max(found, floor) if math.isfinite(found) else floor
+    c = colour(y)
+    return found * math.sqrt((1.0 + c) / (1.0 - c))

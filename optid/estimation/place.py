@@ -1,0 +1,279 @@
+"""A point of a likelihood search: what is asked, the filter run there, and the derivatives of its innovations."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from optid.core.model import Array, Model
+from optid.estimation.likelihood import FAR, Filtered, Noise, deviance, run_filter, run_steered
+from optid.estimation.problem import Problem
+from optid.rigs.rigfile import Rig
+
+# Differences reach over REACH conditional standard deviations: dry friction makes the likelihood rough on the scale of
+# a few (a break-away more or less), and a quotient over less would see nothing else.
+REACH, NUDGES = 5.0, (1e-3, 2e-3, 3e-2)  # the least, the first and the largest, of a parameter's typical size
+NUDGE_LEVEL = 0.1  # of the log of process noise
+LEVELS = (math.log(1e-5), math.log(10.0))  # bounds of that log
+
+
+@dataclass(frozen=True, eq=False)
+class Question:
+    """What is asked of the data.
+
+    Attributes:
+        rig: model with parameters to start from.
+        problem: the recordings, one window per segment.
+        free: indices of the free parameters; low, high, typical, prior, prior_sd as in a batch fit.
+        groups: states that share a level of process noise.
+        measurement: variance of each output.
+        until: when searches for an answer end with what they have, by `time.monotonic`.
+    """
+
+    rig: Rig
+    problem: Problem
+    free: tuple[int, ...]
+    low: Array
+    high: Array
+    typical: Array
+    prior: Array
+    prior_sd: Array
+    groups: tuple[tuple[int, ...], ...]
+    measurement: Array
+    until: float = math.inf
+
+    @property
+    def model(self) -> Model:
+        """The rig's model."""
+        return self.rig.model
+
+    @property
+    def over(self) -> bool:
+        """The time for searches is over."""
+        return time.monotonic() > self.until
+
+    def at(self, values: Mapping[str, float]) -> Array:
+        """All parameters: the rig's own, but these values by name, within what the model allows, (parameters,)."""
+        model = self.model
+        p = model.vector(self.rig.parameters)
+        for name, value in values.items():
+            low, high = model.parameters[model.index(name)].bounds
+            p[model.index(name)] = min(max(value, low), high)
+        return p
+
+
+@dataclass(frozen=True, eq=False)
+class Slopes:
+    """Derivatives by free parameters in typical sizes and then by log levels, (samples, outputs, free + levels).
+
+    Attributes:
+        innovations: of the innovations.
+        variances: of the log of their variances.
+    """
+
+    innovations: Array
+    variances: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """The likeliest parameters and process noise.
+
+    Attributes:
+        p: the whole parameter vector.
+        noise: with the estimated levels.
+        filtered: innovations, variances, states and gains there, sets = 1.
+        score: -2 log likelihood with the priors, up to a constant of the data.
+        slopes: of innovations and their variances.
+        information: Fisher's, of free parameters in typical sizes and then of levels.
+        settled: the iteration converged, on derivatives taken where it ended.
+    """
+
+    question: Question
+    p: Array
+    noise: Noise
+    filtered: Filtered
+    score: float
+    slopes: Slopes
+    information: Array
+    settled: bool
+
+
+class Place:
+    """A point of the search with its filter run; derivatives are taken there or carried there.
+
+    Args:
+        q: the question.
+        p: the whole parameter vector.
+        noise: of measurement and states.
+
+    Attributes:
+        filtered: innovations, variances, states and gains, sets = 1.
+        score: -2 log likelihood with the priors; infinite where the model leaves the numbers.
+        slopes: of innovations and variances, ``None`` until taken or carried here.
+        fresh: the slopes were taken here.
+        glanced: they were taken at a glance.
+    """
+
+    def __init__(self, q: Question, p: Array, noise: Noise) -> None:
+        self.q, self.p, self.noise = q, p, noise
+        nx = len(q.model.states)
+        Q = noise.spectrum(nx)[None]
+        self.filtered = run_filter(q.model, q.problem, p[None], Q, noise.measurement[None], keep=True)
+        theta = p[list(q.free)]
+        prior = float((((theta - q.prior) / q.prior_sd) ** 2).sum())
+        total = float(deviance(self.filtered.innovations[0], self.filtered.variances[0]).sum()) + prior
+        self.score = total if math.isfinite(total) else math.inf
+        self.slopes: Slopes | None = None
+        self.fresh = self.glanced = False
+
+    @property
+    def coordinates(self) -> Array:
+        """Free parameters in typical sizes, then log levels."""
+        return np.concatenate([self.p[list(self.q.free)] / self.q.typical, self.noise.levels])
+
+    def moved(self, step: Array) -> Place:
+        """Where a step of the coordinates leads, within the bounds."""
+        nf = len(self.q.free)
+        p = self.p.copy()
+        theta = p[list(self.q.free)] + step[:nf] * self.q.typical
+        p[list(self.q.free)] = np.clip(theta, self.q.low, self.q.high)
+        levels = np.clip(self.noise.levels + np.clip(step[nf:], -1.5, 1.5), *LEVELS)
+        return Place(self.q, p, replace(self.noise, levels=levels))
+
+    def begin(self, near: Answer | None) -> None:
+        """Take over the slopes of a like model's answer, and take only those that it does not have."""
+        if near is None:
+            return
+        names = [near.question.model.parameters[i].name for i in near.question.free]
+        mine = [self.q.model.parameters[i].name for i in self.q.free]
+        if near.question.groups != self.q.groups or not set(names) & set(mine):
+            return
+        nf, count = len(mine), len(mine) + len(self.q.groups)
+        known = {name: k for k, name in enumerate(names)}
+        given = [known.get(name, -1) for name in mine] + list(range(len(names), len(names) + count - nf))
+        old, taken = near.slopes, [k for k, j in enumerate(given) if j >= 0]
+        e, v = np.zeros((*old.innovations.shape[:2], count)), np.zeros((*old.innovations.shape[:2], count))
+        source = [j for j in given if j >= 0]
+        scale = np.ones(count)
+        scale[:nf] = [
+            1.0 if j < 0 else size / near.question.typical[j]
+            for size, j in zip(self.q.typical, given[:nf], strict=True)
+        ]
+        e[..., taken], v[..., taken] = old.innovations[..., source], old.variances[..., source]
+        self.slopes = Slopes(e * scale, v * scale)
+        self.differentiate([k for k, j in enumerate(given) if j < 0])
+
+    def glance(self) -> None:
+        """Take the slopes as far as held gains show them, for a tenth of the price: those of levels by filters.
+
+        What parameters do to the gains and to the variances is left out.
+        """
+        q, nf, e = self.q, len(self.q.free), self.filtered.innovations[0]
+        count, own = nf + len(q.groups), range(len(q.model.states))
+        nudges = self._nudges()[:nf]
+        theta = self.p[list(q.free)] / q.typical
+        nudges = np.where(theta + nudges > q.high / q.typical, -nudges, nudges)
+        P = np.tile(self.p, (nf + 1, 1))
+        P[range(1, nf + 1), list(q.free)] += nudges * q.typical
+        E = run_steered(q.model, q.problem, P, self.filtered, own)
+        lost = np.asarray(~np.isfinite(E[:, np.isfinite(e)]).all(axis=1))
+        if lost[0]:
+            self.differentiate()
+            return
+        with np.errstate(invalid="ignore"):
+            slopes = np.moveaxis((E[1:] - E[0]) / nudges[:, None, None], 0, -1)
+        self.slopes = Slopes(np.zeros((*e.shape, count)), np.zeros((*e.shape, count)))
+        self.slopes.innovations[..., :nf] = slopes
+        self.differentiate([*np.flatnonzero(lost[1:]).tolist(), *range(nf, count)])
+        self.fresh = self.glanced = True
+
+    def differentiate(self, columns: Sequence[int] | None = None) -> None:
+        """Take the slopes by filters beside this one; `columns` leaves the others as they are."""
+        q, nx, nf = self.q, len(self.q.model.states), len(self.q.free)
+        count = nf + len(q.groups)
+        chosen = list(range(count)) if columns is None else list(columns)
+        if not chosen:
+            return
+        P, R = np.tile(self.p, (len(chosen), 1)), np.tile(self.noise.measurement, (len(chosen), 1))
+        Q, nudges = np.tile(self.noise.spectrum(nx), (len(chosen), 1)), self._nudges()[chosen]
+        for row, k in enumerate(chosen):
+            if k < nf:
+                i = q.free[k]
+                nudges[row] *= -1.0 if self.p[i] + nudges[row] * q.typical[k] > q.high[k] else 1.0
+                P[row, i] += nudges[row] * q.typical[k]
+            else:
+                levels = self.noise.levels.copy()
+                levels[k - nf] += nudges[row]
+                Q[row] = replace(self.noise, levels=levels).spectrum(nx)
+        other = run_filter(q.model, q.problem, P, Q, R)
+        e, v = self.filtered.innovations[0], self.filtered.variances[0]
+        de = np.moveaxis((other.innovations - e) / nudges[:, None, None], 0, -1)
+        dv = np.moveaxis((np.log(other.variances) - np.log(v)) / nudges[:, None, None], 0, -1)
+        if columns is None or self.slopes is None:
+            self.slopes, self.fresh, self.glanced = Slopes(de, dv), True, False
+        else:
+            self.slopes.innovations[..., chosen] = de
+            self.slopes.variances[..., chosen] = dv
+
+    def _nudges(self) -> Array:
+        """By how much each parameter, in typical sizes, and each level is moved for its difference quotient."""
+        nf, ng = len(self.q.free), len(self.q.groups)
+        if self.slopes is None:
+            return np.concatenate([np.full(nf, NUDGES[1]), np.full(ng, NUDGE_LEVEL)])
+        size = np.sqrt(np.diag(self.expanded()[1])[:nf])
+        known = np.clip(REACH / np.maximum(size, 1e-12), NUDGES[0], NUDGES[2])
+        return np.concatenate([known, np.full(ng, NUDGE_LEVEL)])
+
+    def carried(self, there: Place, information: Array) -> Slopes:
+        """Broyden's update of the slopes by what a step showed, in the metric in which all parameters count alike.
+
+        A step of less than a conditional standard deviation shows the integrator's error rather than slopes.
+        """
+        assert self.slopes is not None
+        s = there.coordinates - self.coordinates
+        along = np.diag(information) * s
+        length = float(s @ along)
+        if not length > 1.0:
+            return self.slopes
+        old, new = self.filtered, there.filtered
+        # Slopes may have left the numbers here and there: `expanded` passes those over.
+        with np.errstate(invalid="ignore"):
+            missed_e = new.innovations[0] - old.innovations[0] - self.slopes.innovations @ s
+            missed_v = np.log(new.variances[0] / old.variances[0]) - self.slopes.variances @ s
+            update = along / length
+            return Slopes(
+                self.slopes.innovations + missed_e[..., None] * update,
+                self.slopes.variances + missed_v[..., None] * update,
+            )
+
+    def expanded(self) -> tuple[Array, Array]:
+        """Gradient of half the score and Fisher's information, in typical sizes and log levels."""
+        if self.slopes is None:
+            self.differentiate()
+        assert self.slopes is not None
+        q, nf = self.q, len(self.q.free)
+        e, v = self.filtered.innovations[0], self.filtered.variances[0]
+        known = np.isfinite(e) & np.isfinite(self.slopes.innovations).all(axis=-1)
+        sd = np.sqrt(v[known])
+        z, D = e[known] / sd, self.slopes.variances[known]
+        J = self.slopes.innovations[known] / sd[:, None]
+        weight = np.minimum(1.0, FAR / np.maximum(np.abs(z), 1e-12))
+        gradient = J.T @ (weight * z) + 0.5 * D.T @ (1.0 - weight * z**2)
+        information = J.T @ (J * weight[:, None]) + 0.5 * D.T @ D
+        prior = (q.typical / q.prior_sd) ** 2
+        gradient[:nf] += (self.p[list(q.free)] - q.prior) / q.typical * prior
+        information[range(nf), range(nf)] += prior
+        return gradient, information
+
+    def answer(self, settled: bool) -> Answer:
+        """What was found here."""
+        _, information = self.expanded()
+        assert self.slopes is not None
+        return Answer(
+            self.q, self.p, self.noise, self.filtered, self.score, self.slopes, information, settled
+        )

@@ -1,0 +1,123 @@
+"""The arrays a fit works on: recordings cut into segments, segments into windows that begin at nodes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optid.core.model import CLOCK, INTERVAL, Array, Model
+from optid.core.recording import Recording, held
+from optid.errors import RecordingError
+from optid.estimation.start import measured_states
+
+Integers = NDArray[np.int64]
+Booleans = NDArray[np.bool_]
+
+FEW = 6  # samples: a line through so many tells a speed
+EVIDENT = 3.0  # sd of that line's slope
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Samples of all segments one after the other, and the windows over them.
+
+    Attributes:
+        time: s of each sample's own recording, (samples,).
+        dt: time to the next sample, (samples,).
+        inputs: held commands, (samples, inputs).
+        measured: outputs, (samples, outputs); NaN is missing.
+        begins: first sample of each window, (windows,).
+        counts: intervals of each window.
+        closed: the window's last sample is its own: nothing follows in its segment.
+        linked: the window's end should meet the next window's node.
+        recording: index of the recording each window belongs to.
+    """
+
+    time: Array
+    dt: Array
+    inputs: Array
+    measured: Array
+    begins: Integers
+    counts: Integers
+    closed: Booleans
+    linked: Booleans
+    recording: Integers
+
+
+def pose(model: Model, recordings: Sequence[Recording], window: float) -> Problem:
+    """Cut recordings into windows of about `window` seconds.
+
+    Raises:
+        RecordingError: a recording lacks an input, or holds none of the model's outputs.
+    """
+    columns: list[tuple[Array, Array, Array, Array]] = []
+    begins, counts, closed, owner = [], [], [], []
+    offset = 0
+    for number, recording in enumerate(recordings):
+        for segment in recording.segments():
+            n = len(segment)
+            columns.append(_arrays(model, segment, recording.time[0]))
+            pieces = max(1, min(round(segment.duration / window), (n - 1) // 2))
+            edges = np.round(np.linspace(0, n - 1, pieces + 1)).astype(int)
+            begins += [offset + int(e) for e in edges[:-1]]
+            counts += [int(c) for c in np.diff(edges)]
+            closed += [False] * (pieces - 1) + [True]
+            owner += [number] * pieces
+            offset += n
+    time, dt, inputs, measured = (np.ascontiguousarray(np.concatenate(c)) for c in zip(*columns, strict=True))
+    ends = np.array(closed)
+    return Problem(
+        time,
+        dt,
+        inputs,
+        measured,
+        np.array(begins, dtype=np.int64),
+        np.array(counts, dtype=np.int64),
+        ends,
+        ~ends,
+        np.array(owner, dtype=np.int64),
+    )
+
+
+def _arrays(model: Model, segment: Recording, start: float) -> tuple[Array, Array, Array, Array]:
+    n = len(segment)
+    dt = np.diff(segment.time, append=segment.time[-1] + segment.interval)
+    measured = np.full((n, len(model.outputs)), np.nan)
+    present = [j for j, port in enumerate(model.outputs) if port.role in segment]
+    if not present:
+        raise RecordingError(
+            "no output of the model is measured",
+            where=segment.name,
+            expected=" or ".join(port.role for port in model.outputs),
+        )
+    for j in present:
+        measured[:, j] = segment[model.outputs[j].role].values
+    positions = set(measured_states(model)[1].values())
+    rests = not any(_moves(segment.time, measured[:, j]) for j in positions.intersection(present))
+    inputs = np.empty((n, len(model.inputs)))
+    for j, port in enumerate(model.inputs):
+        if port.role in (INTERVAL, CLOCK):
+            column = dt if port.role == INTERVAL else segment.time - start + dt / 2
+        else:
+            column = held(segment[port.role].values)
+        before = port.idle if rests and port.idle is not None else column[0]
+        inputs[:, j] = np.r_[np.full(port.ago, before), column][:n]
+    return segment.time, dt, inputs, measured
+
+
+def _moves(time: Array, position: Array) -> bool:
+    """It moves evidently as the segment begins, and not only because it breaks away there: then it is soon faster."""
+    known = np.flatnonzero(np.isfinite(position))[: 2 * FEW]
+    if len(known) < 2 * FEW:
+        return False
+    first, then = (_slope(time[rows], position[rows]) for rows in (known[:FEW], known[FEW:]))
+    return abs(first[0]) > max(EVIDENT * first[1], abs(then[0]) / 2.0)
+
+
+def _slope(time: Array, values: Array) -> tuple[float, float]:
+    """Of a line through the values, with its sd."""
+    (slope, _), covariance = np.polyfit(time - time[0], values, 1, cov=True)
+    return float(slope), float(np.sqrt(covariance[0, 0]))

@@ -1,0 +1,233 @@
+"""Profile likelihood of one fitted parameter: how much worse every value of it is, the rest fitted anew.
+
+The interval of a fit is that of the linearised problem, symmetric by construction. The profile follows the
+valley itself: lopsided where the model bends, open where nothing stops a value.
+
+Residuals are coloured and the model imperfect, so the cost alone overstates. It is divided by how much larger
+the fit's variance is than the one that the cost's curvature says (the vertical adjustment of Chandler and Bate
+2007, Biometrika 94:167); near the minimum both intervals then agree, and further out the profile counts.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy import special
+from scipy.interpolate import PchipInterpolator
+
+from optid.core.model import Array
+from optid.core.recording import Recording
+from optid.errors import InputError, NotIdentifiable, SolveError, nearest
+from optid.estimation.batch import FitOptions
+from optid.estimation.objective import freed_with_rest, objective_of, window_length
+from optid.estimation.problem import pose
+from optid.estimation.result import Fit
+from optid.estimation.smoother import Objective, Point, Terms, descend, settled_system, solve_schur
+from optid.rigs.rigfile import Rig
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+STRIDE = 0.5  # of the fit's half-width: the step along the profile
+FARTHEST = 24  # steps to either side; an interval still open after them is called open
+BEYOND = 1.6  # share of the limit up to which the profile is followed, so that it can be looked at
+PRECISION = 1e-7  # relative decrease of the cost at which the rest counts as fitted
+# Of the integration, as a share of each state's usual size. A fit's 1e-5 roughens its cost by about 1, which a
+# profile, looking for a rise of 4, would follow; at 1e-7 the roughness is 0.001 (the embedded bench).
+SMOOTH = 1e-7
+
+
+@dataclass(frozen=True, eq=False)
+class Profile:
+    """A parameter's profile; SI units.
+
+    Attributes:
+        value: the best one.
+        values: where the rest was fitted anew, ascending.
+        deviance: how much worse each is: the adjusted rise of -2 log likelihood above the best.
+        limit: deviance at the ends of the 95 % interval.
+        low, high: that interval; infinite where nothing within reach stops the value.
+        linear: the interval of the fit itself, for comparison.
+        others: one row a value: all other fitted parameters along the valley.
+    """
+
+    name: str
+    unit: str
+    value: float
+    values: Array
+    deviance: Array
+    limit: float
+    low: float
+    high: float
+    linear: tuple[float, float]
+    others: pd.DataFrame
+
+    @property
+    def sentence(self) -> str:
+        """What the profile adds to the fit's own interval."""
+        unit = "" if self.unit == "1" else f" {self.unit}"
+        if not math.isfinite(self.high - self.low):
+            open_ends = " and ".join(
+                side for side, end in (("below", self.low), ("above", self.high)) if not math.isfinite(end)
+            )
+            return f"{self.name}: the data set no limit {open_ends} within reach of the profile"
+        found = f"{self.name}: 95 % of the profile likelihood within {self.low:.5g} to {self.high:.5g}{unit}"
+        ratio = (self.high - self.value) / max(self.value - self.low, 1e-300)
+        if 0.8 < ratio < 1.25:
+            return f"{found}, as symmetric as the fit's own interval takes it to be"
+        longer = "upwards" if ratio > 1 else "downwards"
+        return f"{found}, {max(ratio, 1 / ratio):.2g} times as far {longer}: the fit's own interval is too symmetric"
+
+
+def profile(
+    rig: Rig,
+    recordings: Iterable[Recording],
+    fit: Fit,
+    name: str,
+    options: FitOptions | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> Profile:
+    """Follow the valley of one parameter to both sides of a fit.
+
+    Args:
+        rig: as fitted.
+        recordings: as fitted.
+        fit: their fit, converged.
+        name: of the parameter.
+        options: as fitted; window and robust loss count here.
+        progress: called with the share of the work done.
+
+    Raises:
+        InputError: the fit holds no such parameter.
+        NotIdentifiable: the parameter stands at its bound, or the data do not determine it: there is no valley.
+    """
+    k, recordings, options = _place(rig, fit, name), list(recordings), options or FitOptions()
+    problem = pose(rig.model, recordings, options.window or window_length(rig.model, recordings))
+    o, _ = objective_of(rig, freed_with_rest(rig), problem, options.huber)
+    o, q = replace(o, tolerance=SMOOTH), fit.process_noise
+    best, terms, _ = descend(
+        o, Point(fit.states, rig.model.vector(fit.values)), q, iterations=40, precision=PRECISION / 100
+    )
+    curved, sd = _curved(o, best, terms, fit, k), math.sqrt(fit.covariance[k, k])
+    limit = float(special.chdtri(1, 0.05))
+    walk = _Walk(o, q, k, STRIDE * math.sqrt(limit) * sd, BEYOND * limit * (sd / curved) ** 2, progress)
+    middle = (float(best.p[o.free[k]]), terms.cost, best.p)
+    down, up = (_follow(walk, best, terms.cost, way) for way in (-1, 1))
+    rows = [*reversed(down), middle, *up]
+    values, cost = (np.array([row[i] for row in rows]) for i in (0, 1))
+    deviance = (cost - terms.cost) * (curved / sd) ** 2
+    estimate, at = fit.parameters[k], len(down)
+    return Profile(
+        name, estimate.unit, middle[0], values, deviance, limit,
+        -_crossing(-values[at::-1], deviance[at::-1], limit), _crossing(values[at:], deviance[at:], limit),
+        (estimate.low, estimate.high), _others(o, k, rows),
+    )  # fmt: skip
+
+
+def fitted(rig: Rig, name: str) -> int:
+    """Place of a parameter among those a fit of the rig moves.
+
+    Raises:
+        InputError: it is not among them; names the nearest one.
+    """
+    names = [freed.name for freed in freed_with_rest(rig)]
+    if name not in names:
+        raise InputError(f'"{name}" is not fitted', where=rig.path, field="[fit]", hint=nearest(name, names))
+    return names.index(name)
+
+
+def _place(rig: Rig, fit: Fit, name: str) -> int:
+    k = fitted(rig, name)
+    if fit.parameters[k].at_bound or not fit.parameters[k].identifiable:
+        why = "stands at its bound" if fit.parameters[k].at_bound else "is not determined by these recordings"
+        raise NotIdentifiable(f"{name} {why}: there is no valley to follow")
+    return k
+
+
+def _curved(o: Objective, best: Point, terms: Terms, fit: Fit, k: int) -> float:
+    """Standard deviation of a parameter by the cost's curvature alone, with those at their bounds held there."""
+    held = np.array([estimate.at_bound for estimate in fit.parameters])
+    s = settled_system(o, best, terms, fit.process_noise, held)
+    inverse = solve_schur(replace(s, schur=s.schur + np.diag(held.astype(float))), np.eye(len(held)))
+    return math.sqrt(inverse[k, k]) * float(o.typical[k])
+
+
+@dataclass(frozen=True, eq=False)
+class _Walk:
+    """What both sides of a walk share: parameter number `k`, its step, and the rise of the cost that ends it."""
+
+    o: Objective
+    q: Array
+    k: int
+    stride: float
+    rise: float
+    progress: Callable[[float], None] | None
+
+
+Row = tuple[float, float, Array]  # value, cost, all parameters
+
+
+def _follow(walk: _Walk, at: Point, lowest: float, way: int) -> list[Row]:
+    """Away from the best in one direction, each point started from the one before it."""
+    o, k, rows = walk.o, walk.k, list[Row]()
+    begin, before = float(at.p[o.free[k]]), at
+    for number in range(1, FARTHEST + 1):
+        value = float(np.clip(begin + way * number * walk.stride, o.low[k], o.high[k]))
+        if rows and value == rows[-1][0]:
+            break  # at its bound
+        try:
+            found, cost = _fixed(walk, _ahead(o, at, before, k, value), value)
+        except SolveError:
+            break  # the model cannot be simulated out there
+        before, at = at, found
+        rows.append((value, cost, at.p))
+        if walk.progress is not None:
+            walk.progress(min(max(number / FARTHEST, (cost - lowest) / walk.rise), 1.0) / 2 + (way > 0) / 2)
+        if cost - lowest > walk.rise:
+            break
+    return rows
+
+
+def _ahead(o: Objective, at: Point, before: Point, k: int, value: float) -> Point:
+    """Along the straight line through the last two points: valleys bend slowly."""
+    i = o.free[k]
+    gone = at.p[i] - before.p[i]
+    share = (value - at.p[i]) / gone if gone else 0.0
+    p, free = at.p.copy(), list(o.free)
+    p[free] = np.clip(at.p[free] + share * (at.p - before.p)[free], o.low, o.high)
+    p[i] = value
+    return Point(at.X + share * (at.X - before.X), p)
+
+
+def _fixed(walk: _Walk, start: Point, value: float) -> tuple[Point, float]:
+    """The rest fitted with the parameter at a value."""
+    low, high = walk.o.low.copy(), walk.o.high.copy()
+    low[walk.k] = high[walk.k] = value
+    at, terms, _ = descend(
+        replace(walk.o, low=low, high=high), start, walk.q, iterations=40, precision=PRECISION
+    )
+    return at, terms.cost
+
+
+def _crossing(values: Array, deviance: Array, limit: float) -> float:
+    """Where the deviance first passes the limit; its root is nearly straight, so it is what is interpolated."""
+    root = np.sqrt(np.maximum(deviance, 0.0))
+    beyond = np.flatnonzero(root >= math.sqrt(limit))
+    if not len(beyond):
+        return math.inf
+    last = int(beyond[0])
+    rising = bool((np.diff(root[: last + 1]) > 0).all())
+    reach = slice(0 if rising else last - 1, last + 1)
+    return float(PchipInterpolator(root[reach], values[reach])(math.sqrt(limit)))
+
+
+def _others(o: Objective, k: int, rows: list[Row]) -> pd.DataFrame:
+    import pandas as pd
+
+    names = [o.model.parameters[i].name for i in o.free]
+    table = pd.DataFrame([row[2][list(o.free)] for row in rows], columns=names)
+    return table.set_index(names[k])

@@ -1,0 +1,70 @@
+"""First guess of the states at the nodes: what is measured from the data, the rest carried by the model."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+import casadi as ca
+import numpy as np
+
+from optid.core.model import Array, Model
+from optid.core.simulation import carry
+
+if TYPE_CHECKING:
+    from optid.estimation.problem import Problem
+
+HALF_WIDTH = 12  # samples on either side of a node that a local parabola smooths
+COARSE = 1e-4  # local error of the simulation that carries what is not measured
+
+
+@lru_cache(maxsize=64)
+def measured_states(model: Model) -> tuple[Mapping[int, int], Mapping[int, int]]:
+    """States an output shows directly (state -> output), and those that are the rate of such a one."""
+    x, u = ca.SX.sym("x", len(model.states)), ca.SX.sym("u", len(model.inputs))
+    p = ca.DM([q.typical if q.default is None else q.default for q in model.parameters])
+    y, f = model.sensors(x, u, p), model.rates(x, u, p)
+    direct = {i: o for o in range(y.numel()) for i in range(x.numel()) if ca.is_equal(y[o], x[i])}
+    rates = {j: o for i, o in direct.items() for j in range(x.numel()) if ca.is_equal(f[i], x[j])}
+    return direct, {j: o for j, o in rates.items() if j not in direct}
+
+
+def guess(model: Model, problem: Problem, p: Array) -> Array:
+    """States at the nodes, shape (windows, states)."""
+    direct, rates = measured_states(model)
+    mean = np.array(model.start(p)[0]).ravel()
+    known = np.full((len(problem.begins), len(model.states)), np.nan)
+    for o in {*direct.values(), *rates.values()}:
+        level, slope = _local(problem, o)
+        for states, values in ((direct, level), (rates, slope)):
+            for i in (i for i, k in states.items() if k == o):
+                known[:, i] = values
+    return np.asarray(carry(model, p, mean, problem, known, COARSE).nodes[0])
+
+
+def _local(problem: Problem, output: int) -> tuple[Array, Array]:
+    """Level and slope of an output at the nodes, from parabolas through their neighbours of the same segment.
+
+    A straight line through up to six known neighbours; NaN where there are less than three.
+    """
+    begins, tails = problem.begins, np.flatnonzero(problem.closed)
+    segment = np.searchsorted(tails, np.arange(len(begins)))
+    stop = (begins + problem.counts)[tails][segment]
+    head = begins[np.r_[0, tails[:-1] + 1]][segment]
+    rows = begins[:, None] + np.arange(-HALF_WIDTH, HALF_WIDTH + 1)
+    inside = (rows >= head[:, None]) & (rows <= stop[:, None])
+    rows = np.where(inside, rows, begins[:, None])
+    t, y = problem.time[rows] - problem.time[begins][:, None], problem.measured[rows, output]
+    known = inside & np.isfinite(y)
+    number = known.sum(axis=1)
+    scale = np.abs(t).max(axis=1, keepdims=True)
+    powers = (t / scale)[:, :, None] ** np.arange(3) * known[:, :, None]
+    powers[number <= 6, :, 2] = 0.0
+    normal = np.einsum("wni,wnj->wij", powers, powers)
+    normal[number <= 6, 2, 2] = 1.0
+    normal[number < 3] = np.eye(3)
+    right = np.einsum("wni,wn->wi", powers, np.where(known, y, 0.0))
+    c = np.linalg.solve(normal, right[:, :, None])[:, :2, 0]
+    c[number < 3] = np.nan
+    return c[:, 0], c[:, 1] / scale[:, 0]

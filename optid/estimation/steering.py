@@ -1,0 +1,156 @@
+"""Parameters by prediction error under held gains: a search that costs a fraction of one on the filter's likelihood.
+
+Each model follows the recordings by the gains of a filter that has run already, on a plainer model or at other
+parameters, instead of by a filter of its own. Estimates by such innovations are consistent at any gains (Ljung, System
+Identification, 1999, section 8.4); the likelihood then takes them as a start.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from optid.core.model import Array, Model
+from optid.errors import SolveError
+from optid.estimation.likelihood import FAR, Filtered, huber, run_steered
+from optid.estimation.place import NUDGES, REACH, Question
+from optid.estimation.problem import Booleans
+
+TOLERANCE = 1e-3  # of the loss, that a step must gain for the search to go on
+# Of the curvature: as many as a vector holds are tried at once. Where the least or the most does best the next ones are
+# smaller or larger; where none does, larger ones are tried.
+DAMPINGS, PACE, FARTHER, TRIALS = (1e-4, 1e-2, 0.3, 10.0), (0.1, 1.0, 1.0, 10.0), 1e3, 2
+# Of the largest curvature: each coordinate is damped as if its own were larger by that. What one recording hardly
+# shows, as heights of a curve where it never was, stays about where it is.
+FLOOR = 1e-3
+STEPS = 6  # that lead to about where a search ends
+LOST = 1e3  # sd: an innovation of a model that has left the numbers
+
+
+class Steered(NamedTuple):
+    """Where a search under held gains ended: the whole parameter vector, and Huber's loss of the innovations there."""
+
+    p: Array
+    loss: float
+
+
+def innovations(
+    q: Question,
+    P: Array,
+    plain: Model,
+    guide: Filtered,
+    only: Sequence[int] | None = None,
+    looks: Booleans | None = None,
+) -> Array:
+    """Innovations of parameter sets under held gains, in sd of the guide's, (sets, measured).
+
+    Args:
+        q: the question.
+        P: (sets, parameters).
+        plain: model of the guide, whose states are among the question's.
+        guide: whose gains and variances hold, with gains kept.
+        only: what was measured in these segments, in all if absent.
+        looks: samples from which the others are predicted, (samples,); all if absent.
+    """
+    names = [state.name for state in q.model.states]
+    known = np.isfinite(guide.innovations[0])
+    if only is not None:
+        owner = np.repeat(np.arange(len(q.problem.counts)), q.problem.counts + 1)
+        known = known & np.isin(owner, only)[:, None]
+    common = [names.index(state.name) for state in plain.states]
+    E = run_steered(q.model, q.problem, P, guide, common, only=only, looks=looks)
+    scaled = E[:, known] / np.sqrt(guide.variances[0][known])
+    return np.asarray(np.nan_to_num(scaled, nan=LOST, posinf=LOST, neginf=-LOST))
+
+
+def steered_fit(
+    q: Question,
+    p: Array,
+    plain: Model,
+    guide: Filtered,
+    steps: int,
+    only: Sequence[int] | None = None,
+    looks: Booleans | None = None,
+) -> Steered:
+    """The parameters under which innovations are least, from a start, by Levenberg-Marquardt steps.
+
+    Several dampings are tried at once: they cost one simulation's time together, and no step is lost by having reached
+    too far.
+
+    Args:
+        q: the question.
+        p: start, (parameters,).
+        plain: model of the guide, whose states are among the question's.
+        guide: whose gains and variances hold, with gains kept.
+        steps: at most.
+        only: these segments count, all if absent.
+        looks: as for `innovations`.
+
+    Raises:
+        SolveError: the model cannot be simulated at the start.
+    """
+    free, low, high = list(q.free), q.low / q.typical, q.high / q.typical
+
+    def residuals(X: Array) -> Array:
+        """Innovations in sd, then what the priors miss, (sets, rows), at free parameters in typical sizes."""
+        P = np.tile(p, (len(X), 1))
+        P[:, free] = np.clip(X * q.typical, q.low, q.high)
+        prior = (X * q.typical - q.prior) / q.prior_sd
+        return np.concatenate([innovations(q, P, plain, guide, only, looks), prior], axis=1)
+
+    x = np.clip(p[free] / q.typical, low, high)
+    (z,) = residuals(x[None])
+    if not np.abs(z[: len(z) - len(x)]).min() < LOST:
+        raise SolveError("the simulation leaves the numbers at the start values; check them and their units")
+    loss, far, nudges = 0.5 * float(huber(z).sum()), 1.0, np.full(len(x), NUDGES[1])
+    for _ in range(steps):
+        moved = np.where(x + nudges > high, -nudges, nudges)
+        J = ((residuals(x + np.diag(moved)) - z) / moved[:, None]).T
+        nudges = np.clip(REACH / np.maximum(np.linalg.norm(J, axis=0), 1e-12), NUDGES[0], NUDGES[2])
+        weight = np.minimum(1.0, FAR / np.maximum(np.abs(z), 1e-12))
+        gradient, curvature = J.T @ (weight * z), (J.T * weight) @ J
+        floor, before = FLOOR * np.diag(curvature).max(), loss
+        for _ in range(TRIALS):
+            ladder = [damped_step(gradient, curvature, far * by, x, low, high, floor) for by in DAMPINGS]
+            X = np.clip(x + np.array(ladder), low, high)
+            Z = residuals(X)
+            losses = 0.5 * huber(Z).sum(axis=1)
+            best = int(np.argmin(losses))
+            if losses[best] < loss:
+                x, z, loss = X[best], Z[best], float(losses[best])
+                far *= PACE[best]
+                break
+            far *= FARTHER
+        if before - loss < TOLERANCE * loss:
+            break
+    found = p.copy()
+    found[free] = np.clip(x * q.typical, q.low, q.high)
+    return Steered(found, loss)
+
+
+def damped_step(
+    gradient: Array,
+    curvature: Array,
+    damping: float,
+    x: Array,
+    low: Array,
+    high: Array,
+    floor: float = 0.0,
+    held: Booleans | None = None,
+) -> Array:
+    """A Levenberg-Marquardt step, (coordinates,); a coordinate of x at a bound that it would leave stays.
+
+    Each is damped by its own curvature and by a `floor` for all; those `held` stay in any case.
+    """
+    held = np.zeros(len(gradient), dtype=np.bool_) if held is None else held.copy()
+    while True:
+        keep, step = ~held, np.zeros(len(gradient))
+        H = curvature[np.ix_(keep, keep)]
+        H = H + np.diag(damping * (np.diag(H) + floor) + 1e-12)
+        step[keep] = -np.linalg.solve(H, gradient[keep])
+        outward = ((x <= low) & (step < 0.0)) | ((x >= high) & (step > 0.0))
+        if not outward.any():
+            return step
+        held |= outward

@@ -1,0 +1,186 @@
+"""Whether a recording moves enough to identify anything, and whether cause comes before effect in it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optid.core.recording import Recording
+from optid.quality.noise import noise_sd
+from optid.quality.remark import Remark
+
+Array = NDArray[np.float64]
+
+SMOOTHING = 0.02  # s over which a speed is taken: shorter than an axis's swing, long enough against noise
+_FARTHEST = 0.05  # share of a record over which a lag is sought
+_NOISES = 5.0  # standard deviations: among a million samples noise alone passes less than once
+
+
+def still(recording: Recording, inputs: tuple[str, ...], outputs: tuple[str, ...]) -> Iterator[Remark]:
+    """Channels that do not move, or no more than their noise does."""
+    for role in (*inputs, *outputs):
+        values = recording[role].values
+        span = float(np.nanmax(values) - np.nanmin(values))
+        noise = noise_sd(values)
+        # A signal of noise alone spans about 8 standard deviations in ten thousand samples, 10 in a million.
+        if span == 0.0 or (role in outputs and span < 2 * _NOISES * noise):
+            what = (
+                "never changes"
+                if span == 0.0
+                else f"moves by {span:.3g}, no more than its noise of {noise:.2g}"
+            )
+            yield Remark("still", "error", role, f"{role} {what}: nothing can be identified from it")
+
+
+def one_sided(recording: Recording, inputs: tuple[str, ...]) -> Iterator[Remark]:
+    """Inputs that never change sign, though they can."""
+    for role in inputs:
+        channel = recording[role]
+        low, high = float(np.nanmin(channel.values)), float(np.nanmax(channel.values))
+        if channel.full_scale is not None and low < high and (low >= 0 or high <= 0):
+            sign = "positive" if low >= 0 else "negative"
+            yield Remark(
+                "excitation", "warning", role,
+                f"{role} is never other than {sign}: one direction says nothing of the other",
+            )  # fmt: skip
+
+
+def travel(recording: Recording, role: str) -> Iterator[Remark]:
+    """How a position moves: back and forth, at more than one speed."""
+    values = recording[role].values
+    speed, error = _speed(recording, role)
+    moving = np.abs(speed) > _NOISES * error
+    if not moving.any() or np.nanmax(values) - np.nanmin(values) < 2 * _NOISES * noise_sd(values):
+        return  # it is still, and said to be
+    direction = np.sign(speed[moving])
+    reversals = int((np.diff(direction) != 0).sum())
+    if reversals < 2:
+        yield Remark(
+            "excitation", "warning", role,
+            f"{role} reverses {('never', 'once')[reversals]}: friction cannot be told from a constant force",
+        )  # fmt: skip
+    slow, fast = np.percentile(np.abs(speed[moving]), (10, 90))
+    # Dry and viscous friction are a line's height and slope over speed; equal speeds leave the slope open.
+    if fast < 2 * slow:
+        yield Remark(
+            "excitation", "warning", role,
+            f"{role} moves at {slow:.3g} to {fast:.3g} {recording[role].unit}/s for most of the time: "
+            "so narrow a range of speeds does not part dry from viscous friction",
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Lag:
+    """By how much one signal follows another.
+
+    Attributes:
+        seconds: lag of the highest correlation; negative where the effect comes first.
+        correlation: the highest, by size.
+        causal: the highest at lags of zero and more, by size.
+        chance: the highest, by size, at lags where the two can have nothing to do with each other.
+        scatter: standard deviation of the correlation at those lags.
+    """
+
+    seconds: float
+    correlation: float
+    causal: float
+    chance: float
+    scatter: float
+
+
+def lag(cause: Array, effect: Array, interval: float) -> Lag:
+    """Cross-correlation of two signals, both shape (samples,) and evenly spaced by `interval` s.
+
+    What chance gives is read off the same record, from lags of an eighth to a half of its length.
+    """
+    n = len(cause)
+    a, b = ((s - s.mean()) / (s.std() or 1.0) for s in (cause, effect))
+    size = 1 << (2 * n - 1).bit_length()
+    product = np.fft.irfft(np.conj(np.fft.rfft(a, size)) * np.fft.rfft(b, size), size)
+    lags = np.arange(-(n // 2), n // 2 + 1)
+    # Divided by the samples that overlap: a periodic signal then repeats at full height among the far lags.
+    sizes = np.abs(product[lags]) / (n - np.abs(lags))
+    reach = max(int(_FARTHEST * n), 1)
+    near, far = np.abs(lags) <= reach, np.abs(lags) >= n // 8
+    best = int(np.where(near, sizes, 0.0).argmax())
+    return Lag(
+        float(lags[best]) * interval,
+        float(sizes[best]),
+        float(sizes[near & (lags >= 0)].max()),
+        float(sizes[far].max()),
+        float(np.sqrt(np.mean(sizes[far] ** 2))),
+    )
+
+
+def answer(recording: Recording, cause: str, role: str) -> tuple[str, Lag] | None:
+    """How a channel answers an input: by its value, its speed or its acceleration, whichever resembles it most.
+
+    A plant may answer a command by any of them. ``None`` where the input never changes.
+    """
+    values = _filled(recording[cause].values)
+    if values.min() == values.max():
+        return None
+    speed, _ = _speed(recording, role)
+    answers = {
+        role: _filled(recording[role].values), f"speed of {role}": speed,
+        f"acceleration of {role}": _slope(speed, recording),
+    }  # fmt: skip
+    lags = {what: lag(values, signal, recording.interval) for what, signal in answers.items()}
+    return max(lags.items(), key=lambda one: one[1].correlation)
+
+
+def anticipation(recording: Recording, inputs: tuple[str, ...], outputs: tuple[str, ...]) -> Iterator[Remark]:
+    """Outputs that move before the command does, which only channels out of step can show.
+
+    The highest correlation of an answer must lie before zero and exceed both what chance gives in this record
+    and the highest after zero by three standard errors, (1 - r^2) times the scatter of chance.
+    """
+    for cause in inputs:
+        for role in outputs:
+            answered = answer(recording, cause, role)
+            if answered is None:
+                continue
+            found = answered[1]
+            margin = 3 * max(1 - found.correlation**2, 0.0) * found.scatter
+            ahead = found.correlation > max(found.chance, found.causal) + margin
+            if ahead and found.seconds < -_halfwidth(recording) * recording.interval:
+                yield Remark(
+                    "lag", "warning", role,
+                    f"{role} moves {-found.seconds:.3g} s before {cause} does: the channels are out of step "
+                    f"(correlation {found.correlation:.2f}, at most {found.causal:.2f} the right way round)",
+                )  # fmt: skip
+
+
+def _halfwidth(recording: Recording) -> int:
+    return max(round(SMOOTHING / recording.interval / 2), 1)
+
+
+def _speed(recording: Recording, role: str) -> tuple[Array, float]:
+    """A channel's slope and the standard deviation that its noise gives the slope, per s."""
+    weight = _slope_weights(recording)
+    noise = noise_sd(recording[role].values)
+    return _slope(_filled(recording[role].values), recording), noise * float(np.sqrt((weight**2).sum()))
+
+
+def _slope(values: Array, recording: Recording) -> Array:
+    """Slope of a straight line through the samples within `SMOOTHING`, per s, shape (samples,)."""
+    padded = np.pad(values, _halfwidth(recording), mode="edge")
+    return np.convolve(padded, _slope_weights(recording)[::-1], mode="valid")
+
+
+def _slope_weights(recording: Recording) -> Array:
+    k = np.arange(-_halfwidth(recording), _halfwidth(recording) + 1.0)
+    weights: Array = k / (float((k**2).sum()) * recording.interval)
+    return weights
+
+
+def _filled(values: Array) -> Array:
+    """Missing samples bridged by straight lines."""
+    absent = np.isnan(values)
+    if not absent.any():
+        return values
+    k = np.arange(len(values))
+    return np.interp(k, k[~absent], values[~absent])

@@ -1,0 +1,94 @@
+"""Time and completeness: gaps, jitter, a rate that is too low, missing samples."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from optid.core.recording import GAP, LONG_GAP, Recording
+from optid.quality.noise import noise_sd
+from optid.quality.remark import Remark
+
+WINDOW = 0.5  # s, of the windowed prediction: a window without data judges nothing
+
+
+def sampling(recording: Recording, outputs: tuple[str, ...]) -> Iterator[Remark]:
+    """Remarks on the time axis.
+
+    Args:
+        recording: what was measured.
+        outputs: roles whose motion tells whether jitter and rate matter.
+    """
+    gaps = recording.gaps()
+    if gaps:
+        longest = max(gaps, key=lambda gap: gap[1] - gap[0])
+        size = longest[1] - longest[0]
+        held = size <= LONG_GAP * recording.interval
+        yield Remark(
+            "gap",
+            "note" if held else "warning",
+            "time",
+            f"{len(gaps)} gaps between samples, the longest {size:.3g} s "
+            f"({size / recording.interval:.0f} sampling intervals): "
+            + ("the command is held through them" if held else "the record is cut there"),
+            longest,
+        )
+    for role in outputs:
+        yield from _pace(recording, role)
+
+
+def _pace(recording: Recording, role: str) -> Iterator[Remark]:
+    """Jitter and rate, weighed by what they do to one channel."""
+    values, intervals = recording[role].values, np.diff(recording.time)
+    steps = np.diff(values)
+    whole = np.isfinite(steps) & (intervals < GAP * recording.interval)
+    if whole.sum() < 20:
+        return
+    noise, spread = noise_sd(values), float(np.nanstd(values))
+    # A sample taken early or late errs by speed times the time error; below the noise, or below 0.01 % of
+    # the signal, nobody can tell.
+    jitter = float(np.std(intervals[whole]))
+    speed = float(np.percentile(np.abs(steps[whole]) / intervals[whole], 95))
+    if jitter * speed > max(noise, 1e-4 * spread):
+        yield Remark(
+            "jitter", "warning", role,
+            f"sampling intervals scatter by {jitter:.2g} s around {recording.interval:.4g} s, which at the "
+            f"speed of {role} counts more than its noise: methods that assume equal intervals will err",
+        )  # fmt: skip
+    # A sine whose steps are half its standard deviation has about 12 samples in a period.
+    moved = math.sqrt(max(float(np.mean(steps[whole] ** 2)) - 2 * noise**2, 0.0))
+    if moved > 0.5 * spread:
+        yield Remark(
+            "slow", "warning", role,
+            f"{role} changes so much between samples that a swing has fewer than 12: sample faster than "
+            f"{recording.rate:.4g} Hz",
+        )  # fmt: skip
+
+
+def missing(recording: Recording, inputs: tuple[str, ...], outputs: tuple[str, ...]) -> Iterator[Remark]:
+    """Remarks on missing samples of each channel."""
+    for role in (*inputs, *outputs):
+        absent = np.isnan(recording[role].values)
+        if not absent.any():
+            continue
+        start, stop = max(runs(absent), key=lambda run: run[1] - run[0])
+        last = min(stop, len(absent) - 1)
+        interval = (float(recording.time[start]), float(recording.time[last]))
+        length = interval[1] - interval[0]
+        tail = ": the last value is held" if role in inputs else ""
+        yield Remark(
+            "missing",
+            "warning" if role in inputs or length >= WINDOW else "note",
+            role,
+            f"{int(absent.sum())} samples of {role} are missing ({absent.mean():.2%}), "
+            f"at most {stop - start} in a row{tail}",
+            interval,
+        )
+
+
+def runs(flags: np.ndarray) -> list[tuple[int, int]]:
+    """Stretches of true flags as (first, one past the last), in order."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], flags, [False])).astype(np.int8)))
+    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]

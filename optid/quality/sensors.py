@@ -1,0 +1,154 @@
+"""What a sensor or its converter does to a signal: saturation, value grid, clipping, sticking."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optid.core.recording import Channel, Recording
+from optid.quality.noise import grid, scatter
+from optid.quality.remark import Remark
+from optid.quality.sampling import runs
+
+Array = NDArray[np.float64]
+
+CHANCE = 1e-6  # a run of equal values less likely than this, anywhere in the record, is no coincidence
+_NOISELESS = 1e-6  # of a signal's span: no sensor resolves a millionth
+_BLOCK = 20  # samples over which the share of equal neighbours is counted
+_CANDIDATES = 5  # longest runs that are looked at
+
+
+def saturation(recording: Recording, inputs: tuple[str, ...]) -> Iterator[Remark]:
+    """Inputs that stand at, or lie beyond, the full scale the rig file states."""
+    for role in inputs:
+        channel = recording[role]
+        if channel.full_scale is None:
+            continue
+        size, full = np.abs(channel.values), channel.full_scale
+        slack = max(1e-6 * full, grid(channel.values))  # a converter may end one step short of it
+        beyond = size > full + slack
+        if beyond.any():
+            yield Remark(
+                "beyond_scale", "warning", role,
+                f"{role} reaches {np.nanmax(size) / full:.3g} times its full scale "
+                f"({beyond.mean():.2%} of the time lie beyond): the full scale in the rig file is too small, "
+                "or the valve does not follow",
+                _longest(beyond, recording),
+            )  # fmt: skip
+        at = (size >= full - slack) & ~beyond
+        if at.any():
+            yield Remark(
+                "saturated", "note", role,
+                f"{role} stands at full scale for {at.mean():.2%} of the time", _longest(at, recording),
+            )  # fmt: skip
+
+
+def quantisation(recording: Recording, outputs: tuple[str, ...]) -> Iterator[Remark]:
+    """Outputs whose value grid is too coarse for their noise to blur it.
+
+    Noise of half a step makes the rounding error behave like white noise of its own (Widrow); below, it
+    follows the signal. The error, grid/sqrt(12), bounds the fit any model can reach: a warning below 99 %.
+    """
+    for role in outputs:
+        values = recording[role].values
+        step = grid(values)
+        noise = scatter(values, step)
+        if step == 0.0 or noise >= step / 2:
+            continue
+        spread = float(np.nanstd(values))
+        best = 100 * (1 - step / math.sqrt(12) / spread)
+        # A file's decimals are a grid, too: far below anything a model predicts they are not worth a word.
+        if best > 99.99:
+            continue
+        yield Remark(
+            "quantised", "warning" if best < 99 else "note", role,
+            f"{role} moves in steps of {step:.3g} {recording[role].unit}, coarser than its noise: "
+            f"no model can fit it better than {best:.2f} %",
+        )  # fmt: skip
+
+
+def constant_runs(recording: Recording, outputs: tuple[str, ...]) -> Iterator[Remark]:
+    """Outputs that stay at one value longer than their own noise allows: clipped at a rail, or stuck.
+
+    A sensor with noise hardly repeats a value, even at rest. How often it does, in the stillest tenth of the
+    record, gives the chance of a longer run. A sensor gives no verdict where its noise does not blur its grid
+    (less than half a step), nor does a signal without noise, such as a simulated one: both rest exactly.
+    """
+    for role in outputs:
+        values = recording[role].values
+        found = values[np.isfinite(values)]
+        if found.size < 5 * _BLOCK or found.min() == found.max():
+            continue  # a channel that never moves is said to be still
+        step = grid(values)
+        if scatter(values, step) < max(step / 2, _NOISELESS * (found.max() - found.min())):
+            continue
+        low, high = float(found.min()), float(found.max())
+        at_rail = (values == low) | (values == high)
+        channel = recording[role]
+        for rail, name in ((low, "lowest"), (high, "highest")):
+            yield from _clipped(recording, channel, values == rail, ~at_rail, f"{name} value {rail:.5g}")
+        yield from _stuck(recording, channel, at_rail)
+
+
+def _clipped(
+    recording: Recording, channel: Channel, rail: NDArray[np.bool_], others: NDArray[np.bool_], name: str
+) -> Iterator[Remark]:
+    first, last = max(runs(rail), key=lambda run: run[1] - run[0])
+    repeat = _repeat_chance(channel.values, others)
+    if _chance(repeat, last - first, len(rail)) < CHANCE:
+        yield Remark(
+            "clipped", "warning", channel.role,
+            f"{channel.role} stands exactly at its {name} {channel.unit} for {rail.mean():.2%} of the time, "
+            f"up to {last - first} samples in a row, without its usual noise: the sensor is clipped there",
+            _span(recording, first, last),
+        )  # fmt: skip
+
+
+def _stuck(recording: Recording, channel: Channel, at_rail: NDArray[np.bool_]) -> Iterator[Remark]:
+    values = channel.values
+    equal = np.diff(values) == 0
+    longest = sorted(runs(equal), key=lambda run: run[0] - run[1])[:_CANDIDATES]
+    for first, last in longest:
+        if at_rail[first]:
+            continue
+        others = np.ones(len(values), dtype=bool)
+        others[first : last + 1] = False
+        if _chance(_repeat_chance(values, others), last + 1 - first, len(values)) < CHANCE:
+            yield Remark(
+                "stuck", "warning", channel.role,
+                f"{channel.role} holds {values[first]:.5g} {channel.unit} for {last + 1 - first} samples "
+                "without its usual noise: the sensor stuck, or samples were repeated",
+                _span(recording, first, last + 1),
+            )  # fmt: skip
+
+
+def _repeat_chance(values: Array, use: NDArray[np.bool_]) -> float:
+    """Chance that a sample equals the one before where the signal is stillest, from the samples to use.
+
+    The 90th percentile over blocks of the share of equal neighbours; one repeat is added to each block, as
+    the rule of succession has it, so that no chance is zero.
+    """
+    pairs = use[1:] & use[:-1] & np.isfinite(values[1:]) & np.isfinite(values[:-1])
+    equal = (np.diff(values) == 0)[pairs]
+    blocks = equal.size // _BLOCK
+    if blocks < 5:
+        return 1.0
+    share = (equal[: blocks * _BLOCK].reshape(blocks, _BLOCK).sum(axis=1) + 1) / (_BLOCK + 2)
+    return float(np.percentile(share, 90))
+
+
+def _chance(repeat: float, length: int, samples: int) -> float:
+    """Expected number of runs of at least this length among so many samples."""
+    return float(samples * repeat ** (length - 1))
+
+
+def _longest(flags: NDArray[np.bool_], recording: Recording) -> tuple[float, float]:
+    return _span(recording, *max(runs(flags), key=lambda run: run[1] - run[0]))
+
+
+def _span(recording: Recording, first: int, last: int) -> tuple[float, float]:
+    """Times of the first sample and of the one at or after the last."""
+    return float(recording.time[first]), float(recording.time[min(last, len(recording) - 1)])

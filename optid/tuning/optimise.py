@@ -1,0 +1,180 @@
+"""The search for gains: populations in slices of a box, the valleys of a grid, and a polish from where they end."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from optid.core.model import Array
+from optid.errors import InputError, SolveError
+from optid.pid.controller import Gains
+from optid.tuning.gradient import Gradient
+from optid.tuning.polish import polish
+from optid.tuning.search import GENERATIONS, Box, Evolved, box, evolve, slices
+from optid.tuning.task import REFUSED, Task
+from optid.tuning.ultimate import Ultimate, ultimate
+
+LAG_SAMPLES, LAG_SHARE = (
+    1.0,
+    1 / 80,
+)  # least derivative filter by default: samples, share of the ultimate period
+POINTS, SLOW_POINTS = 3000, 700  # of the grid at most; the latter where a physical model runs
+WITH_BENCH = 80  # generations of a search in which a physical model runs
+AROUND, ROUNDS, WORTHWHILE = (
+    0.06,
+    4,
+    5e-4,
+)  # of the cube; populations around the best end, and what each must gain
+VALLEYS = 3  # of the grid that are followed down
+
+
+@dataclass(frozen=True)
+class Options:
+    """How to search.
+
+    Attributes:
+        free: gains that move; the others stay as `fixed` has them.
+        fixed: None takes a derivative filter that suits the plant, and set-point weight 1.
+        starts: populations, each from points of its own.
+        grid: points on each axis of the certificate's grid; 0 for none.
+        polish: go down to the very bottom of each valley; without, searches end within a tenth of a percent of it.
+    """
+
+    free: tuple[str, ...] = ("kp", "ki", "kd")
+    fixed: Gains | None = None
+    starts: int = 4
+    grid: int = 14
+    polish: bool = True
+
+    def __post_init__(self) -> None:
+        for name, least in (("starts", 1), ("grid", 0)):
+            if getattr(self, name) < least:
+                raise InputError(f"{getattr(self, name)}", field=name, expected=f"at least {least}")
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """Where a search ended.
+
+    Attributes:
+        gains: the best.
+        ends: of every start, polished, and of the best valleys of the grid.
+        within: the box.
+        grid: costs on a grid over the box, any shape; empty for none.
+    """
+
+    gains: Gains
+    ends: tuple[Evolved, ...]
+    within: Box
+    grid: Array
+
+
+def optimise(task: Task, options: Options, rng: np.random.Generator, scale: Ultimate | None = None) -> Search:
+    """The search alone: populations in slices of the box and the valleys of a grid, all polished.
+
+    Raises:
+        SolveError: nothing in the box keeps what is required.
+    """
+    scale = scale or ultimate(task.plant)
+    within = box(options.free, options.fixed or default_gains(task, scale), scale)
+    swift = replace(task, bench=None)
+    ends = [_evolved(swift, within, part, rng) for part in slices(within, options.starts)]
+    costs, valleys = _screened(swift, within, min(options.grid, int(POINTS ** (1.0 / len(options.free)))))
+    kept = [end for end in (*ends, *valleys) if end.fitness < REFUSED]
+    if not kept:
+        raise SolveError(_refusal(task, min(end.fitness for end in ends)))
+    ends = kept
+    if options.polish:
+        gradient = None if task.criterion.own else Gradient(swift, options.free)
+        ends = [_polished(swift, within, end, gradient) for end in kept]
+        ends += _closer(swift, within, min(ends, key=lambda end: end.fitness), rng, gradient)
+    if task.bench is not None:
+        seeds = np.array([end.point for end in ends])
+        whole = slices(within, 1)[0]
+        tried = [_evolved(task, within, whole, rng, begin, WITH_BENCH) for begin in (seeds, None)]
+        ends = [_polished(task, within, min(tried, key=lambda end: end.fitness), None), *tried]
+        ends += _closer(task, within, ends[0], rng, None, WITH_BENCH // 2)
+        costs, _ = _screened(task, within, min(options.grid, int(SLOW_POINTS ** (1.0 / len(options.free)))))
+    best = min(ends, key=lambda end: end.fitness)
+    return Search(as_gains(within.gains(best.point)[0]), tuple(ends), within, costs)
+
+
+def _closer(
+    task: Task, within: Box, best: Evolved, rng: np.random.Generator, gradient: Gradient | None,
+    generations: int = GENERATIONS,
+) -> list[Evolved]:  # fmt: skip
+    """Populations around the best end, for as long as they still gain: along a narrow ridge a polish stops early."""
+    found: list[Evolved] = []
+    for _ in range(ROUNDS):
+        part = np.clip(best.point - AROUND, 0.0, 1.0), np.clip(best.point + AROUND, 0.0, 1.0)
+        end = _polished(
+            task, within, _evolved(task, within, part, rng, best.point[None], generations), gradient
+        )
+        gained = end.fitness < best.fitness * (1.0 - WORTHWHILE)
+        found.append(end)
+        if not gained:
+            break
+        best = end
+    return found
+
+
+def _screened(task: Task, within: Box, aside: int) -> tuple[Array, list[Evolved]]:
+    """Costs on a grid of `aside` points along each axis, and its lowest valleys: points no neighbour undercuts."""
+    dimensions = len(within.free)
+    if aside < 2:
+        return np.empty(0), []
+    axes = np.meshgrid(*[np.linspace(0.0, 1.0, aside)] * dimensions, indexing="ij")
+    points = np.stack([axis.ravel() for axis in axes], axis=1)
+    costs = task.fitness(within.gains(points)).reshape((aside,) * dimensions)
+    lowest = np.ones(costs.shape, dtype=bool)
+    for axis in range(dimensions):
+        rise = np.diff(costs, axis=axis)
+        edge = [slice(None)] * dimensions
+        edge[axis] = slice(0, aside - 1)
+        lowest[tuple(edge)] &= rise >= 0.0
+        edge[axis] = slice(1, aside)
+        lowest[tuple(edge)] &= rise <= 0.0
+    there = np.flatnonzero(lowest.ravel())
+    there = there[np.argsort(costs.ravel()[there])][:VALLEYS]
+    return costs, [Evolved(points[i], float(costs.ravel()[i]), 0) for i in there]
+
+
+def _evolved(task: Task, within: Box, *how: Any) -> Evolved:
+    return evolve(lambda points, bar: task.fitness(within.gains(points), bar), *how)
+
+
+def _polished(task: Task, within: Box, end: Evolved, gradient: Gradient | None) -> Evolved:
+    point = polish(task, within, end.point, gradient)
+    return replace(end, point=point, fitness=float(task.fitness(within.gains(point))[0]))
+
+
+def as_gains(vector: Array) -> Gains:
+    """From the order of `optid.pid.law`."""
+    return Gains(*(float(value) for value in vector))
+
+
+def default_gains(task: Task, scale: Ultimate) -> Gains:
+    """What is not searched for: full set-point weight, derivative on the measurement, a lag that suits the plant."""
+    lag = max(LAG_SAMPLES * task.settings.sample_time, LAG_SHARE * scale.period)
+    return Gains(kp=scale.gain, derivative_filter=lag)
+
+
+def _refusal(task: Task, fitness: float) -> str:
+    if fitness / REFUSED - 1.0 >= 10.0:
+        return (
+            "no gains within thousands of the plant's scale stabilise this model: identify anew, "
+            "or with another order"
+        )
+    asked = [
+        f"{name.replace('_', ' ')} {value:g}"
+        for name, value in vars(task.required).items()
+        if value is not None
+    ]
+    if asked and fitness > REFUSED:
+        miss = 100 * (fitness / REFUSED - 1)
+        return f"no gains keep {' and '.join(asked)}; the best ones miss by {miss:.2g} %: ask for less"
+    return (
+        "every stabilising loop leaves the numbers in the simulation: the limits are too tight for this model"
+    )

@@ -1,0 +1,147 @@
+"""What a tuning works on, and the cost of gains under it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from enum import Enum
+from functools import cached_property
+
+import numpy as np
+
+from optid.core.model import Array
+from optid.errors import InputError
+from optid.pid.controller import Settings
+from optid.tuning.bench import PhysicalBench
+from optid.tuning.criterion import Criterion
+from optid.tuning.demand import Episode
+from optid.tuning.loop import Course
+from optid.tuning.margins import COARSE, Frequencies, Required, excess, look
+from optid.tuning.plant import Plant
+
+STRICTER = 1.0002
+REFUSED = 1e20  # cost of gains that miss what is required; the more they miss, the more
+
+
+class Over(Enum):
+    """How the costs on several plants become one."""
+
+    WORST = "the largest one"
+    MEAN = "their mean plus their standard deviation"
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """The loop to tune.
+
+    Attributes:
+        plants: the model first, then the other ones its covariance allows, if any.
+        episodes: what is asked of the loop.
+        settings: of the controller: limits, rate, and the model's sample time.
+        criterion: what is made small.
+        required: margins to keep on every plant.
+        over: how several plants count.
+        bench: a physical model that is tuned for as well: one more plant, without margins.
+    """
+
+    plants: tuple[Plant, ...]
+    episodes: tuple[Episode, ...]
+    settings: Settings
+    criterion: Criterion = field(default_factory=Criterion)
+    required: Required = field(default_factory=Required)
+    over: Over = Over.WORST
+    bench: PhysicalBench | None = None
+
+    def __post_init__(self) -> None:
+        if not self.plants:
+            raise InputError("none", field="plants", expected="at least the model")
+        rest = min(max(0.0, self.settings.low), self.settings.high)
+        if rest != 0.0:
+            raise InputError(
+                f"{self.settings.low:g} to {self.settings.high:g}", field="limits",
+                expected="a range around 0, the command at which the model rests",
+            )  # fmt: skip
+        self.course  # noqa: B018  # complains now, not in the middle of a search
+
+    @property
+    def plant(self) -> Plant:
+        """The model itself."""
+        return self.plants[0]
+
+    @cached_property
+    def command_size(self) -> float:
+        """Range of the command; without limits, what the steps would take at the ultimate gain."""
+        span = self.settings.high - self.settings.low
+        if math.isfinite(span):
+            return span
+        from optid.tuning.ultimate import ultimate
+
+        size = max((episode.size for episode in self.episodes), default=0.0)
+        return max(2.0 * abs(ultimate(self.plant).gain) * size, 1e-300) if size else 1.0
+
+    @cached_property
+    def course(self) -> Course:
+        """The loop as it is simulated."""
+        return Course(self.plants, self.episodes, self.criterion, self.settings.vector, self.command_size)
+
+    @cached_property
+    def grids(self) -> tuple[Frequencies, ...]:
+        """For the margins on each plant."""
+        return tuple(Frequencies.of(plant, COARSE) for plant in self.plants)
+
+    @cached_property
+    def bounds(self) -> Array:
+        """What is required, a hair stricter, so that it is kept between the frequencies looked at, too."""
+        return np.asarray(
+            self.required.bounds * np.array([1.0, 1.0 / STRICTER, STRICTER, STRICTER, STRICTER])
+        )
+
+    def margins(self, gains: Array) -> list[Array]:
+        """Of one set of gains on every plant, in the order of `optid.tuning.margins`, as the search sees them."""
+        return [look(p, grid, gains) for p, grid in zip(self.plants, self.grids, strict=True)]
+
+    def missed(self, gains: Array) -> Array:
+        """By how much gains (n, GAINS) miss what is required, shape (n,); 0 where they keep it."""
+        each = [excess(p, grid, self.bounds, gains) for p, grid in zip(self.plants, self.grids, strict=True)]
+        return np.asarray(np.max(each, axis=0))
+
+    def fitness(self, gains: Array, bar: Array | None = None) -> Array:
+        """The one number that is made small, for gains (n, GAINS); huge where a margin is missed.
+
+        Args:
+            gains: candidates.
+            bar: what each must undercut, shape (n,): one that cannot is not run on the bench, its value is some
+                number above the bar.
+        """
+        gains = np.ascontiguousarray(np.atleast_2d(gains))
+        missed = self.missed(gains)
+        value, kept = REFUSED * (1.0 + missed), missed <= 0.0
+        if np.any(kept):
+            each = self.course.costs(gains[kept])
+            if self.bench is not None:
+                each = np.column_stack(
+                    [each, self._tried(gains[kept], each, None if bar is None else bar[kept])]
+                )
+            value[kept] = np.minimum(self.together(each), REFUSED)
+        return value
+
+    def _tried(self, gains: Array, each: Array, bar: Array | None) -> Array:
+        """Costs on the bench, shape (n,); of gains that are too bad already, the worst of the other costs."""
+        assert self.bench is not None
+        found: Array = np.asarray(each.max(axis=1))
+        open_still = found < (np.inf if bar is None or self.over is not Over.WORST else bar)
+        if np.any(open_still):
+            found[open_still] = self.bench.costs(
+                gains[open_still], self.settings, self.criterion, self.command_size
+            )
+        return found
+
+    def together(self, costs: Array) -> Array:
+        """Of costs (n, plants): shape (n,)."""
+        if costs.shape[1] == 1:
+            return np.asarray(costs[:, 0])
+        if self.over is Over.WORST:
+            return np.asarray(costs.max(axis=1))
+        with np.errstate(invalid="ignore", over="ignore"):
+            value = costs.mean(axis=1) + costs.std(axis=1)
+        return np.where(np.isfinite(value), value, np.inf)

@@ -1,0 +1,247 @@
+"""The whole job of `optid tune` as one function with one frozen result."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from optid.armax.loop import Gains as LoopGains
+from optid.errors import SolveError
+from optid.pid.controller import Controller, Gains, Settings
+from optid.tuning.baselines import Baseline, nelder_mead, rules
+from optid.tuning.gradient import Gradient
+from optid.tuning.loop import Course
+from optid.tuning.margins import Margins, margins
+from optid.tuning.optimise import Options, Search, as_gains, optimise
+from optid.tuning.plant import Plant
+from optid.tuning.polish import polish
+from optid.tuning.score import Response, response
+from optid.tuning.search import Box
+from optid.tuning.task import Task
+from optid.tuning.ultimate import Ultimate, ultimate
+
+if TYPE_CHECKING:
+    import control
+
+THIN = 2.0  # maximum sensitivity; Astrom and Hagglund (2006, section 4.6) recommend 1.2 to 2.0
+SAME = 5e-2  # relative: searches that end that near to the best cost have found its valley
+Bench = Callable[[Gains, Settings], tuple[Response, ...]]
+
+
+@dataclass(frozen=True, eq=False)
+class Scored:
+    """Gains and what they are worth.
+
+    Attributes:
+        name: "tuned" or a baseline's.
+        gains: None where the rule has nothing to say.
+        note: a word on where they come from.
+        cost: what the tuning makes small, of these gains; infinite where the loop runs away.
+        margins: of the linear loop on the identified model.
+        responses: on the identified model, one an episode.
+        bench: on the physical model, where one was given.
+    """
+
+    name: str
+    gains: Gains | None
+    note: str
+    cost: float
+    margins: Margins | None
+    responses: tuple[Response, ...] = ()
+    bench: tuple[Response, ...] = ()
+
+    @property
+    def stable(self) -> bool:
+        """By its linear loop."""
+        return self.margins is not None and self.margins.stable
+
+    def total(self, measure: str, bench: bool = False) -> float:
+        """Weighted sum of a measure ("itae") over the episodes; infinite without responses."""
+        runs = self.bench if bench else self.responses
+        return sum(r.episode.weight * r.measures[measure] for r in runs) if runs else math.inf
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """The best of an exhaustive grid beside what was found.
+
+    Attributes:
+        points: of the grid.
+        best: smallest cost on it.
+        ratio: cost found over that; at most 1 when the search beat the grid.
+        agreeing, starts: searches that ended within 5 % of the best cost, of how many.
+        evaluations: of the cost, in the searches.
+    """
+
+    points: int
+    best: float
+    ratio: float
+    agreeing: int
+    starts: int
+    evaluations: int
+
+
+@dataclass(frozen=True, eq=False)
+class Tuning:
+    """Gains that make the criterion small, and the reasons to believe it.
+
+    Attributes:
+        gains: found.
+        settings: of the controller they are for.
+        task: what was asked.
+        found: the gains as scored; `baselines` likewise, for the same loop.
+        unaware: gains that a tuning without limits chooses, scored with them; None where there are none.
+        aware: what to compare with: gains chosen under the limits on the same models.
+        certificate: of the search.
+        scale: ultimate gain and period.
+        within: where the gains were looked for.
+        remarks: what a user should know, in sentences.
+    """
+
+    gains: Gains
+    settings: Settings
+    task: Task
+    found: Scored
+    baselines: tuple[Scored, ...]
+    unaware: Scored | None
+    aware: Scored
+    certificate: Certificate
+    scale: Ultimate
+    within: Box
+    remarks: tuple[str, ...]
+
+    @property
+    def controller(self) -> Controller:
+        """A running controller with these gains."""
+        return Controller(self.gains, self.settings)
+
+    @property
+    def open_loop(self) -> control.TransferFunction:
+        """Controller and identified model in a row, without limits; its margins are those of `found`."""
+        return open_loop(self.task.plant, self.gains)
+
+
+def open_loop(plant: Plant, gains: Gains) -> control.TransferFunction:
+    """Loop gain L(z) of a plant and the feedback part of a controller, as python-control has it."""
+    import control
+
+    feedback = LoopGains(gains.kp, gains.ki, gains.kd, gains.derivative_filter)
+    C = control.TransferFunction(*feedback.polynomials(plant.sample_time), plant.sample_time)
+    return C * control.TransferFunction(plant.b, np.r_[1.0, plant.a], plant.sample_time)
+
+
+def tune(
+    task: Task, rng: np.random.Generator, options: Options | None = None, bench: Bench | None = None
+) -> Tuning:
+    """Find gains, compare them with others, and certify.
+
+    Args:
+        task: the loop.
+        rng: source of everything random.
+        options: of the search.
+        bench: runs gains on a physical model, one response an episode; where given, all gains are tried there too.
+
+    Raises:
+        SolveError: nothing keeps what is required, or nothing stabilises the model.
+    """
+    options, scale, bench = options or Options(), ultimate(task.plant), bench or task.bench
+    search = optimise(task, options, rng, scale)
+    gains, within = search.gains, search.within
+    others = _others(task, scale, within, gains)
+    unaware = _unaware(task, options, rng, scale)
+    rivals = [one.gains for one in (*others, unaware) if one is not None and one.gains is not None]
+    gains = _outdone(task, within, gains, rivals)
+    aware = Baseline("tuned", gains, "this tuning")
+    if unaware is not None and task.bench is not None:
+        swift = replace(task, bench=None)
+        alone = _outdone(swift, within, optimise(swift, options, rng, scale).gains, rivals)
+        aware = Baseline("identified_model_alone", alone, "tuned for the identified model alone")
+    found = score(task, Baseline("tuned", gains, "this tuning"), bench)
+    return Tuning(
+        gains, task.settings, task, found, tuple(score(task, one, bench) for one in others),
+        None if unaware is None else score(task, unaware, bench), score(task, aware, bench),
+        _certificate(task, gains, search), scale, within, _remarks(task, found),
+    )  # fmt: skip
+
+
+def _others(task: Task, scale: Ultimate, within: Box, gains: Gains) -> list[Baseline]:
+    """The baselines for this loop, with the same derivative filter."""
+    size = max((episode.size for episode in task.episodes), default=0.0) or 1.0
+    most = min(abs(task.settings.low), abs(task.settings.high))
+    most = most if 0.0 < most < math.inf else task.command_size
+    found = rules(task.plant, scale, size, most, gains.derivative_filter)
+    start = next(other.gains for other in found if other.name == "ziegler_nichols_ultimate")
+    assert start is not None
+    simplex = nelder_mead(lambda points: task.fitness(within.gains(points)), within, start)
+    return [*found, Baseline("nelder_mead", simplex, "the same cost, from Ziegler and Nichols' gains")]
+
+
+def _outdone(task: Task, within: Box, gains: Gains, rivals: list[Gains]) -> Gains:
+    """Where a rival's gains, brought into the box, cost less than those found, the search goes on from there."""
+    points = within.points(np.array([gains.vector, *(rival.vector for rival in rivals)]))
+    costs = task.fitness(within.gains(points))
+    best = int(np.argmin(costs))
+    if not costs[best] < float(task.fitness(gains.vector)[0]):
+        return gains
+    gradient = None if task.criterion.own or task.bench else Gradient(task, within.free)
+    return as_gains(within.gains(polish(task, within, points[best], gradient))[0])
+
+
+def _unaware(task: Task, options: Options, rng: np.random.Generator, scale: Ultimate) -> Baseline | None:
+    """The gains of a tuning that knows no limits; None where there are none, or none such exist."""
+    limits = task.settings
+    if math.isinf(limits.low) and math.isinf(limits.high) and math.isinf(limits.rate):
+        return None
+    free = replace(limits, low=-math.inf, high=math.inf, rate=math.inf, deadband_low=0.0, deadband_high=0.0)
+    try:
+        gains = optimise(replace(task, settings=free, bench=None), options, rng, scale).gains
+    except SolveError:
+        return None
+    return Baseline("without_limits", gains, "tuned as if there were no limits")
+
+
+def _remarks(task: Task, found: Scored) -> tuple[str, ...]:
+    """About the model, and about what the tuned loop does."""
+    slow = [run for run in found.responses if run.episode.rise[-1] != 0.0 and math.isinf(run.settled)]
+    Ms = found.margins.maximum_sensitivity if found.margins else math.inf
+    thin = [f"Thin margins: maximum sensitivity {Ms:.3g}; up to 2 is usual."] if Ms > THIN else []
+    lost = [run for run in found.bench if not run.bounded]
+    return (
+        *task.plant.remarks,
+        *thin,
+        *(f"{run.episode.name}: not settled within the horizon; give it a longer one." for run in slow),
+        *(f"{run.episode.name}: on the physical model the loop runs away." for run in lost),
+    )
+
+
+def _certificate(task: Task, gains: Gains, search: Search) -> Certificate:
+    """The grid's verdict on what was found."""
+    best = float(task.fitness(gains.vector)[0])
+    agreeing = sum(end.fitness <= best * (1.0 + SAME) for end in search.ends)
+    used = sum(end.evaluations for end in search.ends)
+    if not search.grid.size:
+        return Certificate(0, math.nan, math.nan, agreeing, len(search.ends), used)
+    lowest = float(search.grid.min())
+    return Certificate(search.grid.size, lowest, best / lowest, agreeing, len(search.ends), used)
+
+
+def compared(tuning: Tuning) -> list[Scored]:
+    """What belongs beside the gains found though it is nobody's rule."""
+    aware = [] if tuning.aware.gains == tuning.gains else [tuning.aware]
+    return aware if tuning.unaware is None else [*aware, tuning.unaware]
+
+
+def score(task: Task, one: Baseline, bench: Bench | None = None) -> Scored:
+    """Run gains on the model, and on the bench where there is one."""
+    if one.gains is None:
+        return Scored(one.name, None, one.note, math.inf, None)
+    vector, T = one.gains.vector, task.settings.sample_time
+    course: Course = task.course
+    runs = tuple(response(e, *course.trace(vector, 0, n), T) for n, e in enumerate(task.episodes))
+    cost = float(task.together(course.costs(vector))[0])
+    tried = bench(one.gains, task.settings) if bench else ()
+    return Scored(one.name, one.gains, one.note, cost, margins(task.plant, vector), runs, tried)

@@ -1,0 +1,75 @@
+"""Prediction by windows: nothing of a window, and nothing after it, is in its start."""
+
+import numpy as np
+import pytest
+from tests.fit.cart import RATE, SD, TRUTH, moved, record, recording, rig
+
+from optid.estimation.prediction import predict
+from optid.estimation.result import Score
+
+WINDOW = round(0.5 * RATE)
+
+
+@pytest.fixture
+def cart(tmp_path):
+    return rig(tmp_path, gain=TRUTH["gain"], drag=TRUTH["drag"])
+
+
+def test_a_window_knows_the_past_only(cart):
+    data = recording(np.random.default_rng(1), seconds=4.0)
+    x, u = np.array(data["position"].values), data["command"].values
+    before = predict(cart, data).frame["position_window"].to_numpy()
+    begin = int(np.round(np.linspace(0, len(x) - 1, 9))[4])
+    spoilt = x.copy()
+    spoilt[begin:] += np.random.default_rng(2).normal(0.0, 0.05, len(x) - begin)
+    after = predict(cart, record(u, spoilt)).frame["position_window"].to_numpy()
+    seen = slice(0, begin + WINDOW - 2)
+    assert np.array_equal(after[seen], before[seen], equal_nan=True)
+    assert not np.allclose(after[begin + WINDOW + 2 :], before[begin + WINDOW + 2 :], atol=1e-3)
+    # One sample earlier is the past, and counts.
+    spoilt = x.copy()
+    spoilt[begin - 1] += 0.05
+    after = predict(cart, record(u, spoilt)).frame["position_window"].to_numpy()
+    assert not np.array_equal(after[begin : begin + 20], before[begin : begin + 20])
+
+
+def test_the_first_window_has_no_past(cart):
+    data = recording(np.random.default_rng(3), seconds=4.0)
+    frame = predict(cart, data).frame
+    known = frame["position_window"].notna().to_numpy()
+    assert known[WINDOW:].all()
+    assert not known[: WINDOW - 1].any()
+    assert frame["position_free_run"].notna().all()
+
+
+def test_both_kinds_are_as_good_as_the_noise_at_the_truth(cart):
+    found = predict(cart, recording(np.random.default_rng(4), seconds=6.0)).scores
+    assert found["free_run"]["position"].rmse == pytest.approx(SD, rel=0.1)
+    assert found["window"]["position"].rmse < 1.25 * SD
+
+
+def test_a_gap_starts_anew(cart):
+    """After a long gap the state is unknown: the window behind it has no past."""
+    rng = np.random.default_rng(5)
+    data = recording(rng, seconds=4.0)
+    keep = np.r_[0:400, 600:800]
+    holed = type(data)(
+        "gap.csv", data.time[keep],
+        {role: type(c)(c.role, c.column, c.unit, c.values[keep], sd=c.sd) for role, c in data.channels.items()},
+    )  # fmt: skip
+    known = predict(cart, holed).frame["position_window"].notna().to_numpy()
+    assert known[WINDOW : 400 - 1].all()
+    assert not known[400 : 400 + WINDOW - 2].any()
+
+
+def test_scores_are_those_of_the_contract():
+    y = moved(np.ones(50), 0.01)
+    guess = y + 0.01 * np.cos(np.arange(50))
+    score = Score.of(y, guess, "m")
+    assert score.fit_percent == pytest.approx(
+        100 * (1 - np.linalg.norm(y - guess) / np.linalg.norm(y - y.mean()))
+    )
+    assert score.rmse == pytest.approx(np.sqrt(np.mean((y - guess) ** 2)))
+    holed = np.where(np.arange(50) == 7, np.nan, y)
+    assert np.isfinite(Score.of(holed, guess, "m").rmse)
+    assert np.isnan(Score.of(np.full(50, np.nan), guess, "m").fit_percent)

@@ -1,0 +1,248 @@
+"""The likelihood search finds the closed form's parameters, and what it carries along is what a filter shows."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tests.fit.cart import TRUTH, recording, rig
+
+from optid.errors import SolveError
+from optid.estimation import place, scoring
+from optid.estimation.likelihood import WHOLE, run_steered
+from optid.estimation.place import LEVELS, Place, Slopes
+from optid.estimation.problem import pose
+from optid.estimation.scoring import (
+    _start,
+    approach,
+    followed,
+    likeliest,
+    maximise,
+    middling,
+    question_of,
+    quieted,
+)
+from optid.estimation.steering import steered_fit
+
+
+@pytest.fixture(autouse=True)
+def _by_slopes(monkeypatch):
+    """The descent is what is tested here, without the look around that so few samples allow."""
+    monkeypatch.setattr(scoring, "FEW", 0)
+
+
+@pytest.fixture(scope="module")
+def asked(tmp_path_factory):
+    """The cart's two parameters asked of 8 s of its motion, and a start far from them."""
+    cart = rig(tmp_path_factory.mktemp("cart"))
+    data = [recording(np.random.default_rng(1))]
+    return question_of(cart, pose(cart.model, data, WHOLE), cart.model), cart.model.vector(cart.parameters)
+
+
+@pytest.fixture(scope="module")
+def found(asked):
+    return maximise(*asked)
+
+
+def test_it_finds_the_truth_within_its_own_uncertainty(asked, found):
+    q, _ = asked
+    assert found.settled
+    covariance = np.linalg.inv(found.information)[: len(q.free), : len(q.free)]
+    for k, i in enumerate(q.free):
+        error = (found.p[i] - TRUTH[q.model.parameters[i].name]) / q.typical[k]
+        assert abs(error) < 3.5 * np.sqrt(covariance[k, k])
+    # Nothing moves the states but the push: the noise of the states goes away.
+    assert (found.noise.levels < np.log(0.02)).all()
+
+
+def test_its_information_is_the_curvature_of_the_score(asked, found):
+    q, _ = asked
+    levels = found.noise.levels
+    for k, i in enumerate(q.free):
+        h = 3.0 / np.sqrt(found.information[k, k]) * q.typical[k]
+        scores = []
+        for side in (-1.0, 1.0):
+            p = found.p.copy()
+            p[i] += side * h
+            scores.append(_start(q, p, levels).score)
+        curvature = (scores[0] + scores[1] - 2 * found.score) / h**2 * q.typical[k] ** 2
+        assert curvature == pytest.approx(2 * found.information[k, k], rel=0.1)  # expected against seen
+
+
+def test_carried_slopes_say_what_the_step_showed(asked):
+    q, p = asked
+    here = _start(q, p, np.full(len(q.groups), -3.0))
+    _, information = here.expanded()
+    step = np.array([0.03, -0.02, *np.full(len(q.groups), 0.4)])
+    there = here.moved(step)
+    s = there.coordinates - here.coordinates
+    slopes = here.carried(there, information)
+    seen = there.filtered.innovations[0] - here.filtered.innovations[0]
+    known = np.isfinite(seen)
+    assert (slopes.innovations @ s)[known] == pytest.approx(seen[known], abs=1e-12)
+    # Across the step, in the metric of the information, nothing changes.
+    across = np.array([1.0, *np.zeros(len(step) - 1)])
+    across -= s * (across @ (np.diag(information) * s)) / (s @ (np.diag(information) * s))
+    assert (slopes.innovations @ across)[known] == pytest.approx(
+        (here.slopes.innovations @ across)[known], abs=1e-9
+    )
+
+
+def test_a_glance_sees_the_slopes_that_filters_show(asked, found, monkeypatch):
+    """At small process noise gains hardly move with the parameters, and held ones show their slopes whole."""
+    q, _ = asked
+    glanced, whole = (_start(q, found.p, np.full(len(q.groups), -5.0)) for _ in range(2))
+    glanced.glance()
+    whole.differentiate()
+    for k in range(len(q.free)):
+        seen, true = (np.nan_to_num(one.slopes.innovations[..., k]).ravel() for one in (glanced, whole))
+        assert seen @ true > 0.99 * np.linalg.norm(true) ** 2 > 0.0
+    assert np.array_equal(
+        glanced.slopes.innovations[..., len(q.free) :], whole.slopes.innovations[..., len(q.free) :]
+    )
+    # Where a model is lost beside the present one, filters show that column after all.
+    steered = run_steered
+
+    def losing(model, problem, P, *others):
+        E = steered(model, problem, P, *others)
+        E[1, 5:] = np.inf
+        return E
+
+    monkeypatch.setattr(place, "run_steered", losing)
+    glanced.glance()
+    seen, true = (one.slopes.innovations[..., 0] for one in (glanced, whole))
+    assert seen == pytest.approx(true, rel=1e-3, abs=1e-9, nan_ok=True)
+
+
+def test_an_answer_that_follows_its_own_filter_leaves_a_wrong_place(asked, found):
+    q, p = asked
+    far = _start(q, p, middling(q)).answer(False)
+    best, levels = followed(far, np.full(len(q.groups), -5.0), (0.0, 2.5))
+    assert _start(q, best, levels).score < far.score - 100.0
+    there, kept = followed(found, found.noise.levels, (0.0,))
+    assert _start(q, there, kept).score <= found.score + 1e-9
+
+
+def test_a_like_model_starts_where_the_other_ended(asked, found, monkeypatch):
+    q, _ = asked
+    taken = []
+    whole = Place.differentiate
+    monkeypatch.setattr(
+        Place, "differentiate", lambda self, columns=None: (taken.append(columns), whole(self, columns))[1]
+    )
+    again = maximise(q, found.p, found.noise.levels, near=found)
+    assert again.score <= found.score + 1e-6
+    assert taken[0] == []  # nothing is taken anew before the first step
+    assert isinstance(again.slopes, Slopes)
+
+
+def test_quieter_states_keep_the_parameters(asked):
+    q, p = asked
+    loud = _start(q, p, np.full(len(q.groups), 0.0)).answer(False)
+    quiet = quieted(loud, 2.5)
+    assert quiet.noise.levels == pytest.approx(np.maximum(middling(q) - 2.5, LEVELS[0]))
+    assert quieted(quiet, 0.5).noise.levels == pytest.approx(np.maximum(quiet.noise.levels - 0.5, LEVELS[0]))
+    assert np.array_equal(quiet.p, loud.p)
+
+
+def test_held_gains_lead_to_the_truth(asked):
+    q, p = asked
+    guide = _start(q, p, np.full(len(q.groups), -3.0)).answer(False)
+    near = steered_fit(q, p, q.model, guide.filtered, 15).p
+    assert near[list(q.free)] == pytest.approx([TRUTH["gain"], TRUTH["drag"]], rel=0.02)
+    others = [i for i in range(len(p)) if i not in q.free]
+    assert np.array_equal(near[others], p[others])
+
+
+def test_a_start_is_chosen_by_likelihood(asked, found):
+    q, _ = asked
+    loud = np.zeros(len(q.groups))
+    p, levels = likeliest(q, [(p, loud - by) for p in (asked[1], found.p) for by in (0.0, 2.0, 4.0)])
+    assert p is found.p
+    assert (levels == -4.0).all()
+
+
+def test_a_race_of_starts_runs_the_losers_over_a_part_only(asked, found, tmp_path, monkeypatch):
+    q, far = asked
+    data = [recording(np.random.default_rng(k)) for k in (1, 2, 3)]
+    three = replace(q, problem=pose(q.model, data, WHOLE))
+    runs, whole = [], scoring.run_filter
+
+    def counted(model, problem, P, *others, only):
+        runs.append(len(P) * len(only))
+        return whole(model, problem, P, *others, only=only)
+
+    monkeypatch.setattr(scoring, "run_filter", counted)
+    loud = np.zeros(len(q.groups))
+    starts = [(p, loud - by) for p in (far, found.p) for by in (0.0, 4.0)]
+    p, levels = likeliest(three, starts)
+    assert p is found.p
+    assert (levels == -4.0).all()
+    assert sum(runs) < len(starts) * len(data)
+    assert _start(three, p, levels).score == min(_start(three, *one).score for one in starts)
+
+
+def test_where_held_gains_mislead_whole_filters_show_the_way(asked, found, monkeypatch):
+    q, far = asked
+
+    def misled(self):
+        self.differentiate()
+        self.slopes = Slopes(-self.slopes.innovations, -self.slopes.variances)
+        self.fresh = self.glanced = True
+
+    monkeypatch.setattr(Place, "glance", misled)
+    there, start = maximise(q, far, middling(q), polish=False), _start(q, far, middling(q))
+    assert there.score < found.score + 0.1 * (start.score - found.score)
+    ended = maximise(q, far, middling(q), polish=False, glances=True)
+    assert ended.score == start.score  # a first refit does not pay for them
+
+
+def test_a_rough_search_ends_by_what_it_gained_and_not_by_how_far_off_its_neighbour_is(asked, found):
+    q, far = asked
+    start = _start(q, far, middling(q)).score
+    loud = _start(q, far, np.full(len(q.groups), LEVELS[0])).answer(False)
+    assert loud.score > start + 100.0 * (start - found.score)
+    short = maximise(q, far, middling(q), polish=False, near=loud)
+    there = maximise(q, far, middling(q), polish=False, near=loud, since=start)
+    assert short.score - there.score > 0.1 * (start - found.score)
+
+
+def test_a_search_whose_time_is_over_stays_where_it_is(asked):
+    q, p = asked
+    late, levels = replace(q, until=0.0), middling(q)
+    answer = maximise(late, p, levels)
+    assert np.array_equal(answer.p, p) and np.array_equal(answer.noise.levels, levels) and not answer.settled
+    led, _ = followed(answer, levels, (0.0,))
+    assert np.array_equal(led, p)
+    there, _ = followed(replace(answer, question=q), levels, (0.0,))
+    assert not np.array_equal(there, p)
+
+
+def test_a_search_ends_where_its_goal_is_out_of_reach_and_not_before(asked, found, monkeypatch):
+    q, far = asked
+    steps = []
+    better = scoring._better
+    monkeypatch.setattr(scoring, "_better", lambda *a: steps.append(1) or better(*a))
+
+    def took(goal):
+        steps.clear()
+        score = maximise(q, far, middling(q) + 4.0, polish=False, rough=1e-6, goal=goal).score
+        return score, len(steps)
+
+    whole = took(np.inf)
+    assert took(found.score + 1.0) == whole  # just where the search leads
+    assert scoring.PACE <= took(found.score - 1e7)[1] < whole[1]
+
+
+def test_an_approach_keeps_the_level(asked):
+    q, p = asked
+    near = approach(q, p)
+    assert near.noise.levels == pytest.approx(middling(q))
+    assert near.p[list(q.free)] == pytest.approx([TRUTH["gain"], TRUTH["drag"]], rel=0.1)
+
+
+def test_a_start_without_numbers_is_refused(asked):
+    q, p = asked
+    broken = p.copy()
+    broken[q.free[0]] = np.nan
+    with pytest.raises(SolveError, match="leaves the numbers at the start"):
+        maximise(q, broken)

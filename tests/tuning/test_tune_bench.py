@@ -1,0 +1,99 @@
+"""The physical model in the loop: what is run is the rig's model, and tuning for it pays there."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from optid.armax.model import Armax
+from optid.core.simulation import simulate
+from optid.errors import InputError
+from optid.pid.controller import Controller, Gains, Settings
+from optid.rigs.rigfile import read_rig
+from optid.tuning.bench import PhysicalBench
+from optid.tuning.criterion import Criterion
+from optid.tuning.demand import load, step
+from optid.tuning.plant import plant_of
+from optid.tuning.task import Task
+
+
+def axis_at(sample_time):
+    """An integrator behind one lag: some axis."""
+    gain, pole = 0.55, np.exp(-sample_time / 0.02)
+    return Armax(
+        (1.0, -1.0 - pole, pole), ((gain * (1 - pole) * sample_time,),), nk=(1,), sample_time=sample_time
+    )
+
+
+DATA = Path(__file__).parents[2] / "data"
+T = 1e-3
+GAINS = Gains(60.0, 100.0, 0.6, 2e-3, 0.9)
+LIMITS = Settings(T, -5, 5, rate=2000.0)
+
+
+@pytest.fixture(scope="module")
+def rig():
+    return read_rig(DATA / "bench.toml")
+
+
+@pytest.mark.parametrize("episode", [step(0.06, 150, T), load(0.5, 150, T)], ids=["step", "load"])
+def test_bench_is_the_rigs_simulation(rig, episode):
+    """Sample by sample through the public simulation, the command held between samples."""
+    [run] = PhysicalBench(rig, (episode,))(GAINS, LIMITS)
+    model = rig.model
+    p = model.vector(rig.parameters)
+    controller, x = Controller(GAINS, LIMITS), np.array(model.start(p)[0]).ravel()
+    controller.reset(0.0, 0.0)
+    seen, column = 0.0, [port.role for port in model.outputs].index("position")
+    assert len(model.inputs) == 1
+    for n in range(150):
+        u = controller.step(float(episode.reference[n]), seen)
+        assert run.output[n] == pytest.approx(seen, abs=2e-7)
+        assert run.command[n] == pytest.approx(u, abs=2e-4)
+        share = (u + episode.load[n]) / rig.channels["command"].per_unit
+        result = simulate(model, p, x, np.array([T, T]), np.full((2, 1), share))
+        x, seen = result.states[0, 1], float(result.outputs[0, 1, column])
+
+
+def test_costs_are_those_of_the_runs(rig):
+    bench = PhysicalBench(rig, (step(0.06, 150, T),))
+    gains = np.array([GAINS.vector, Gains(16.0, 6.0, 0.001).vector, Gains(1e5, 1e6, 100.0).vector])
+    costs = bench.costs(gains, LIMITS, Criterion(overshoot=1.0), 10.0)
+    for vector, cost in zip(gains, costs, strict=True):
+        [run] = bench(Gains(*vector), LIMITS)
+        assert cost == pytest.approx(run.measures["itae"] * (1 + run.overshoot), rel=1e-9)
+        assert np.nanmax(np.abs(run.command)) <= 5.0
+
+
+def test_noise_reaches_the_controller_alone(rig):
+    """With noise the command shivers; without gains nothing does, and the output is the true one."""
+    still, shaken = (PhysicalBench(rig, (step(0.06, 150, T),), noise=noise) for noise in (0.0, 1e-4))
+    [one], [two], [again] = still(GAINS, LIMITS), shaken(GAINS, LIMITS), shaken(GAINS, LIMITS)
+    assert np.std(np.diff(two.command)) > np.std(np.diff(one.command))
+    np.testing.assert_array_equal(two.command, again.command)
+    [rest] = shaken(Gains(0.0), LIMITS)
+    assert np.all(rest.command == 0.0) and np.std(np.diff(rest.output)) < 1e-6
+
+
+def test_hopeless_gains_are_not_run(rig):
+    """Gains whose cost on the identified model is beyond the bar never reach the physical one."""
+    runs = []
+
+    class Counted(PhysicalBench):
+        def __call__(self, gains, settings):
+            runs.append(gains)
+            return super().__call__(gains, settings)
+
+    model = axis_at(T)
+    task = Task((plant_of(model),), (step(0.06, 150, T),), LIMITS, bench=Counted(rig, (step(0.06, 150, T),)))
+    both = np.array([GAINS.vector, Gains(1.0, derivative_filter=2e-3).vector])
+    free = task.fitness(both)
+    assert len(runs) == 2
+    barred = task.fitness(both, np.array([np.inf, free[1] / 2]))
+    assert len(runs) == 3
+    assert barred[0] == free[0] and barred[1] > free[1] / 2
+
+
+def test_output_must_exist(rig):
+    with pytest.raises(InputError, match="temperature"):
+        PhysicalBench(rig, (step(0.06, 150, T),), "temperature")
