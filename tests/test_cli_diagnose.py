@@ -6,7 +6,8 @@ import sys
 
 import numpy as np
 import pytest
-from tests.diagnose.trolley import recording, rig
+
+from tests.diagnosis.trolley import recording, rig
 
 WIDTH = 0.2
 

@@ -5,8 +5,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from tests.diagnose import trolley
-from tests.diagnose.trolley import TRUTH
 
 from optid.core import threads
 from optid.diagnosis import afar
@@ -22,6 +20,8 @@ from optid.estimation.multistep import windows
 from optid.estimation.place import Place
 from optid.estimation.scoring import middling, quieted
 from optid.estimation.steering import Steered, steered_fit
+from tests.diagnosis import trolley
+from tests.diagnosis.trolley import TRUTH
 
 
 @pytest.fixture(scope="module")

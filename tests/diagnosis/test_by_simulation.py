@@ -5,7 +5,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from tests.diagnose.trolley import recording, rig
 
 from optid.core.recording import Channel, Recording
 from optid.diagnosis.by_simulation import by_simulation, forgets
@@ -13,6 +12,7 @@ from optid.diagnosis.candidate import Data, fit_base
 from optid.diagnosis.diagnosis import diagnose
 from optid.diagnosis.finding import Verdict
 from optid.rigs.rigfile import read_rig
+from tests.diagnosis.trolley import recording, rig
 
 TANKS = Path(__file__).parents[2] / "data" / "cascaded_tanks.toml"
 STEP, COUNT, SD = 4.0, 600, 0.01  # s, samples, V

@@ -4,13 +4,13 @@ import math
 
 import numpy as np
 import pytest
-from tests.diagnose.trolley import SD, TRUTH, recording, rig
 
 from optid.diagnosis.candidate import Data, centred, refitted
 from optid.diagnosis.judge import judge
 from optid.effects.catalogue.periodic_disturbance import ALIKE, SCATTER, PeriodicDisturbance
 from optid.estimation.scoring import maximise
 from optid.rigs.rigfile import with_effects
+from tests.diagnosis.trolley import SD, TRUTH, recording, rig
 
 ACCELERATION, HERTZ, PHASE = 0.8, 1.7, 0.9
 

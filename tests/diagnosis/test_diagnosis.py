@@ -7,7 +7,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from tests.diagnose.trolley import TRUTH, recording, rig
 
 from optid.diagnosis import diagnosis as diagnosis_of
 from optid.diagnosis import search as search_of
@@ -25,6 +24,7 @@ from optid.errors import InputError
 from optid.report.diagnosis_document import diagnosis_document
 from optid.report.diagnosis_page import diagnosis_page
 from optid.rigs.rigfile import read_rig, with_effects
+from tests.diagnosis.trolley import TRUTH, recording, rig
 
 WIDTH = 0.2
 

@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.diagnose.trolley import RATE, recording, rig
 
 from optid.diagnosis.candidate import Data, fit_base
 from optid.diagnosis.disturbance import LOUD, locate, locate_at, push
 from optid.diagnosis.unexplained import nameless
+from tests.diagnosis.trolley import RATE, recording, rig
 
 N = 1200
 PULL = 0.3 * np.sin(2.0 * np.pi * 0.7 * np.arange(N) / RATE)  # of full command

@@ -4,8 +4,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from tests.diagnose import trolley
-from tests.diagnose.trolley import TRUTH
 
 from optid.diagnosis.candidate import QUIETER, refitted
 from optid.diagnosis.lead import RACE, Ground, ahead, leads, stood, worst
@@ -15,6 +13,8 @@ from optid.errors import SolveError
 from optid.estimation.likelihood import FAR
 from optid.estimation.scoring import quieted
 from optid.estimation.steering import Steered, innovations, steered_fit
+from tests.diagnosis import trolley
+from tests.diagnosis.trolley import TRUTH
 
 
 @pytest.fixture(scope="module")

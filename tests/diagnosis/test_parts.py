@@ -8,7 +8,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from scipy.signal import lfilter
-from tests.diagnose.trolley import recording, rig
 
 from optid.core.recording import Channel, Recording
 from optid.diagnosis import candidate as candidate_of
@@ -30,6 +29,7 @@ from optid.effects.library import admitted, built_in
 from optid.errors import SolveError
 from optid.estimation.result import Score
 from optid.rigs.rigfile import read_rig, with_effects
+from tests.diagnosis.trolley import recording, rig
 
 
 def judged(deviance, rmse):

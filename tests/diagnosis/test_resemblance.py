@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.diagnose.trolley import RATE, SD, TRUTH, recording, rig
 
 from optid.diagnosis import resemblance
 from optid.diagnosis.candidate import Data, fit_base
@@ -15,6 +14,7 @@ from optid.effects.curve import HEIGHTS
 from optid.effects.generic.hysteresis import Hysteresis
 from optid.effects.generic.offset import Offset
 from optid.effects.library import admitted
+from tests.diagnosis.trolley import RATE, SD, TRUTH, recording, rig
 
 SLOPE, SETTLING = -0.008, 4.0  # m/s, s
 BENT, PERIOD = 5e-3, 0.8  # m

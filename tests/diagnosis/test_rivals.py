@@ -5,7 +5,6 @@ from types import MappingProxyType, SimpleNamespace
 
 import numpy as np
 import pytest
-from tests.diagnose.trolley import TRUTH, recording, rig
 
 from optid.core.parameter import Parameter
 from optid.diagnosis import rivals
@@ -13,6 +12,7 @@ from optid.diagnosis.candidate import Data, fit_base, refitted, settled
 from optid.diagnosis.rivals import compared, indistinguishable
 from optid.diagnosis.search import Instead, Round, Search
 from optid.effects.effect import Effect
+from tests.diagnosis.trolley import TRUTH, recording, rig
 
 OFFSET = 0.15  # of full command
 

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.diagnose.trolley import SD, TRUTH, recording, rig
 
 from optid.core.readers import read_recording
 from optid.diagnosis.candidate import Candidate, Data, fit_base
@@ -23,6 +22,7 @@ from optid.estimation.objective import stiffest
 from optid.estimation.place import Place
 from optid.estimation.scoring import ENOUGH, middling
 from optid.rigs.rigfile import read_rig, with_effects
+from tests.diagnosis.trolley import SD, TRUTH, recording, rig
 
 DATA = Path(__file__).parents[2] / "data"
 

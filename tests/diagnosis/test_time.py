@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.diagnose.trolley import SD, recording, rig
 
 from optid.diagnosis import search as searching
 from optid.diagnosis.candidate import Data, fit_base
 from optid.diagnosis.search import explains_little, search
+from tests.diagnosis.trolley import SD, recording, rig
 
 
 @pytest.fixture(scope="module")

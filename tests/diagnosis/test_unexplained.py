@@ -6,8 +6,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from tests.diagnose.describing import description
-from tests.diagnose.trolley import RATE, SD, recording, rig
 
 from optid.diagnosis import following, unexplained
 from optid.diagnosis.candidate import Data, fit_base, refitted
@@ -26,6 +24,8 @@ from optid.estimation.multistep import misses
 from optid.report.diagnosis_document import diagnosis_document
 from optid.report.diagnosis_page import diagnosis_page
 from optid.rigs.rigfile import read_rig, with_effects, write_rig
+from tests.diagnosis.describing import description
+from tests.diagnosis.trolley import RATE, SD, recording, rig
 
 
 def wavy(u):

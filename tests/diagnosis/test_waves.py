@@ -5,8 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.diagnose.describing import description
-from tests.diagnose.trolley import SD, recording, rig
 
 from optid.diagnosis import unexplained
 from optid.diagnosis.candidate import QUIETER, Data, fit_base
@@ -17,6 +15,8 @@ from optid.diagnosis.line import _explained, loudest
 from optid.diagnosis.unexplained import listen, look, nameless
 from optid.effects.wave import KNOTS, Wave
 from optid.estimation.scoring import quieted
+from tests.diagnosis.describing import description
+from tests.diagnosis.trolley import SD, recording, rig
 
 ACCELERATION, HERTZ, PITCH = 0.8, 1.7, 0.31
 PHASES = (0.3, 2.9, 4.4)

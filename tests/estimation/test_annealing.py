@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from tests.fit.cart import RATE, SD, moved, record, rig
 
 from optid.errors import SolveError
 from optid.estimation import annealing
@@ -12,6 +11,7 @@ from optid.estimation.problem import pose
 from optid.estimation.result import Outcome
 from optid.estimation.smoother import Point
 from optid.estimation.start import guess
+from tests.estimation.cart import RATE, SD, moved, record, rig
 
 PACE = Pace(lambda stage, share: lambda iteration, cost, p: False, lambda: False, lambda at: None)
 

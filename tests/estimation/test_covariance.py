@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.linalg import solve_toeplitz
-from tests.fit.cart import recording, rig
 
 from optid.estimation.covariance import HIGHEST_ORDER, autoregression, covariance
 from optid.estimation.objective import freed_with_rest, objective_of
 from optid.estimation.problem import pose
 from optid.estimation.smoother import Point, descend
 from optid.estimation.start import guess
+from tests.estimation.cart import recording, rig
 
 
 def coloured(rng, n):

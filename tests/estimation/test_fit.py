@@ -11,11 +11,11 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from tests.fit.cart import FREE, RATE, SD, TRUTH, moved, record, recording, rig
 
 from optid.errors import InputError, NotIdentifiable
 from optid.estimation.batch import FitOptions, fit
 from optid.estimation.result import Outcome
+from tests.estimation.cart import FREE, RATE, SD, TRUTH, moved, record, recording, rig
 
 BOTH_GAINS = 'gain = { bounds = ["0.1 m/s**2", "50 m/s**2"] }\nshare = { bounds = [0.1, 10] }'
 

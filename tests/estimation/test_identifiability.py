@@ -7,7 +7,6 @@ import numpy as np
 import pandas as pd
 import pytest
 from click.testing import CliRunner
-from tests.fit.cart import FREE, RATE, moved, record, recording, rig
 
 from optid.cli import cli
 from optid.core.readers import read_recording
@@ -15,6 +14,7 @@ from optid.core.recording import Recording
 from optid.core.simulation import simulate
 from optid.estimation.identifiability import identifiability
 from optid.rigs.rigfile import read_rig
+from tests.estimation.cart import FREE, RATE, moved, record, recording, rig
 
 DATA = Path(__file__).parents[2] / "data"
 SCALED = ("supply_pressure", "payload_mass", "viscous_friction", "coulomb_friction")

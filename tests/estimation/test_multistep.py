@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.fit.cart import RATE, SD, TRUTH, moved, record, recording, rig
 
 from optid.core.simulation import simulate
 from optid.estimation import multistep
@@ -13,6 +12,7 @@ from optid.estimation.multistep import ASTRAY, foreseeing, misses, preferable, w
 from optid.estimation.place import Answer
 from optid.estimation.problem import pose
 from optid.estimation.scoring import _start, maximise, question_of
+from tests.estimation.cart import RATE, SD, TRUTH, moved, record, recording, rig
 
 SECONDS = 0.5
 

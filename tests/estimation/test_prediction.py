@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from tests.fit.cart import RATE, SD, TRUTH, moved, record, recording, rig
 
 from optid.estimation.prediction import predict
 from optid.estimation.result import Score
+from tests.estimation.cart import RATE, SD, TRUTH, moved, record, recording, rig
 
 WINDOW = round(0.5 * RATE)
 

@@ -7,12 +7,12 @@ import numpy as np
 import pandas as pd
 import pytest
 from click.testing import CliRunner
-from tests.fit.cart import TRUTH, recording, rig
 
 from optid.cli import cli
 from optid.errors import InputError, NotIdentifiable
 from optid.estimation.batch import FitOptions, fit
 from optid.estimation.profile import profile
+from tests.estimation.cart import TRUTH, recording, rig
 
 SIMULATION = FitOptions(process_noise=0.0)
 

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.fit.cart import TRUTH, recording, rig
 
 from optid.errors import SolveError
 from optid.estimation import place, scoring
@@ -22,6 +21,7 @@ from optid.estimation.scoring import (
     quieted,
 )
 from optid.estimation.steering import steered_fit
+from tests.estimation.cart import TRUTH, recording, rig
 
 
 @pytest.fixture(autouse=True)

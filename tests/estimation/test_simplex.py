@@ -5,13 +5,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from tests.fit.cart import recording, rig
 
 from optid.errors import SolveError
 from optid.estimation import scoring, simplex
 from optid.estimation.likelihood import WHOLE
 from optid.estimation.problem import pose
 from optid.estimation.scoring import maximise, question_of
+from tests.estimation.cart import recording, rig
 
 
 @dataclass

@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.fit.cart import TRUTH, moved, record, recording, rig
 
 from optid.estimation.objective import freed_with_rest, objective_of
 from optid.estimation.problem import pose
 from optid.estimation.smoother import Point, descend, evaluate, priced
 from optid.estimation.start import guess
+from tests.estimation.cart import TRUTH, moved, record, recording, rig
 
 
 def posed(cart, data):

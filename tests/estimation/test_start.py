@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from tests.fit.cart import RATE, TRUTH, record, rig
 
 from optid.estimation.problem import pose
 from optid.estimation.start import guess, measured_states
+from tests.estimation.cart import RATE, TRUTH, record, rig
 
 STEPS = 100  # samples for which the push is held: nodes at half a second stand at its jumps
 

@@ -1,12 +1,12 @@
 """The task of moving a small axis by 6 cm."""
 
 import pytest
-from tests.tune.small_axis import T, axis
 
 from optid.pid.controller import Settings
 from optid.tuning.demand import step
 from optid.tuning.plant import plant_of
 from optid.tuning.task import Task
+from tests.tuning.small_axis import T, axis
 
 
 @pytest.fixture(scope="session")

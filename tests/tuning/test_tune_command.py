@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from tests.tune.small_axis import T, axis
 
 from optid.armax.files import ArmaxFile, SavedModel, load, save
 from optid.armax.model import Armax
@@ -16,6 +15,7 @@ from optid.errors import InputError
 from optid.pid.controller import Controller, Gains, Settings
 from optid.tuning.files import load as load_pid
 from optid.tuning.files import units
+from tests.tuning.small_axis import T, axis
 
 DATA = Path(__file__).parents[2] / "data"
 QUICK = ["--starts", "1", "--horizon", "0.8"]

@@ -5,7 +5,6 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 import pytest
-from tests.tune.small_axis import T, axis, python_control
 
 from optid.errors import InputError
 from optid.pid.controller import Controller, Gains, Settings
@@ -20,6 +19,7 @@ from optid.tuning.plant import plant_of
 from optid.tuning.score import response
 from optid.tuning.search import PLACES
 from optid.tuning.task import Over, Task
+from tests.tuning.small_axis import T, axis, python_control
 
 FAST = Gains(40.0, 60.0, 0.6, 4e-3, 0.9)
 LIMITED = Settings(T, -5, 5, rate=800.0, resolution=0.01)

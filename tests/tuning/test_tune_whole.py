@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.tune.small_axis import T, axis, python_control
 
 from optid.armax.model import Armax
 from optid.errors import InputError, SolveError
@@ -21,6 +20,7 @@ from optid.tuning.search import box
 from optid.tuning.task import Over, Task
 from optid.tuning.tuning import tune
 from optid.tuning.ultimate import ultimate
+from tests.tuning.small_axis import T, axis, python_control
 
 THREE = Options(free=("kp", "ki", "kd"), starts=2)
 
