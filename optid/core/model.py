@@ -42,6 +42,25 @@ class Port:
 
 
 @dataclass(frozen=True, eq=False)
+class Constraint:
+    """What must hold between parameters for them to describe anything that can be built.
+
+    Attributes:
+        words: what must hold, as a sentence: "the rod is thinner than the bore".
+        parameters: names of those that it is about.
+        margin: p -> a number that is positive where it holds.
+    """
+
+    words: str
+    parameters: tuple[str, ...]
+    margin: ca.Function
+
+    def holds(self, p: Array) -> bool:
+        """Is it so with these parameters?"""
+        return bool(float(self.margin(p)) > 0.0)
+
+
+@dataclass(frozen=True, eq=False)
 class Model:
     """Equations of a plant in SI units.
 
@@ -58,6 +77,7 @@ class Model:
         laws_leave: share of the squared error that names may leave, which right laws of another form exceed in no
             more than one of 20 blind cases; None where no trial has measured it.
         biases: by what share of its value a stand-in for a law that jumps may shift a fitted parameter, by name.
+        constraints: what must hold between parameters.
     """
 
     name: str
@@ -75,6 +95,7 @@ class Model:
     near: tuple[tuple[str, ...], ...] = ()
     laws_leave: float | None = None
     biases: Mapping[str, float] = field(default_factory=dict)
+    constraints: tuple[Constraint, ...] = ()
 
     @property
     def recorded(self) -> tuple[Port, ...]:

@@ -15,7 +15,7 @@ from typing import Any, Protocol
 
 import casadi as ca
 
-from optid.core.model import CLOCK, INTERVAL, Model, Port, State
+from optid.core.model import CLOCK, INTERVAL, Constraint, Model, Port, State
 from optid.core.parameter import Parameter
 from optid.errors import PlantError, nearest
 
@@ -84,6 +84,7 @@ class Sheet:
         self._switch: tuple[ca.SX, Expression] | None = None
         self._laws_leave: float | None = None
         self._biases: dict[str, float] = {}
+        self._required: list[tuple[str, Expression]] = []
         self._prefix = ""  # of the effect that is writing
         self._near = _Near("")  # where it writes
 
@@ -224,6 +225,10 @@ class Sheet:
         """
         self._biases[parameter] = share
 
+    def require(self, words: str, margin: Expression) -> None:
+        """State what must hold between parameters: a sentence, and an expression of them that is positive then."""
+        self._required.append((words, margin))
+
     def rate(self, state: ca.SX, expression: Expression) -> None:
         """Write d(state)/dt."""
         name = state.name()
@@ -295,12 +300,19 @@ class Sheet:
                 halves=halves,
                 laws_leave=self._laws_leave,
                 biases=dict(self._biases),
+                constraints=tuple(self._constraint(words, margin, p) for words, margin in self._required),
             )
         except RuntimeError as error:  # CasADi: an expression holds a symbol that was never declared
             raise PlantError(
                 f"the equations use a symbol that is no state, input or parameter ({error})",
                 where=self.name,
             ) from error
+
+
+    def _constraint(self, words: str, margin: Expression, p: ca.SX) -> Constraint:
+        about = {symbol.name() for symbol in ca.symvar(ca.SX(margin))}
+        names = tuple(name for name in self._parameters if name in about)
+        return Constraint(words, names, ca.Function("margin", [p], [margin]))
 
 
 def build(plant: Plant, effects: Sequence[Effect] = (), **options: object) -> Model:

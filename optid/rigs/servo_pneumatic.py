@@ -135,6 +135,8 @@ def servo_pneumatic(
     P_s, P_e, P_atm = s.param(SUPPLY_PRESSURE), s.param(EXHAUST_PRESSURE), s.param(ATMOSPHERIC_PRESSURE)
     K, R, T_s = s.param(SPECIFIC_HEAT_RATIO), s.param(GAS_CONSTANT), s.param(SUPPLY_TEMPERATURE)
     L, Delta, M = s.param(STROKE), s.param(RESIDUAL_LENGTH), s.param(PAYLOAD_MASS)
+    s.require("the supply pressure is above the exhaust pressure", P_s - P_e)
+    s.require("the rod is thinner than the bore", s.param(BORE_DIAMETER) - s.param(ROD_DIAMETER))
     A_a = math.pi / 4 * s.param(BORE_DIAMETER) ** 2
     A_rod = math.pi / 4 * s.param(ROD_DIAMETER) ** 2
     A_b = A_a - A_rod
