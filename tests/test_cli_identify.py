@@ -54,7 +54,14 @@ def done(recording, tmp_path_factory):
 
 def test_files_and_summary(done):
     result, out = done
-    names = {"armax.json", "table2.csv", "report.html", "armax_model.h", "armax_identifier.h"}
+    names = {
+        "manifest.json",
+        "armax.json",
+        "table2.csv",
+        "report.html",
+        "armax_model.h",
+        "armax_identifier.h",
+    }
     assert {path.name for path in out.iterdir()} == names
     assert result.stdout.startswith("position from command: ")
     assert "stabilise" in (out / "report.html").read_text(encoding="utf-8")

@@ -11,9 +11,11 @@ from typing import Any
 from optid.armax.audit import Finding
 from optid.armax.model import Armax
 from optid.armax.survey import Survey
+from optid.core.document import finite, known, read_document, whole
 from optid.errors import InputError
 
 SCHEMA = "optid.armax/1"
+MOST = 1000  # coefficients of a polynomial
 
 
 @dataclass(frozen=True)
@@ -82,22 +84,12 @@ def load(path: Path) -> ArmaxFile:
     Raises:
         InputError: no such file, no JSON, another schema, or a field that is missing or of the wrong kind.
     """
-    try:
-        document = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError as error:
-        raise InputError("no such file", where=path) from error
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
-        raise InputError(
-            f"cannot be read ({error})", where=path, expected="a file of `optid identify`"
-        ) from error
-    return from_document(document, path)
+    return from_document(read_document(path, SCHEMA, "a file of `optid identify`"), path)
 
 
 def from_document(document: Any, where: object = None) -> ArmaxFile:
     """From parsed JSON."""
-    if not isinstance(document, dict) or document.get("schema") != SCHEMA:
-        found = document.get("schema") if isinstance(document, dict) else type(document).__name__
-        raise InputError(f"{found}", where=where, field="schema", expected=SCHEMA)
+    document = known(document, SCHEMA, where)
     try:
         models = tuple(
             _model_in(entry, f"models[{i}]", where) for i, entry in enumerate(_list(document, "models"))
@@ -106,7 +98,7 @@ def from_document(document: Any, where: object = None) -> ArmaxFile:
         contents = ArmaxFile(
             str(document["input"]),
             str(document["output"]),
-            int(document["recommended"]),
+            whole(document["recommended"], "recommended", where),
             models,
             str(document.get("words", "")),
             str(units.get("input", "")),
@@ -114,7 +106,7 @@ def from_document(document: Any, where: object = None) -> ArmaxFile:
         )
     except KeyError as error:
         raise InputError("missing", where=where, field=str(error.args[0])) from error
-    except (AttributeError, TypeError, ValueError) as error:
+    except (AttributeError, TypeError, ValueError, OverflowError, IndexError) as error:
         raise InputError(f"{error}", where=where, expected="an optid.armax/1 document") from error
     if all(saved.model.orders.na != contents.recommended for saved in models):
         raise InputError(
@@ -155,18 +147,27 @@ def _covariance_out(model: Armax) -> list[list[float]] | None:
 
 
 def _model_in(entry: dict[str, Any], field: str, where: object) -> SavedModel:
+    def numbers(values: Any, name: str) -> tuple[float, ...]:
+        if len(values) > MOST:
+            raise ValueError(f"{field}.{name} has {len(values)} entries, more than {MOST}")
+        return tuple(finite(x, f"{field}.{name}", where) for x in values)
+
     nk, b = entry["nk"], entry["b"]
     single = not isinstance(nk, list)
     covariance = entry.get("covariance")
     model = Armax(
-        a=tuple(float(x) for x in entry["a"]),
-        b=tuple(tuple(float(x) for x in row) for row in ([b] if single else b)),
-        c=tuple(float(x) for x in entry["c"]),
-        nk=(int(nk),) if single else tuple(int(k) for k in nk),
-        sample_time=float(entry["sample_time"]),
-        noise_variance=float(entry["noise_variance"]),
-        covariance=None if covariance is None else tuple(tuple(float(x) for x in row) for row in covariance),
+        a=numbers(entry["a"], "a"),
+        b=tuple(numbers(row, "b") for row in ([b] if single else b)),
+        c=numbers(entry["c"], "c"),
+        nk=tuple(whole(k, f"{field}.nk", where) for k in ([nk] if single else nk)),
+        sample_time=finite(entry["sample_time"], f"{field}.sample_time", where),
+        noise_variance=finite(entry["noise_variance"], f"{field}.noise_variance", where),
+        covariance=None if covariance is None else tuple(numbers(row, "covariance") for row in covariance),
     )
+    if not 1e-9 <= model.sample_time <= 1e6:
+        raise InputError(
+            f"{model.sample_time:g} s", where=where, field=f"{field}.sample_time", expected="1e-9 to 1e6 s"
+        )
     o = model.orders
     said = (entry["na"], entry["nb"], entry["nc"])
     if said != (o.na, o.nb[0] if single else list(o.nb), o.nc):

@@ -23,7 +23,7 @@ from optid.cli.plan import plan
 from optid.cli.run import Run, Stopped, begun, ended_at_once
 from optid.cli.simulate import simulate
 from optid.cli.tune import tune
-from optid.errors import InputError, JobError
+from optid.errors import InputError, JobError, one_line
 
 HELP = """From recordings of a servo-pneumatic axis to a model you can trust.
 
@@ -92,7 +92,7 @@ def _in_words(error: Exception) -> tuple[str, int]:
 
 
 def _leave(message: str, status: int) -> NoReturn:
-    click.echo("optid: " + " ".join(message.split()), err=True)
+    click.echo("optid: " + one_line(message), err=True)
     sys.exit(status)
 
 

@@ -17,9 +17,20 @@ if TYPE_CHECKING:
     from optid.rigs.rigfile import Rig
 
 __all__ = [
-    "OUT", "Read", "checkpoint", "deliver", "progress", "read_all", "refuse_unfit", "results_folder", "say_remarks",
-    "say_scores", "say_table", "waiting", "write_json",
-]  # fmt: skip
+    "OUT",
+    "Read",
+    "checkpoint",
+    "deliver",
+    "progress",
+    "read_all",
+    "refuse_unfit",
+    "results_folder",
+    "say_remarks",
+    "say_scores",
+    "say_table",
+    "waiting",
+    "write_json",
+]
 
 Read = list[tuple["Recording", tuple["Remark", ...]]]
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import sys
 
 import click
 
@@ -25,18 +24,31 @@ def everywhere(command: click.Command) -> click.Command:
     """A command with the options that all have."""
     command.params += [
         click.Option(
-            ["--progress"], type=click.Choice(progress.CHOICES), default="auto", expose_value=False,
-            callback=_progress, help="A bar on a terminal (auto), nothing, or JSON lines on stderr.",
+            ["--progress"],
+            type=click.Choice(progress.CHOICES),
+            default="auto",
+            expose_value=False,
+            callback=_progress,
+            help="A bar on a terminal (auto), nothing, or JSON lines on stderr.",
         ),
         click.Option(
-            ["--threads"], type=click.IntRange(1, 4096), metavar="N", envvar="OPTID_THREADS", expose_value=False,
-            is_eager=True, callback=_threads, help="Cores to use at most; all where absent (OPTID_THREADS).",
+            ["--threads"],
+            type=click.IntRange(1, 4096),
+            metavar="N",
+            envvar="OPTID_THREADS",
+            expose_value=False,
+            is_eager=True,
+            callback=_threads,
+            help="Cores to use at most; all where absent (OPTID_THREADS).",
         ),
         click.Option(
-            [OUTSIDE], is_flag=True, expose_value=False, callback=_outside,
+            [OUTSIDE],
+            is_flag=True,
+            expose_value=False,
+            callback=_outside,
             help="Let a rig file run Python files from outside its folder.",
         ),
-    ]  # fmt: skip
+    ]
     return command
 
 
@@ -54,19 +66,8 @@ def _threads(context: click.Context, _: click.Parameter, value: int | None) -> i
         before = {name: os.environ.get(name) for name in _THREADS}
         os.environ.update(dict.fromkeys(_THREADS, str(value)))
         limit(value)
-        if "numpy" in sys.modules:
-            _limit_started(value)
         context.call_on_close(lambda: _restore(before))
     return value
-
-
-def _limit_started(value: int) -> None:
-    """Where numpy was imported before, as in a notebook, its threads are asked to be fewer, if that can be done."""
-    try:
-        from threadpoolctl import threadpool_limits
-    except ImportError:
-        return
-    threadpool_limits(value)
 
 
 def _restore(before: dict[str, str | None]) -> None:

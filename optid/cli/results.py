@@ -83,9 +83,10 @@ def _claimed(folder: Path, out: str) -> _Claim:
     except OSError as error:
         claim.release()
         raise InputError(
-            f"nothing can be written in {out} ({error.strerror or error})", where="--out",
+            f"nothing can be written in {out} ({error.strerror or error})",
+            where="--out",
             expected="a writable folder",
-        ) from None  # fmt: skip
+        ) from None
     except InputError:
         claim.release()
         raise
@@ -108,9 +109,11 @@ def _locked(folder: Path) -> int | None:
     except BlockingIOError:
         os.close(descriptor)
         raise InputError(
-            "another run is writing into it", where="--out", expected="a folder of its own for each run",
+            "another run is writing into it",
+            where="--out",
+            expected="a folder of its own for each run",
             hint="wait for it to end",
-        ) from None  # fmt: skip
+        ) from None
     except OSError:
         os.close(descriptor)
         return None
@@ -118,9 +121,21 @@ def _locked(folder: Path) -> int | None:
 
 
 _FILES = (
-    "report.html", "rig.toml", "manifest.json", "metrics.json", "prediction.csv", "fit.json", "armax.json",
-    "table2.csv", "pid.json", "diagnosis.json", "plan.json", "experiment.csv", "live.json", "check.json",
-)  # fmt: skip
+    "report.html",
+    "rig.toml",
+    "manifest.json",
+    "metrics.json",
+    "prediction.csv",
+    "fit.json",
+    "armax.json",
+    "table2.csv",
+    "pid.json",
+    "diagnosis.json",
+    "plan.json",
+    "experiment.csv",
+    "live.json",
+    "check.json",
+)
 
 
 def _refuse_obstacle(folder: Path) -> None:

@@ -1,4 +1,4 @@
-"""The one place for what optid keeps between runs: below XDG_CACHE_HOME, checked when read, done without where it cannot be."""
+"""One place for what optid keeps between runs: below XDG_CACHE_HOME, checked when read, done without if need be."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reading optid's own JSON files, and files of a bounded size: whatever stands in them, the answer is a value or one line."""
+"""Reading optid's own JSON files and others of a bounded size: the answer is a value, or one line that says why not."""
 
 from __future__ import annotations
 
@@ -67,9 +67,12 @@ def known(content: Any, schema: str, where: object = None) -> dict[str, Any]:
     if int(match.group(2)) > int(version):
         written = f"; optid {str(content['version'])[:20]} wrote it" if "version" in content else ""
         raise InputError(
-            f"{found} is newer than what this optid reads{written}", where=where, field="schema",
-            expected=f"{schema} or older", hint="upgrade optid",
-        )  # fmt: skip
+            f"{found} is newer than what this optid reads{written}",
+            where=where,
+            field="schema",
+            expected=f"{schema} or older",
+            hint="upgrade optid",
+        )
     return content
 
 

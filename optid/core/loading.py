@@ -83,8 +83,9 @@ def named_file(file: str, folder: Path) -> Path:
     if not (inside or _ALLOWED.get() or os.environ.get(_VARIABLE) == "1"):
         raise RigError(
             f'"{file}" lies outside the folder of the rig file; it is a program and would be run',
-            expected="a file in that folder or below", hint=f"copy it there, or call with {OUTSIDE}",
-        )  # fmt: skip
+            expected="a file in that folder or below",
+            hint=f"copy it there, or call with {OUTSIDE}",
+        )
     return path
 
 

@@ -99,12 +99,13 @@ def commit(folder: Path, staged: Path, facts: Mapping[str, Any]) -> None:
     same = _kind(before) == _kind(facts)
     removed = sorted(name for name in rest if same and name in before.get("files", {}))
     content = {
-        "schema": SCHEMA, **facts,
+        "schema": SCHEMA,
+        **facts,
         "files": {name: _digest(staged / name) for name in names},
         "earlier": {name: digest for name, digest in rest.items() if name not in removed},
         "replaced": {name: here[name] for name in names if name in here},
         "removed": removed,
-    }  # fmt: skip
+    }
     _write(staged / MANIFEST, (json.dumps(content, indent=1, ensure_ascii=False) + "\n").encode())
     _keep_old(folder, staged / OLD, [*names, *removed, MANIFEST])
     for name in names:
@@ -151,13 +152,15 @@ def located(path: Path) -> Path:
             return place
     if (folder / COMMITTED).is_dir() or (folder / UNDONE).is_dir():
         return path
-    told = manifest(folder)
-    old = None if told is None else told["replaced"].get(name)
-    if told is not None and old is not None and old != told["files"].get(name) and _digest(path) == old:
+    told = manifest(folder) or {"replaced": {}, "files": {}}
+    old = told["replaced"].get(name)
+    if old is not None and old != told["files"].get(name) and _digest(path) == old:
         raise InputError(
-            f"this is the file that stood there before the results that {MANIFEST} tells of", where=path,
-            expected="the files of one run", hint=f"run {_kind(told) or 'the command'} again",
-        )  # fmt: skip
+            f"this is the file that stood there before the results that {MANIFEST} tells of",
+            where=path,
+            expected="the files of one run",
+            hint=f"run {_kind(told) or 'the command'} again",
+        )
     return path
 
 
@@ -195,8 +198,8 @@ def _move_in(folder: Path) -> None:
 def _put_back(folder: Path) -> None:
     """What stood in the folder before; may be called again after it was cut short."""
     source = folder / UNDONE
-    told = manifest(source)
-    for name in told["files"] if told is not None else ():
+    told = manifest(source) or {"files": {}}
+    for name in told["files"]:
         if name not in told["replaced"]:
             (folder / name).unlink(missing_ok=True)
     if (source / OLD).is_dir():

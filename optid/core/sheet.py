@@ -308,7 +308,6 @@ class Sheet:
                 where=self.name,
             ) from error
 
-
     def _constraint(self, words: str, margin: Expression, p: ca.SX) -> Constraint:
         about = {symbol.name() for symbol in ca.symvar(ca.SX(margin))}
         names = tuple(name for name in self._parameters if name in about)

@@ -36,5 +36,8 @@ def refuse_contradictions(model: Model, parameters: Mapping[str, float], path: P
         )
         stated = next((name for name in constraint.parameters if name in parameters), "")
         raise RigError(
-            f"{found} cannot be", where=path, field=f"parameters.{stated}".rstrip("."), expected=constraint.words
+            f"{found} cannot be",
+            where=path,
+            field=f"parameters.{stated}".rstrip("."),
+            expected=constraint.words,
         )

@@ -131,7 +131,9 @@ def write_rig(rig: Rig, path: str | Path, parameters: Mapping[str, float] | None
             table[own] = _written(float(value), old, known[name].unit, air)
     _rewrite_gauge_bounds(document, rig, air)
     written = tomlkit.dumps(document)
-    again = _parse(written, path, constrained=False)  # a fit may have ended in what cannot be: it is still kept
+    again = _parse(
+        written, path, constrained=False
+    )  # a fit may have ended in what cannot be: it is still kept
     for name, value in values.items():
         if abs(again.parameters[name] - value) > max(
             1e-12 * abs(value), 1e-300

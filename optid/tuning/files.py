@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import json
 import math
 from pathlib import Path
 from typing import Any
 
+from optid.core.document import finite, read_document
 from optid.errors import InputError
 from optid.pid.controller import AntiWindup, Controller, Gains, Settings
 from optid.tuning.margins import Margins
@@ -125,33 +125,29 @@ def load(path: Path) -> Controller:
     Raises:
         InputError: no such file, no JSON, another schema, or a field that is missing or wrong.
     """
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError as error:
-        raise InputError("no such file", where=path) from error
-    except (OSError, ValueError) as error:
-        raise InputError(
-            f"cannot be read ({error})", where=path, expected="a file of `optid tune`"
-        ) from error
-    if not isinstance(content, dict) or content.get("schema") != SCHEMA:
-        found = content.get("schema") if isinstance(content, dict) else type(content).__name__
-        raise InputError(f"{found}", where=path, field="schema", expected=SCHEMA)
+    content = read_document(path, SCHEMA, "a file of `optid tune`")
+
+    def bound(name: str, open_end: float) -> float:
+        return open_end if limits.get(name) is None else finite(limits[name], f"limits.{name}", path)
+
     try:
         gains, limits = content["gains"], content["limits"]
         windup = content.get("anti_windup", {"kind": "clamping", "tracking_time": 0.0})
         settings = Settings(
-            float(content["sample_time"]),
-            -math.inf if limits["low"] is None else float(limits["low"]),
-            math.inf if limits["high"] is None else float(limits["high"]),
-            math.inf if limits["rate"] is None else float(limits["rate"]),
-            float(limits.get("deadband_low", 0.0)),
-            float(limits.get("deadband_high", 0.0)),
-            float(limits.get("deadband_onset", 0.0)),
-            float(limits.get("resolution") or 0.0),
+            finite(content["sample_time"], "sample_time", path),
+            bound("low", -math.inf),
+            bound("high", math.inf),
+            bound("rate", math.inf),
+            bound("deadband_low", 0.0),
+            bound("deadband_high", 0.0),
+            bound("deadband_onset", 0.0),
+            bound("resolution", 0.0),
             AntiWindup[str(windup["kind"]).upper()],
-            float(windup["tracking_time"]),
+            finite(windup["tracking_time"], "anti_windup.tracking_time", path),
         )
-        return Controller(Gains(**{name: float(value) for name, value in gains.items()}), settings)
+        return Controller(
+            Gains(**{name: finite(value, f"gains.{name}", path) for name, value in gains.items()}), settings
+        )
     except KeyError as error:
         raise InputError("missing or unknown", where=path, field=str(error.args[0])) from error
     except (TypeError, ValueError, AttributeError) as error:

@@ -69,6 +69,7 @@ def test_a_plain_model_is_enough(model_file, tmp_path):
     assert {file.name for file in (tmp_path / "out").iterdir()} == {
         "pid.json",
         "report.html",
+        "manifest.json",
         "pid.h",
         "pid.st",
     }
