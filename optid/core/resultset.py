@@ -147,11 +147,14 @@ def located(path: Path) -> Path:
         InputError: the file is of another set than the folder's manifest tells of.
     """
     folder, name = path.parent, path.name
-    for place in (folder / COMMITTED / name, folder / UNDONE / OLD / name):
+    for half, place in ((COMMITTED, folder / COMMITTED / name), (UNDONE, folder / UNDONE / OLD / name)):
         if place.is_file():
             return place
-    if (folder / COMMITTED).is_dir() or (folder / UNDONE).is_dir():
-        return path
+        if (folder / half).is_dir():
+            told = manifest(folder / half) or {"files": {}, "replaced": {}, "removed": []}
+            new = name in told["files"] and name not in told["replaced"]
+            gone = name in told["removed"] if half == COMMITTED else new
+            return place if gone else path
     told = manifest(folder) or {"replaced": {}, "files": {}}
     old = told["replaced"].get(name)
     if old is not None and old != told["files"].get(name) and _digest(path) == old:
