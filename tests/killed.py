@@ -56,7 +56,9 @@ def kill_at(number, work):
     def watch(frame, event, what):
         nonlocal count
         owner = getattr(what, "__self__", None)
-        if event == "c_call" and (getattr(owner, "__name__", "") == "posix" or type(owner).__module__ == "_io"):
+        if event == "c_call" and (
+            getattr(owner, "__name__", "") == "posix" or type(owner).__module__ == "_io"
+        ):
             count += 1
             if count == number:
                 os.kill(os.getpid(), signal.SIGKILL)
@@ -92,10 +94,10 @@ def main():
     with tempfile.TemporaryDirectory(dir=memory) as home:
         while (wrong := trial(number, Path(home))) is not None:
             for words in wrong:
-                print(f"operation {number}: {words}")
+                sys.stdout.write(f"operation {number}: {words}\n")
             faults += bool(wrong)
             number += 1
-    print(f"{number - 1} operations, {faults} faults")
+    sys.stdout.write(f"{number - 1} operations, {faults} faults\n")
 
 
 main()

@@ -69,7 +69,8 @@ class OneLine(click.Group):
         except click.ClickException as error:
             _leave(f"{error.format_message()} (optid --help shows how to call it)", 2)
         except (click.Abort, KeyboardInterrupt) as error:
-            how = f" by {error.args[0]}" if isinstance(error, Stopped) else ""
+            stopped = error if isinstance(error, Stopped) else error.__cause__  # click wraps it
+            how = f" by {stopped.args[0]}" if isinstance(stopped, Stopped) else ""
             what = "nothing was written" if run.delivered is None else f"the results are in {run.delivered}"
             _leave(f"interrupted{how}; {what}", 1)
         except BrokenPipeError:

@@ -95,6 +95,13 @@ def commit(folder: Path, staged: Path, facts: Mapping[str, Any]) -> None:
     before = manifest(folder) or {}
     known: dict[str, str] = {**before.get("earlier", {}), **before.get("files", {})}
     here = {name: digest for name in {*known, *names} if (digest := _digest(folder / name))}
+    for name in names:
+        if (
+            name.endswith(".py")
+            and name in here
+            and here[name] not in (known.get(name), _digest(staged / name))
+        ):
+            raise FileExistsError(errno.EEXIST, "another program of this name is there", str(folder / name))
     rest = {name: digest for name, digest in known.items() if name not in names and here.get(name) == digest}
     same = _kind(before) == _kind(facts)
     removed = sorted(name for name in rest if same and name in before.get("files", {}))

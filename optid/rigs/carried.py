@@ -44,18 +44,18 @@ def carried(files: Iterable[Loaded], folder: Path) -> dict[Path, str]:
         if file.path.is_relative_to(folder.resolve()):
             names[file.path] = file.path.relative_to(folder.resolve()).as_posix()
             continue
-        name = _free(file.path.name, set(names.values()))
         try:
+            name = _free(file, folder, set(names.values()))
             (folder / name).write_bytes(file.content)
         except OSError as error:
-            raise RigError(f"cannot be written ({error})", where=folder / name) from None
+            raise RigError(f"cannot be written ({error})", where=folder / file.path.name) from None
         names[file.path] = name
     return names
 
 
-def _free(name: str, taken: set[str]) -> str:
-    """The name, or with a number where another file has it."""
-    stem, number = Path(name).stem, 2
-    while name in taken:
-        name, number = f"{stem}_{number}.py", number + 1
+def _free(file: Loaded, folder: Path, taken: set[str]) -> str:
+    """The file's name, or with a number where another file has it."""
+    name, number = file.path.name, 2
+    while name in taken or ((folder / name).exists() and (folder / name).read_bytes() != file.content):
+        name, number = f"{file.path.stem}_{number}.py", number + 1
     return name
