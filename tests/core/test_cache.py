@@ -43,31 +43,45 @@ def run(tmp_path, **environment):
     return bool(told), folder
 
 
-def test_a_function_is_compiled_once_and_every_damage_heals(tmp_path):
-    assert run(tmp_path)[0]
-    assert not run(tmp_path)[0]
-    files = sorted(
-        file for file in (tmp_path / "cache").rglob("*") if file.suffix in (".nbi", ".nbc", ".sum")
-    )
-    assert len(files) == 6
-    for number, file in enumerate(files):
+def compiles(folder, monkeypatch):
+    """Does a fresh start of the function find nothing that it can use?"""
+    told = []
+    cache.first_compile(lambda: told.append(1))
+    monkeypatch.setattr(compiling, "kernels_folder", lambda: folder)
+    assert compiling.kept()(twice)(21) == 42
+    return bool(told)
+
+
+def twice(x):
+    return 2 * x
+
+
+def test_a_function_is_compiled_once_and_every_damage_heals(tmp_path, monkeypatch):
+    assert compiles(tmp_path, monkeypatch)
+    assert not compiles(tmp_path, monkeypatch)
+    files = sorted(tmp_path.iterdir())
+    assert [file.suffix for file in files] == [".nbc", ".nbi", ".sum"]
+    for file in files:
         content = file.read_bytes()
-        file.write_bytes((b"", content[: len(content) // 2], b"\x80" + content[1:] + b"x")[number % 3])
-        assert run(tmp_path)[0]
-    assert not run(tmp_path)[0]
+        for damage in (b"", content[: len(content) // 2], b"\x80" + content[1:] + b"x"):
+            file.write_bytes(damage)
+            assert compiles(tmp_path, monkeypatch)
+            assert not compiles(tmp_path, monkeypatch)
+        file.unlink()
+        assert compiles(tmp_path, monkeypatch)
 
 
-def test_a_folder_that_cannot_be_is_done_without(tmp_path):
+def test_a_folder_that_cannot_be_is_done_without(tmp_path, monkeypatch):
     (tmp_path / "cache").write_text("a file in the way")
-    assert run(tmp_path)[0]
+    assert compiles(tmp_path / "cache" / "inner", monkeypatch)
     assert (tmp_path / "cache").read_text() == "a file in the way"
 
 
 def test_without_a_home_nothing_is_kept(tmp_path):
-    nobody = {"XDG_CACHE_HOME": "", "HOME": "/nonexistent/home"}
+    nobody = {"XDG_CACHE_HOME": "", "HOME": "/dev/null/home"}
     told, folder = run(tmp_path, **nobody)
     assert told
-    assert folder.startswith("/nonexistent")
+    assert folder.startswith("/dev/null")
 
 
 @pytest.mark.parametrize("stated", ["", "relative/path"])
