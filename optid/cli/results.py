@@ -37,6 +37,8 @@ class _Claim:
         if self.lock is not None:
             os.close(self.lock)
             self.lock = None
+        if tempfile.tempdir == str(self.folder):
+            tempfile.tempdir = None
         for folder in reversed(self.made):
             with contextlib.suppress(OSError):
                 folder.rmdir()
@@ -80,6 +82,7 @@ def _claimed(folder: Path, out: str) -> _Claim:
         resultset.try_out(folder)
         _refuse_obstacle(folder)
         claim.found = resultset.manifest(folder)
+        _lend_temporary(folder)
     except OSError as error:
         claim.release()
         raise InputError(
@@ -118,6 +121,14 @@ def _locked(folder: Path) -> int | None:
         os.close(descriptor)
         return None
     return descriptor
+
+
+def _lend_temporary(folder: Path) -> None:
+    """Where nothing else can be written, what libraries need for the moment goes here, too."""
+    try:
+        tempfile.gettempdir()
+    except OSError:
+        tempfile.tempdir = str(folder)
 
 
 _FILES = (

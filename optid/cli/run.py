@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import importlib.metadata
+import logging
 import os
 import shlex
 import signal
@@ -64,6 +65,7 @@ def this_run() -> Run:
 @contextmanager
 def begun(arguments: Sequence[str]) -> Iterator[Run]:
     """A run from its first word to its last; SIGTERM and SIGINT end it alike."""
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # where it keeps its fonts is no news for a user
     run = Run(shlex.join(["optid", *map(str, arguments)]), before=loaded())
     token = _RUN.set(run)
     before = _listen(run)
