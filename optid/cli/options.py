@@ -12,6 +12,7 @@ from optid.core.loading import OUTSIDE, outside_allowed
 
 # Libraries that start threads of their own read these when they are imported, which the commands do later.
 _THREADS = (
+    "OPTID_THREADS",
     "OMP_NUM_THREADS",
     "OPENBLAS_NUM_THREADS",
     "MKL_NUM_THREADS",

@@ -82,10 +82,10 @@ def _each_new(what: str) -> Callable[[float, str], None]:
     return show
 
 
-def tell_first_compile() -> None:
-    """Say so once when optid's functions are compiled for this machine, which takes a minute."""
+def tell_first_compile(how: str) -> None:
+    """Say, one of `CHOICES`, that optid's functions are compiled for this machine, which takes a minute."""
     words = "compiling optid's functions for this machine; once per version, about a minute"
-    if _CHOSEN.get() == "json":
+    if how == "json":
         _line("compiling", None, words)
-    elif _shown():
+    elif how == "auto" and sys.stderr.isatty():
         click.echo(words, err=True)

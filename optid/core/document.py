@@ -11,7 +11,7 @@ from typing import Any
 from optid.core.resultset import located
 from optid.errors import InputError
 
-MOST = 64 * 2**20  # bytes of a JSON file; a model of 500 coefficients with its covariance takes 5 MB
+MOST = 16 * 2**20  # bytes of a JSON file; a model of 500 coefficients with its covariance takes 5 MB
 HUGE = 1e100  # no quantity of an axis, in any unit, comes near: beyond, squares overflow
 
 
