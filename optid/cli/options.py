@@ -56,7 +56,7 @@ def everywhere(command: click.Command) -> click.Command:
 def _progress(context: click.Context, _: click.Parameter, value: str) -> str:
     context.call_on_close(lambda: progress.choose("auto"))
     progress.choose(value)
-    first_compile(progress.tell_first_compile)
+    first_compile(lambda: progress.tell_first_compile(value))
     return value
 
 
@@ -74,12 +74,12 @@ def _threads(context: click.Context, _: click.Parameter, value: int | None) -> i
 def _restore(before: dict[str, str | None]) -> None:
     from optid.core.threads import limit
 
-    limit(None)
     for name, value in before.items():
         if value is None:
             os.environ.pop(name, None)
         else:
             os.environ[name] = value
+    limit(None)
 
 
 def _outside(context: click.Context, _: click.Parameter, value: bool) -> bool:
