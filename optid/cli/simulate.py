@@ -6,12 +6,13 @@ from pathlib import Path
 
 import click
 
-from optid.cli.common import OUT, deliver, read_all, results_folder, say_scores, waiting, write_json
+from optid.cli.common import OUT, RATE, deliver, read_all, results_folder, say_scores, waiting, write_json
 
 
 @click.command()
 @click.argument("rig")
 @click.argument("recording")
+@RATE
 @OUT
 def simulate(rig: str, recording: str, out: str) -> None:
     """Run the model along a recording, with the rig file's numbers."""

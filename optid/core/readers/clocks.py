@@ -83,9 +83,9 @@ def refuse_bursts(time: Array, field: str, path: Path) -> None:
     short, long = float(np.percentile(steps, 10)), float(np.percentile(steps, 95))
     raise RecordingError(
         f"the stamps come in bursts, {short:.3g} to {long:.3g} s apart, while on the whole a sample was taken every "
-        f"{mean:.4g} s: they tell when samples arrived, not when they were taken",
+        f"{slope:.4g} s: they tell when samples arrived, not when they were taken",
         where=path, field=field, expected="times of the samples",
-        hint=f'state rate = "{1 / mean:.6g} Hz" instead of a time column',
+        hint=f'state rate = "{1 / slope:.4g} Hz" instead of a time column',
     )  # fmt: skip
 
 

@@ -21,6 +21,7 @@ _UNIT = re.compile(r"^(.*?)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\)|/\s?([^\s/]+))$")
 _PLACE = re.compile(r"column (\d{1,6})")
 _LOOK = 60  # lines looked at to judge where rows of data begin
 _ABOVE = 40  # rows between a header and its data: units, types, scales
+_FOLLOWING = 4  # rows that show that a table has begun
 
 
 def split(line: str, delimiter: str) -> list[str]:
@@ -159,16 +160,15 @@ def _first_row(
 ) -> int | None:
     """The first line at or after `start` that is a row of data in every column found."""
     places = sorted({k for indices in found.values() for k in indices})
-    tried = 0
-    for i in range(start, len(lines)):
-        line = lines[i]
-        if not line.strip() or line.lstrip().startswith(("#", "%", "//")):
-            continue
-        if is_row(split(line, delimiter), places, len(cells)):
+    full = [
+        i for i in range(start, min(start + 20 * _ABOVE, len(lines)))
+        if lines[i].strip() and not lines[i].lstrip().startswith(("#", "%", "//"))
+    ][: _ABOVE + _FOLLOWING + 1]  # fmt: skip
+    rows = [is_row(split(lines[i], delimiter), places, len(cells)) for i in full]
+    for k, i in enumerate(full[: _ABOVE + 1]):
+        # A number among the facts of the channels ("SampleTime 1") is no row: others follow a row, or it begins as one.
+        if rows[k] and (all(rows[k : k + _FOLLOWING]) or is_value(split(lines[i], delimiter)[0])):
             return i
-        tried += 1
-        if tried > _ABOVE:
-            return None
     return None
 
 

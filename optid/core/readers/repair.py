@@ -16,6 +16,7 @@ Flags = NDArray[np.bool_]
 
 ABSURD = 1e4  # times the span of the middle nine tenths: no sensor shows that and its signal, too
 _FAST = 8.0  # times the fastest other change between samples: a jump that no axis makes
+_LEAP = 2.0  # times the same: for further visits to a value that is known to stand in
 _RARE = 0.05  # share of the samples that may be faulty for the others to tell what is right
 _FEW = 40  # samples: of shorter records nothing is told
 _EQUAL = 4.0  # fastest changes by which jumps of one counter may differ
@@ -209,9 +210,9 @@ def _visits(y: Array, value: float) -> Flags | None:
     visits = 0
     for a, b in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
         jumps = [steps[k] for k, is_there in ((a - 1, a > 0), (b - 1, b < len(y))) if is_there]
-        if jumps and min(jumps) > _FAST * usual:
-            flagged[a:b] = True
-            visits += 1
+        # Once three are beyond doubt, shorter leaps to the very same value are of the same kind.
+        flagged[a:b] = bool(jumps) and min(jumps) > _LEAP * usual
+        visits += bool(jumps) and min(jumps) > _FAST * usual
     return flagged if visits >= 3 else None
 
 

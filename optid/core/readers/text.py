@@ -53,7 +53,7 @@ def read(data: bytes, path: Path, wanted: tuple[str, ...], budget: Budget) -> Ta
         raise _no_table(text.lines, path)
     logger = loggers.recognised(text.lines, layout)
     about = f"{logger.title}, whose table begins in line {layout.first + 1}" if logger else ""
-    names = [name for name in layout.names if name] + [f"column {k + 1}" for k in range(len(layout.names))]
+    names = [name for name in layout.names if name]
     if not layout.found:
         return _nothing_found(layout, about, path)
     rows = Rows.of(text.data, text.encoding, layout, path)
