@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
@@ -105,7 +106,11 @@ def _fastest_poles(model: Model, parameters: Mapping[str, float], recording: Rec
     )  # fmt: skip
     rows = np.linspace(0, len(run) - 1, _POINTS).astype(int)
     points = [(run[k], inputs[k]) for k in rows if np.isfinite(run[k]).all()]
-    return [_fastest(*(np.array(m) for m in slopes(state, command)), model.scales) for state, command in points]
+    found = []
+    for state, command in points:
+        A, B, C = (np.array(m) for m in slopes(state, command))
+        found.append(_fastest(A, B, C, model.scales))
+    return found
 
 
 def _fastest(A: Array, B: Array, C: Array, scales: Array) -> float:
@@ -142,7 +147,7 @@ def thinned(recording: Recording, commands: Iterable[str], fastest: float = FAST
     inputs = {*commands, *(role for role, channel in recording.channels.items() if channel.held)}
     cuts = np.flatnonzero(np.diff(recording.time) > GAP * recording.interval) + 1
     edges = [0, *cuts.tolist(), len(recording)]
-    parts = [(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True) if b - a >= count]
+    parts = [(a, b) for a, b in itertools.pairwise(edges) if b - a >= count]
     if len(parts) * 4 * count > len(recording) or not parts:
         return recording  # gaps all over: it is no even sampling
     rows = np.concatenate([np.arange(a, b - count + 1, count) for a, b in parts])
@@ -181,7 +186,9 @@ def _filtered(values: Array, count: int) -> Array:
     result = _at_rows(padded, weights, rows + reach, half)
     if known.all():
         return result
-    share = _at_rows(np.concatenate((np.ones(reach), known.astype(float), np.ones(reach))), weights, rows + reach, half)
+    share = _at_rows(
+        np.concatenate((np.ones(reach), known.astype(float), np.ones(reach))), weights, rows + reach, half
+    )
     return np.where(share > WHOLE, result, np.nan)
 
 
@@ -229,5 +236,3 @@ def at_samples_of(recording: Recording, role: str, commands: Iterable[str]) -> R
         means[-1] = filled[rows[-1]]
         channels[name] = replace(channel, values=means)
     return replace(recording, time=recording.time[rows], channels=channels)
-
-

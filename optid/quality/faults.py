@@ -77,8 +77,8 @@ def outliers(recording: Recording, outputs: tuple[str, ...]) -> Iterator[Remark]
         places = ", ".join(f"{recording.time[known[k]]:.6g}" for k in far[:_SHOWN])
         yield Remark(
             "outliers", "warning", role,
-            f"{len(far)} samples of {role} stand alone, up to {off[far - 2].max():.3g} {recording[role].unit} off their "
-            f"neighbours (at {places}{' s ...' if len(far) > _SHOWN else ' s'}): leave them out, or let them count "
-            "less (fit --robust)",
+            f"{len(far)} samples of {role} stand alone, up to {off[far - 2].max():.3g} {recording[role].unit} off "
+            f"their neighbours (at {places}{' s ...' if len(far) > _SHOWN else ' s'}): leave them out, or let them "
+            "count less (fit --robust)",
             (float(recording.time[known[far[0]]]),) * 2,
         )  # fmt: skip

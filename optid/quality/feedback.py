@@ -38,16 +38,18 @@ def feedback(recording: Recording, inputs: tuple[str, ...], outputs: tuple[str, 
             if _computed(u, y) or _computed(np.diff(u), y[1:]):
                 yield Remark(
                     "feedback", "warning", cause,
-                    f"{cause} can be computed from {role} ({_EXPLAINED:.1%} of it and more): it comes from a controller "
-                    "that nothing else excites, so plant and inverse controller cannot be told apart; record again "
-                    "with a moving reference or a test signal added to the command",
+                    f"{cause} can be computed from {role} ({_EXPLAINED:.1%} of it and more): it comes from a "
+                    "controller that nothing else excites, so plant and inverse controller cannot be told apart; record "
+                    "again with a moving reference or a test signal added to the command",
                 )  # fmt: skip
                 break
 
 
 def _computed(u: Array, y: Array) -> bool:
     """The input follows from the newest outputs so closely that even their noise is in it."""
-    rows = np.column_stack([*(y[_PAST - 1 - k : len(y) - k] for k in range(_PAST)), np.ones(len(y) - _PAST + 1)])
+    rows = np.column_stack(
+        [*(y[_PAST - 1 - k : len(y) - k] for k in range(_PAST)), np.ones(len(y) - _PAST + 1)]
+    )
     target = u[_PAST - 1 :]
     for shift in (0, 1):  # from the sample itself, or from those before it
         left, right = (rows, target) if not shift else (rows[:-1], target[1:])

@@ -17,7 +17,9 @@ Array = NDArray[np.float64]
 SMOOTHING = 0.02  # s over which a speed is taken: shorter than an axis's swing, long enough against noise
 _FARTHEST = 0.05  # share of a record over which a lag is sought
 _PAST = 4  # samples from which the next is predicted
-_FOLLOWS = 0.1  # share of the mean square that is left; noise of the strongest colour taken for noise leaves 0.13
+_FOLLOWS = (
+    0.1  # share of the mean square that is left; noise of the strongest colour taken for noise leaves 0.13
+)
 _AGAINST = 0.6  # correlation against the model's sign that is no accident
 _PLAINER = 1.5  # times that with the model's sign
 _NOISES = 5.0  # standard deviations: among a million samples noise alone passes less than once
@@ -32,7 +34,11 @@ def still(recording: Recording, inputs: tuple[str, ...], outputs: tuple[str, ...
         noise = noise_sd(values)
         # A signal of noise alone spans about 8 standard deviations in ten thousand samples, 10 in a million.
         if span == 0.0 or (span < 2 * _NOISES * noise and not _predictable(values)):
-            what = "never changes" if span == 0.0 else f"moves by {span:.3g}, no more than its noise of {noise:.2g}"
+            what = (
+                "never changes"
+                if span == 0.0
+                else f"moves by {span:.3g}, no more than its noise of {noise:.2g}"
+            )
             yield Remark("still", "error", role, f"{role} {what}: nothing can be identified from it")
         else:
             moving = True
@@ -41,7 +47,11 @@ def still(recording: Recording, inputs: tuple[str, ...], outputs: tuple[str, ...
         if float(np.nanmax(values)) == float(np.nanmin(values)):
             # What swings by itself shows its own parameters, if not those between the input and it.
             grave: Severity = "warning" if moving else "error"
-            rest = "only what shows in free motion can be identified" if moving else "nothing can be identified from it"
+            rest = (
+                "only what shows in free motion can be identified"
+                if moving
+                else "nothing can be identified from it"
+            )
             yield Remark("still", grave, role, f"{role} never changes: {rest}")
 
 
@@ -187,7 +197,10 @@ def anticipation(recording: Recording, inputs: tuple[str, ...], outputs: tuple[s
 
 
 def polarity(
-    recording: Recording, signs: Mapping[tuple[str, str], int], inputs: tuple[str, ...], outputs: tuple[str, ...]
+    recording: Recording,
+    signs: Mapping[tuple[str, str], int],
+    inputs: tuple[str, ...],
+    outputs: tuple[str, ...],
 ) -> Iterator[Remark]:
     """Outputs that answer an input with the other sign than the model's.
 

@@ -47,7 +47,8 @@ def quality(
     if 2 <= len(commanded) < len(recording):
         recording = recording.taken(commanded)
         inputs, outputs = (
-            tuple(role for role in roles if recording[role].missing < len(recording)) for roles in (inputs, outputs)
+            tuple(role for role in roles if recording[role].missing < len(recording))
+            for roles in (inputs, outputs)
         )
     found = [*absent, *_remarks(recording, model, inputs, outputs, parameters)]
     return tuple(sorted(found, key=lambda remark: _RANK[remark.severity]))

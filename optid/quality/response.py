@@ -16,7 +16,9 @@ _SECONDS = 0.4  # of a step; an axis has set off by then
 _CLEAR = 1e-9  # of what an output can show: a smaller answer has no sign
 
 
-def signs(model: Model, parameters: Mapping[str, float] | None, recording: Recording) -> dict[tuple[str, str], int]:
+def signs(
+    model: Model, parameters: Mapping[str, float] | None, recording: Recording
+) -> dict[tuple[str, str], int]:
     """(input, output) -> sign of the answer to a step of the recorded size around the recorded mean, 0 where none.
 
     Args:
@@ -41,7 +43,9 @@ def signs(model: Model, parameters: Mapping[str, float] | None, recording: Recor
         if not size > 0:
             continue
         up, down = (
-            simulate(model, p, start, dt, _inputs(model, means, cause, way * size, dt), tolerance=1e-4).outputs[0]
+            simulate(
+                model, p, start, dt, _inputs(model, means, cause, way * size, dt), tolerance=1e-4
+            ).outputs[0]
             for way in (2.0, -2.0)
         )
         for j, port in enumerate(model.outputs):

@@ -79,7 +79,9 @@ def missing(recording: Recording, inputs: tuple[str, ...], outputs: tuple[str, .
         interval = (float(recording.time[start]), float(recording.time[last]))
         length = interval[1] - interval[0]
         held = stop - start <= LONG_GAP
-        tail = (": the last value is held" if held else ": nothing is simulated there") if role in inputs else ""
+        tail = (
+            (": the last value is held" if held else ": nothing is simulated there") if role in inputs else ""
+        )
         yield Remark(
             "missing",
             "warning" if role in inputs or length >= WINDOW else "note",
@@ -100,7 +102,9 @@ def enough(recording: Recording, inputs: tuple[str, ...], outputs: tuple[str, ..
         measured |= np.isfinite(recording[role].values)
     whole = int((commanded & measured).sum())
     seconds = float(commanded.sum()) * recording.interval
-    if whole == len(recording) or (whole >= FEWEST and (seconds >= 2 * WINDOW or whole > 0.5 * len(recording))):
+    if whole == len(recording) or (
+        whole >= FEWEST and (seconds >= 2 * WINDOW or whole > 0.5 * len(recording))
+    ):
         return
     yield Remark(
         "missing", "error", outputs[0] if outputs else "time",

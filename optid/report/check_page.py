@@ -1,4 +1,4 @@
-"""The report of `optid check`: what was recorded, with what was remarked on marked in the pictures, and the document."""
+"""The report of `optid check` and its document: what was recorded, and what was remarked on, marked in pictures."""
 
 from __future__ import annotations
 
@@ -22,7 +22,9 @@ SCHEMA = "optid.check/1"
 Read = Sequence[tuple[Recording, Sequence[Remark]]]
 
 
-def check_document(rig: Rig, read: Read, verdict: Verdict, identifiability: Mapping[str, Any] | None) -> dict[str, Any]:
+def check_document(
+    rig: Rig, read: Read, verdict: Verdict, identifiability: Mapping[str, Any] | None
+) -> dict[str, Any]:
     """Content of check.json.
 
     Args:
@@ -81,7 +83,11 @@ def check_page(rig: Rig, read: Read, verdict: Verdict, identifiability: Mapping[
         for recording, remarks in read
     ]
     return environment.get_template("check.html.j2").render(
-        title=f"{rig.name}: check", rig=rig, lead=verdict.sentence, recordings=shown, identifiability=identifiability
+        title=f"{rig.name}: check",
+        rig=rig,
+        lead=verdict.sentence,
+        recordings=shown,
+        identifiability=identifiability,
     )
 
 

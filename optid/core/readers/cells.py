@@ -1,4 +1,4 @@
-"""Cells of a text table: what a number, a missing value, a date or a time of day looks like, and columns made of them."""
+"""Cells of a text table: what a number, nothing, a date or a time of day looks like, and columns made of them."""
 
 from __future__ import annotations
 
@@ -88,7 +88,9 @@ def numbers(cells: NDArray[Any], comma_elsewhere: bool) -> NDArray[np.float64]:
     values = np.full(len(texts), np.nan)
     for row, text in known:
         try:
-            values[row] = _BOOLEANS.get(text.lower()) if text.lower() in _BOOLEANS else float(_plain(text, drop))
+            values[row] = (
+                _BOOLEANS.get(text.lower()) if text.lower() in _BOOLEANS else float(_plain(text, drop))
+            )
         except ValueError:
             raise Unreadable(row, text) from None
     return values

@@ -7,7 +7,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,7 +19,9 @@ Integers = NDArray[np.int64]
 # Where clocks and counters begin anew, in their own unit: bits, a day, an hour, a minute, and those in ms, us and ns.
 _BITS = tuple(2.0**n for n in (8, 10, 12, 14, 16, 20, 24, 31, 32, 48, 64))
 _DAYS = tuple(base * size for base in (86_400.0, 43_200.0, 3600.0, 60.0) for size in (1.0, 1e3, 1e6, 1e9))
-_SCALED = tuple(2.0**n * size for n in (16, 24, 31, 32) for size in (1e-9, 1e-8, 1e-7, 1e-6, 1e-4, 1e-3, 1e-2))
+_SCALED = tuple(
+    2.0**n * size for n in (16, 24, 31, 32) for size in (1e-9, 1e-8, 1e-7, 1e-6, 1e-4, 1e-3, 1e-2)
+)
 _TENS = tuple(10.0**n for n in range(2, 10))
 PERIODS = (*_BITS, *_DAYS, *_SCALED, 24.0, 1440.0, *_TENS)
 _MANY = 50  # of the samples: a clock that begins anew in more than one of so many is no clock
@@ -136,7 +137,9 @@ def aligned(signals: Mapping[str, Timed], path: Path) -> Aligned:
         )  # fmt: skip
     values = {}
     for role, one in signals.items():
-        if role == lead or (len(times[role]) == len(times[lead]) and np.array_equal(times[role], times[lead])):
+        if role == lead or (
+            len(times[role]) == len(times[lead]) and np.array_equal(times[role], times[lead])
+        ):
             values[role] = one.values[kept]
         elif one.held:
             values[role] = _held(axis, times[role], one.values, steps[lead])
@@ -198,7 +201,11 @@ def _spans(times: Mapping[str, Array]) -> str:
 
 
 def _told(
-    signals: Mapping[str, Timed], times: Mapping[str, Array], steps: Mapping[str, float], start: float, stop: float
+    signals: Mapping[str, Timed],
+    times: Mapping[str, Array],
+    steps: Mapping[str, float],
+    start: float,
+    stop: float,
 ) -> tuple[str, ...]:
     notes = []
     first = min(t[0] for t in times.values())
@@ -223,5 +230,3 @@ def contradicted(stated: float, clock: Clock) -> float | None:
     if not step > 0 or abs(step * stated - 1) <= _SAME_RATE:
         return None
     return 1 / step
-
-

@@ -36,7 +36,9 @@ def read(data: bytes, path: Path, wanted: tuple[str, ...], budget: Budget) -> Ta
         import h5py
     except ImportError as error:
         broken = "" if isinstance(error, ModuleNotFoundError) else f" (it is there, but broken: {error})"
-        raise RecordingError(f"HDF5 and .mat files of version 7.3 need h5py{broken}", where=path, hint=EXTRA) from None
+        raise RecordingError(
+            f"HDF5 and .mat files of version 7.3 need h5py{broken}", where=path, hint=EXTRA
+        ) from None
     matlab = data[:6] == b"MATLAB"
     try:
         with h5py.File(io.BytesIO(data), "r") as file:
@@ -72,7 +74,9 @@ class _Stored:
 
     def __getitem__(self, key: Any) -> Any:
         # Chunks are unpacked whole, so the whole dataset counts, whatever part of it is asked for.
-        self.budget.take(self.dataset.size * self.dataset.dtype.itemsize, f'the dataset "{self.dataset.name}"')
+        self.budget.take(
+            self.dataset.size * self.dataset.dtype.itemsize, f'the dataset "{self.dataset.name}"'
+        )
         return self.dataset[self.field][key] if self.field is not None else self.dataset[key]
 
 

@@ -84,7 +84,7 @@ def find_layout(lines: Sequence[str], wanted: Sequence[str]) -> Layout | None:
     named = [name for name in wanted if not _PLACE.fullmatch(name)]
     candidates = list(_by_names(lines, wanted, named)) if named else []
     if not any(c.score[0] for c in candidates):
-        candidates += _by_rows(lines, wanted)
+        candidates += [*_by_places(lines, wanted), *_by_rows(lines, wanted)]
     return max(candidates, key=lambda c: c.score).layout if candidates else None
 
 
@@ -121,7 +121,9 @@ def _headers(line: str, delimiter: str) -> Iterator[list[str]]:
         yield [cell.strip() for cell in re.split(r"\s{2,}|\t", bare.strip())]
 
 
-def _matches(cells: Sequence[str], wanted: Sequence[str]) -> tuple[dict[str, tuple[int, ...]], dict[str, str]]:
+def _matches(
+    cells: Sequence[str], wanted: Sequence[str]
+) -> tuple[dict[str, tuple[int, ...]], dict[str, str]]:
     exact: dict[str, list[int]] = {}
     loose: dict[str, list[int]] = {}
     for k, cell in enumerate(cells):
@@ -152,7 +154,9 @@ def bare_name(cell: str) -> str:
 def unit_in(cell: str) -> str:
     """The unit that a header's cell states behind the name; empty if none."""
     match = _UNIT.match(cell)
-    return next((part.strip() for part in match.groups()[1:] if part), "") if match and match[1].strip() else ""
+    return (
+        next((part.strip() for part in match.groups()[1:] if part), "") if match and match[1].strip() else ""
+    )
 
 
 def _first_row(
@@ -190,6 +194,21 @@ def _agreement(lines: Sequence[str], first: int, delimiter: str, width: int) -> 
     if not counts:
         return 0.0
     return max(counts.count(width), counts.count(width + 1)) / len(counts) + 1e-3 * (width > 1)
+
+
+def _by_places(lines: Sequence[str], wanted: Sequence[str]) -> Iterator[_Candidate]:
+    """Layouts of tables whose columns are all asked for by their place: the names above them do not matter."""
+    places = [int(match[1]) - 1 for match in map(_PLACE.fullmatch, wanted) if match]
+    if len(places) < len(wanted) or min(places) < 0:
+        return
+    for order, delimiter in enumerate(DELIMITERS):
+        cells = next((split(line, delimiter) for line in reversed(lines) if line.strip()), [])
+        names = [f"column {k + 1}" for k in range(max(len(cells), max(places) + 1))]
+        found, _ = _matches(names, wanted)
+        first = _first_row(lines, 0, delimiter, names, found)
+        if first is not None and len(cells) > max(places):
+            agreed = _agreement(lines, first, delimiter, len(names))
+            yield _Candidate((0.5, agreed, -order, -first, 0), Layout(None, first, delimiter, tuple(names), found))
 
 
 def _by_rows(lines: Sequence[str], wanted: Sequence[str]) -> Iterator[_Candidate]:

@@ -21,7 +21,20 @@ Change = Callable[[Layout, Columns], tuple[Columns, tuple[str, ...]]]
 _TWINCAT = "a TwinCAT Scope export"
 # A column of these names that stands more than once is the clock of what stands right of it.
 _CLOCKS = frozenset(
-    "name x_value x_values time t zeit timestamp time_stamp x xwert time_s times abs_time rel_time sec seconds".split()
+    (
+        "name",
+        "x_value",
+        "x_values",
+        "time",
+        "t",
+        "zeit",
+        "timestamp",
+        "time_stamp",
+        "x",
+        "time_s",
+        "times",
+        "seconds",
+    )
 )
 
 
@@ -55,7 +68,9 @@ def _rigol(layout: Layout, columns: Columns) -> tuple[Columns, tuple[str, ...]]:
     step = float(scale[at])
     counted = columns[0].values.astype(np.float64)
     times = Column(start + step * counted, unit="s")
-    return {**columns, 0: times}, (f"times are {start:g} s plus {step:g} s a sample, as the file's head says",)
+    return {**columns, 0: times}, (
+        f"times are {start:g} s plus {step:g} s a sample, as the file's head says",
+    )
 
 
 LOGGERS = (
@@ -63,7 +78,10 @@ LOGGERS = (
     Logger("a LabVIEW measurement file", _marked(r"^LabVIEW Measurement")),
     Logger("a LeCroy oscilloscope's text file", _marked(r"^LECROY")),
     Logger("a Rigol oscilloscope's CSV", _marked(r"^X,CH\d.*Increment"), _rigol),
-    Logger("a Tektronix oscilloscope's CSV", _marked(r"^Model,(MSO|DPO|MDO|TDS|TBS)|^\"?Record Length\"?,|^TIME,CH\d")),
+    Logger(
+        "a Tektronix oscilloscope's CSV",
+        _marked(r"^Model,(MSO|DPO|MDO|TDS|TBS)|^\"?Record Length\"?,|^TIME,CH\d"),
+    ),
     Logger("a Keysight or Agilent oscilloscope's CSV", _marked(r"^x-axis,.*\n\s*second")),
     Logger("a PicoScope CSV", _marked(r"^Time[,;\t]Channel [A-H]")),
     Logger("a Siglent oscilloscope's CSV", _marked(r"^Model Number,SDS|^Second,Value")),

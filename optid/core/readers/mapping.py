@@ -85,7 +85,11 @@ def _check_columns(table: Table, maps: Mapping[str, ChannelMap], path: Path) -> 
         hint = None if why else offered(name, table.names)
         if role == "time" and not why:
             rate = _rate_of(table)
-            hint = f'the file has its own clock: state rate = "{rate:.6g} Hz" instead of a time column' if rate else hint
+            hint = (
+                f'the file has its own clock: state rate = "{rate:.6g} Hz" instead of a time column'
+                if rate
+                else hint
+            )
         raise RecordingError(message, where=path, field=role, hint=hint)
 
 
@@ -97,12 +101,12 @@ def _rate_of(table: Table) -> float | None:
 
 def _on_one_clock(table: Table, maps: Mapping[str, ChannelMap], path: Path) -> _Rows:
     """The channels over one time axis, by the rig's time column or rate, or by the file's own clocks."""
-    values = {
-        role: _numbers(table, channel, path) for role, channel in maps.items() if role != "time"
-    }
+    values = {role: _numbers(table, channel, path) for role, channel in maps.items() if role != "time"}
     columns = {role: table.columns[maps[role].column] for role in values}
     notes = tuple(note for role in values for note in _unit_notes(role, columns[role].unit, maps[role]))
-    clocks = {role: _clock(column, maps["time"]) for role, column in columns.items() if column.clock is not None}
+    clocks = {
+        role: _clock(column, maps["time"]) for role, column in columns.items() if column.clock is not None
+    }
     stated = maps["time"].rate
     if clocks and stated is not None:
         _refuse_contradiction(stated, clocks, path)
@@ -116,7 +120,9 @@ def _on_one_clock(table: Table, maps: Mapping[str, ChannelMap], path: Path) -> _
 def _clock(column: Column, time: ChannelMap) -> Clock:
     assert column.clock is not None
     clock = column.clock
-    return replace(clock, seconds=clock.seconds * time.factor, in_rig_unit=False) if clock.in_rig_unit else clock
+    return (
+        replace(clock, seconds=clock.seconds * time.factor, in_rig_unit=False) if clock.in_rig_unit else clock
+    )
 
 
 def _differ(clocks: Mapping[str, Clock], values: Mapping[str, Array]) -> bool:
@@ -127,7 +133,9 @@ def _differ(clocks: Mapping[str, Clock], values: Mapping[str, Array]) -> bool:
     step = float(np.median(np.diff(first.seconds))) if len(first.seconds) > 1 else 1.0
     return any(
         abs((c.origin - first.origin) * 1e-9 + c.seconds[0] - first.seconds[0]) > 1e-3 * step
-        or not np.allclose(c.seconds - c.seconds[0], first.seconds - first.seconds[0], atol=1e-3 * step, rtol=0)
+        or not np.allclose(
+            c.seconds - c.seconds[0], first.seconds - first.seconds[0], atol=1e-3 * step, rtol=0
+        )
         for c in others
     )
 
@@ -193,7 +201,10 @@ def _by_time(
     missing = np.isnan(times)
     if missing.any():
         raise RecordingError(
-            f"{place(int(missing.argmax()))} has no time", where=path, field=field, expected="a time in every row"
+            f"{place(int(missing.argmax()))} has no time",
+            where=path,
+            field=field,
+            expected="a time in every row",
         )
     times, said = unwrapped(times, time.unit if factor != 1.0 or not zero else "s", place)
     _refuse_disorder(times, place, field, path)
@@ -328,5 +339,3 @@ def _channel(values: Array, channel: ChannelMap) -> Channel:
         recorded_unit=channel.recorded_unit,
         held=channel.held,
     )
-
-

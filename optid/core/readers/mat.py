@@ -24,7 +24,20 @@ from optid.errors import RecordingError
 _HEAD = 128  # bytes of text, version and byte order before the first element
 _DEEPEST = 24  # structs within structs
 _MOST = 200_000  # elements of structs and cells together
-_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8", 16: "u1", 17: "u2"}
+_TYPES = {
+    1: "i1",
+    2: "u1",
+    3: "i2",
+    4: "u2",
+    5: "i4",
+    6: "u4",
+    7: "f4",
+    9: "f8",
+    12: "i8",
+    13: "u8",
+    16: "u1",
+    17: "u2",
+}
 _MATRIX, _COMPRESSED = 14, 15
 _CELL, _STRUCT, _OBJECT, _CHAR, _SPARSE, _FUNCTION, _OPAQUE = 1, 2, 3, 4, 5, 16, 17
 _NUMERIC = {6: "f8", 7: "f4", 8: "i1", 9: "u1", 10: "i2", 11: "u2", 12: "i4", 13: "u4", 14: "i8", 15: "u8"}
@@ -86,7 +99,9 @@ class _File:
         if element.kind == _MATRIX:
             name, node = self._matrix(element.data, 0)
             if name:
-                found[name] = node if not isinstance(node, Sealed) or not node.cure else only_matlab(node.cure, name)
+                found[name] = (
+                    node if not isinstance(node, Sealed) or not node.cure else only_matlab(node.cure, name)
+                )
 
     def _elements(self, data: memoryview) -> Iterator[_Element]:
         at = 0
@@ -157,7 +172,8 @@ class _File:
         if width <= 0 and names:
             raise _Damaged("field names without a length")
         fields = [
-            names[k : k + width].split(b"\0")[0].decode("utf-8", "replace") for k in range(0, len(names), max(width, 1))
+            names[k : k + width].split(b"\0")[0].decode("utf-8", "replace")
+            for k in range(0, len(names), max(width, 1))
         ]
         count = int(np.prod([float(n) for n in shape]))
         if count * max(len(fields), 1) > _MOST:
@@ -188,7 +204,13 @@ def _version4(data: bytes) -> Iterator[tuple[str, Node]]:
     while at + 20 <= len(data):
         form, rows, columns, imaginary, length = struct.unpack_from(f"{order}5i", data, at)
         precision, kind = form // 10 % 10, form % 10
-        if not 0 <= form <= 4052 or precision > 5 or kind > 2 or min(rows, columns) < 0 or not 0 < length < 4096:
+        if (
+            not 0 <= form <= 4052
+            or precision > 5
+            or kind > 2
+            or min(rows, columns) < 0
+            or not 0 < length < 4096
+        ):
             raise _Damaged(f"no variable at byte {at}")
         values = np.dtype(order + _OLD[precision])
         size = rows * columns * values.itemsize * (2 if imaginary else 1)
@@ -197,7 +219,12 @@ def _version4(data: bytes) -> Iterator[tuple[str, Node]]:
             raise _Damaged(f"{size} bytes are announced, {max(len(data) - begin, 0)} are there")
         name = data[at + 20 : begin].split(b"\0")[0].decode("latin-1")
         if kind or imaginary:
-            yield name, Sealed("holds text" if kind == 1 else "is a sparse matrix" if kind else "holds complex numbers")
+            yield (
+                name,
+                Sealed(
+                    "holds text" if kind == 1 else "is a sparse matrix" if kind else "holds complex numbers"
+                ),
+            )
         else:
             found = np.frombuffer(data, dtype=values, count=rows * columns, offset=begin)
             yield name, found.reshape((rows, columns), order="F")

@@ -39,7 +39,11 @@ def read(data: bytes, path: Path, wanted: tuple[str, ...], budget: Budget) -> Ta
         budget.take(rows * 8 * max(len(heads), 1), "the columns asked for")
         columns, left_out = {}, {}
         for head, names_of in heads.items():
-            parts = [batch.column(0) for batch in file.iter_batches(columns=[head], batch_size=1 << 20)] if rows else []
+            parts = (
+                [batch.column(0) for batch in file.iter_batches(columns=[head], batch_size=1 << 20)]
+                if rows
+                else []
+            )
             whole = pa.chunked_array(parts) if parts else pa.chunked_array([], type=pa.float64())
             for name in names_of:
                 values = _values(pa, whole, name[len(head) :])
@@ -88,7 +92,9 @@ def _values(pa: Any, column: Any, rest: str) -> Raw | str:
         kind = column.type
         if field and pa.types.is_struct(kind) and kind.get_field_index(field) >= 0:
             column = pa.compute.struct_field(column, field)
-        elif index and (pa.types.is_list(kind) or pa.types.is_fixed_size_list(kind) or pa.types.is_large_list(kind)):
+        elif index and (
+            pa.types.is_list(kind) or pa.types.is_fixed_size_list(kind) or pa.types.is_large_list(kind)
+        ):
             column = pa.compute.list_element(column, int(index))
         else:
             return f"is no part of it: it is of type {str(kind)[:80]}"
@@ -115,7 +121,4 @@ def _plain(pa: Any, column: Any) -> Raw | str:
         column = column.cast(pa.timestamp("ms"))
     elif pa.types.is_timestamp(kind) and kind.tz is not None:
         column = column.cast(pa.timestamp(kind.unit))
-    values = np.asarray(column.to_numpy())
-    return values
-
-
+    return np.asarray(column.to_numpy())

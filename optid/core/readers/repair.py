@@ -14,7 +14,7 @@ from optid.core.recording import Array, Repair
 
 Flags = NDArray[np.bool_]
 
-ABSURD = 1e4  # times the span of the middle nine tenths: no sensor shows that and its signal, too
+ABSURD = 1e9  # times what a signal usually does: no converter shows that and the signal, too
 _FAST = 8.0  # times the fastest other change between samples: a jump that no axis makes
 _LEAP = 2.0  # times the same: for further visits to a value that is known to stand in
 _RARE = 0.05  # share of the samples that may be faulty for the others to tell what is right
@@ -64,7 +64,9 @@ def _stride(series: Array) -> int:
     return usual if usual > 1 and float(regular.mean()) > 0.8 else 1
 
 
-def repaired(values: Mapping[str, Array], held: Mapping[str, bool]) -> tuple[dict[str, Array], tuple[Repair, ...]]:
+def repaired(
+    values: Mapping[str, Array], held: Mapping[str, bool]
+) -> tuple[dict[str, Array], tuple[Repair, ...]]:
     """Channels with what is certainly wrong put right: a wrapped counter unwrapped, other faults made missing.
 
     Args:
@@ -72,7 +74,7 @@ def repaired(values: Mapping[str, Array], held: Mapping[str, bool]) -> tuple[dic
         held: roles that hold from sample to sample; only absurd readings are looked for in them.
     """
     found, repairs = dict(values), list[Repair]()
-    for role, series in values.items():
+    for role in values:
         steps = (_absurd,) if held.get(role) else (_absurd, _wrapped, _stand_ins, _stale)
         for step in steps:
             for changed, message, row in step(found[role]):
@@ -91,7 +93,9 @@ def _absurd(series: Array) -> Iterator[Change]:
         return
     largest = float(np.abs(known).max())
     low, middle, high = np.percentile(known, (5, 50, 95))
-    size = max(high - low, abs(middle) * 1e-3, np.finfo(float).tiny)
+    moved = np.abs(known - middle)
+    usual = float(np.median(moved[moved > 0])) if (moved > 0).any() else 0.0
+    size = max(high - low, abs(middle) * 1e-3, usual, np.finfo(float).tiny)
     if largest <= ABSURD * size:
         return
     with np.errstate(over="ignore"):
@@ -229,11 +233,15 @@ def _stale(series: Array) -> Iterator[Change]:
     usual = round(float(np.median(apart)))
     near = np.abs(apart - usual) <= (0 if usual < 4 else 1)
     # At rest a value stays for several periods.
-    whole = (apart > usual) & (np.abs(apart / usual - np.round(apart / usual)) * usual <= (0 if usual < 4 else 1))
+    whole = (apart > usual) & (
+        np.abs(apart / usual - np.round(apart / usual)) * usual <= (0 if usual < 4 else 1)
+    )
     if usual < 2 or float((near | whole).mean()) < _REGULAR + 0.05 or float(near.mean()) < 0.6:
         return
     sizes = np.abs(steps[changes - 1])
-    if float(np.median(sizes)) < 1.5 * float(sizes.min()) and float(np.quantile(sizes, 0.9)) < 1.5 * float(sizes.min()):
+    if float(np.median(sizes)) < 1.5 * float(sizes.min()) and float(np.quantile(sizes, 0.9)) < 1.5 * float(
+        sizes.min()
+    ):
         return  # it moves by one step of its grid at a time: slow, not stale
     changed = y.copy()
     repeats = np.ones(len(y), dtype=bool)

@@ -56,7 +56,7 @@ class Rows:
         start = _offset(data, layout.first)
         stop, below = _end(data, start, encoding, layout)
         body, dropped = _without_comments(data[start:stop], layout.first)
-        notes = (f"{below} lines below the table are left out",) if below else ()
+        notes: tuple[str, ...] = (f"{below} lines below the table are left out",) if below else ()
         single = len(layout.names) == 1
         counts, blank = _counts(body, layout.delimiter)
         if blank and not single:
@@ -78,7 +78,9 @@ class Rows:
         """The first rows and the last ones."""
         size = 1 << 18
         for part in (self.body[:size], self.body[size:][-size:]):
-            yield from (line for line in part.decode(self.encoding, "replace").splitlines()[1:-1] if line.strip())
+            yield from (
+                line for line in part.decode(self.encoding, "replace").splitlines()[1:-1] if line.strip()
+            )
 
     def place(self, row: int) -> str:
         """The line of the file that a row (counted from 0) stands in."""
@@ -108,13 +110,20 @@ class Rows:
     def _check(self, counts: Integers, layout: Layout, path: Path) -> None:
         if not len(counts):
             raise RecordingError("no rows of numbers", where=path, expected="rows below the header")
+        named = len(layout.names)
+        if layout.header is not None and layout.delimiter != " " and self.width > named + 1:
+            commas = layout.delimiter == "," and self.width == 2 * named
+            raise RecordingError(
+                f"line {layout.first + 1} has {self.width} fields", where=path, expected=f"{named}, as in the header",
+                hint="if these are decimal commas, export with semicolons between the columns" if commas else None,
+            )  # fmt: skip
         short = counts <= max(layout.places)
         # One cell more is a delimiter at the end of the line; any other surplus moves what stands behind it.
         long = counts > self.width + (layout.delimiter != " ")
         extra = np.flatnonzero(counts == self.width + 1)
         wrong = np.flatnonzero(short | long)
         if len(extra) and not (short | long).any() and layout.delimiter != " ":
-            wrong = np.array([row for row in self._open_ended(extra, layout)][:1], dtype=np.int64)
+            wrong = np.array(list(self._open_ended(extra, layout)), dtype=np.int64)
         if not len(wrong):
             return
         row = int(wrong[0])
@@ -133,7 +142,11 @@ class Rows:
         seen = -1
         for text in self.body.split(b"\n"):
             seen += bool(text.strip())
-            if text.strip() and seen in chosen and split(text.decode(self.encoding, "replace"), layout.delimiter)[-1]:
+            if (
+                text.strip()
+                and seen in chosen
+                and split(text.decode(self.encoding, "replace"), layout.delimiter)[-1]
+            ):
                 yield seen
                 return
 
@@ -216,7 +229,9 @@ def _plain(piece: bytes, delimiter: str) -> tuple[Integers, int]:
 
 
 def _solid(signs: NDArray[np.uint8]) -> NDArray[np.bool_]:
-    return (signs != _NEWLINE) & (signs != _RETURN) & (signs != _BLANKS[0]) & (signs != _BLANKS[1])
+    return np.asarray(
+        (signs != _NEWLINE) & (signs != _RETURN) & (signs != _BLANKS[0]) & (signs != _BLANKS[1])
+    )
 
 
 def _quoted(piece: bytes, delimiter: str) -> tuple[Integers, int]:
@@ -233,4 +248,3 @@ def _quoted(piece: bytes, delimiter: str) -> tuple[Integers, int]:
 
 def _usual(counts: Integers) -> int:
     return int(np.bincount(np.minimum(counts, 1 << 20)).argmax()) if len(counts) else 1
-

@@ -80,7 +80,7 @@ def _column(channel: Any, budget: Budget) -> Column | str:
     begun = properties.get("wf_start_time")
     origin = 0 if begun is None else int(np.datetime64(begun, "ns").astype(np.int64))
     first = float(properties.get("wf_start_offset", 0.0) or 0.0)
-    return Column(values, Clock(first + np.arange(size) * float(step), origin), unit)
+    return Column(values, Clock(first + np.arange(size, dtype=np.float64) * float(step), origin), unit)
 
 
 def _quiet() -> None:

@@ -59,13 +59,11 @@ def read(data: bytes, path: Path, wanted: tuple[str, ...], budget: Budget) -> Ta
     rows = Rows.of(text.data, text.encoding, layout, path)
     frame = _frame(rows, layout, text.encoding, path)
     notes = rows.notes + tuple(f'"{words}" is taken for "{name}"' for name, words in layout.relaxed.items())
-    columns = {k: _column(frame[k], rows, layout, k, path) for k in frame.columns}
+    columns = {int(k): _column(frame[k], rows, layout, int(k), path) for k in frame.columns.tolist()}
     if logger is not None and logger.change is not None:
         columns, more = logger.change(layout, columns)
         notes += more
-    chosen = {
-        name: _chosen(name, indices, columns, layout, path) for name, indices in layout.found.items()
-    }
+    chosen = {name: _chosen(name, indices, columns, layout, path) for name, indices in layout.found.items()}
     chosen = _own_clocks(layout, chosen, columns, wanted)
     return Table(chosen, names, "csv", about, {}, notes, rows.place)
 
@@ -105,7 +103,9 @@ def _no_table(lines: Sequence[str], path: Path) -> RecordingError:
     if not full:
         return RecordingError("the file is empty", where=path, expected=f"a table as {FORMATS}")
     if not bare:
-        return RecordingError("nothing but blank lines and comments", where=path, expected="a header and rows")
+        return RecordingError(
+            "nothing but blank lines and comments", where=path, expected="a header and rows"
+        )
     if len(bare) == 1:
         return RecordingError(f"only a header (line {bare[0] + 1})", where=path, expected="rows of numbers")
     place = f"line {bare[-1] + 1}" if len(bare) < _HEAD_LINES else "the file"
@@ -122,7 +122,10 @@ def _nothing_found(layout: Layout, about: str, path: Path) -> Table:
             expected="a header line",
             hint='write the names first, such as "t,u,x", or map columns by their place: "column 1"',
         )  # fmt: skip
-    about = about or f"its table seems to begin in line {layout.first + 1} with the names in line {layout.header + 1}"
+    about = (
+        about
+        or f"its table seems to begin in line {layout.first + 1} with the names in line {layout.header + 1}"
+    )
     return Table({}, [name for name in layout.names if name], "csv", about)
 
 
@@ -154,7 +157,11 @@ def _column(series: pd.Series[Any], rows: Rows, layout: Layout, k: int, path: Pa
     if series.dtype.kind in "iufb":
         return Column(series.to_numpy(), unit=unit)
     cells = series.to_numpy(dtype=object)
-    known = [cell for cell in itertools.islice(cells, 200) if isinstance(cell, str) and not is_missing(cell.strip())]
+    known = [
+        cell
+        for cell in itertools.islice(cells, 200)
+        if isinstance(cell, str) and not is_missing(cell.strip())
+    ]
     if known and all(is_stamp(cell.strip()) for cell in known):
         return Column(cells, unit=unit)
     comma = rows.decimal_comma(layout)
@@ -214,4 +221,3 @@ def _own_clocks(
         if k in clocks and k not in clocks.values():
             found[name] = loggers.with_clock(chosen[name], columns[clocks[k]], layout)
     return found
-

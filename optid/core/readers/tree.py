@@ -1,6 +1,6 @@
 """Variables, structs, cells and groups as names of signals: what .mat and HDF5 files have in common.
 
-A struct's field is "log.x", the k-th element of a struct array or cell "log[0].x", the k-th signal of a matrix "acc[0]".
+A struct's field is "log.x", an element of a struct array or cell "log[0].x", a signal of a matrix "acc[0]".
 MATLAB's own way of writing them, "acc(1,:)", "log.signals(2).values", "c{1}", is understood, too.
 """
 
@@ -56,7 +56,8 @@ def only_matlab(kind: str, name: str) -> Sealed:
     name = re.sub(r"[^\w.{}()]", "", name) or "x"
     lines = {
         "timeseries": f"t = {name}.Time; x = {name}.Data; save('run.mat', 't', 'x', '-v7')",
-        "timetable": f"s = table2struct(timetable2table({name}), 'ToScalar', true); save('run.mat', '-struct', 's', '-v7')",
+        "timetable": f"s = table2struct(timetable2table({name}), 'ToScalar', true); "
+                     "save('run.mat', '-struct', 's', '-v7')",
         "table": f"s = table2struct({name}, 'ToScalar', true); save('run.mat', '-struct', 's', '-v7')",
         "Simulink.SimulationData.Dataset":
             f"x = {name}{{1}}.Values.Data; t = {name}{{1}}.Values.Time; save('run.mat', 't', 'x', '-v7')",
@@ -120,7 +121,11 @@ def _first(pairs: Iterator[tuple[str, Any]]) -> Iterator[tuple[str, Any]]:
 
 def _canonical(name: str) -> str:
     """MATLAB's indices, from 1, as those from 0."""
-    return _MATLAB.sub(lambda m: f"[{max(int(next(g for g in m.groups() if g)) - 1, 0)}]", name).replace("/", ".").strip(".")
+    return (
+        _MATLAB.sub(lambda m: f"[{max(int(next(g for g in m.groups() if g)) - 1, 0)}]", name)
+        .replace("/", ".")
+        .strip(".")
+    )
 
 
 def _flat(node: Node, name: str = "") -> Iterator[tuple[str, Node]]:
@@ -209,7 +214,12 @@ def _aliases(node: Node, prefix: str = "") -> Iterator[tuple[str, str]]:
             place = f"{name}[{k}]" if isinstance(inner, list) else name
             if not isinstance(part, Mapping):
                 continue
-            for word, data in (("label", "values"), ("Name", "Data"), ("name", "data"), ("blockName", "values")):
+            for word, data in (
+                ("label", "values"),
+                ("Name", "Data"),
+                ("name", "data"),
+                ("blockName", "values"),
+            ):
                 label = part.get(word)
                 if isinstance(label, str) and label.strip() and data in part:
                     yield label.strip(), f"{place}.{data}"
