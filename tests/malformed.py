@@ -278,7 +278,7 @@ RECORDING_CASES = (
     recording("missing column", "steps.csv", text("\n".join(["t,u,xx", *lines()[1:]])), "position",
               '"x"', '"xx"'),
     row("text in numbers", 7, "0.0050,oops,0.3", 'column "u"', "line 7", '"oops"'),
-    row("words in numbers", 6, "s,V,mm", 'column "t"', "line 6", '"s"'),
+    row("words in numbers", 6, "s,V,mm", 'column "u"', "line 6", '"V"'),
     row("two numbers in a cell", 9, "0.0070,1 2,0.3", 'column "u"', "line 9"),
     row("infinite value", 12, "0.0100,inf,0.3", 'column "u"', "line 12", "infinite"),
     row("overflowing value", 12, "0.0100,1e999,0.3", 'column "u"', "line 12", "infinite"),

@@ -26,7 +26,6 @@ _TENS = tuple(10.0**n for n in range(2, 10))
 PERIODS = (*_BITS, *_DAYS, *_SCALED, 24.0, 1440.0, *_TENS)
 _MANY = 50  # of the samples: a clock that begins anew in more than one of so many is no clock
 _BURST = 0.5  # of the mean interval: scatter of stamps beyond which they are looked at as a whole
-_DRIFT = 12.0  # mean intervals by which stamps of evenly taken samples leave the straight line
 _FEWEST = 60  # samples from which bursts are told
 _SAME_RATE = 2e-3  # relative: rates that differ by more contradict each other
 
@@ -78,8 +77,8 @@ def refuse_bursts(time: Array, field: str, path: Path) -> None:
     centred = n - n.mean()
     slope = float(centred @ (time - time.mean()) / (centred @ centred))
     off = np.abs(time - time.mean() - slope * centred)
-    # A gap, or a rate that changes, leaves the line by many intervals; bursts leave it by a burst.
-    if float(off.max()) > _DRIFT * mean or float(np.median(off)) > 4 * mean:
+    # A gap, a rate that changes or intervals at random leave the line further and further; bursts by less than a burst.
+    if float(off.max()) > float(steps.max()):
         return
     short, long = float(np.percentile(steps, 10)), float(np.percentile(steps, 95))
     raise RecordingError(

@@ -208,7 +208,9 @@ def _by_places(lines: Sequence[str], wanted: Sequence[str]) -> Iterator[_Candida
         first = _first_row(lines, 0, delimiter, names, found)
         if first is not None and len(cells) > max(places):
             agreed = _agreement(lines, first, delimiter, len(names))
-            yield _Candidate((0.5, agreed, -order, -first, 0), Layout(None, first, delimiter, tuple(names), found))
+            yield _Candidate(
+                (0.5, agreed, -order, -first, 0), Layout(None, first, delimiter, tuple(names), found)
+            )
 
 
 def _by_rows(lines: Sequence[str], wanted: Sequence[str]) -> Iterator[_Candidate]:

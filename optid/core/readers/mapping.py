@@ -19,6 +19,7 @@ from optid.core.recording import Array, Channel, ChannelMap, Provenance, Recordi
 from optid.errors import RecordingError
 
 _EPOCH = 1e7  # s: later times count from 1970 or a boot long ago, and are told from their first sample on
+_OTHERS = 0.5  # of the rows: where fewer hold a mapped value, the rest belong to other channels
 _EXACT = 2**53  # integers beyond lose digits as float64
 
 
@@ -187,6 +188,8 @@ def _by_time(
     keep = np.zeros(len(times), dtype=bool)
     for one in values.values():
         keep |= np.isfinite(one)
+    if keep.mean() > _OTHERS:  # else the other rows are those of another logger, joined over time
+        keep |= np.isfinite(times)
     if not keep.all():
         notes += (f"{int((~keep).sum())} rows without any value are left out",)
         values = {role: one[keep] for role, one in values.items()}

@@ -23,6 +23,7 @@ _EQUAL = 4.0  # fastest changes by which jumps of one counter may differ
 _LIKELY = 0.75  # of the jumps must go against the motion around them
 _AROUND = 6  # samples on either side that show the motion around a jump
 _FULL_TURNS = (360.0, 2 * math.pi, 400.0, 1.0, 3600.0, 36_000.0, 100.0, 1000.0)
+_TURN = 2e-3  # relative: a turn that differs by more is another
 _FEWEST_CHANGES = 30
 _REGULAR = 0.9  # of the runs of equal values must be as long as the usual one
 
@@ -166,7 +167,7 @@ def _modulus(y: Array, size: float, fastest: float) -> tuple[float, str] | None:
         if 6 <= bits <= 40 and abs(size / grid - 2.0**bits) * grid <= max(fastest, 3 * grid):
             return 2.0**bits * grid, f"2^{bits} steps of {grid:.6g}"
     for turn in _FULL_TURNS:
-        if abs(size - turn) <= max(fastest, 1e-6 * turn):
+        if abs(size - turn) <= min(fastest, _TURN * turn):
             return turn, "a full turn"
     return None
 
