@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -9,7 +10,7 @@ import click
 
 from optid.cli.progress import progress, waiting
 from optid.cli.results import OUT, checkpoint, deliver, results_folder, write_json
-from optid.errors import NotIdentifiable
+from optid.errors import InputError, NotIdentifiable
 
 if TYPE_CHECKING:
     from optid.core.recording import Recording
@@ -32,11 +33,26 @@ __all__ = [
     "write_json",
 ]
 
+_RATE = "optid.rate"  # under which a call keeps the rate asked for
+
+
+def _keep_rate(context: click.Context, option: click.Parameter, value: float | None) -> None:
+    context.meta[_RATE] = value
+
+
+RATE = click.option(
+    "--rate", type=click.FloatRange(min=0, min_open=True), metavar="HZ", callback=_keep_rate, expose_value=False,
+    help="Bring faster recordings down to it; by default what the fastest pole that shows asks for.",
+)  # fmt: skip
+
 Read = list[tuple["Recording", tuple["Remark", ...]]]
 
 
 def read_all(rig: str, recordings: Sequence[str], holdout: Sequence[str] = ()) -> tuple[Rig, Read, Read]:
-    """The rig, and the recordings with their remarks: the first ones, and those held out."""
+    """The rig, and the recordings with their remarks: the first ones, and those held out.
+
+    Remarks are on what the files hold; recordings faster than the axis needs are then brought down, and that is said.
+    """
     from optid.core.readers import read_recording
     from optid.core.recording import Experiments
     from optid.quality.quality import quality
@@ -44,8 +60,22 @@ def read_all(rig: str, recordings: Sequence[str], holdout: Sequence[str] = ()) -
 
     understood = read_rig(rig)
     every = Experiments.of(read_recording(path, understood) for path in (*recordings, *holdout))
-    remarked = [(recording, quality(recording, understood.model)) for recording in every]
+    remarked = [
+        (_brought_down(understood, recording), quality(recording, understood.model, understood.parameters))
+        for recording in every
+    ]
     return understood, remarked[: len(recordings)], remarked[len(recordings) :]
+
+
+def _brought_down(rig: Rig, recording: Recording) -> Recording:
+    """A recording at the rate asked for, or at the one its fastest pole needs."""
+    from optid.core.thinning import brought_down
+
+    context = click.get_current_context(silent=True)
+    asked = None if context is None else context.meta.get(_RATE)
+    if asked is not None and not math.isfinite(asked):
+        raise InputError("not finite", where="--rate", expected="samples a second")
+    return brought_down(rig.model, rig.parameters, recording, asked)
 
 
 def refuse_unfit(read: Read) -> None:

@@ -8,6 +8,7 @@ import click
 
 from optid.cli.common import (
     OUT,
+    RATE,
     deliver,
     progress,
     read_all,
@@ -37,6 +38,7 @@ TIME_LIMIT = 800.0  # s: where much is missing, the second of two effects was fo
     help="Seconds to take, about: the search for effects ends with what it has in time.",
     show_default=True,
 )
+@RATE
 @OUT
 def diagnose(
     rig: str,

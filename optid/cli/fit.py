@@ -11,6 +11,7 @@ import click
 
 from optid.cli.common import (
     OUT,
+    RATE,
     Read,
     checkpoint,
     deliver,
@@ -40,6 +41,7 @@ HUBER = 1.345  # sd: 95 % as efficient as least squares on normal noise (Huber, 
 @click.argument("rig")
 @click.argument("recordings", metavar="RECORDING...", nargs=-1, required=True)
 @click.option("--holdout", multiple=True, metavar="REC", help="Judge the fit on it; may be repeated.")
+@RATE
 @OUT
 @click.option("--starts", default=1, type=click.IntRange(min=1), help="Number of start points; 1 by default.")
 @click.option("--time-limit", type=click.FloatRange(min=0, min_open=True), metavar="S", help="Seconds.")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from optid.cli.common import OUT, deliver, read_all, results_folder, say_table, waiting
+from optid.cli.common import OUT, RATE, deliver, read_all, results_folder, say_table, waiting
 from optid.errors import NotIdentifiable
 
 if TYPE_CHECKING:
@@ -67,6 +67,7 @@ def _gains(context: click.Context, option: click.Parameter, value: str | None) -
 @click.option("--output", metavar="ROLE", help="The plant's first measured one by default.")
 @click.option("--gains", callback=_gains, metavar="KP,KI,KD", help="Say whether these stabilise the models.")
 @click.option("--export-c", is_flag=True, help="Write the recommended model and its identifier as C headers.")
+@RATE
 @OUT
 def identify(
     recording: str, rig: str, out: str, inputs: tuple[str, ...], output: str | None, export_c: bool,
