@@ -50,7 +50,23 @@ def translate(functions: Sequence[Any], prefix: str, constants: Mapping[str, int
     return "\n".join(_Function(source, prefix, constants, known).text() for source in sources)
 
 
+def _annotations(function: Any) -> dict[str, str]:
+    """Arguments of a compiled function and their types, as written."""
+    from optid.armax import delay_line, stability, ud_factor, update
+
+    if function is None:
+        return {}
+    name = getattr(function, "__name__", "") or getattr(function, "name", "")
+    for module in (ud_factor, stability, delay_line, update):
+        function = getattr(module, name, function) if name and hasattr(module, name) else function
+    source = getattr(function, "py_func", function)
+    written = getattr(source, "__annotations__", {})
+    return {argument: str(kind) for argument, kind in written.items() if argument != "return"}
+
+
 class _Function:
+    """One function of the recursion, being written in another language."""
+
     def __init__(self, function: Any, prefix: str, constants: Mapping[str, int], known: set[str]) -> None:
         self.prefix, self.constants, self.known = prefix, constants, known
         self.globals: Mapping[str, Any] = function.__globals__
@@ -64,6 +80,13 @@ class _Function:
             if arg.annotation and arg.arg != "shape"
         }
         self.declared = set(self.types)
+        # name of a known function -> what its arguments are, the shape apart
+        self.parameters = {
+            name: tuple(
+                kind for argument, kind in _annotations(self.globals.get(name)).items() if argument != "shape"
+            )
+            for name in known
+        }
 
     def text(self) -> str:
         parameters = ", ".join(f"{_TYPES[kind]}{name}" for name, kind in self.types.items())

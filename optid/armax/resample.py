@@ -36,7 +36,7 @@ class Sampled:
     input_units: tuple[str, ...]
 
 
-def evenly(recording: Recording, output: str, inputs: Sequence[str]) -> Sampled:
+def resample(recording: Recording, output: str, inputs: Sequence[str]) -> Sampled:
     """Put every sample on the grid of the median interval; what was lost between samples is NaN.
 
     Raises:
