@@ -1,4 +1,4 @@
-"""How often the 95 % intervals of an identified model hold the truth: poles and static gain, offsets and trends included.
+"""How often 95 % intervals of an identified model hold the truth: poles, static gain; offsets and trends included.
 
     python studies/armax_coverage.py [--draws 500] [--samples 1500] [--seed S]
 

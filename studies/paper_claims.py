@@ -44,7 +44,8 @@ def four_states(y: Array, u: Array, sample_time: float, found: Survey) -> str:
     listed = ", ".join(f"{n}: {loss / losses[best]:.4f}" for n, loss in losses.items())
     return (
         f'"Order 4 is best because of four states" {verdict}: held-out mean square errors, of the best, are {listed}; '
-        f"{chosen} is the smallest order that none beats by more than chance; order 4 is effectively of order {effective}."
+        f"{chosen} is the smallest order that none beats by more than chance; order 4 is effectively of order "
+        f"{effective}."
     )
 
 
@@ -61,8 +62,9 @@ def late_by_nonlinearity(y: Array, u: Array, model: Armax, rng: np.random.Genera
     more = all(recorded > 2.0 * max(alike, 0.05) for recorded, alike in lags.values())
     verdict = "stands" if more else "does not stand"
     return (
-        f'"Five and ten steps come late because of nonlinearity" {verdict}: {both}; the last value is late by {stale:.2f} '
-        "at ten. A linear plant with this noise, in which nothing is nonlinear, shows what lag the noise alone makes."
+        f'"Five and ten steps come late because of nonlinearity" {verdict}: {both}; '
+        f"the last value is late by {stale:.2f} at ten. A linear plant with this noise, in which nothing is "
+        "nonlinear, shows what lag the noise alone makes."
     )
 
 
@@ -73,9 +75,9 @@ def prediction_beats_simulation(y: Array, u: Array, model: Armax) -> str:
     still = fit_percent(y, last_value(y, 1))
     gained = "more" if one > still else "less"
     return (
-        f'"The predicted model tracks better than the simulated one" stands and says little: fits are {one:.3f} % one step '
-        f"ahead and {free:.2f} % in free run, but {still:.3f} % for the value of the sample before, which knows no model; "
-        f"the model explains {gained} than that."
+        f'"The predicted model tracks better than the simulated one" stands and says little: '
+        f"fits are {one:.3f} % one step ahead and {free:.2f} % in free run, but {still:.3f} % for the value of "
+        f"the sample before, which knows no model; the model explains {gained} than that."
     )
 
 

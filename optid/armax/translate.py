@@ -46,28 +46,26 @@ def translate(functions: Sequence[Any], prefix: str, constants: Mapping[str, int
         JobError: a function uses more than this translator knows.
     """
     sources = [getattr(function, "py_func", function) for function in functions]
-    known = {source.__name__ for source in sources}
+    known = signatures(sources)
     return "\n".join(_Function(source, prefix, constants, known).text() for source in sources)
 
 
-def _annotations(function: Any) -> dict[str, str]:
-    """Arguments of a compiled function and their types, as written."""
-    from optid.armax import delay_line, stability, ud_factor, update
-
-    if function is None:
-        return {}
-    name = getattr(function, "__name__", "") or getattr(function, "name", "")
-    for module in (ud_factor, stability, delay_line, update):
-        function = getattr(module, name, function) if name and hasattr(module, name) else function
-    source = getattr(function, "py_func", function)
-    written = getattr(source, "__annotations__", {})
-    return {argument: str(kind) for argument, kind in written.items() if argument != "return"}
+def signatures(sources: Sequence[Any]) -> dict[str, tuple[str, ...]]:
+    """Name of each function -> what its arguments are, the shape apart."""
+    return {
+        source.__name__: tuple(
+            str(kind) for name, kind in source.__annotations__.items() if name not in ("return", "shape")
+        )
+        for source in sources
+    }
 
 
 class _Function:
     """One function of the recursion, being written in another language."""
 
-    def __init__(self, function: Any, prefix: str, constants: Mapping[str, int], known: set[str]) -> None:
+    def __init__(
+        self, function: Any, prefix: str, constants: Mapping[str, int], known: Mapping[str, Any]
+    ) -> None:
         self.prefix, self.constants, self.known = prefix, constants, known
         self.globals: Mapping[str, Any] = function.__globals__
         tree = ast.parse(textwrap.dedent(inspect.getsource(function))).body[0]
@@ -80,13 +78,6 @@ class _Function:
             if arg.annotation and arg.arg != "shape"
         }
         self.declared = set(self.types)
-        # name of a known function -> what its arguments are, the shape apart
-        self.parameters = {
-            name: tuple(
-                kind for argument, kind in _annotations(self.globals.get(name)).items() if argument != "shape"
-            )
-            for name in known
-        }
 
     def text(self) -> str:
         parameters = ", ".join(f"{_TYPES[kind]}{name}" for name, kind in self.types.items())

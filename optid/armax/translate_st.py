@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from optid.armax.translate import _Function as _InC
+from optid.armax.translate import signatures
 from optid.errors import JobError
 from optid.pid.translate import literal
 
@@ -35,7 +36,7 @@ def translate_st(functions: Sequence[Any], prefix: str, constants: Mapping[str, 
         JobError: a function uses more than this translator knows.
     """
     sources = [getattr(function, "py_func", function) for function in functions]
-    known = {source.__name__ for source in sources}
+    known = signatures(sources)
     return "\n".join(_Function(source, prefix, constants, known).block_of(size) for source in sources)
 
 
@@ -171,7 +172,7 @@ class _Function(_InC):
             return "({} + {})".format(*(self.expression(argument) for argument in node.args))
         arguments = [argument for argument in node.args if ast.unparse(argument) != "shape"]
         if function in self.known:
-            kinds = self.parameters[function]
+            kinds = self.known[function]
             listed = [
                 self.number(a) if kind == "float" else self.expression(a)
                 for a, kind in zip(arguments, kinds, strict=True)
