@@ -8,9 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from optid.armax.audit import Finding
+import numpy as np
+
+from optid.armax.audit import Finding, pole_errors, static_gain_error
 from optid.armax.model import Armax
+from optid.armax.offline import names
 from optid.armax.survey import Survey
+from optid.armax.words import TWO_SIDED
 from optid.core.document import finite, known, read_document, whole
 from optid.errors import InputError
 
@@ -135,15 +139,50 @@ def _model_out(saved: SavedModel) -> dict[str, Any]:
         "c": list(model.c),
         "sample_time": model.sample_time,
         "noise_variance": model.noise_variance,
+        "constant": model.constant,
+        "slope": model.slope,
+        "trend_errors": [_number(x) for x in model.trend_errors],
         "covariance": _covariance_out(model),
+        "not_determined": [
+            name for name, sd in zip(names(o), model.standard_errors, strict=True) if math.isinf(sd)
+        ],
+        "static_gain": [_gain_out(model, i) for i in range(o.inputs)],
+        "poles": _poles_out(model),
         "audit": [{"name": f.name, "grave": f.grave, "text": f.text} for f in saved.audit],
     }
 
 
-def _covariance_out(model: Armax) -> list[list[float]] | None:
-    if model.covariance is None or not all(math.isfinite(x) for row in model.covariance for x in row):
+def _covariance_out(model: Armax) -> list[list[float | None]] | None:
+    """Null stands for what is infinite: the data leave it open."""
+    if model.covariance is None:
         return None
-    return [list(row) for row in model.covariance]
+    return [[_number(x) for x in row] for row in model.covariance]
+
+
+def _number(x: float) -> float | None:
+    return x if math.isfinite(x) else None
+
+
+def _gain_out(model: Armax, input: int) -> dict[str, Any]:
+    """Value and 95 % interval of B(1)/A(1); null for an integrator's, or where the data leave it open."""
+    at_one = math.fsum(model.a)
+    value = math.fsum(model.b[input]) / at_one if abs(at_one) > 1e-12 else math.inf
+    margin = TWO_SIDED * static_gain_error(model, input)
+    interval = [value - margin, value + margin] if math.isfinite(value + margin) else None
+    return {"value": _number(value), "ci95": interval}
+
+
+def _poles_out(model: Armax) -> list[dict[str, Any]]:
+    """In z, with the 95 % interval of each one's modulus."""
+    poles = np.roots(np.array(model.a)).astype(complex)
+    out = []
+    for pole, sd in zip(poles, pole_errors(model, poles), strict=True):
+        modulus, margin = abs(pole), TWO_SIDED * sd
+        interval = [modulus - margin, modulus + margin] if math.isfinite(margin) else None
+        out.append(
+            {"real": float(pole.real), "imag": float(pole.imag), "modulus": float(modulus), "ci95": interval}
+        )
+    return out
 
 
 def _model_in(entry: dict[str, Any], field: str, where: object) -> SavedModel:
@@ -162,7 +201,10 @@ def _model_in(entry: dict[str, Any], field: str, where: object) -> SavedModel:
         nk=tuple(whole(k, f"{field}.nk", where) for k in ([nk] if single else nk)),
         sample_time=finite(entry["sample_time"], f"{field}.sample_time", where),
         noise_variance=finite(entry["noise_variance"], f"{field}.noise_variance", where),
-        covariance=None if covariance is None else tuple(numbers(row, "covariance") for row in covariance),
+        covariance=None if covariance is None else _covariance_in(covariance),
+        constant=finite(entry.get("constant", 0.0), f"{field}.constant", where),
+        slope=finite(entry.get("slope", 0.0), f"{field}.slope", where),
+        trend_errors=_pair(entry.get("trend_errors", (None, None))),
     )
     if not 1e-9 <= model.sample_time <= 1e6:
         raise InputError(
@@ -178,3 +220,17 @@ def _model_in(entry: dict[str, Any], field: str, where: object) -> SavedModel:
         Finding(str(f["name"]), bool(f["grave"]), str(f["text"])) for f in entry.get("audit", [])
     )
     return SavedModel(model, findings)
+
+
+def _covariance_in(rows: list[list[float | None]]) -> tuple[tuple[float, ...], ...]:
+    def value(x: float | None, i: int, j: int) -> float:
+        if x is None:
+            return math.inf if i == j else math.nan
+        return float(x)
+
+    return tuple(tuple(value(x, i, j) for j, x in enumerate(row)) for i, row in enumerate(rows))
+
+
+def _pair(values: Any) -> tuple[float, float]:
+    first, second = (math.nan if x is None else float(x) for x in values)
+    return first, second

@@ -157,6 +157,12 @@ def scenarios(model: Armax, count: int, rng: np.random.Generator, input: int = 0
             "null", field="covariance", expected="the covariance of the coefficients",
             hint="identify anew, or tune for the model alone",
         )  # fmt: skip
+    if not model.determined:
+        raise InputError(
+            "infinite", field="covariance", expected="coefficients that the data determine",
+            hint="identify from a recording that excites the axis (armax.json says what is missing), or tune for the "
+            "model alone",
+        )  # fmt: skip
     spread = np.array(model.covariance)
     values, vectors = np.linalg.eigh((spread + spread.T) / 2)
     root = vectors * np.sqrt(np.clip(values, 0.0, None))

@@ -37,7 +37,7 @@ class Sampled:
     input_units: tuple[str, ...]
 
 
-def evenly(recording: Recording, output: str, inputs: Sequence[str]) -> Sampled:
+def resample(recording: Recording, output: str, inputs: Sequence[str]) -> Sampled:
     """Put every sample on the grid of the median interval; what was lost between samples is NaN.
 
     An output with a slower rate of its own gives the grid: the inputs are averaged over its intervals.
