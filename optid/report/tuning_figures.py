@@ -175,10 +175,12 @@ def landscape(tuning: Tuning, pairs: Sequence[tuple[str, str]]) -> str:
             gains[:, PLACES[across]], gains[:, PLACES[up]] = np.repeat(x, y.size), np.tile(y, x.size)
             cost = task.fitness(gains)
             decades = np.where(cost < HUNTS, np.log10(np.maximum(cost / best, 1e-9)), np.nan)
-            image = _valley(axis, x, y, decades.reshape(x.size, y.size).T)
+            # Of a reverse-acting plant the gains are negative, and a logarithm has none of them.
+            turned = [-1.0 if name in SIGNED and tuning.within.sign < 0.0 else 1.0 for name in (across, up)]
+            image = _valley(axis, turned[0] * x, turned[1] * y, decades.reshape(x.size, y.size).T)
             axis.plot(
-                [getattr(tuning.gains, across)],
-                [getattr(tuning.gains, up)],
+                [turned[0] * getattr(tuning.gains, across)],
+                [turned[1] * getattr(tuning.gains, up)],
                 marker="o",
                 ms=5,
                 mfc="white",
@@ -191,8 +193,8 @@ def landscape(tuning: Tuning, pairs: Sequence[tuple[str, str]]) -> str:
                     side.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
                     side.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
                     side.set_minor_formatter(NullFormatter())
-            axis.set_xlabel(across)
-            axis.set_ylabel(up)
+            axis.set_xlabel(across if turned[0] > 0.0 else f"−{across}")
+            axis.set_ylabel(up if turned[1] > 0.0 else f"−{up}")
         figure.colorbar(image, ax=list(axes), label="cost, decades above the best", shrink=0.9)
         return svg(figure)
 
@@ -203,9 +205,8 @@ def _valley(axis: Any, x: Array, y: Array, decades: Array) -> Any:
     image = axis.pcolormesh(
         x, y, decades, cmap=_shades(), vmin=0.0, vmax=WORTH, shading="nearest", rasterized=True
     )
-    levels = [
-        level for level in np.log10([1.05, 1.2, 2.0]) if np.nanmin(decades) < level < np.nanmax(decades)
-    ]
+    known = decades[np.isfinite(decades)]
+    levels = [x for x in np.log10([1.05, 1.2, 2.0]) if known.size and known.min() < x < known.max()]
     if levels:
         axis.contour(x, y, decades, levels=levels, colors="white", linewidths=0.6)
     return image

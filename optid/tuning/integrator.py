@@ -10,7 +10,7 @@ import numpy as np
 
 from optid.armax.model import Armax
 from optid.core.model import Array
-from optid.tuning.plant import DRIFT, Plant
+from optid.tuning.plant import DRIFT, MARGIN, Plant
 
 SURE = 3.0  # standard errors within which a pole is at 1 as far as the data can tell
 
@@ -35,7 +35,7 @@ def with_integrator(plant: Plant, model: Armax, choice: Integrator) -> tuple[Pla
         choice: see there.
     """
     at = nearest_to_one(plant)
-    if choice is Integrator.NO or at is None or at == 1.0:
+    if choice is Integrator.NO or at is None or abs(at - 1.0) <= MARGIN:
         return plant, ""
     sd, off = _standard_error(model, at), at - 1.0
     spoken = off > 0.0 or abs(off) <= SURE * sd

@@ -169,52 +169,81 @@ def pose(
             field="input",
             expected="a model with one command to control",
         )
-    plant, said = with_integrator(plant_of(model, where=where), model, wishes.integrator)
-    assumed += [said] if said else []
+    plant, sentence = with_integrator(plant_of(model, where=where), model, wishes.integrator)
+    assumed += [sentence] if sentence else []
     command_unit, output_unit = units_of(contents)
     low, high, words = _limits(wishes, command_unit, rig)
     assumed += words
     settings = _settings(wishes, plant, (low, high), where)
     samples = _samples(wishes, plant)
     wanted = wishes.setpoints
+    _refuse_no_step(wanted)
     if not (wanted or wishes.profiles):
         size, sentence = _usual_step(plant, output_unit, settings, samples, rig)
         wanted, assumed = (size,), [*assumed, sentence]
     _refuse_out_of_reach(plant, wishes, settings, output_unit)
     noise = plant.noise if rig is None else sensor_noise(rig, contents.output) or plant.noise
-    sized = (
-        sizes_for([size for size in wanted if size], lambda size: _reached(plant, settings, size))
-        if wanted
-        else ()
-    )
-    axis = mechanics(plant) if rig is None and math.isfinite(_half(settings)) else None
-    load = standing_load(model, plant, _half(settings)) if axis is not None else 0.0
-    variants = parameter_sets(rig, rng) if rig is not None else ()
-    plan = StepPlan(
-        sized, samples, model.sample_time, noise, BENCH_RUNS if axis is not None or rig is not None else RUNS,
-        len(OTHERS) if axis is not None else len(variants), load, wishes.criterion.measure.power,
-    )  # fmt: skip
-    episodes = _episodes(plan, wishes)
-    hunting = hunting_limit(max(map(abs, sized)), noise) if sized else math.inf
+    sizes = sizes_for(wanted, lambda size: _reached(plant, settings, size)) if wanted else ()
+    plan = StepPlan(sizes, samples, model.sample_time, noise, power=wishes.criterion.measure.power)
     plants = tuple(
         replace(with_integrator(one, model, wishes.integrator)[0], dead_zone=wishes.dead_zone)
         for one in scenarios(model, wishes.scenarios, rng)
     )
-    bench = None
+    judges = _judges(plan, plants[0], model, wishes, settings, rig if tune_on_rig else None)
     if rig is not None:
-        bench = PhysicalBench(rig, episodes, contents.output, 0.0, variants, BENCH_TOLERANCE)
-        assumed.append(_said_of_rig(len(variants), fitted(rig), noise))
-    judge: Bench | None = bench if tune_on_rig else None
-    if axis is not None:
-        judge = StickingAxis(axis, episodes, _half(settings), wishes.dead_zone)
-        assumed += _said_of_axis(load, command_unit)
+        judges = _with_rig(judges, plan, wishes, (rig, contents.output, tune_on_rig), rng)
     required = wishes.required
     if wishes.usual_sensitivity:
-        required = replace(required, maximum_sensitivity=SENSITIVITY if judge is None else BESIDE_FRICTION)
-    alone = judge is not None
-    task = Task(plants, episodes, settings, wishes.criterion, required, wishes.over, judge, alone, hunting)
-    on = STICKING if axis is not None else PHYSICAL if judge is not None else LINEAR
-    return Posed(task, model, command_unit, output_unit, bench, tuple(assumed), on)
+        required = replace(
+            required, maximum_sensitivity=SENSITIVITY if judges.judge is None else BESIDE_FRICTION
+        )
+    hunting = hunting_limit(max(map(abs, sizes)), noise) if sizes else math.inf
+    task = Task(
+        plants, judges.episodes, settings, wishes.criterion, required, wishes.over, judges.judge,
+        judges.judge is not None, hunting,
+    )  # fmt: skip
+    said = (*assumed, *judges.said)
+    return Posed(task, model, command_unit, output_unit, judges.bench, said, judges.words)
+
+
+@dataclass(frozen=True, eq=False)
+class _Judges:
+    """Who judges what: the plant with friction, if any, the rig's bench beside it, their episodes, and words."""
+
+    judge: Bench | None
+    episodes: tuple[Episode, ...]
+    words: str
+    said: tuple[str, ...] = ()
+    bench: PhysicalBench | None = None
+
+
+def _judges(
+    plan: StepPlan, plant: Plant, model: Armax, wishes: Wishes, settings: Settings, rig: Rig | None
+) -> _Judges:
+    """Without a rig: the identified model, with dry friction where it is an axis."""
+    axis = mechanics(plant) if rig is None and math.isfinite(_half(settings)) else None
+    if axis is None:
+        return _Judges(None, _episodes(replace(plan, runs=RUNS), wishes), LINEAR)
+    load = standing_load(model, plant, _half(settings))
+    episodes = _episodes(replace(plan, runs=BENCH_RUNS, variants=len(OTHERS), load=load), wishes)
+    judge = StickingAxis(axis, episodes, _half(settings), wishes.dead_zone)
+    unit = USUAL_UNITS["command"]
+    return _Judges(judge, episodes, STICKING, tuple(_said_of_axis(load, unit)))
+
+
+def _with_rig(
+    judges: _Judges, plan: StepPlan, wishes: Wishes, known: tuple[Rig, str, bool], rng: np.random.Generator
+) -> _Judges:
+    """With a rig's physical model: it judges, or is only tried on the episodes of what does."""
+    rig, output, judging = known
+    variants = parameter_sets(rig, rng)
+    if not judging:
+        return replace(
+            judges, bench=PhysicalBench(rig, judges.episodes, output, 0.0, variants, BENCH_TOLERANCE)
+        )
+    episodes = _episodes(replace(plan, runs=BENCH_RUNS, variants=len(variants)), wishes)
+    bench = PhysicalBench(rig, episodes, output, 0.0, variants, BENCH_TOLERANCE)
+    return _Judges(bench, episodes, PHYSICAL, (_said_of_rig(len(variants), fitted(rig), plan.noise),), bench)
 
 
 def _said_of_rig(variants: int, sure: bool, noise: float) -> str:
@@ -252,6 +281,12 @@ def standing_load(model: Armax, plant: Plant, half: float) -> float:
     load = constant / float(plant.b.sum())
     sure = abs(constant) > SURE * sd if math.isfinite(sd) else False
     return load if sure and SMALLEST_LOAD * half < abs(load) < half else 0.0
+
+
+def _refuse_no_step(sizes: Sequence[float]) -> None:
+    for size in sizes:
+        if not (math.isfinite(size) and size != 0.0):
+            raise InputError(f"{size:g}", field="setpoint", expected="a step that is not zero")
 
 
 def _half(settings: Settings) -> float:
@@ -358,9 +393,6 @@ def _usual_step(
 
 def _episodes(plan: StepPlan, wishes: Wishes) -> tuple[Episode, ...]:
     """The steps, whose weights sum to 1, then what else is asked for."""
-    for size in wishes.setpoints:
-        if not (math.isfinite(size) and size != 0.0):
-            raise InputError(f"{size:g}", field="setpoint", expected="a step that is not zero")
     found = list(plan.episodes()) if plan.sizes else []
     for name, path in wishes.profiles:
         held = np.r_[path, np.full(max(plan.samples - path.size, 0), path[-1])][: plan.samples]
