@@ -22,10 +22,10 @@ from optid.diagnosis.problem import DiagnosisProblem, with_effect
 from optid.effects.effect import Effect
 from optid.errors import SolveError
 from optid.estimation.likelihood import FAR, Filtered, huber
-from optid.estimation.multistep import fit_multistep, quiet_filter, window_starts
+from optid.estimation.multistep import quiet_filter, window_starts
 from optid.estimation.place import NUDGES, Question
 from optid.estimation.problem import Booleans
-from optid.estimation.steering import innovations
+from optid.estimation.steering import innovations, steered_fit
 
 LITTLE = 0.1  # of a way, by which its slope is taken
 FARTHEST = 3.0  # times the usual size: how far along a branch its strength is followed
@@ -129,12 +129,14 @@ def propose(
         for one in branches:
             visible[one.effect.name] = max(visible[one.effect.name], one.visible)
         running += keep_best([one.proposal for one in branches if one.proposal is not None], len(branches), 1)
+    running = keep_best(running, o.entrants, len(starts) + 1)
     for leg, (steps, most, alike) in enumerate(race):
         if problem.budget.is_over:
             break
         over = first if leg < len(race) - 1 else None
-        running = keep_best(together(partial(_advance, problem, steps, over), running), most, alike)
-    alone = fit_multistep(q, current.p, o.short * problem.window, turns=2, steps=o.steps).loss
+        running = keep_best(together(partial(_advance, problem, steps, over, looks), running), most, alike)
+    (z,) = innovations(q, current.p[None], q.model, current.fit.filtered, looks=looks)
+    alone = 0.5 * float(huber(z).sum())
     running = [replace(one, alone=alone) for one in running]
     return Proposals(tuple(keep_best(running, len(running), 1)), visible)
 
@@ -269,14 +271,18 @@ def _visible(origin: _Origin, change: Array) -> float:
     return float(np.sqrt(np.sum(left**2) / origin.per_window))
 
 
-def _advance(problem: DiagnosisProblem, steps: int, only: Sequence[int] | None, one: Proposal) -> Proposal:
+def _advance(
+    problem: DiagnosisProblem, steps: int, only: Sequence[int] | None, looks: Booleans, one: Proposal
+) -> Proposal:
     """The same some steps further under gains of its own; lost where the simulation diverges."""
     if problem.budget.is_over:
         return replace(one, loss=math.inf)
+    q = one.question
+    held = quiet_filter(q, one.p, only)
+    if held is None:
+        return replace(one, loss=math.inf)
     try:
-        fit = fit_multistep(
-            one.question, one.p, problem.options.short * problem.window, turns=1, steps=steps, only=only
-        )
+        fit = steered_fit(q, one.p, q.model, held, steps, only, looks)
     except SolveError:
         return replace(one, loss=math.inf)
     return replace(one, p=fit.p, loss=fit.loss)

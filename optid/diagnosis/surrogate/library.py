@@ -8,7 +8,6 @@ on by itself, over time or a length. What adds something may be in proportion to
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from functools import partial
 from typing import Any, TypeVar
 
 import numpy as np
@@ -21,7 +20,7 @@ from optid.diagnosis.localisation.unknown_input import UnknownInput, push
 from optid.diagnosis.problem import with_effect
 from optid.diagnosis.surrogate.sinusoid import Linearisation, strongest_sinusoid
 from optid.effects.ageing import Ageing
-from optid.effects.curve import Curve, Scaling
+from optid.effects.curve import BENDS, Curve, Scaling
 from optid.effects.description import AND, Description
 from optid.effects.effect import Effect
 from optid.effects.relaxation import Relaxation
@@ -32,6 +31,7 @@ from optid.rigs.rigfile import Rig, with_effects
 
 Form = TypeVar("Form", bound=Description)
 
+ALIKE = 4  # curves of a site that are tried
 SAME = 0.99  # correlation of two signals of which one is enough
 # The fastest waves that are looked for: Hz, and periods within the range of a length. A sensor's track is finer than
 # what pushes.
@@ -49,21 +49,41 @@ def kind_of(site: str) -> str:
 
 
 def curves(base: FittedModel, located: UnknownInput) -> Sequence[Curve]:
-    """Over every physical state and recorded input, as it is and turning with every speed."""
+    """Over the physical states and inputs that an unknown input follows most, as it is or turning with a speed."""
     size = float(np.nanstd(located.signal))
     if not size > 0.0:
         return []
-    followed = _moving(base)
-    turns = _slow(base, TURN)
-    ends = {name: _ends(values) for name, values in followed.items()}
-    moving = {name: (low, high) for name, (low, high) in ends.items() if low < high}
-    curve = partial(Curve, located.site, size=size)
-    plain = [curve(name, low=low, high=high) for name, (low, high) in moving.items()]
-    return plain + [
-        curve(name, speed, low=low, high=high, width=width)
-        for speed, width in turns.items()
-        for name, (low, high) in moving.items()
-        if name != speed
+    followed = {
+        name: values for name, values in _moving(base).items() if np.nanmin(values) < np.nanmax(values)
+    }
+    turns = {"": 0.0, **_slow(base, TURN)}
+    pairs = [(name, speed) for speed in turns for name in followed if name != speed]
+
+    def left(pair: tuple[str, str]) -> float:
+        """What a curve leaves of the unknown input, which it is regressed on (direct discrepancy models)."""
+        name, speed = pair
+        low, high = _ends(followed[name])
+        columns = np.polynomial.legendre.legvander(
+            2.0 * (followed[name] - low) / (high - low) - 1.0, BENDS - 1
+        )
+        if speed:
+            columns = columns * np.tanh(followed[speed] / turns[speed])[:, None]
+        columns = np.column_stack([columns, np.ones(len(columns))])
+        signal = np.nan_to_num(located.signal)
+        return float(np.sum((signal - columns @ np.linalg.lstsq(columns, signal, rcond=1e-9)[0]) ** 2))
+
+    return [
+        Curve(
+            located.site,
+            name,
+            *([speed] if speed else []),
+            size=size,
+            low=low,
+            high=high,
+            width=turns[speed] or 1.0,
+        )
+        for name, speed in sorted(pairs, key=left)[:ALIKE]
+        for low, high in [_ends(followed[name])]
     ]
 
 
