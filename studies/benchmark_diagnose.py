@@ -14,7 +14,7 @@ import argparse
 import math
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,9 +24,8 @@ ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))  # the studies are no package: find their neighbours from any folder
 
 from optid.core.recording import Channel, Recording  # noqa: E402
-from optid.diagnosis.candidate import Data, fit_base  # noqa: E402
-from optid.diagnosis.diagnosis import diagnose  # noqa: E402
-from optid.diagnosis.judge import judge  # noqa: E402
+from optid.diagnosis.evaluation import evaluate  # noqa: E402
+from optid.diagnosis.pipeline import diagnose  # noqa: E402
 from optid.effects.effect import Effect  # noqa: E402
 from optid.effects.library import admitted  # noqa: E402
 from optid.errors import SolveError  # noqa: E402
@@ -77,27 +76,33 @@ def screened(rig: Rig, train: Sequence[Recording], held: Sequence[Recording]) ->
 def exhaustive(rig: Rig, train: Sequence[Recording], held: Sequence[Recording], every: int) -> Timed:
     """Every effect refitted from every usual size; one round, so that a second effect is not even looked for."""
     start = time.perf_counter()
-    data = Data(tuple(train), tuple(held), {}, np.random.default_rng(0))
-    base = fit_base(rig, data, lambda share, words: None)
+    question = question_of(rig, pose(rig.model, train, WHOLE))
+    base = maximise(question, rig.model.vector(rig.parameters)).p
     scores: dict[str, float] = {}
     effects = admitted(rig.model)
     for effect in effects[::every]:
-        scores[effect.name] = min(_refit(rig, effect, branch, base.answer.p, data) for branch in effect.usual)
+        scores[effect.name] = min(_refit(rig, effect, branch, base, train, held) for branch in effect.usual)
     best = min(scores, key=lambda name: scores[name])
     return Timed(time.perf_counter() - start, best, len(effects[::every]) / len(effects))
 
 
-def _refit(rig: Rig, effect: Effect, branch: object, p0: np.ndarray, data: Data) -> float:
-    assert isinstance(branch, dict)
+def _refit(
+    rig: Rig,
+    effect: Effect,
+    branch: Mapping[str, float],
+    p0: np.ndarray,
+    train: Sequence[Recording],
+    held: Sequence[Recording],
+) -> float:
     grown = with_effects(rig, (effect,), effect.qualified({**effect.at_null(), **branch}))
     model = grown.model
     p = model.vector(grown.parameters)
     p[[model.index(parameter.name) for parameter in rig.model.parameters]] = p0
     try:
-        answer = maximise(question_of(grown, pose(model, data.train, WHOLE), rig.model), p)
-    except SolveError:  # from this size the model leaves the numbers
+        answer = maximise(question_of(grown, pose(model, train, WHOLE), rig.model), p)
+    except SolveError:  # from this size the simulation diverges
         return math.inf
-    return float(judge(answer, data.holdout).deviance.sum())
+    return float(evaluate(answer.question, answer.p, answer.noise, held).deviance.sum())
 
 
 def main() -> None:

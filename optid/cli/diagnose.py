@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import click
@@ -35,8 +36,15 @@ TIME_LIMIT = 800.0  # s: where much is missing, the second of two effects was fo
     default=TIME_LIMIT,
     type=click.FloatRange(min=0, min_open=True),
     metavar="S",
-    help="Seconds to take, about: the search for effects ends with what it has in time.",
+    help="Seconds of the process's own time, about: the search for effects ends with what it has.",
     show_default=True,
+)
+@click.option(
+    "--deadline",
+    default=math.inf,
+    type=click.FloatRange(min=0, min_open=True),
+    metavar="S",
+    help="Seconds by the clock, about, after which it ends with what it has.",
 )
 @RATE
 @OUT
@@ -47,6 +55,7 @@ def diagnose(
     effects: tuple[str, ...],
     seed: int,
     time_limit: float,
+    deadline: float,
     out: str,
 ) -> None:
     """Say what physics the rig's model leaves out, and prove it on recordings held out."""
@@ -56,7 +65,8 @@ def diagnose(
 
     import numpy as np
 
-    from optid.diagnosis.diagnosis import diagnose as ask
+    from optid.core.budget import Budget
+    from optid.diagnosis.pipeline import diagnose as ask
     from optid.effects.library import from_file
     from optid.report.diagnosis_document import diagnosis_document
     from optid.report.diagnosis_page import diagnosis_page
@@ -67,7 +77,7 @@ def diagnose(
     with progress("diagnosing") as show:
         found = ask(
             understood, [r for r, _ in train], [r for r, _ in held_out], own=own,
-            generator=np.random.default_rng(seed), progress=show, time_limit=time_limit,
+            generator=np.random.default_rng(seed), progress=show, budget=Budget(time_limit, deadline),
         )  # fmt: skip
     with waiting("writing the report"):
         page, document = diagnosis_page(found), diagnosis_document(found)

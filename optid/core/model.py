@@ -74,8 +74,10 @@ class Model:
         halves: (x, u, p, half) -> dx/dt of the two halves, 0 and 1, of a hold in which an input switches, each half
             stretched to take as long as the other; None where inputs change at samples only. `rates` then holds the
             mean of what is held before and after.
-        laws_leave: share of the squared error that names may leave, which right laws of another form exceed in no
+        form_error: share of the squared error that names may leave, which right laws of another form exceed in no
             more than one of 20 blind cases; None where no trial has measured it.
+        suspects: groups of sites at which unknown physics may act, for a diagnosis to look for an unknown input.
+        scalable: sites of a level that others turn, as that of dry friction.
         biases: by what share of its value a stand-in for a law that jumps may shift a fitted parameter, by name.
         constraints: what must hold between parameters.
     """
@@ -93,7 +95,9 @@ class Model:
     halves: ca.Function | None = None
     sizes: tuple[float, ...] = ()
     near: tuple[tuple[str, ...], ...] = ()
-    laws_leave: float | None = None
+    form_error: float | None = None
+    suspects: tuple[tuple[str, ...], ...] = ()
+    scalable: tuple[str, ...] = ()
     biases: Mapping[str, float] = field(default_factory=dict)
     constraints: tuple[Constraint, ...] = ()
 

@@ -23,6 +23,7 @@ class Parameter:
             a curve.
         leeway: by how much the value may be off before anyone would call it physics, where a law stands in for
             nature's; what that changes is no mark against a model.
+        starts: values at which searches begin, one after the other; the stated or default one if empty.
     """
 
     name: str
@@ -35,6 +36,7 @@ class Parameter:
     logarithmic: bool = False
     fitted: bool = True
     leeway: float = 0.0
+    starts: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         low, high = self.bounds

@@ -82,7 +82,9 @@ class Sheet:
         self._notes: dict[str, Expression] = {}
         self._late: Expression | None = None  # s: how late commands come
         self._switch: tuple[ca.SX, Expression] | None = None
-        self._laws_leave: float | None = None
+        self._form_error: float | None = None
+        self._suspects: list[tuple[str, ...]] = []
+        self._scalable: list[str] = []
         self._biases: dict[str, float] = {}
         self._required: list[tuple[str, Expression]] = []
         self._prefix = ""  # of the effect that is writing
@@ -211,12 +213,20 @@ class Sheet:
         """Let the effects that follow at this site find another signal near it: the speed of what is shown now."""
         self._near[name] = signal
 
-    def laws_leave(self, share: float) -> None:
+    def form_error(self, share: float) -> None:
         """Say how much of the squared error names may leave on this plant: more than right laws of another form do.
 
         In no more than one of 20 blind cases may right names leave more.
         """
-        self._laws_leave = share
+        self._form_error = share
+
+    def suspect(self, *sites: str) -> None:
+        """Name sites at which unknown physics may act, together if several: a diagnosis looks for an input there."""
+        self._suspects.append(sites)
+
+    def scalable(self, *sites: str) -> None:
+        """Name sites of a level that others turn, as that of dry friction: what sticks no added signal describes."""
+        self._scalable.extend(sites)
 
     def biased(self, parameter: str, share: float) -> None:
         """Say by what share of its value a stand-in for a law that jumps may shift a fitted parameter.
@@ -298,7 +308,9 @@ class Sheet:
                 sensors=ca.Function("sensors", [x, u, p], [ca.cse(outputs)], names[0], ["y"]),
                 start=ca.Function("start", [p], [mean, spread], ["p"], ["mean", "spread"]),
                 halves=halves,
-                laws_leave=self._laws_leave,
+                form_error=self._form_error,
+                suspects=tuple(group for group in self._suspects if set(group) <= set(self._sites)),
+                scalable=tuple(site for site in self._scalable if site in self._sites),
                 biases=dict(self._biases),
                 constraints=tuple(self._constraint(words, margin, p) for words, margin in self._required),
             )

@@ -1,118 +1,129 @@
-"""Parameters whose predictions over windows miss the recordings least: a fit by multi-step prediction errors.
+"""Multi-step prediction errors: models are fitted to what they predict over windows in which nothing is corrected.
 
-Maximum likelihood with process noise looks ahead by one sample. Where a law's form is not nature's it takes the rest
-for noise, may settle on a top beside the right one, and predicts worse over half a second than the same law could.
-Errors over windows see what adds up in them; consistent where the law is right (Ljung, System Identification, 1999,
-section 4.4), they make the best of one that is not.
+From sample to sample even a wrong model hardly errs, and process noise takes the rest; over a window a wrong law adds
+up. Each window begins where a quiet filter of the model itself stands, whose gains are held while parameters move
+(Ljung, System Identification, 1999, sections 4.4 and 8.4) and taken anew at every turn.
 """
 
 from __future__ import annotations
 
 import contextlib
+import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from optid.core.model import Array
 from optid.errors import SolveError
-from optid.estimation.likelihood import Filtered, huber
-from optid.estimation.place import Answer, Place
+from optid.estimation.likelihood import Filtered, Noise, deviance, huber, run_filter
+from optid.estimation.place import LEVELS, Question
 from optid.estimation.problem import Booleans, Problem
-from optid.estimation.scoring import likeliest
+from optid.estimation.scoring import middling
 from optid.estimation.steering import innovations, steered_fit
 
-TURNS, TURN = 4, 4  # times that the windows' starts are taken anew by a filter, and steps of each
-WORTH = 5e-3  # of the loss: a turn that gains less is the last
-ASTRAY = 0.5  # of what windows miss: where likelihood leads to twice as much, process noise is likelier, not the law
-QUIETER = (0.0, 1.25, 2.5)  # log: by how much less process noise may suit what a turn found
+# Log of the share of a middling process noise that a quiet filter has: so little that what is missing is not taken for
+# it, and enough to hold the states of a wrong model to the data.
+QUIET = -2.0
+SETTLED = 5e-3  # of the loss: a turn that gains less is the last
 
 
-def foreseeing(answer: Answer, seconds: float) -> Answer:
-    """The same question answered by windows of so many seconds, begun where the filter stands before each of them.
+@dataclass(frozen=True, eq=False)
+class MultistepFit:
+    """Where a fit by multi-step prediction errors ended.
 
-    Process noise falls where less of it is likelier. The answer itself if nothing does better; its score is the
-    likelihood's in any case.
+    Attributes:
+        question: model, recordings and free parameters.
+        p: the whole parameter vector.
+        filtered: the quiet filter there, whose variances are those that windows' errors should have.
+        loss: Huber's, of the windows' errors in sd.
     """
-    q, looks = answer.question, windows(answer.question.problem, seconds)
-    here = Place(q, answer.p, answer.noise)
-    least = _loss(here, looks)
-    first = here
-    for _ in range(TURNS):
-        if q.over:
-            break
-        with contextlib.suppress(SolveError):
-            p = steered_fit(q, here.p, q.model, _measuring(here), TURN, looks=looks).p
-            levels = likeliest(q, [(p, here.noise.levels - by) for by in QUIETER])[1]
-            there = Place(q, p, replace(answer.noise, levels=levels))
-            loss = _loss(there, looks)
-            if loss < least:
-                small = least - loss < WORTH * least
-                here, least = there, loss
-                if not small:
-                    continue
-        break
-    if here is first:
-        return answer
-    here.differentiate()
-    return here.answer(False)
+
+    question: Question
+    p: Array
+    filtered: Filtered
+    loss: float
 
 
-def preferable(likely: Answer, led: Answer, seconds: float, astray: float = ASTRAY) -> Answer:
-    """Of two answers of one question the likelier, unless windows of `led` miss less by the share `astray` or more."""
-    if likely.score <= led.score and misses(led, seconds) >= (1.0 - astray) * misses(likely, seconds):
-        return likely
-    return led
+def quiet_noise(q: Question) -> Noise:
+    """Measurement noise, and process noise that takes over nothing."""
+    return Noise(q.measurement, q.groups, np.maximum(middling(q) + QUIET, LEVELS[0]))
 
 
-def misses(answer: Answer, seconds: float) -> float:
-    """What such windows miss, by Huber's loss in variances of the measurement."""
-    return _loss(Place(answer.question, answer.p, answer.noise), windows(answer.question.problem, seconds))
+def quiet_filter(q: Question, p: Array, only: Sequence[int] | None = None) -> Filtered | None:
+    """A filter with quiet noise over all segments or `only` some; ``None`` where the simulation diverges."""
+    noise = quiet_noise(q)
+    Q = noise.spectrum(len(q.model.states))[None]
+    f = run_filter(q.model, q.problem, p[None], Q, noise.measurement[None], keep=True, only=only)
+    if not math.isfinite(float(deviance(f.innovations, f.variances).sum())):
+        return None
+    variance = noise.measurement + (0.0 if q.open_variance is None else q.open_variance)
+    return replace(f, variances=np.broadcast_to(variance, f.variances.shape))
 
 
-def misses_unseen(led: Answer, seconds: float) -> tuple[float, list[Array]]:
-    """What windows of each recording miss by parameters that windows of the others lead to (cross-validation).
-
-    Where a law's form is not nature's every motion asks for parameters of its own, and what is best for all recordings
-    together need not be for the next. With one recording there is nothing to leave out: what its windows miss.
-
-    Returns:
-        The loss, and the parameters without each recording, (parameters,) each; none with one recording.
-    """
-    q = led.question
-    owners = np.unique(q.problem.recording)
-    if len(owners) < 2:
-        return misses(led, seconds), []
-    looks, gains = windows(q.problem, seconds), _measuring(Place(q, led.p, led.noise))
-    lost, without = 0.0, []
-    for left_out in owners:
-        own = q.problem.recording == left_out
-        rest = np.flatnonzero(~own).tolist()
-        p = steered_fit(q, led.p, q.model, gains, TURN, rest, looks).p
-        lost += _loss(Place(q, p, led.noise), looks, np.flatnonzero(own).tolist())
-        without.append(p)
-    return lost, without
-
-
-def windows(problem: Problem, seconds: float) -> Booleans:
+def window_starts(problem: Problem, seconds: float) -> Booleans:
     """Samples at which windows begin, (samples,); up to the first one's end every sample, as nothing is known yet."""
-    looks = np.zeros(len(problem.time), dtype=np.bool_)
+    starts = np.zeros(len(problem.time), dtype=np.bool_)
     for begin, count in zip(problem.begins, problem.counts, strict=True):
         rows = slice(begin, begin + count + 1)
         number = np.floor((problem.time[rows] - problem.time[begin]) / seconds + 1e-9).astype(int)
-        looks[rows] = (number == 0) | np.r_[True, np.diff(number) > 0]
-    return looks
+        starts[rows] = (number == 0) | np.r_[True, np.diff(number) > 0]
+    return starts
 
 
-def _measuring(here: Place) -> Filtered:
-    """The filter's gains, and the measurement's own variances."""
-    f = here.filtered
-    return replace(f, variances=np.broadcast_to(here.noise.measurement, f.variances.shape))
+def fit_multistep(
+    q: Question,
+    p: Array,
+    seconds: float,
+    *,
+    turns: int,
+    steps: int,
+    only: Sequence[int] | None = None,
+) -> MultistepFit:
+    """Parameters by windows of so many seconds, with gains taken anew at every turn, from a start.
+
+    Args:
+        q: the question.
+        p: start, (parameters,).
+        seconds: length of a window.
+        turns: times at most that gains are taken anew.
+        steps: of Gauss-Newton under the gains of a turn, at most.
+        only: these segments count, all if absent.
+
+    Raises:
+        SolveError: the model cannot be simulated at the start.
+    """
+    starts = window_starts(q.problem, seconds)
+    best = _stands(q, p, only, starts)
+    if best is None:
+        raise SolveError("the simulation diverged at the start values; check them and their units")
+    for _ in range(turns):
+        if q.budget.is_over:
+            break
+        there = None
+        with contextlib.suppress(SolveError):
+            there = _stands(
+                q, steered_fit(q, best.p, q.model, best.filtered, steps, only, starts).p, only, starts
+            )
+        if there is None or not there.loss < best.loss:
+            break
+        small = best.loss - there.loss < SETTLED * best.loss
+        best = there
+        if small:
+            break
+    return best
 
 
-def _loss(here: Place, looks: Booleans, only: Sequence[int] | None = None) -> float:
-    """Of all segments, or of these only."""
-    q = here.q
-    z: Array = innovations(q, here.p[None], q.model, _measuring(here), only, looks)
-    prior = ((here.p[list(q.free)] - q.prior) / q.prior_sd) ** 2
-    return 0.5 * float(huber(z).sum() + prior.sum())
+def _stands(q: Question, p: Array, only: Sequence[int] | None, starts: Booleans) -> MultistepFit | None:
+    """What windows miss at some parameters under the gains of their own filter."""
+    f = quiet_filter(q, p, only)
+    if f is None:
+        return None
+    (z,) = innovations(q, p[None], q.model, f, only, starts)
+    return MultistepFit(q, p, f, 0.5 * float(huber(z).sum()))
+
+
+def multistep_loss(q: Question, p: Array, seconds: float) -> float:
+    """Huber's loss of windows' errors, in sd; infinite where the simulation diverges."""
+    there = _stands(q, p, None, window_starts(q.problem, seconds))
+    return math.inf if there is None else there.loss

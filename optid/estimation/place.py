@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from optid.core.budget import UNLIMITED, Budget
 from optid.core.model import Array, Model
 from optid.estimation.likelihood import FAR, Filtered, Noise, deviance, run_filter, run_steered
 from optid.estimation.problem import Problem
@@ -31,7 +31,8 @@ class Question:
         free: indices of the free parameters; low, high, typical, prior, prior_sd as in a batch fit.
         groups: states that share a level of process noise.
         measurement: variance of each output.
-        until: when searches for an answer end with what they have, by `time.monotonic`.
+        open_variance: of windows' errors beside the measurement's if nothing is missing, (samples, outputs).
+        budget: when it is over, searches for an answer end with what they have.
     """
 
     rig: Rig
@@ -44,7 +45,8 @@ class Question:
     prior_sd: Array
     groups: tuple[tuple[int, ...], ...]
     measurement: Array
-    until: float = math.inf
+    open_variance: Array | None = None
+    budget: Budget = UNLIMITED
 
     @property
     def model(self) -> Model:
@@ -54,7 +56,7 @@ class Question:
     @property
     def over(self) -> bool:
         """The time for searches is over."""
-        return time.monotonic() > self.until
+        return self.budget.is_over
 
     def at(self, values: Mapping[str, float]) -> Array:
         """All parameters: the rig's own, but these values by name, within what the model allows, (parameters,)."""

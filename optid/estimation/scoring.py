@@ -7,7 +7,6 @@ innovations moved; they are taken anew where a step keeps less than it promised,
 
 from __future__ import annotations
 
-import contextlib
 import itertools
 import math
 from collections.abc import Mapping, Sequence
@@ -31,7 +30,6 @@ NEARBY, ROUGH = 2e-3, 2e-2  # of the whole decrease: ends an approach, and a sea
 TRIALS = (2, 5)  # of a step on carried and on fresh derivatives, with more and more damping
 KEPT = 0.25  # of what a step promised: less, and carried derivatives are taken anew
 LED = 3  # times at most that a start is led by the gains of the filter run before
-TURNS = 4  # times that an answer follows its own filter's gains
 PACE = 3  # steps by whose best a search is judged that is to reach a goal: one on stale derivatives may gain little
 APPROACH = 10  # iterations at the first level of process noise
 RESTARTS = 2  # from other levels of process noise
@@ -118,26 +116,6 @@ def maximise(
     return here.answer(settled)
 
 
-def approach(q: Question, p: Array) -> Answer:
-    """A few iterations from a start at a middling level of process noise: which of several starts is worth more.
-
-    Raises:
-        SolveError: the model cannot be simulated at the start.
-    """
-    here, _, settled = _descend(_led(_start(q, p, middling(q))), APPROACH, NEARBY, held=True)
-    return here.answer(settled)
-
-
-def standing(q: Question, p: Array, levels: Array, iterations: int) -> Answer:
-    """The likeliest parameters at levels of process noise that stay, roughly: what is far off cannot be called noise.
-
-    Raises:
-        SolveError: the model cannot be simulated at the start.
-    """
-    here, _, settled = _descend(_start(q, p, levels), iterations, NEARBY, held=True)
-    return here.answer(settled)
-
-
 def _led(here: Place) -> Place:
     """Where held gains lead from a place, and from there once more, as long as that is likelier."""
     for _ in range(LED):
@@ -147,45 +125,6 @@ def _led(here: Place) -> Place:
             break
         here = there
     return here
-
-
-def followed(answer: Answer, levels: Array, less: Sequence[float]) -> tuple[Array, Array]:
-    """Where parameters lead that follow the gains of their own filter at other levels of process noise.
-
-    Scoring climbs the top that it stands on; a filter that may move the states little shows the higher ones. Not every
-    turn is likelier than the one before: where a model is far off, the way leads through worse places.
-
-    Args:
-        answer: where it starts.
-        levels: of the filters whose gains are held.
-        less: by how much less process noise than the answer's may suit what is found.
-
-    Returns:
-        The likeliest parameters and levels met on the way, the answer's own if nothing is likelier.
-    """
-    q, p = answer.question, answer.p
-    noise = replace(answer.noise, levels=np.minimum(levels, answer.noise.levels))
-    best = (p, answer.noise.levels)
-    with contextlib.suppress(SolveError):
-        for _ in range(TURNS):
-            here = Place(q, p, noise)
-            if q.over or not math.isfinite(here.score):
-                break
-            p = steered_fit(q, p, q.model, here.filtered, STEPS).p
-            best = likeliest(q, [best, *((p, answer.noise.levels - by) for by in less)])
-    return best
-
-
-def quieted(answer: Answer, by: float) -> Answer:
-    """The same parameters where the states may move less: log levels lower by `by`, from a middling one at most."""
-    there = np.minimum(answer.noise.levels, middling(answer.question)) - by
-    for share in (1.0, 0.5, 0.25):
-        levels = np.maximum(answer.noise.levels + share * (there - answer.noise.levels), LEVELS[0])
-        here = Place(answer.question, answer.p, replace(answer.noise, levels=levels))
-        if math.isfinite(here.score):
-            here.glance()
-            return here.answer(answer.settled)
-    return answer
 
 
 def middling(q: Question) -> Array:

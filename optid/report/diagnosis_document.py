@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from optid.diagnosis.finding import Closest, Diagnosis, Finding
+from optid.diagnosis.result import Diagnosis, Finding
 from optid.estimation.result import Estimate, Score
 from optid.report.scores import number
 
@@ -18,26 +18,30 @@ def diagnosis_document(d: Diagnosis) -> dict[str, Any]:
         "schema": SCHEMA,
         "verdict": d.verdict.value,
         "summary": d.summary,
-        "baseline": {"parameters": _parameters(d.base_parameters), "holdout": _scores(d.base.judged.scores)},
-        "improved": {"parameters": _parameters(d.best_parameters), "holdout": _scores(d.best.judged.scores)},
+        "baseline": {"parameters": _parameters(d.base_parameters), "holdout": _scores(d.test.base.scores)},
+        "improved": {"parameters": _parameters(d.best_parameters), "holdout": _scores(d.test.best.scores)},
         "noise_floor": {
             role: {"rmse": number(sd), "unit": _unit(d, role)} for role, sd in d.noise.items()
         },
         "findings": [_finding(f) for f in d.findings],
-        "closest": _closest(d.closest),
+        "test": _test(d),
         "rejected": [{"effect": name, "why": why} for name, why in d.rejected],
         "not_testable": [
             {"effect": name, "why": why, "smallest_visible": smallest} for name, why, smallest in d.not_testable
         ],
         "residual_after": {
-            "white": d.residuals.white, "independent_of_input": d.residuals.independent,
-            "p_white": number(d.residuals.whiteness), "p_independent": number(d.residuals.independence),
+            "white": d.test.residuals.white, "independent_of_input": d.test.residuals.independent,
+            "p_white": number(d.test.residuals.whiteness), "p_independent": number(d.test.residuals.independence),
         },
     }  # fmt: skip
 
 
-def _closest(c: Closest | None) -> dict[str, Any] | None:
-    return None if c is None else {"effects": list(c.effects), "cleared": number(c.cleared)}
+def _test(d: Diagnosis) -> dict[str, Any]:
+    """Of the whole answer, on the recordings held out: is anything missing at all?"""
+    return {
+        "p_value": number(d.test.p_value), "level": d.test.level, "error_over_noise": number(d.test.error_over_noise),
+        "recordings": list(d.holdout),
+    }  # fmt: skip
 
 
 def _unit(d: Diagnosis, role: str) -> str:
@@ -80,8 +84,9 @@ def _finding(f: Finding) -> dict[str, Any]:
         },
         "evidence": {
             "holdout_fit_gain": number(f.evidence.fit_gain), "p_value": number(f.evidence.p_value),
-            "delta_bic": number(f.delta_bic), "holdout_deviance_gain": number(f.evidence.gain),
-            "train_deviance_gain": number(f.train_gain),
+            "delta_bic": number(f.delta_bic),
         },
+        "selection": {"cross_validated_gain": number(f.train_gain)},
+        "suspected": [{"effect": one.effect, "why": one.why} for one in f.suspected],
         "indistinguishable_from": list(f.indistinguishable),
     }  # fmt: skip

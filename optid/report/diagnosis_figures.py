@@ -9,8 +9,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from optid.core.model import Array
-from optid.diagnosis.finding import Diagnosis, Finding
-from optid.diagnosis.judge import Judged
+from optid.diagnosis.evaluation import Evaluation
+from optid.diagnosis.result import Diagnosis, Finding
 from optid.report.figures import ALARM, FREE, INK, QUIET, STYLE, WINDOW, svg, thin
 from optid.report.scores import friendly
 
@@ -26,7 +26,7 @@ def before_after(d: Diagnosis, output: int) -> str:
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(9.2, 2.9), layout="constrained")
         axes: Any = figure.subplots()
-        for judged, colour, label in ((d.base.judged, FREE, "before"), (d.best.judged, WINDOW, "after")):
+        for judged, colour, label in ((d.test.base, FREE, "before"), (d.test.best, WINDOW, "after")):
             if label == "after" and d.best is d.base:
                 continue
             error = factor * (judged.measured[:, output] - judged.windows[:, output])
@@ -34,8 +34,8 @@ def before_after(d: Diagnosis, output: int) -> str:
         axes.axhspan(
             -2 * factor * sd, 2 * factor * sd, color=QUIET, alpha=0.3, lw=0, label="±2 sd of the noise"
         )
-        _breaks(axes, d.base.judged)
-        axes.set_ylabel(f"error of {d.base.judged.horizon:g} s windows ({unit})")
+        _breaks(axes, d.test.base)
+        axes.set_ylabel(f"error of {d.test.base.horizon:g} s windows ({unit})")
         axes.set_xlabel("time over the held-out recordings (s)")
         axes.legend(loc="lower left", ncols=3, bbox_to_anchor=(0, 1.0), borderaxespad=0.2)
         return svg(figure)
@@ -143,7 +143,7 @@ def _range(w: Array, law: Array | None) -> tuple[float, float]:
     return float(low - room), float(high + room)
 
 
-def _clock(judged: Judged) -> Array:
+def _clock(judged: Evaluation) -> Array:
     """Time over all recordings, one after the other."""
     offset, clock = 0.0, np.empty_like(judged.time)
     for number in np.unique(judged.recording):
@@ -153,7 +153,7 @@ def _clock(judged: Judged) -> Array:
     return clock
 
 
-def _breaks(axes: Any, judged: Judged) -> None:
+def _breaks(axes: Any, judged: Evaluation) -> None:
     clock = _clock(judged)
     for at in np.flatnonzero(np.diff(judged.recording)):
         axes.axvline(clock[at], color=QUIET, lw=0.6)

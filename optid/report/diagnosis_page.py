@@ -9,9 +9,9 @@ from typing import Any
 import jinja2
 from markupsafe import Markup
 
-from optid.diagnosis.contest import Rival
-from optid.diagnosis.finding import Diagnosis, Finding
-from optid.diagnosis.words import quantity
+from optid.diagnosis.result import Diagnosis, Finding
+from optid.diagnosis.selection import Contender, Round
+from optid.diagnosis.summary import quantity
 from optid.estimation.result import Estimate
 from optid.report import diagnosis_figures as figures
 
@@ -29,16 +29,16 @@ def diagnosis_page(d: Diagnosis) -> str:
         loader=jinja2.FileSystemLoader(Path(__file__).parent), autoescape=True, trim_blocks=True,
         lstrip_blocks=True, undefined=jinja2.StrictUndefined,
     )  # fmt: skip
-    names = tuple(recording.name for recording in d.data.train)
+    names = tuple(recording.name for recording in d.problem.train)
     outputs = [
         (port.role.replace("_", " "), Markup(figures.before_after(d, j)))
         for j, port in enumerate(d.base.rig.model.outputs)
-        if port.role in d.base.judged.scores
+        if port.role in d.test.base.scores
     ]
     return environment.get_template("diagnosis.html.j2").render(
         title=f"{d.base.rig.name}: diagnosis", headline=_HEADLINES[d.verdict.value], d=d, names=names,
-        held=[recording.name for recording in d.data.holdout], outputs=outputs, scores=_scores(d),
-        horizon=f"{d.base.judged.horizon:g}",
+        held=list(d.holdout), outputs=outputs, scores=_scores(d),
+        horizon=f"{d.test.base.horizon:g}",
         findings=[_finding(f, names) for f in d.findings], rivals=_rivals(d),
         before=[_row(e) for e in d.base_parameters], after=[_row(e) for e in d.best_parameters],
     )  # fmt: skip
@@ -46,8 +46,8 @@ def diagnosis_page(d: Diagnosis) -> str:
 
 def _scores(d: Diagnosis) -> list[dict[str, str]]:
     rows = []
-    for role, before in d.base.judged.scores.items():
-        after = d.best.judged.scores[role]
+    for role, before in d.test.base.scores.items():
+        after = d.test.best.scores[role]
         rows.append({
             "name": role.replace("_", " "), "before": quantity(before.rmse, before.unit),
             "after": quantity(after.rmse, after.unit), "noise": quantity(d.noise.get(role, 0.0), before.unit),
@@ -85,15 +85,18 @@ def _finding(f: Finding, names: tuple[str, ...]) -> dict[str, Any]:
 
 def _rivals(d: Diagnosis) -> list[list[dict[str, str]]]:
     kept = {effect.name for effect in d.best.effects}
-    return [[_rival(r, r is one.winner, kept) for r in one.rivals] for one in d.search.rounds]
+    return [[_rival(one, step, kept) for one in step.contenders] for step in d.path.rounds]
 
 
-def _rival(r: Rival, won: bool, kept: Collection[str]) -> dict[str, str]:
-    later = "; taken all the same, with what was missing beside it" if r.why and r.effect.name in kept else ""
+def _rival(one: Contender, step: Round, kept: Collection[str]) -> dict[str, str]:
+    taken = one is step.taken
+    later = (
+        "; taken all the same, with what was missing beside it" if one.why and one.effect.name in kept else ""
+    )
     return {
-        "name": r.effect.name.replace("_", " "), "gain": f"{r.train_gain:.0f}",
-        "held": f"{r.against.gain:.0f}", "p": f"{r.against.p_value:.2g}",
-        "why": "taken" if won else r.why + later or "explains less than the one taken",
+        "name": one.effect.name.replace("_", " "), "error": f"{one.validated.error_over_noise:.3g}",
+        "gain": f"{one.validated.windows.sum():.4g}",
+        "why": "taken" if taken else one.why + later or "explains less than the one taken",
     }  # fmt: skip
 
 

@@ -9,7 +9,7 @@ import jinja2
 import numpy as np
 from markupsafe import Markup
 
-from optid.diagnosis.words import quantity
+from optid.diagnosis.summary import quantity
 from optid.effects.effect import Effect
 from optid.experiments.files import Planned
 from optid.experiments.separation import NEEDED

@@ -35,6 +35,7 @@ PRESLIDING_LENGTH = Parameter(
     # Surfaces in contact give by micrometres before they slide; an eighth of the smallest yielding worth a name
     # (optid/effects/catalogue/presliding.py) is a matter of the law.
     leeway=5e-6,
+    starts=(2e-5, 3e-7),  # a contact that yields, and one that sticks
 )
 PRESLIDING_SHAPE = Parameter(
     "presliding_shape",
@@ -46,6 +47,7 @@ PRESLIDING_SHAPE = Parameter(
     "Bouc and Wen's law with n = 1, which is Dahl's, and n = 5 (Wen 1976)",
     0.0,
     (0.0, 1.0),
+    starts=(0.0, 1.0),
 )
 BRISTLE_LAG = Parameter(
     "bristle_lag",
@@ -64,6 +66,7 @@ BRISTLE_DAMPING = Parameter(
     "Canudas de Wit et al., IEEE Trans. Automatic Control 40(3), 1995: 3 ms; pneumatic seals less",
     2e-4,
     (0.0, 1.0),
+    starts=(2e-4,),
 )
 BRISTLE_FADING = Parameter(
     "bristle_fading",
@@ -75,6 +78,7 @@ BRISTLE_FADING = Parameter(
     50.0,
     (1e-4, 1e3),
     logarithmic=True,
+    starts=(0.02,),  # at its default the fading hardly shows
 )
 # Dahl's law gives elastic energy back that true stick does not have; fits pay for it with viscous friction. What is
 # left of that when the contact is short and abrupt: studies/interval_coverage.py, mean error of 240 fits.
@@ -129,4 +133,5 @@ def dry_friction(s: Sheet, v: Any, kind: str, **near: Any) -> Any:
     The site `force.coulomb` offers the level, N, with the speed, the share that slides and what `near` adds.
     """
     share = sliding(s, v, kind)
+    s.scalable("force.coulomb")
     return s.site("force.coulomb", s.param(COULOMB_FRICTION), v=v, share=share, **near) * share

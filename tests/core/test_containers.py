@@ -66,26 +66,26 @@ CELLS = np.empty(2, dtype=object)
 CELLS[:] = [U, X]
 RECORDS = np.rec.fromarrays([T, U, X], names="t,u,x")
 SHAPES = {
-    "columns": (dict(t=T[:, None], u=U[:, None], x=X[:, None]), PLAIN),
-    "rows": (dict(t=T, u=U, x=X), PLAIN),
-    "one signal a row": (dict(t=T, log=np.stack([U, X, U])), Maps("t", "log[0]", "log[1]")),
-    "one signal a column": (dict(t=T, log=np.stack([U, X], 1)), Maps("t", "log[0]", "log[1]")),
-    "MATLAB's own indices": (dict(ans=np.stack([T, U, X])), Maps("ans(1,:)", "ans(2,:)", "ans(3,:)")),
-    "a wide matrix beside": (dict(t=T, u=U, x=X, acc=np.zeros((3, N))), PLAIN),
-    "struct": (dict(log=dict(t=T, u=U, x=X)), Maps("log.t", "log.u", "log.x")),
+    "columns": ({"t": T[:, None], "u": U[:, None], "x": X[:, None]}, PLAIN),
+    "rows": ({"t": T, "u": U, "x": X}, PLAIN),
+    "one signal a row": ({"t": T, "log": np.stack([U, X, U])}, Maps("t", "log[0]", "log[1]")),
+    "one signal a column": ({"t": T, "log": np.stack([U, X], 1)}, Maps("t", "log[0]", "log[1]")),
+    "MATLAB's own indices": ({"ans": np.stack([T, U, X])}, Maps("ans(1,:)", "ans(2,:)", "ans(3,:)")),
+    "a wide matrix beside": ({"t": T, "u": U, "x": X, "acc": np.zeros((3, N))}, PLAIN),
+    "struct": ({"log": {"t": T, "u": U, "x": X}}, Maps("log.t", "log.u", "log.x")),
     "structure with time": (
-        dict(out=dict(time=T[:, None], signals=np.array([(U[:, None], "u"), (X[:, None], "x")],
-             dtype=[("values", object), ("label", object)]))),
+        {"out": {"time": T[:, None], "signals": np.array([(U[:, None], "u"), (X[:, None], "x")],
+             dtype=[("values", object), ("label", object)])}},
         Maps("out.time", "out.signals(1).values", "out.signals(2).values")),
     "by Simulink's labels": (
-        dict(out=dict(time=T[:, None], signals=np.array([(U[:, None], "cmd"), (X[:, None], "pos")],
-             dtype=[("values", object), ("label", object)]))), Maps("out.time", "cmd", "pos")),
-    "one sample a page": (dict(t=T, u=U, x=X.reshape(1, 1, N)), PLAIN),
-    "cells": (dict(t=T, c=CELLS), Maps("t", "c{1}", "c{2}")),
-    "small types": (dict(t=T, u=U, x=X, n=np.arange(N, dtype=np.int16), flag=U > 0), PLAIN),
+        {"out": {"time": T[:, None], "signals": np.array([(U[:, None], "cmd"), (X[:, None], "pos")],
+             dtype=[("values", object), ("label", object)])}}, Maps("out.time", "cmd", "pos")),
+    "one sample a page": ({"t": T, "u": U, "x": X.reshape(1, 1, N)}, PLAIN),
+    "cells": ({"t": T, "c": CELLS}, Maps("t", "c{1}", "c{2}")),
+    "small types": ({"t": T, "u": U, "x": X, "n": np.arange(N, dtype=np.int16), "flag": U > 0}, PLAIN),
     "dSPACE": (
-        dict(rec=dict(X=dict(Name="time", Data=T), Y=np.array([("Model/u", U), ("Model/x", X)],
-             dtype=[("Name", object), ("Data", object)]))), Maps("rec.X.Data", "Model/u", "Model/x")),
+        {"rec": {"X": {"Name": "time", "Data": T}, "Y": np.array([("Model/u", U), ("Model/x", X)],
+             dtype=[("Name", object), ("Data", object)])}}, Maps("rec.X.Data", "Model/u", "Model/x")),
 }  # fmt: skip
 
 
@@ -96,10 +96,10 @@ def test_shapes_of_mat_files(name, tmp_path):
 
 
 HDF5 = {
-    "matrix of samples": (dict(log=np.stack([T, U, X], 1)), Maps("log[0]", "log[1]", "log[2]")),
-    "matrix of signals": (dict(log=np.stack([T, U, X])), Maps("log[0]", "log[1]", "log[2]")),
-    "groups": (dict(run=dict(t=T, axis=dict(u=U, x=X))), Maps("run/t", "/run/axis/u", "run.axis.x")),
-    "records": (dict(log=RECORDS), Maps("log.t", "log.u", "log.x")),
+    "matrix of samples": ({"log": np.stack([T, U, X], 1)}, Maps("log[0]", "log[1]", "log[2]")),
+    "matrix of signals": ({"log": np.stack([T, U, X])}, Maps("log[0]", "log[1]", "log[2]")),
+    "groups": ({"run": {"t": T, "axis": {"u": U, "x": X}}}, Maps("run/t", "/run/axis/u", "run.axis.x")),
+    "records": ({"log": RECORDS}, Maps("log.t", "log.u", "log.x")),
 }
 
 
@@ -256,7 +256,7 @@ def test_a_rate_that_contradicts_the_file_is_refused(tmp_path):
 
 
 def test_structs_with_clocks_of_their_own(tmp_path):
-    path = saved(tmp_path / "run.mat", u=dict(time=T, values=U), x=dict(time=T[::5], values=X[::5]))
+    path = saved(tmp_path / "run.mat", u={"time": T, "values": U}, x={"time": T[::5], "values": X[::5]})
     found = read_recording(path, Maps("u.time", "u.values", "x.values"))
     assert np.flatnonzero(np.isfinite(found["position"].values)).tolist() == list(range(0, 46, 5))
 
@@ -305,7 +305,7 @@ def test_stamps_of_arrival_are_refused_with_the_rate(tmp_path):
 def test_damaged_mat_files_are_refused_in_words(seed, tmp_path):
     """Bytes of a sound file changed at random: read, or refused; never another exception."""
     rng = np.random.default_rng(seed)
-    variables = dict(t=T, u=U, x=X, log=dict(a=U, b=[X, "text"]))
+    variables = {"t": T, "u": U, "x": X, "log": {"a": U, "b": [X, "text"]}}
     data = bytearray(saved(tmp_path / "run.mat", seed % 2 == 0, **variables).read_bytes())
     for at in rng.integers(124, len(data), 6):
         data[at] = int(rng.integers(0, 256))

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from optid.core.readers import read_recording
-from optid.diagnosis.diagnosis import diagnose
-from optid.diagnosis.finding import Verdict
+from optid.diagnosis.pipeline import diagnose
+from optid.diagnosis.result import Verdict
 from optid.rigs.rigfile import read_rig
 
 DATA = Path(__file__).parents[2] / "data"
@@ -25,8 +25,8 @@ def test_the_overflow_of_the_real_tanks_is_named(shared):
     found = diagnose(rig, [train], [held], generator=np.random.default_rng(0))
     assert found.verdict is Verdict.MISSING_PHYSICS
     assert found.findings[0].effect.name == "overflow"
-    assert found.base.judged.horizon == 200.0  # s: fifty samples, half a second would hold none
-    before, after = (one.judged.scores["level"].rmse for one in (found.base, found.best))
+    assert found.test.base.horizon == 200.0  # s: fifty samples, half a second would hold none
+    before, after = (one.scores["level"].rmse for one in (found.test.base, found.test.best))
     assert after < 0.3 < before  # V; the best published grey box simulates the record within 0.18 V
 
 
@@ -47,5 +47,5 @@ def test_the_friction_of_the_real_axis_is_named(shared):
     # The published model has a constant force beside it, which is what its dry part amounts to.
     assert "constant_force" in finding.indistinguishable
     assert "cannot tell it from constant_force" in found.summary
-    before, after = (one.judged.scores["position"].rmse for one in (found.base, found.best))
+    before, after = (one.scores["position"].rmse for one in (found.test.base, found.test.best))
     assert after < 0.8 * before

@@ -10,8 +10,7 @@ import numpy as np
 
 from optid.core.parameter import Parameter
 from optid.core.recording import Channel, Recording
-from optid.diagnosis.candidate import QUIETER, Data, fit_base
-from optid.estimation.scoring import quieted
+from optid.diagnosis.problem import DiagnosisProblem
 from optid.rigs.rigfile import read_rig
 
 GAIN = Parameter("gain", "m/s**2", 2.0, "push at full command", "a test", bounds=(0.0, 100.0))
@@ -70,9 +69,6 @@ def recording(seed, name, concealed=lambda u: u, seconds=12.0, beside=lambda t, 
     return Recording(name, np.arange(n) / RATE, channels)
 
 
-def worn(folder):
-    """The fit of a model to a trolley whose push is limited, the same made quiet, and its data."""
-    train = tuple(recording(seed, f"run{seed}.csv", lambda u: np.clip(u, -0.4, 0.4)) for seed in (1, 2))
-    data = Data(train, train[:1], {"position": SD}, np.random.default_rng(0))
-    base = fit_base(rig(folder), data, lambda share, words: None)
-    return base, quieted(base.answer, QUIETER), data
+def problem_of(folder, train, **how):
+    """A diagnosis problem of recordings of the trolley."""
+    return DiagnosisProblem(rig(folder), tuple(train), {"position": SD}, np.random.default_rng(0), **how)

@@ -1,0 +1,92 @@
+"""What else could stand where an effect was named: its look-alikes in its place, judged as it was."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+
+from optid.core.threads import together
+from optid.diagnosis.fitted import FittedModel, fit_model
+from optid.diagnosis.problem import DiagnosisProblem
+from optid.diagnosis.proposals import Proposal, propose
+from optid.diagnosis.selection import SelectionPath
+from optid.diagnosis.validation import Validated, cross_validate, p_value
+from optid.effects.effect import Effect
+from optid.effects.library import admitted
+from optid.errors import SolveError
+
+
+@dataclass(frozen=True, eq=False)
+class Alternative:
+    """A model with a look-alike in the place of an effect, and whether windows tell the two apart."""
+
+    effect: Effect
+    model: FittedModel
+    validated: Validated
+    told_apart: bool
+
+
+def are_confusable(one: Effect, other: Effect) -> bool:
+    """Either is known to be easily confused with the other."""
+    return one.name in other.look_alikes or other.name in one.look_alikes
+
+
+def compare_alternatives(
+    path: SelectionPath, problem: DiagnosisProblem
+) -> tuple[SelectionPath, Mapping[str, tuple[Alternative, ...]]]:
+    """Every effect against its look-alikes in its place; one that predicts better takes it."""
+    found: dict[str, tuple[Alternative, ...]] = {}
+    for effect in path.best.effects:
+        problem.report(0.88, f"what else could stand in the place of {effect.name}")
+        others = _in_place(path, effect, problem)
+        better = min(others, key=lambda one: one.validated.windows.sum(), default=None)
+        if better is not None and better.validated.windows.sum() < path.validated.windows.sum() - _price(
+            better.effect, effect
+        ):
+            mine = Alternative(
+                effect, path.best, path.validated, _told_apart(better.validated, path.validated, problem)
+            )
+            without = dict(path.without)
+            without[better.effect.name] = without.pop(effect.name)
+            others = [mine, *(one for one in others if one is not better)]
+            path = replace(path, best=better.model, validated=better.validated, without=without)
+            effect = better.effect
+        found[effect.name] = tuple(others)
+    return path, found
+
+
+def _price(one: Effect, other: Effect) -> float:
+    """What more parameters must gain in windows' errors, half a unit each (Akaike)."""
+    return float(len(one.fitted) - len(other.fitted))
+
+
+def _told_apart(worse: Validated, better: Validated, problem: DiagnosisProblem) -> bool:
+    at_noise = better.error_over_noise <= problem.criteria.error_over_noise
+    return p_value(worse.windows, better.windows, at_noise) <= problem.criteria.told_apart
+
+
+def _in_place(path: SelectionPath, effect: Effect, problem: DiagnosisProblem) -> list[Alternative]:
+    less, _ = path.without[effect.name]
+    kept = {one.name for one in path.best.effects}
+    every = admitted(less.rig.model, problem.own)
+    others = [one for one in every if are_confusable(one, effect) and one.name not in kept]
+    if not others or problem.budget.is_over:
+        return []
+    # From where the named model stands, and from where the one without it does.
+    index = less.question.model.parameters
+    stands = less.question.model.vector({q.name: path.best.values[q.name] for q in index})
+    proposals = propose(less, others, problem, [stands])
+    fitted = together(partial(_fitted, path, less.effects, problem), proposals.ranked)
+    return [one for one in fitted if one is not None]
+
+
+def _fitted(
+    path: SelectionPath, rest: tuple[Effect, ...], problem: DiagnosisProblem, one: Proposal
+) -> Alternative | None:
+    with contextlib.suppress(SolveError):
+        model = fit_model(problem, (*rest, one.effect), one.question.rig, one.question, one.p)
+        validated = cross_validate(model, problem)
+        return Alternative(one.effect, model, validated, _told_apart(validated, path.validated, problem))
+    return None

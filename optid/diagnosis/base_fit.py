@@ -1,0 +1,91 @@
+"""The rig's own model, fitted from every way in which its plant says that a search may have to begin."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from optid.core.model import Array
+from optid.core.threads import together
+from optid.diagnosis.evaluation import open_variance
+from optid.diagnosis.fitted import FittedModel, fit_model
+from optid.diagnosis.problem import DiagnosisProblem
+from optid.diagnosis.validation import cross_validate
+from optid.errors import SolveError
+from optid.estimation.multistep import MultistepFit, fit_multistep, quiet_noise
+from optid.estimation.place import Question
+from optid.rigs.rigfile import Freed
+
+
+def fit_base(problem: DiagnosisProblem) -> tuple[FittedModel, DiagnosisProblem]:
+    """The base model, and the problem with what windows must err by anyway.
+
+    Raises:
+        SolveError: the model cannot be simulated at any start.
+    """
+    problem.report(0.02, "fitting the base model")
+    q, o = problem.question(problem.rig), problem.options
+    starts = search_starts(q, q.model.vector(problem.rig.parameters))
+
+    def short(p: Array) -> MultistepFit | SolveError:
+        try:
+            return fit_multistep(q, p, o.short * problem.window, turns=2, steps=o.steps)
+        except SolveError as error:
+            return error
+
+    fits = together(short, starts)
+    near = [one for one in fits if isinstance(one, MultistepFit)]
+    if not near:
+        raise next(one for one in fits if isinstance(one, SolveError))
+    best = min(near, key=lambda one: one.loss)
+    problem = replace(problem, open_variance=open_variance(q, best.p, quiet_noise(q), problem.window))
+    q = problem.question(problem.rig)
+    whole = together(lambda one: fit_multistep(q, one.p, problem.window, turns=o.turns, steps=o.steps), near)
+    best = min(whole, key=lambda one: one.loss)
+    # What windows must err by depends on where the axis rests: once more where the parameters are.
+    problem = replace(problem, open_variance=open_variance(q, best.p, quiet_noise(q), problem.window))
+    q = problem.question(problem.rig)
+    return FittedModel(
+        (), problem.rig, fit_multistep(q, best.p, problem.window, turns=2, steps=o.steps)
+    ), problem
+
+
+def search_starts(q: Question, p: Array) -> list[Array]:
+    """The parameters with every alternative start that the plant states for those that are free, each once."""
+    sets = [q.model.parameters[i].starts for i in q.free]
+    count = max((len(one) for one in sets), default=0)
+    found: list[Array] = []
+    for k in range(max(count, 1)):
+        start = p.copy()
+        for i, own, low, high in zip(q.free, sets, q.low, q.high, strict=True):
+            if own:
+                start[i] = np.clip(own[min(k, len(own) - 1)], low, high)
+        if not any(np.array_equal(start, other) for other in found):
+            found.append(start)
+    return found
+
+
+def relax_bounds(base: FittedModel, problem: DiagnosisProblem) -> FittedModel | None:
+    """The base model with bounds lifted from the [fit] table's to the plant's own, if that explains everything."""
+    rig, own = base.rig, {q.name: q.bounds for q in base.rig.model.parameters}
+    first = cross_validate(base, problem)
+    if first.error_over_noise <= problem.criteria.error_over_noise:
+        return None
+    edge = {f.name for f in rig.freed if _at_edge(f, base.values[f.name]) and (f.low, f.high) != own[f.name]}
+    if not edge:
+        return None
+    freed = tuple(
+        replace(f, low=own[f.name][0], high=own[f.name][1]) if f.name in edge else f for f in rig.freed
+    )
+    wide = replace(rig, freed=freed)
+    model = fit_model(problem, (), wide, problem.question(wide), base.p, short=True)
+    return (
+        model
+        if cross_validate(model, problem).error_over_noise <= problem.criteria.error_over_noise
+        else None
+    )
+
+
+def _at_edge(freed: Freed, value: float) -> bool:
+    return min(value - freed.low, freed.high - value) <= 1e-6 * max(abs(value), freed.high - freed.low)

@@ -1,0 +1,272 @@
+"""A model on recordings: how far its windows err, and how far even a right model must err there."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from optid.core.filter import REACH2
+from optid.core.model import Array, Model
+from optid.core.recording import Recording
+from optid.core.simulation import simulate
+from optid.estimation.first_look import Known, first_look
+from optid.estimation.likelihood import (
+    QUIET,
+    WHOLE,
+    Filtered,
+    Noise,
+    Start,
+    deviance,
+    run_filter,
+    run_steered,
+    start_of,
+)
+from optid.estimation.multistep import window_starts
+from optid.estimation.place import Question
+from optid.estimation.prediction import horizon
+from optid.estimation.problem import Integers, Problem, pose
+from optid.estimation.result import Score
+
+NUMERICAL = (
+    "numerical"  # how the source of a parameter begins that is a setting of the equations, not physics
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """A model on recordings: only the states are estimated.
+
+    Attributes:
+        horizon: length of a window, s.
+        deviance: -2 log likelihood of each sample, (samples,).
+        blocks: window that each sample belongs to, (samples,).
+        windows: predictions over that length, (samples, outputs); NaN in a recording's first.
+        innovations: scaled to unit variance, (samples, outputs).
+        measured: what was recorded, (samples, outputs).
+        time: of each sample in its recording, s; `recording` says which one.
+        scores: of the windows, by role.
+        expected: root mean square that each window errs by beside the noise if nothing is missing, (samples, outputs).
+    """
+
+    horizon: float
+    deviance: Array
+    blocks: Integers
+    windows: Array
+    innovations: Array
+    measured: Array
+    time: Array
+    recording: Integers
+    scores: Mapping[str, Score]
+    expected: Array
+
+    def error_over_noise(self, noise: Mapping[str, float]) -> float:
+        """The largest ratio of windows' errors to what noise and pasts leave open, root mean square, over the channels.
+
+        Not finite where no window was predicted, or the simulation diverged in one.
+        """
+        ratios = []
+        for j, role in enumerate(self.scores):
+            floor = np.hypot(noise.get(role, 0.0), self.expected[:, j])
+            measured = np.isfinite(self.measured[:, j]) & np.isfinite(self.expected[:, j])
+            off = (self.measured[:, j] - self.windows[:, j])[measured & (floor > 0.0)]
+            ratios.append(_rms(off / floor[measured & (floor > 0.0)]) if len(off) else math.nan)
+        return float(np.max(ratios)) if ratios else math.nan
+
+    def explained_share(self, before: Evaluation, noise: Mapping[str, float]) -> float:
+        """Share of the squared error of `before` beyond the noise that is gone, in the channel that had most of it."""
+        worst, share = 0.0, 1.0
+        for j, role in enumerate(before.scores):
+            floor = noise.get(role, 0.0) ** 2 + float(np.nanmean(before.expected[:, j] ** 2))
+            excess = before.scores[role].rmse ** 2 - floor
+            if floor > 0.0 and excess / floor > worst:
+                worst = excess / floor
+                share = 1.0 - max(self.scores[role].rmse ** 2 - floor, 0.0) / excess
+        return share
+
+
+def open_variance(q: Question, p: Array, noise: Noise, length: float) -> Array:
+    """Variance by which windows must err beside the noise, (samples, outputs); 0 where unknown."""
+    whole = q.problem
+    cut = cut_into(whole, length)
+    known = Known(whole, start_of(q.model, p[None], len(whole.begins)))
+    Q, R = noise.spectrum(len(q.model.states))[None], noise.measurement[None]
+    f = run_filter(q.model, whole, p[None], Q, R, keep=True)
+    windows = _windows(q.model, p, whole, cut, f.states[0])
+    square = _setting_errors(q, p, whole, f, length) ** 2 + _start_errors(
+        q.model, p, noise, whole, cut, known, f.states[0], windows
+    )
+    owner = np.repeat(whole.recording, whole.counts + 1)
+    return np.nan_to_num(_by_block(square, _blocks(owner, whole.time, length)))
+
+
+def cut_into(whole: Problem, length: float) -> Problem:
+    """The segments of a problem cut into windows."""
+    begins, counts, closed, recording = [], [], [], []
+    for begin, count, owner in zip(
+        whole.begins.tolist(), whole.counts.tolist(), whole.recording.tolist(), strict=True
+    ):
+        time = whole.time[begin : begin + count + 1]
+        number = np.floor((time - time[0]) / length + 1e-9).astype(int)
+        heads = [0, *(np.flatnonzero(np.diff(number)) + 1).tolist()]
+        heads = [h for h in heads if h < count]
+        begins += [begin + h for h in heads]
+        counts += np.diff([*heads, count]).tolist()
+        closed += [False] * (len(heads) - 1) + [True]
+        recording += [owner] * len(heads)
+    return replace(
+        whole,
+        begins=np.array(begins),
+        counts=np.array(counts),
+        closed=np.array(closed),
+        recording=np.array(recording),
+        linked=np.zeros(len(begins), dtype=np.bool_),
+    )
+
+
+def _blocks(owner: Integers, time: Array, length: float) -> Integers:
+    window = np.floor(time / length + 1e-9).astype(int)
+    return np.unique(np.stack([owner, window]), axis=1, return_inverse=True)[1].ravel()
+
+
+def evaluate(q: Question, p: Array, noise: Noise, recordings: Sequence[Recording]) -> Evaluation:
+    """Filter recordings with fixed parameters and predict their windows, each from what was read before it."""
+    model = q.model
+    length = max(horizon(recording.interval) for recording in recordings)
+    problem, cut = pose(model, recordings, WHOLE), pose(model, recordings, length)
+    known = first_look(model, problem, cut, p, noise)
+    Q, R = noise.spectrum(len(model.states))[None], noise.measurement[None]
+    f = run_filter(model, known.pieces, p[None], Q, R, keep=True, start=known.start)
+    windows = _windows(model, p, problem, cut, f.states[0])
+    outputs = [(j, port) for j, port in enumerate(model.outputs) if np.isfinite(problem.measured[:, j]).any()]
+    scores = {port.role: Score.of(problem.measured[:, j], windows[:, j], port.unit) for j, port in outputs}
+    owner = np.repeat(problem.recording, problem.counts + 1)
+    blocks = _blocks(owner, problem.time, length)
+    z = f.innovations[0] / np.sqrt(f.variances[0])
+    each = deviance(f.innovations[0], f.variances[0])
+    square = _setting_errors(q, p, problem, f, length) ** 2 + _start_errors(
+        model, p, noise, problem, cut, known, f.states[0], windows
+    )
+    expected = np.sqrt(_by_block(square, blocks))
+    used = [j for j, _ in outputs]
+    return Evaluation(
+        length,
+        each,
+        blocks,
+        windows[:, used],
+        z[:, used],
+        problem.measured[:, used],
+        problem.time,
+        owner,
+        scores,
+        expected[:, used],
+    )
+
+
+def _setting_errors(q: Question, p: Array, problem: Problem, f: Filtered, length: float) -> Array:
+    """The largest change of windows, by output, where a numerical setting is off by two or a law within its leeway."""
+    sets = np.concatenate([numerical_settings(q, p), _within_leeway(q, p)])
+    own = range(len(q.model.states))
+    E = run_steered(
+        q.model, problem, np.concatenate([p[None], sets]), f, own, looks=window_starts(problem, length)
+    )
+    if len(E) < 2:
+        return np.zeros(E.shape[1:])
+    with np.errstate(invalid="ignore"):  # settings may make the simulation diverge: they say nothing then
+        changes = np.where(np.isfinite(E[1:] - E[0]), E[1:] - E[0], 0.0)
+    most = np.argmax(np.sqrt(np.mean(changes**2, axis=1)), axis=0)
+    return np.stack([changes[k, :, j] for j, k in enumerate(most)], axis=1)
+
+
+def numerical_settings(q: Question, p: Array) -> Array:
+    """The fitted parameters with each numerical setting that is not fitted halved, and then doubled, (2 n, all)."""
+    sets = []
+    for i, parameter in enumerate(q.model.parameters):
+        if parameter.source.startswith(NUMERICAL) and i not in q.free:
+            for factor in (0.5, 2.0):
+                sets.append(p.copy())
+                sets[-1][i] = np.clip(factor * p[i], *parameter.bounds)
+    return np.array(sets).reshape(len(sets), len(p))
+
+
+def _within_leeway(q: Question, p: Array) -> Array:
+    """The fitted parameters with each that has a leeway moved by it, but to its half or double at most, (2 n, all)."""
+    sets = []
+    for i, parameter in enumerate(q.model.parameters):
+        if parameter.leeway > 0.0:
+            for step in (-min(parameter.leeway, p[i] / 2), min(parameter.leeway, p[i])):
+                sets.append(p.copy())
+                sets[-1][i] = np.clip(p[i] + step, *parameter.bounds)
+    return np.array(sets).reshape(len(sets), len(p))
+
+
+def _by_block(values: Array, blocks: Integers) -> Array:
+    """The mean of each sample's block, by output; NaN stays where it is."""
+    out = np.full_like(values, np.nan)
+    for j in range(values.shape[1]):
+        known = np.isfinite(values[:, j])
+        count = np.bincount(blocks[known], minlength=int(blocks.max()) + 1)
+        total = np.bincount(blocks[known], weights=values[known, j], minlength=len(count))
+        out[:, j] = np.where(known, (total / np.maximum(count, 1))[blocks], np.nan)
+    return out
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def _windows(model: Model, p: Array, whole: Problem, cut: Problem, states: Array) -> Array:
+    """Predictions over windows of the contract's length from what the filter knew before each of them."""
+    out = np.full_like(whole.measured, np.nan)
+    heads = set(whole.begins.tolist())
+    picked = np.array([w for w, begin in enumerate(cut.begins) if begin not in heads], dtype=int)
+    if not len(picked):
+        return out
+    starts = cut.begins[picked]
+    longest = int(cut.counts[picked].max())
+    run = simulate(
+        model, p, states[starts], cut.dt, cut.inputs, first=starts, intervals=longest, tolerance=1e-6
+    )
+    for row, w in enumerate(picked):
+        last = cut.counts[w] + (1 if cut.closed[w] else 0)
+        out[cut.begins[w] : cut.begins[w] + last] = run.outputs[row, :last]
+    return out
+
+
+def _start_errors(
+    model: Model,
+    p: Array,
+    noise: Noise,
+    whole: Problem,
+    cut: Problem,
+    known: Known,
+    states: Array,
+    windows: Array,
+) -> Array:
+    """What windows miss, squared, where their starts are as uncertain as noise alone leaves them, (samples, outputs).
+
+    The covariance at a start is that of a model which lacks nothing: with process noise, what is missing would count as
+    uncertain. What a filter knows that begins anew was found under the model's own; so what one knows counts as well
+    that follows the recording from its beginning without, where that leaves less open. The mean of the squares over a
+    covariance is taken by sigma points, as the filter takes means.
+    """
+    Q, R = np.full((1, len(model.states)), QUIET**2), noise.measurement[None]
+    heads = np.isin(known.pieces.begins, whole.begins)
+    begun = Start(known.start.mean[:, heads], known.start.covariance[:, heads])
+    least = np.full_like(windows, np.inf)
+    ways = [(known.pieces, known.start)] + ([] if heads.all() else [(whole, begun)])
+    for pieces, start in ways:
+        f = run_filter(model, pieces, p[None], Q, R, covariances=True, start=start)
+        covariance = f.covariances[0, cut.begins] / np.outer(model.scales, model.scales)
+        values, vectors = np.linalg.eigh(np.nan_to_num(covariance))
+        roots = vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :] * model.scales[:, None]
+        square = np.zeros_like(windows)
+        for k in range(len(model.states)):
+            for side in (1.0, -1.0):
+                moved = states.copy()
+                moved[cut.begins] += side * math.sqrt(REACH2) * roots[:, :, k]
+                square += (_windows(model, p, whole, cut, moved) - windows) ** 2 / (2.0 * REACH2)
+        least = np.minimum(least, square)
+    return least

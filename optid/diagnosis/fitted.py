@@ -1,0 +1,70 @@
+"""A model fitted to the recordings, and what its windows miss there."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+from optid.core.model import Array
+from optid.diagnosis.problem import DiagnosisProblem
+from optid.effects.effect import Effect
+from optid.estimation.multistep import MultistepFit, fit_multistep
+from optid.estimation.place import Question
+from optid.rigs.rigfile import Rig
+
+
+@dataclass(frozen=True, eq=False)
+class FittedModel:
+    """A rig's model with effects, and where multi-step prediction errors put its parameters.
+
+    Attributes:
+        effects: beyond the rig file's.
+        rig: with them.
+        fit: parameters, and the quiet filter there.
+    """
+
+    effects: tuple[Effect, ...]
+    rig: Rig
+    fit: MultistepFit
+
+    @property
+    def question(self) -> Question:
+        """What it was fitted to."""
+        return self.fit.question
+
+    @property
+    def p(self) -> Array:
+        """All parameters."""
+        return self.fit.p
+
+    @cached_property
+    def values(self) -> dict[str, float]:
+        """All parameters by name, SI."""
+        names = (q.name for q in self.question.model.parameters)
+        return dict(zip(names, self.p.tolist(), strict=True))
+
+    def own_values(self, effect: Effect) -> dict[str, float]:
+        """An effect's parameters by own name, SI."""
+        return {q.name: self.values[f"{effect.name}.{q.name}"] for q in effect.parameters}
+
+
+def fit_model(
+    problem: DiagnosisProblem,
+    effects: Sequence[Effect],
+    rig: Rig,
+    question: Question,
+    p: Array,
+    *,
+    short: bool = False,
+) -> FittedModel:
+    """Fit by short windows first, if asked, and then by whole ones.
+
+    Raises:
+        SolveError: the model cannot be simulated at the start.
+    """
+    o = problem.options
+    if short:
+        p = fit_multistep(question, p, o.short * problem.window, turns=2, steps=o.steps).p
+    fit = fit_multistep(question, p, problem.window, turns=o.turns, steps=o.steps)
+    return FittedModel(tuple(effects), rig, fit)

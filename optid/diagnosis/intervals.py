@@ -1,0 +1,94 @@
+"""95 % intervals of a diagnosed model's parameters.
+
+Fisher's information of the filter's innovations and a sandwich over blocks where these are coloured. Where a law's form
+is visibly not nature's, what a model misses beyond the noise widens every interval in proportion (Birge, Physical
+Review 40, 1932). Times that a law resolves by samples are no surer than it says.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import stats
+
+from optid.core.model import Array
+from optid.diagnosis.refinement import RefinedModel
+from optid.estimation.likelihood import FAR
+from optid.estimation.place import Answer
+from optid.estimation.prediction import horizon
+from optid.estimation.result import Estimate
+
+BLOCK = 0.5  # of a window: innovations within it count as one
+KNOWN = 1e3  # typical sizes: a parameter whose sd is more than so many is not identifiable
+
+
+def intervals(model: RefinedModel, ratio: float = 1.0) -> tuple[Estimate, ...]:
+    """Every free parameter with its interval, SI; `ratio` is of what the model misses by to what it should (Birge)."""
+    answer = model.answer
+    q, theta = answer.question, answer.p[list(answer.question.free)]
+    sd = np.sqrt(np.maximum(np.diag(_covariance(answer)), 0.0)) * q.typical
+    span = np.where(np.isfinite(q.high - q.low), q.high - q.low, np.abs(theta) + q.typical)
+    bound = (theta - q.low <= 1e-9 * span) | (q.high - theta <= 1e-9 * span)
+    half = np.maximum(max(ratio, 1.0) * stats.norm.ppf(0.975) * sd, _resolution(model)) + model.shift
+    found = []
+    for k, i in enumerate(q.free):
+        parameter = q.model.parameters[i]
+        low, high = max(theta[k] - half[k], q.low[k]), min(theta[k] + half[k], q.high[k])
+        identifiable = bool(np.isfinite(sd[k]) and sd[k] < KNOWN * q.typical[k])
+        found.append(
+            Estimate(
+                parameter.name,
+                parameter.unit,
+                float(theta[k]),
+                float(low),
+                float(high),
+                float(q.prior[k]),
+                bool(bound[k]),
+                identifiable,
+            )
+        )
+    return tuple(found)
+
+
+def _resolution(model: RefinedModel) -> Array:
+    """Least half-widths of times that laws resolve by samples, (free,), SI."""
+    q = model.answer.question
+    names = {q.model.parameters[i].name: k for k, i in enumerate(q.free)}
+    least = np.zeros(len(q.free))
+    for effect in model.effects:
+        for name, samples in effect.resolved.items():
+            least[names[f"{effect.name}.{name}"]] = samples * float(np.median(q.problem.dt))
+    return least
+
+
+def _covariance(answer: Answer) -> Array:
+    """Of the free parameters in typical sizes, (free, free)."""
+    q, f, nf = answer.question, answer.filtered, len(answer.question.free)
+    e, v = f.innovations[0], f.variances[0]
+    slopes = answer.slopes.innovations
+    known = np.isfinite(e) & np.isfinite(slopes).all(axis=-1)
+    z = e[known] / np.sqrt(v[known])
+    weight = np.minimum(1.0, FAR / np.maximum(np.abs(z), 1e-12))
+    inverse = _inverse(answer.information)
+    scores = slopes[known] / np.sqrt(v[known])[:, None] * (weight * z)[:, None]
+    scores += 0.5 * answer.slopes.variances[known] * (1.0 - weight * z**2)[:, None]
+    rows = np.nonzero(known)[0]
+    owner = np.repeat(q.problem.recording, q.problem.counts + 1)[rows]
+    length = BLOCK * horizon(float(np.median(q.problem.dt)))
+    blocks = np.stack([owner, np.floor(q.problem.time[rows] / length)])
+    where = np.unique(blocks, axis=1, return_inverse=True)[1].ravel()
+    summed = np.zeros((int(where.max()) + 1, scores.shape[1]))
+    np.add.at(summed, where, scores)
+    prior = np.zeros(len(answer.information))
+    prior[:nf] = (q.typical / q.prior_sd) ** 2
+    sandwich = inverse @ (summed.T @ summed + np.diag(prior)) @ inverse
+    own = np.diag(inverse)
+    wider = np.divide(
+        np.diag(sandwich), own, out=np.ones(len(own)), where=own > 1e-30
+    )  # 0: without influence
+    scale = np.sqrt(np.maximum(wider, 1.0))
+    return np.asarray((inverse * np.outer(scale, scale))[:nf, :nf])
+
+
+def _inverse(information: Array) -> Array:
+    size = np.sqrt(np.maximum(np.diag(information), 1e-300))
+    return np.asarray(np.linalg.pinv(information / np.outer(size, size), rcond=1e-13) / np.outer(size, size))

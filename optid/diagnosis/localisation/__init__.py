@@ -1,0 +1,1 @@
+"""Where and when a mismatch acts: from the law that was named, else from an unknown input."""

@@ -1,0 +1,180 @@
+"""When an effect is at work, and where in state space the mismatch lies: the share of the innovations it carries."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from optid.core.model import Array
+from optid.core.recording import Recording
+from optid.estimation.likelihood import run_steered
+from optid.estimation.place import Answer
+from optid.estimation.prediction import horizon
+from optid.estimation.problem import Booleans, Integers, Problem
+
+SLOT = 0.2  # of a window: resolution of the map over time; 0.1 s where sampling is fast
+WORKS = 0.2  # of its usual size: what an effect does beyond that counts as being at work
+GAP = 0.1  # of a window: what is at work again within it was not away
+COVER = 0.8  # share of the mismatch that a range of a signal should hold
+PIECES = 40  # of a signal's range, each holding as many samples
+INFORMATIVE = 1.25  # times the samples' share that a range must hold of the mismatch to be worth telling
+
+
+@dataclass(frozen=True)
+class Range:
+    """Between which values of a signal which share of the mismatch lies; SI."""
+
+    low: float
+    high: float
+    unit: str
+    share: float
+    occupancy: float
+
+
+@dataclass(frozen=True, eq=False)
+class Region:
+    """Where a mismatch is.
+
+    Attributes:
+        channels: outputs that show it.
+        intervals: (recording, from, to), s, in which it is at work.
+        states: signal -> range.
+        energy: of the mismatch at each sample, in squared sd of the innovations, (samples,).
+        signals: name -> (values at the samples, unit).
+        owner, time: recording and time of each sample.
+        slot: resolution of a map over time, s.
+    """
+
+    channels: tuple[str, ...]
+    intervals: tuple[tuple[str, float, float], ...]
+    states: Mapping[str, Range]
+    energy: Array
+    signals: Mapping[str, tuple[Array, str]]
+    owner: Integers
+    time: Array
+    slot: float
+
+
+def contribution(answer: Answer, without: Array) -> Array:
+    """What a part of a model does to the scaled innovations, (samples, outputs): against the parameters `without`."""
+    q, f = answer.question, answer.filtered
+    own = range(len(q.model.states))
+    both = run_steered(q.model, q.problem, np.stack([answer.p, without]), f, own)
+    return np.asarray((both[1] - both[0]) / np.sqrt(f.variances[0]))
+
+
+def region(answer: Answer, mismatch: Array, done: Array, recordings: tuple[Recording, ...]) -> Region:
+    """When something is at work, and between which values of the states its mismatch lies.
+
+    Args:
+        answer: of the model whose states tell where.
+        mismatch: scaled innovations, (samples, outputs).
+        done: what it does at each sample, by its usual size, (samples,).
+        recordings: to fit.
+    """
+    problem = answer.question.problem
+    by_output = np.nansum(np.where(np.isfinite(mismatch), mismatch, 0.0) ** 2, axis=0)
+    outputs = answer.question.model.outputs
+    channels = tuple(
+        port.role
+        for port, e in zip(outputs, by_output, strict=True)
+        if e > 0.2 * max(by_output.max(), 1e-300)
+    )
+    energy = np.nansum(np.where(np.isfinite(mismatch), mismatch, 0.0) ** 2, axis=1)
+    owner = np.repeat(problem.recording, problem.counts + 1)
+    signals = _signals(answer, owner)
+    states = {name: _range(values, energy, unit) for name, (values, unit) in signals.items()}
+    window = horizon(float(np.median(problem.dt)))
+    intervals = _intervals(done > WORKS, owner, problem.time, recordings, GAP * window)
+    return Region(channels, intervals, states, energy, signals, owner, problem.time, SLOT * window)
+
+
+def informative_ranges(states: Mapping[str, Range], always: tuple[str, ...]) -> dict[str, Range]:
+    """The ranges of the signals `always` told, then those with clearly more of the mismatch than of the samples."""
+    ranked = sorted(states.items(), key=lambda item: -item[1].share / max(item[1].occupancy, 1e-9))
+    sharp = [(name, r) for name, r in ranked if r.share > INFORMATIVE * r.occupancy][:3]
+    return {name: states[name] for name in always if name in states} | dict(sharp)
+
+
+def _signals(answer: Answer, owner: Integers) -> dict[str, tuple[Array, str]]:
+    q, X = answer.question, answer.filtered.states[0]
+    found: dict[str, tuple[Array, str]] = {}
+    for i, state in enumerate(q.model.states):
+        if state.unit != "1" and "." not in state.name:
+            found[state.name] = (X[:, i], state.unit)
+    for j, port in enumerate(q.model.inputs):
+        if port in q.model.recorded:
+            values = q.problem.inputs[:, j]
+            found[port.role] = (values, port.unit)
+            rate = np.diff(values, prepend=values[:1])
+            rate[np.diff(owner, prepend=owner[:1]) != 0] = 0.0
+            found[f"{port.role}_rate"] = (rate / q.problem.dt, f"{port.unit}/s")
+    found["time"] = (q.problem.time, "s")
+    return found
+
+
+def _range(values: Array, energy: Array, unit: str) -> Range:
+    """The range with the fewest samples that holds `COVER` of the energy."""
+    good = np.isfinite(values)
+    v, e = values[good], energy[good]
+    total = float(e.sum())
+    if not len(v) or total <= 0.0:
+        return Range(float("nan"), float("nan"), unit, 0.0, 1.0)
+    edges = np.unique(np.quantile(v, np.linspace(0, 1, PIECES + 1)))
+    if len(edges) < 3:
+        return Range(float(edges[0]), float(edges[-1]), unit, 1.0, 1.0)
+    piece = np.clip(np.searchsorted(edges, v, side="right") - 1, 0, len(edges) - 2)
+    held = np.r_[0.0, np.cumsum(np.bincount(piece, weights=e, minlength=len(edges) - 1))] / total
+    count = np.r_[0.0, np.cumsum(np.bincount(piece, minlength=len(edges) - 1))] / len(v)
+    best = (2.0, 0, len(edges) - 1)
+    for a in range(len(edges) - 1):
+        b = int(np.searchsorted(held, held[a] + COVER - 1e-12))
+        if b < len(edges) and count[b] - count[a] < best[0]:
+            best = (float(count[b] - count[a]), a, b)
+    _, a, b = best
+    return Range(float(edges[a]), float(edges[b]), unit, float(held[b] - held[a]), float(count[b] - count[a]))
+
+
+def _intervals(
+    works: Booleans, owner: Integers, time: Array, recordings: tuple[Recording, ...], gap: float
+) -> tuple[tuple[str, float, float], ...]:
+    """Runs of samples, each up to the one after it; those less than `gap` apart are one."""
+    found = []
+    for number, recording in enumerate(recordings):
+        mine = owner == number
+        t, at = time[mine], np.flatnonzero(works[mine])
+        for run in np.split(at, np.flatnonzero(np.diff(t[at]) > gap) + 1) if len(at) else []:
+            begin, end = t[run[0]], t[min(run[-1] + 1, len(t) - 1)]
+            if end > begin:
+                found.append((recording.name, round(float(begin), 6), round(float(end), 6)))
+    return tuple(found)
+
+
+def by_usual_size(*sizes: Array) -> Array:
+    """The largest of these, each by its usual size: half of all that it does is done by less; 0 where nothing is done.
+
+    Neither rest nor a jolt is the measure of the rest, as with a quantile over samples or the largest of them.
+    """
+    shares = [np.zeros(len(sizes[0]))]
+    for size in sizes:
+        done = np.where(np.isfinite(size), size, 0.0)
+        ranked = np.sort(done)
+        below = np.cumsum(ranked)
+        if below[-1] > 0.0:
+            shares.append(done / ranked[np.searchsorted(below, 0.5 * below[-1])])
+    return np.asarray(np.max(shares, axis=0))
+
+
+def running_rms(signal: Array, problem: Problem) -> Array:
+    """The root mean square of an estimated signal over a slot around each sample, of its recording: it is noisy."""
+    step = float(np.median(problem.dt))
+    box = np.ones(max(round(SLOT * horizon(step) / step), 1))
+    power = np.where(np.isfinite(signal), signal, 0.0) ** 2
+    owner = np.repeat(problem.recording, problem.counts + 1)
+    for number in np.unique(owner):
+        mine = owner == number
+        there = np.convolve(np.ones(mine.sum()), box)[len(box) // 2 :][: mine.sum()]
+        power[mine] = np.convolve(power[mine], box)[len(box) // 2 :][: mine.sum()] / there
+    return np.asarray(np.sqrt(power))

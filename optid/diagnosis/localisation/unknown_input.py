@@ -1,0 +1,171 @@
+"""An unknown signal at a site: estimated with the states, it shows which equation is wrong, and by how much.
+
+The signal is a random walk whose step is estimated by likelihood; the site at which it explains the recordings
+best is where physics is missing (the diffusion terms of Kristensen, Madsen and Jorgensen 2004, one at a time). It alone
+is uncertain: were the states free to err as well, they would take over what is missing in one equation, and the signal
+would be left with what that takes badly, at another site.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any, Self
+
+import numpy as np
+
+from optid.core.model import Array
+from optid.core.sheet import Sheet
+from optid.core.threads import together
+from optid.diagnosis.fitted import FittedModel
+from optid.diagnosis.localisation.instrument import Instrument
+from optid.diagnosis.problem import DiagnosisProblem
+from optid.errors import SolveError
+from optid.estimation.likelihood import Filtered, Noise, deviance, run_filter, run_steered, start_of
+from optid.estimation.place import Question
+from optid.estimation.scoring import likeliest
+from optid.estimation.steering import steered_fit
+from optid.rigs.rigfile import with_effects
+
+LOUD = 100.0  # times what shows: a walk's usual step by the square root of a second, the middle of its levels
+STEPS = (-9.0, -7.5, -6.0, -5.0, -4.0, -3.0, -2.0, -1.0, 0.0, 1.0, 2.0)  # log levels at which it is tried
+TURNS, GAUSS_NEWTON = 2, 3  # times that gains are taken anew, and steps of each
+
+
+class Disturbance(Instrument):
+    """nominal + w, with w a random walk at each site."""
+
+    def __init__(self, sites: tuple[str, ...], unit: str, scale: float) -> None:
+        self.name, self.sites, self.unit, self.scale = "unknown", sites, unit, scale
+
+    def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
+        """The nominal signal with the unknown one on top."""
+        name = f"signal_{self.sites.index(site)}"
+        w = sheet.state(name, self.unit, self.scale, spread=1e-3 * self.scale)
+        sheet.rate(w, 0.0 * w)
+        return nominal + w
+
+
+@dataclass(frozen=True, eq=False)
+class UnknownInput:
+    """An estimated signal at a site, or at several alike, and how much better it explains the recordings.
+
+    Attributes:
+        sites: of the plant, as "flow.chamber_a"; each had a signal of its own.
+        gain: fall of -2 log likelihood against the model with no noise but the measurement's.
+        signals: estimated from the past at each sample, in the sites' own unit, (samples, sites).
+        deviance: -2 log likelihood of each sample, (samples,).
+    """
+
+    sites: tuple[str, ...]
+    gain: float
+    signals: Array
+    deviance: Array
+
+    @property
+    def site(self) -> str:
+        """That with the largest signal."""
+        return self.sites[int(np.argmax(np.nanstd(self.signals, axis=0)))]
+
+    @property
+    def signal(self) -> Array:
+        """There, (samples,)."""
+        return np.asarray(self.signals[:, self.sites.index(self.site)])
+
+    def only(self, site: str) -> Self:
+        """The same of one of its sites."""
+        return replace(self, sites=(site,), signals=self.signals[:, [self.sites.index(site)]])
+
+
+def locate(model: FittedModel, problem: DiagnosisProblem) -> list[UnknownInput]:
+    """Every place where the plant says that something may be missing, with an unknown input, the best first."""
+    found = together(lambda sites: locate_at(model, problem, *sites), places(model))
+    return sorted((one for one in found if one is not None), key=lambda one: -one.gain)
+
+
+def places(model: FittedModel) -> tuple[tuple[str, ...], ...]:
+    """The sites to try: those that the plant names, and one of every other kind that it offers."""
+    plant = model.rig.model
+    chosen = list(plant.suspects)
+    kinds = {site.partition(".")[0] for sites in chosen for site in sites}
+    for site in reversed(plant.sites):
+        kind = site.partition(".")[0]
+        if kind not in kinds:
+            kinds.add(kind)
+            chosen.append((site,))
+    return tuple(chosen)
+
+
+def locate_at(model: FittedModel, problem: DiagnosisProblem, *sites: str) -> UnknownInput | None:
+    """An unknown input at one site, or one at each of several alike; ``None`` where none would show."""
+    scale = push(model, problem, sites[0])
+    if scale is None:
+        return None
+    rig = with_effects(model.rig, (Disturbance(sites, "1", LOUD * scale),), {})
+    own = [state.name for state in rig.model.states]
+    walks = tuple(own.index(f"unknown.signal_{k}") for k in range(len(sites)))
+    q = replace(problem.question(rig), groups=(walks,))
+    p = q.model.vector_from(model.question.model, model.p, rig.parameters)
+    try:
+        for _ in range(TURNS):
+            p, levels = likeliest(q, [(p, np.full(len(q.groups), level)) for level in STEPS])
+            f = _filtered(q, p, levels)
+            p = steered_fit(q, p, q.model, f, GAUSS_NEWTON).p
+        f = _filtered(q, p, levels)
+    except SolveError:
+        return None  # with an unknown input there the simulation diverges
+    each = deviance(f.innovations[0], f.variances[0])
+    if not math.isfinite(float(each.sum())):
+        return None
+    return UnknownInput(sites, _noiseless(model) - float(each.sum()), f.states[0][:, list(walks)], each)
+
+
+def _filtered(q: Question, p: Array, levels: Array) -> Filtered:
+    noise = Noise(q.measurement, q.groups, levels)
+    Q = noise.spectrum(len(q.model.states))[None]
+    return run_filter(q.model, q.problem, p[None], Q, noise.measurement[None], keep=True)
+
+
+def _noiseless(model: FittedModel) -> float:
+    """-2 log likelihood of a model with no process noise; of the quiet filter's innovations where it diverges."""
+    q = model.question
+    Q = Noise(q.measurement, (), np.zeros(0)).spectrum(len(q.model.states))[None]
+    f = run_filter(q.model, q.problem, model.p[None], Q, q.measurement[None])
+    score = float(deviance(f.innovations[0], f.variances[0]).sum())
+    if math.isfinite(score):
+        return score
+    held = model.fit.filtered
+    return float(deviance(held.innovations[0], held.variances[0]).sum())
+
+
+def push(fitted: FittedModel, problem: DiagnosisProblem, site: str) -> float | None:
+    """A constant at the site that moves the innovations by about one sd; ``None`` where none does.
+
+    Where a model with held gains loses track before that, the largest one tried under which it does not; where it has
+    lost track without any, what makes the middle of a walk's levels the signal's own usual size.
+    """
+    rig = with_effects(fitted.rig, (Disturbance((site,), "1", 1.0),), {})
+    model, plain, held = rig.model, fitted.rig.model, fitted.fit.filtered
+    p = model.vector_from(plain, fitted.p, rig.parameters)
+    names = [state.name for state in model.states]
+    common = [names.index(state.name) for state in plain.states]
+    unknown = np.array([[float(name == "unknown.signal_0") for name in names]])
+    begun = start_of(model, p[None], 1).mean[0]
+    data = fitted.question.problem
+    sd = np.sqrt(fitted.question.measurement)
+    size, seen = 1e-9, 0.0
+    usual = plain.sizes[plain.sites.index(site)] / LOUD or None
+    for _ in range(17):
+        start = begun + size * unknown
+        moved = run_steered(model, data, p[None], held, common, start=start)[0]
+        still = run_steered(model, data, p[None], held, common)[0]
+        with np.errstate(invalid="ignore"):  # both may have left the numbers
+            change = (moved - still) / sd
+        if not np.isfinite(change[np.isfinite(held.innovations[0])]).all():
+            return size / 10.0 if seen > 0.0 else usual
+        rms = float(np.sqrt(np.nanmean(change**2)))
+        if rms > 0.1:
+            return size / rms
+        size, seen = size * 10.0, rms
+    return None

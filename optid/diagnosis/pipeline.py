@@ -1,0 +1,105 @@
+"""The diagnosis: recordings to a problem, a base fit, selection among proposals, alternatives, refinement, the test.
+
+Each stage is a function from a frozen input to a frozen result, in the order in which an engineer thinks. No stage
+before the test receives a sample of the recordings held out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from optid.core.budget import UNLIMITED, Budget
+from optid.core.recording import Recording
+from optid.diagnosis.alternatives import compare_alternatives
+from optid.diagnosis.base_fit import fit_base, relax_bounds
+from optid.diagnosis.criteria import Criteria, SearchOptions
+from optid.diagnosis.localisation.unknown_input import locate
+from optid.diagnosis.problem import DiagnosisProblem, measurement_noise, prepare
+from optid.diagnosis.refinement import refine
+from optid.diagnosis.result import Diagnosis
+from optid.diagnosis.selection import nothing_selected, select, without_each
+from optid.diagnosis.surrogate.search import answer_of, find_surrogate
+from optid.diagnosis.testing import gate, test_on_holdout
+from optid.diagnosis.verdict import conclude, is_sufficient
+from optid.effects.effect import Effect
+from optid.errors import InputError
+from optid.rigs.rigfile import Rig
+
+SEARCH_SHARE = 0.7  # of the budget, that selection may spend; what was found is then tested and told
+
+
+def diagnose(
+    rig: Rig,
+    recordings: Sequence[Recording],
+    holdout: Sequence[Recording],
+    *,
+    own: Sequence[Effect] = (),
+    generator: np.random.Generator,
+    progress: Callable[[float, str], None] | None = None,
+    budget: Budget = UNLIMITED,
+    criteria: Criteria | None = None,
+    options: SearchOptions | None = None,
+) -> Diagnosis:
+    """Say what a rig's model leaves out.
+
+    Args:
+        rig: the base model; its [fit] table says what may be fitted.
+        recordings: to fit and to select on; what is sampled faster than a kilohertz is averaged down to it first.
+        holdout: to test on, once.
+        own: effects of the user's, beside the catalogue.
+        generator: of resampling.
+        progress: called with the share done and a few words.
+        budget: processor time and deadline of the whole.
+        criteria: what counts as proof.
+        options: how much is searched.
+
+    Raises:
+        InputError: nothing to fit, nothing held out, or a recording on which nothing can be tested.
+        SolveError: the model cannot be simulated at the rig file's values.
+    """
+    criteria, report = criteria or Criteria(), progress or (lambda share, words: None)
+    if not rig.freed:
+        raise InputError("nothing to fit", where=rig.path, field="[fit]", expected="at least one parameter")
+    if not holdout:
+        raise InputError("no recording held out", where="--holdout", expected="at least one recording")
+    rig, every = prepare(rig, [*recordings, *holdout])
+    train, sealed = every[: len(recordings)], every[len(recordings) :]
+    outputs, commands = [port.role for port in rig.model.outputs], [port.role for port in rig.model.recorded]
+    gate(every, outputs, commands, criteria)
+    problem = DiagnosisProblem(
+        rig,
+        train,
+        measurement_noise(rig, train),
+        generator,
+        tuple(own),
+        criteria,
+        options or SearchOptions(),
+        budget=budget.share(SEARCH_SHARE),
+        report=report,
+    )
+    base, problem = fit_base(problem)
+    wide = relax_bounds(base, problem)
+    path, alternatives = (
+        (nothing_selected(base, problem), {})
+        if wide
+        else compare_alternatives(select(base, problem), problem)
+    )
+    surrogate = None
+    if wide is None and not is_sufficient(path, problem):
+        report(0.85, "locating the mismatch with an unknown input")
+        if sites := locate(path.base, problem):
+            surrogate = find_surrogate(path, sites, problem)
+    problem = replace(problem, budget=budget)
+    report(0.92, "likeliest parameters and intervals")
+    plain = refine(path.base, problem)
+    answer = wide or answer_of(path, surrogate)
+    best = plain if answer is path.base else refine(answer, problem)
+    report(0.96, "testing on the recordings held out")
+    test = test_on_holdout(
+        plain, best, without_each(path, answer), path.strongest, sealed, problem.noise, criteria
+    )
+    names = tuple(one.name for one in sealed)
+    return conclude(problem, path, alternatives, surrogate, plain, best, test, names, wide=wide is not None)

@@ -1,0 +1,102 @@
+"""What a diagnosis works on: recordings to fit, their noise, and everything injected. The hold-out is not in it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
+
+import numpy as np
+
+from optid.core.budget import UNLIMITED, Budget
+from optid.core.model import Array, Model
+from optid.core.recording import Recording
+from optid.core.thinning import thinned
+from optid.diagnosis.criteria import Criteria, SearchOptions
+from optid.effects.effect import Effect
+from optid.estimation.likelihood import WHOLE
+from optid.estimation.place import Question
+from optid.estimation.prediction import horizon
+from optid.estimation.problem import pose
+from optid.estimation.scoring import question_of
+from optid.quality.noise import colour, noise_sd
+from optid.rigs.rigfile import Rig, with_effects
+
+Report = Callable[[float, str], None]
+
+
+@dataclass(frozen=True, eq=False)
+class DiagnosisProblem:
+    """A rig, recordings to fit, and what the search goes by.
+
+    Attributes:
+        rig: as stated.
+        train: recordings to fit.
+        noise: role -> sd of the measurement, SI.
+        own: the user's effects, beside the catalogue.
+        criteria, options: see there.
+        open_variance: of windows' errors beside the noise if nothing is missing, (samples, outputs); see `Question`.
+        budget: of the search.
+        generator: of resampling.
+        report: is told what is being done.
+    """
+
+    rig: Rig
+    train: tuple[Recording, ...]
+    noise: dict[str, float]
+    generator: np.random.Generator
+    own: tuple[Effect, ...] = ()
+    criteria: Criteria = field(default_factory=Criteria)
+    options: SearchOptions = field(default_factory=SearchOptions)
+    open_variance: Array | None = None
+    budget: Budget = UNLIMITED
+    report: Report = lambda share, words: None
+    _questions: dict[Rig, Question] = field(default_factory=dict)
+
+    @cached_property
+    def window(self) -> float:
+        """Length of a window, s."""
+        return max(horizon(recording.interval) for recording in self.train)
+
+    @property
+    def plain(self) -> Model:
+        """The model as it came, whose states alone carry process noise."""
+        return self.rig.model
+
+    def question(self, rig: Rig) -> Question:
+        """What the recordings are asked of a rig."""
+        if rig not in self._questions:
+            self._questions[rig] = question_of(rig, pose(rig.model, self.train, WHOLE), self.plain)
+        return replace(self._questions[rig], open_variance=self.open_variance, budget=self.budget)
+
+
+def prepare(rig: Rig, recordings: Sequence[Recording]) -> tuple[Rig, tuple[Recording, ...]]:
+    """A rig and recordings of at most a kilohertz; the stated noise is that of a sample, not of an average."""
+    commands = [port.role for port in rig.model.recorded]
+    thin = tuple(thinned(one, commands) for one in recordings)
+    if any(one is not before for one, before in zip(thin, recordings, strict=True)):
+        rig = replace(rig, channels={role: replace(c, sd=None) for role, c in rig.channels.items()})
+    return rig, thin
+
+
+def measurement_noise(rig: Rig, recordings: Sequence[Recording]) -> dict[str, float]:
+    """Sd of the measurement by role: as stated, else from neighbouring samples.
+
+    Coloured noise hides behind motion; recordings that rest now and then tell its colour, and speak for the others.
+    """
+    found = {}
+    for port in rig.model.outputs:
+        stated = rig.channels[port.role].sd if port.role in rig.channels else None
+        values = [r[port.role].values for r in recordings if port.role in r]
+        if not values:
+            continue
+        seen = [(noise_sd(v), colour(v) > 0.0) for v in (v[np.isfinite(v)] for v in values)]
+        coloured = [sd for sd, told in seen if told] or [sd for sd, _ in seen]
+        found[port.role] = float(stated or np.sqrt(np.mean(np.square(coloured))))
+    return found
+
+
+@lru_cache(maxsize=256)
+def with_effect(rig: Rig, effect: Effect) -> Rig:
+    """A rig with one more effect, at its null; remembered, so that every look has one compiled model."""
+    return with_effects(rig, (effect,), {})

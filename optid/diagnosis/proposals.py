@@ -1,0 +1,288 @@
+"""Which effects could it be: every branch of every effect by one simulation, then a race by multi-step errors.
+
+A simulation of an effect at its usual size, with the gains of the model's quiet filter held, shows what it would change
+in the windows' errors. How much of these the effect in any strength and all other parameters explain linearly ranks
+the branches (a score test with a line search); the best race on by Gauss-Newton steps, under gains of their own.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from scipy.optimize import lsq_linear
+
+from optid.core.model import Array
+from optid.core.threads import together
+from optid.diagnosis.fitted import FittedModel
+from optid.diagnosis.problem import DiagnosisProblem, with_effect
+from optid.effects.effect import Effect
+from optid.errors import SolveError
+from optid.estimation.likelihood import FAR, Filtered, huber
+from optid.estimation.multistep import quiet_filter, window_starts
+from optid.estimation.place import NUDGES, Question
+from optid.estimation.problem import Booleans
+from optid.estimation.steering import innovations, steered_fit
+
+LITTLE = 0.1  # of a way, by which its slope is taken
+FARTHEST = 3.0  # times the usual size: how far along a branch its strength is followed
+ROUNDS = 2  # of reweighting in a linear fit
+LOST = 30.0  # sd: a change beyond it counts as so much
+FEWEST = 0.02  # share of the usual size below which a branch says nothing
+
+
+@dataclass(frozen=True, eq=False)
+class Proposal:
+    """An effect where a search has it.
+
+    Attributes:
+        effect: to come to the model.
+        question: of the model with it.
+        p: all parameters.
+        loss: Huber's, of windows' errors; `alone` that of the model without it, over the same data.
+    """
+
+    effect: Effect
+    question: Question
+    p: Array
+    loss: float
+    alone: float
+
+    @property
+    def explains(self) -> float:
+        """Share of the loss that is gone."""
+        return 1.0 - self.loss / self.alone if self.alone > 0.0 else 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Proposals:
+    """What a look at the catalogue found.
+
+    Attributes:
+        ranked: the most promising first, each effect once.
+        visible: sd by which windows' errors would change, after a refit, with an effect of the smallest size worth a
+            name, each window counting once; by the effect's name; 0 where nothing would change.
+    """
+
+    ranked: tuple[Proposal, ...]
+    visible: Mapping[str, float]
+
+
+@dataclass(frozen=True, eq=False)
+class _Branch:
+    """A proposal before the race, and how visible its effect is."""
+
+    proposal: Proposal | None
+    effect: Effect
+    visible: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Origin:
+    """Where branches begin: parameters by name, the filter there, and the windows' errors with their slopes."""
+
+    values: Mapping[str, float]
+    held: Filtered
+    errors: Array
+    slopes: Array  # (rows, free)
+    per_window: float  # rows
+    room: tuple[Array, Array]  # to the bounds, in typical sizes, (free,) each
+
+    @property
+    def loss(self) -> float:
+        """Huber's, of the windows' errors."""
+        return 0.5 * float(huber(self.errors).sum())
+
+
+def propose(
+    current: FittedModel,
+    effects: Sequence[Effect],
+    problem: DiagnosisProblem,
+    starts: Sequence[Array] = (),
+    race: Sequence[tuple[int, int, int]] = (),
+) -> Proposals:
+    """Effects, the most promising first.
+
+    Args:
+        current: the model that they come to.
+        effects: to try.
+        problem: the recordings.
+        starts: parameter vectors of the current model beside its own from which branches begin.
+        race: legs of the race, those of the problem's options if absent.
+    """
+    o, q = problem.options, current.question
+    race = race or o.race
+    first = worst_recording(current, problem)
+    looks = window_starts(q.problem, o.short * problem.window)
+    per_window = max(o.short * problem.window / float(np.median(q.problem.dt)), 1.0)
+    running: list[Proposal] = []
+    visible = {effect.name: 0.0 for effect in effects}
+    for p in (current.p, *starts):
+        origin = _origin(q, p, first, looks, per_window)
+        if origin is None:
+            continue
+        found = together(partial(_branches, current, problem, origin, first, looks), effects)
+        branches = [one for some in found for one in some]
+        for one in branches:
+            visible[one.effect.name] = max(visible[one.effect.name], one.visible)
+        running += keep_best([one.proposal for one in branches if one.proposal is not None], len(branches), 1)
+    running = keep_best(running, o.entrants, len(starts) + 1)
+    for leg, (steps, most, alike) in enumerate(race):
+        if problem.budget.is_over:
+            break
+        over = first if leg < len(race) - 1 else None
+        running = keep_best(together(partial(_advance, problem, steps, over, looks), running), most, alike)
+    (z,) = innovations(q, current.p[None], q.model, current.fit.filtered, looks=looks)
+    alone = 0.5 * float(huber(z).sum())
+    running = [replace(one, alone=alone) for one in running]
+    return Proposals(tuple(keep_best(running, len(running), 1)), visible)
+
+
+def keep_best(running: Sequence[Proposal], most: int, alike: int) -> list[Proposal]:
+    """Those that leave least, so many of one effect at most."""
+    kept: list[Proposal] = []
+    for one in sorted(running, key=lambda one: one.loss):
+        if len(kept) < most and math.isfinite(one.loss) and sum(k.effect is one.effect for k in kept) < alike:
+            kept.append(one)
+    return kept
+
+
+def worst_recording(current: FittedModel, problem: DiagnosisProblem) -> list[int]:
+    """The segments of the recording in which most is missing."""
+    q = current.question
+    looks = window_starts(q.problem, problem.window)
+    (z,) = innovations(q, current.p[None], q.model, current.fit.filtered, looks=looks)
+    rows = np.nonzero(np.isfinite(current.fit.filtered.innovations[0]))[0]
+    owner = np.repeat(q.problem.recording, q.problem.counts + 1)[rows]
+    loss = np.bincount(owner, weights=huber(z))
+    return np.flatnonzero(q.problem.recording == int(np.argmax(loss))).tolist()
+
+
+def _origin(q: Question, p: Array, only: Sequence[int], looks: Booleans, per_window: float) -> _Origin | None:
+    held = quiet_filter(q, p, only)
+    if held is None:
+        return None
+    free = list(q.free)
+    P = np.tile(p, (len(free) + 1, 1))
+    steps = np.where(p[free] + NUDGES[1] * q.typical > q.high, -NUDGES[1], NUDGES[1])
+    P[range(1, len(P)), free] += steps * q.typical
+    here, *others = innovations(q, P, q.model, held, only, looks)
+    values = dict(zip((one.name for one in q.model.parameters), p.tolist(), strict=True))
+    room = ((q.low - p[free]) / q.typical, (q.high - p[free]) / q.typical)
+    return _Origin(values, held, here, ((np.array(others) - here) / steps[:, None]).T, per_window, room)
+
+
+def _branches(
+    current: FittedModel,
+    problem: DiagnosisProblem,
+    origin: _Origin,
+    only: Sequence[int],
+    looks: Booleans,
+    effect: Effect,
+) -> list[_Branch]:
+    """Every branch of an effect, in the strength in which it explains most."""
+    q = problem.question(with_effect(current.rig, effect))
+    null = effect.at_null()
+    if effect.ways:
+        return [_from_ways(current, origin, only, looks, effect, q)]
+    points = [{**null, **one} for one in effect.tries(*_missed(current))]
+    P = np.array([q.at({**origin.values, **effect.qualified(point)}) for point in points])
+    seen = innovations(q, P, current.question.model, origin.held, only, looks)
+    found = []
+    for point, z in zip(points, seen, strict=True):
+        change = z - origin.errors
+        visible = _visible(origin, change) / effect.size(point)
+        (strength,), loss = _explained(origin, change[:, None], 0.0)
+        if strength < FEWEST:
+            found.append(_Branch(None, effect, visible))
+            continue
+        scaled = {
+            name: null[name] + strength * (value - null[name]) if name in effect.strength else value
+            for name, value in point.items()
+        }
+        p = q.at({**origin.values, **effect.qualified(scaled)})
+        found.append(_Branch(Proposal(effect, q, p, loss, origin.loss), effect, visible))
+    return found
+
+
+def _from_ways(
+    current: FittedModel, origin: _Origin, only: Sequence[int], looks: Booleans, effect: Effect, q: Question
+) -> _Branch:
+    """An effect that begins at its null, along all of its ways at once."""
+    null = effect.at_null()
+    turns = [{**null, **{name: null[name] + LITTLE * by for name, by in way.items()}} for way in effect.ways]
+    P = np.array([q.at({**origin.values, **effect.qualified(turn)}) for turn in turns])
+    changes = (innovations(q, P, current.question.model, origin.held, only, looks) - origin.errors).T / LITTLE
+    visible = max(
+        _visible(origin, LITTLE * one) / max(effect.size(turn), 1e-12)
+        for one, turn in zip(changes.T, turns, strict=True)
+    )
+    strengths, loss = _explained(origin, changes, -FARTHEST)
+    own = dict(null)
+    for strength, way in zip(strengths, effect.ways, strict=True):
+        for name, by in way.items():
+            own[name] += strength * by
+    p = q.at({**origin.values, **effect.qualified(own)})
+    return _Branch(Proposal(effect, q, p, loss, origin.loss), effect, visible)
+
+
+def _missed(current: FittedModel) -> tuple[list[Array], float]:
+    """What the quiet filter's predictions of the first output miss in every stretch of data, and the sampling time."""
+    problem, missed = current.question.problem, current.fit.filtered.innovations[0][:, 0]
+    stretches = zip(problem.begins, problem.counts, strict=True)
+    return [missed[first : first + count + 1] for first, count in stretches], float(np.median(problem.dt))
+
+
+def _explained(origin: _Origin, changes: Array, least: float) -> tuple[Array, float]:
+    """Shares of changes (rows, some), and the loss, where they and parameters within bounds explain most linearly."""
+    slopes, z, some = np.column_stack([origin.slopes, changes]), origin.errors, changes.shape[1]
+    low = np.append(origin.room[0], np.full(some, least))
+    high = np.append(origin.room[1], np.full(some, FARTHEST))
+    strengths, best = np.zeros(some), math.inf
+    for _ in range(ROUNDS):
+        weight = np.minimum(1.0, FAR / np.maximum(np.abs(z), 1e-12))
+        normal = (slopes.T * weight) @ slopes
+        size = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+        values, vectors = np.linalg.eigh(normal / np.outer(size, size))
+        root = np.sqrt(np.maximum(values, 1e-9))
+        aim = -(vectors.T @ (slopes.T @ (weight * origin.errors) / size)) / root
+        step = (
+            lsq_linear(
+                root[:, None] * vectors.T, aim, (low * size - 1e-12, high * size + 1e-12), method="bvls"
+            ).x
+            / size
+        )
+        z = origin.errors + slopes @ step
+        loss = 0.5 * float(huber(z).sum())
+        if loss < best:
+            strengths, best = step[-some:], loss
+    return strengths, best
+
+
+def _visible(origin: _Origin, change: Array) -> float:
+    """Root of what a change adds to the windows' mean squares that the free parameters cannot take away."""
+    clipped = np.clip(change, -LOST, LOST)
+    size = np.maximum(np.linalg.norm(origin.slopes, axis=0), 1e-300)
+    unit = origin.slopes / size
+    left = clipped - unit @ np.linalg.lstsq(unit.T @ unit, unit.T @ clipped, rcond=1e-9)[0]
+    return float(np.sqrt(np.sum(left**2) / origin.per_window))
+
+
+def _advance(
+    problem: DiagnosisProblem, steps: int, only: Sequence[int] | None, looks: Booleans, one: Proposal
+) -> Proposal:
+    """The same some steps further under gains of its own; lost where the simulation diverges."""
+    if problem.budget.is_over:
+        return replace(one, loss=math.inf)
+    q = one.question
+    held = quiet_filter(q, one.p, only)
+    if held is None:
+        return replace(one, loss=math.inf)
+    try:
+        fit = steered_fit(q, one.p, q.model, held, steps, only, looks)
+    except SolveError:
+        return replace(one, loss=math.inf)
+    return replace(one, p=fit.p, loss=fit.loss)

@@ -1,0 +1,80 @@
+"""The chosen model at its likeliest parameters, unless these predict worse over windows than others do."""
+
+from __future__ import annotations
+
+import contextlib
+from dataclasses import dataclass
+
+import numpy as np
+
+from optid.core.model import Array
+from optid.diagnosis.fitted import FittedModel
+from optid.diagnosis.problem import DiagnosisProblem
+from optid.effects.effect import Effect
+from optid.errors import SolveError
+from optid.estimation.likelihood import Noise
+from optid.estimation.multistep import multistep_loss
+from optid.estimation.place import Answer, Place, Question
+from optid.estimation.scoring import NEARBY, likeliest, maximise, middling
+from optid.rigs.rigfile import Rig
+
+LEVELS = (
+    0.0,
+    -1.25,
+    -2.5,
+    -3.75,
+    -5.0,
+)  # log: by how much less process noise than a middling one may suit a model
+
+
+@dataclass(frozen=True, eq=False)
+class RefinedModel:
+    """A model with its likelihood.
+
+    Attributes:
+        effects: beyond the rig file's; `rig` holds them.
+        answer: parameters, process noise, filter and information there.
+        shift: how far the likeliest parameters are from those taken, (free,), SI.
+    """
+
+    effects: tuple[Effect, ...]
+    rig: Rig
+    answer: Answer
+    shift: Array
+
+    def own_values(self, effect: Effect) -> dict[str, float]:
+        """An effect's parameters by own name, SI."""
+        index = self.rig.model.index
+        return {q.name: float(self.answer.p[index(f"{effect.name}.{q.name}")]) for q in effect.parameters}
+
+
+def likely_noise(q: Question, p: Array) -> Noise:
+    """Process noise at which fixed parameters are likeliest.
+
+    Raises:
+        SolveError: the model cannot be simulated there.
+    """
+    _, levels = likeliest(q, [(p, middling(q) + by) for by in LEVELS])
+    return Noise(q.measurement, q.groups, levels)
+
+
+def refine(model: FittedModel, problem: DiagnosisProblem) -> RefinedModel:
+    """From where multi-step prediction errors put a model to its likeliest parameters.
+
+    Likelihood with process noise looks ahead by one sample. Where a law's form is not nature's it takes the rest for
+    noise, and its parameters may predict far worse over a window than the same law can: then those that predict are
+    taken, and how far the two are apart is in the intervals.
+    """
+    q = model.question
+    noise = likely_noise(q, model.p)
+    here = Place(q, model.p, noise)
+    here.glance()
+    led = here.answer(False)
+    with contextlib.suppress(SolveError):
+        likely = maximise(q, model.p, noise.levels, polish=False, rough=NEARBY, near=led)
+        loss = multistep_loss(q, likely.p, problem.window)
+        free = list(q.free)
+        if loss <= (1.0 + problem.criteria.smallest_share) * model.fit.loss:
+            return RefinedModel(model.effects, model.rig, likely, np.zeros(len(free)))
+        return RefinedModel(model.effects, model.rig, led, np.abs(likely.p - led.p)[free])
+    return RefinedModel(model.effects, model.rig, led, np.zeros(len(q.free)))

@@ -1,0 +1,68 @@
+"""Do the held-out innovations of a model still hold something it should have explained?"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from optid.core.model import Array, Model
+from optid.core.recording import Recording
+from optid.diagnosis.evaluation import Evaluation
+
+LAGS = 20
+ERROR_RATE = 0.01  # at which a right model fails a test
+
+
+@dataclass(frozen=True)
+class ResidualTests:
+    """Whiteness and independence of the input, with p-values; a right model fails either at `ERROR_RATE`."""
+
+    whiteness: float
+    independence: float
+
+    @property
+    def white(self) -> bool:
+        """They do not depend on their own past."""
+        return self.whiteness >= ERROR_RATE
+
+    @property
+    def independent(self) -> bool:
+        """They do not depend on past inputs."""
+        return self.independence >= ERROR_RATE
+
+
+def residual_tests(evaluation: Evaluation, model: Model, recordings: Sequence[Recording]) -> ResidualTests:
+    """Portmanteau tests on the scaled innovations of every output, pooled (Ljung and Box 1978)."""
+    white, free, against, many = 0.0, 0, 0.0, 0
+    for number, recording in enumerate(recordings):
+        mine = evaluation.recording == number
+        for j in range(evaluation.innovations.shape[1]):
+            z = evaluation.innovations[mine, j]
+            if np.isfinite(z).sum() < 10 * LAGS:
+                continue
+            z = np.clip(np.nan_to_num(z - np.nanmean(z)), -4.0, 4.0)
+            white += _portmanteau(z, z)
+            free += LAGS
+            for port in model.recorded:
+                u = recording[port.role].values
+                size = min(len(u), len(z))
+                du = np.nan_to_num(np.diff(u[:size], prepend=u[0]))
+                if du.std() > 0:
+                    against += _portmanteau(z[:size], du - du.mean())
+                    many += LAGS
+    return ResidualTests(
+        float(stats.chi2.sf(white, free)) if free else 1.0,
+        float(stats.chi2.sf(against, many)) if many else 1.0,
+    )
+
+
+def _portmanteau(z: Array, w: Array) -> float:
+    """N times the sum of squared correlations of z with w at 1..LAGS samples back."""
+    n = len(z)
+    norm = float(z @ z) * float(w @ w)
+    if norm <= 0.0:
+        return 0.0
+    return float(sum(n * float(z[k:] @ w[:-k]) ** 2 / norm for k in range(1, LAGS + 1)))

@@ -1,0 +1,107 @@
+"""What a diagnosis answers: its verdict, what it found, and everything that led there."""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from optid.core.model import Array
+from optid.diagnosis.alternatives import Alternative
+from optid.diagnosis.localisation.region import Region
+from optid.diagnosis.localisation.unknown_input import UnknownInput
+from optid.diagnosis.problem import DiagnosisProblem
+from optid.diagnosis.refinement import RefinedModel
+from optid.diagnosis.selection import SelectionPath
+from optid.diagnosis.testing import Evidence, HoldoutTest
+from optid.effects.effect import Effect
+from optid.estimation.result import Estimate
+
+
+class Verdict(enum.Enum):
+    """What a diagnosis says; the value is the word in its file."""
+
+    CONSISTENT = "consistent"
+    PARAMETERS = "parameters"
+    MISSING_PHYSICS = "missing-physics"
+    UNEXPLAINED = "unexplained"
+
+
+@dataclass(frozen=True)
+class Suspicion:
+    """An effect that may be missing, and why that is not proven."""
+
+    effect: str
+    why: str
+
+
+@dataclass(frozen=True, eq=False)
+class Finding:
+    """One thing that is missing.
+
+    Attributes:
+        effect: its effect; ``None`` where nothing of the catalogue is proven to be it.
+        site: its kind of site; `place` the plant's own name of it.
+        parameters: of the effect, with intervals, by own name.
+        region: when and where.
+        shown: signals worth telling.
+        evidence: on the hold-out, against the model without it.
+        train_gain: what windows of the training recordings gain, cross-validated: half a mean square in variances each.
+        delta_bic: twice that less what its parameters cost (Schwarz).
+        indistinguishable: names of effects that explain the recordings as well.
+        sentence: what an engineer would say.
+        suspected: what it could be, where nothing is proven.
+        signal: the unknown input at the site, where it was estimated.
+        law: what the named effects make of that site's signal, (samples,).
+    """
+
+    effect: Effect | None
+    site: str
+    place: str
+    parameters: tuple[Estimate, ...]
+    region: Region
+    shown: tuple[str, ...]
+    evidence: Evidence
+    train_gain: float
+    delta_bic: float
+    indistinguishable: tuple[str, ...]
+    sentence: str
+    suspected: tuple[Suspicion, ...] = ()
+    signal: UnknownInput | None = None
+    law: Array | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """All that was found.
+
+    Attributes:
+        verdict, summary: the answer.
+        base, best: the fitted model as it came, and improved.
+        base_parameters, best_parameters: with intervals.
+        findings: strongest first.
+        rejected: (effect, why).
+        not_testable: (effect, why, smallest size that would show).
+        test: what the hold-out says.
+        path: how the selection went.
+        alternatives: look-alikes in the place of named effects, by these.
+        problem: what it was given.
+        holdout: names of the recordings held out.
+        noise: role -> sd of the measurement, SI.
+    """
+
+    verdict: Verdict
+    summary: str
+    base: RefinedModel
+    best: RefinedModel
+    base_parameters: tuple[Estimate, ...]
+    best_parameters: tuple[Estimate, ...]
+    findings: tuple[Finding, ...]
+    rejected: tuple[tuple[str, str], ...]
+    not_testable: tuple[tuple[str, str, str], ...]
+    test: HoldoutTest
+    path: SelectionPath
+    alternatives: Mapping[str, tuple[Alternative, ...]]
+    problem: DiagnosisProblem
+    holdout: tuple[str, ...]
+    noise: Mapping[str, float] = field(default_factory=dict)

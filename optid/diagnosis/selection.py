@@ -1,0 +1,241 @@
+"""Which effects are needed: stepwise, forward and backward, judged on windows that had no part in the fit."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+
+from optid.core.model import Array
+from optid.core.threads import together
+from optid.diagnosis.fitted import FittedModel, fit_model
+from optid.diagnosis.problem import DiagnosisProblem
+from optid.diagnosis.proposals import Proposal, Proposals, propose
+from optid.diagnosis.validation import Validated, cross_validate, rejection_reason
+from optid.effects.effect import Effect
+from optid.effects.library import admitted
+from optid.errors import SolveError
+from optid.rigs.rigfile import with_effects
+
+RESTART = 0.95  # of windows' errors: a model that another start leaves no more of goes on from there
+
+
+@dataclass(frozen=True, eq=False)
+class Contender:
+    """A model with one more effect, and why it was not taken; "" if it may be."""
+
+    effect: Effect
+    model: FittedModel
+    validated: Validated
+    why: str
+
+
+@dataclass(frozen=True, eq=False)
+class Round:
+    """One step: the model from which it went, the proposals, those fitted in full, and the one taken."""
+
+    model: FittedModel
+    proposals: Proposals
+    contenders: tuple[Contender, ...]
+    taken: Contender | None
+
+
+@dataclass(frozen=True, eq=False)
+class SelectionPath:
+    """How the selection went.
+
+    Attributes:
+        base, best: the model as it came, and the one that the selection ended with.
+        first, validated: their cross-validated errors.
+        rounds: every step.
+        without: the best model without one of its effects, by that effect's name, with its errors.
+        dropped: (effect, why) of those that others made idle.
+        ended_early: the budget was over before everything was tried.
+    """
+
+    base: FittedModel
+    best: FittedModel
+    first: Validated
+    validated: Validated
+    rounds: tuple[Round, ...]
+    without: Mapping[str, tuple[FittedModel, Validated]] = field(default_factory=dict)
+    dropped: tuple[tuple[Effect, str], ...] = ()
+    ended_early: bool = False
+
+    @property
+    def strongest(self) -> FittedModel | None:
+        """The best contender that was met, taken or not."""
+        every = [one for step in self.rounds for one in step.contenders]
+        best = min(every, key=lambda one: one.validated.windows.sum(), default=None)
+        return None if best is None else best.model
+
+
+def nothing_selected(base: FittedModel, problem: DiagnosisProblem) -> SelectionPath:
+    """A path of no steps."""
+    first = cross_validate(base, problem)
+    return SelectionPath(base, base, first, first, ())
+
+
+def without_each(path: SelectionPath, answer: FittedModel) -> dict[str, FittedModel]:
+    """The answer without each of its effects, by their names; the base where it has one that the path does not hold."""
+    if answer is path.best:
+        return {name: model for name, (model, _) in path.without.items()}
+    return {effect.name: path.base for effect in answer.effects}
+
+
+def select(base: FittedModel, problem: DiagnosisProblem) -> SelectionPath:
+    """Add effects while windows that had no part in the fit confirm them, and drop those that turn out idle."""
+    first = cross_validate(base, problem)
+    current, validated, rounds = base, first, []
+    nominal = base.question.model.vector(base.rig.parameters)
+    for depth in range(problem.criteria.most_effects):
+        if problem.budget.is_over or (
+            depth and validated.error_over_noise <= problem.criteria.error_over_noise
+        ):
+            break
+        problem.report(0.1 + 0.2 * depth, f"round {depth + 1}: which effects could it be")
+        bent = not depth and validated.error_over_noise > problem.options.bent
+        one = _round(current, first, validated, problem, [nominal] if bent else [])
+        rounds.append(one)
+        better = None if one.taken else _restarted(current, validated, one, problem)
+        if better is not None:
+            current, validated = better
+            if not depth:
+                base, first = current, validated
+            if validated.error_over_noise <= problem.criteria.error_over_noise:
+                break
+            one = _round(current, first, validated, problem, [])
+            rounds.append(one)
+        if one.taken is None:
+            break
+        current, validated = one.taken.model, one.taken.validated
+    path = SelectionPath(base, current, first, validated, tuple(rounds), ended_early=problem.budget.is_over)
+    path = _backward(path, problem)
+    if len(path.best.effects) > 1 and not problem.budget.is_over:
+        path = _first_swapped(path, problem)
+    return path
+
+
+def _restarted(
+    current: FittedModel, before: Validated, one: Round, problem: DiagnosisProblem
+) -> tuple[FittedModel, Validated] | None:
+    """The current model from where its best contender stands, if that predicts better: it stood beside its optimum.
+
+    An effect that is not there may lead a fit out of a local optimum; then the model without it gets there, too.
+    """
+    if not one.contenders:
+        return None
+    best = min(one.contenders, key=lambda c: float(c.validated.windows.sum()))
+    if not best.validated.windows.sum() < RESTART * before.windows.sum():
+        return None
+    model = without_effect(best.model, best.effect, problem)
+    validated = cross_validate(model, problem)
+    return (model, validated) if validated.windows.sum() < RESTART * before.windows.sum() else None
+
+
+def _round(
+    current: FittedModel,
+    first: Validated,
+    before: Validated,
+    problem: DiagnosisProblem,
+    starts: Sequence[Array],
+    but: str = "",
+) -> Round:
+    effects = [one for one in admitted(current.rig.model, problem.own) if one.name != but]
+    proposals = propose(current, effects, problem, starts)
+    o, least = problem.options, min((one.loss for one in proposals.ranked), default=0.0)
+    few = [one for one in proposals.ranked[: o.contenders] if one.loss <= o.near * least]
+    problem.report(0.3, f"fitting {', '.join(one.effect.name for one in few)}")
+    fitted = together(partial(contend, current, first, before, problem, len(effects)), few)
+    contenders = sorted(
+        (one for one in fitted if one is not None),
+        key=lambda one: (bool(one.why), one.validated.windows.sum()),
+    )
+    taken = next((one for one in contenders if not one.why), None)
+    return Round(current, proposals, tuple(contenders), taken)
+
+
+def contend(
+    current: FittedModel,
+    first: Validated,
+    before: Validated,
+    problem: DiagnosisProblem,
+    tried: int,
+    one: Proposal,
+) -> Contender | None:
+    """A proposal fitted in full and validated; ``None`` where the simulation diverges."""
+    with contextlib.suppress(SolveError):
+        model = fit_model(problem, (*current.effects, one.effect), one.question.rig, one.question, one.p)
+        validated = cross_validate(model, problem)
+        size = one.effect.size(model.own_values(one.effect))
+        why = rejection_reason(one.effect, size, first, before, validated, problem.criteria, tried)
+        return Contender(one.effect, model, validated, why)
+    return None
+
+
+def without_effect(model: FittedModel, effect: Effect, problem: DiagnosisProblem) -> FittedModel:
+    """The model without one of its effects, fitted from where the one with it stands."""
+    rest = tuple(one for one in model.effects if one is not effect)
+    rig = with_effects(problem.rig, rest, {}) if rest else problem.rig
+    q = problem.question(rig)
+    p = q.model.vector({q.name: model.values[q.name] for q in q.model.parameters})
+    return fit_model(problem, rest, rig, q, p)
+
+
+def _backward(path: SelectionPath, problem: DiagnosisProblem) -> SelectionPath:
+    """Drop effects that would not be confirmed as the last to come, the least needed first."""
+    best, validated, dropped = path.best, path.validated, list(path.dropped)
+    tried = len(admitted(problem.rig.model, problem.own))
+    while best.effects:
+        without, idle = {}, []
+        for effect in best.effects:
+            problem.report(0.75, f"whether {effect.name} is needed")
+            less = without_effect(best, effect, problem)
+            errors = cross_validate(less, problem)
+            if not less.effects and path.first.windows.sum() < errors.windows.sum():
+                less, errors = path.base, path.first
+            without[effect.name] = (less, errors)
+            size = effect.size(best.own_values(effect))
+            why = rejection_reason(effect, size, path.first, errors, validated, problem.criteria, tried)
+            if why:
+                idle.append((float(errors.windows.sum()), effect, why))
+        if not idle:
+            return _with(path, best, validated, without, dropped)
+        _, effect, why = min(idle, key=lambda one: one[0])
+        dropped.append((effect, why))
+        best, validated = without[effect.name]
+    return _with(path, best, validated, {}, dropped)
+
+
+def _with(
+    path: SelectionPath,
+    best: FittedModel,
+    validated: Validated,
+    without: Mapping[str, tuple[FittedModel, Validated]],
+    dropped: Sequence[tuple[Effect, str]],
+) -> SelectionPath:
+    return SelectionPath(
+        path.base, best, path.first, validated, path.rounds, without, tuple(dropped), path.ended_early
+    )
+
+
+def _first_swapped(path: SelectionPath, problem: DiagnosisProblem) -> SelectionPath:
+    """The first effect was chosen while it was alone: it has to hold its place against the catalogue."""
+    name = path.best.effects[0].name
+    less, errors = path.without[name]
+    problem.report(0.85, f"whether something else does better than {name}")
+    one = _round(less, path.first, errors, problem, [], but=name)
+    if one.taken is None or not one.taken.validated.windows.sum() < path.validated.windows.sum():
+        return path
+    swapped = SelectionPath(
+        path.base,
+        one.taken.model,
+        path.first,
+        one.taken.validated,
+        (*path.rounds, one),
+        {},
+        path.dropped,
+        path.ended_early,
+    )
+    return _backward(swapped, problem)

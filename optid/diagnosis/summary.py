@@ -1,0 +1,138 @@
+"""A diagnosis in plain sentences with numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+from optid.estimation.result import Score
+
+if TYPE_CHECKING:
+    from optid.diagnosis.result import Diagnosis, Finding
+
+_FRIENDLY = {
+    "m": (1e3, "mm"), "m/s": (1e3, "mm/s"), "Pa": (1e-5, "bar"), "m**2": (1e6, "mm2"),
+    "1": (1.0, ""),
+}  # fmt: skip
+
+
+def quantity(value: float, unit: str) -> str:
+    """A number with the unit that people use for it."""
+    factor, shown = _FRIENDLY.get(unit, (1.0, unit))
+    if unit == "m" and abs(value) < 1e-4:
+        factor, shown = 1e6, "um"
+    if unit in ("m", "m/s") and abs(value) >= 0.9995:  # what three digits of mm would show as 1e+03
+        factor, shown = 1.0, unit
+    if unit == "s" and abs(value) < 1.0:
+        factor, shown = 1e3, "ms"
+    return f"{value * factor:.3g} {shown}".rstrip()
+
+
+def summarise(d: Diagnosis) -> str:
+    """Where, what, how sure, how much better, and what is not known."""
+    words = [ANSWERS[d.verdict.value](d).strip()]
+    if d.path.ended_early:
+        words.append("The search ended before everything was tried: it may take longer with --time-limit.")
+    bent = [
+        e.name.replace("_", " ")
+        for e in d.base_parameters
+        if e.at_bound and e.name in {f.name for f in d.base.rig.freed}
+    ]
+    if bent and d.verdict.value != "parameters":
+        words.append(f"The base fit stands at a bound of the rig file: {', '.join(bent)}.")
+    return " ".join(words)
+
+
+def _consistent(d: Diagnosis) -> str:
+    return (
+        f"The fitted model is good to the noise: held out, its {_span(d)} windows err by "
+        f"{_errors(d.test.base.scores)}; the noise is {_floor(d)}. "
+        f"No effect of the catalogue improves it (p = {d.test.p_value:.2g}). {_blind(d)}"
+    )
+
+
+def _parameters(d: Diagnosis) -> str:
+    values = ", ".join(
+        f"{e.name.replace('_', ' ')} {quantity(e.value, e.unit)}"
+        for e in d.best_parameters
+        if "." not in e.name
+    )
+    return (
+        f"No physics is missing, but the model is good to the noise only with parameters outside the rig file's "
+        f"bounds: {values}. Held out, windows err by {_errors(d.test.best.scores)} instead of "
+        f"{_errors(d.test.base.scores)}."
+    )
+
+
+def _unexplained(d: Diagnosis) -> str:
+    told = " ".join(_sentence(d, f) for f in d.findings) or "No site could be told."
+    described = ""
+    if d.best is not d.base:
+        described = (
+            f" With what describes it, which names nothing, windows err by {_errors(d.test.best.scores)}."
+        )
+    suspected = [s for f in d.findings for s in f.suspected]
+    also = ""
+    if suspected:
+        names = "; ".join(f"{s.effect.replace('_', ' ')} ({s.why})" for s in suspected)
+        also = f" Suspected, and not proven: {names}."
+    return (
+        f"The recordings hold something that is not explained: held out, windows err by {_errors(d.test.base.scores)} "
+        f"where the noise is {_floor(d)}. {told}{described}{also}"
+    )
+
+
+def _missing(d: Diagnosis) -> str:
+    found = " ".join(_sentence(d, f) for f in d.findings)
+    ratio, rest = d.test.error_over_noise, ""
+    if ratio > d.problem.criteria.error_over_noise:
+        much = f"{ratio:.1f} times the noise" if ratio < 100 else "far above the noise"
+        rest = f" What remains is {much}: the law's form may differ from the catalogue's."
+    return (
+        f"{found} Held out, the error of {_span(d)} windows falls from {_errors(d.test.base.scores)} to "
+        f"{_errors(d.test.best.scores)}; the noise is {_floor(d)}.{rest}"
+    )
+
+
+ANSWERS = {
+    "consistent": _consistent,
+    "parameters": _parameters,
+    "unexplained": _unexplained,
+    "missing-physics": _missing,
+}
+
+
+def _span(d: Diagnosis) -> str:
+    return f"{d.test.base.horizon:g} s"
+
+
+def _floor(d: Diagnosis) -> str:
+    units = {port.role: port.unit for port in d.best.rig.model.outputs}
+    return ", ".join(f"{role} {quantity(sd, units[role])}" for role, sd in d.noise.items())
+
+
+def _errors(scores: Mapping[str, Score]) -> str:
+    return ", ".join(f"{role} {quantity(s.rmse, s.unit)}" for role, s in scores.items())
+
+
+def _sentence(d: Diagnosis, f: Finding) -> str:
+    name = "Not explained" if f.effect is None else f.effect.name.replace("_", " ").capitalize()
+    sure = "" if f.effect is None else f" (p = {f.evidence.p_value:.2g} on the hold-out)"
+    where = ""
+    for signal in f.shown[:1]:
+        r = f.region.states[signal]
+        where = (
+            f" {100 * r.share:.0f} % of the mismatch lies at {signal.replace('_', ' ')} from "
+            f"{quantity(r.low, r.unit)} to {quantity(r.high, r.unit)}."
+        )
+    also = ""
+    if f.indistinguishable:
+        also = f" These recordings cannot tell it from {', '.join(f.indistinguishable)}."
+        also += f" What would: {f.effect.experiment}." if f.effect is not None and f.effect.experiment else ""
+    place = "" if "@" in name else f" at the {f.site}"
+    return f"{name.replace('@', ' at ')}{place}: {f.sentence}{sure}.{where}{also}"
+
+
+def _blind(d: Diagnosis) -> str:
+    names = [name.replace("_", " ") for name, _, _ in d.not_testable]
+    return f"These recordings could not show: {', '.join(names)}." if names else ""

@@ -1,0 +1,1 @@
+"""How something behaves that has no name: forms over signals, for simulation."""

@@ -1,0 +1,135 @@
+"""What describes a mismatch that no effect explains: forms at the sites where it may lie, judged as effects are."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from optid.core.threads import together
+from optid.diagnosis.fitted import FittedModel
+from optid.diagnosis.localisation.unknown_input import UnknownInput
+from optid.diagnosis.problem import DiagnosisProblem, with_effect
+from optid.diagnosis.proposals import Proposal, propose
+from optid.diagnosis.selection import Contender, SelectionPath, contend
+from optid.diagnosis.surrogate.library import (
+    curves,
+    fitting,
+    levels,
+    shared,
+    sticking,
+    swelling,
+    turned,
+    waves,
+)
+from optid.diagnosis.surrogate.sinusoid import Linearisation
+from optid.diagnosis.validation import Validated, flipped_signs
+from optid.effects.description import Description
+from optid.effects.effect import Effect
+
+
+@dataclass(frozen=True, eq=False)
+class Surrogate:
+    """A form that describes a mismatch, as it competed, and where unknown inputs put that.
+
+    Attributes:
+        contender: the fitted form; ``None`` if none predicts better.
+        sites: unknown inputs, the best first; `likely` are those that do about as well.
+    """
+
+    contender: Contender | None
+    sites: tuple[UnknownInput, ...]
+    likely: tuple[UnknownInput, ...]
+
+
+def answer_of(path: SelectionPath, surrogate: Surrogate | None) -> FittedModel:
+    """The names where they suffice, else what describes the mismatch, if that predicts better, or the base model."""
+    if surrogate is None:
+        return path.best
+    described = surrogate.contender
+    if described is not None and described.validated.windows.sum() < path.validated.windows.sum():
+        return described.model
+    return path.best
+
+
+def find_surrogate(
+    path: SelectionPath, sites: Sequence[UnknownInput], problem: DiagnosisProblem
+) -> Surrogate:
+    """The form at the likely sites that predicts best; one alone, then in proportion to another signal.
+
+    Args:
+        path: of the selection, whose base model lacks something.
+        sites: unknown inputs, the best first.
+        problem: the recordings.
+    """
+    base, first = path.base, path.first
+    likely = (sites[0], *_rivalling(sites, problem))
+    problem.report(0.9, "what describes the mismatch")
+    forms = _forms(base, likely)
+    led = list(propose(base, forms, problem, race=problem.options.surrogate_race).ranked)
+    led += _waves(base, likely, problem)
+    tried = len(forms)
+    best = _best(base, first, led, problem, tried)
+    if best is not None and best.validated.error_over_noise > problem.criteria.error_over_noise:
+        more = fitting(base.rig, _variants(base, best.effect))
+        led = list(propose(base, more, problem, race=problem.options.surrogate_race).ranked) if more else []
+        other = _best(base, first, led, problem, tried + len(more))
+        if other is not None and other.validated.windows.sum() < best.validated.windows.sum():
+            best = other
+    return Surrogate(best, tuple(sites), likely)
+
+
+def _forms(base: FittedModel, likely: Sequence[UnknownInput]) -> list[Description]:
+    found: dict[str, Description] = {}
+    for one in likely:
+        for site in one.sites:
+            found |= {form.name: form for form in curves(base, one.only(site))}
+        found |= {form.name: form for form in sticking(base, one)}
+    found |= {form.name: form for form in shared(base, likely[0])}
+    found |= {form.name: form for form in levels(base)}
+    return fitting(base.rig, found.values())
+
+
+def _variants(base: FittedModel, form: Effect) -> list[Description]:
+    """The same in proportion to another signal, or drawn over that."""
+    if not isinstance(form, Description):
+        return []
+    return [*swelling(base, form), *turned(base, form)]
+
+
+def _waves(base: FittedModel, likely: Sequence[UnknownInput], problem: DiagnosisProblem) -> list[Proposal]:
+    """The strongest sinusoid at each likely site, where a search begins with it."""
+    at, found = Linearisation.of(base, problem), []
+    sites = dict.fromkeys(site for one in likely for site in one.sites)
+    heard = [one for site in sites if not problem.budget.is_over for one in waves(at, site)]
+    for wave, values, _ in sorted(heard, key=lambda one: -one[2])[:1]:
+        q = problem.question(with_effect(base.rig, wave))
+        p = q.at({**base.values, **wave.qualified(values)})
+        found.append(Proposal(wave, q, p, math.inf, math.inf))
+    return found
+
+
+def _best(
+    base: FittedModel, first: Validated, led: Sequence[Proposal], problem: DiagnosisProblem, tried: int
+) -> Contender | None:
+    fitted = together(partial(contend, base, first, first, problem, tried), led)
+    good = [one for one in fitted if one is not None and not one.why]
+    return min(good, key=lambda one: one.validated.windows.sum(), default=None)
+
+
+def _rivalling(sites: Sequence[UnknownInput], problem: DiagnosisProblem) -> list[UnknownInput]:
+    """Those that the recordings do not tell from the first, two at most."""
+    return [
+        one
+        for one in sites[1:]
+        if flipped_signs(_by_window(one, problem) - _by_window(sites[0], problem)) > problem.criteria.level
+    ][:2]
+
+
+def _by_window(one: UnknownInput, problem: DiagnosisProblem) -> np.ndarray:
+    """-2 log likelihood of each window."""
+    rows = max(round(problem.window / float(np.median(np.diff(problem.train[0].time)))), 1)
+    return np.add.reduceat(one.deviance, np.arange(0, len(one.deviance), rows))

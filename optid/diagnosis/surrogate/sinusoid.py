@@ -1,0 +1,165 @@
+"""Which wave at a site would explain what a model misses: a spectrum over time or over a state, by score tests.
+
+Both quadratures of every frequency are simulated under the gains of a filter, as a screen does with effects, and held
+against its innovations. A spectrum of an estimated signal would show lines over time as well, but hardly over a
+position, which comes and goes at its own pace and takes every slow drift along.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple, Self
+
+import numpy as np
+
+from optid.core.model import Array
+from optid.diagnosis.fitted import FittedModel
+from optid.diagnosis.problem import DiagnosisProblem, with_effect
+from optid.diagnosis.proposals import worst_recording
+from optid.effects.wave import TIME, Wave
+from optid.estimation.likelihood import FAR
+from optid.estimation.place import NUDGES
+from optid.estimation.problem import Booleans, Integers
+from optid.estimation.steering import innovations
+
+FINE = 2  # steps of the grid to a line's width
+SLOWEST = 2.0  # periods within the range, at least
+NUDGE = 0.1  # height at which a wave is tried
+BATCH = 32  # frequencies simulated together
+
+
+class Line(NamedTuple):
+    """A wave that explains some of what a model misses.
+
+    Attributes:
+        gain: by which the sum of squared, scaled innovations would fall.
+        repeats: periods by the SI unit of what it follows.
+        height, phase: of the wave; over time, root mean square and mean over the recordings.
+    """
+
+    gain: float
+    repeats: float
+    height: float
+    phase: float
+
+
+@dataclass(frozen=True, eq=False)
+class Linearisation:
+    """A fitted model's innovations under the gains of its quiet filter, and their slopes by the free parameters.
+
+    Attributes:
+        model: the model.
+        problem: the recordings.
+        slopes: of the scaled innovations, by free parameters in typical sizes, (measured, free).
+    """
+
+    model: FittedModel
+    problem: DiagnosisProblem
+    slopes: Array
+
+    @classmethod
+    def of(cls, model: FittedModel, problem: DiagnosisProblem) -> Self:
+        """At the model's parameters."""
+        q, free = model.question, list(model.question.free)
+        P = np.tile(model.p, (len(free) + 1, 1))
+        steps = np.where(model.p[free] + NUDGES[1] * q.typical > q.high, -NUDGES[1], NUDGES[1])
+        P[range(1, len(P)), free] += steps * q.typical
+        here, *others = innovations(q, P, q.model, model.fit.filtered)
+        return cls(model, problem, ((np.array(others) - here) / steps[:, None]).T)
+
+
+def strongest_sinusoid(
+    at: Linearisation, wave: Wave, along: Array, fastest: float, repeats: float | None = None
+) -> Line | None:
+    """The wave that explains most; ``None`` where there is room for none.
+
+    Over time each recording may have its own phase.
+
+    Args:
+        at: the model that misses something.
+        wave: to try, of any frequency.
+        along: values of what it follows, (samples,).
+        fastest: periods by the unit of that, at most.
+        repeats: so many periods by the unit alone, instead of a search.
+    """
+    problem = at.model.question.problem
+    seen = _seen(at)
+    span = max(float(np.ptp(along[seen.rows[seen.owner == one]])) for one in np.unique(seen.owner))
+    if not span > 0.0:
+        return None
+    if repeats is not None:
+        return max(_explained(at, wave, np.array([repeats])), default=None)
+    grid = np.arange(SLOWEST / span, fastest, 1.0 / (FINE * span))
+    over = worst_recording(at.model, at.problem)
+    if len(over) < len(problem.counts) and len(grid) > BATCH:
+        # Which of them are worth a look at all recordings shows in that in which most is missing.
+        rough = sorted(_batches(at, wave, grid, over), reverse=True)[:BATCH]
+        grid = np.array(sorted(line.repeats for line in rough))
+    return max(_batches(at, wave, grid), default=None)
+
+
+class _Seen(NamedTuple):
+    """What is measured: the sample and the recording of each, and which of all that is, (measured,)."""
+
+    rows: Integers
+    owner: Integers
+    among: Booleans
+
+
+def _seen(at: Linearisation, only: Sequence[int] | None = None) -> _Seen:
+    """In all segments, or in some."""
+    problem = at.model.question.problem
+    rows = np.nonzero(np.isfinite(at.model.fit.filtered.innovations[0]))[0]
+    segment = np.repeat(np.arange(len(problem.counts)), problem.counts + 1)[rows]
+    among = np.ones(len(rows), dtype=np.bool_) if only is None else np.isin(segment, only)
+    return _Seen(rows[among], problem.recording[segment[among]], among)
+
+
+def _batches(at: Linearisation, wave: Wave, grid: Array, only: Sequence[int] | None = None) -> list[Line]:
+    found = []
+    for first in range(0, len(grid), BATCH):
+        if at.problem.budget.is_over:
+            break
+        found += _explained(at, wave, grid[first : first + BATCH], only)
+    return found
+
+
+def _explained(at: Linearisation, wave: Wave, some: Array, only: Sequence[int] | None = None) -> list[Line]:
+    """What waves of some frequencies would explain, in all segments or in some.
+
+    The free parameters have their linear say first; innovations that are far off count as Huber has it.
+    """
+    model = at.model
+    q = at.problem.question(with_effect(model.rig, wave))
+    points = [
+        {**wave.of_height(height), "repeats": float(repeats), "phase": phase}
+        for height, repeats, phase in [
+            (0.0, some[0], 0.0),
+            *((NUDGE, one, turned) for one in some for turned in (0.0, math.pi / 2)),
+        ]
+    ]
+    P = np.array([q.at({**model.values, **wave.qualified(point)}) for point in points])
+    here, *there = innovations(q, P, model.question.model, model.fit.filtered, only)
+    seen = _seen(at, only)
+    pieces = [np.flatnonzero(seen.owner == one) for one in np.unique(seen.owner)]
+    if wave.along != TIME:
+        pieces = [np.arange(len(seen.rows))]
+    root = np.sqrt(np.minimum(1.0, FAR / np.maximum(np.abs(here), 1e-12)))
+    basis = np.linalg.qr(at.slopes[seen.among] * root[:, None])[0]
+    rest, *changes = (
+        column - basis @ (basis.T @ column)
+        for column in (here * root, *((one - here) * root for one in there))
+    )
+    found = []
+    for repeats, both in zip(some.tolist(), zip(changes[::2], changes[1::2], strict=True), strict=True):
+        columns, gain, steps = np.stack(both, axis=1), 0.0, []
+        for piece in pieces:
+            step = np.linalg.lstsq(columns[piece], -rest[piece], rcond=1e-9)[0]
+            gain += float(np.sum(rest[piece] ** 2) - np.sum((rest[piece] + columns[piece] @ step) ** 2))
+            steps.append(step)
+        height = NUDGE * float(np.sqrt(np.mean(np.sum(np.square(steps), axis=1))))
+        phase = math.atan2(*np.sum(steps, axis=0)[::-1])
+        found.append(Line(gain, repeats, height, phase))
+    return found

@@ -1,0 +1,162 @@
+"""The test: everything is frozen, and the recordings held out are opened once.
+
+Selection used every training recording, many times over. What is held out had no part in any of that, so a test on it
+keeps its error rate: each name is compared with the model without it, the whole answer with the model as it came.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from optid.core.model import Array
+from optid.core.recording import Recording
+from optid.diagnosis.criteria import Criteria
+from optid.diagnosis.evaluation import Evaluation, evaluate
+from optid.diagnosis.fitted import FittedModel
+from optid.diagnosis.refinement import RefinedModel, likely_noise
+from optid.diagnosis.residual_tests import ResidualTests, residual_tests
+from optid.diagnosis.validation import p_value
+from optid.errors import InputError
+from optid.estimation.likelihood import huber
+from optid.estimation.prediction import horizon
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """One model against another on recordings that neither has seen.
+
+    Attributes:
+        p_value: of the hypothesis that windows gain nothing.
+        fit_gain: rise of the windows' fit in percent points, of the first output.
+        error_gain: fall of the windows' root mean square error as a share, of the output that gains most.
+    """
+
+    p_value: float
+    fit_gain: float
+    error_gain: float
+
+
+@dataclass(frozen=True, eq=False)
+class HoldoutTest:
+    """What the recordings held out say.
+
+    Attributes:
+        base, best: the models on them.
+        p_value: is anything missing at all: of the hypothesis that the best model that the search met gains nothing.
+        error_over_noise: of the best model's windows.
+        names: evidence for every effect of the best model, by its name.
+        residuals: tests of what the best model leaves.
+        level: error rate of each test.
+    """
+
+    base: Evaluation
+    best: Evaluation
+    p_value: float
+    error_over_noise: float
+    names: Mapping[str, Evidence]
+    residuals: ResidualTests
+    level: float
+
+
+def gate(
+    recordings: Sequence[Recording], outputs: Sequence[str], commands: Sequence[str], criteria: Criteria
+) -> None:
+    """Refuse recordings on which nothing can be tested, by their form alone.
+
+    Raises:
+        InputError: names the recording, and what it lacks.
+    """
+    for one in recordings:
+        known = np.ones(len(one), dtype=np.bool_)
+        for role in commands:
+            known &= np.isfinite(one[role].values)
+        measured = [np.isfinite(one[role].values) & known for role in outputs if role in one]
+        most = max((float(m.sum()) for m in measured), default=0.0) * one.interval / horizon(one.interval)
+        if most < criteria.fewest_windows:
+            raise InputError(
+                f"only {most:.1f} windows of {horizon(one.interval):g} s have a command and a measured output",
+                where=one.name,
+                expected=f"at least {criteria.fewest_windows}: shorter recordings can neither be fitted nor tested on",
+            )
+
+
+def test_on_holdout(
+    base: RefinedModel,
+    best: RefinedModel,
+    without: Mapping[str, FittedModel],
+    strongest: FittedModel | None,
+    holdout: Sequence[Recording],
+    noise: Mapping[str, float],
+    criteria: Criteria,
+) -> HoldoutTest:
+    """Open the recordings held out, once.
+
+    Args:
+        base, best: the model as it came, and the one that was chosen.
+        without: the chosen one without each of its effects, by the effect's name.
+        strongest: the best model that the search met, where nothing was chosen.
+        holdout: recordings.
+        noise: role -> sd of the measurement, SI.
+        criteria: what counts as proof.
+    """
+    before = _evaluated(base, holdout)
+    after = before if best is base else _evaluated(best, holdout)
+    ratio = after.error_over_noise(noise)
+    names = {}
+    for name, less in without.items():
+        same = not less.effects
+        there = (
+            before if same else evaluate(less.question, less.p, likely_noise(less.question, less.p), holdout)
+        )
+        names[name] = compare(there, after, noise, criteria)
+    if best is not base:
+        p = compare(before, after, noise, criteria).p_value
+    elif strongest is not None:
+        q = strongest.question
+        other = evaluate(q, strongest.p, likely_noise(q, strongest.p), holdout)
+        p = compare(before, other, noise, criteria).p_value
+    else:
+        p = 1.0
+    residuals = residual_tests(after, best.rig.model, holdout)
+    return HoldoutTest(before, after, p, ratio, names, residuals, criteria.level)
+
+
+def _evaluated(model: RefinedModel, recordings: Sequence[Recording]) -> Evaluation:
+    return evaluate(model.answer.question, model.answer.p, model.answer.noise, recordings)
+
+
+def compare(
+    before: Evaluation, after: Evaluation, noise: Mapping[str, float], criteria: Criteria
+) -> Evidence:
+    """What a second model gains over a first one on the same samples."""
+    at_noise = after.error_over_noise(noise) <= criteria.error_over_noise
+    gains = [_windows(one, after, noise) for one in (before, after)]
+    known = np.isfinite(gains[0]) & np.isfinite(gains[1])
+    first = next(iter(before.scores))
+    ratios = [
+        after.scores[role].rmse / score.rmse for role, score in before.scores.items() if score.rmse > 0.0
+    ]
+    return Evidence(
+        p_value(gains[0][known], gains[1][known], at_noise) if known.any() else 1.0,
+        after.scores[first].fit_percent - before.scores[first].fit_percent,
+        1.0 - min(ratios, default=1.0),
+    )
+
+
+def _windows(one: Evaluation, reference: Evaluation, noise: Mapping[str, float]) -> Array:
+    """Half the mean square of each window by Huber's loss, in variances that the reference's windows should have."""
+    total = np.zeros(int(one.blocks.max()) + 1)
+    seen = np.zeros(len(total), dtype=np.bool_)
+    for j, role in enumerate(one.scores):
+        floor = np.hypot(noise.get(role, 0.0), reference.expected[:, j])
+        z = (one.measured[:, j] - one.windows[:, j]) / np.where(floor > 0.0, floor, math.nan)
+        known = np.isfinite(z)
+        count = np.bincount(one.blocks[known], minlength=len(total))
+        summed = np.bincount(one.blocks[known], weights=huber(z[known]), minlength=len(total))
+        total[count > 0] += 0.5 * summed[count > 0] / count[count > 0]
+        seen |= count > 0
+    return np.where(seen, total, math.nan)

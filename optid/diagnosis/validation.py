@@ -1,0 +1,165 @@
+"""Is a model with more in it better? Cross-validated errors of windows, and tests with a stated error rate.
+
+Each recording's windows are predicted with parameters fitted to the others. A window counts once, as its errors last
+all through it. Two tests look at what windows gain. Flipped signs know nothing of the noise, and see an effect that
+shows in many windows: a sum of bounded gains with random signs exceeds t times its standard deviation with a
+probability of exp(-t^2/2) at most (Hoeffding, J. Amer. Statist. Assoc. 58, 1963). The likelihood ratio on data that had
+no part in the fit (universal inference: Wasserman, Ramdas and Balakrishnan, PNAS 117, 2020) sees one that shows in a
+window or two, where the noise is known and reached.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from optid.core.model import Array
+from optid.diagnosis.criteria import Criteria
+from optid.diagnosis.fitted import FittedModel
+from optid.diagnosis.problem import DiagnosisProblem
+from optid.effects.effect import Effect
+from optid.errors import SolveError
+from optid.estimation.likelihood import huber
+from optid.estimation.multistep import window_starts
+from optid.estimation.problem import Integers
+from optid.estimation.steering import innovations, steered_fit
+
+LARGEST = 700.0  # gain beyond which a p-value is told as that of so much, the least number there is
+CARRIED = 4  # no window counts more than the fourth largest: one must not carry a verdict, nor ruin it
+
+
+@dataclass(frozen=True, eq=False)
+class Validated:
+    """Errors of windows by parameters that were fitted without them.
+
+    Attributes:
+        squares: mean of each window and measured output, by Huber's loss, in variances, (windows, outputs).
+    """
+
+    squares: Array
+
+    @property
+    def windows(self) -> Array:
+        """Half the mean square of each window, all outputs together, (windows,)."""
+        return np.asarray(0.5 * np.nansum(self.squares, axis=1))
+
+    @property
+    def error_over_noise(self) -> float:
+        """The largest ratio of errors to what they should be, root mean square, over the outputs."""
+        return float(np.sqrt(np.max(np.nanmean(self.squares, axis=0))))
+
+    @property
+    def excess(self) -> float:
+        """Mean square beyond the noise, of the output that has most, in variances."""
+        return max(self.error_over_noise**2 - 1.0, 0.0)
+
+
+def cross_validate(model: FittedModel, problem: DiagnosisProblem) -> Validated:
+    """A fitted model's errors over whole windows, each recording's by parameters fitted to the others."""
+    q = model.question
+    looks = window_starts(q.problem, problem.window)
+    known = np.isfinite(model.fit.filtered.innovations[0])
+    rows, outputs = np.nonzero(known)
+    recording = np.repeat(q.problem.recording, q.problem.counts + 1)
+    fold = recording
+    segment = np.repeat(np.arange(len(q.problem.counts)), q.problem.counts + 1)
+    z = np.full(known.shape, np.nan)
+    for number in np.unique(fold):
+        p = model.p
+        here = np.unique(segment[fold == number]).tolist()
+        rest = [one for one in range(len(q.problem.counts)) if one not in here]
+        if rest:
+            try:
+                p = steered_fit(
+                    q, p, q.model, model.fit.filtered, problem.options.validation_steps, rest, looks
+                ).p
+            except SolveError:
+                p = model.p
+        (seen,) = innovations(q, p[None], q.model, model.fit.filtered, here, looks)
+        among = np.isin(segment[rows], here)
+        z[rows[among], outputs[among]] = seen
+    blocks = np.unique(
+        np.stack([recording, np.floor(q.problem.time / problem.window + 1e-9)]), axis=1, return_inverse=True
+    )[1].ravel()
+    return Validated(_by_window(huber(z[:, known.any(axis=0)]), blocks))
+
+
+def _by_window(squares: Array, blocks: Integers) -> Array:
+    out = np.full((int(blocks.max()) + 1, squares.shape[1]), np.nan)
+    for j in range(squares.shape[1]):
+        known = np.isfinite(squares[:, j])
+        count = np.bincount(blocks[known], minlength=len(out))
+        total = np.bincount(blocks[known], weights=squares[known, j], minlength=len(out))
+        out[count > 0, j] = total[count > 0] / count[count > 0]
+    return out
+
+
+def p_value(before: Array, after: Array, at_noise: bool) -> float:
+    """Of the hypothesis that windows (windows,) gain nothing; each is half a mean square in variances.
+
+    The least of two or three tests, counted as often: flipped signs of the gains and of their logarithms, and, where
+    the second model reaches the noise, the likelihood ratio.
+    """
+    gains, ratio = before - after, np.log(np.maximum(before, 1e-12) / np.maximum(after, 1e-12))
+    tests = [flipped_signs(gains), flipped_signs(ratio)]
+    if at_noise:
+        tests.append(math.exp(-min(max(float(gains.sum()), 0.0), LARGEST)))
+    return min(1.0, len(tests) * min(tests))
+
+
+def flipped_signs(gains: Array) -> float:
+    """p-value of gains that might as well have the other sign, each of them."""
+    limit = np.sort(np.abs(gains))[-min(CARRIED, len(gains))]
+    bounded = np.clip(gains, -limit, limit)
+    total, size = float(bounded.sum()), float(np.sqrt((bounded**2).sum()))
+    if not total > 0.0 or not size > 0.0:
+        return 1.0
+    return math.exp(-0.5 * (total / size) ** 2)
+
+
+def error_gain(before: Validated, after: Validated) -> float:
+    """Fall of the root mean square error as a share, of the output that gains most."""
+    ratio = np.sqrt(
+        np.nanmean(after.squares, axis=0) / np.maximum(np.nanmean(before.squares, axis=0), 1e-300)
+    )
+    return 1.0 - float(np.min(ratio))
+
+
+def rejection_reason(
+    effect: Effect,
+    size: float,
+    first: Validated,
+    before: Validated,
+    after: Validated,
+    criteria: Criteria,
+    tried: int,
+) -> str:
+    """Why an effect is not taken beside those before it; empty if it is.
+
+    Args:
+        effect: the newcomer.
+        size: in smallest sizes worth a name.
+        first, before, after: the model as it came, without and with the newcomer.
+        criteria: what counts as proof.
+        tried: number of effects among which it was found.
+    """
+    if size < 1.0:
+        return f"the fit leaves it at {100 * size:.0f} % of the smallest size worth a name"
+    at_noise = after.error_over_noise <= criteria.error_over_noise
+    p = p_value(before.windows, after.windows, at_noise)
+    if not p <= criteria.level / max(tried, 1):
+        asked = criteria.level / max(tried, 1)
+        return f"no gain on recordings that had no part in the fit (p = {p:.2g}, where {asked:.2g} is asked)"
+    gain = error_gain(before, after)
+    if gain < criteria.smallest_gain:
+        return f"cross-validated, windows err by {100 * max(gain, 0):.1f} % less: too little to matter"
+    if before is not first:
+        more = before.excess - after.excess
+        if not at_noise and more < min(criteria.smallest_share * first.excess, 0.5 * before.excess):
+            return (
+                f"it explains {100 * max(more, 0) / max(first.excess, 1e-12):.1f} % of the first squared error: "
+                "the form of the laws before it may leave that"
+            )
+    return ""

@@ -1,0 +1,178 @@
+"""Diagnoses of a user's own plant against a closed form: named when it is there, silent when nothing is missing."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from optid.core.budget import Budget
+from optid.diagnosis.pipeline import diagnose
+from optid.diagnosis.result import Verdict
+from optid.errors import InputError
+from optid.report.diagnosis_document import diagnosis_document
+from optid.report.diagnosis_page import diagnosis_page
+from tests.diagnosis.trolley import TRUTH, recording, rig
+
+WIDTH = 0.2
+
+
+def dead_band(u):
+    return np.sign(u) * np.maximum(np.abs(u) - WIDTH, 0.0)
+
+
+def asked(folder, concealed=lambda u: u, held=None, **how):
+    train = [recording(seed, f"run{seed}.csv", concealed) for seed in (1, 2)]
+    held = held or [recording(3, "held.csv", concealed)]
+    return diagnose(rig(folder), train, held, generator=np.random.default_rng(0), **how)
+
+
+@pytest.fixture(scope="module")
+def dead(tmp_path_factory):
+    return asked(tmp_path_factory.mktemp("dead"), dead_band)
+
+
+@pytest.fixture(scope="module")
+def sound(tmp_path_factory):
+    return asked(tmp_path_factory.mktemp("sound"))
+
+
+def test_nothing_missing_nothing_named(sound):
+    assert sound.verdict is Verdict.CONSISTENT
+    assert sound.findings == ()
+    assert sound.test.best.scores["position"].rmse < 1.1 * sound.noise["position"]
+    assert sound.test.p_value > sound.test.level  # a silent rig carries a test of its own
+    for estimate in sound.best_parameters:
+        assert estimate.low < TRUTH[estimate.name] < estimate.high
+
+
+def test_a_dead_band_is_named_sized_and_proven(dead):
+    assert dead.verdict is Verdict.MISSING_PHYSICS
+    first = dead.findings[0]
+    assert first.effect.name == "dead_zone@drive.command"
+    assert first.site == "drive.command"  # an own plant speaks in its own sites
+    width = {e.name: e for e in first.parameters}["width"]
+    assert width.value == pytest.approx(WIDTH, rel=0.1)
+    assert first.evidence.p_value < 0.01
+    assert dead.test.p_value < 0.01
+    before, after = dead.test.base.scores["position"].rmse, dead.test.best.scores["position"].rmse
+    assert after < 1.2 * dead.noise["position"] < before
+
+
+def test_the_unknown_input_goes_where_the_law_says(dead):
+    (finding,) = dead.findings
+    assert finding.law.shape == finding.signal.signal.shape
+    # Where the command is beyond the band the law takes its width away from it, to the side of the command.
+    u = np.concatenate([recording["command"].values for recording in dead.problem.train])
+    driven = np.abs(u) > 2 * WIDTH
+    assert np.abs(finding.law[driven] + WIDTH * np.sign(u[driven])).max() < 0.1 * WIDTH
+    assert finding.signal.site == finding.place
+
+
+def test_the_document_holds_what_the_contract_asks(dead):
+    document = diagnosis_document(dead)
+    assert document["verdict"] == "missing-physics"
+    keys = {
+        "effect",
+        "site",
+        "equation",
+        "parameters",
+        "where",
+        "evidence",
+        "indistinguishable_from",
+        "suspected",
+    }
+    assert keys <= set(document["findings"][0])
+    assert {"channels", "intervals", "states"} <= set(document["findings"][0]["where"])
+    assert {"holdout_fit_gain", "p_value", "delta_bic"} <= set(document["findings"][0]["evidence"])
+    assert document["baseline"]["holdout"]["position"]["unit"] == "m"
+    assert 0.0 < document["test"]["p_value"] < 0.01
+    assert "dead zone" in document["summary"].lower()
+
+
+def test_the_page_stands_alone(dead):
+    page = diagnosis_page(dead)
+    assert page.count("<svg") >= 3
+    assert 'src="http' not in page and 'href="http' not in page
+    assert "dead zone" in page.lower()
+
+
+def test_bounds_that_shut_the_truth_out_are_no_missing_physics(tmp_path):
+    narrow = rig(tmp_path)
+    shut = {"gain": (0.1, 2.5), "drag": (0.01, 50.0)}
+    freed = tuple(replace(f, low=shut[f.name][0], high=shut[f.name][1]) for f in narrow.freed)
+    train, held = [recording(1, "run.csv")], [recording(2, "held.csv")]
+    found = diagnose(replace(narrow, freed=freed), train, held, generator=np.random.default_rng(0))
+    assert found.verdict is Verdict.PARAMETERS
+    assert found.findings == ()
+    assert {e.name: e.value for e in found.best_parameters} == pytest.approx(TRUTH, rel=0.01)
+    assert found.test.base.scores["position"].rmse > 3.0 * found.test.best.scores["position"].rmse
+    assert "gain" in found.summary
+    assert diagnosis_document(found)["verdict"] == "parameters"
+    assert "<html" in diagnosis_page(found)
+
+
+def test_without_a_hold_out_there_is_no_proof(tmp_path):
+    with pytest.raises(InputError, match="held out"):
+        diagnose(rig(tmp_path), [recording(1, "run.csv")], [], generator=np.random.default_rng(0))
+
+
+def test_a_hold_out_of_a_few_samples_is_refused_before_work(tmp_path):
+    held = recording(3, "held.csv")
+    rest = np.arange(len(held)) >= 37
+    gone = {role: replace(c, values=np.where(rest, np.nan, c.values)) for role, c in held.channels.items()}
+    with pytest.raises(InputError, match="windows") as raised:
+        asked(tmp_path, held=[replace(held, channels=gone)])
+    assert "held.csv" in str(raised.value)
+
+
+def test_no_stage_before_the_test_reads_the_hold_out(tmp_path, monkeypatch):
+    """Its samples may be anything until the test is called: the answer up to there is the same."""
+    seen = []
+
+    def stopped(base, best, without, strongest, holdout, noise, criteria):
+        seen.append([best.answer.p, [effect.name for effect in best.effects]])
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("optid.diagnosis.pipeline.test_on_holdout", stopped)
+    for held in (recording(3, "held.csv", dead_band), recording(9, "held.csv", lambda u: 0.1 * u)):
+        with pytest.raises(KeyboardInterrupt):
+            asked(tmp_path, dead_band, held=[held])
+    (p, names), (other, same) = seen
+    assert names == same == ["dead_zone@drive.command"]
+    assert np.array_equal(p, other)
+
+
+def test_a_name_that_the_hold_out_contradicts_is_a_suspicion(tmp_path):
+    """The band is in the recordings to fit alone: something else is in what was held out."""
+    found = asked(tmp_path, dead_band, held=[recording(3, "held.csv", lambda u: u)])
+    assert found.verdict is Verdict.UNEXPLAINED
+    assert all(finding.effect is None for finding in found.findings)
+    assert "dead_zone@drive.command" in [
+        one.effect for finding in found.findings for one in finding.suspected
+    ]
+    document = diagnosis_document(found)
+    assert [f["effect"] for f in document["findings"]] == [None] * len(found.findings)
+
+
+def test_a_budget_that_is_over_ends_with_what_there_is_and_says_so(tmp_path):
+    found = asked(tmp_path, dead_band, budget=Budget(time_limit=1e-3))
+    assert found.verdict in (Verdict.UNEXPLAINED, Verdict.MISSING_PHYSICS)
+    assert "ended before everything was tried" in found.summary
+
+
+def test_a_figure_that_is_not_finite_is_never_a_verdict(sound, tmp_path, monkeypatch):
+    """A prediction that diverges on the hold-out stops the claim that the model is good to the noise."""
+    from optid.diagnosis import testing
+
+    evaluate = testing.evaluate
+
+    def broken(*given):
+        found = evaluate(*given)
+        windows = found.windows.copy()
+        windows[-50:] = np.nan
+        return replace(found, windows=windows)
+
+    monkeypatch.setattr(testing, "evaluate", broken)
+    found = asked(tmp_path)
+    assert found.verdict is Verdict.UNEXPLAINED
+    assert found.test.error_over_noise != found.test.error_over_noise  # NaN is handed on, not hidden
