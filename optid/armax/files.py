@@ -207,7 +207,7 @@ def _model_in(entry: dict[str, Any], field: str, where: object) -> SavedModel:
         covariance=None if covariance is None else _covariance_in(covariance),
         constant=float(entry.get("constant", 0.0)),
         slope=float(entry.get("slope", 0.0)),
-        trend_errors=_pair(entry.get("trend_errors", (None, None))),
+        trend_errors=_pair(entry.get("trend_errors", (0.0, 0.0))),
     )
     o = model.orders
     said = (entry["na"], entry["nb"], entry["nc"])
@@ -231,5 +231,5 @@ def _covariance_in(rows: list[list[float | None]]) -> tuple[tuple[float, ...], .
 
 
 def _pair(values: Any) -> tuple[float, float]:
-    first, second = (math.nan if x is None else float(x) for x in values)
+    first, second = (math.inf if x is None else float(x) for x in values)
     return first, second
