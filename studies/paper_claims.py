@@ -74,8 +74,9 @@ def prediction_beats_simulation(y: Array, u: Array, model: Armax) -> str:
     free = fit_percent(y, simulate(model, u, y[: model.orders.reach]))
     still = fit_percent(y, last_value(y, 1))
     gained = "more" if one > still else "less"
+    verdict = "stands and says little" if one > free else "does not stand"
     return (
-        f'"The predicted model tracks better than the simulated one" stands and says little: '
+        f'"The predicted model tracks better than the simulated one" {verdict}: '
         f"fits are {one:.3f} % one step ahead and {free:.2f} % in free run, but {still:.3f} % for the value of "
         f"the sample before, which knows no model; the model explains {gained} than that."
     )

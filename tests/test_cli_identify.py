@@ -246,7 +246,7 @@ def test_all_of_eq_12_and_one_estimator(method, recording, tmp_path):
     assert (o.na, o.nb, o.nc, o.nk) == (2, (1, 2), 1, (1, 3))
     assert saved.model.constant == 0.0
     raw = pd.read_csv(recording)
-    y, u = raw["x"].to_numpy() * 1e-3, raw[["u", "r"]].to_numpy()
+    y, u = raw["x"].to_numpy() * 1e-3, raw[["u", "r"]].to_numpy() * [1.0, 1e-3]
     table = pd.read_csv(tmp_path / "table2.csv", comment="#")
     row = table[(table.signal == "error") & (table.predictor == "armax") & (table.part == "in sample")].iloc[
         0

@@ -18,6 +18,7 @@ from optid.core.model import Array
 Roots = NDArray[np.complex128]
 
 NEAR = 0.05  # a pole and a zero whose removal changes no frequency by more than this share cancel
+NEAR_IN_NOISE = 0.2  # the same for a root of C, which is known less well
 EMPTY = 0.01  # share of the impulse response's energy below which a pole carries nothing
 CLOSE = 0.1  # and whose distance is at most this share of the pole's modulus
 STATIC = 0.01  # share of the impulse response's energy outside its first sample that a static gain may have
@@ -174,7 +175,7 @@ def audit(
     return _with_words(result)
 
 
-def cancellations(poles: Roots, zeros: Roots) -> tuple[Cancellation, ...]:
+def cancellations(poles: Roots, zeros: Roots, near: float = NEAR) -> tuple[Cancellation, ...]:
     """Pairs of a pole and a zero that nearly cancel, nearest first; a complex pole stands for its pair.
 
     Without both the response changes on the unit circle by at most |pole - zero| / |1 - |pole|| of itself.
@@ -189,7 +190,7 @@ def cancellations(poles: Roots, zeros: Roots) -> tuple[Cancellation, ...]:
     taken: list[Cancellation] = []
     for pair in sorted(candidates, key=lambda c: c.effect):
         free = all(pair.pole != t.pole and pair.zero != t.zero for t in taken)
-        if pair.effect <= NEAR and free and abs(pair.pole - pair.zero) <= CLOSE * abs(pair.pole):
+        if pair.effect <= near and free and abs(pair.pole - pair.zero) <= CLOSE * abs(pair.pole):
             taken.append(pair)
     return tuple(taken)
 
@@ -198,7 +199,7 @@ def noise_cancellations(model: Armax, poles: Roots, input: int = 0) -> tuple[Noi
     """Pairs of a pole and a root of C that nearly cancel in C/A, nearest first; a complex pole stands for two."""
     roots = np.roots(np.array(model.c)).astype(complex)
     found = []
-    for pair in cancellations(poles, roots):
+    for pair in cancellations(poles, roots, NEAR_IN_NOISE):
         weight = 2.0 if pair.pole.imag else 1.0
         found.append(
             NoiseCancellation(pair.pole, pair.zero, weight * mode_share(model, poles, pair.pole, input))

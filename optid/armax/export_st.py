@@ -8,10 +8,9 @@ from optid.armax import layout
 from optid.armax.export_c import KERNELS
 from optid.armax.identifier import Identifier
 from optid.armax.model import Armax
-from optid.armax.translate_st import MEMORY, translate_st
+from optid.armax.translate_st import MEMORY, literal, translate_st
 from optid.core.model import Array
 from optid.errors import InputError
-from optid.pid.translate import literal
 
 _IDENTIFIER = """\
 (* Recursive ARMAX identifier ({orders}), to be called every {sample_time} s by a cyclic task. Written by optid from

@@ -204,7 +204,7 @@ def _model_in(entry: dict[str, Any], field: str, where: object) -> SavedModel:
         covariance=None if covariance is None else _covariance_in(covariance),
         constant=finite(entry.get("constant", 0.0), f"{field}.constant", where),
         slope=finite(entry.get("slope", 0.0), f"{field}.slope", where),
-        trend_errors=_pair(entry.get("trend_errors", (None, None))),
+        trend_errors=_pair(entry.get("trend_errors", (0.0, 0.0))),
     )
     if not 1e-9 <= model.sample_time <= 1e6:
         raise InputError(
@@ -232,5 +232,5 @@ def _covariance_in(rows: list[list[float | None]]) -> tuple[tuple[float, ...], .
 
 
 def _pair(values: Any) -> tuple[float, float]:
-    first, second = (math.nan if x is None else float(x) for x in values)
+    first, second = (math.inf if x is None else float(x) for x in values)
     return first, second

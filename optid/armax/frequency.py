@@ -18,7 +18,7 @@ from optid.core.model import Array
 
 Complex = NDArray[np.complex128]
 
-SEGMENTS = 8  # at least so many halves overlap
+SEGMENTS = 16  # at least, half overlapping
 SHORTEST, LONGEST = 64, 8192  # samples of a segment
 LARGEST = 400_000  # samples looked at
 

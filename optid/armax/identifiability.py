@@ -25,7 +25,7 @@ OWN = 0.01  # share of an input in a direction that is the input's
 TOUCHED = 1e-3  # share of an open direction, of unit length, from which on it concerns a coefficient
 DIGITS = 15  # decimal places looked at
 LOOKED_AT = 2000  # samples whose digits are looked at
-LEVELS = 50  # different values from which on their common step is taken for rounding
+FINE = 1e-3  # share of a signal's standard deviation up to which its step is taken for rounding
 EXCITED = 24  # lags over which an input's excitation is counted
 
 
@@ -61,13 +61,13 @@ def rounding(x: Array) -> float:
     if largest == 0.0:
         return 0.0
     some = known[:: max(1, known.size // LOOKED_AT)]
-    if np.unique(some).size < LEVELS:  # levels, as of a binary signal, are no rounding
-        return largest * float(np.finfo(float).eps)
     for places in range(-3, DIGITS + 1):
         scaled = some * 10.0**places
         if float(np.max(np.abs(scaled))) > 1e11:
             break
         if np.all(np.abs(scaled - np.round(scaled)) < 1e-3) and np.any(np.round(scaled) != 0.0):
+            if 10.0**-places > FINE * float(np.std(some)):  # levels, as of a binary signal, are no rounding
+                return largest * float(np.finfo(float).eps)
             return 10.0**-places
     if np.array_equal(some.astype(np.float32).astype(float), some):
         return largest * float(np.finfo(np.float32).eps)

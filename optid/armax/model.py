@@ -33,7 +33,7 @@ class Armax:
             an infinite variance and no covariance (NaN) with what else is open.
         constant: what stands on the right side besides, output's unit; the print's eq. 12 has none.
         slope: by how much that grows a second, counted from the recording's first sample.
-        trend_errors: standard errors of `constant` and `slope`, NaN where unknown.
+        trend_errors: standard errors of `constant` and `slope`, 0 for what was not estimated.
     """
 
     a: tuple[float, ...]
@@ -45,7 +45,7 @@ class Armax:
     covariance: tuple[tuple[float, ...], ...] | None = None
     constant: float = 0.0
     slope: float = 0.0
-    trend_errors: tuple[float, float] = (math.nan, math.nan)
+    trend_errors: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
         if len(self.b) != len(self.nk):
@@ -170,7 +170,7 @@ def from_theta(
     noise_variance: float = 0.0,
     covariance: Array | None = None,
     trend: tuple[float, float] = (0.0, 0.0),
-    trend_errors: tuple[float, float] = (math.nan, math.nan),
+    trend_errors: tuple[float, float] = (0.0, 0.0),
 ) -> Armax:
     """The model whose parameter vector is `theta`; `trend` is its constant and its slope."""
     values = [float(x) for x in theta]

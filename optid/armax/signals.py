@@ -94,9 +94,9 @@ def usable(record: Signals, orders: Orders) -> Mask:
     bad = lost.copy()
     bad[: orders.reach] = True
     for lag in range(1, orders.na + 1):
-        bad[lag:] |= lost[:-lag]
+        bad[lag:] |= lost[: max(lost.size - lag, 0)]
     for i, (nb, nk) in enumerate(zip(orders.nb, orders.nk, strict=True)):
         gone = ~np.isfinite(record.u[:, i])
         for lag in range(nk, nk + nb):
-            bad[lag:] |= gone[: gone.size - lag] if lag else gone
+            bad[lag:] |= gone[: max(gone.size - lag, 0)] if lag else gone
     return np.asarray(~bad)

@@ -13,7 +13,6 @@ from typing import Any
 from optid.armax.translate import _Function as _InC
 from optid.armax.translate import signatures
 from optid.errors import JobError
-from optid.pid.translate import literal
 
 _OPERATORS: dict[type[ast.AST], str] = {
     ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Mod: "MOD", ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">",
@@ -21,6 +20,14 @@ _OPERATORS: dict[type[ast.AST], str] = {
 }  # fmt: skip
 _TYPES = {"Array": "DINT", "int": "DINT", "float": "LREAL", "bool": "BOOL"}
 MEMORY = "memory"
+
+
+def literal(value: float) -> str:
+    """A finite number that reads back to its bits in structured text."""
+    mantissa, _, exponent = repr(float(value)).partition("e")
+    if "." not in mantissa:
+        mantissa += ".0"
+    return f"{mantissa}E{int(exponent)}" if exponent else mantissa
 
 
 def translate_st(functions: Sequence[Any], prefix: str, constants: Mapping[str, int], size: int) -> str:

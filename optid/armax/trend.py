@@ -123,7 +123,7 @@ class Frame:
         values, spread = M @ theta + m, None
         own = np.r_[0 : self.orders.parameters - self.orders.nc, self.full_orders.c_block]
         extra = np.arange(self.trend.value) + self.orders.parameters - self.orders.nc
-        errors = np.full(2, np.nan)
+        errors = np.zeros(2)
         if covariance is not None:
             every = spread_of(M, covariance)
             spread = every[np.ix_(own, own)]
