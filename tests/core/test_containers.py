@@ -1,4 +1,4 @@
-"""MATLAB, HDF5, Parquet and TDMS in the shapes in which they are saved; clocks of their own; bounds on what they ask for."""
+"""MATLAB, HDF5, Parquet and TDMS in the shapes in which they are saved; their clocks; bounds on what they ask for."""
 
 import io
 import os
