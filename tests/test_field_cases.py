@@ -1,4 +1,4 @@
-"""Recordings rebuilt from symptoms that people in the field reported: each is read and told right, or refused with a cure.
+"""Recordings rebuilt from symptoms that people in the field reported: told right, or refused with a cure.
 
 They lie beside the checkout and are no part of the project; where they are absent this skips. What needs minutes (fits
 and diagnoses of them) is left to their own tests.

@@ -1,4 +1,4 @@
-"""What ruins a fit is seen: jumps, outliers, the wrong sign, feedback without excitation, tied inputs, missing commands."""
+"""What ruins a fit is seen: jumps, outliers, the wrong sign, feedback alone, tied inputs, missing commands."""
 
 from dataclasses import replace
 

@@ -77,7 +77,7 @@ class Rows:
     def sample(self) -> Iterator[str]:
         """The first rows and the last ones."""
         size = 1 << 18
-        for part in (self.body[:size], self.body[size:][-size:]):
+        for part in (self.body[:size], self.body[max(size, len(self.body) - size) :]):
             yield from (
                 line for line in part.decode(self.encoding, "replace").splitlines()[1:-1] if line.strip()
             )
