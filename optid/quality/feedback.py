@@ -39,8 +39,8 @@ def feedback(recording: Recording, inputs: tuple[str, ...], outputs: tuple[str, 
                 yield Remark(
                     "feedback", "warning", cause,
                     f"{cause} can be computed from {role} ({_EXPLAINED:.1%} of it and more): it comes from a "
-                    "controller that nothing else excites, so plant and inverse controller cannot be told apart; record "
-                    "again with a moving reference or a test signal added to the command",
+                    "controller that nothing else excites, so plant and inverse controller cannot be told apart; "
+                    "record again with a moving reference or a test signal added to the command",
                 )  # fmt: skip
                 break
 

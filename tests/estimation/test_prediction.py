@@ -1,5 +1,7 @@
 """Prediction by windows: nothing of a window, and nothing after it, is in its start."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -73,3 +75,46 @@ def test_scores_are_those_of_the_contract():
     holed = np.where(np.arange(50) == 7, np.nan, y)
     assert np.isfinite(Score.of(holed, guess, "m").rmse)
     assert np.isnan(Score.of(np.full(50, np.nan), guess, "m").fit_percent)
+
+
+def commanded(recording, lost):
+    """The recording with its command, which holds from sample to sample, missing at some rows."""
+    command = recording["command"]
+    values = np.array(command.values)
+    values[lost] = np.nan
+    channels = {**recording.channels, "command": replace(command, values=values, held=True)}
+    return replace(recording, channels=channels)
+
+
+def test_nothing_is_predicted_where_the_command_is_missing_for_long(cart):
+    data = recording(np.random.default_rng(6), seconds=4.0)
+    found = predict(cart, commanded(data, slice(300, 500)))
+    frame = found.frame
+    assert len(frame) == len(data)
+    assert frame["position_free_run"].isna().to_numpy().nonzero()[0].tolist() == list(range(300, 500))
+    assert frame["position_window"][300:500].isna().all()
+    assert "200 samples" in found.notes[0]
+    assert len(found.begins) == 2
+
+
+def test_a_free_run_starts_at_the_first_measured_sample_as_it_is_measured(tmp_path):
+    """Even where the model is wrong, and though the start's other states come from what follows."""
+    wrong = rig(tmp_path, gain=3 * TRUTH["gain"], drag=TRUTH["drag"] / 3)
+    data = recording(np.random.default_rng(7), seconds=4.0)
+    values = np.array(data["position"].values)
+    values[:40] = np.nan
+    late = replace(data, channels={**data.channels, "position": replace(data["position"], values=values)})
+    found = predict(wrong, late)
+    free_run = found.frame["position_free_run"].to_numpy()
+    assert np.isnan(free_run[:40]).all()
+    assert free_run[40] == pytest.approx(values[40], abs=4 * SD)
+    ((begin, state),) = found.begins
+    assert begin == data.time[40]
+    assert state["position"] == free_run[40]
+
+
+def test_a_prediction_that_leaves_the_numbers_is_said_with_its_time(cart):
+    runaway = {**cart.parameters, "drag": -2000.0}
+    found = predict(cart, recording(np.random.default_rng(8), seconds=4.0), runaway)
+    assert "free run of position is not finite from" in " ".join(found.notes)
+    assert not np.isinf(found.frame["position_free_run"].to_numpy()).any()

@@ -316,7 +316,7 @@ def _numbers(table: Table, channel: ChannelMap, path: Path) -> Array:
                 f'{table.place(error.row)} holds "{shown(error.found)}"', where=path, field=field,
                 expected=f"a number in {channel.unit}",
             ) from None  # fmt: skip
-    values = values.astype(np.float64)
+    values = values.astype(np.float64, copy=False)
     infinite = np.isinf(values)
     if infinite.any():
         row = int(infinite.argmax())

@@ -77,7 +77,7 @@ class Rows:
     def sample(self) -> Iterator[str]:
         """The first rows and the last ones."""
         size = 1 << 18
-        for part in (self.body[:size], self.body[size:][-size:]):
+        for part in (self.body[:size], self.body[max(size, len(self.body) - size) :]):
             yield from (
                 line for line in part.decode(self.encoding, "replace").splitlines()[1:-1] if line.strip()
             )
@@ -168,7 +168,8 @@ def _end(data: bytes, start: int, encoding: str, layout: Layout) -> tuple[int, i
         # The first mapped column holds words ("Mean", "End of data"), or the line nothing that is a value at all.
         lead = cells[layout.places[0]] if len(cells) > layout.places[0] else ""
         values = any(is_value(cell) for cell in cells[: max(layout.places) + 1])
-        prose = bool(line) and (not values or not (is_value(lead) or is_missing(lead)))
+        empty = all(map(is_missing, cells))
+        prose = bool(line) and not empty and (not values or not (is_value(lead) or is_missing(lead)))
         if begin <= start or (line and not prose):
             break
         below += bool(prose) and not line.startswith(("#", "%", "//"))

@@ -93,7 +93,9 @@ def read_table(path: Path, wanted: Iterable[str]) -> tuple[Table, str]:
     budget, name = Budget(len(data), path), path.name.lower()
     if data[:2] == b"\x1f\x8b" or name.endswith(".gz"):
         data, name = unzipped(data, budget, path), name.removesuffix(".gz")
-    return reader_of(data, name, path)(data, path, tuple(dict.fromkeys(wanted)), budget), digest
+    reader, held = reader_of(data, name, path), [data]
+    del data  # the reader may let go of it once it has what it needs
+    return reader(held.pop(), path, tuple(dict.fromkeys(wanted)), budget), digest
 
 
 def offered(name: str, names: Iterable[str]) -> str:

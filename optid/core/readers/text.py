@@ -56,8 +56,9 @@ def read(data: bytes, path: Path, wanted: tuple[str, ...], budget: Budget) -> Ta
     names = [name for name in layout.names if name]
     if not layout.found:
         return _nothing_found(layout, about, path)
-    rows = Rows.of(text.data, text.encoding, layout, path)
-    frame = _frame(rows, layout, text.encoding, path)
+    rows, encoding = Rows.of(text.data, text.encoding, layout, path), text.encoding
+    del data, text  # a long file is in memory once
+    frame = _frame(rows, layout, encoding, path)
     notes = rows.notes + tuple(f'"{words}" is taken for "{name}"' for name, words in layout.relaxed.items())
     columns = {int(k): _column(frame[k], rows, layout, int(k), path) for k in frame.columns.tolist()}
     if logger is not None and logger.change is not None:
@@ -82,7 +83,8 @@ def _decoded(data: bytes, path: Path) -> _Text:
         data = data.replace(b"\r", b"\n")
         head = data[:_HEAD_BYTES]
     try:
-        data.decode("utf-8")
+        if not data.isascii():
+            data.decode("utf-8")
     except UnicodeDecodeError:
         encoding = "latin-1"  # older exports: only names such as "µm" differ, numbers do not
     lines = head.split(b"\n")
