@@ -29,8 +29,9 @@ SET = {"metrics.json", "prediction.csv", "report.html", "manifest.json"}
 # The command line with something that happens after the work and before the writing, and, where caches do not
 # matter, without the work.
 PROGRAM = """
-import os, subprocess, sys
+import logging, os, subprocess, sys
 import optid.cli
+logging.getLogger("matplotlib").setLevel(logging.ERROR)  # as the command does, before what follows imports it
 command = sys.modules["optid.cli.simulate"]
 late, quick = os.environ.pop("LATE", ""), os.environ.pop("QUICK", "")
 if late:

@@ -25,6 +25,7 @@ MANIFEST = "manifest.json"
 SCHEMA = "optid.manifest/1"
 STAGED, COMMITTED, UNDONE = ".optid-new-", ".optid-commit", ".optid-undo"
 OLD = "old"  # inside those: what stood in the folder before, to be put back if the folder refuses half-way
+_MOST = 2**24  # bytes of a manifest; a file of that name may be anybody's
 _TRIAL = "x" * 40  # longer than the name of any result
 
 
@@ -137,7 +138,8 @@ def commit(folder: Path, staged: Path, facts: Mapping[str, Any]) -> None:
 def manifest(folder: Path) -> dict[str, Any] | None:
     """The content of a folder's manifest; ``None`` where there is none that can be understood."""
     try:
-        content = json.loads((folder / MANIFEST).read_bytes())
+        with (folder / MANIFEST).open("rb") as file:
+            content = json.loads(file.read(_MOST))
     except (OSError, ValueError, RecursionError):
         return None
     tables = ("files", "earlier", "replaced")

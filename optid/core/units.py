@@ -62,8 +62,11 @@ class Conversion:
 
     def exact(self, number: str, *, difference: bool = False) -> float:
         """A decimal text in `unit` as the nearest SI float ("6.2" mm is 0.0062, not 0.006200000000000001)."""
-        product = Decimal(number) * Decimal(repr(self.factor))
-        return float(product if difference else product + Decimal(repr(self.offset)))
+        try:
+            product = Decimal(number) * Decimal(repr(self.factor))
+            return float(product if difference else product + Decimal(repr(self.offset)))
+        except ArithmeticError:  # an exponent beyond decimals, of a number that a float has as 0
+            return self.factor * float(number) + (0.0 if difference else self.offset)
 
     def text(self, value: float) -> str:
         """An SI number as a decimal text in `unit` that `exact` reads back.

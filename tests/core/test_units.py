@@ -138,3 +138,10 @@ def test_a_unit_beyond_the_floats_has_no_coherent_one(unit):
 def test_a_long_text_is_refused_at_once():
     with pytest.raises(RigError, match="1000002 characters"):
         to_si("1" + " " * 1_000_000 + "x", "m")
+
+
+@pytest.mark.parametrize(
+    "text", ["1e-99999999999999999999 mm", "0e99999999999999999999 m", "-1e-999999999999999999999 m"]
+)
+def test_an_exponent_beyond_decimals_is_zero(text):
+    assert to_si(text, "m") == 0.0
