@@ -15,6 +15,9 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable
 
+LONGEST = 1200  # characters of a message
+MANY = 2000  # names that are compared with a mistyped one
+
 
 class OptidError(Exception):
     """The root of everything optid raises on purpose."""
@@ -38,7 +41,15 @@ class InputError(OptidError):
         self.where, self.field, self.expected, self.hint = where, field, expected, hint
         head = ": ".join(str(part) for part in (where, field) if part is not None)
         tail = "; ".join(part for part in (message, expected and f"expected {expected}", hint) if part)
-        super().__init__(" ".join((f"{head}: {tail}" if head else tail).split()))
+        super().__init__(one_line(f"{head}: {tail}" if head else tail))
+
+
+def one_line(text: str) -> str:
+    """A message as a terminal bears it: without line breaks, and the middle left out where it is endless."""
+    if len(text) > 4 * LONGEST:  # before anything that takes time goes over it
+        text = f"{text[: 2 * LONGEST]} ... {text[-2 * LONGEST :]}"
+    line = " ".join("".join(c if c.isprintable() else " " for c in text).split())
+    return line if len(line) <= LONGEST else f"{line[: LONGEST // 2]} ... {line[-LONGEST // 2 :]}"
 
 
 class RigError(InputError):
@@ -68,7 +79,10 @@ class NotIdentifiable(JobError):
 def nearest(name: str, valid: Iterable[str]) -> str:
     """Say which of the valid names was probably meant, or list them all."""
     names = sorted(valid)
-    close = difflib.get_close_matches(name, names, n=1, cutoff=0.6)
+    # Each comparison takes time with the length of both: nobody mistypes thousands of letters or means one of 1000s.
+    close = difflib.get_close_matches(name[:80], [n for n in names[:MANY] if len(n) <= 80], n=1, cutoff=0.6)
     if close:
         return f'did you mean "{close[0]}"?'
-    return f"valid names: {', '.join(names)}" if names else "there are none"
+    shown = ", ".join(n if len(n) <= 80 else f"{n[:76]} ..." for n in names[:40])
+    more = f" and {len(names) - 40} more" if len(names) > 40 else ""
+    return f"valid names: {shown}{more}" if names else "there are none"

@@ -3,9 +3,12 @@
     python studies/table2.py [--out DIR] [--quick]
 
 Runs on the paper's impulse experiment (the rig of `independent_rig`, valve command in pulses), on the
-example rigs and on the EMPS benchmark where these recordings lie beside the checkout. Writes for each one
-`table2_NAME.csv` with every column's formula, and prints it with the choice of order and the audits. The printed
-table, restored, goes into `table2_printed.csv` with a remark on every row that does not agree.
+example rigs and on the EMPS benchmark where these recordings lie beside the checkout. Every estimator makes a table of
+its own, `table2_NAME_ESTIMATOR.csv` with every column's formula: offline prediction errors (pem), recursive maximum
+likelihood (rml), and recursive least squares as the paper has it (rls). Their errors stand side by side with the print
+in `table2_NAME.csv`. Printed besides: the choice of order, the audits, and which of the paper's claims stand on the
+impulse experiment (`studies/paper_claims.py`). The printed table, restored, goes into `table2_printed.csv` with a
+remark on every row that does not agree.
 """
 
 from __future__ import annotations
@@ -26,9 +29,11 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from optid.armax import Armax, from_transfer_function
 from optid.armax.audit import Audit, audit
 from optid.armax.loop import Gains
-from optid.armax.survey import Plan, Survey, survey
+from optid.armax.survey import Estimator, Plan, Survey, survey
 from studies.independent_rig import Rig, balanced, replay
 from studies.independent_rig.loop import state
+from studies.paper_claims import claims
+from studies.physical_rows import physical_entries
 
 Array = NDArray[np.float64]
 ROOT = Path(__file__).parents[1]
@@ -62,12 +67,22 @@ def main() -> None:
     pd.set_option("display.width", 200, "display.max_columns", 30, "display.max_rows", 200)
     pd.set_option("display.max_colwidth", 90, "display.precision", 4)
     for experiment in experiments(quick=arguments.quick):
-        found = survey(
-            experiment.y, experiment.u, experiment.sample_time, Plan(unit=experiment.unit, gains=PAPER_GAINS)
-        )
-        path = arguments.out / f"table2_{experiment.name}.csv"
-        path.write_text(found.table2.csv(), encoding="utf-8")
-        tell(experiment, found)
+        tables = {}
+        for estimator in Estimator:
+            plan = Plan(unit=experiment.unit, gains=PAPER_GAINS, estimator=estimator)
+            found = survey(experiment.y, experiment.u, experiment.sample_time, plan)
+            path = arguments.out / f"table2_{experiment.name}_{estimator.name.lower()}.csv"
+            path.write_text(found.table2.csv(), encoding="utf-8")
+            tables[estimator] = found
+        beside = side_by_side(tables, experiment)
+        beside.to_csv(arguments.out / f"table2_{experiment.name}.csv")
+        print(f"\n{experiment.name}: {experiment.y.size} samples every {experiment.sample_time:g} s")
+        print(beside.to_string())
+        tell(tables[Estimator.PEM])
+        if experiment.name == "impulse":
+            print("\nThe paper's claims")
+            for claim in claims(experiment.y, experiment.u, experiment.sample_time, tables[Estimator.PEM]):
+                print(f"  {claim}")
     print("\nThe paper's Table 2 as printed (cm), and what does not agree")
     print(printed_table().drop(columns="remark").to_string())
     for remark in dict.fromkeys(filter(None, printed_table()["remark"])):
@@ -78,10 +93,36 @@ def main() -> None:
         say(audit(model, gains=PAPER_GAINS))
 
 
-def tell(experiment: Experiment, found: Survey) -> None:
-    """Print a recording's table, choice of order and audits."""
-    print(f"\n{experiment.name}: {experiment.y.size} samples every {experiment.sample_time:g} s")
-    print(found.table2.frame().to_string(index=False))
+def side_by_side(tables: dict[Estimator, Survey], experiment: Experiment) -> pd.DataFrame:
+    """Standard deviation of the errors by estimator, in sample and held out, beside the print's."""
+    columns = {}
+    for estimator, found in tables.items():
+        frame = found.table2.frame()
+        errors = frame[frame["signal"] == "error"]
+        for part, rows in errors.groupby("part", sort=False):
+            keys = pd.MultiIndex.from_frame(rows[["predictor", "order", "steps"]])
+            columns[estimator.name.lower(), part] = pd.Series(rows["sd"].to_numpy(), index=keys)
+    extra = (
+        physical_entries(experiment.y, experiment.u, experiment.sample_time)
+        if experiment.name == "impulse"
+        else {}
+    )
+    for part, values in extra.items():
+        keys = pd.MultiIndex.from_tuples(
+            [("physical model", 0, k) for k in values], names=["predictor", "order", "steps"]
+        )
+        columns["physical", part] = pd.Series(list(values.values()), index=keys)
+    table = pd.DataFrame(columns)
+    printed = printed_table().xs("error", level="signal")["standard_deviation"]
+    table["print (cm)", ""] = [
+        printed.get((order, steps), math.nan) if predictor == "armax" else math.nan
+        for predictor, order, steps in table.index
+    ]
+    return table
+
+
+def tell(found: Survey) -> None:
+    """Print a recording's choice of order and audits."""
     print(found.words)
     for candidate in found.candidates:
         print(f"\nOrder {candidate.order}: {candidate.model}")

@@ -175,7 +175,12 @@ def test_a_rig_whose_effects_read_clock_and_past_commands_needs_no_channel_for_t
 def test_simulate_writes_what_the_contract_says(simulated):
     result, out = simulated
     assert result.exit_code == 0, result.output
-    assert {file.name for file in out.iterdir()} == {"prediction.csv", "metrics.json", "report.html"}
+    assert {file.name for file in out.iterdir()} == {
+        "prediction.csv",
+        "metrics.json",
+        "report.html",
+        "manifest.json",
+    }
     table = pd.read_csv(out / "prediction.csv")
     assert list(table) == ["time", "position", "position_free_run", "position_window"]
     assert len(table) == 8000
@@ -214,7 +219,12 @@ def fitted(tmp_path_factory):
 def test_fit_writes_what_the_contract_says(fitted):
     result, out = fitted
     assert result.exit_code == 0, result.output
-    assert {file.name for file in out.iterdir()} == {"fit.json", "rig.toml", "report.html"}
+    assert {file.name for file in out.iterdir()} == {
+        "fit.json",
+        "rig.toml",
+        "report.html",
+        "manifest.json",
+    }
     found = json.loads((out / "fit.json").read_text())
     assert found["schema"] == "optid.fit/1"
     assert found["outcome"] == "converged"

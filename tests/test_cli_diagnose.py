@@ -40,7 +40,12 @@ def answered(bench):
 
 def test_it_writes_the_three_files_and_says_the_answer(answered):
     out, said = answered
-    assert sorted(path.name for path in out.iterdir()) == ["diagnosis.json", "report.html", "rig.toml"]
+    assert sorted(path.name for path in out.iterdir()) == [
+        "diagnosis.json",
+        "manifest.json",
+        "report.html",
+        "rig.toml",
+    ]
     document = json.loads((out / "diagnosis.json").read_text())
     assert document["schema"] == "optid.diagnosis/1"
     assert document["findings"][0]["effect"] == "dead_zone@drive.command"

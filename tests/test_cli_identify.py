@@ -46,7 +46,18 @@ def recording(tmp_path_factory):
 @pytest.fixture(scope="module")
 def done(recording, tmp_path_factory):
     out = tmp_path_factory.mktemp("out") / "armax"
-    arguments = ("--orders", "2,4", "--steps", "1,5", "--gains", "30,20", "--export-c", "--out", out)
+    arguments = (
+        "--orders",
+        "2,4",
+        "--steps",
+        "1,5",
+        "--gains",
+        "30,20",
+        "--export-c",
+        "--export-st",
+        "--out",
+        out,
+    )
     result = run("identify", recording, "--rig", RIG, *arguments)
     assert result.exit_code == 0, result.output
     return result, out
@@ -54,11 +65,13 @@ def done(recording, tmp_path_factory):
 
 def test_files_and_summary(done):
     result, out = done
-    names = {"armax.json", "table2.csv", "report.html", "armax_model.h", "armax_identifier.h"}
+    names = {"manifest.json", "armax.json", "table2.csv", "report.html"}
+    names |= {f"armax_{what}.{kind}" for what in ("model", "identifier") for kind in ("h", "st")}
     assert {path.name for path in out.iterdir()} == names
     assert result.stdout.startswith("position from command: ")
     assert "stabilise" in (out / "report.html").read_text(encoding="utf-8")
-    assert len(result.stdout.splitlines()) < 40
+    assert len(result.stdout.splitlines()) < 50
+    assert "last value" in result.stdout and "held out" in result.stdout
 
 
 def test_json_is_the_contract_s(done):
@@ -78,7 +91,15 @@ def test_json_is_the_contract_s(done):
 def test_table_is_what_the_saved_models_predict(done, recording):
     """table2.csv from armax.json and the recording alone: units, orders and horizons."""
     table = pd.read_csv(done[1] / "table2.csv", comment="#")
-    assert [(r.order, r.steps) for r in table.itertuples() if r.signal == "error"] == [(2, 1), (4, 1), (4, 5)]
+    errors = table[table.signal == "error"]
+    for part in ("in sample", "held out"):
+        rows = errors[errors.part == part]
+        assert [*zip(rows.order, rows.steps, rows.predictor, strict=True)] == [
+            (2, 1, "armax"), (4, 1, "armax"), (4, 5, "armax"), (4, 5, "armax, 5 steps"), (0, 1, "last value"),
+            (0, 5, "last value"),
+        ]  # fmt: skip
+    still = errors[(errors.predictor == "last value") & (errors.part == "in sample")]
+    assert still.lag.to_numpy() == pytest.approx([1.0, 5.0], abs=0.05)
     raw = pd.read_csv(recording)
     y, u = raw["x"].to_numpy() * 1e-3, raw["u"].to_numpy()
     for saved in load(done[1] / "armax.json").models:
@@ -105,8 +126,16 @@ def test_report_stands_alone(done):
     page, tags = (done[1] / "report.html").read_text(encoding="utf-8"), Tags()
     tags.feed(page)
     assert tags.links == []
-    assert tags.seen.count("svg") == 4
-    for words in ("The recommended model", "Table 2", "eq. 13", "Choice of order", "do not know"):
+    assert tags.seen.count("svg") == 7
+    for words in (
+        "The recommended model",
+        "Table 2",
+        "eq. 13",
+        "Choice of order",
+        "do not know",
+        "What the models do",
+        "pole of the rig",
+    ):
         assert words in page
     assert "{{" not in page and "nan" not in page.split("<svg")[0]
 
@@ -132,6 +161,11 @@ def test_malformed_files_are_refused_and_nothing_is_written(case, tmp_path):
         (("--orders", "400"), "parameters"),
         (("--steps", "1,-5"), "--steps"),
         (("--delay", "-1"), "--delay"),
+        (("--delay", "1,2"), "one an input"),
+        (("--nb", "0"), "--nb"),
+        (("--forgetting", "0.2"), "0.5 to 1"),
+        (("--forgetting", "fading:0.9"), "directional"),
+        (("--method", "ls"), "--method"),
         (("--gains", "1,2,3,4"), "KP,KI,KD"),
         (("--gains", "nan"), "KP,KI,KD"),
         (("--output", "postion"), 'did you mean "position"'),
@@ -185,3 +219,71 @@ def test_the_equation_reads_as_eq_12():
     words = "y(t) = 0.5 y(t−1) − 0.25 y(t−2) + 2 u(t−1) − 1 u(t−2) + e(t) + 0.3 e(t−1)"
     assert equation(model) == words
     assert equation(Armax(a=(1.0, 0.5))) == "y(t) = − 0.5 y(t−1) + e(t)"
+
+
+@pytest.mark.parametrize("method", ["rls", "rml"])
+def test_all_of_eq_12_and_one_estimator(method, recording, tmp_path):
+    """A structure of the user's own by a recursion: the models of the file and of the table are that recursion's."""
+    options = (
+        "--na",
+        2,
+        "--nb",
+        "1,2",
+        "--nc",
+        1,
+        "--delay",
+        "1,3",
+        "--input",
+        "command",
+        "--input",
+        "reference",
+    )
+    more = ("--method", method, "--forgetting", "0.999", "--trend", "none", "--steps", "1")
+    result = run("identify", recording, "--rig", RIG, "--out", tmp_path, *options, *more)
+    assert result.exit_code == 0, result.output
+    [saved] = load(tmp_path / "armax.json").models
+    o = saved.model.orders
+    assert (o.na, o.nb, o.nc, o.nk) == (2, (1, 2), 1, (1, 3))
+    assert saved.model.constant == 0.0
+    raw = pd.read_csv(recording)
+    y, u = raw["x"].to_numpy() * 1e-3, raw[["u", "r"]].to_numpy()
+    table = pd.read_csv(tmp_path / "table2.csv", comment="#")
+    row = table[(table.signal == "error") & (table.predictor == "armax") & (table.part == "in sample")].iloc[
+        0
+    ]
+    assert row.mean_square_error == pytest.approx(
+        np.nanmean((predict(saved.model, y, u, 1) - y) ** 2), rel=1e-9
+    )
+    assert ("least squares" in result.stdout) is (method == "rls")
+
+
+def test_an_operating_point_is_told(tmp_path):
+    """A first-order plant around 3 V and 50 mm: the gain is right and the constant is said, from the command line."""
+    from scipy.signal import lfilter
+
+    rng = np.random.default_rng(0)
+    u = np.where(np.cumsum(rng.random(2500) < 0.1) % 2, 0.5, -0.5)
+    x = 50 + lfilter([0.0, 0.1], [1.0, -0.95], u) + 0.01 * rng.standard_normal(u.size)
+    pd.DataFrame({"t": 0.001 * np.arange(u.size), "u": 3 + u, "x": x}).to_csv(
+        tmp_path / "run.csv", index=False
+    )
+    rig = RIG.read_text().split("reference")[0]
+    (tmp_path / "rig.toml").write_text(rig)
+    call = (
+        "identify",
+        tmp_path / "run.csv",
+        "--rig",
+        tmp_path / "rig.toml",
+        "--orders",
+        "1,2",
+        "--out",
+        tmp_path / "o",
+    )
+    result = run(*call)
+    assert result.exit_code == 0, result.output
+    document = json.loads((tmp_path / "o" / "armax.json").read_text())
+    model = next(m for m in document["models"] if m["na"] == document["recommended"])
+    low, high = model["static_gain"][0]["ci95"]
+    assert low < 2e-3 < high < 2.1e-3
+    assert model["constant"] == pytest.approx((0.05 - 2e-3 * 3) * sum(model["a"]), rel=0.01)
+    assert "Operating point in the model" in result.stdout

@@ -37,14 +37,16 @@ def test_sound_files_pass(tmp_path):
 @pytest.mark.parametrize("file", ["bench.toml", "steps.csv"])
 def test_no_permission_is_named(file, tmp_path, monkeypatch):
     rig, recording = make(Case("sound", "none", (), SOUND_RIG, SOUND_RECORDING), tmp_path)
-    real = Path.read_bytes
+    for way in ("read_bytes", "open"):
+        real = getattr(Path, way)
 
-    def refuse(path):  # the superuser may read everything, so permissions alone would not show it
-        if path.name == file:
-            raise PermissionError(errno.EACCES, "Permission denied", str(path))
-        return real(path)
+        # The superuser may read everything, so permissions alone would not show it.
+        def refuse(path, *arguments, real=real, **options):
+            if path.name == file:
+                raise PermissionError(errno.EACCES, "Permission denied", str(path))
+            return real(path, *arguments, **options)
 
-    monkeypatch.setattr(Path, "read_bytes", refuse)
+        monkeypatch.setattr(Path, way, refuse)
     with pytest.raises(RigError if file == "bench.toml" else RecordingError, match="no permission") as caught:
         read_recording(recording, read_rig(rig))
     assert file in str(caught.value)

@@ -3,8 +3,8 @@
 from optid.armax.forgetting import Constant, Directional, Variable
 from optid.armax.identifier import Identifier, Method, Settings
 from optid.armax.model import Armax, from_transfer_function
+from optid.armax.offline import Identification, exact_start, identify
 from optid.armax.structure import Orders
-from optid.armax.whole import Identification, exact_start, identify
 
 __all__ = [
     "Armax",

@@ -18,6 +18,7 @@ from optid.core.model import Array
 Roots = NDArray[np.complex128]
 
 NEAR = 0.05  # a pole and a zero whose removal changes no frequency by more than this share cancel
+EMPTY = 0.01  # share of the impulse response's energy below which a pole carries nothing
 CLOSE = 0.1  # and whose distance is at most this share of the pole's modulus
 STATIC = 0.01  # share of the impulse response's energy outside its first sample that a static gain may have
 SETTLED = 0.01  # share of the impulse response's peak
@@ -39,6 +40,24 @@ class Cancellation:
 
 
 @dataclass(frozen=True)
+class NoiseCancellation:
+    """A pole that a root of C nearly cancels, so that the noise does not see it.
+
+    `share` is the pole's own share of the impulse response's energy from the input: where that is nothing either, the
+    pole is one too many.
+    """
+
+    pole: complex
+    root: complex
+    share: float
+
+    @property
+    def empty(self) -> bool:
+        """Neither noise nor input has any use for the pole."""
+        return self.share < EMPTY
+
+
+@dataclass(frozen=True)
 class Finding:
     """One thing worth knowing: a fixed name, a grave one or not, and a sentence."""
 
@@ -57,8 +76,10 @@ class Audit:
         pole_errors: standard error of each pole's modulus, from the model's covariance; NaN where unknown.
         stable: every pole lies inside the unit circle.
         cancellations: poles a zero nearly cancels.
+        noise_cancellations: poles a root of C nearly cancels.
         effective_order: poles that remain when those are gone.
         static_gain: response to a constant, infinite for an integrator; formal where the model is unstable.
+        static_gain_error: its standard error, NaN where unknown, infinite where the data leave it open.
         first: coefficient of the first sample that answers.
         static_share: share of the impulse response's energy in that sample (cancelled pairs removed).
         settles: samples until the impulse response stays below 1 % of its peak, None where it never does.
@@ -74,8 +95,10 @@ class Audit:
     pole_errors: tuple[float, ...]
     stable: bool
     cancellations: tuple[Cancellation, ...]
+    noise_cancellations: tuple[NoiseCancellation, ...]
     effective_order: int
     static_gain: float
+    static_gain_error: float
     first: float
     static_share: float
     settles: int | None
@@ -136,8 +159,10 @@ def audit(
         pole_errors=pole_errors(model, poles),
         stable=bool(np.all(np.abs(poles) < 1.0)),
         cancellations=pairs,
+        noise_cancellations=noise_cancellations(model, poles, input),
         effective_order=int(poles.size) - gone,
         static_gain=gain,
+        static_gain_error=static_gain_error(model, input),
         first=first,
         static_share=float((first / peak) ** 2 / energy) if peak > 0 else 1.0,
         settles=settles,
@@ -169,12 +194,40 @@ def cancellations(poles: Roots, zeros: Roots) -> tuple[Cancellation, ...]:
     return tuple(taken)
 
 
+def noise_cancellations(model: Armax, poles: Roots, input: int = 0) -> tuple[NoiseCancellation, ...]:
+    """Pairs of a pole and a root of C that nearly cancel in C/A, nearest first; a complex pole stands for two."""
+    roots = np.roots(np.array(model.c)).astype(complex)
+    found = []
+    for pair in cancellations(poles, roots):
+        weight = 2.0 if pair.pole.imag else 1.0
+        found.append(
+            NoiseCancellation(pair.pole, pair.zero, weight * mode_share(model, poles, pair.pole, input))
+        )
+    return tuple(found)
+
+
+def mode_share(model: Armax, poles: Roots, pole: complex, input: int = 0) -> float:
+    """Energy of one pole's own mode in the impulse response of B/A, as a share of all modes' energies."""
+    slope, n = np.polyder(np.array(model.a)), len(model.a) - 1
+    energies = {}
+    for p in poles:
+        steepness = complex(np.polyval(slope, p))
+        if abs(p) >= 1.0 or abs(p) < 1e-6 or steepness == 0.0:
+            continue
+        b = np.array(model.b[input])
+        residue = complex(np.polyval(b, p)) * p ** (n - b.size) / steepness
+        energies[complex(p)] = abs(residue) ** 2 / (1.0 - abs(p) ** 2)
+    if complex(pole) not in energies or len(energies) < 2:
+        return 1.0
+    largest = max(sum(energies.values()), 1e-300)
+    return float(energies[complex(pole)] / largest)
+
+
 def pole_errors(model: Armax, poles: Roots) -> tuple[float, ...]:
     """Standard error of each pole's modulus to first order: dp/da_k = -p^(n-k) / A'(p), A in powers of z."""
     n = len(model.a) - 1
     if model.covariance is None or n == 0:
         return (math.nan,) * poles.size
-    spread = np.array(model.covariance)[:n, :n]
     slope = np.polyder(np.array(model.a))
     errors = []
     for p in poles:
@@ -183,9 +236,21 @@ def pole_errors(model: Armax, poles: Roots) -> tuple[float, ...]:
             errors.append(math.nan)
             continue
         change = np.array([-(p ** (n - k)) for k in range(1, n + 1)]) / steepness
-        outwards = np.real(change * np.conj(p)) / abs(p)
-        errors.append(float(np.sqrt(max(outwards @ spread @ outwards, 0.0))))
+        outwards = np.zeros(model.theta.size)
+        outwards[:n] = np.real(change * np.conj(p)) / abs(p)
+        errors.append(model.error_of(outwards))
     return tuple(errors)
+
+
+def static_gain_error(model: Armax, input: int = 0) -> float:
+    """Standard error of B(1)/A(1) to first order, NaN where it is unknown or there is no static gain."""
+    at_one = float(np.sum(model.a))
+    if model.covariance is None or abs(at_one) < 1e-12:
+        return math.nan
+    gradient = np.zeros(model.theta.size)
+    gradient[: len(model.a) - 1] = -float(np.sum(model.b[input])) / at_one**2
+    gradient[list(model.orders.blocks())[input]] = 1.0 / at_one
+    return model.error_of(gradient)
 
 
 def impulse_response(model: Armax, input: int = 0) -> Array:

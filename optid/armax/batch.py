@@ -1,9 +1,8 @@
-"""Batch prediction-error ARMAX: the reference for the recursion.
+"""Offline prediction-error ARMAX: the reference for the recursion.
 
 Minimises V = mean of e(t)^2, e = (A y - B u) / C, by Levenberg-Marquardt with the exact gradient
-psi(t) = -de(t)/dtheta = phi(t) / C(q) (Ljung, System Identification, 2nd ed. 1999, sec. 10.3). The
-criterion has false minima, in which a search from one start may end; so several starts run, the best counts.
-After a gap the residuals start again from zero.
+(`optid.armax.gradient`). The criterion has false minima, in which a search from one start may end; so several starts
+run, the best counts. A long recording is searched in excerpts first; its end is polished on every sample.
 """
 
 from __future__ import annotations
@@ -15,21 +14,25 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from optid.armax.gradient import Problem, residuals_and_gradient
+from optid.armax.identifiability import OpenDirection, open_directions, rounding
 from optid.armax.identifier import Identifier, Method, Settings
-from optid.armax.model import Armax, from_theta
-from optid.armax.regression import column_sizes, hannan_rissanen, least_squares, triangle
-from optid.armax.signals import Mask, Signals, check_orders, signals, usable
+from optid.armax.model import Armax
+from optid.armax.regression import hannan_rissanen, least_squares
+from optid.armax.signals import Signals, check_orders, signals, usable
 from optid.armax.stability import roots_inside, stabilise
 from optid.armax.structure import Orders
-from optid.core.compiling import kept
+from optid.armax.trend import Frame, Trend
 from optid.core.model import Array
 from optid.errors import NotIdentifiable
 
 MOST_STEPS = 200
-SMALLEST_GAIN = 1e-10  # relative decrease of V below which the search has arrived
-ARRIVED = 1e-3  # of what the noise leaves open: a next step so small has arrived (Bates and Watts 1981)
-OPEN = 1e-9  # share of the largest singular value of Psi below which a direction counts as left open
+# Relative decrease of V below which a search has arrived, and the share of what the noise leaves open that a next
+# step may then have (Bates and Watts 1981): at the end, on a long recording, and while starts are compared.
+AT_LAST, AT_LENGTH, AMONG_STARTS = (1e-10, 1e-3), (1e-9, 1e-2), (1e-7, 1e-2)
 STABLE_RADIUS = 0.9999
+SEARCHED = 40_000  # samples on which the starts are tried; all of them on a shorter recording
+CHANCE = 10.0  # residual variances that each direction closed may cost in the sum of squares
 
 
 class Outcome(enum.Enum):
@@ -47,12 +50,13 @@ class BatchFit:
     """An ARMAX model fitted to whole recordings.
 
     Attributes:
-        model: with covariance noise_variance (Psi' Psi)^-1.
+        model: with covariance noise_variance (Psi' Psi)^-1, infinite where the data leave a direction open.
         outcome: how the search ended.
         loss: mean squared one-step error, output unit squared.
         samples: residuals that count.
-        starts: loss reached from each start, best first; starts that differ say how rugged the criterion is.
-        determined: false where the samples leave a combination of parameters open.
+        starts: loss reached from each start, best first, on the excerpts of a long recording; starts that differ say
+            how rugged the criterion is.
+        open: combinations of coefficients that the samples leave open.
     """
 
     model: Armax
@@ -60,132 +64,115 @@ class BatchFit:
     loss: float
     samples: int
     starts: tuple[tuple[str, float], ...]
-    determined: bool
+    open: tuple[OpenDirection, ...]
 
-
-@kept(error_model="numpy", nogil=True)
-def _residuals(y, u, keep, theta, na, nbs, nks, nc, e, Psi):  # type: ignore[no-untyped-def]
-    """Fill e (N,) and psi (N, n) of one record; both are zero where `keep` is false."""
-    n = theta.size
-    phi = np.empty(n)
-    for t in range(y.size):
-        if not keep[t]:
-            e[t] = 0.0
-            Psi[t, :] = 0.0
-            continue
-        for k in range(na):
-            phi[k] = -y[t - 1 - k]
-        column = na
-        for i in range(nbs.size):
-            for k in range(nbs[i]):
-                phi[column] = u[t - nks[i] - k, i]
-                column += 1
-        for k in range(nc):
-            phi[column + k] = e[t - 1 - k] if t > k else 0.0
-        guess = 0.0
-        for k in range(n):
-            guess += phi[k] * theta[k]
-            Psi[t, k] = phi[k]
-        e[t] = y[t] - guess
-        for k in range(min(nc, t)):
-            share = theta[n - nc + k]
-            for j in range(n):
-                Psi[t, j] -= share * Psi[t - 1 - k, j]
+    @property
+    def determined(self) -> bool:
+        """The samples leave no combination of parameters open."""
+        return not self.open
 
 
 def residuals_of(model: Armax, y: ArrayLike, u: ArrayLike | None) -> tuple[Array, Array]:
-    """e, shape (N,), and its gradient psi = -de/dtheta, shape (N, parameters), zero where a lag is lost."""
+    """e, shape (N,), and its gradient psi = -de/dtheta, shape (N, parameters), zero where a lag is lost.
+
+    A model with a constant has two more columns behind B's: of the constant and of the slope.
+    """
     record, o = signals(y, u), model.orders
-    e, Psi = np.empty(record.y.size), np.empty((record.y.size, o.parameters))
-    nbs, nks = np.array(o.nb, dtype=np.int64), np.array(o.nk, dtype=np.int64)
-    _residuals(record.y, record.u, usable(record, o), model.theta, o.na, nbs, nks, o.nc, e, Psi)
-    return e, Psi
-
-
-@dataclass(frozen=True)
-class _Problem:
-    records: tuple[Signals, ...]
-    keeps: tuple[Mask, ...]
-    orders: Orders
-    count: int
-
-    def residuals(self, theta: Array) -> tuple[Array, Array]:
-        """e and psi over all records, shapes (N,) and (N, n)."""
-        o = self.orders
-        nbs, nks = np.array(o.nb, dtype=np.int64), np.array(o.nk, dtype=np.int64)
-        es, Psis = [], []
-        for record, keep in zip(self.records, self.keeps, strict=True):
-            e, Psi = np.empty(record.y.size), np.empty((record.y.size, o.parameters))
-            _residuals(record.y, record.u, keep, theta, o.na, nbs, nks, o.nc, e, Psi)
-            es.append(e[keep])
-            Psis.append(Psi[keep])
-        return np.concatenate(es), np.concatenate(Psis)
-
-    def loss(self, e: Array) -> float:
-        return float(np.sum(e**2)) / self.count
+    theta, full = model.theta, o
+    if model.constant or model.slope:
+        time = model.sample_time * np.arange(float(record.y.size))
+        record = Signals(record.y, np.column_stack([record.u, np.ones_like(time), time]))
+        full = Orders(o.na, (*o.nb, 1, 1), o.nc, (*o.nk, 0, 0))
+        at = o.parameters - o.nc
+        theta = np.concatenate([theta[:at], [model.constant, model.slope], theta[at:]])
+    return residuals_and_gradient(record, usable(record, full), full, theta)
 
 
 def fit_batch(
-    records: Sequence[tuple[ArrayLike, ArrayLike | None]],
+    records: Sequence[tuple[ArrayLike, ArrayLike | None] | Signals],
     orders: Orders,
     sample_time: float = 1.0,
     start: ArrayLike | None = None,
+    *,
+    trend: Trend = Trend.NONE,
+    alone: bool = False,
+    quick: bool = False,
 ) -> BatchFit:
     """Fit an ARMAX model to one or several recordings by prediction errors.
 
     Args:
-        records: pairs (y, u) as in `identify`.
+        records: pairs (y, u) as in `identify`, or `Signals`.
         orders: of eq. 12.
         sample_time: seconds.
         start: theta to start from besides the built-in starts.
+        trend: what stands beside eq. 12.
+        alone: search from `start` alone.
+        quick: search from the long regressions alone.
 
     Raises:
         NotIdentifiable: too few complete samples.
     """
-    raw = [signals(y, u) for y, u in records]
+    raw = [r if isinstance(r, Signals) else signals(*r) for r in records]
     check_orders(raw, orders)
-    scales = [record.scales for record in raw]
-    sy = max(s[0] for s in scales)
-    su = np.max([s[1] for s in scales], axis=0)
-    scaled = tuple(Signals(r.y / sy, np.ascontiguousarray(r.u / su)) for r in raw)
-    keeps = tuple(usable(record, orders) for record in scaled)
-    problem = _Problem(scaled, keeps, orders, int(sum(keep.sum() for keep in keeps)))
-    factors = np.ones(orders.parameters)
-    for i, block in enumerate(orders.blocks()):
-        factors[block] = sy / su[i]
-    starts = _starts(problem)
-    if start is not None:
-        starts["given"] = np.asarray(start, dtype=float) / factors
+    frame = Frame.of(raw, orders, sample_time, trend)
+    problem = Problem.of([frame.augmented(r) for r in raw], frame.full_orders)
+    given = {} if start is None else {"given": frame.entered(np.asarray(start, dtype=float))}
+    searched = _excerpted(problem, frame.full_orders)
+    starts = given if alone and given else _starts(searched, quick) | given
+    idle = _open_in_data(searched, frame, raw)
+    first = AMONG_STARTS if len(starts) > 1 or searched is not problem else AT_LAST
     ends = sorted(
-        ((name, *_search(problem, _stable(theta, orders))) for name, theta in starts.items()),
+        (
+            (name, *_search(searched, _stable(theta, searched.orders), idle, first))
+            for name, theta in starts.items()
+        ),
         key=lambda end: end[2],
     )
-    _, theta, loss, outcome = ends[0]
-    e, Psi = problem.residuals(theta)
-    variance = problem.loss(e) * problem.count / (problem.count - orders.parameters)
-    size = column_sizes(Psi)
-    _, singular, Vt = np.linalg.svd(triangle(Psi / size))
-    determined = bool(singular[-1] > OPEN * singular[0])
-    told = Vt.T[:, singular > OPEN * singular[0]] / singular[singular > OPEN * singular[0]]
-    inverse = told @ told.T / np.outer(size, size)
-    model = from_theta(
-        theta * factors,
-        orders,
-        sample_time,
-        variance * sy**2,
-        variance * inverse * np.outer(factors, factors),
-    )
+    theta: Array = ends[0][1]
+    loss, outcome = ends[0][2:]
+    if first is AMONG_STARTS:
+        theta, loss, outcome = _search(problem, theta, idle, AT_LAST if searched is problem else AT_LENGTH)
+    theta, covariance, found = _uncertainty(problem, frame, raw, theta, loss)
+    variance = loss * problem.count / max(problem.count - problem.orders.parameters, 1)
+    square = frame.output**2
     return BatchFit(
-        model,
-        outcome,
-        loss * sy**2,
-        problem.count,
-        tuple((name, value * sy**2) for name, _, value, _ in ends),
-        determined,
+        frame.model(theta, variance * square, covariance), outcome, loss * square, problem.count,
+        tuple((name, value * square) for name, _, value, _ in ends), found,
+    )  # fmt: skip
+
+
+def informed(record: Signals, model: Armax, trend: Trend) -> tuple[Array, tuple[OpenDirection, ...]]:
+    """Covariance of a model's coefficients at its own place, and what the recording leaves open, as of a fit.
+
+    Args:
+        record: on which it was identified.
+        model: by whatever estimator.
+        trend: that was estimated along.
+    """
+    frame = Frame.of([record], model.orders, model.sample_time, trend)
+    problem = Problem.of([frame.augmented(record)], frame.full_orders)
+    M, m = frame.affine()
+    at = model.orders.parameters - model.orders.nc
+    extra = [model.constant, model.slope][: trend.value]
+    theta: Array = np.asarray(
+        np.linalg.solve(M, np.concatenate([model.theta[:at], extra, model.theta[at:]]) - m)
     )
+    _, covariance, found = _uncertainty(problem, frame, [record], theta, problem.loss(theta))
+    spread = frame.model(theta, 0.0, covariance).covariance
+    return np.array(spread), found
 
 
-def _starts(problem: _Problem) -> dict[str, Array]:
+def _excerpted(problem: Problem, orders: Orders) -> Problem:
+    """The same over excerpts of long recordings, where these still determine something."""
+    if problem.count <= SEARCHED:
+        return problem
+    share = SEARCHED / problem.count
+    parts = [part for r in problem.records for part in r.excerpts(max(int(share * r.y.size), 1000))]
+    smaller = Problem.of(parts, orders)
+    return smaller if smaller.count > 20 * orders.parameters else problem
+
+
+def _starts(problem: Problem, quick: bool) -> dict[str, Array]:
     """Parameter vectors to search from: names say how they were found."""
     records, orders = problem.records, problem.orders
     if orders.nc == 0:
@@ -197,6 +184,8 @@ def _starts(problem: _Problem) -> dict[str, Array]:
             starts[f"long regression {long}"] = hannan_rissanen(records, orders, long)
         except (NotIdentifiable, np.linalg.LinAlgError):
             continue  # too short for this one; the others remain
+    if quick and len(starts) > 1:
+        return {name: theta for name, theta in starts.items() if name != "least squares"}
     settings = Settings(method=Method.EXTENDED_LEAST_SQUARES)
     identifier = Identifier(orders, settings=settings)
     for record in records:
@@ -212,41 +201,117 @@ def _stable(theta: Array, orders: Orders) -> Array:
     return theta
 
 
-def _search(problem: _Problem, theta: Array) -> tuple[Array, float, Outcome]:
-    """Levenberg-Marquardt from one start; C stays inside the stable region."""
+def _open_in_data(problem: Problem, frame: Frame, raw: Sequence[Signals]) -> Array:
+    """Combinations of A, B and trend that move no regressor, whatever C is, shape (n, k)."""
+    at_rest = np.zeros(problem.orders.parameters)
+    R, _, size = _equilibrated(problem.information(at_rest))
+    own = np.setdiff1d(np.arange(at_rest.size), np.r_[problem.orders.c_block])
+    plain = Orders(problem.orders.na, problem.orders.nb, 0, problem.orders.nk)
+    floor = _floor(problem, frame, raw, at_rest) / size
+    found = open_directions(R[np.ix_(own, own)], plain, frame.orders.inputs, floor[own]).basis
+    basis = np.zeros((at_rest.size, found.shape[1]))
+    basis[own] = found / size[own, None]
+    return basis
+
+
+def _search(
+    problem: Problem, theta: Array, idle: Array, arrived: tuple[float, float]
+) -> tuple[Array, float, Outcome]:
+    """Levenberg-Marquardt from one start; C stays inside the stable region, and theta off what is `idle`."""
     n, nc, work = theta.size, problem.orders.nc, np.empty(2 * problem.orders.nc)
-    e, Psi = problem.residuals(theta)
-    loss, damping = problem.loss(e), 1e-3
-    edge = False
+    if idle.size:
+        theta = _shortest(theta, idle, _equilibrated(problem.information(theta))[2])
+    R, target, size = _equilibrated(problem.information(theta))
+    loss, damping, edge = problem.loss(theta), 1e-3, False
     for _ in range(MOST_STEPS):
-        R, target, size = _triangle(Psi, e)
         offset = float(np.linalg.norm(target[:n]) / max(abs(target[n]), 1e-300))
-        if offset < ARRIVED * np.sqrt(n / problem.count):
+        if offset < arrived[1] * np.sqrt(n / problem.count):
             return theta, loss, Outcome.CONVERGED
         while True:
-            stacked = np.concatenate([R, np.sqrt(damping) * np.eye(n)])
+            closed = _closed(R, idle, size)
+            stacked = np.concatenate([closed, np.sqrt(damping) * np.eye(n)])
             wanted = np.concatenate([target[:n], np.zeros(n)])
             trial = theta + np.linalg.lstsq(stacked, wanted, rcond=None)[0] / size
             edge = not roots_inside(trial[problem.orders.c_block], nc, STABLE_RADIUS, work)
-            new = np.inf
-            if not edge:
-                e_new, Psi_new = problem.residuals(trial)
-                new = problem.loss(e_new)
+            new = np.inf if edge else problem.loss(trial)
             if new <= loss:
                 break
             damping *= 4.0
             if damping > 1e12:
                 return theta, loss, Outcome.AT_STABILITY if edge else Outcome.CONVERGED
         gain = (loss - new) / loss if loss > 0.0 else 0.0
-        theta, e, Psi, loss = trial, e_new, Psi_new, new
-        if gain < SMALLEST_GAIN and damping <= 1e-3:
+        theta, loss = trial, new
+        if gain < arrived[0] and damping <= 1e-3:
             return theta, loss, Outcome.CONVERGED
+        R, target, size = _equilibrated(problem.information(theta))
         damping = max(damping / 10.0, 1e-15)
     return theta, loss, Outcome.STEPS_USED_UP
 
 
-def _triangle(Psi: Array, e: Array) -> tuple[Array, Array, Array]:
+def _shortest(theta: Array, idle: Array, size: Array) -> Array:
+    """Theta without its share in the idle directions, lengths being those of equilibrated columns."""
+    if not idle.size:
+        return theta
+    Q, _ = np.linalg.qr(idle * size[:, None])
+    out: Array = theta - (Q @ (Q.T @ (theta * size))) / size
+    return out
+
+
+def _closed(R: Array, idle: Array, size: Array) -> Array:
+    """R that does not answer to the idle directions, so that the shortest step leaves them alone."""
+    if not idle.size:
+        return R
+    Q, _ = np.linalg.qr(idle * size[:, None])
+    out: Array = R - (R @ Q) @ Q.T
+    return out
+
+
+def _equilibrated(both: Array) -> tuple[Array, Array, Array]:
     """R of Psi with columns of unit size, Q' e with the length of what Psi cannot explain, and the sizes."""
-    size, n = column_sizes(Psi), Psi.shape[1]
-    both = triangle(np.column_stack([Psi / size, e]))
-    return both[:n, :n], both[:, n], size
+    n = both.shape[1] - 1
+    size: Array = np.sqrt(np.sum(both[:, :n] ** 2, axis=0))
+    size[size == 0.0] = 1.0
+    return both[:n, :n] / size, both[:, n], size
+
+
+def _uncertainty(
+    problem: Problem, frame: Frame, raw: Sequence[Signals], theta: Array, loss: float
+) -> tuple[Array, Array, tuple[OpenDirection, ...]]:
+    """Theta without what is open, where that costs nothing; the covariance; what is open."""
+    orders = problem.orders
+    R, _, size = _equilibrated(problem.information(theta))
+    floor = _floor(problem, frame, raw, theta) / size
+    directions = open_directions(R, orders, frame.orders.inputs, floor)
+    basis = directions.basis
+    if basis.size:
+        shortest = theta - (basis @ (basis.T @ (theta * size))) / size
+        stable = roots_inside(shortest[orders.c_block], orders.nc, STABLE_RADIUS, np.empty(2 * orders.nc))
+        if stable and problem.loss(shortest) <= (1.0 + CHANCE * basis.shape[1] / problem.count) * loss:
+            theta = shortest
+    closed = R - (R @ basis) @ basis.T
+    _, singular, Vt = np.linalg.svd(closed)
+    kept = singular > 1e-13 * max(float(singular[0]), 1e-300)
+    kept[len(singular) - basis.shape[1] :] = False
+    told = Vt.T[:, kept] / singular[kept]
+    variance = loss * problem.count / max(problem.count - orders.parameters, 1)
+    covariance = variance * (told @ told.T) / np.outer(size, size)
+    touched = directions.touched
+    covariance[np.ix_(touched, touched)] = np.nan
+    covariance[touched, touched] = np.inf
+    return theta, covariance, directions.named
+
+
+def _floor(problem: Problem, frame: Frame, raw: Sequence[Signals], theta: Array) -> Array:
+    """Length of what the rounding of the recorded numbers puts into each column of Psi, shape (n,)."""
+    from scipy.signal import lfilter
+
+    orders = problem.orders
+    pulse = np.zeros(2000)
+    pulse[0] = 1.0
+    c = np.concatenate([[1.0], theta[orders.c_block]])
+    passed = float(np.sqrt(np.sum(lfilter([1.0], c, pulse) ** 2) * problem.count / 12.0))
+    floor = np.zeros(orders.parameters)
+    floor[: orders.na] = max(rounding(r.y) for r in raw) / frame.output
+    for i, block in enumerate(list(orders.blocks())[: frame.orders.inputs]):
+        floor[block] = max(rounding(r.u[:, i]) for r in raw) / frame.inputs[i]
+    return floor * passed

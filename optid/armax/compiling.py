@@ -12,5 +12,5 @@ from optid.core.compiling import kept
 Kernel = TypeVar("Kernel", bound=Callable[..., object])
 _OPTIONS = {"error_model": "numpy", "nogil": True}
 # Without reference counts on the parts of the array: they would cost three times the arithmetic.
-compiled: Callable[[Kernel], Kernel] = kept(_nrt=False, **_OPTIONS)
-folded: Callable[[Kernel], Kernel] = numba.njit(_nrt=False, inline="always", **_OPTIONS)
+jit: Callable[[Kernel], Kernel] = kept(_nrt=False, **_OPTIONS)
+inline_jit: Callable[[Kernel], Kernel] = numba.njit(_nrt=False, inline="always", **_OPTIONS)

@@ -5,34 +5,34 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from optid.armax import learning, past, recursion, stability, triangle
+from optid.armax import delay_line, recursion, stability, ud_factor, update
 from optid.armax.identifier import Identifier
 from optid.armax.model import Armax
 from optid.armax.translate import translate
 from optid.core.model import Array
 from optid.errors import InputError
 
-_KERNELS = (
-    triangle.inner,
-    triangle.project,
-    triangle.weigh,
-    triangle.sweep,
-    triangle.shift,
-    triangle.enter,
-    triangle.copy,
-    triangle.move,
+KERNELS = (
+    ud_factor.inner,
+    ud_factor.project,
+    ud_factor.weigh,
+    ud_factor.sweep,
+    ud_factor.shift,
+    ud_factor.enter,
+    ud_factor.copy,
+    ud_factor.move,
     stability.roots_inside,
     stability.stabilise,
-    past.filtered,
-    past.newest,
-    learning.trace_of,
-    learning.weight_of,
-    learning.forget_of,
-    learning.learn,
+    delay_line.filtered,
+    delay_line.newest,
+    update.trace_of,
+    update.weight_of,
+    update.forget_of,
+    update.learn,
     recursion.regress,
-    recursion.mend,
+    recursion.impute_inputs,
     recursion.remember,
-    recursion.begin_again,
+    recursion.reset_after_gap,
     recursion.advance,
 )
 
@@ -76,7 +76,7 @@ static inline double {name}_step(double *memory, double y, const double *u)
 {{
     for (long i = 0; i < {NAME}_INPUTS; i++)
         memory[{now} + i] = u[i];
-    return {name}_advance(memory, y);
+{constant}    return {name}_advance(memory, y);
 }}
 
 #endif
@@ -111,7 +111,7 @@ typedef struct {{ /* newest first */
 /* Take one sample; returns y minus its one-step prediction, 0 where y is NAN and the prediction stands in. */
 static inline double {name}_follow({name}_model *m, double y, const double *u, double *prediction)
 {{
-    double guess = 0.0, e = 0.0;
+    double guess = {constant!r}, e = 0.0; /* the constant beside eq. 12 */
     long i, k;
     for (i = 0; i < {NAME}_INPUTS; i++) {{
         for (k = {NAME}_TAPS - 1; k > 0; k--)
@@ -150,12 +150,13 @@ static inline void {name}_ahead(const {name}_model *m, const double *u, long ste
 """
 
 
-def identifier_header(identifier: Identifier, name: str = "optid") -> str:
+def identifier_header(identifier: Identifier, name: str = "optid", constant: bool = False) -> str:
     """C of an identifier that goes on from its present memory.
 
     Args:
         identifier: whose orders, settings and memory are written down.
         name: prefix of all names in C.
+        constant: its last input is 1 at every sample, and nobody's to give.
     """
     from optid.armax import layout
 
@@ -169,13 +170,15 @@ def identifier_header(identifier: Identifier, name: str = "optid") -> str:
         sample_time=identifier.sample_time,
         size=state.size,
         parameters=orders.parameters,
-        inputs=orders.inputs,
+        inputs=orders.inputs - constant,
+        constant=f"    memory[{layout.HEADER + 4 * orders.inputs - 1}] = 1.0; /* the constant beside eq. 12 */\n"
+        * constant,
         theta=layout.theta_at(orders),
         now=layout.HEADER + 3 * orders.inputs,
         scale=float(state[layout.SCALE]),
         input_scales=_numbers(scales or [1.0]),
         memory=_rows(state),
-        functions=translate(_KERNELS, f"{name}_", layout.shape(orders)._asdict()),
+        functions=translate(KERNELS, f"{name}_", layout.shape(orders)._asdict()),
     )
 
 
@@ -194,6 +197,7 @@ def model_header(model: Armax, name: str = "optid") -> str:
         NAME=name.upper(),
         text=str(model).replace("; ", "\n * "),
         sample_time=model.sample_time,
+        constant=model.constant,
         na=len(model.a) - 1,
         nc=len(model.c) - 1,
         inputs=len(model.b),

@@ -8,12 +8,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from optid.armax.audit import Finding
+import numpy as np
+
+from optid.armax.audit import Finding, pole_errors, static_gain_error
 from optid.armax.model import Armax
+from optid.armax.offline import names
 from optid.armax.survey import Survey
+from optid.armax.words import TWO_SIDED
+from optid.core.document import finite, known, read_document, whole
 from optid.errors import InputError
 
 SCHEMA = "optid.armax/1"
+MOST = 1000  # coefficients of a polynomial
 
 
 @dataclass(frozen=True)
@@ -82,22 +88,12 @@ def load(path: Path) -> ArmaxFile:
     Raises:
         InputError: no such file, no JSON, another schema, or a field that is missing or of the wrong kind.
     """
-    try:
-        document = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError as error:
-        raise InputError("no such file", where=path) from error
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
-        raise InputError(
-            f"cannot be read ({error})", where=path, expected="a file of `optid identify`"
-        ) from error
-    return from_document(document, path)
+    return from_document(read_document(path, SCHEMA, "a file of `optid identify`"), path)
 
 
 def from_document(document: Any, where: object = None) -> ArmaxFile:
     """From parsed JSON."""
-    if not isinstance(document, dict) or document.get("schema") != SCHEMA:
-        found = document.get("schema") if isinstance(document, dict) else type(document).__name__
-        raise InputError(f"{found}", where=where, field="schema", expected=SCHEMA)
+    document = known(document, SCHEMA, where)
     try:
         models = tuple(
             _model_in(entry, f"models[{i}]", where) for i, entry in enumerate(_list(document, "models"))
@@ -106,7 +102,7 @@ def from_document(document: Any, where: object = None) -> ArmaxFile:
         contents = ArmaxFile(
             str(document["input"]),
             str(document["output"]),
-            int(document["recommended"]),
+            whole(document["recommended"], "recommended", where),
             models,
             str(document.get("words", "")),
             str(units.get("input", "")),
@@ -114,7 +110,7 @@ def from_document(document: Any, where: object = None) -> ArmaxFile:
         )
     except KeyError as error:
         raise InputError("missing", where=where, field=str(error.args[0])) from error
-    except (AttributeError, TypeError, ValueError) as error:
+    except (AttributeError, TypeError, ValueError, OverflowError, IndexError) as error:
         raise InputError(f"{error}", where=where, expected="an optid.armax/1 document") from error
     if all(saved.model.orders.na != contents.recommended for saved in models):
         raise InputError(
@@ -143,30 +139,77 @@ def _model_out(saved: SavedModel) -> dict[str, Any]:
         "c": list(model.c),
         "sample_time": model.sample_time,
         "noise_variance": model.noise_variance,
+        "constant": model.constant,
+        "slope": model.slope,
+        "trend_errors": [_number(x) for x in model.trend_errors],
         "covariance": _covariance_out(model),
+        "not_determined": [
+            name for name, sd in zip(names(o), model.standard_errors, strict=True) if math.isinf(sd)
+        ],
+        "static_gain": [_gain_out(model, i) for i in range(o.inputs)],
+        "poles": _poles_out(model),
         "audit": [{"name": f.name, "grave": f.grave, "text": f.text} for f in saved.audit],
     }
 
 
-def _covariance_out(model: Armax) -> list[list[float]] | None:
-    if model.covariance is None or not all(math.isfinite(x) for row in model.covariance for x in row):
+def _covariance_out(model: Armax) -> list[list[float | None]] | None:
+    """Null stands for what is infinite: the data leave it open."""
+    if model.covariance is None:
         return None
-    return [list(row) for row in model.covariance]
+    return [[_number(x) for x in row] for row in model.covariance]
+
+
+def _number(x: float) -> float | None:
+    return x if math.isfinite(x) else None
+
+
+def _gain_out(model: Armax, input: int) -> dict[str, Any]:
+    """Value and 95 % interval of B(1)/A(1); null for an integrator's, or where the data leave it open."""
+    at_one = math.fsum(model.a)
+    value = math.fsum(model.b[input]) / at_one if abs(at_one) > 1e-12 else math.inf
+    margin = TWO_SIDED * static_gain_error(model, input)
+    interval = [value - margin, value + margin] if math.isfinite(value + margin) else None
+    return {"value": _number(value), "ci95": interval}
+
+
+def _poles_out(model: Armax) -> list[dict[str, Any]]:
+    """In z, with the 95 % interval of each one's modulus."""
+    poles = np.roots(np.array(model.a)).astype(complex)
+    out = []
+    for pole, sd in zip(poles, pole_errors(model, poles), strict=True):
+        modulus, margin = abs(pole), TWO_SIDED * sd
+        interval = [modulus - margin, modulus + margin] if math.isfinite(margin) else None
+        out.append(
+            {"real": float(pole.real), "imag": float(pole.imag), "modulus": float(modulus), "ci95": interval}
+        )
+    return out
 
 
 def _model_in(entry: dict[str, Any], field: str, where: object) -> SavedModel:
+    def numbers(values: Any, name: str) -> tuple[float, ...]:
+        if len(values) > MOST:
+            raise ValueError(f"{field}.{name} has {len(values)} entries, more than {MOST}")
+        return tuple(finite(x, f"{field}.{name}", where) for x in values)
+
     nk, b = entry["nk"], entry["b"]
     single = not isinstance(nk, list)
     covariance = entry.get("covariance")
     model = Armax(
-        a=tuple(float(x) for x in entry["a"]),
-        b=tuple(tuple(float(x) for x in row) for row in ([b] if single else b)),
-        c=tuple(float(x) for x in entry["c"]),
-        nk=(int(nk),) if single else tuple(int(k) for k in nk),
-        sample_time=float(entry["sample_time"]),
-        noise_variance=float(entry["noise_variance"]),
-        covariance=None if covariance is None else tuple(tuple(float(x) for x in row) for row in covariance),
+        a=numbers(entry["a"], "a"),
+        b=tuple(numbers(row, "b") for row in ([b] if single else b)),
+        c=numbers(entry["c"], "c"),
+        nk=tuple(whole(k, f"{field}.nk", where) for k in ([nk] if single else nk)),
+        sample_time=finite(entry["sample_time"], f"{field}.sample_time", where),
+        noise_variance=finite(entry["noise_variance"], f"{field}.noise_variance", where),
+        covariance=None if covariance is None else _covariance_in(covariance),
+        constant=finite(entry.get("constant", 0.0), f"{field}.constant", where),
+        slope=finite(entry.get("slope", 0.0), f"{field}.slope", where),
+        trend_errors=_pair(entry.get("trend_errors", (None, None))),
     )
+    if not 1e-9 <= model.sample_time <= 1e6:
+        raise InputError(
+            f"{model.sample_time:g} s", where=where, field=f"{field}.sample_time", expected="1e-9 to 1e6 s"
+        )
     o = model.orders
     said = (entry["na"], entry["nb"], entry["nc"])
     if said != (o.na, o.nb[0] if single else list(o.nb), o.nc):
@@ -177,3 +220,17 @@ def _model_in(entry: dict[str, Any], field: str, where: object) -> SavedModel:
         Finding(str(f["name"]), bool(f["grave"]), str(f["text"])) for f in entry.get("audit", [])
     )
     return SavedModel(model, findings)
+
+
+def _covariance_in(rows: list[list[float | None]]) -> tuple[tuple[float, ...], ...]:
+    def value(x: float | None, i: int, j: int) -> float:
+        if x is None:
+            return math.inf if i == j else math.nan
+        return float(x)
+
+    return tuple(tuple(value(x, i, j) for j, x in enumerate(row)) for i, row in enumerate(rows))
+
+
+def _pair(values: Any) -> tuple[float, float]:
+    first, second = (math.nan if x is None else float(x) for x in values)
+    return first, second

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Armax:
-    """A(q) y(t) = sum_i B_i(q) u_i(t - nk_i) + C(q) e(t), eq. 12.
+    """A(q) y(t) = sum_i B_i(q) u_i(t - nk_i) + constant + slope t + C(q) e(t): eq. 12 around an operating point.
 
     Attributes:
         a: coefficients of A from q^0 on; a[0] is 1.
@@ -28,7 +29,11 @@ class Armax:
         nk: delay of each input, samples.
         sample_time: seconds.
         noise_variance: of e, in the output's unit squared.
-        covariance: of [a_1.., b.., c_1..], shape (parameters, parameters), where known.
+        covariance: of [a_1.., b.., c_1..], shape (parameters, parameters), where known. What the data leave open has
+            an infinite variance and no covariance (NaN) with what else is open.
+        constant: what stands on the right side besides, output's unit; the print's eq. 12 has none.
+        slope: by how much that grows a second, counted from the recording's first sample.
+        trend_errors: standard errors of `constant` and `slope`, NaN where unknown.
     """
 
     a: tuple[float, ...]
@@ -38,6 +43,9 @@ class Armax:
     sample_time: float = 1.0
     noise_variance: float = 0.0
     covariance: tuple[tuple[float, ...], ...] | None = None
+    constant: float = 0.0
+    slope: float = 0.0
+    trend_errors: tuple[float, float] = (math.nan, math.nan)
 
     def __post_init__(self) -> None:
         if len(self.b) != len(self.nk):
@@ -50,6 +58,7 @@ class Armax:
                     hint="divide all polynomials by their first coefficient",
                 )
         numbers = [*self.a, *self.c, *(x for b in self.b for x in b), self.noise_variance]
+        numbers += [self.constant, self.slope]
         if not np.all(np.isfinite(numbers)):
             raise InputError("a coefficient is not finite", field="a, b, c")
         if not self.sample_time > 0:
@@ -72,6 +81,27 @@ class Armax:
             return np.full(self.theta.size, np.nan)
         errors: Array = np.sqrt(np.clip(np.diag(np.array(self.covariance)), 0.0, None))
         return errors
+
+    @property
+    def determined(self) -> bool:
+        """The data determine every coefficient, as far as the covariance tells."""
+        return bool(np.all(np.isfinite(self.standard_errors))) or self.covariance is None
+
+    def error_of(self, gradient: Array) -> float:
+        """Standard error, to first order, of what has this gradient to `theta`; infinite where an open one counts."""
+        if self.covariance is None:
+            return math.nan
+        weight = np.abs(gradient)
+        told = np.isfinite(self.standard_errors)
+        if np.any(weight[~told] > 1e-9 * float(np.max(weight, initial=1e-300))):
+            return math.inf
+        spread = np.array(self.covariance)[np.ix_(told, told)]
+        return float(np.sqrt(max(gradient[told] @ spread @ gradient[told], 0.0)))
+
+    def trend(self, samples: int, first: int = 0) -> Array:
+        """constant + slope t over so many samples, of which `first` have gone before, shape (samples,)."""
+        times: Array = self.sample_time * (first + np.arange(float(samples)))
+        return self.constant + self.slope * times
 
     def transfer_function(self, input: int = 0) -> control.TransferFunction:
         """B/A of one input with its sample time, in powers of z."""
@@ -127,6 +157,9 @@ class Armax:
             for i, (b, nk) in enumerate(zip(self.b, self.nk, strict=True))
         ]
         parts = [polynomial("A", self.a), *inputs, polynomial("C", self.c)]
+        if self.constant or self.slope:
+            grows = f" {'+' if self.slope > 0 else '-'} {abs(self.slope):.6g} t" if self.slope else ""
+            parts.append(f"constant {self.constant:.6g}{grows}")
         return f"{'; '.join(parts)}; every {self.sample_time:g} s, noise variance {self.noise_variance:.3g}"
 
 
@@ -136,8 +169,10 @@ def from_theta(
     sample_time: float = 1.0,
     noise_variance: float = 0.0,
     covariance: Array | None = None,
+    trend: tuple[float, float] = (0.0, 0.0),
+    trend_errors: tuple[float, float] = (math.nan, math.nan),
 ) -> Armax:
-    """The model whose parameter vector is `theta`."""
+    """The model whose parameter vector is `theta`; `trend` is its constant and its slope."""
     values = [float(x) for x in theta]
     rows = None if covariance is None else tuple(tuple(float(x) for x in row) for row in covariance)
     return Armax(
@@ -148,6 +183,9 @@ def from_theta(
         sample_time=float(sample_time),
         noise_variance=float(noise_variance),
         covariance=rows,
+        constant=float(trend[0]),
+        slope=float(trend[1]),
+        trend_errors=(float(trend_errors[0]), float(trend_errors[1])),
     )
 
 

@@ -36,11 +36,11 @@ def _driven(u, taps, delays, t):  # type: ignore[no-untyped-def]
 
 
 @kept(error_model="numpy", nogil=True)
-def _innovate(y, u, a, taps, delays, c, reach, e):  # type: ignore[no-untyped-def]
+def _innovate(y, u, a, taps, delays, c, reach, trend, e):  # type: ignore[no-untyped-def]
     """Residuals e of the one-step prediction; a missing output is replaced, in y, by its prediction."""
     drive = np.empty(y.size)
     for t in range(y.size):
-        drive[t] = _driven(u, taps, delays, t)
+        drive[t] = _driven(u, taps, delays, t) + trend[t]
         e[t] = 0.0
         if t < reach:
             if math.isnan(y[t]):
@@ -102,19 +102,22 @@ def _prepare(model: Armax, y: ArrayLike, u: ArrayLike | None) -> tuple[Array, Ar
     return outputs, inputs
 
 
-def innovations(model: Armax, y: ArrayLike, u: ArrayLike | None = None) -> Array:
-    """Errors of the model's one-step predictions, shape (N,); NaN before the first and where y is."""
+def innovations(model: Armax, y: ArrayLike, u: ArrayLike | None = None, first: int = 0) -> Array:
+    """Errors of the model's one-step predictions, shape (N,); NaN before the first and where y is.
+
+    `first` counts the samples of the recording before these, on which the model's trend depends.
+    """
     outputs, inputs = _prepare(model, y, u)
     lost = np.isnan(outputs)
     a, taps, delays, c = _arrays(model)
-    e = np.empty(outputs.size)
-    _innovate(outputs, inputs, a, taps, delays, c, model.orders.reach, e)
+    e, trend = np.empty(outputs.size), model.trend(outputs.size, first)
+    _innovate(outputs, inputs, a, taps, delays, c, model.orders.reach, trend, e)
     e[: model.orders.reach] = np.nan
     e[lost] = np.nan
     return e
 
 
-def predict(model: Armax, y: ArrayLike, u: ArrayLike | None = None, steps: int = 1) -> Array:
+def predict(model: Armax, y: ArrayLike, u: ArrayLike | None = None, steps: int = 1, first: int = 0) -> Array:
     """Prediction of y(t) from outputs up to t - steps and inputs up to t, shape (N,); NaN before the first.
 
     Args:
@@ -122,6 +125,7 @@ def predict(model: Armax, y: ArrayLike, u: ArrayLike | None = None, steps: int =
         y: output, shape (N,); NaN where missing (its prediction stands in).
         u: inputs, shape (N,) or (N, inputs).
         steps: how far ahead.
+        first: samples of the recording before these.
     """
     if steps < 1 or int(steps) != steps:
         raise InputError(f"{steps}", field="steps", expected="a whole number of at least 1")
@@ -129,12 +133,14 @@ def predict(model: Armax, y: ArrayLike, u: ArrayLike | None = None, steps: int =
     a, taps, delays, c = _arrays(model)
     e, out = np.empty(outputs.size), np.full(outputs.size, np.nan)
     reach = model.orders.reach
-    drive = _innovate(outputs, inputs, a, taps, delays, c, reach, e)
+    drive = _innovate(outputs, inputs, a, taps, delays, c, reach, model.trend(outputs.size, first), e)
     _roll(outputs, e, drive, a, c, reach, int(steps), out)
     return out
 
 
-def simulate(model: Armax, u: ArrayLike | None, start: ArrayLike = (), samples: int | None = None) -> Array:
+def simulate(
+    model: Armax, u: ArrayLike | None, start: ArrayLike = (), samples: int | None = None, since: int = 0
+) -> Array:
     """Output without noise, shape (N,).
 
     Args:
@@ -142,21 +148,21 @@ def simulate(model: Armax, u: ArrayLike | None, start: ArrayLike = (), samples: 
         u: inputs, shape (N,) or (N, inputs).
         start: the first outputs, from which it goes on; zeros where there are fewer than the model needs.
         samples: length, where the model has no input.
+        since: samples of the recording before these.
     """
-    first = np.asarray(start, dtype=float)
+    first, lead = np.asarray(start, dtype=float), 0
     size = np.asarray(u).shape[0] if u is not None else (samples or first.size)
     y = np.full(size, np.nan)
     y[: first.size] = first[:size]
     if first.size == 0:
-        reach = min(model.orders.reach, size)
-        lead = np.zeros((reach, len(model.b)))
-        padded = np.concatenate([lead, _prepare(model, y, u)[1]])
-        outputs = np.concatenate([np.zeros(reach), y])
+        lead = min(model.orders.reach, size)
+        padded = np.concatenate([np.zeros((lead, len(model.b))), _prepare(model, y, u)[1]])
+        outputs = np.concatenate([np.zeros(lead), y])
     else:
         outputs, padded = _prepare(model, y, u)
     a, taps, delays, c = _arrays(model)
-    e = np.empty(outputs.size)
-    _innovate(outputs, padded, a, taps, delays, c, model.orders.reach if first.size else reach, e)
+    e, trend = np.empty(outputs.size), model.trend(outputs.size, since - lead)
+    _innovate(outputs, padded, a, taps, delays, c, model.orders.reach if first.size else lead, trend, e)
     return outputs[outputs.size - size :]
 
 

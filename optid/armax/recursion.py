@@ -10,7 +10,7 @@ Identification, MIT Press 1983, ch. 3; Söderström and Stoica, System Identific
     P(t)     = (P - K psi' P) / lambda
     residual = y(t) - phi(t)' theta(t), which enters phi(t+1) in the place of the unknown noise
 
-P is kept as U D U' and updated by Bierman's algorithm (`optid.armax.triangle`). D stays positive whatever the
+P is kept as U D U' and updated by Bierman's algorithm (`optid.armax.ud_factor`). D stays positive whatever the
 data, and so P positive definite; updating P itself loses symmetry and then positivity.
 
 The kernels keep to a small language (floats, whole numbers, ranges, parts of one array) because
@@ -23,7 +23,8 @@ import functools
 import math
 from collections.abc import Callable
 
-from optid.armax.compiling import compiled, folded
+from optid.armax.compiling import inline_jit, jit
+from optid.armax.delay_line import LARGEST_SIGNAL, filtered, newest
 from optid.armax.layout import (
     EASE,
     FILTERED,
@@ -52,17 +53,16 @@ from optid.armax.layout import (
     WEIGHT,
     Shape,
 )
-from optid.armax.learning import learn
-from optid.armax.past import LARGEST_SIGNAL, filtered, newest
 from optid.armax.stability import roots_inside, stabilise
-from optid.armax.vectors import copy, enter, inner, part, project, shift
+from optid.armax.ud_simd import copy, enter, inner, part, project, shift
+from optid.armax.update import learn
 from optid.core.model import Array
 
 LARGEST_PREDICTION = 1e90  # in scales of the signal
 LARGEST_NEWS = 1e150  # psi' P psi above which a sample teaches nothing but overflow
 
 
-@folded
+@inline_jit
 def regress(s: Array, shape: Shape, share: float) -> float:
     """Fill phi and psi from what is remembered and the inputs in `now`; a missing input leaves NaN in phi."""
     na = shape.na
@@ -111,8 +111,8 @@ def regress(s: Array, shape: Shape, share: float) -> float:
     return 0.0
 
 
-@compiled
-def mend(s: Array, shape: Shape) -> float:
+@jit
+def impute_inputs(s: Array, shape: Shape) -> float:
     """Put the last measured value in the place of each missing input in phi; returns 1 if there was one."""
     m = shape.m
     nc = shape.nc
@@ -139,7 +139,7 @@ def mend(s: Array, shape: Shape) -> float:
     return missing
 
 
-@folded
+@inline_jit
 def remember(s: Array, shape: Shape, measured: float, residual: float, share: float) -> float:
     """The newest output and residual, and the same filtered by 1/C, come in front."""
     nc = shape.nc
@@ -157,8 +157,8 @@ def remember(s: Array, shape: Shape, measured: float, residual: float, share: fl
     return 0.0
 
 
-@compiled
-def begin_again(s: Array, shape: Shape, measured: float, share: float) -> float:
+@jit
+def reset_after_gap(s: Array, shape: Shape, measured: float, share: float) -> float:
     """After a gap the residuals start from zero, the filtered output as if it had been constant."""
     c = part(s, HEADER + 4 * shape.m + shape.n - shape.nc)
     gain = 1.0
@@ -172,7 +172,7 @@ def begin_again(s: Array, shape: Shape, measured: float, share: float) -> float:
     return 0.0
 
 
-@folded
+@inline_jit
 def advance(s: Array, shape: Shape, y: float) -> float:
     """Take one sample whose inputs stand in `now`; returns the innovation, NaN for a missing output."""
     na = shape.na
@@ -197,7 +197,7 @@ def advance(s: Array, shape: Shape, y: float) -> float:
     regress(s, shape, share)
     prediction = inner(phi, theta, size)
     if prediction != prediction:  # NaN: an input is missing
-        if mend(s, shape) > 0.0 and hold < 1.0:
+        if impute_inputs(s, shape) > 0.0 and hold < 1.0:
             hold = 1.0
         prediction = inner(phi, theta, size)
     if not abs(prediction) < LARGEST_PREDICTION:
@@ -217,7 +217,7 @@ def advance(s: Array, shape: Shape, y: float) -> float:
 
     if hold > 0.0:
         hold -= 1.0
-        begin_again(s, shape, measured, share)
+        reset_after_gap(s, shape, measured, share)
     else:
         residual = e
         news = project(U, D, psi, F, V, size)
@@ -244,7 +244,7 @@ def advance(s: Array, shape: Shape, y: float) -> float:
     return innovation
 
 
-@folded
+@inline_jit
 def shape_of(s: Array) -> Shape:
     """What the header says."""
     places = (int(s[RESIDUALS]), int(s[RESIDUALS_FILTERED]), int(s[PAST_INPUTS]))
@@ -254,14 +254,14 @@ def shape_of(s: Array) -> Shape:
     )  # fmt: skip
 
 
-@folded
+@inline_jit
 def step_one(s: Array, shape: Shape, y: float, u: float) -> float:
     """One sample of a model with one input."""
     s[HEADER + 3] = u
     return advance(s, shape, y)
 
 
-@folded
+@inline_jit
 def step_all(s: Array, shape: Shape, y: float, u: Array) -> float:
     """One sample of a model with any number of inputs."""
     m = shape.m
@@ -270,7 +270,7 @@ def step_all(s: Array, shape: Shape, y: float, u: Array) -> float:
     return advance(s, shape, y)
 
 
-@folded
+@inline_jit
 def run_all(s: Array, shape: Shape, y: Array, u: Array, innovations: Array, track: Array, every: int) -> None:
     """A whole recording: y (N,), u (N, m); fills innovations (N,) and every so often a row of `track`."""
     m = shape.m
@@ -286,19 +286,19 @@ def run_all(s: Array, shape: Shape, y: Array, u: Array, innovations: Array, trac
 # For any orders: what differs between them is read from the header at every sample.
 
 
-@compiled
+@jit
 def step_single(s: Array, y: float, u: float) -> float:
     """See `step_one`."""
     return step_one(s, shape_of(s), y, u)
 
 
-@compiled
+@jit
 def step_many(s: Array, y: float, u: Array) -> float:
     """See `step_all`."""
     return step_all(s, shape_of(s), y, u)
 
 
-@compiled
+@jit
 def run(s: Array, y: Array, u: Array, innovations: Array, track: Array, every: int) -> None:
     """See `run_all`."""
     run_all(s, shape_of(s), y, u, innovations, track, every)
@@ -308,15 +308,15 @@ def run(s: Array, y: Array, u: Array, innovations: Array, track: Array, every: i
 def kernels(shape: Shape) -> tuple[Callable[..., float], Callable[..., None]]:
     """`step` and `run` for these orders alone: seconds to compile once, then about half the time a sample."""
 
-    @compiled
+    @jit
     def step_one_of(s: Array, y: float, u: float) -> float:
         return step_one(s, shape, y, u)
 
-    @compiled
+    @jit
     def step_all_of(s: Array, y: float, u: Array) -> float:
         return step_all(s, shape, y, u)
 
-    @compiled
+    @jit
     def run_of(s: Array, y: Array, u: Array, innovations: Array, track: Array, every: int) -> None:
         run_all(s, shape, y, u, innovations, track, every)
 

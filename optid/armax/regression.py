@@ -82,25 +82,31 @@ def _triangle(tall):  # type: ignore[no-untyped-def]
         for i in range(size):
             for j in range(n):
                 work[j, n + i] = tall[first + i, j]
-        for j in range(n):
-            below = 0.0
-            for i in range(n, n + size):
-                below += work[j, i] * work[j, i]
-            if below == 0.0:
-                continue
-            head = math.copysign(math.sqrt(work[j, j] * work[j, j] + below), work[j, j])
-            lead = work[j, j] + head
-            scale = 1.0 / (head * lead)
-            for k in range(j + 1, n):
-                dot = lead * work[k, j]
-                for i in range(n, n + size):
-                    dot += work[j, i] * work[k, i]
-                dot *= scale
-                work[k, j] -= dot * lead
-                for i in range(n, n + size):
-                    work[k, i] -= dot * work[j, i]
-            work[j, j] = -head
+        reflect(work, n, size)
     return np.triu(work[:, :n].T)
+
+
+@kept(error_model="numpy", nogil=True, fastmath={"reassoc", "contract"})
+def reflect(work, n, size):  # type: ignore[no-untyped-def]
+    """Householder reflections that bring `size` rows behind a triangle of n columns into it."""
+    for j in range(n):
+        below = 0.0
+        for i in range(n, n + size):
+            below += work[j, i] * work[j, i]
+        if below == 0.0:
+            continue
+        head = math.copysign(math.sqrt(work[j, j] * work[j, j] + below), work[j, j])
+        lead = work[j, j] + head
+        scale = 1.0 / (head * lead)
+        for k in range(j + 1, n):
+            dot = lead * work[k, j]
+            for i in range(n, n + size):
+                dot += work[j, i] * work[k, i]
+            dot *= scale
+            work[k, j] -= dot * lead
+            for i in range(n, n + size):
+                work[k, i] -= dot * work[j, i]
+        work[j, j] = -head
 
 
 def hannan_rissanen(records: Sequence[Signals], orders: Orders, long: int) -> Array:

@@ -17,10 +17,14 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class Signals:
-    """One recording of an output y, shape (N,), and inputs u, shape (N, m); NaN is a missing sample."""
+    """One recording of an output y, shape (N,), and inputs u, shape (N, m); NaN is a missing sample.
+
+    `first` counts the samples of the recording before this part of it.
+    """
 
     y: Array
     u: Array
+    first: int = 0
 
     def __post_init__(self) -> None:
         if self.y.ndim != 1 or self.u.ndim != 2 or self.u.shape[0] != self.y.size:
@@ -43,7 +47,16 @@ class Signals:
 
     def part(self, start: int, stop: int | None = None) -> Signals:
         """Samples from start to stop."""
-        return Signals(self.y[start:stop], self.u[start:stop])
+        return Signals(self.y[start:stop], self.u[start:stop], self.first + start)
+
+    def excerpts(self, most: int, pieces: int = 8) -> list[Signals]:
+        """The whole where it is no longer than `most` samples, else as many in pieces spread evenly over it."""
+        if self.y.size <= most:
+            return [self]
+        length, last = most // pieces, self.y.size - most // pieces
+        return [
+            self.part(start, start + length) for start in np.linspace(0, last, pieces).astype(int).tolist()
+        ]
 
 
 def signals(y: ArrayLike, u: ArrayLike | None = None) -> Signals:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from optid.armax.compiling import compiled, folded
+from optid.armax.compiling import inline_jit, jit
 from optid.core.model import Array
 
 
-@folded
+@inline_jit
 def roots_inside(c: Array, order: int, radius: float, work: Array) -> float:
     """1 if every root of z^order + c[0] z^(order-1) + ... lies inside the radius, else 0 (Schur and Cohn).
 
@@ -37,7 +37,7 @@ def roots_inside(c: Array, order: int, radius: float, work: Array) -> float:
     return 1.0
 
 
-@compiled
+@jit
 def stabilise(c: Array, order: int, radius: float, work: Array) -> float:
     """Draw the roots of C radially inwards until all lie inside the radius; returns 1 if it had to."""
     if roots_inside(c, order, radius, work) > 0.0:

@@ -46,12 +46,26 @@ def translate(functions: Sequence[Any], prefix: str, constants: Mapping[str, int
         JobError: a function uses more than this translator knows.
     """
     sources = [getattr(function, "py_func", function) for function in functions]
-    known = {source.__name__ for source in sources}
+    known = signatures(sources)
     return "\n".join(_Function(source, prefix, constants, known).text() for source in sources)
 
 
+def signatures(sources: Sequence[Any]) -> dict[str, tuple[str, ...]]:
+    """Name of each function -> what its arguments are, the shape apart."""
+    return {
+        source.__name__: tuple(
+            str(kind) for name, kind in source.__annotations__.items() if name not in ("return", "shape")
+        )
+        for source in sources
+    }
+
+
 class _Function:
-    def __init__(self, function: Any, prefix: str, constants: Mapping[str, int], known: set[str]) -> None:
+    """One function of the recursion, being written in another language."""
+
+    def __init__(
+        self, function: Any, prefix: str, constants: Mapping[str, int], known: Mapping[str, Any]
+    ) -> None:
         self.prefix, self.constants, self.known = prefix, constants, known
         self.globals: Mapping[str, Any] = function.__globals__
         tree = ast.parse(textwrap.dedent(inspect.getsource(function))).body[0]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from optid.armax.loop import Loop
@@ -10,15 +11,19 @@ from optid.armax.residuals import ResidualTests
 
 if TYPE_CHECKING:
     from optid.armax.audit import Audit, Finding
+    from optid.armax.identifiability import OpenDirection
+    from optid.armax.model import Armax
 
 
+TWO_SIDED = 1.96
+NEAR_ONE = 0.01  # a pole so near to 1 that is cancelled describes an offset or a drift
 SURE = 3.0  # standard errors within which a pole may be an integrator's
 SLOW = 1e-3  # a pole so little outside 1 needs a thousand samples to grow by e
 
 
 def findings(audit: Audit) -> tuple[Finding, ...]:
     """All that is worth saying, grave things first."""
-    said = [*_stability(audit), *_cancelled(audit), *_contents(audit)]
+    said = [*_stability(audit), *_cancelled(audit), *_noise_cancelled(audit), *_contents(audit)]
     if audit.residuals is not None:
         said += _residuals(audit.residuals)
     if audit.loop is not None:
@@ -64,7 +69,7 @@ def _stability(audit: Audit) -> list[Finding]:
 
 
 def _margin(sd: float) -> float:
-    return 1e-9 if math.isnan(sd) else max(1e-9, SURE * sd)
+    return 1e-9 if not math.isfinite(sd) else max(1e-9, SURE * sd)
 
 
 def _cancelled(audit: Audit) -> list[Finding]:
@@ -83,14 +88,111 @@ def _cancelled(audit: Audit) -> list[Finding]:
     return said
 
 
-def _contents(audit: Audit) -> list[Finding]:
+def _noise_cancelled(audit: Audit) -> list[Finding]:
     said = []
-    gain = f"Static gain {audit.static_gain:.4f}"
-    if math.isinf(audit.static_gain) or _stability(audit)[0].name == "integrating":
-        gain = "No static gain: it integrates"
-    elif not audit.stable:
-        gain += ", formally, as it is unstable"
-    said.append(_finding("static_gain", False, f"{gain}."))
+    by_zero = [c.pole for c in audit.cancellations]
+    for c in audit.noise_cancellations:
+        pair = f"The pole {number(c.pole)} is nearly cancelled by the root {number(c.root)} of C"
+        if c.empty or c.pole in by_zero:
+            text = (
+                f"{pair}, and the input hardly moves it: A, B and C share a factor, a lower order would do."
+            )
+            said.append(_finding("common_factor", True, text))
+        else:
+            text = f"{pair}: the noise does not see it, as noise of the sensor does not."
+            said.append(_finding("noise_cancellation", False, text))
+    drifting = [p for p in by_zero if not p.imag and abs(p - 1.0) < NEAR_ONE]
+    if drifting:
+        text = (
+            f"A pole at {drifting[0].real:.4f} beside a zero: an offset or a drift of the recording that constant and "
+            "slope do not describe would look so."
+        )
+        said.append(_finding("drift", True, text))
+    return said
+
+
+def _static_gain(audit: Audit) -> Finding:
+    gain, error = audit.static_gain, audit.static_gain_error
+    said = f"Static gain {_significant(gain, error)}"
+    if math.isinf(gain) or _stability(audit)[0].name == "integrating":
+        return _finding("static_gain", False, "No static gain: it integrates.")
+    if math.isinf(error):
+        text = f"The static gain is not known: the data leave it open ({gain:.4g} is one of many)."
+        return _finding("static_gain_unknown", True, text)
+    if not audit.stable:
+        return _finding("static_gain", False, f"{said}, formally, as it is unstable.")
+    margin = "" if math.isnan(error) else f" ± {TWO_SIDED * error:.2g} (95 %)"
+    if TWO_SIDED * error > abs(gain):
+        text = f"The static gain is not known from these data: {gain:.4g}{margin}."
+        return _finding("static_gain_unknown", True, text)
+    return _finding("static_gain", False, f"{said}{margin}.")
+
+
+def _significant(value: float, error: float) -> str:
+    """With the digits that the error leaves meaning to; four where nobody knows it."""
+    if math.isnan(error) or error <= 0.0 or math.isinf(value) or math.isinf(error) or value == 0.0:
+        return f"{value:.4f}" if abs(value) >= 0.01 else f"{value:.4g}"
+    digits = math.ceil(math.log10(abs(value) / error)) + 1
+    return f"{value:.{min(max(digits, 2), 8)}g}"
+
+
+def open_findings(
+    directions: Sequence[OpenDirection], names: Sequence[str], inputs: Sequence[str]
+) -> list[Finding]:
+    """What the data leave open, each reason once."""
+    said = []
+    for reason in dict.fromkeys(d.reason for d in directions):
+        alike = [d for d in directions if d.reason is reason]
+        listed = ", ".join(
+            names[i] for i in sorted({i for d in alike for i in d.coefficients}) if i < len(names)
+        )
+        whose = ", ".join(inputs[i] for i in sorted({i for d in alike for i in d.inputs}) if i < len(inputs))
+        whose = f" ({whose})" if whose else ""
+        text = f"Not determined by the data: {listed or 'the trend'}, because {reason.value}{whose}."
+        said.append(_finding(reason.name.lower(), True, text))
+    return said
+
+
+def feedback_finding(whose: str) -> Finding:
+    """For an input that earlier outputs determine."""
+    text = (
+        f"Not identifiable: {whose} is, to the last digit, a function of earlier outputs and of itself: the loop was "
+        "closed and nothing came from outside. Infinitely many models agree; excite the set-point or the command."
+    )
+    return _finding("feedback", True, text)
+
+
+def excitation_finding(whose: str, order: int, needed: int) -> Finding:
+    """For an input that excites to a lower order than B and A have numbers."""
+    what = "one sine excites to order 2" if order == 2 else f"as {order / 2:.3g} sines would"
+    text = (
+        f"Poor excitation: {whose} excites to order {order} only ({what}), and A and B have {needed} numbers. The "
+        "model holds at the frequencies that were excited; its static gain is extrapolated, not measured."
+    )
+    return _finding("poor_excitation", True, text)
+
+
+def trend_finding(model: Armax, unit: str) -> Finding | None:
+    """What stands beside eq. 12; None for nothing."""
+    pairs = zip((model.constant, model.slope), model.trend_errors, strict=True)
+    if not any(abs(value) > SURE * sd if math.isfinite(sd) else value for value, sd in pairs):
+        return None
+    unit, parts = unit if unit != "1" else "", [f"constant {model.constant:.4g} {unit}".rstrip()]
+    if model.slope:
+        parts.append(f"slope {model.slope:.4g} {unit}/s".replace(" /s", " 1/s"))
+    at_one = sum(model.a)
+    text = f"Operating point in the model: {', '.join(parts)} on the right side of eq. 12"
+    if abs(at_one) > 1e-6 and not model.slope:
+        text += (
+            f" (the output stands at {model.constant / at_one:.4g} {unit} when the input is zero)".replace(
+                " )", ")"
+            )
+        )
+    return _finding("operating_point" if not model.slope else "trend", False, f"{text}.")
+
+
+def _contents(audit: Audit) -> list[Finding]:
+    said = [_static_gain(audit)]
     if audit.only_static:
         rest = 100 * (1 - audit.static_share)
         said.append(

@@ -18,10 +18,12 @@ from optid.cli.diagnose import diagnose
 from optid.cli.fit import fit
 from optid.cli.identify import identify
 from optid.cli.live import live
+from optid.cli.options import everywhere
 from optid.cli.plan import plan
+from optid.cli.run import Run, Stopped, begun, ended_at_once
 from optid.cli.simulate import simulate
 from optid.cli.tune import tune
-from optid.errors import InputError, JobError
+from optid.errors import InputError, JobError, one_line
 
 HELP = """From recordings of a servo-pneumatic axis to a model you can trust.
 
@@ -57,12 +59,20 @@ class OneLine(click.Group):
     def main(self, *args: Any, **kwargs: Any) -> NoReturn:
         """Run a command and leave with its exit status; `OPTID_TRACEBACK=1` lets exceptions through."""
         kwargs["standalone_mode"] = False
+        called = args[0] if args else kwargs.get("args")
+        with begun(sys.argv[1:] if called is None else called) as run:
+            self._go(run, *args, **kwargs)
+
+    def _go(self, run: Run, *args: Any, **kwargs: Any) -> NoReturn:
         try:
             status = super().main(*args, **kwargs)
         except click.ClickException as error:
             _leave(f"{error.format_message()} (optid --help shows how to call it)", 2)
-        except (click.Abort, KeyboardInterrupt):
-            _leave("interrupted; nothing was written", 1)
+        except (click.Abort, KeyboardInterrupt) as error:
+            stopped = error if isinstance(error, Stopped) else error.__cause__  # click wraps it
+            how = f" by {stopped.args[0]}" if isinstance(stopped, Stopped) else ""
+            what = "nothing was written" if run.delivered is None else f"the results are in {run.delivered}"
+            _leave(f"interrupted{how}; {what}", 1)
         except BrokenPipeError:
             sys.stdout = None  # whoever read has gone; nothing is left to say
             sys.exit(1)
@@ -83,7 +93,7 @@ def _in_words(error: Exception) -> tuple[str, int]:
 
 
 def _leave(message: str, status: int) -> NoReturn:
-    click.echo("optid: " + " ".join(message.split()), err=True)
+    click.echo("optid: " + one_line(message), err=True)
     sys.exit(status)
 
 
@@ -102,9 +112,10 @@ def cli(context: click.Context) -> None:
 
 
 for command in (check, simulate, fit, diagnose, plan, live, identify, tune):
-    cli.add_command(command)
+    cli.add_command(everywhere(command))
 
 
 def main() -> None:
     """Entry point of the `optid` script."""
-    cli()
+    with ended_at_once():
+        cli()

@@ -9,6 +9,7 @@ import click
 
 from optid.cli.common import (
     OUT,
+    RATE,
     deliver,
     progress,
     read_all,
@@ -45,6 +46,7 @@ TIME_LIMIT = 800.0  # s: where much is missing, the second of two effects was fo
     metavar="S",
     help="Seconds by the clock, about, after which it ends with what it has.",
 )
+@RATE
 @OUT
 def diagnose(
     rig: str,

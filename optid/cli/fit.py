@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,6 +11,7 @@ import click
 
 from optid.cli.common import (
     OUT,
+    RATE,
     Read,
     checkpoint,
     deliver,
@@ -39,6 +41,7 @@ HUBER = 1.345  # sd: 95 % as efficient as least squares on normal noise (Huber, 
 @click.argument("rig")
 @click.argument("recordings", metavar="RECORDING...", nargs=-1, required=True)
 @click.option("--holdout", multiple=True, metavar="REC", help="Judge the fit on it; may be repeated.")
+@RATE
 @OUT
 @click.option("--starts", default=1, type=click.IntRange(min=1), help="Number of start points; 1 by default.")
 @click.option("--time-limit", type=click.FloatRange(min=0, min_open=True), metavar="S", help="Seconds.")
@@ -56,9 +59,9 @@ def fit(rig: str, recordings: tuple[str, ...], holdout: tuple[str, ...], out: st
     from optid.estimation.batch import FitOptions
     from optid.estimation.batch import fit as fit_rig
     from optid.estimation.profile import fitted
-    from optid.estimation.result import Outcome
     from optid.report.page import fit_page
-    from optid.report.scores import fit_document
+    from optid.report.scores import fit_document, misses
+    from optid.rigs.constraints import broken
     from optid.rigs.rigfile import write_rig
 
     for name in choices["profile"]:
@@ -75,9 +78,15 @@ def fit(rig: str, recordings: tuple[str, ...], holdout: tuple[str, ...], out: st
     profiles = _profiles(understood, data, result, options, choices["profile"])
     with waiting("predicting"):
         exhibits = _exhibits(understood, result, train, held_out)
+        used = {use: [e.prediction for e in exhibits if e.use == use] for use in ("training", "held out")}
+        missed = misses(used["training"], data)
+        result = result.judged(
+            [freed.name for freed in understood.freed],
+            [one.fit_percent for one in missed],
+            sound=not broken(understood.model, result.values),
+        )
         page = fit_page(understood, result, exhibits, profiles)
-    used = {use: [e.prediction for e in exhibits if e.use == use] for use in ("training", "held out")}
-    document = fit_document(result, used["training"], used["held out"], profiles)
+    document = fit_document(result, used["training"], used["held out"], profiles, missed)
 
     def write(place: Path) -> None:
         write_json(place / "fit.json", document)
@@ -85,16 +94,19 @@ def fit(rig: str, recordings: tuple[str, ...], holdout: tuple[str, ...], out: st
         (place / "report.html").write_text(page, encoding="utf-8")
 
     deliver(folder, write)
-    if result.outcome is Outcome.CONVERGED:
-        kept.unlink(missing_ok=True)
+    if kept is not None and document["outcome"] != "time_limit":
+        with contextlib.suppress(OSError):
+            kept.unlink(missing_ok=True)
     _say_fit(result)
     for one in profiles:
         click.echo(f"  {one.sentence}")
     for use, scores in (("training", "train"), ("held out", "holdout")):
         span = max((one.horizon for one in used[use]), default=0.0)
         say_scores(f"{use}, {span:g} s windows", document[scores])
+    for miss in () if result.outcome.failed else missed:
+        click.echo(miss.sentence)
     click.echo(f"written to {out}: fit.json, rig.toml, report.html")
-    if result.outcome is Outcome.NOT_CONVERGED:
+    if result.outcome.failed:
         raise JobError(f"{result.outcome.value} The best found is in {out}.")
 
 
@@ -131,7 +143,8 @@ def _say_fit(result: Fit) -> None:
     for p in result.parameters:
         unit = "" if p.unit == "1" else p.unit
         mark = "not identifiable" if not p.identifiable else "at its bound" if p.at_bound else ""
-        rows.append((p.name, f"{p.value:.5g}", f"[{p.low:.5g}, {p.high:.5g}]", unit, mark))
+        low, high = (f"{end:.5g}" if math.isfinite(end) else "open" for end in (p.low, p.high))
+        rows.append((p.name, f"{p.value:.5g}", f"[{low}, {high}]", unit, mark))
     say_table(("parameter", "value", "95 % interval", "unit", ""), rows)
     for tie in result.ties:
         click.echo(f"  {tie}")

@@ -3,22 +3,34 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from optid.cli.common import OUT, deliver, read_all, results_folder, say_table, waiting
+from optid.cli.common import OUT, RATE, deliver, progress, read_all, results_folder, say_table
 from optid.errors import NotIdentifiable
 
 if TYPE_CHECKING:
+    from optid.armax.forgetting import Forgetting
+    from optid.armax.identifier import Identifier
     from optid.armax.loop import Gains
-    from optid.armax.sampled import Sampled
-    from optid.armax.survey import Survey
+    from optid.armax.resample import Sampled
+    from optid.armax.survey import Plan, Survey
     from optid.core.recording import Recording
     from optid.rigs.rigfile import Rig
 
 MODEL_C, IDENTIFIER_C = "armax_model.h", "armax_identifier.h"
+TOLD = (
+    "static_gain",
+    "operating_point",
+    "trend",
+    "noise_cancellation",
+    "recursion_not_settled",
+)  # besides alarms
+MODEL_ST, IDENTIFIER_ST = "armax_model.st", "armax_identifier.st"
 
 
 def _numbers(context: click.Context, option: click.Parameter, value: str) -> tuple[int, ...]:
@@ -32,6 +44,53 @@ def _numbers(context: click.Context, option: click.Parameter, value: str) -> tup
             f'"{value}": expected whole numbers of at least 1, as in 3,4,5', context, option
         )
     return numbers
+
+
+def _whole(least: int) -> Callable[..., tuple[int, ...] | None]:
+    """Read "3" or "3,2", one number an input, none below `least`."""
+
+    def read(context: click.Context, option: click.Parameter, value: str | None) -> tuple[int, ...] | None:
+        if value is None:
+            return None
+        try:
+            numbers = tuple(int(part) for part in value.split(","))
+        except ValueError:
+            numbers = ()
+        if not numbers or not least <= min(numbers) or max(numbers) > 10_000:
+            raise click.BadParameter(
+                f'"{value}": expected a whole number of at least {least}, or one for each input as in 3,2',
+                context,
+                option,
+            )
+        return numbers
+
+    return read
+
+
+def _forgetting(context: click.Context, option: click.Parameter, value: str | None) -> Forgetting | None:
+    """Read "0.998", "directional:0.99" or "variable:500" (samples of memory)."""
+    from optid.armax.forgetting import Constant, Directional, Variable
+
+    if value is None:
+        return None
+    kind, _, number = value.rpartition(":")
+    laws: dict[str, Callable[[float], Forgetting]] = {
+        "": Constant,
+        "directional": Directional,
+        "variable": Variable,
+    }
+    try:
+        size = float(number)
+    except ValueError:
+        size = math.nan
+    low, high = (1.0, 1e9) if kind == "variable" else (0.5, 1.0)
+    if kind not in laws or not low <= size <= high:
+        raise click.BadParameter(
+            f'"{value}": expected a factor from 0.5 to 1, directional:FACTOR or variable:SAMPLES',
+            context,
+            option,
+        )
+    return laws[kind](size)
 
 
 def _gains(context: click.Context, option: click.Parameter, value: str | None) -> Gains | None:
@@ -59,38 +118,73 @@ def _gains(context: click.Context, option: click.Parameter, value: str | None) -
     "--steps", callback=_numbers, default="1,5,10", metavar="K,K", help="Horizons; 1,5,10 by default."
 )
 @click.option(
-    "--delay", type=click.IntRange(0, 10_000), metavar="NK", help="Samples; chosen by BIC if absent."
+    "--na",
+    type=click.IntRange(1, 400),
+    metavar="N",
+    help="One model of this structure alone, in the place of --orders.",
 )
+@click.option(
+    "--nb", callback=_whole(1), metavar="N[,N]", help="Numbers of B, for each input; na by default."
+)
+@click.option(
+    "--nc",
+    type=click.IntRange(0, 400),
+    metavar="N",
+    help="Numbers of C; na by default, 0 makes an ARX model.",
+)
+@click.option(
+    "--delay", callback=_whole(0), metavar="NK[,NK]", help="Samples, for each input; chosen if absent."
+)
+@click.option(
+    "--method", type=click.Choice(["pem", "rml", "rls"]), default="pem", show_default=True,
+    help="Who makes the models and the table: offline prediction errors, recursive maximum likelihood, the paper's "
+    "recursive least squares.",
+)  # fmt: skip
+@click.option(
+    "--forgetting",
+    callback=_forgetting,
+    metavar="LAW",
+    help="Of the recursion: 0.998, directional:0.99, variable:500.",
+)
+@click.option(
+    "--trend", type=click.Choice(["auto", "none", "constant", "linear"]), default="auto", show_default=True,
+    help="What stands beside eq. 12; auto: a constant, and a slope where the recording shows one.",
+)  # fmt: skip
 @click.option(
     "--input", "inputs", multiple=True, metavar="ROLE", help="The plant's by default; may be repeated."
 )
 @click.option("--output", metavar="ROLE", help="The plant's first measured one by default.")
 @click.option("--gains", callback=_gains, metavar="KP,KI,KD", help="Say whether these stabilise the models.")
 @click.option("--export-c", is_flag=True, help="Write the recommended model and its identifier as C headers.")
+@click.option("--export-st", is_flag=True, help="The same as IEC 61131-3 structured text.")
+@RATE
 @OUT
 def identify(
-    recording: str, rig: str, out: str, inputs: tuple[str, ...], output: str | None, export_c: bool,
-    orders: tuple[int, ...], steps: tuple[int, ...], delay: int | None, gains: Gains | None,
+    recording: str, rig: str, out: str, inputs: tuple[str, ...], output: str | None, export_c: bool, export_st: bool,
+    **asked: Any,
 ) -> None:  # fmt: skip
-    """Identify ARMAX models recursively, audit them, and tabulate their predictions as the paper's Table 2."""
+    """Identify ARMAX models, audit them, and tabulate their predictions as the paper's Table 2."""
     folder = results_folder(out)
     understood, [(read, remarks)], _ = read_all(rig, (recording,))
 
     from optid.armax.files import from_survey, to_json
-    from optid.armax.survey import Plan, survey
+    from optid.armax.survey import survey
     from optid.report.armax_page import Source, armax_page
 
     sampled = _sampled(understood, read, inputs, output)
-    plan = Plan(
-        orders=orders, steps=steps, delay=delay, gains=gains, unit=sampled.output_unit, output=sampled.output,
-        input=", ".join(sampled.inputs), input_unit=", ".join(sampled.input_units),
+    plan = replace(
+        _plan(**asked), unit=sampled.output_unit, output=sampled.output, input=", ".join(sampled.inputs),
+        input_unit=", ".join(sampled.input_units),
     )  # fmt: skip
-    with waiting("identifying"):
-        found = survey(sampled.signals.y, sampled.signals.u, sampled.sample_time, plan)
+    with progress("identifying") as tell:
+        found = survey(sampled.signals.y, sampled.signals.u, sampled.sample_time, plan, tell)
+        tell(0.95, "report")
         page = armax_page(found, sampled, Source(understood, read, remarks))
     files = {"armax.json": to_json(from_survey(found)), "table2.csv": found.table2.csv(), "report.html": page}
     if export_c:
-        files |= _headers(found)
+        files |= _headers(found, sampled)
+    if export_st:
+        files |= _structured_text(found, sampled)
 
     def write(place: Path) -> None:
         for name, content in files.items():
@@ -101,52 +195,114 @@ def identify(
     click.echo(f"written to {out}: {', '.join(files)}")
 
 
+def _plan(
+    *, orders: tuple[int, ...], steps: tuple[int, ...], na: int | None, nb: tuple[int, ...] | None, nc: int | None,
+    delay: tuple[int, ...] | None, method: str, forgetting: Forgetting | None, trend: str, gains: Gains | None,
+) -> Plan:  # fmt: skip
+    """The survey's plan from the options."""
+    from optid.armax.survey import Estimator, Plan
+    from optid.armax.trend import Trend
+
+    def one(numbers: tuple[int, ...] | None) -> int | tuple[int, ...] | None:
+        return numbers[0] if numbers is not None and len(numbers) == 1 else numbers
+
+    plan = Plan(
+        orders=orders if na is None else (na,), steps=steps, delay=one(delay), nb=one(nb), nc=nc, exact=na is not None,
+        gains=gains, estimator=Estimator[method.upper()], trend=None if trend == "auto" else Trend[trend.upper()],
+    )  # fmt: skip
+    return plan if forgetting is None else replace(plan, forgetting=forgetting)
+
+
 def _sampled(rig: Rig, recording: Recording, inputs: tuple[str, ...], output: str | None) -> Sampled:
     """The channels to identify between, on an even grid, once they hold anything to learn from."""
     import numpy as np
 
-    from optid.armax.sampled import evenly
+    from optid.armax.resample import resample
 
     outputs = [port.role for port in rig.model.outputs if port.role in recording]
-    sampled = evenly(
+    sampled = resample(
         recording, output or outputs[0], inputs or tuple(port.role for port in rig.model.recorded)
     )
     columns = np.column_stack([sampled.signals.y, sampled.signals.u])
-    for role, column in zip((sampled.output, *sampled.inputs), columns.T, strict=True):
-        known = column[np.isfinite(column)]
-        if known.size == 0 or np.ptp(known) == 0.0:
+    still = [
+        role
+        for role, column in zip((sampled.output, *sampled.inputs), columns.T, strict=True)
+        if not np.isfinite(column).any() or np.ptp(column[np.isfinite(column)]) == 0.0
+    ]
+    for role in still:
+        # One of several inputs that stands still is said in the audit; with nothing that moves there is no model.
+        if role == sampled.output or len(still) == len(sampled.inputs):
             raise NotIdentifiable(
                 f"{recording.name}: {role} never changes: it teaches nothing (nothing was written)"
             )
     return sampled
 
 
-def _headers(found: Survey) -> dict[str, str]:
+def _headers(found: Survey, sampled: Sampled) -> dict[str, str]:
     """The recommended model, and an identifier that goes on from the end of the recording, in C."""
     from optid.armax.export_c import identifier_header, model_header
-    from optid.armax.identifier import Identifier
 
-    model = found.chosen.model
-    identifier = Identifier(model.orders, model.sample_time).restored(found.chosen.recursive.state)
-    identifier.start_at(model.theta)
+    identifier, constant = _going_on(found, sampled)
     return {
-        MODEL_C: model_header(model, "armax_model"),
-        IDENTIFIER_C: identifier_header(identifier, "armax_identifier"),
+        MODEL_C: model_header(found.chosen.model, "armax_model"),
+        IDENTIFIER_C: identifier_header(identifier, "armax_identifier", constant=constant),
     }
 
 
+def _structured_text(found: Survey, sampled: Sampled) -> dict[str, str]:
+    """The same as structured text."""
+    from optid.armax.export_st import identifier_block, model_block
+
+    identifier, constant = _going_on(found, sampled)
+    return {
+        MODEL_ST: model_block(found.chosen.model, "armax_model"),
+        IDENTIFIER_ST: identifier_block(identifier, "armax_identifier", constant=constant),
+    }
+
+
+def _going_on(found: Survey, sampled: Sampled) -> tuple[Identifier, bool]:
+    """An identifier at the end of the recording, and whether its last input is a constant of 1."""
+    from optid.armax.survey import going_on
+
+    return going_on(found, sampled.signals)
+
+
 def _say(found: Survey) -> None:
+    from optid.armax.table2 import HELD_OUT, IN_SAMPLE
+
     click.echo(f"{found.output} from {found.input}: {found.words}")
     click.echo(f"order {found.recommended}: {found.chosen.model}")
-    unit = found.table2.unit
-    rows = [
-        (str(row["order"]), str(row["steps"]), *(f"{row[c]:.4g}" for c in ("mean_square_error", "sd", "max", "min")))
-        for row in found.table2.rows
-        if row["signal"] == "error"
-    ]  # fmt: skip
-    say_table(("order", "steps", f"mean square error ({unit}²)", f"sd ({unit})", "max", "min"), rows)
+    click.echo(f"by {found.estimator.value}")
+    unit, held = found.table2.unit, {_key(row): row for row in found.table2.errors(HELD_OUT)}
+    rows = []
+    for row in found.table2.errors(IN_SAMPLE):
+        other = held.get(_key(row), {})
+        rows.append((
+            str(row["order"]) if row["order"] else "-", str(row["steps"]), str(row["predictor"]),
+            *(_cell(one, column) for column in ("mean_square_error", "sd") for one in (row, other)),
+            _cell(row, "lag"), _cell(row, "expected_sd"),
+        ))  # fmt: skip
+    head = (
+        "order", "steps", "predictor", f"mean square error ({unit}²)", "held out", f"sd ({unit})", "held out", "lag",
+        "expected sd",
+    )  # fmt: skip
+    say_table(head, rows)
     for candidate in found.candidates:
         grave = [finding.text for finding in candidate.audit.findings if finding.grave]
+        told = [f.text for f in candidate.audit.findings if f.name in TOLD and not f.grave]
         click.echo(f"order {candidate.order}: {'no alarm' if not grave else ''}".rstrip())
         for text in grave:
             click.echo(f"  ! {text}")
+        for text in told:
+            click.echo(f"    {text}")
+
+
+def _key(row: dict[str, object]) -> tuple[object, ...]:
+    return row["order"], row["steps"], row["predictor"]
+
+
+def _cell(row: dict[str, object], column: str) -> str:
+    value = row.get(column)
+    if not isinstance(value, float) or math.isnan(value):
+        return ""
+    return f"{value:.2f}" if column == "lag" else f"{value:.4g}"

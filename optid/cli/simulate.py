@@ -6,12 +6,13 @@ from pathlib import Path
 
 import click
 
-from optid.cli.common import OUT, deliver, read_all, results_folder, say_scores, waiting, write_json
+from optid.cli.common import OUT, RATE, deliver, read_all, results_folder, say_scores, waiting, write_json
 
 
 @click.command()
 @click.argument("rig")
 @click.argument("recording")
+@RATE
 @OUT
 def simulate(rig: str, recording: str, out: str) -> None:
     """Run the model along a recording, with the rig file's numbers."""
@@ -35,4 +36,9 @@ def simulate(rig: str, recording: str, out: str) -> None:
     deliver(folder, write)
     for kind, words in (("window", f"{prediction.horizon:g} s windows"), ("free_run", "free run")):
         say_scores(words, {role: kinds[kind] for role, kinds in metrics.items()})
+    for begin, state in prediction.begins:
+        where = ", ".join(f"{name} {value:.5g}" for name, value in state.items())
+        click.echo(f"  free run from {begin:.6g} s, start estimated: {where} (SI)")
+    for note in prediction.notes:
+        click.echo(f"  {note}")
     click.echo(f"written to {out}: prediction.csv, metrics.json, report.html")

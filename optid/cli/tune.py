@@ -3,23 +3,26 @@
 from __future__ import annotations
 
 import math
+import signal
+import threading
+import time
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 import click
 
-from optid.cli.common import OUT, deliver, results_folder, say_table, waiting, write_json
-from optid.errors import InputError, SolveError
+from optid.cli.common import OUT, deliver, progress, results_folder, say_table, waiting, write_json
+from optid.errors import InputError, JobError, SolveError
 
 if TYPE_CHECKING:
     from optid.core.model import Array
+    from optid.pid.controller import Gains
+    from optid.tuning.bench_search import Effort
+    from optid.tuning.optimise import Options
     from optid.tuning.posing import Posed, Wishes
+    from optid.tuning.structures import Structure
     from optid.tuning.tuning import Scored, Tuning
-
-
-SENSITIVITY = (
-    2.0  # largest of what is recommended (Astrom and Hagglund, Advanced PID Control, 2006, section 4.6)
-)
 
 
 class _Pairs(click.Command):
@@ -31,7 +34,7 @@ class _Pairs(click.Command):
         while rest:
             joined.append(rest.pop(0))
             if (
-                joined[-1] in ("--limits", "--deadband")
+                joined[-1] in ("--limits", "--deadband", "--dead-zone")
                 and len(rest) > 1
                 and _numeric(rest[0])
                 and _numeric(rest[1])
@@ -47,7 +50,13 @@ def _numeric(text: str) -> bool:
 @click.command(cls=_Pairs)
 @click.argument("model", metavar="MODEL.json")
 @OUT
-@click.option("--setpoint", "setpoints", multiple=True, metavar="SIZE", help='Step, "6 cm"; may be repeated.')
+@click.option(
+    "--setpoint",
+    "setpoints",
+    multiple=True,
+    metavar="SIZE",
+    help='Largest step, "6 cm"; shares of it in both directions are added. May be repeated.',
+)
 @click.option(
     "--profile", "profiles", multiple=True, metavar="CSV", help="Path to follow: columns time and value."
 )
@@ -75,12 +84,37 @@ def _numeric(text: str) -> bool:
 @click.option("--effort", type=float, default=0.0, metavar="W", help="Weight of the command's travel.")
 @click.option("--overshoot", type=float, default=0.0, metavar="W", help="Weight of the overshoot.")
 @click.option(
-    "--ms", metavar="MS", help=f"Maximum sensitivity, at most; {SENSITIVITY:g} by default, none for any."
+    "--ms",
+    metavar="MS",
+    help="Maximum sensitivity, at most; 2, or 5 where friction is simulated; none for any.",
 )
 @click.option("--gain-margin", type=float, metavar="FACTOR", help="At least.")
 @click.option("--phase-margin", type=float, metavar="DEG", help="At least, degrees.")
 @click.option("--delay-margin", metavar="S", help="At least, seconds.")
-@click.option("--free", default="kp,ki,kd,setpoint_weight", show_default=True, help="Gains that may move.")
+@click.option("--present", metavar="KP,KI,KD", help="Gains now in force (SI, as in pid.json): a baseline.")
+@click.option(
+    "--structure", metavar="NAME", help="pid, pid2, pd, pi, p, or p-pi: P position over PI velocity."
+)
+@click.option("--free", metavar="NAMES", help="Gains that may move; the structure's by default.")
+@click.option(
+    "--integrator",
+    type=click.Choice(["auto", "yes", "no"]),
+    default="auto",
+    show_default=True,
+    help="Carry the model's pole nearest to 1 as an exact integrator.",
+)
+@click.option(
+    "--dead-zone", metavar="LOW,HIGH", help="Of the valve, part of the plant; both widths positive."
+)
+@click.option(
+    "--time-limit",
+    type=click.FloatRange(min=0, min_open=True),
+    metavar="S",
+    help="Seconds of the processor; the best so far is kept.",
+)
+@click.option(
+    "--deadline", type=click.FloatRange(min=0, min_open=True), metavar="S", help="The same by the clock."
+)
 @click.option("--derivative-filter", metavar="S", help="Time constant of the derivative's lag.")
 @click.option(
     "--scenarios", type=click.IntRange(1, 1000), default=1, help="Plants drawn from the covariance."
@@ -103,8 +137,10 @@ def tune(model: str, out: str, **choices: Any) -> None:
 
     from optid.armax.files import load
     from optid.rigs.rigfile import read_rig
+    from optid.tuning.bench_search import Effort
     from optid.tuning.files import document
     from optid.tuning.posing import pose
+    from optid.tuning.structures import structure_of
     from optid.tuning.tuning import tune as tuned
 
     contents = load(Path(model))
@@ -112,19 +148,25 @@ def tune(model: str, out: str, **choices: Any) -> None:
     rng = np.random.default_rng(choices["seed"])
     wishes = _wishes(choices, contents)
     posed = pose(contents, Path(model), wishes, rng, rig, not choices["check_only"])
-    with waiting("tuning"):
+    structure = structure_of(choices["structure"] or ("pid" if posed.task.bench_alone else "pid2"))
+    present = _present(choices["present"])
+    patience = _Patience(choices["time_limit"], choices["deadline"])
+    with progress("tuning") as show, patience:
+        options = _options(choices, structure, Effort(show, patience.over))
         try:
-            result = tuned(posed.task, rng, _options(choices), posed.bench)
+            result = tuned(posed.task, rng, options, posed.bench, present)
         except SolveError:
             if choices["ms"] is not None:
                 raise
             posed = posed.without_sensitivity()
-            result = tuned(posed.task, rng, _options(choices), posed.bench)
-        content = document(result, posed.command_unit, posed.output_unit)
+            result = tuned(posed.task, rng, options, posed.bench, present)
+    if patience.words:
+        result = replace(result, remarks=(*result.remarks, patience.words))
+    content = document(result, posed.command_unit, posed.output_unit, posed.judged_on, structure)
     from optid.report.tuning_page import tuning_page
 
     with waiting("reporting"):
-        page = tuning_page(result, posed, Path(model).name)
+        page = tuning_page(result, posed, Path(model).name, structure)
 
     files = {"report.html": page, **(_exported(result) if choices["export"] else {})}
 
@@ -134,8 +176,58 @@ def tune(model: str, out: str, **choices: Any) -> None:
             (place / name).write_text(text, encoding="utf-8")
 
     deliver(folder, write)
-    _say(result, posed)
+    _say(result, posed, structure)
     click.echo(f"written to {out}: {', '.join(['pid.json', *files])}")
+    if patience.interrupted:
+        raise JobError(f"interrupted: the best gains so far are in {out}")
+
+
+class _Patience:
+    """Ends a search at its time, or at the first Ctrl-C, so that the best so far is kept; the second one ends all.
+
+    Args:
+        processor: s of the process's own time, so that other work on the machine changes no answer.
+        clock: s by the clock.
+    """
+
+    def __init__(self, processor: float | None, clock: float | None) -> None:
+        self._processor, self._clock = processor or math.inf, clock or math.inf
+        self._began, self.interrupted, self.words = time.monotonic(), False, ""
+        self._before: Any = None
+
+    def __enter__(self) -> Self:
+        if threading.current_thread() is threading.main_thread():
+            self._before = signal.signal(signal.SIGINT, self._stop)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._before is not None:
+            signal.signal(signal.SIGINT, self._before)
+
+    def _stop(self, *_: object) -> None:
+        if self.interrupted:
+            raise KeyboardInterrupt
+        self.interrupted = True
+
+    def over(self) -> bool:
+        """Time is up, or somebody said so."""
+        if self.interrupted:
+            self.words = "Interrupted: these are the best gains so far."
+        elif time.process_time() > self._processor or time.monotonic() - self._began > self._clock:
+            self.words = "Time was up: these are the best gains so far."
+        return bool(self.words)
+
+
+def _present(text: str | None) -> Gains | None:
+    """Gains now in force: KP,KI,KD and no more."""
+    from optid.pid.controller import Gains
+
+    if text is None:
+        return None
+    parts = text.split(",")
+    if not 1 <= len(parts) <= 3:
+        raise InputError(f'"{text}"', where="--present", expected="KP,KI,KD, as in 60,80,0.5")
+    return Gains(*(_known(part.strip(), "1", "--present") for part in parts))
 
 
 def _exported(tuning: Tuning) -> dict[str, str]:
@@ -145,22 +237,21 @@ def _exported(tuning: Tuning) -> dict[str, str]:
     return {"pid.h": c_header(controller), "pid.st": structured_text(controller)}
 
 
-def _options(choices: dict[str, Any]) -> Any:
+def _options(choices: dict[str, Any], structure: Structure, effort: Effort) -> Options:
     from optid.pid.controller import Gains
     from optid.tuning.optimise import Options
 
     lag = _quantity(choices["derivative_filter"], "s", "--derivative-filter")
-    return Options(
-        tuple(name.strip() for name in choices["free"].split(",")),
-        None if lag is None else Gains(kp=1.0, derivative_filter=lag),
-        choices["starts"],
-    )
+    free = structure.free if choices["free"] is None else tuple(n.strip() for n in choices["free"].split(","))
+    fixed = None if lag is None else Gains(kp=1.0, derivative_filter=lag)
+    return Options(free, fixed, choices["starts"], cascade=structure.cascade, effort=effort)
 
 
 def _wishes(choices: dict[str, Any], contents: Any) -> Wishes:
     """The options in SI."""
     from optid.pid.controller import AntiWindup
     from optid.tuning.criterion import Criterion
+    from optid.tuning.integrator import Integrator
     from optid.tuning.margins import Required
     from optid.tuning.measure import Measure
     from optid.tuning.posing import Wishes, units_of
@@ -191,13 +282,21 @@ def _wishes(choices: dict[str, Any], contents: Any) -> Wishes:
         ),
         over=Over.WORST if choices["robust"] == "worst" else Over.MEAN,
         scenarios=choices["scenarios"],
+        integrator=Integrator[choices["integrator"].upper()],
+        dead_zone=_dead_zone(choices["dead_zone"], u),
+        usual_sensitivity=choices["ms"] is None,
     )  # fmt: skip
 
 
+def _dead_zone(text: str | None, unit: str) -> tuple[float, float]:
+    low, high = _range(text, unit, "--dead-zone")
+    return (0.0, 0.0) if low is None or high is None else (-abs(low), abs(high))
+
+
 def _sensitivity(text: str | None) -> float | None:
-    if text is None:
-        return SENSITIVITY
-    return None if text.lower() in ("none", "inf") else _known(text, "1", "--ms")
+    if text is None or text.lower() in ("none", "inf"):
+        return None
+    return _known(text, "1", "--ms")
 
 
 def _quantity(text: str | None, unit: str, option: str) -> float | None:
@@ -260,31 +359,50 @@ def _path(name: str, sample_time: float) -> tuple[str, Array]:
     return Path(name).stem, wanted[np.searchsorted(time, at + 1e-9 * sample_time, side="right") - 1]
 
 
-def _say(tuning: Tuning, posed: Posed) -> None:
+def _say(tuning: Tuning, posed: Posed, structure: Structure) -> None:
     from optid.tuning.files import units
+    from optid.tuning.score import by_size
+    from optid.tuning.structures import drive_values
     from optid.tuning.tuning import compared
 
     for line in posed.assumed:
         click.echo(f"assumed: {line}")
     named = units(posed.command_unit, posed.output_unit)
+    names = ("kp", "ki", "kd", "derivative_filter", "setpoint_weight", "derivative_weight")
     rows = [
-        (
-            name,
-            f"{getattr(tuning.gains, name):.5g}",
-            named[name].replace("1", "") if named[name] == "1" else named[name],
-        )
-        for name in ("kp", "ki", "kd", "derivative_filter", "setpoint_weight", "derivative_weight")
+        (n, f"{getattr(tuning.gains, n):.5g}", named[n].replace("1", "") if named[n] == "1" else named[n])
+        for n in names
     ]
     say_table(("gain", "value", "unit"), rows)
+    span = min(-tuning.settings.low, tuning.settings.high)
+    drive = drive_values(tuning.gains, structure, span, (posed.command_unit, posed.output_unit))
+    click.echo(
+        f"{structure.words}: " + ", ".join(f"{name} {value:.4g} {unit}" for name, value, unit in drive)
+    )
     kept = tuning.found.margins
     assert kept is not None
     click.echo(
         f"maximum sensitivity {kept.maximum_sensitivity:.3g}, gain margin {kept.gain_margin:.3g}, "
         f"phase margin {kept.phase_margin:.3g}°, delay margin {1e3 * kept.delay_margin:.3g} ms"
     )
+    judged = tuning.found.bench if tuning.on_bench else tuning.found.responses
+    say_table(
+        (f"step ({posed.output_unit})", "ITAE / size (s²)", "overshoot", "settled (s)", "hunting"),
+        [
+            (
+                f"{r.size:g}",
+                f"{r.itae_over_size:.4g}",
+                f"{100 * r.overshoot:.2g} %",
+                f"{r.settling_time:.3g}" if math.isfinite(r.settling_time) else "no",
+                f"{r.hunting:.2g}",
+            )
+            for r in by_size(judged)
+        ],
+    )
     on_rig = () if posed.bench is None else ("on the rig's model",)
     head: tuple[str, ...] = ("", f"ITAE ({named['itae']})", *on_rig, "Ms", "")
     say_table(head, [_row(one, posed) for one in (tuning.found, *compared(tuning), *tuning.baselines)])
+    click.echo(f"costs stand for {posed.judged_on}")
     for remark in tuning.remarks:
         click.echo(f"  ! {remark}")
 

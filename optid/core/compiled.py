@@ -12,7 +12,7 @@ from typing import Any
 import llvmlite.binding as llvm
 
 from optid.core import kernel
-from optid.core.compiling import stored
+from optid.core.cache import stored
 from optid.core.emit import source, source_of_lanes, source_of_runs, width
 from optid.core.model import Model
 

@@ -1,71 +1,125 @@
-"""How machine code is kept between runs: in a folder of the user's cache that is named after optid's sources.
+"""How numba's machine code is kept between runs: beside optid's other caches, with checksums.
 
-numba looks at the file of the outermost function alone: a change of a function that others call, as an upgrade
-brings, would leave machine code with the old one inside. Models are kept there, too, under what they consist of.
+numba trusts its files: a damaged one ends the process, two processes can give two functions one file, and a folder
+that cannot be written to is an error. Here each signature of a function has files of its own, which are handed to
+numba once their checksum is right. The folder is named after optid's sources: numba looks at the file of the outermost
+function alone, and a change of one that others call would leave machine code with the old one inside.
 """
 
 from __future__ import annotations
 
 import contextlib
 import hashlib
-import tempfile
-from collections.abc import Callable
-from functools import lru_cache
+import os
 from pathlib import Path
 from typing import Any
 
+import llvmlite
 import numba
-import platformdirs
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
 
-MOST = 4000  # models kept, some tens of kilobytes each; half of them go when there are more
+from optid.core.cache import compiling, kernels_folder
+
+STAMP = "named after its sources"
 
 
 def kept(**options: Any) -> Any:
     """`numba.njit` with these options and a cache that follows every change of optid."""
 
     def decorate(function: Any) -> Any:
-        before = numba.config.CACHE_DIR
-        numba.config.CACHE_DIR = _folder()
-        try:
-            return numba.njit(cache=True, **options)(function)
-        finally:
-            numba.config.CACHE_DIR = before
+        dispatcher = numba.njit(**options)(function)
+        if kernels_folder() is not None:
+            dispatcher._cache = _Cache(function)
+        return dispatcher
 
     return decorate
 
 
-def stored(key: str, make: Callable[[], bytes]) -> bytes:
-    """What `make` returned when it was first called under this key, on this machine or in another run.
+class _Locator:
+    """Says numba where a function's files are; makes and tries nothing."""
 
-    A file that is damaged is made anew, and a folder that cannot be written to is done without.
-    """
-    place = Path(_folder()) / "models" / hashlib.sha256(key.encode()).hexdigest()
-    with contextlib.suppress(OSError):
-        digest, held = (whole := place.read_bytes())[:32], whole[32:]
-        if held and hashlib.sha256(held).digest() == digest:
-            return held
-    held = make()
-    with contextlib.suppress(OSError):
-        place.parent.mkdir(parents=True, exist_ok=True)
-        _thin(place.parent)
-        with tempfile.NamedTemporaryFile(dir=place.parent, suffix=".part", delete=False) as file:
-            file.write(hashlib.sha256(held).digest() + held)
-        Path(file.name).replace(place)
-    return held
+    def __init__(self, function: Any, file: str) -> None:
+        self._py_file, self._line = file, function.__code__.co_firstlineno
 
+    @classmethod
+    def from_function(cls, function: Any, file: str) -> _Locator:
+        return cls(function, file)
 
-def _thin(folder: Path) -> None:
-    """Delete the older half where there are too many."""
-    files = list(folder.iterdir())
-    if len(files) > MOST:
-        for file in sorted(files, key=lambda one: one.stat().st_mtime)[: len(files) // 2]:
-            file.unlink(missing_ok=True)
+    def ensure_cache_path(self) -> None:
+        Path(self.get_cache_path()).mkdir(parents=True, exist_ok=True)
+
+    def get_cache_path(self) -> str:
+        return str(kernels_folder())
+
+    def get_source_stamp(self) -> str:
+        return STAMP
+
+    def get_disambiguator(self) -> str:
+        return str(self._line)
 
 
-@lru_cache(maxsize=1)
-def _folder() -> str:
+class _Implementation(CompileResultCacheImpl):  # type: ignore[misc]
+    _locator_classes = (_Locator,)
+
+
+class _Cache(FunctionCache):  # type: ignore[misc]
+    """numba's cache of one function, which heals."""
+
+    _impl_class = _Implementation
+
+    def __init__(self, function: Any) -> None:
+        super().__init__(function)
+        self._cache_file = _Files(self._cache_path, f"{function.__module__}.{self._impl.filename_base}")
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        found = None
+        with contextlib.suppress(Exception):  # whatever is wrong with the file, it can be made anew
+            found = super().load_overload(sig, target_context)
+        if found is None:
+            compiling()
+        return found
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        with contextlib.suppress(OSError):  # read-only, or a full disk: done without
+            super().save_overload(sig, data)
+
+
+class _Files:
+    """For each signature an index and a data file of numba's, and the checksum of both."""
+
+    def __init__(self, folder: str, name: str) -> None:
+        self._folder, self._name = folder, name
+
+    def load(self, key: Any) -> Any:
+        base, files = self._of(key)
+        seal = Path(f"{base}.sum")
+        if not seal.is_file() or seal.read_text() != _sum(base):
+            return None
+        return files.load(key)
+
+    def save(self, key: Any, data: Any) -> None:
+        base, files = self._of(key)
+        seal = Path(f"{base}.sum")
+        seal.unlink(missing_ok=True)
+        files.flush()  # what a damaged index says is not asked
+        files.save(key, data)
+        draft = Path(f"{base}.{os.getpid()}.part")
+        draft.write_text(_sum(base))
+        draft.replace(seal)
+
+    def flush(self) -> None:
+        """Nothing: the folder's name says whether its content is fresh."""
+
+    def _of(self, key: Any) -> tuple[Path, Any]:
+        signature, target, code = key
+        host = f"{numba.__version__} {llvmlite.__version__} {signature} {target} {code}"
+        name = hashlib.sha256(f"{self._name} {host}".encode()).hexdigest()[:32]
+        return Path(self._folder) / name, IndexDataCacheFile(self._folder, name, STAMP)
+
+
+def _sum(base: Path) -> str:
+    """Of an entry's index and data."""
     digest = hashlib.sha256()
-    root = Path(__file__).parents[1]
-    for source in sorted(root.rglob("*.py")):
-        digest.update(source.read_bytes())
-    return str(Path(platformdirs.user_cache_dir("optid")) / "kernels" / digest.hexdigest()[:16])
+    for path in (Path(f"{base}.nbi"), Path(f"{base}.1.nbc")):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()

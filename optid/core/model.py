@@ -42,6 +42,25 @@ class Port:
 
 
 @dataclass(frozen=True, eq=False)
+class Constraint:
+    """What must hold between parameters for them to describe anything that can be built.
+
+    Attributes:
+        words: what must hold, as a sentence: "the rod is thinner than the bore".
+        parameters: names of those that it is about.
+        margin: p -> a number that is positive where it holds.
+    """
+
+    words: str
+    parameters: tuple[str, ...]
+    margin: ca.Function
+
+    def holds(self, p: Array) -> bool:
+        """Is it so with these parameters?"""
+        return bool(float(self.margin(p)) > 0.0)
+
+
+@dataclass(frozen=True, eq=False)
 class Model:
     """Equations of a plant in SI units.
 
@@ -60,6 +79,7 @@ class Model:
         suspects: groups of sites at which unknown physics may act, for a diagnosis to look for an unknown input.
         scalable: sites of a level that others turn, as that of dry friction.
         biases: by what share of its value a stand-in for a law that jumps may shift a fitted parameter, by name.
+        constraints: what must hold between parameters.
     """
 
     name: str
@@ -79,6 +99,7 @@ class Model:
     suspects: tuple[tuple[str, ...], ...] = ()
     scalable: tuple[str, ...] = ()
     biases: Mapping[str, float] = field(default_factory=dict)
+    constraints: tuple[Constraint, ...] = ()
 
     @property
     def recorded(self) -> tuple[Port, ...]:

@@ -43,6 +43,7 @@ class ChannelMap:
         per_unit: size of one `model_unit` in `recorded_unit`: the full scale that was divided by, else 1.
         recorded_unit: SI unit of the recorded quantity, "V" for a valve command.
         rate: samples per second, for a time without a column.
+        held: it holds from each sample to the next, as a command does.
     """
 
     role: str
@@ -56,6 +57,7 @@ class ChannelMap:
     per_unit: float = 1.0
     recorded_unit: str = "1"
     rate: float | None = None
+    held: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +73,7 @@ class Channel:
         full_scale: largest value the channel can show, in `unit`, where known.
         per_unit: size of one `unit` in `recorded_unit` (5 for a command of +-1 that was +-5 V).
         recorded_unit: SI unit of what was recorded, "V" for a valve command.
+        held: it holds from each sample to the next, as a command does; where it is not known, nothing is simulated.
     """
 
     role: str
@@ -81,6 +84,7 @@ class Channel:
     full_scale: float | None = None
     per_unit: float = 1.0
     recorded_unit: str = "1"
+    held: bool = False
 
     @property
     def recorded(self) -> Array:
@@ -94,6 +98,21 @@ class Channel:
 
 
 @dataclass(frozen=True)
+class Repair:
+    """What was wrong with a channel in the file and was put right while it was read.
+
+    Attributes:
+        role: of the channel.
+        message: what was seen and what was done, with the numbers as the file has them.
+        row: where it is first seen, counted from 0 in the recording.
+    """
+
+    role: str
+    message: str
+    row: int
+
+
+@dataclass(frozen=True)
 class Provenance:
     """Where a recording came from and what was done to it.
 
@@ -103,7 +122,8 @@ class Provenance:
         reader: the format it was read as.
         columns: role -> column.
         rows_read: rows of data in the file.
-        notes: everything that was left out or repaired, in words; empty when nothing was.
+        notes: everything that was left out, in words; empty when nothing was.
+        repairs: what was wrong with channels and was put right.
     """
 
     path: Path
@@ -112,6 +132,7 @@ class Provenance:
     columns: Mapping[str, str]
     rows_read: int
     notes: tuple[str, ...] = ()
+    repairs: tuple[Repair, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,12 +225,31 @@ class Recording:
     def segments(self, longer_than: float = LONG_GAP) -> tuple[Recording, ...]:
         """Stretches between gaps longer than so many median intervals, so that none is simulated across.
 
-        A shorter gap stays inside a stretch: the command held before it is taken to hold through it.
-        Stretches of a single sample carry no motion and are left out.
+        A stretch in which a held channel (a command) is missing for so long is a gap, too. A shorter gap stays inside
+        a stretch: the command held before it is taken to hold through it. Stretches of a single sample carry no
+        motion and are left out.
         """
-        cuts = np.flatnonzero(np.diff(self.time) > longer_than * self.interval) + 1
-        edges = [0, *map(int, cuts), len(self)]
-        return tuple(self.taken(np.arange(a, b)) for a, b in itertools.pairwise(edges) if b - a > 1)
+        rows = np.flatnonzero(self.commanded(longer_than))
+        if not len(rows):
+            return ()
+        apart = (np.diff(self.time[rows]) > longer_than * self.interval) | (np.diff(rows) > longer_than)
+        edges = [0, *map(int, np.flatnonzero(apart) + 1), len(rows)]
+        return tuple(self.taken(rows[a:b]) for a, b in itertools.pairwise(edges) if b - a > 1)
+
+    def commanded(self, longer_than: float = LONG_GAP) -> NDArray[np.bool_]:
+        """Samples at which every held channel is known, or missing for no longer than so many median intervals.
+
+        Those before the first known one count as missing for long.
+        """
+        known = np.ones(len(self), dtype=bool)
+        for channel in self.channels.values():
+            if channel.held and channel.missing:
+                absent = np.isnan(channel.values)
+                edges = np.flatnonzero(np.diff(np.concatenate(([False], absent, [False])).astype(np.int8)))
+                for a, b in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+                    span = self.time[b - 1] - self.time[a] + self.interval
+                    known[a:b] &= a > 0 and span <= longer_than * self.interval
+        return known
 
     def to_frame(self) -> pd.DataFrame:
         """Columns "time" and one for every role, in SI units, one row per sample."""

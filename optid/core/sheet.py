@@ -15,7 +15,7 @@ from typing import Any, Protocol
 
 import casadi as ca
 
-from optid.core.model import CLOCK, INTERVAL, Model, Port, State
+from optid.core.model import CLOCK, INTERVAL, Constraint, Model, Port, State
 from optid.core.parameter import Parameter
 from optid.errors import PlantError, nearest
 
@@ -86,6 +86,7 @@ class Sheet:
         self._suspects: list[tuple[str, ...]] = []
         self._scalable: list[str] = []
         self._biases: dict[str, float] = {}
+        self._required: list[tuple[str, Expression]] = []
         self._prefix = ""  # of the effect that is writing
         self._near = _Near("")  # where it writes
 
@@ -234,6 +235,10 @@ class Sheet:
         """
         self._biases[parameter] = share
 
+    def require(self, words: str, margin: Expression) -> None:
+        """State what must hold between parameters: a sentence, and an expression of them that is positive then."""
+        self._required.append((words, margin))
+
     def rate(self, state: ca.SX, expression: Expression) -> None:
         """Write d(state)/dt."""
         name = state.name()
@@ -307,12 +312,18 @@ class Sheet:
                 suspects=tuple(group for group in self._suspects if set(group) <= set(self._sites)),
                 scalable=tuple(site for site in self._scalable if site in self._sites),
                 biases=dict(self._biases),
+                constraints=tuple(self._constraint(words, margin, p) for words, margin in self._required),
             )
         except RuntimeError as error:  # CasADi: an expression holds a symbol that was never declared
             raise PlantError(
                 f"the equations use a symbol that is no state, input or parameter ({error})",
                 where=self.name,
             ) from error
+
+    def _constraint(self, words: str, margin: Expression, p: ca.SX) -> Constraint:
+        about = {symbol.name() for symbol in ca.symvar(ca.SX(margin))}
+        names = tuple(name for name in self._parameters if name in about)
+        return Constraint(words, names, ca.Function("margin", [p], [margin]))
 
 
 def build(plant: Plant, effects: Sequence[Effect] = (), **options: object) -> Model:

@@ -1,60 +1,238 @@
-"""Fast recordings brought down to the rate at which an axis still shows all it does, without losing information."""
+"""Fast recordings brought down to the rate at which an axis still shows all it does, without folding noise into it."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import replace
+import itertools
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
 
+import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from optid.core.recording import Channel, Recording, held
+from optid.core.model import CLOCK, INTERVAL, Model
+from optid.core.recording import GAP, Array, Recording, held
+from optid.core.simulation import simulate
 
 Integers = NDArray[np.int64]
 
 # Hz: pressures take milliseconds, and what averaging leaves out of a millisecond of motion is below a micrometre.
 FASTEST = 1000.0
-WHOLE = 0.75  # of a block that must be measured for its average to count
+WHOLE = 0.75  # of a filter's weight that must be measured for its result to count
+SAMPLES = 10  # a period of the fastest pole
+MOST = 5.0  # times FASTEST: a faster pole (a contact that sticks) is left to the integrator
+SHARE = 0.01  # of the response by which a pole counts
+_LOBES = 4  # zero crossings of the low-pass on either side
+_PASS = 0.8  # of the new Nyquist frequency that passes whole
+_POINTS = 24  # of the motion at which the model is linearised
+
+
+@dataclass(frozen=True)
+class Rate:
+    """To what rate recordings are brought down, and why.
+
+    Attributes:
+        hz: samples a second.
+        why: in words.
+    """
+
+    hz: float
+    why: str
+
+
+def brought_down(
+    model: Model, parameters: Mapping[str, float], recording: Recording, rate: float | None = None
+) -> Recording:
+    """A recording at the rate asked for, or at the one that `needed_rate` says; what was done stands in its notes.
+
+    Args:
+        model: the plant.
+        parameters: SI values by name.
+        recording: as read.
+        rate: Hz; chosen where absent. A slower recording comes back as it is.
+    """
+    commands = [port.role for port in model.recorded]
+    if recording.rate < 2 * (rate or FASTEST) * (1 - 1e-6):
+        return recording
+    chosen = Rate(rate, "as asked for") if rate else needed_rate(model, parameters, recording)
+    slow = thinned(recording, commands, chosen.hz)
+    if slow is recording or slow.provenance is None:
+        return slow
+    note = (
+        f"brought down from {recording.rate:.6g} to {slow.rate:.6g} samples a second behind a low-pass ({chosen.why}); "
+        "--rate sets another"
+    )
+    return replace(slow, provenance=replace(slow.provenance, notes=(*slow.provenance.notes, note)))
+
+
+def needed_rate(model: Model, parameters: Mapping[str, float], recording: Recording) -> Rate:
+    """The rate that the fastest pole asks for, which shows in what is measured.
+
+    The model is simulated along the recording and linearised on the way; of each point's poles the fastest counts
+    that makes at least `SHARE` of the response of some measured output.
+
+    Args:
+        model: the plant.
+        parameters: SI values by name.
+        recording: with the model's inputs.
+    """
+    poles = [pole for pole in _fastest_poles(model, parameters, recording) if math.isfinite(pole)]
+    if not poles:
+        return Rate(FASTEST, "the axis shows all it does at that rate")
+    pole = float(np.median(poles)) / (2 * math.pi)
+    hz = min(max(FASTEST, SAMPLES * pole), MOST * FASTEST)
+    return Rate(float(f"{hz:.3g}"), f"the fastest pole that shows has {pole:.3g} Hz")
+
+
+def _fastest_poles(model: Model, parameters: Mapping[str, float], recording: Recording) -> list[float]:
+    """rad/s, at points of the motion."""
+    p = model.vector(dict(parameters))
+    coarse = thinned(recording, [port.role for port in model.recorded])
+    dt = np.diff(coarse.time, append=coarse.time[-1] + coarse.interval)
+    columns = []
+    for port in model.inputs:
+        if port.role in (INTERVAL, CLOCK):
+            columns.append(dt if port.role == INTERVAL else coarse.time - coarse.time[0])
+        else:
+            columns.append(held(coarse[port.role].values))
+    inputs = np.column_stack(columns) if columns else np.zeros((len(coarse), 0))
+    run = simulate(model, p, np.array(model.start(p)[0]).ravel(), dt, inputs, tolerance=1e-4).states[0]
+    x, u, q = ca.SX.sym("x", len(model.states)), ca.SX.sym("u", len(model.inputs)), ca.DM(p)
+    rates, outputs = model.rates(x, u, q), model.sensors(x, u, q)
+    slopes = ca.Function(
+        "slopes", [x, u],
+        [ca.densify(s) for s in (ca.jacobian(rates, x), ca.jacobian(rates, u), ca.jacobian(outputs, x))],
+    )  # fmt: skip
+    rows = np.linspace(0, len(run) - 1, _POINTS).astype(int)
+    points = [(run[k], inputs[k]) for k in rows if np.isfinite(run[k]).all()]
+    found = []
+    for state, command in points:
+        A, B, C = (np.array(m) for m in slopes(state, command))
+        found.append(_fastest(A, B, C, model.scales))
+    return found
+
+
+def _fastest(A: Array, B: Array, C: Array, scales: Array) -> float:
+    """rad/s: the fastest pole with a share of some output's response to some input."""
+    if not (np.isfinite(A).all() and np.isfinite(B).all() and np.isfinite(C).all()) or not B.size:
+        return math.nan
+    A, B, C = A / scales[:, None] * scales, B / scales[:, None], C * scales
+    poles, right = np.linalg.eig(A)
+    try:
+        left = np.linalg.inv(right)
+    except np.linalg.LinAlgError:
+        return math.nan
+    residues = np.abs(C @ right)[:, None, :] * np.abs(left @ B).T[None, :, :]
+    largest = residues.max(axis=2, keepdims=True)
+    shows = (residues > SHARE * np.where(largest > 0, largest, np.inf)).any(axis=(0, 1))
+    return float(np.abs(poles[shows]).max()) if shows.any() else math.nan
 
 
 def thinned(recording: Recording, commands: Iterable[str], fastest: float = FASTEST) -> Recording:
     """A recording of at most about `fastest` samples a second; slower ones come back as they are.
 
-    Measured channels are averaged around the new samples, so that their noise falls as if they had been measured so
-    often; held ones over the time until the next sample. A recording with gaps stays as it is.
+    Measured channels pass a low-pass without delay whose band ends below half the new rate, so that nothing is
+    folded into them and their noise falls as if they had been measured so often; held ones are averaged over the time
+    until the next sample, which keeps their impulse. Each stretch between gaps is brought down by itself.
 
     Args:
-        recording: evenly sampled.
+        recording: evenly sampled but for gaps.
         commands: their roles; they hold from each sample to the next.
         fastest: Hz.
     """
     count = int(recording.rate / fastest * (1 + 1e-6))
-    if count < 2 or recording.gaps() or len(recording) < 4 * count:
+    if count < 2 or len(recording) < 4 * count:
         return recording
-    inputs = set(commands)
-    rows: Integers = np.arange(0, len(recording) - count + 1, count)
-    channels = {
-        role: _averaged(channel, rows, count, role in inputs) for role, channel in recording.channels.items()
-    }
+    inputs = {*commands, *(role for role, channel in recording.channels.items() if channel.held)}
+    cuts = np.flatnonzero(np.diff(recording.time) > GAP * recording.interval) + 1
+    edges = [0, *cuts.tolist(), len(recording)]
+    parts = [(a, b) for a, b in itertools.pairwise(edges) if b - a >= count]
+    if len(parts) * 4 * count > len(recording) or not parts:
+        return recording  # gaps all over: it is no even sampling
+    rows = np.concatenate([np.arange(a, b - count + 1, count) for a, b in parts])
+    channels = {}
+    for role, channel in recording.channels.items():
+        bring = _averaged if role in inputs else _filtered
+        values = [bring(channel.values[a:b], count) for a, b in parts]
+        weight = 1.0 if role in inputs else float(np.linalg.norm(_low_pass(count)))
+        sd = channel.sd if channel.sd is None or role in inputs else channel.sd * weight
+        channels[role] = replace(channel, values=np.concatenate(values), sd=sd)
     return replace(recording, time=recording.time[rows], channels=channels)
 
 
-def _averaged(channel: Channel, rows: Integers, count: int, is_held: bool) -> Channel:
-    values, known = channel.values, np.isfinite(channel.values)
+def _low_pass(count: int) -> Array:
+    """Weights of a windowed sinc (Kaiser, 50 dB) that passes up to `_PASS` of half the new rate; they sum to one."""
+    half = _LOBES * count
+    k = np.arange(-half, half + 1)
+    cut = (1.0 + _PASS) / 2 / count
+    weights = np.sinc(cut * k) * np.kaiser(2 * half + 1, 4.5)
+    return np.asarray(weights / weights.sum())
+
+
+def _filtered(values: Array, count: int) -> Array:
+    known = np.isfinite(values)
+    rows = np.arange(0, len(values) - count + 1, count)
     if not known.any():
-        return replace(channel, values=values[rows])
-    # An even number of samples has no middle one: a block around it ends in two that count half.
-    weights = np.ones(count if is_held or count % 2 else count + 1)
-    if len(weights) > count:
-        weights[[0, -1]] = 0.5
-    weights /= weights.sum()
-    first = 0 if is_held else -(count // 2)
-    places = np.clip(rows[:, None] + first + np.arange(len(weights)), 0, len(values) - 1)
+        return values[rows]
+    weights = _low_pass(count)
+    half = len(weights) // 2
     at = np.arange(float(len(values)))
-    filled = held(values) if is_held else np.interp(at, at[known], values[known])
-    mean = np.where(known[places] @ weights > WHOLE, filled[places] @ weights, np.nan)
-    if not is_held:  # at the ends the block reaches beyond the recording
-        inside = (rows + first >= 0) & (rows + first + len(weights) <= len(values))
-        mean = np.where(inside, mean, values[rows])
-    sd = None if channel.sd is None else channel.sd * float(np.linalg.norm(weights))
-    return replace(channel, values=mean, sd=sd)
+    filled = values if known.all() else np.interp(at, at[known], values[known])
+    # Beyond its ends the signal goes on as if turned about its last point, so that a slope stays one.
+    reach = min(half, len(filled) - 1)
+    before, after = 2 * filled[0] - filled[reach:0:-1], 2 * filled[-1] - filled[-2 : -reach - 2 : -1]
+    padded = np.concatenate((before, filled, after))
+    result = _at_rows(padded, weights, rows + reach, half)
+    if known.all():
+        return result
+    share = _at_rows(
+        np.concatenate((np.ones(reach), known.astype(float), np.ones(reach))), weights, rows + reach, half
+    )
+    return np.where(share > WHOLE, result, np.nan)
+
+
+def _at_rows(padded: Array, weights: Array, rows: Integers, half: int) -> Array:
+    """The weighted sums around some rows only."""
+    found = np.zeros(len(rows))
+    for k, weight in enumerate(weights):
+        found += weight * padded[np.clip(rows + k - half, 0, len(padded) - 1)]
+    return found
+
+
+def _averaged(values: Array, count: int) -> Array:
+    blocks = len(values) // count
+    filled = held(values)[: blocks * count].reshape(blocks, count)
+    known = np.isfinite(values)[: blocks * count].reshape(blocks, count)
+    return np.where(known.mean(axis=1) > WHOLE, filled.mean(axis=1), np.nan)
+
+
+def at_samples_of(recording: Recording, role: str, commands: Iterable[str]) -> Recording:
+    """A recording at the rows where one channel is measured, if that has a slower, regular rate of its own.
+
+    Commands are averaged from each of these rows to the next, which keeps their impulse.
+
+    Args:
+        recording: with the channel.
+        role: of the channel.
+        commands: roles that hold from sample to sample.
+    """
+    rows = np.flatnonzero(np.isfinite(recording[role].values))
+    if len(rows) < 8 or len(rows) > 0.7 * len(recording):
+        return recording
+    apart = np.diff(rows)
+    usual = float(np.median(apart))
+    if usual < 2 or float(np.mean(np.abs(apart - usual) <= max(1.0, 0.1 * usual))) < 0.8:
+        return recording
+    inputs, channels = set(commands), {}
+    for name, channel in recording.channels.items():
+        if name not in inputs:
+            channels[name] = replace(channel, values=channel.values[rows])
+            continue
+        filled = held(channel.values)
+        sums = np.add.reduceat(filled, rows)
+        counts = np.diff(rows, append=len(recording))
+        means = sums / counts
+        means[-1] = filled[rows[-1]]
+        channels[name] = replace(channel, values=means)
+    return replace(recording, time=recording.time[rows], channels=channels)

@@ -10,12 +10,31 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
 from typing import TypeVar
 
-WORKERS = max(1, len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1)
+VARIABLE = "OPTID_THREADS"
+
+
+def _allowed() -> int:
+    """The cores that this process may use, or as many of them as the environment grants."""
+    here = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    granted = os.environ.get(VARIABLE, "")
+    return max(1, min(here, int(granted)) if granted.isdecimal() and int(granted) > 0 else here)
+
+
+WORKERS = _allowed()
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 _here = threading.local()
+
+
+def limit(cores: int | None) -> None:
+    """Use so many cores at most from now on; ``None`` for as many as at the start."""
+    global WORKERS
+    allowed = _allowed()
+    WORKERS = allowed if cores is None else max(1, min(cores, allowed))
+    _kernels.cache_clear()
+    _searches.cache_clear()
 
 
 def spread(count: int, work: Callable[[int, int], None], grain: int = 1) -> None:

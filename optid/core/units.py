@@ -21,6 +21,8 @@ from optid.errors import InputError, RigError, nearest
 Array = NDArray[np.float64]
 
 GAUGE = "_gauge"
+_LEAST = 1e-60  # size of a unit in SI units: smaller or its reciprocal is no unit of a machine
+MOST = 400  # characters of "value unit": digits of a gauge pressure near zero are the longest
 _NUMBER = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*", re.DOTALL)
 _UNIT = re.compile(r"[\w\s*/^.()\-+%°·Ωµμ²³⁻¹]{0,60}")
 # A power of a number, or an exponent of more than three digits, is no unit: refused before it is computed.
@@ -153,6 +155,8 @@ def split(value: object, si_unit: str) -> tuple[str, str]:
     if isinstance(value, bool) or not isinstance(value, int | float | str):
         raise InputError(f"found {found}", expected=expected)
     if isinstance(value, str):
+        if len(value) > MOST:
+            raise InputError(f"a text of {len(value)} characters", expected=expected)
         match = _NUMBER.fullmatch(value)
         if match is None and re.match(r"\s*[-+]?(inf|nan)", value, re.IGNORECASE):
             raise InputError(f"{found} is not finite", expected=expected)
@@ -186,13 +190,17 @@ def si_unit_of(unit: str, *, where: object = None, field: str | None = None) -> 
     base = unit.removesuffix(GAUGE)
     try:
         parsed = _parse(base)
+        dimension = _dimension(parsed, base)
     except InputError as error:
         raise _located(error, where, field) from None
     registry = _registry()
     for candidate in _COHERENT:
-        if parsed.dimensionality == registry.parse_units(candidate).dimensionality:
+        if dimension == registry.parse_units(candidate).dimensionality:
             return candidate
-    return f"{registry.Quantity(1, parsed).to_base_units().units:~C}"
+    try:
+        return f"{registry.Quantity(1, parsed).to_base_units().units:~C}"
+    except Exception:  # pint and the floats raise many kinds
+        raise _located(_inconvertible(unit), where, field) from None
 
 
 def _decimal_text(value: float) -> str:
@@ -226,14 +234,41 @@ def _registry() -> Any:
 def _factor(unit: str, si_unit: str) -> tuple[float, float]:
     """Factor and offset from a unit without gauge suffix to SI."""
     parsed, target = _parse(unit), _registry().parse_units(si_unit)
-    if parsed.dimensionality != target.dimensionality:
+    if _dimension(parsed, unit) != target.dimensionality:
         found = f'"{unit}"' if unit not in ("", "1") else "a pure number"
         raise InputError(f'{found} has the wrong dimension for "{si_unit}"', expected=_expected(si_unit))
-    quantity = _registry().Quantity
-    zero, one = quantity(0.0, parsed).to(target).magnitude, quantity(1.0, parsed).to(target).magnitude
+    zero, one, two = (_converted(value, parsed, target, unit) for value in (0.0, 1.0, 2.0))
+    if abs(two - 2.0 * one + zero) > 1e-9 * abs(two):  # decibels, nepers
+        raise _inconvertible(unit)
     # An offset unit (degC) moves zero; its factor is the size of one degree, free of the offset's rounding.
     factor = one if zero == 0.0 else float(Decimal(repr(one)) - Decimal(repr(zero)))
     return float(factor), float(zero)
+
+
+def _dimension(parsed: Any, unit: str) -> Any:
+    try:
+        return parsed.dimensionality
+    except Exception:  # pint raises many kinds
+        raise InputError(f'"{unit}" is not a unit that has a dimension') from None
+
+
+def _converted(value: float, parsed: Any, target: Any, unit: str) -> float:
+    """A value in another unit of the same dimension.
+
+    Raises:
+        InputError: no factor and offset that a float can hold lead there: a logarithmic unit, or an absurd power.
+    """
+    try:
+        result = float(_registry().Quantity(value, parsed).to(target).magnitude)
+    except Exception:  # pint and the floats raise many kinds
+        result = math.nan
+    if not math.isfinite(result) or (value and not _LEAST < abs(result) < 1.0 / _LEAST):
+        raise _inconvertible(unit)
+    return result
+
+
+def _inconvertible(unit: str) -> InputError:
+    return InputError(f'"{unit}" does not convert', expected='a unit with a factor, such as "mm" or "bar"')
 
 
 @functools.lru_cache(maxsize=1024)

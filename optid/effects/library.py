@@ -13,7 +13,7 @@ from typing import Any
 
 import casadi as ca
 
-from optid.core.loading import load_file
+from optid.core.loading import load_file, named_file
 from optid.core.model import Model
 from optid.core.sheet import Sheet
 from optid.effects import catalogue, generic
@@ -97,7 +97,7 @@ def find_effect(name: str, base: Path) -> Effect:
         if name not in built_in():
             raise RigError(f'no effect "{name}"', hint=nearest(name, built_in()))
         return built_in()[name]
-    effects = {effect.name: effect for effect in from_file(base / file)}
+    effects = {effect.name: effect for effect in from_file(named_file(file, base))}
     if own not in effects:
         raise RigError(f'"{file}" has no effect "{own}"', hint=nearest(own, effects))
     return effects[own]

@@ -223,10 +223,15 @@ def _result(
     cov = cov + np.diag(_stand_ins(o, theta, fixed))
     half = special.ndtri(0.975) * np.sqrt(np.maximum(np.diag(cov), 0.0))
     half = np.where(ties.mute, np.inf, half)
+    reach = _one_sided(o, best, bound, np.asarray(ties.mute))
     estimates = []
     for k, i in enumerate(o.free):
         parameter = o.model.parameters[i]
         low, high = max(theta[k] - half[k], o.low[k]), min(theta[k] + half[k], o.high[k])
+        if bound[k]:
+            below = theta[k] - o.low[k] <= o.high[k] - theta[k]
+            inner = min(theta[k] + reach[k], o.high[k]) if below else max(theta[k] - reach[k], o.low[k])
+            low, high = (-math.inf, inner) if below else (inner, math.inf)
         estimates.append(
             Estimate(
                 parameter.name, parameter.unit, float(theta[k]), float(low), float(high), float(p0[i]),
@@ -238,6 +243,17 @@ def _result(
         best.outcome, tuple(estimates), values, cov, _noise(o, terms, at, q), q, at.X, ties.sentences,
         _certificate(o, terms, q), time.monotonic() - began,
     )  # fmt: skip
+
+
+def _one_sided(o: Objective, best: Solution, bound: Booleans, mute: Booleans) -> Array:
+    """How far into its bounds an estimate that stands at one may reach, (free,), SI: 95 %, as if it were free."""
+    if not bound.any():
+        return np.zeros(len(o.free))
+    try:
+        cov = covariance(o, best.at, best.terms, best.q, mute)
+    except np.linalg.LinAlgError:
+        return np.full(len(o.free), np.inf)
+    return np.where(mute, np.inf, special.ndtri(0.95) * np.sqrt(np.maximum(np.diag(cov), 0.0)))
 
 
 def _without_floors(o: Objective, best: Solution, bound: Booleans, fixed: Booleans) -> Array:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -58,15 +60,16 @@ class Checkpoint:
         return Checkpoint(path, digest.hexdigest())
 
     def save(self, kept: Kept) -> None:
-        """Write whole or not at all."""
+        """Write whole or not at all; where it cannot be kept, the fit goes on without."""
         if self.path is None:
             return
         content = {"fit": self.identity, "number": kept.number, "at": _written(kept.at)}
         if kept.best is not None:
             content["best"] = _written(kept.best)
-        draft = self.path.with_name(self.path.name + ".part")
-        draft.write_text(json.dumps(content))
-        draft.replace(self.path)
+        draft = self.path.with_name(f"{self.path.name}.{os.getpid()}.part")
+        with contextlib.suppress(OSError):
+            draft.write_text(json.dumps(content))
+            draft.replace(self.path)
 
     def load(self) -> Kept | None:
         """What this fit left before; ``None`` where there is nothing, or another fit's."""
@@ -78,7 +81,7 @@ class Checkpoint:
                 return None
             best = _read(content["best"]) if "best" in content else None
             return Kept(int(content["number"]), _read(content["at"]), best)
-        except (OSError, ValueError, KeyError, TypeError):
+        except (OSError, ValueError, KeyError, TypeError, RecursionError):
             return None  # half a file, or an older kind: the fit begins anew
 
 

@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from optid.core.model import Array
+from optid.core.model import Array, Model
 from optid.core.recording import Recording
 from optid.core.simulation import simulate
-from optid.errors import SolveError
+from optid.errors import RecordingError, SolveError
 from optid.estimation.objective import objective_of
 from optid.estimation.problem import Problem, pose
 from optid.estimation.result import Score
 from optid.estimation.smoother import Objective, Point, Terms, descend
-from optid.estimation.start import guess
+from optid.estimation.start import guess, measured_states
 from optid.rigs.rigfile import Rig
 
 if TYPE_CHECKING:
@@ -27,6 +27,7 @@ FEWEST = 50  # samples of it, where sampling is too slow for that many in HORIZO
 MEMORY = 4  # windows of the past that are estimated anew; what lies before them is a Gaussian prior
 LOOSER = (0.3, 0.03, 3e-3)  # shares of each state's size through which the process noise is annealed
 SURPRISED = 2.0  # squared residuals a sample, in noise variances, above which a young estimate is tried from elsewhere
+PINNED = 0.1  # of a sensor's noise: how far the windows may move what it shows as a free run begins
 PROCESS_NOISE = 3e-3  # per window as a share of each state's size, when no fit says better
 
 
@@ -34,12 +35,17 @@ PROCESS_NOISE = 3e-3  # per window as a share of each state's size, when no fit 
 class Prediction:
     """`frame`: time, then NAME, NAME_free_run, NAME_window per measured output; `scores`: kind -> role -> Score.
 
-    `horizon` is the length of a window, s.
+    Attributes:
+        horizon: length of a window, s.
+        begins: time of the free run's start, s, and the state estimated there, SI, for every stretch.
+        notes: what the scores do not show: where a prediction is not finite, where nothing was predicted.
     """
 
     frame: pd.DataFrame
     scores: Mapping[str, Mapping[str, Score]]
     horizon: float
+    begins: tuple[tuple[float, Mapping[str, float]], ...] = ()
+    notes: tuple[str, ...] = ()
 
 
 def horizon(interval: float) -> float:
@@ -55,9 +61,10 @@ def predict(
 ) -> Prediction:
     """Predict a recording with fixed parameters.
 
-    The free run starts from the state that the recording's first window shows and follows the command to the
-    end. A window's start state is estimated from data before the window only (moving horizon), so the first
-    one has no window prediction: NaN.
+    The free run starts at the first measured sample, from what is measured there; states that no output shows
+    directly are estimated from the recording's first windows. It follows the command to the end. A window's start
+    state is estimated from data before the window only (moving horizon), so the first one has no window prediction:
+    NaN. Where the command is missing for long nothing is predicted, and behind such a stretch both begin anew.
 
     Args:
         rig: model and channels.
@@ -66,45 +73,98 @@ def predict(
         process_noise: sd per window and state, SI; from the fit where there is one.
 
     Raises:
-        SolveError: the simulation leaves the numbers.
+        RecordingError: no stretch of it has both a command and a measured output.
     """
     import pandas as pd
 
     model = rig.model
     p = model.vector(dict(values) if values is not None else rig.parameters)
     length = horizon(recording.interval)
-    problem = pose(model, [recording], length)
+    problem = pose(model, [_from_first_measured(model, recording)], length)
     objective, _ = objective_of(rig, (), problem)
     q = PROCESS_NOISE * model.scales if process_noise is None else np.asarray(process_noise)
-    free_run, windows = _predict(objective, p, q)
-    frame: dict[str, Array] = {"time": problem.time}
+    free_run, windows, begins = _predict(objective, p, q)
+    rows = np.searchsorted(recording.time, problem.time)
+    frame: dict[str, Array] = {"time": recording.time}
     scores: dict[str, dict[str, Score]] = {"free_run": {}, "window": {}}
+    notes = list[str]()
+    if len(rows) < len(recording):
+        notes.append(
+            f"{len(recording) - len(rows)} samples without a command or before any measurement: not predicted"
+        )
     for j, port in enumerate(model.outputs):
-        y = problem.measured[:, j]
         if port.role not in recording:
             continue
-        frame |= {port.role: y, f"{port.role}_free_run": free_run[:, j], f"{port.role}_window": windows[:, j]}
-        scores["free_run"][port.role] = Score.of(y, free_run[:, j], port.unit)
-        scores["window"][port.role] = Score.of(y, windows[:, j], port.unit)
-    return Prediction(pd.DataFrame(frame), scores, length)
+        y = recording[port.role].values
+        frame[port.role] = y
+        for kind, predicted in (("free_run", free_run), ("window", windows)):
+            whole = np.full(len(recording), np.nan)
+            whole[rows] = np.where(np.isfinite(predicted[:, j]), predicted[:, j], np.nan)
+            frame[f"{port.role}_{kind}"] = whole
+            scores[kind][port.role] = Score.of(y, whole, port.unit)
+        notes += _not_finite(port.role, problem, free_run[:, j], windows[:, j])
+    return Prediction(pd.DataFrame(frame), scores, length, begins, tuple(notes))
 
 
-def _predict(o: Objective, p: Array, q: Array) -> tuple[Array, Array]:
+def _from_first_measured(model: Model, recording: Recording) -> Recording:
+    """The recording without what lies before its first measured sample."""
+    measured = np.zeros(len(recording), dtype=bool)
+    for port in model.outputs:
+        if port.role in recording:
+            measured |= np.isfinite(recording[port.role].values)
+    first = int(measured.argmax())
+    cut = recording.taken(np.arange(first, len(recording))) if 0 < first < len(recording) - 1 else recording
+    if not measured.any() or not cut.segments():
+        raise RecordingError(
+            "no stretch of it has both a command and a measured output", where=recording.name,
+            expected="at least two samples in a row",
+        )  # fmt: skip
+    return cut
+
+
+def _not_finite(role: str, problem: Problem, free_run: Array, windows: Array) -> list[str]:
+    """Where predictions leave the numbers; the first window of a stretch has none and is not meant."""
+    notes = []
+    lost = ~np.isfinite(free_run)
+    if lost.any():
+        at = problem.time[int(lost.argmax())]
+        notes.append(
+            f"the free run of {role} is not finite from {at:.6g} s on: its scores are of what comes before"
+        )
+    heads = np.r_[True, problem.closed[:-1]]
+    begins, counts = problem.begins[~heads], problem.counts[~heads]
+    failed = [
+        int(b) for b, c in zip(begins, counts, strict=True) if not np.isfinite(windows[b : b + c]).all()
+    ]
+    if failed:
+        notes.append(
+            f"{len(failed)} of {len(begins)} windows of {role} are not finite, the first from "
+            f"{problem.time[failed[0]]:.6g} s on: its scores are of the others"
+        )
+    return notes
+
+
+def _predict(
+    o: Objective, p: Array, q: Array
+) -> tuple[Array, Array, tuple[tuple[float, Mapping[str, float]], ...]]:
     b = o.problem
     free_run, windows = np.full_like(b.measured, np.nan), np.full_like(b.measured, np.nan)
-    heads = np.flatnonzero(o.heads)
+    heads, begun = np.flatnonzero(o.heads), []
     for head, stop in zip(heads, [*heads[1:], len(b.begins)], strict=True):
         part = _segment(o, int(head), int(stop))
-        at = Point(guess(part.model, part.problem, p), p)
+        guessed = guess(part.model, part.problem, p)
+        at = Point(np.where(np.isfinite(guessed), guessed, o.start), p)
         offset = int(b.begins[head])
         total = int(part.problem.begins[-1] + part.problem.counts[-1])
         start = _first_state(part, at, q)
         run = simulate(o.model, p, start, part.problem.dt, part.problem.inputs)
         free_run[offset : offset + total + 1] = run.outputs[0]
+        state = {one.name: float(x) for one, x in zip(o.model.states, start, strict=True)}
+        begun.append((float(b.time[offset]), state))
         for w, begin, count, outputs in _windows(part, at, q):
             keep = count + 1 if w == len(part.problem.begins) - 1 else count
             windows[offset + begin : offset + begin + keep] = outputs[:keep]
-    return free_run, windows
+    return free_run, windows, tuple(begun)
 
 
 def _segment(o: Objective, head: int, stop: int) -> Objective:
@@ -134,9 +194,29 @@ def _past(o: Objective, first: int, stop: int, mean: Array, spread: Array) -> Ob
 
 
 def _first_state(o: Objective, at: Point, q: Array) -> Array:
+    """Where the free run starts: what is measured as it is measured there, the rest from the first windows.
+
+    A start that the windows may move trades an error at the beginning for errors of the model later on.
+    """
     stop = min(MEMORY, len(o.problem.begins))
-    past = _past(o, 0, stop, o.start, o.spread)
-    return np.asarray(_best(past, Point(at.X[:stop], at.p), q)[0].X[0])
+    mean, spread = o.start.copy(), o.spread.copy()
+    direct = {i: j for i, j in measured_states(o.model)[0].items() if np.isfinite(o.problem.measured[0, j])}
+    pinned = list(direct)
+    mean[pinned] = at.X[0, pinned]
+    spread[pinned] = [_pin(o, j, float(spread[i])) for i, j in direct.items()]
+    past = _past(o, 0, stop, mean, spread)
+    try:
+        found = np.array(_best(past, Point(at.X[:stop], at.p), q)[0].X[0])
+    except SolveError:  # the model leaves the numbers within the first windows
+        found = np.array(at.X[0])
+    found[pinned] = mean[pinned]
+    return found
+
+
+def _pin(o: Objective, output: int, spread: float) -> float:
+    """Sd of a measured state at the start: a small part of the sensor's noise."""
+    weight = float(o.weight[0, output])
+    return min(PINNED / weight, spread) if weight > 0 else spread
 
 
 def _best(o: Objective, at: Point, q: Array) -> tuple[Point, Terms]:

@@ -35,6 +35,8 @@ if TYPE_CHECKING:
 STRIDE = 0.5  # of the fit's half-width: the step along the profile
 FARTHEST = 24  # steps to either side; an interval still open after them is called open
 BEYOND = 1.6  # share of the limit up to which the profile is followed, so that it can be looked at
+DEEPER = 0.5  # of the limit by which another point of the profile must be better to be the minimum
+APART = 0.5  # of the fit's half-width by which minimum and estimate may differ
 PRECISION = 1e-7  # relative decrease of the cost at which the rest counts as fitted
 # Of the integration, as a share of each state's usual size. A fit's 1e-5 roughens its cost by about 1, which a
 # profile, looking for a rise of 4, would follow; at 1e-7 the roughness is 0.001 (the embedded bench).
@@ -52,6 +54,7 @@ class Profile:
         limit: deviance at the ends of the 95 % interval.
         low, high: that interval; infinite where nothing within reach stops the value.
         linear: the interval of the fit itself, for comparison.
+        estimate: of the fit; where the profile's minimum is another, the sentence says so.
         others: one row a value: all other fitted parameters along the valley.
     """
 
@@ -65,10 +68,32 @@ class Profile:
     high: float
     linear: tuple[float, float]
     others: pd.DataFrame
+    estimate: float = math.nan
 
     @property
     def sentence(self) -> str:
-        """What the profile adds to the fit's own interval."""
+        """What the profile adds to the fit's own interval, and whether its minimum is the fit's estimate."""
+        return self._interval + self._apart
+
+    @property
+    def _apart(self) -> str:
+        unit = "" if self.unit == "1" else f" {self.unit}"
+        lowest = float(self.values[int(np.argmin(self.deviance))])
+        half = (self.linear[1] - self.linear[0]) / 2
+        if float(self.deviance.min()) < -DEEPER * self.limit:
+            return (
+                f"; its minimum lies at {lowest:.5g}{unit}, away from the estimate of {self.estimate:.5g}{unit}: "
+                "the fit stopped in a local minimum; fit again from there, or with more --starts"
+            )
+        if half > 0 and abs(self.value - self.estimate) > APART * half:
+            return (
+                f"; its minimum lies at {self.value:.5g}{unit}, the estimate at {self.estimate:.5g}{unit}: the fit "
+                "weighs predictions over a longer time, too, or stopped early"
+            )
+        return ""
+
+    @property
+    def _interval(self) -> str:
         unit = "" if self.unit == "1" else f" {self.unit}"
         if not math.isfinite(self.high - self.low):
             open_ends = " and ".join(
@@ -124,7 +149,7 @@ def profile(
     return Profile(
         name, estimate.unit, middle[0], values, deviance, limit,
         -_crossing(-values[at::-1], deviance[at::-1], limit), _crossing(values[at:], deviance[at:], limit),
-        (estimate.low, estimate.high), _others(o, k, rows),
+        (estimate.low, estimate.high), _others(o, k, rows), estimate.value,
     )  # fmt: skip
 
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import enum
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,11 +24,27 @@ class Outcome(enum.Enum):
         "The iteration did not settle: look at the certificate's unsound nodes, free fewer parameters or start "
         "nearer."
     )
+    BELOW_MEAN = (
+        "The fit failed: it predicts worse than the mean of the measurement does. Look at signs, units and start "
+        "values, and whether the command reached the axis."
+    )
+    AT_BOUNDS = (
+        "The fit failed: everything that was fitted stands at its bounds. Look at signs, units and bounds: the data "
+        "ask for another model."
+    )
+    CONTRADICTION = (
+        "The fit failed: its values contradict each other. Narrow the bounds, or state what is known."
+    )
+
+    @property
+    def failed(self) -> bool:
+        """Whether nothing should be built on this fit."""
+        return self not in (Outcome.CONVERGED, Outcome.TIME_LIMIT)
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """A fitted parameter with its 95 % interval, SI units."""
+    """A fitted parameter with its 95 % interval, SI units; at a bound the interval is one-sided, infinite beyond it."""
 
     name: str
     unit: str
@@ -101,3 +117,21 @@ class Fit:
         import pandas as pd
 
         return pd.DataFrame([vars(e) for e in self.parameters]).set_index("name")
+
+    def judged(self, stated: Collection[str], percents: Iterable[float | None], sound: bool = True) -> Fit:
+        """The same fit, its outcome corrected by what it is good for.
+
+        Args:
+            stated: names of the parameters that were to be fitted.
+            percents: fit of each channel whose error is more than its noise; ``None`` where there is none.
+            sound: its values do not contradict each other.
+        """
+        at_bound = [e.at_bound for e in self.parameters if e.name in stated]
+        outcome = self.outcome
+        if any(percent is not None and percent < 0.0 for percent in percents):
+            outcome = Outcome.BELOW_MEAN
+        if at_bound and all(at_bound):
+            outcome = Outcome.AT_BOUNDS
+        if not sound:
+            outcome = Outcome.CONTRADICTION
+        return self if outcome is self.outcome else replace(self, outcome=outcome)

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
 
+from optid.core.document import read_document
 from optid.effects.effect import Effect
 from optid.effects.library import admitted
 from optid.errors import InputError, nearest
@@ -63,7 +62,7 @@ def from_diagnosis(path: Path) -> tuple[str, ...]:
         InputError: no such file, not one of `optid diagnose`, or it left nothing open.
     """
     path = path / "diagnosis.json" if path.is_dir() else path
-    content = _read(path)
+    content = read_document(path, SCHEMA, "a diagnosis.json or its folder")
     try:
         findings = [f for f in content["findings"] if f["effect"] is not None]
         rivals = [[f["effect"], *f["indistinguishable_from"]] for f in findings]
@@ -86,16 +85,3 @@ def from_diagnosis(path: Path) -> tuple[str, ...]:
             hint="name effects with --rivals",
         )  # fmt: skip
     return tuple(dict.fromkeys(names))
-
-
-def _read(path: Path) -> dict[str, Any]:
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise InputError("no such file", where=path, expected="a diagnosis.json or its folder") from None
-    except (OSError, ValueError) as error:
-        raise InputError(f"cannot be read ({error})", where=path, expected="a diagnosis.json") from None
-    schema = content.get("schema") if isinstance(content, dict) else None
-    if schema != SCHEMA:
-        raise InputError(f"{schema!r}", where=path, field="schema", expected=f'"{SCHEMA}"')
-    return dict(content)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,29 +10,60 @@ from numpy.typing import NDArray
 
 from optid.core.recording import Recording
 from optid.quality.noise import noise_sd
-from optid.quality.remark import Remark
+from optid.quality.remark import Remark, Severity
 
 Array = NDArray[np.float64]
 
 SMOOTHING = 0.02  # s over which a speed is taken: shorter than an axis's swing, long enough against noise
 _FARTHEST = 0.05  # share of a record over which a lag is sought
+_PAST = 4  # samples from which the next is predicted
+_FOLLOWS = (
+    0.1  # share of the mean square that is left; noise of the strongest colour taken for noise leaves 0.13
+)
+_AGAINST = 0.6  # correlation against the model's sign that is no accident
+_PLAINER = 1.5  # times that with the model's sign
 _NOISES = 5.0  # standard deviations: among a million samples noise alone passes less than once
 
 
 def still(recording: Recording, inputs: tuple[str, ...], outputs: tuple[str, ...]) -> Iterator[Remark]:
     """Channels that do not move, or no more than their noise does."""
-    for role in (*inputs, *outputs):
+    moving = False
+    for role in outputs:
         values = recording[role].values
         span = float(np.nanmax(values) - np.nanmin(values))
         noise = noise_sd(values)
         # A signal of noise alone spans about 8 standard deviations in ten thousand samples, 10 in a million.
-        if span == 0.0 or (role in outputs and span < 2 * _NOISES * noise):
+        if span == 0.0 or (span < 2 * _NOISES * noise and not _predictable(values)):
             what = (
                 "never changes"
                 if span == 0.0
                 else f"moves by {span:.3g}, no more than its noise of {noise:.2g}"
             )
             yield Remark("still", "error", role, f"{role} {what}: nothing can be identified from it")
+        else:
+            moving = True
+    for role in inputs:
+        values = recording[role].values
+        if float(np.nanmax(values)) == float(np.nanmin(values)):
+            # What swings by itself shows its own parameters, if not those between the input and it.
+            grave: Severity = "warning" if moving else "error"
+            rest = (
+                "only what shows in free motion can be identified"
+                if moving
+                else "nothing can be identified from it"
+            )
+            yield Remark("still", grave, role, f"{role} never changes: {rest}")
+
+
+def _predictable(values: Array) -> bool:
+    """Each sample follows from the ones before it, as in an oscillation that is fast against the sampling."""
+    y = _filled(values) - np.nanmean(values)
+    if len(y) < 10 * _PAST:
+        return False
+    past = np.column_stack([y[_PAST - k - 1 : len(y) - k - 1] for k in range(_PAST)])
+    weights, *_ = np.linalg.lstsq(past, y[_PAST:], rcond=None)
+    left = y[_PAST:] - past @ weights
+    return bool(np.mean(left**2) < _FOLLOWS * np.mean(y**2))
 
 
 def one_sided(recording: Recording, inputs: tuple[str, ...]) -> Iterator[Remark]:
@@ -82,6 +113,9 @@ class Lag:
         causal: the highest at lags of zero and more, by size.
         chance: the highest, by size, at lags where the two can have nothing to do with each other.
         scatter: standard deviation of the correlation at those lags.
+        rising: the highest correlation of positive sign at lags of zero and more; 0 if none.
+        falling: the highest of negative sign there, by size.
+        sign: of the highest correlation.
     """
 
     seconds: float
@@ -89,6 +123,9 @@ class Lag:
     causal: float
     chance: float
     scatter: float
+    rising: float = 0.0
+    falling: float = 0.0
+    sign: int = 1
 
 
 def lag(cause: Array, effect: Array, interval: float) -> Lag:
@@ -102,16 +139,21 @@ def lag(cause: Array, effect: Array, interval: float) -> Lag:
     product = np.fft.irfft(np.conj(np.fft.rfft(a, size)) * np.fft.rfft(b, size), size)
     lags = np.arange(-(n // 2), n // 2 + 1)
     # Divided by the samples that overlap: a periodic signal then repeats at full height among the far lags.
-    sizes = np.abs(product[lags]) / (n - np.abs(lags))
+    signed = product[lags] / (n - np.abs(lags))
+    sizes = np.abs(signed)
     reach = max(int(_FARTHEST * n), 1)
     near, far = np.abs(lags) <= reach, np.abs(lags) >= n // 8
     best = int(np.where(near, sizes, 0.0).argmax())
+    causal = signed[near & (lags >= 0)]
     return Lag(
         float(lags[best]) * interval,
         float(sizes[best]),
         float(sizes[near & (lags >= 0)].max()),
         float(sizes[far].max()),
         float(np.sqrt(np.mean(sizes[far] ** 2))),
+        float(max(causal.max(), 0.0)),
+        float(max(-causal.min(), 0.0)),
+        1 if signed[best] >= 0 else -1,
     )
 
 
@@ -151,6 +193,37 @@ def anticipation(recording: Recording, inputs: tuple[str, ...], outputs: tuple[s
                     "lag", "warning", role,
                     f"{role} moves {-found.seconds:.3g} s before {cause} does: the channels are out of step "
                     f"(correlation {found.correlation:.2f}, at most {found.causal:.2f} the right way round)",
+                )  # fmt: skip
+
+
+def polarity(
+    recording: Recording,
+    signs: Mapping[tuple[str, str], int],
+    inputs: tuple[str, ...],
+    outputs: tuple[str, ...],
+) -> Iterator[Remark]:
+    """Outputs that answer an input with the other sign than the model's.
+
+    Args:
+        recording: what was measured.
+        signs: (input, output) -> the sign of the model's answer, where it has one.
+        inputs: roles.
+        outputs: roles.
+    """
+    for cause in inputs:
+        for role in outputs:
+            expected = signs.get((cause, role), 0)
+            answered = answer(recording, cause, role) if expected else None
+            if answered is None:
+                continue
+            what, found = answered
+            right, wrong = (found.rising, found.falling) if expected > 0 else (found.falling, found.rising)
+            clear = wrong > max(_AGAINST, found.chance, _PLAINER * right)
+            if clear and found.sign != expected and found.seconds >= 0:
+                yield Remark(
+                    "polarity", "error", role,
+                    f"{what} goes against {cause} (correlation {-expected * wrong:.2f}), where the model goes with it: "
+                    f"the sign of {cause} or of {role} is the other one, or the gain between them in the rig file",
                 )  # fmt: skip
 
 

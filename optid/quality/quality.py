@@ -2,45 +2,79 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
+import numpy as np
+
 from optid.core.model import Model
 from optid.core.recording import Recording
-from optid.quality.motion import anticipation, one_sided, still, travel
+from optid.core.thinning import FASTEST, thinned
+from optid.quality.faults import jumps, outliers, repaired
+from optid.quality.feedback import feedback, single_line, tied
+from optid.quality.motion import anticipation, one_sided, polarity, still, travel
 from optid.quality.remark import Remark
-from optid.quality.sampling import missing, sampling
+from optid.quality.response import signs
+from optid.quality.sampling import enough, missing, sampling
 from optid.quality.sensors import constant_runs, quantisation, saturation
 
 _RANK = {"error": 0, "warning": 1, "note": 2}
+_ANGLES = ("m", "rad")  # positions: what has them cannot jump
 
 
-def quality(recording: Recording, model: Model) -> tuple[Remark, ...]:
+def quality(
+    recording: Recording, model: Model, parameters: Mapping[str, float] | None = None
+) -> tuple[Remark, ...]:
     """Every remark on a recording's channels that a model uses, the gravest first; empty when all is well.
 
     Args:
         recording: as read.
         model: its inputs and outputs say which channels are causes and which effects. Outputs in metres are
             looked at as positions.
+        parameters: SI values by name, for the sign of the model's answer; typical ones where absent.
 
     Raises:
         RecordingError: an input of the model is not recorded.
     """
     inputs = tuple(recording[port.role].role for port in model.recorded)
     outputs = tuple(port.role for port in model.outputs if port.role in recording)
-    absent = tuple(missing(recording, inputs, outputs))
+    absent = (*missing(recording, inputs, outputs), *enough(recording, inputs, outputs), *repaired(recording))
     # A stretch of a recording may hold no sample of a channel: that is said, and all there is to say.
     inputs, outputs = (
         tuple(role for role in roles if recording[role].missing < len(recording))
         for roles in (inputs, outputs)
     )
-    positions = [port.role for port in model.outputs if port.unit == "m" and port.role in outputs]
-    found = [
-        *absent,
+    commanded = np.flatnonzero(recording.commanded())
+    if 2 <= len(commanded) < len(recording):
+        recording = recording.taken(commanded)
+        inputs, outputs = (
+            tuple(role for role in roles if recording[role].missing < len(recording))
+            for roles in (inputs, outputs)
+        )
+    found = [*absent, *_remarks(recording, model, inputs, outputs, parameters)]
+    return tuple(sorted(found, key=lambda remark: _RANK[remark.severity]))
+
+
+def _remarks(
+    recording: Recording, model: Model, inputs: tuple[str, ...], outputs: tuple[str, ...],
+    parameters: Mapping[str, float] | None,
+) -> list[Remark]:  # fmt: skip
+    positions = tuple(port.role for port in model.outputs if port.unit == "m" and port.role in outputs)
+    angular = tuple(port.role for port in model.outputs if port.unit in _ANGLES and port.role in outputs)
+    # How an axis moves shows as well at a kilohertz; what its sensors do shows in their own samples only.
+    slow = thinned(recording, inputs, FASTEST)
+    return [
         *sampling(recording, outputs),
-        *still(recording, inputs, outputs),
+        *still(slow, inputs, outputs),
         *saturation(recording, inputs),
         *one_sided(recording, inputs),
-        *(remark for role in positions for remark in travel(recording, role)),
+        *(remark for role in positions for remark in travel(slow, role)),
         *quantisation(recording, outputs),
         *constant_runs(recording, outputs),
-        *anticipation(recording, inputs, outputs),
+        *jumps(recording, outputs, angular),
+        *outliers(recording, outputs),
+        *anticipation(slow, inputs, outputs),
+        *polarity(slow, signs(model, parameters, slow), inputs, outputs),
+        *feedback(recording, inputs, outputs),
+        *single_line(slow, inputs),
+        *tied(slow, inputs),
     ]
-    return tuple(sorted(found, key=lambda remark: _RANK[remark.severity]))

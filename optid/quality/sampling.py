@@ -12,6 +12,7 @@ from optid.quality.noise import noise_sd
 from optid.quality.remark import Remark
 
 WINDOW = 0.5  # s, of the windowed prediction: a window without data judges nothing
+FEWEST = 50  # samples with a command and a measured output: fewer are no recording
 
 
 def sampling(recording: Recording, outputs: tuple[str, ...]) -> Iterator[Remark]:
@@ -68,16 +69,19 @@ def _pace(recording: Recording, role: str) -> Iterator[Remark]:
 
 
 def missing(recording: Recording, inputs: tuple[str, ...], outputs: tuple[str, ...]) -> Iterator[Remark]:
-    """Remarks on missing samples of each channel."""
+    """Remarks on missing samples of each channel, and whether enough is left."""
     for role in (*inputs, *outputs):
         absent = np.isnan(recording[role].values)
-        if not absent.any():
+        if not absent.any() or (role in outputs and own_stride(absent) > 1):
             continue
         start, stop = max(runs(absent), key=lambda run: run[1] - run[0])
         last = min(stop, len(absent) - 1)
         interval = (float(recording.time[start]), float(recording.time[last]))
         length = interval[1] - interval[0]
-        tail = ": the last value is held" if role in inputs else ""
+        held = stop - start <= LONG_GAP
+        tail = (
+            (": the last value is held" if held else ": nothing is simulated there") if role in inputs else ""
+        )
         yield Remark(
             "missing",
             "warning" if role in inputs or length >= WINDOW else "note",
@@ -86,6 +90,37 @@ def missing(recording: Recording, inputs: tuple[str, ...], outputs: tuple[str, .
             f"at most {stop - start} in a row{tail}",
             interval,
         )
+
+
+def enough(recording: Recording, inputs: tuple[str, ...], outputs: tuple[str, ...]) -> Iterator[Remark]:
+    """Whether there is a stretch with a command and a measured output that is worth a fit."""
+    commanded = recording.commanded()
+    for role in inputs:
+        commanded &= np.isfinite(recording[role].values) | (not recording[role].held)
+    measured = np.zeros(len(recording), dtype=bool)
+    for role in outputs:
+        measured |= np.isfinite(recording[role].values)
+    whole = int((commanded & measured).sum())
+    seconds = float(commanded.sum()) * recording.interval
+    if whole == len(recording) or (
+        whole >= FEWEST and (seconds >= 2 * WINDOW or whole > 0.5 * len(recording))
+    ):
+        return
+    yield Remark(
+        "missing", "error", outputs[0] if outputs else "time",
+        f"only {whole} of {len(recording)} samples have both a command and a measured output ({seconds:.3g} s): too "
+        "little to fit to or to test on",
+    )  # fmt: skip
+
+
+def own_stride(absent: np.ndarray) -> int:
+    """Rows from one sample of a channel to the next where they come regularly, else 1."""
+    known = np.flatnonzero(~absent)
+    if len(known) < 8 or len(known) > 0.7 * len(absent):
+        return 1
+    apart = np.diff(known)
+    usual = round(float(np.median(apart)))
+    return usual if usual > 1 and float(np.mean(np.abs(apart - usual) <= max(1, 0.1 * usual))) > 0.8 else 1
 
 
 def runs(flags: np.ndarray) -> list[tuple[int, int]]:

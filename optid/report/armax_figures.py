@@ -8,8 +8,8 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
+from optid.armax.offline import Identification, names
 from optid.armax.table2 import Table2
-from optid.armax.whole import Identification, names
 from optid.core.recording import Array
 from optid.report.figures import ALARM, FREE, INK, LAGS, QUIET, STYLE, WINDOW, axis_name, svg, thin
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,15 +11,19 @@ import jinja2
 import numpy as np
 from markupsafe import Markup
 
+from optid.armax.frequency import measured_response
 from optid.armax.model import Armax
+from optid.armax.offline import names
+from optid.armax.physical import physical_poles
 from optid.armax.prediction import innovations
-from optid.armax.sampled import Sampled
+from optid.armax.resample import Sampled
 from optid.armax.survey import Candidate, Survey
 from optid.armax.table2 import CAPTIONS, Table2
-from optid.armax.whole import names
+from optid.armax.words import number
 from optid.core.recording import Recording
 from optid.quality.remark import Remark
 from optid.report import armax_figures as figures
+from optid.report import armax_response_figures as responses
 from optid.report.scores import friendly
 from optid.rigs.rigfile import Rig
 
@@ -46,6 +50,8 @@ def armax_page(found: Survey, sampled: Sampled, source: Source) -> str:
     model, name = found.chosen.model, sampled.output.replace("_", " ")
     groups = [[pair for pair in table.traces if pair[1] == 1], _horizons(table)]
     e = innovations(model, sampled.signals.y, sampled.signals.u)
+    poles, taken = physical_poles(source.rig, source.recording, sampled.output, model)
+    models = [candidate.model for candidate in found.candidates]
     return environment.get_template("armax.html.j2").render(
         title=f"{source.rig.name}: ARMAX of {name} from {_listed(sampled)}", rig=source.rig, found=found,
         source=source, sampled=sampled, table=table, captions=table.captions(), cells=_cells(table),
@@ -54,8 +60,31 @@ def armax_page(found: Survey, sampled: Sampled, source: Source) -> str:
         figures=[Markup(figures.responses(table, sampled.time, g, name)) for g in groups if len(g) > 1 or g[0][1] == 1],
         path=Markup(figures.path(found.chosen.recursive, float(sampled.time[0]))),
         correlations=Markup(figures.correlations(e, sampled.signals.u, sampled.sample_time, sampled.inputs)),
+        bodes=[_bode(models, sampled, i, source.recording, factor, unit) for i in range(len(sampled.inputs))],
+        poles=poles, taken=taken, number=number, z_map=Markup(responses.pole_zero_map(
+            [(c.order, c.audit) for c in found.candidates], poles)),
+        steps=[Markup(responses.steps(models, _per(unit, sampled, i), factor, i)) for i in range(len(sampled.inputs))],
         orders=_orders(found), unknowns=_unknowns(found, sampled, source.recording, e),
     )  # fmt: skip
+
+
+def _per(unit: str, sampled: Sampled, input: int) -> str:
+    over = sampled.input_units[input]
+    return f"{unit or '1'}/{over}" if over not in ("", "1") else unit
+
+
+def _bode(
+    models: list[Armax], sampled: Sampled, input: int, recording: Recording, factor: float, unit: str
+) -> Markup:
+    """The measured response beside the models'; by the reference where one was recorded sample for sample."""
+    reference = None
+    if "reference" in recording and len(recording) == sampled.time.size:
+        reference = recording["reference"].values
+    measured = measured_response(sampled.signals, sampled.sample_time, input, reference)
+    if measured is not None:
+        measured = replace(measured, response=factor * measured.response)
+    scaled = [replace(m, b=tuple(tuple(factor * x for x in b) for b in m.b)) for m in models]
+    return Markup(responses.bode(scaled, measured, _per(unit, sampled, input), input))
 
 
 def equation(model: Armax) -> str:
@@ -69,7 +98,13 @@ def equation(model: Armax) -> str:
         when = f"{signal}(t−{lag})" if lag else f"{signal}(t)"
         size = "" if signal == "e" and lag == 0 else f"{abs(x):.5g} "
         said.append(f"{'−' if x < 0 else '+'} {size}{when}")
-    return f"y(t) = {' '.join(said).removeprefix('+ ')}"
+    return f"y(t) = {' '.join([*said, *_trend_terms(model)]).removeprefix('+ ')}"
+
+
+def _trend_terms(model: Armax) -> list[str]:
+    """Constant and slope, t being seconds from the recording's first sample."""
+    parts = (("", model.constant), (" t", model.slope))
+    return [f"{'−' if x < 0 else '+'} {abs(x):.5g}{what}" for what, x in parts if x]
 
 
 def _listed(sampled: Sampled) -> str:
@@ -93,8 +128,16 @@ def _cell(value: object) -> str:
 
 
 def _coefficients(model: Armax) -> list[tuple[str, str, str]]:
-    rows = zip(names(model.orders), model.theta, model.standard_errors, strict=True)
-    return [(n, f"{x:.6g}", "unknown" if math.isnan(sd) else f"{sd:.2g}") for n, x, sd in rows]
+    rows = [*zip(names(model.orders), model.theta, model.standard_errors, strict=True)]
+    trend = zip(("constant", "slope"), (model.constant, model.slope), model.trend_errors, strict=True)
+    rows += [row for row in trend if row[1]]
+    return [(name, f"{x:.6g}", _error(sd)) for name, x, sd in rows]
+
+
+def _error(sd: float) -> str:
+    if math.isnan(sd):
+        return "unknown"
+    return "not determined" if math.isinf(sd) else f"{sd:.2g}"
 
 
 def _orders(found: Survey) -> list[dict[str, str | bool]]:
@@ -133,8 +176,8 @@ def _unknowns(found: Survey, sampled: Sampled, recording: Recording, e: Any) -> 
     factor, unit = friendly(sampled.output_unit)
     if abs(mean) > FEW * error:
         said.append(
-            f"A constant: eq. 12 has none, and the residuals of the recommended model have a mean of "
-            f"{mean * factor:.3g} ± {error * factor:.1g} {unit}. An offset of valve or sensor would look so."
+            f"Why the residuals of the recommended model have a mean of {mean * factor:.3g} ± {error * factor:.1g} "
+            f"{unit}: the operating point moved, or no constant stands in the model."
         )
     low, high = (f(sampled.signals.y) * factor for f in (np.nanmin, np.nanmax))
     said.append(

@@ -130,15 +130,29 @@ def _row(estimate: Estimate) -> dict[str, str]:
     return {
         "name": estimate.name.replace("_", " "), "unit": shown, "state": state,
         "value": f"{estimate.value * factor:.5g}", "start": f"{estimate.start * factor:.5g}",
-        "interval": f"{estimate.low * factor:.5g} to {estimate.high * factor:.5g}" if known else "–",
+        "interval": _interval(estimate, factor),
         "share": f"{100 * half / abs(estimate.value):.2g} %" if known and estimate.value else "",
     }  # fmt: skip
+
+
+def _interval(estimate: Estimate, factor: float) -> str:
+    """In words; of an estimate at its bound, the end that the data know."""
+    low, high = (f"{end * factor:.5g}" if np.isfinite(end) else None for end in (estimate.low, estimate.high))
+    if low and high and estimate.identifiable:
+        return f"{low} to {high}"
+    return (
+        f"at most {high}"
+        if high and estimate.at_bound
+        else f"at least {low}"
+        if low and estimate.at_bound
+        else "–"
+    )
 
 
 def _readable(estimate: Estimate) -> tuple[float, str]:
     """Factor and unit in which a value reads without powers of ten, where its unit has such names."""
     small = {"m": ((1e3, "mm"), (1e6, "µm")), "s": ((1e3, "ms"), (1e6, "µs"))}.get(estimate.unit, ())
-    size = max(abs(estimate.value), abs(estimate.high))
+    size = max(abs(end) for end in (estimate.value, estimate.high) if np.isfinite(end))
     for factor, unit in small:
         if size * factor >= 0.1:
             return factor, unit

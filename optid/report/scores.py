@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from optid.core.recording import Array
+from optid.core.recording import Array, Recording
 from optid.estimation.prediction import Prediction
 from optid.estimation.profile import Profile
 from optid.estimation.result import Fit
+from optid.quality.noise import noise_sd
 
 KINDS = ("window", "free_run")
 SCHEMA = "optid.fit/1"
+FAR = 3.0  # noise sd; fits of right models to simulated and real axes err by 1.0 to 1.1
+LEAST_MISS = 1.0  # percent of a channel's spread: less is seldom worth a search
 
 
 def residual(prediction: Prediction, role: str, kind: str) -> Array:
@@ -52,11 +56,49 @@ def metrics_document(prediction: Prediction) -> dict[str, Any]:
     return {role: {kind: by_kind[kind][role] for kind in KINDS} for role in by_kind["window"]}
 
 
+@dataclass(frozen=True)
+class Miss:
+    """A channel of which a model misses more than the noise: its fit, error, noise (SI) and unit."""
+
+    role: str
+    fit_percent: float
+    rmse: float
+    noise: float
+    unit: str
+
+    @property
+    def sentence(self) -> str:
+        """What to do about it."""
+        factor, unit = friendly(self.unit)
+        return (
+            f"the model misses {100 - self.fit_percent:.2g} %: run `optid diagnose` "
+            f"({self.role}: {self.rmse * factor:.3g} {unit} rms, its noise is {self.noise * factor:.2g} {unit})"
+        )
+
+
+def misses(predictions: Sequence[Prediction], recordings: Sequence[Recording]) -> tuple[Miss, ...]:
+    """Channels whose windowed error is far more than their noise; a right model errs by little more than that.
+
+    Args:
+        predictions: one a recording.
+        recordings: in the same order.
+    """
+    found = []
+    for role, score in pooled(predictions, "window").items():
+        percent, rmse = score["fit_percent"], score["rmse"]
+        squares = [max(noise_sd(r[role].values), r[role].sd or 0.0) ** 2 for r in recordings if role in r]
+        noise = math.sqrt(sum(squares) / len(squares)) if squares else 0.0
+        if percent is not None and percent < 100 - LEAST_MISS and rmse > FAR * noise:
+            found.append(Miss(role, percent, rmse, noise, score["unit"]))
+    return tuple(found)
+
+
 def fit_document(
     fit: Fit,
     train: Sequence[Prediction],
     holdout: Sequence[Prediction],
     profiles: Sequence[Profile] = (),
+    missed: Sequence[Miss] = (),
 ) -> dict[str, Any]:
     """The content of fit.json."""
     units = {port: score["unit"] for port, score in pooled(train, "window").items()}
@@ -75,6 +117,7 @@ def fit_document(
         "not_identifiable": [p.name for p in fit.parameters if not p.identifiable],
         "at_bound": [p.name for p in fit.parameters if p.at_bound],
         "ties": list(fit.ties),
+        "missed": [{**vars(one), "advice": one.sentence} for one in missed],
         "noise": {role: {"sd": number(sd), "unit": units.get(role)} for role, sd in fit.noise.items()},
         "profiles": {
             p.name: {

@@ -16,14 +16,19 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from optid.core.model import Array
 from optid.report.figures import ALARM, FREE, INK, QUIET, STYLE, WINDOW, axis_name, svg
 from optid.report.scores import friendly
+from optid.tuning.bench_search import few_episodes
 from optid.tuning.margins import Frequencies, loop_response
-from optid.tuning.score import Response
+from optid.tuning.score import Response, by_size
 from optid.tuning.search import PLACES, SIGNED
-from optid.tuning.task import REFUSED
+from optid.tuning.task import HUNTS, Task
 from optid.tuning.tuning import Scored, Tuning
 
 REST = ("#6f8fc9", "#b9a44c", "#8e6bb0")  # baselines
-CELLS = 41  # of a landscape, on each side
+CELLS, MIDDLE, COARSE = (
+    41,
+    21,
+    11,
+)  # of a landscape, on each side: linear, with friction, on a rig's physical model
 WORTH = 1.0  # decades above the best cost that a landscape tells apart
 
 
@@ -122,26 +127,60 @@ def loop(tuning: Tuning) -> str:
         return svg(figure)
 
 
-def landscape(tuning: Tuning, pairs: Sequence[tuple[str, str]]) -> str:
-    """Cost over pairs of gains, the others as tuned: decades above the best one; grey where a margin is missed.
+def over_sizes(tuning: Tuning, rivals: Sequence[Scored], unit: str) -> str:
+    """ITAE over the step's size, of each size, both directions.
 
-    On the identified model alone: thousands of runs of a physical one would take minutes.
+    Args:
+        tuning: whose gains come first.
+        rivals: baselines beside them.
+        unit: of the output, SI.
     """
-    task = replace(tuning.task, bench=None)
+    factor, shown = friendly(unit)
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(9.2, 3.0), layout="constrained")
+        axes = figure.subplots()
+        for one, colour in [*zip(rivals, REST, strict=False), (tuning.found, WINDOW)]:
+            rows = sorted(by_size(one.bench if tuning.on_bench else one.responses), key=lambda row: row.size)
+            value = [row.itae_over_size if math.isfinite(row.itae_over_size) else math.nan for row in rows]
+            own = one is tuning.found
+            name = one.name.replace("_", " ")
+            sizes = [factor * row.size for row in rows]
+            axes.semilogy(sizes, value, marker="o", ms=4, color=colour, lw=1.7 if own else 0.9, label=name)
+        axes.set_xlabel(axis_name("step", shown))
+        axes.set_ylabel("ITAE over size (s²)")
+        axes.legend(loc="upper right")
+        return svg(figure)
+
+
+def _few(tuning: Tuning) -> tuple[Task, int]:
+    """What a landscape is drawn of, and its cells on a side: runs with friction take their time."""
+    task = tuning.task
+    if task.bench is None or not task.bench_alone:
+        return replace(task, bench=None), CELLS
+    chosen = few_episodes(task)
+    chosen = chosen[:: max(len(chosen) // 3, 1)][:3] if tuning.on_bench else chosen
+    return replace(task, bench=task.bench.only(chosen)), COARSE if tuning.on_bench else MIDDLE
+
+
+def landscape(tuning: Tuning, pairs: Sequence[tuple[str, str]]) -> str:
+    """Cost over pairs of gains, the others as tuned: decades above the best one; grey where a margin is missed."""
+    task, cells = _few(tuning)
     best = float(task.fitness(tuning.gains.vector)[0])
     with mpl.rc_context({**STYLE, "axes.grid": False}):
         figure = Figure(figsize=(9.2, 3.7), layout="constrained")
         axes = figure.subplots(1, len(pairs), squeeze=False)[0]
         for axis, (across, up) in zip(axes, pairs, strict=True):
-            x, y = _axis(tuning, across), _axis(tuning, up)
+            x, y = _axis(tuning, across, cells), _axis(tuning, up, cells)
             gains = np.tile(tuning.gains.vector, (x.size * y.size, 1))
             gains[:, PLACES[across]], gains[:, PLACES[up]] = np.repeat(x, y.size), np.tile(y, x.size)
             cost = task.fitness(gains)
-            decades = np.where(cost < REFUSED, np.log10(np.maximum(cost / best, 1e-9)), np.nan)
-            image = _valley(axis, x, y, decades.reshape(x.size, y.size).T)
+            decades = np.where(cost < HUNTS, np.log10(np.maximum(cost / best, 1e-9)), np.nan)
+            # Of a reverse-acting plant the gains are negative, and a logarithm has none of them.
+            turned = [-1.0 if name in SIGNED and tuning.within.sign < 0.0 else 1.0 for name in (across, up)]
+            image = _valley(axis, turned[0] * x, turned[1] * y, decades.reshape(x.size, y.size).T)
             axis.plot(
-                [getattr(tuning.gains, across)],
-                [getattr(tuning.gains, up)],
+                [turned[0] * getattr(tuning.gains, across)],
+                [turned[1] * getattr(tuning.gains, up)],
                 marker="o",
                 ms=5,
                 mfc="white",
@@ -154,8 +193,8 @@ def landscape(tuning: Tuning, pairs: Sequence[tuple[str, str]]) -> str:
                     side.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
                     side.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
                     side.set_minor_formatter(NullFormatter())
-            axis.set_xlabel(across)
-            axis.set_ylabel(up)
+            axis.set_xlabel(across if turned[0] > 0.0 else f"−{across}")
+            axis.set_ylabel(up if turned[1] > 0.0 else f"−{up}")
         figure.colorbar(image, ax=list(axes), label="cost, decades above the best", shrink=0.9)
         return svg(figure)
 
@@ -166,9 +205,8 @@ def _valley(axis: Any, x: Array, y: Array, decades: Array) -> Any:
     image = axis.pcolormesh(
         x, y, decades, cmap=_shades(), vmin=0.0, vmax=WORTH, shading="nearest", rasterized=True
     )
-    levels = [
-        level for level in np.log10([1.05, 1.2, 2.0]) if np.nanmin(decades) < level < np.nanmax(decades)
-    ]
+    known = decades[np.isfinite(decades)]
+    levels = [x for x in np.log10([1.05, 1.2, 2.0]) if known.size and known.min() < x < known.max()]
     if levels:
         axis.contour(x, y, decades, levels=levels, colors="white", linewidths=0.6)
     return image
@@ -178,12 +216,12 @@ def _shades() -> ListedColormap:
     return ListedColormap(mpl.colormaps["viridis_r"](np.linspace(0.05, 0.95, 64)))
 
 
-def _axis(tuning: Tuning, name: str) -> Array:
+def _axis(tuning: Tuning, name: str, cells: int) -> Array:
     """Values around a gain: a factor of five to either side, or the box for weights."""
     value = float(getattr(tuning.gains, name))
     column = tuning.within.free.index(name)
     high = float(tuning.within.high[column])
     if name.endswith("weight"):
-        return np.linspace(0.0, high, CELLS)
+        return np.linspace(0.0, high, cells)
     size = max(abs(value), 1e-3 * high)
-    return math.copysign(1.0, value or tuning.within.sign) * np.geomspace(size / 5.0, 5.0 * size, CELLS)
+    return math.copysign(1.0, value or tuning.within.sign) * np.geomspace(size / 5.0, 5.0 * size, cells)

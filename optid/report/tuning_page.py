@@ -10,8 +10,11 @@ import jinja2
 from markupsafe import Markup
 
 from optid.report import tuning_figures as figures
+from optid.report.scores import friendly
 from optid.tuning.files import units
 from optid.tuning.posing import Posed
+from optid.tuning.score import Response, by_size
+from optid.tuning.structures import STRUCTURES, Structure, drive_values
 from optid.tuning.tuning import Scored, Tuning, compared
 
 _RIVALS = (
@@ -19,19 +22,21 @@ _RIVALS = (
     "amigo",
     "paper",
 )  # drawn beside the tuned response, where they are bounded
+DRAWN = 2  # of the largest steps; and the smallest one
 _NAMES = {
     "kp": "proportional", "ki": "integral", "kd": "derivative", "derivative_filter": "derivative filter",
     "setpoint_weight": "set-point weight", "derivative_weight": "derivative weight",
 }  # fmt: skip
 
 
-def tuning_page(tuning: Tuning, posed: Posed, source: str) -> str:
+def tuning_page(tuning: Tuning, posed: Posed, source: str, structure: Structure = STRUCTURES["pid2"]) -> str:
     """The report of `optid tune`.
 
     Args:
         tuning: to report.
         posed: what was asked and assumed.
         source: name of the model's file.
+        structure: of the controller.
     """
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(Path(__file__).parent), autoescape=True, trim_blocks=True,
@@ -41,6 +46,9 @@ def tuning_page(tuning: Tuning, posed: Posed, source: str) -> str:
     return environment.get_template("tuning.html.j2").render(
         title=f"PID gains for {source}", model=str(posed.model), lead=_lead(tuning, posed, named["itae"]),
         assumed=posed.assumed, remarks=tuning.remarks,
+        structure=structure.words, judged_on=posed.judged_on, drive=_drive(tuning, posed, structure),
+        sizes=_sizes(tuning, posed), hunting_limit=_length(tuning.task.hunting, posed),
+        sizes_figure=_sizes_figure(tuning, posed),
         gains=[
             (label, name, f"{getattr(tuning.gains, name):.6g}", "" if named[name] == "1" else named[name],
              "searched" if name in tuning.within.free else "fixed")
@@ -48,7 +56,7 @@ def tuning_page(tuning: Tuning, posed: Posed, source: str) -> str:
         ],
         episodes=_episodes(tuning, posed), margins=_margins(tuning), loop_figure=Markup(figures.loop(tuning)),
         rows=[_row(one, posed.bench is not None) for one in _everyone(tuning)],
-        bench=posed.bench is not None, tuned_on_rig=tuning.task.bench is not None, unit=named["itae"],
+        bench=posed.bench is not None, unit=named["itae"],
         landscape=_landscape(tuning), certificate=tuning.certificate, limits=_limits(tuning),
         unknowns=_unknowns(tuning, posed),
     )  # fmt: skip
@@ -59,14 +67,15 @@ def _everyone(tuning: Tuning) -> list[Scored]:
 
 
 def _lead(tuning: Tuning, posed: Posed, unit: str) -> str:
-    own = tuning.found.total("itae")
-    rivals = [one for one in tuning.baselines if one.stable and math.isfinite(one.total("itae"))]
-    said = f"ITAE on the identified model: {own:.4g} {unit}"
+    on = tuning.on_bench
+    own = tuning.found.total("itae", on)
+    rivals = [one for one in tuning.baselines if one.stable and math.isfinite(one.total("itae", on))]
+    said = f"ITAE on {posed.judged_on}, mean of all steps as if of one size: {own:.4g} {unit}"
     if rivals:
-        best = min(rivals, key=lambda one: one.total("itae"))
-        times = best.total("itae") / own
+        best = min(rivals, key=lambda one: one.total("itae", on))
+        times = best.total("itae", on) / own
         said += f"; with the best baseline ({best.name.replace('_', ' ')}) it is {times:.3g} times that"
-    if posed.bench is not None:
+    if posed.bench is not None and not on:
         said += f". On the rig's physical model: {tuning.found.total('itae', True):.4g} {unit}"
     return said + "."
 
@@ -75,7 +84,7 @@ def _episodes(tuning: Tuning, posed: Posed) -> list[dict[str, Any]]:
     found = []
     rivals = [one for one in tuning.baselines if one.name in _RIVALS and one.gains is not None]
     pair = posed.output_unit, posed.command_unit
-    for number, run in enumerate(tuning.found.responses):
+    for number, run in _shown(tuning):
         entry: dict[str, Any] = {
             "name": f"{run.episode.name} {posed.output_unit if run.episode.size else posed.command_unit}",
             "model": Markup(figures.responses(tuning, _bounded(rivals, number, False), number, pair, False)),
@@ -88,6 +97,49 @@ def _episodes(tuning: Tuning, posed: Posed) -> list[dict[str, Any]]:
             )
         found.append(entry)
     return found
+
+
+def _drive(tuning: Tuning, posed: Posed, structure: Structure) -> list[tuple[str, str, str]]:
+    span = min(-tuning.settings.low, tuning.settings.high)
+    values = drive_values(tuning.gains, structure, span, (posed.command_unit, posed.output_unit))
+    return [(name, f"{value:.4g}", unit) for name, value, unit in values]
+
+
+def _length(value: float, posed: Posed) -> str:
+    """In the unit that a reader likes; empty where it is infinite."""
+    factor, unit = friendly(posed.output_unit)
+    return f"{factor * value:.3g} {unit}" if math.isfinite(value) else ""
+
+
+def _judged(tuning: Tuning) -> tuple[Response, ...]:
+    return tuning.found.bench if tuning.on_bench else tuning.found.responses
+
+
+def _sizes(tuning: Tuning, posed: Posed) -> list[tuple[str, ...]]:
+    return [
+        (
+            _length(row.size, posed),
+            f"{row.itae_over_size:.4g}",
+            f"{100.0 * row.overshoot:.2g} %",
+            f"{row.settling_time:.3g}" if math.isfinite(row.settling_time) else "not in all runs",
+            _length(row.hunting, posed),
+        )
+        for row in by_size(_judged(tuning))
+    ]
+
+
+def _sizes_figure(tuning: Tuning, posed: Posed) -> Markup | None:
+    rivals = [one for one in tuning.baselines if one.name in ("present", *_RIVALS) and one.gains is not None]
+    rows = len(by_size(_judged(tuning)))
+    return Markup(figures.over_sizes(tuning, rivals, posed.output_unit)) if rows > 1 else None
+
+
+def _shown(tuning: Tuning) -> list[tuple[int, Response]]:
+    """Number and run of what is drawn: of the runs without noise the first of the largest and smallest steps."""
+    quiet = [(n, run) for n, run in enumerate(tuning.found.responses) if not run.episode.noise.any()]
+    steps = sorted((one for one in quiet if one[1].episode.size), key=lambda one: -one[1].episode.size)
+    others = [one for one in quiet if not one[1].episode.size]
+    return [*steps[:DRAWN], *([steps[-1]] if len(steps) > DRAWN else []), *others]
 
 
 def _bounded(rivals: list[Scored], number: int, bench: bool) -> list[Scored]:
@@ -140,7 +192,8 @@ def _row(one: Scored, bench: bool) -> dict[str, str]:
 
 def _landscape(tuning: Tuning) -> Markup | None:
     free = [name for name in tuning.within.free if name != "derivative_filter"]
-    pairs = [pair for pair in (("kp", "kd"), ("kp", "ki"), ("ki", "kd")) if set(pair) <= set(free)][:2]
+    most = 1 if tuning.task.bench_alone else 2
+    pairs = [pair for pair in (("kp", "kd"), ("kp", "ki"), ("ki", "kd")) if set(pair) <= set(free)][:most]
     return Markup(figures.landscape(tuning, pairs)) if pairs else None
 
 

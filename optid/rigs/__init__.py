@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 
-from optid.core.loading import load_file
+from optid.core.loading import load_file, named_file
 from optid.errors import RigError, nearest
 
 # Name in a rig file -> "module:function"; a module is imported when its plant is asked for.
@@ -40,7 +40,7 @@ def find_plant(name: str, base: Path) -> Plant:
             f'no built-in plant "{name}"', expected='a built-in name or "path/to/file.py:function"',
             hint=nearest(name, BUILT_IN),
         )  # fmt: skip
-    return _function(load_file(base / file), function, name)
+    return _function(load_file(named_file(file, base)), function, name)
 
 
 def _function(module: ModuleType, function: str, name: str) -> Plant:

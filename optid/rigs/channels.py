@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 from optid.core.model import Model
@@ -48,7 +49,8 @@ def read_channels(
             expected=f"at least one of {', '.join(outputs)}",
         )  # fmt: skip
     _one_role_each(found, where)
-    return found
+    commands = {port.role for port in model.recorded}
+    return {role: replace(channel, held=role in commands) for role, channel in found.items()}
 
 
 def _time(table: Table, where: Path) -> ChannelMap:

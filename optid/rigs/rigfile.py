@@ -10,20 +10,25 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from optid.core.document import read_bounded
 from optid.core.loading import blame
 from optid.core.model import Model
 from optid.core.parameter import Parameter
 from optid.core.recording import ChannelMap
+from optid.core.resultset import located
 from optid.core.sheet import build
 from optid.core.units import GAUGE, conversion, shown, split, to_si
 from optid.effects.effect import Effect
 from optid.effects.library import find_effect
 from optid.errors import InputError, PlantError, RigError, nearest
 from optid.rigs import find_plant
+from optid.rigs.carried import carried, effect_files, plant_file
 from optid.rigs.channels import read_channels
+from optid.rigs.constraints import refuse_contradictions
 from optid.rigs.fields import Table, known_keys, span, subtable, text
 
 TABLES = ("name", "model", "options", "parameters", "fit", "channels", "effects", "live")
+MOST = 4 * 2**20  # bytes of a rig file
 ATMOSPHERE = "atmospheric_pressure"  # what gauge pressures count from
 _ON_BOUND = (
     1e-9  # relative: a fitted value that stands on its bound may miss it by rounding on the way to text
@@ -84,8 +89,8 @@ def read_rig(path: str | Path) -> Rig:
 def write_rig(rig: Rig, path: str | Path, parameters: Mapping[str, float] | None = None) -> None:
     """Write a rig file with new values, keeping its comments, units and layout.
 
-    The file appears whole or not at all, and reads back to the same values within 1e-12. A plant's file is
-    named relative to the new place.
+    The file appears whole or not at all, and reads back to the same values within 1e-12. Where it goes to another
+    folder, copies of the user's own plant and effect files go with it.
 
     Args:
         rig: as read.
@@ -103,7 +108,7 @@ def write_rig(rig: Rig, path: str | Path, parameters: Mapping[str, float] | None
         if name not in _by_name(rig.model):
             raise RigError(f'unknown parameter "{name}"', where=path, hint=nearest(name, _by_name(rig.model)))
     document = tomlkit.parse(rig.source)
-    document["model"] = _model_seen_from(rig, path.parent)
+    keys = _carry(rig, document, path.parent)
     plant: Any = document.setdefault("parameters", tomlkit.table())
     values = {**rig.parameters, **new}
     air = values.get(ATMOSPHERE, _default(rig.model, ATMOSPHERE))
@@ -113,12 +118,12 @@ def write_rig(rig: Rig, path: str | Path, parameters: Mapping[str, float] | None
         effect
     ) in rig.effects:  # those the file does not hold yet are written whole, in the order in which they act
         if not _key_of(effect, document):
-            _table_of(f"{effect.name}.", rig, document, plant)
+            _table_of(f"{effect.name}.", rig, document, plant, keys)
             for name in effect.qualified(effect.at_null()):
                 values.setdefault(name, float(known[name].default or 0.0))
                 stated.pop(name, None)
     for name, value in values.items():
-        table, own = _table_of(name, rig, document, plant), name.rpartition(".")[2]
+        table, own = _table_of(name, rig, document, plant, keys), name.rpartition(".")[2]
         old = table.get(own)
         # A gauge value counts from the atmospheric pressure, so it is rewritten when that one moves.
         gauge = ATMOSPHERE in new and isinstance(old, str) and old.rstrip().endswith(GAUGE)
@@ -126,7 +131,9 @@ def write_rig(rig: Rig, path: str | Path, parameters: Mapping[str, float] | None
             table[own] = _written(float(value), old, known[name].unit, air)
     _rewrite_gauge_bounds(document, rig, air)
     written = tomlkit.dumps(document)
-    again = _parse(written, path)
+    again = _parse(
+        written, path, constrained=False
+    )  # a fit may have ended in what cannot be: it is still kept
     for name, value in values.items():
         if abs(again.parameters[name] - value) > max(
             1e-12 * abs(value), 1e-300
@@ -137,7 +144,7 @@ def write_rig(rig: Rig, path: str | Path, parameters: Mapping[str, float] | None
 
 def _text(path: Path) -> str:
     try:
-        return path.read_bytes().decode("utf-8-sig")
+        return read_bounded(located(path), MOST).decode("utf-8-sig")
     except FileNotFoundError:
         near = sorted(p.name for p in path.parent.glob("*.toml")) if path.parent.is_dir() else []
         raise RigError("no such file", where=path, hint=nearest(path.name, near) if near else None) from None
@@ -150,7 +157,7 @@ def _text(path: Path) -> str:
         raise RigError(f"cannot be read ({error})", where=path) from None
 
 
-def _parse(source: str, path: Path) -> Rig:
+def _parse(source: str, path: Path, *, constrained: bool = True) -> Rig:
     try:
         document = tomllib.loads(source)
     except (tomllib.TOMLDecodeError, RecursionError, ValueError) as error:
@@ -165,6 +172,8 @@ def _parse(source: str, path: Path) -> Rig:
     parameters = _parameters(subtable(document, "parameters", path, "parameters", "a table"), model, path)
     for effect in effects:
         parameters |= _effect_parameters(effect, stated, parameters, path)
+    if constrained:
+        refuse_contradictions(model, parameters, path)
     air = parameters.get(ATMOSPHERE, _default(model, ATMOSPHERE))
     freed = _freed(subtable(document, "fit", path, "fit", "a table"), model, parameters, path)
     channels = read_channels(
@@ -330,17 +339,19 @@ def _freed_one(parameter: Parameter, entry: object, values: dict[str, float], pa
     return Freed(name, low, high, sd)
 
 
-def _model_seen_from(rig: Rig, folder: Path) -> str:
-    """The model's name for a rig file in `folder`: a plant's file is found relative to its rig file."""
-    file, colon, function = rig.model_name.rpartition(":")
-    if not colon or Path(file).is_absolute() or folder.resolve() == rig.path.parent.resolve():
-        return rig.model_name
-    target = (rig.path.parent / file).resolve()
-    try:
-        relative = Path(os.path.relpath(target, folder.resolve()))
-    except ValueError:  # another drive
-        relative = target
-    return f"{relative.as_posix()}:{function}"
+def _carry(rig: Rig, document: Any, folder: Path) -> dict[str, str]:
+    """Let a rig's document name the user's own files as they are seen from its new folder; keys of such effects."""
+    plant, own = plant_file(rig.model_name, rig.path.parent), effect_files(rig.effects)
+    names = carried([*([plant] if plant else []), *own.values()], folder)
+    if plant is not None:
+        document["model"] = f"{names[plant.path]}:{rig.model_name.rpartition(':')[2]}"
+    keys = {name: f"{names[file.path]}:{name}" for name, file in own.items()}
+    table: Any = document.get("effects", {})
+    for effect in rig.effects:
+        old, new = _key_of(effect, document), keys.get(effect.name)
+        if old is not None and new is not None and old != new:
+            table.add(new, table.pop(old))
+    return keys
 
 
 def _key_of(effect: Effect, document: Any) -> str | None:
@@ -349,14 +360,15 @@ def _key_of(effect: Effect, document: Any) -> str | None:
     return next((key for key in table if key == effect.name or key.endswith(f":{effect.name}")), None)
 
 
-def _table_of(name: str, rig: Rig, document: Any, plant: Any) -> Any:
+def _table_of(name: str, rig: Rig, document: Any, plant: Any, keys: Mapping[str, str]) -> Any:
     """The `[effects.NAME]` table that a parameter stands in, made where absent; or the plant's."""
     import tomlkit
 
     for effect in rig.effects:
         if name.startswith(f"{effect.name}."):
             every: Any = document.setdefault("effects", tomlkit.table(is_super_table=True))
-            return every.setdefault(_key_of(effect, document) or effect.name, tomlkit.table())
+            key = _key_of(effect, document) or keys.get(effect.name, effect.name)
+            return every.setdefault(key, tomlkit.table())
     return plant
 
 

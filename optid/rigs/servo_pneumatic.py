@@ -47,6 +47,23 @@ GAS_CONSTANT = Parameter(
     "gas_constant", "J/(kg K)", 287.0, "specific gas constant R", TABLE_1, 287.0, (1.0, 5000.0)
 )
 PORT_WIDTH = Parameter("port_width", "m", 6e-3, "width W of the valve's ports", TABLE_1, bounds=POSITIVE)
+PORT_WIDTH_B = Parameter(
+    "port_width_b",
+    "m",
+    6e-3,
+    "width W_b of the port to chamber B, where it differs",
+    TABLE_1,
+    bounds=POSITIVE,
+)
+CHAMBER_TEMPERATURE_B = Parameter(
+    "chamber_temperature_b",
+    "K",
+    293.0,
+    "temperature T_b of the air in chamber B, where it differs",
+    TABLE_1,
+    293.0,
+    (100.0, 2000.0),
+)
 SPOOL_TRAVEL = Parameter(
     "spool_travel", "m", 4e-3, "spool displacement X at full command", TABLE_1, bounds=POSITIVE
 )
@@ -120,6 +137,8 @@ def servo_pneumatic(
     rod_force: bool = True,
     reversed_flow: bool = True,
     friction: Literal["bristle", "smooth", "constant"] = "bristle",
+    separate_ports: bool = False,
+    separate_temperatures: bool = False,
 ) -> None:
     """Command -> spool -> mass flows -> chamber pressures -> piston.
 
@@ -130,6 +149,8 @@ def servo_pneumatic(
         friction: "bristle" (Dahl's law: sticks, slides after `presliding_length`), "smooth" (tanh over
             `friction_width`: creeps instead of sticking), "constant" (the print's F_r taken to the letter: a
             force that does not know the direction of motion and pushes the piston).
+        separate_ports: W_b of eq. 2 is a parameter of its own, `port_width_b`; `port_width` is W_a.
+        separate_temperatures: so is T_b of eq. 4, `chamber_temperature_b`; `chamber_temperature` is T_a.
     """
     s.form_error(FORM_ERROR)
     # What goes wrong with the air may do so in both chambers.
@@ -142,6 +163,8 @@ def servo_pneumatic(
     P_s, P_e, P_atm = s.param(SUPPLY_PRESSURE), s.param(EXHAUST_PRESSURE), s.param(ATMOSPHERIC_PRESSURE)
     K, R, T_s = s.param(SPECIFIC_HEAT_RATIO), s.param(GAS_CONSTANT), s.param(SUPPLY_TEMPERATURE)
     L, Delta, M = s.param(STROKE), s.param(RESIDUAL_LENGTH), s.param(PAYLOAD_MASS)
+    s.require("the supply pressure is above the exhaust pressure", P_s - P_e)
+    s.require("the rod is thinner than the bore", s.param(BORE_DIAMETER) - s.param(ROD_DIAMETER))
     A_a = math.pi / 4 * s.param(BORE_DIAMETER) ** 2
     A_rod = math.pi / 4 * s.param(ROD_DIAMETER) ** 2
     A_b = A_a - A_rod
@@ -155,7 +178,8 @@ def servo_pneumatic(
     # Spool. A positive command opens A to supply and B to exhaust, a negative one the reverse (eqs. 3 to 6).
     command = s.site("valve.command", s.site("valve.input", s.input("command", "1", idle=0.0)))
     X = s.site("valve.spool", command * s.param(SPOOL_TRAVEL), command=command)
-    area = s.param(PORT_WIDTH) * ca.fabs(X)
+    width = s.param(PORT_WIDTH)
+    area = width * ca.fabs(X)
     filling = s.site("flow.supply_area", area, spool=X, x=x, v=v)
     venting = s.site("flow.exhaust_area", area, spool=X, x=x, v=v)
     supply = s.site("flow.supply", P_s, spool=X, area=filling, P_a=P_a, P_b=P_b)
@@ -166,9 +190,12 @@ def servo_pneumatic(
     def into(P: Any, other: Any, filled: Any, chamber: str) -> Any:
         P_port = ca.if_else(filled, supply, exhaust)
         open_area = area if filling is venting else ca.if_else(filled, filling, venting)
-        nominal = open_area * flux(s, P_port, P, filled, reversed_flow)
+        T = CHAMBER_TEMPERATURE_B if separate_temperatures and chamber == "b" else CHAMBER_TEMPERATURE
+        if separate_ports and chamber == "b":
+            open_area = open_area * (s.param(PORT_WIDTH_B) / width)
+        nominal = open_area * flux(s, P_port, P, filled, reversed_flow, T)
         near = {
-            name: flux(s, port, P, True, True)
+            name: flux(s, port, P, True, True, T)
             for name, port in (("supply", supply), ("exhaust", exhaust), ("ambient", P_atm), ("other", other))
         }
         return s.site(f"flow.chamber_{chamber}", nominal, P=P, other_P=other, x=x, v=v, spool=X, **near)
@@ -203,7 +230,14 @@ def servo_pneumatic(
     s.output("pressure_b", "Pa", s.site("sensor.pressure_b", P_b))
 
 
-def flux(s: Sheet, P_port: Any, P: Any, from_supply: Any, reversed_flow: bool) -> Any:
+def flux(
+    s: Sheet,
+    P_port: Any,
+    P: Any,
+    from_supply: Any,
+    reversed_flow: bool,
+    temperature: Parameter = CHAMBER_TEMPERATURE,
+) -> Any:
     """Flow into a chamber per area of its port, kg/(s m2): eqs. 1 to 8 with C_0, C_k and C_r computed from K.
 
     The upstream side is the one with the higher pressure, whichever that is; its temperature counts.
@@ -229,8 +263,7 @@ def flux(s: Sheet, P_port: Any, P: Any, from_supply: Any, reversed_flow: bool) -
     f = signed_root(f2, s.param(FLOW_WIDTH))
     # C_d C_0 / sqrt(T_u) of either side, so that it is reckoned once and not in every step
     C_in, C_out = (
-        s.param(DISCHARGE_COEFFICIENT) * C_0 / ca.sqrt(s.param(T))
-        for T in (SUPPLY_TEMPERATURE, CHAMBER_TEMPERATURE)
+        s.param(DISCHARGE_COEFFICIENT) * C_0 / ca.sqrt(s.param(T)) for T in (SUPPLY_TEMPERATURE, temperature)
     )
     return ca.if_else(inwards, C_in, C_out) * P_u * f
 

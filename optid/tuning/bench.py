@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import threading
+from collections.abc import Mapping, Sequence
+from copy import copy
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -23,7 +27,71 @@ SEED = 1  # of the sensor's noise
 TOLERANCE = 1e-6  # local error as a share of each state's size: micrometres in a second
 
 
-class PhysicalBench:
+class Bench:
+    """Runs gains on an axis of whatever kind: what `_run` gives for an episode is measured and summed here."""
+
+    def __init__(self, episodes: tuple[Episode, ...]) -> None:
+        self._episodes = episodes
+
+    def __call__(self, gains: Gains, settings: Settings) -> tuple[Response, ...]:
+        """One response an episode; NaN from where the equations leave the numbers."""
+        vector, found = np.r_[gains.vector, settings.vector], {}
+
+        def run(first: int, last: int) -> None:
+            for e in range(first, last):
+                found[e] = response(
+                    self._episodes[e], *self._run(vector, settings, self._episodes[e]), settings.sample_time
+                )
+
+        spread(len(self._episodes), run)
+        return tuple(found[e] for e in range(len(self._episodes)))
+
+    def costs(self, gains: Array, settings: Settings, criterion: Criterion, command_size: float) -> Array:
+        """Of gains (n, GAINS), shape (n,): the weighted sum over the episodes."""
+        return self.judged(gains, settings, criterion, command_size)[0]
+
+    def judged(
+        self, gains: Array, settings: Settings, criterion: Criterion, command_size: float, bar: Array | None = None
+    ) -> tuple[Array, Array]:  # fmt: skip
+        """Of gains (n, GAINS): their costs, the weighted sum over the episodes, and their largest hunting, each (n,).
+
+        Args:
+            gains: candidates.
+            settings: of the controller.
+            criterion: what is summed.
+            command_size: unit of the command's travel.
+            bar: shape (n,); a candidate whose sum is beyond it is not run further, its cost is what it has so far.
+        """
+        cost, hunting = np.zeros(len(gains)), np.zeros(len(gains))
+        T, lock = settings.sample_time, threading.Lock()
+
+        def run(first: int, last: int) -> None:
+            for job in range(first, last):
+                i, e = divmod(job, len(self._episodes))
+                if bar is not None and not cost[i] <= bar[i]:
+                    continue
+                vector = np.r_[gains[i], settings.vector]
+                episode = self._episodes[e]
+                one = response(episode, *self._run(vector, settings, episode), T)
+                with lock:
+                    cost[i] += episode.weight * criterion.of(one, T, command_size)
+                    hunting[i] = max(hunting[i], one.hunting)
+
+        spread(len(gains) * len(self._episodes), run)
+        return cost, hunting
+
+    def only(self, chosen: Sequence[int]) -> Bench:
+        """The same with some of its episodes, by number."""
+        part = copy(self)
+        part._episodes = tuple(self._episodes[e] for e in chosen)
+        return part
+
+    def _run(self, vector: Array, settings: Settings, episode: Episode) -> tuple[Array, Array]:
+        """Output and command of one episode, each (samples,), of gains and settings in one vector."""
+        raise NotImplementedError
+
+
+class PhysicalBench(Bench):
     """Runs gains on a rig's model.
 
     With a sensor's noise, always the same one: an axis that just sticks or just slips in a clean simulation does the
@@ -33,15 +101,18 @@ class PhysicalBench:
         rig: with one command; its file says what a full command is.
         episodes: to run, distances from where the rig starts.
         output: role of the controlled output.
-        noise: sd of what the controller's sensor adds, output's unit.
+        noise: sd of what the controller's sensor adds to all episodes, output's unit, beside the noise of their own.
+        variants: parameter values by name in place of the rig's, SI: episodes of variant k > 0 run with the k-th.
+        tolerance: local error of the integration as a share of each state's size.
 
     Raises:
         InputError: the rig has no such output, or not one command.
     """
 
     def __init__(
-        self, rig: Rig, episodes: tuple[Episode, ...], output: str = "position", noise: float = 0.0
-    ) -> None:
+        self, rig: Rig, episodes: tuple[Episode, ...], output: str = "position", noise: float = 0.0,
+        variants: tuple[Mapping[str, float], ...] = (), tolerance: float = TOLERANCE,
+    ) -> None:  # fmt: skip
         recorded = [port.role for port in rig.model.recorded]
         roles = [port.role for port in rig.model.outputs]
         if len(recorded) != 1:
@@ -52,49 +123,39 @@ class PhysicalBench:
             raise InputError(
                 f'no output "{output}"', where=rig.path, field="model", expected=", ".join(roles)
             )
-        self.rig, self._episodes, self._column = rig, episodes, roles.index(output)
-        self._parameters = np.ascontiguousarray(rig.model.vector(rig.parameters), dtype=float)
-        shape = (len(episodes), max((episode.reference.size for episode in episodes), default=0))
-        self._noise = noise * np.random.default_rng(SEED).standard_normal(shape)
+        super().__init__(tuple(_noisier(e, k, noise, episodes) for k, e in enumerate(episodes)))
+        self.rig, self._column = rig, roles.index(output)
+        values = [rig.parameters, *({**rig.parameters, **variant} for variant in variants)]
+        self._parameters = np.array([rig.model.vector(one) for one in values], dtype=float)
+        self._starts = np.array(
+            [np.array(rig.model.start(p)[0], dtype=float).ravel() for p in self._parameters]
+        )
         self._per_unit = rig.channels[recorded[0]].per_unit
-        self._start = np.array(rig.model.start(self._parameters)[0], dtype=float).ravel()
+        self._scales = tolerance * np.asarray(rig.model.scales, dtype=float)
         # What each input of the model is fed: the command so many samples ago, or -1 the interval, -2 the clock.
         self._feeds = np.array([
             {INTERVAL: -1, CLOCK: -2}.get(port.role, port.ago) for port in rig.model.inputs
         ], dtype=np.int64)  # fmt: skip
 
-    def __call__(self, gains: Gains, settings: Settings) -> tuple[Response, ...]:
-        """One response an episode; NaN from where the equations leave the numbers."""
-        vector = np.r_[gains.vector, settings.vector]
-        runs = (self._run(vector, settings, e, n) for e, n in zip(self._episodes, self._noise, strict=True))
-        return tuple(
-            response(episode, y, u, settings.sample_time)
-            for episode, (y, u) in zip(self._episodes, runs, strict=True)
-        )
-
-    def costs(self, gains: Array, settings: Settings, criterion: Criterion, command_size: float) -> Array:
-        """Of gains (n, GAINS), shape (n,): the weighted sum over the episodes."""
-        found = np.empty(len(gains))
-
-        def run(first: int, last: int) -> None:
-            for i in range(first, last):
-                runs = self(Gains(*gains[i].tolist()), settings)
-                costs = (r.episode.weight * criterion.of(r, settings.sample_time, command_size) for r in runs)
-                found[i] = sum(costs)
-
-        spread(len(gains), run)
-        return found
-
-    def _run(self, vector: Array, settings: Settings, episode: Episode, noise: Array) -> tuple[Array, Array]:
+    def _run(self, vector: Array, settings: Settings, episode: Episode) -> tuple[Array, Array]:
         n = episode.reference.size
         y, u = np.full(n, np.nan), np.full(n, np.nan)
-        scales = TOLERANCE * np.asarray(self.rig.model.scales, dtype=float)
-        outputs = len(self.rig.model.outputs)
+        variant = min(episode.variant, len(self._parameters) - 1)
         machine_code(self.rig.model).run(
-            _closed, vector, settings.sample_time, self._start, self._parameters, self._feeds, 1.0 / self._per_unit,
-            scales, episode.reference, episode.load, noise, outputs, self._column, y, u,
+            _closed, vector, settings.sample_time, self._starts[variant], self._parameters[variant], self._feeds,
+            1.0 / self._per_unit, self._scales, episode.reference, episode.load, episode.noise,
+            len(self.rig.model.outputs), self._column, y, u,
         )  # fmt: skip
         return y, u
+
+
+def _noisier(episode: Episode, number: int, noise: float, every: tuple[Episode, ...]) -> Episode:
+    """With a bench's own noise on top of the episode's."""
+    if noise == 0.0:
+        return episode
+    longest = max(one.reference.size for one in every)
+    rows = np.random.default_rng(SEED).standard_normal((len(every), longest))
+    return replace(episode, noise=episode.noise + noise * rows[number, : episode.reference.size])
 
 
 @compiled

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from optid.core.model import Array
 from optid.errors import InputError
+
+NEVER = 1 << 62
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,6 +25,9 @@ class Episode:
         clock: time since the last change of what is asked, s: the T of ITAE.
         rise: 1 / (change of the reference) for the overshoot after a step, 0 where none is looked at.
         weight: of this episode's criterion in the sum.
+        noise: of the sensor that the controller sees, output's unit; none where left out.
+        variant: number of the physical model's parameter set that runs it, 0 the nominal one.
+        rest: sample from which the output should be at rest; `samples` or more where it never should.
     """
 
     name: str
@@ -31,9 +36,14 @@ class Episode:
     clock: Array
     rise: Array
     weight: float = 1.0
+    noise: Array = field(default_factory=lambda: np.empty(0))
+    variant: int = 0
+    rest: int = NEVER
 
     def __post_init__(self) -> None:
-        for name in ("reference", "load", "clock", "rise"):
+        if not self.noise.size:
+            object.__setattr__(self, "noise", np.zeros(self.reference.shape))
+        for name in ("reference", "load", "clock", "rise", "noise"):
             values = getattr(self, name)
             if values.shape != self.reference.shape or values.ndim != 1 or not values.size:
                 raise InputError(f"shape {values.shape}", where=self.name, field=name, expected="(samples,)")

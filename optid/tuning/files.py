@@ -2,48 +2,80 @@
 
 from __future__ import annotations
 
-import json
 import math
 from pathlib import Path
 from typing import Any
 
+from optid.core.document import finite, read_document
 from optid.errors import InputError
 from optid.pid.controller import AntiWindup, Controller, Gains, Settings
 from optid.tuning.margins import Margins
-from optid.tuning.score import Response
+from optid.tuning.score import Response, SizeRow, by_size
+from optid.tuning.structures import STRUCTURES, Structure, drive_values
 from optid.tuning.tuning import Scored, Tuning, compared
 
 SCHEMA = "optid.pid/1"
+EQUATION = (
+    "u = kp (b r - y) + integral of ki (r - y) + kd d(c r - y)/dt, the derivative lagged by derivative_filter"
+)
+CLAMPING = {
+    AntiWindup.NONE: "the command is limited, the integral goes on",
+    AntiWindup.CLAMPING: "the command is limited, the integral rests while it would push further into a limit",
+    AntiWindup.BACK_CALCULATION: "the command is limited, the integral gives back the excess over the tracking time",
+}
 
 
-def document(tuning: Tuning, command_unit: str, output_unit: str) -> dict[str, Any]:
+def document(
+    tuning: Tuning,
+    command_unit: str,
+    output_unit: str,
+    plant: str = "the identified linear model",
+    structure: Structure = STRUCTURES["pid2"],
+) -> dict[str, Any]:
     """The content of pid.json; a number that does not exist is null.
 
     Args:
         tuning: as found.
         command_unit, output_unit: of the model's signals, SI.
+        plant: for which `cost` stands, in words.
+        structure: of the controller.
     """
     found = tuning.found
+    settings = tuning.settings
+    drive = drive_values(
+        tuning.gains, structure, min(-settings.low, settings.high), (command_unit, output_unit)
+    )
     return {
         "schema": SCHEMA,
         "gains": _gains(tuning.gains),
         "units": units(command_unit, output_unit),
-        "sample_time": tuning.settings.sample_time,
-        "limits": _limits(tuning.settings),
-        "anti_windup": {
-            "kind": tuning.settings.anti_windup.name.lower(),
-            "tracking_time": tuning.settings.tracking_time,
+        "drive": [{"name": name, "value": _number(value), "unit": unit} for name, value, unit in drive],
+        "structure": structure.name,
+        "control_law": {
+            "equation": EQUATION,
+            "limits": CLAMPING[settings.anti_windup],
+            "structure": structure.words,
         },
-        "cost": {**_measures(found, False), "minimised": _number(found.cost)},
-        "baselines": {one.name: _scored(one) for one in tuning.baselines},
-        "limits_compared": {one.name: _scored(one) for one in compared(tuning)},
+        "sample_time": settings.sample_time,
+        "limits": _limits(settings),
+        "anti_windup": {"kind": settings.anti_windup.name.lower(), "tracking_time": settings.tracking_time},
+        "cost": {**_measures(found, tuning.on_bench), "minimised": _number(found.cost), "plant": plant},
+        "baselines": {one.name: _scored(one, tuning.on_bench) for one in tuning.baselines},
+        "limits_compared": {one.name: _scored(one, tuning.on_bench) for one in compared(tuning)},
         "margins": _margins(found.margins),
+        "by_size": [_by_size(row) for row in by_size(found.bench if tuning.on_bench else found.responses)],
+        "hunting_limit": _number(tuning.task.hunting),
         "responses": [_response(run) for run in found.responses],
+        "responses_on_rig": [_response(run) for run in found.bench],
         "physical_model": _bench(found),
         "certificate": {name: _number(value) for name, value in vars(tuning.certificate).items()},
         "free": list(tuning.within.free),
         "remarks": list(tuning.remarks),
     }
+
+
+def _by_size(row: SizeRow) -> dict[str, float | None]:
+    return {name: _number(value) for name, value in vars(row).items()}
 
 
 def units(command: str, output: str) -> dict[str, str]:
@@ -77,11 +109,14 @@ def _measures(one: Scored, bench: bool) -> dict[str, float | None]:
     return {name: _number(one.total(name, bench)) for name in ("itae", "iae", "itse", "ise")}
 
 
-def _scored(one: Scored) -> dict[str, Any]:
+def _scored(one: Scored, bench: bool) -> dict[str, Any]:
     if one.gains is None:
         return {"itae": None, "gains": None, "stable": None, "note": one.note}
     return {
-        **_measures(one, False),
+        **_measures(one, bench),
+        "hunting": _number(
+            max((run.hunting for run in (one.bench if bench else one.responses)), default=0.0)
+        ),
         "stable": one.stable,
         "gains": _gains(one.gains),
         "maximum_sensitivity": _number(one.margins.maximum_sensitivity) if one.margins else None,
@@ -98,6 +133,10 @@ def _response(run: Response) -> dict[str, Any]:
     command = run.command[: -1 if not run.bounded else None]
     return {
         "name": run.episode.name,
+        "size": float(run.episode.reference[-1]),
+        "weight": run.episode.weight,
+        "noisy": bool(run.episode.noise.any()),
+        "hunting": _number(run.hunting),
         **{name: _number(value) for name, value in run.measures.items()},
         "overshoot": _number(run.overshoot),
         "settling_time": _number(run.settled),
@@ -125,33 +164,29 @@ def load(path: Path) -> Controller:
     Raises:
         InputError: no such file, no JSON, another schema, or a field that is missing or wrong.
     """
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError as error:
-        raise InputError("no such file", where=path) from error
-    except (OSError, ValueError) as error:
-        raise InputError(
-            f"cannot be read ({error})", where=path, expected="a file of `optid tune`"
-        ) from error
-    if not isinstance(content, dict) or content.get("schema") != SCHEMA:
-        found = content.get("schema") if isinstance(content, dict) else type(content).__name__
-        raise InputError(f"{found}", where=path, field="schema", expected=SCHEMA)
+    content = read_document(path, SCHEMA, "a file of `optid tune`")
+
+    def bound(name: str, open_end: float) -> float:
+        return open_end if limits.get(name) is None else finite(limits[name], f"limits.{name}", path)
+
     try:
         gains, limits = content["gains"], content["limits"]
         windup = content.get("anti_windup", {"kind": "clamping", "tracking_time": 0.0})
         settings = Settings(
-            float(content["sample_time"]),
-            -math.inf if limits["low"] is None else float(limits["low"]),
-            math.inf if limits["high"] is None else float(limits["high"]),
-            math.inf if limits["rate"] is None else float(limits["rate"]),
-            float(limits.get("deadband_low", 0.0)),
-            float(limits.get("deadband_high", 0.0)),
-            float(limits.get("deadband_onset", 0.0)),
-            float(limits.get("resolution") or 0.0),
+            finite(content["sample_time"], "sample_time", path),
+            bound("low", -math.inf),
+            bound("high", math.inf),
+            bound("rate", math.inf),
+            bound("deadband_low", 0.0),
+            bound("deadband_high", 0.0),
+            bound("deadband_onset", 0.0),
+            bound("resolution", 0.0),
             AntiWindup[str(windup["kind"]).upper()],
-            float(windup["tracking_time"]),
+            finite(windup["tracking_time"], "anti_windup.tracking_time", path),
         )
-        return Controller(Gains(**{name: float(value) for name, value in gains.items()}), settings)
+        return Controller(
+            Gains(**{name: finite(value, f"gains.{name}", path) for name, value in gains.items()}), settings
+        )
     except KeyError as error:
         raise InputError("missing or unknown", where=path, field=str(error.args[0])) from error
     except (TypeError, ValueError, AttributeError) as error:

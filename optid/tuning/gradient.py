@@ -21,22 +21,24 @@ from optid.core.kernel import at, call
 from optid.core.model import Array
 from optid.pid.law import GAINS, LAST_COMMAND, MEMORY, PER_STEP, RESOLUTION
 from optid.pid.symbolic import symbolic
-from optid.tuning.loop import PARTS
 from optid.tuning.machine import compiled
 from optid.tuning.search import PLACES
 from optid.tuning.task import Over, Task
+
+PARTS = 3  # of a cost that have a slope here: measure, travel, overshoot
 
 
 def sample(task: Task, free: tuple[str, ...], plant: int = 0) -> ca.Function:
     """One sample of one plant's loop with derivatives.
 
     (w, g, e) -> w afterwards: w holds the state [plant, controller, parts of the cost] and behind it its derivative
-    to each free gain; g the free gains; e = (reference, load, weight, rise) of the sample. Settings are constants;
+    to each free gain; g the free gains; e = (reference, load, weight, rise, noise) of the
+    sample. Settings are constants;
     the resolution of the command is left out, as its steps would hide every slope.
     """
-    A, B = task.course.arrays[0][plant], task.course.arrays[1][plant]
+    A, B, dead = (values[plant] for values in task.course.arrays[:3])
     order, count = A.size, A.size + MEMORY + PARTS
-    w, g, e = ca.SX.sym("w", count * (1 + len(free))), ca.SX.sym("g", len(free)), ca.SX.sym("e", 4)
+    w, g, e = ca.SX.sym("w", count * (1 + len(free))), ca.SX.sym("g", len(free)), ca.SX.sym("e", 5)
     fixed = [ca.SX.sym(f"fixed{i}") for i in range(GAINS)]
     s = [*fixed, *(ca.SX(float(value)) for value in task.settings.vector)]
     s[RESOLUTION] = s[PER_STEP] = ca.SX(0)
@@ -45,7 +47,7 @@ def sample(task: Task, free: tuple[str, ...], plant: int = 0) -> ca.Function:
     x = w[:count]
     z, m = ca.vertsplit(x[:order]), ca.vertsplit(x[order : order + MEMORY])
     y, before = z[0], m[LAST_COMMAND]
-    u = symbolic()(s, m, e[0], y)
+    u = symbolic()(s, m, e[0], y + e[4])
     error = ca.fabs(e[0] - y)
     parts = x[order + MEMORY :] + ca.vertcat(
         e[2] * (error**2 if task.criterion.measure.power == 2 else error),
@@ -53,6 +55,7 @@ def sample(task: Task, free: tuple[str, ...], plant: int = 0) -> ca.Function:
     )  # fmt: skip
     parts[2] = ca.fmax(x[-1], (y - e[0]) * e[3])
     drive = u + e[1]
+    drive = drive - ca.fmin(ca.fmax(drive, float(dead[0])), float(dead[1]))
     shifted = [*z[1:], ca.SX(0)]
     z = [shifted[i] + B[i] * drive - A[i] * y for i in range(order)]
     after = ca.vertcat(*z, *m, parts)
@@ -97,7 +100,7 @@ class Gradient:
         count = order + MEMORY + PARTS
         value, slope = 0.0, np.zeros(n)
         free = np.array([gains[PLACES[name]] for name in self._free])
-        _, _, R, D, W, rise = task.course.arrays
+        _, _, _, R, D, W, rise, noise, _ = task.course.arrays
         for e, episode in enumerate(task.episodes):
             w = np.zeros(count * (1 + n))
             w[order + LAST_COMMAND] = min(max(0.0, task.settings.low), task.settings.high)
@@ -110,7 +113,8 @@ class Gradient:
                 D[e],
                 W[e],
                 rise[e],
-                np.empty(4),
+                noise[e],
+                np.empty(5),
             )
             rows = w.reshape(1 + n, count)[:, order + MEMORY :]
             measure, travel, overshoot = rows[0]
@@ -165,7 +169,7 @@ def _text(function: ca.Function) -> str:
 
 
 @compiled
-def _run(place: Any, w: Any, g: Any, fixed: Any, R: Any, D: Any, W: Any, rise: Any, e: Any) -> None:
+def _run(place: Any, w: Any, g: Any, fixed: Any, R: Any, D: Any, W: Any, rise: Any, N: Any, e: Any) -> None:
     for n in range(R.size):
-        e[0], e[1], e[2], e[3] = R[n], D[n], W[n], rise[n]
+        e[0], e[1], e[2], e[3], e[4] = R[n], D[n], W[n], rise[n], N[n]
         call(place, (at(w, 0), at(g, 0), at(e, 0), at(fixed, 0)))

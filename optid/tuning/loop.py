@@ -22,9 +22,10 @@ from optid.tuning.machine import compiled
 from optid.tuning.plant import Plant
 
 LANES = 4
-PARTS = (
-    3  # of a cost: the measure, travel of the command in units of its range, overshoot as a share of the step
-)
+HUNTING = 3  # place of the hunting among the parts of a cost
+# Of a cost: the measure, travel of the command in units of its range, overshoot as a share of the step, and the
+# output's peak to peak while it should be at rest.
+PARTS = 4
 ESCAPED = 1e6  # times what is asked: an output that far away will not come back, no need to follow it
 _LAST = memory_layout.LAST_COMMAND
 
@@ -68,6 +69,9 @@ class Course:
             "R": np.array([e.reference for e in self.episodes]),
             "D": np.array([e.load for e in self.episodes]),
             "O": np.array([e.rise for e in self.episodes]),
+            "N": np.array([e.noise for e in self.episodes]),
+            "S": np.array([float(e.rest) for e in self.episodes]),
+            "Z": np.array([plant.dead_zone for plant in self.plants]),
             "W": np.array([self.criterion.measure.weights(e.clock, own) for e in self.episodes]),
         }
         for name, values in stack.items():
@@ -75,8 +79,8 @@ class Course:
 
     @property
     def arrays(self) -> tuple[Array, ...]:
-        """A, B (plants, order), R, D, W, O (episodes, samples), as the compiled loop takes them."""
-        return tuple(getattr(self, f"_{name}") for name in ("A", "B", "R", "D", "W", "O"))
+        """A, B (plants, order), Z (plants, 2), R, D, W, O, N (episodes, samples), S (episodes,): for the loop."""
+        return tuple(getattr(self, f"_{name}") for name in "ABZRDWONS")
 
     def parts(self, gains: Array) -> Array:
         """Parts of the cost of gains (candidates, GAINS): shape (candidates, plants, episodes, PARTS)."""
@@ -93,12 +97,17 @@ class Course:
 
     def costs(self, gains: Array) -> Array:
         """Cost of each candidate by plant, shape (candidates, plants): the weighted sum over the episodes."""
+        return self.judged(gains)[0]
+
+    def judged(self, gains: Array) -> tuple[Array, Array]:
+        """Of each candidate by plant, shape (candidates, plants): cost, and the largest hunting (output's unit)."""
         weights = np.array([episode.weight for episode in self.episodes])
+        parts = self.parts(gains)
+        hunting = np.nan_to_num(parts[..., HUNTING], nan=np.inf).max(axis=-1)
         if self.criterion.own is None:
-            return np.asarray(self.criterion.combined(self.parts(gains)) @ weights)
-        return np.array(
-            [[self._own(g, k) @ weights for k in range(len(self.plants))] for g in np.atleast_2d(gains)]
-        )
+            return np.asarray(self.criterion.combined(parts) @ weights), hunting
+        own = [[self._own(g, k) @ weights for k in range(len(self.plants))] for g in np.atleast_2d(gains)]
+        return np.array(own), hunting
 
     def _own(self, gains: Array, plant: int) -> Array:
         assert self.criterion.own is not None
@@ -117,9 +126,10 @@ class Course:
 
     def trace(self, gains: Array, plant: int = 0, episode: int = 0) -> tuple[Array, Array]:
         """Output and command at every sample, each of shape (samples,); NaN once the output has run away."""
-        A, B, R, D, _, _ = self.arrays
+        A, B, Z, R, D, _, _, N, _ = self.arrays
         y, u = np.empty(R.shape[1]), np.empty(R.shape[1])
-        _trace(np.r_[gains, self.settings], A[plant], B[plant], R[episode], D[episode], y, u)
+        one = R[episode], D[episode], N[episode]
+        _trace(np.r_[gains, self.settings], A[plant], B[plant], Z[plant], one, y, u)
         return y, u
 
 
@@ -132,9 +142,10 @@ def _batch(
     gains: Any, settings: Any, arrays: Any, square: Any, size: Any, first: Any, last: Any, out: Any
 ) -> None:  # fmt: skip
     """Candidates first..last-1; the lanes left over at the end repeat the last one."""
-    A, B, R, D, W, rise = arrays
+    A, B, Z, R, D, W, rise, N, rest_from = arrays
     s = np.empty((GAINS + settings.size, LANES))
     m, z, parts = np.empty((MEMORY, LANES)), np.empty((A.shape[1] + 1, LANES)), np.empty((PARTS, LANES))
+    low, high = np.empty(LANES), np.empty(LANES)
     rest = min(max(0.0, settings[1]), settings[2])
     for group in range(first, last, LANES):
         for lane in range(LANES):
@@ -149,54 +160,59 @@ def _batch(
                 m[_LAST] = rest
                 z[:] = 0.0
                 parts[:] = 0.0
-                _lanes(s, A[k], B[k], R[e], D[e], W[e], rise[e], square, m, z, parts)
+                low[:], high[:] = np.inf, -np.inf
+                one = R[e], D[e], W[e], rise[e], N[e]
+                _lanes(s, A[k], B[k], Z[k], one, rest_from[e], square, m, z, parts, low, high)
                 for lane in range(min(LANES, last - group)):
                     out[group + lane, k, e, 0] = parts[0, lane]
                     out[group + lane, k, e, 1] = parts[1, lane] * size
                     out[group + lane, k, e, 2] = parts[2, lane]
+                    out[group + lane, k, e, HUNTING] = max(high[lane] - low[lane], 0.0)
 
 
 @compiled
 def _lanes(
-    s: Any,
-    a: Any,
-    b: Any,
-    reference: Any,
-    load: Any,
-    weight: Any,
-    rise: Any,
-    square: Any,
-    m: Any,
-    z: Any,
-    parts: Any,
-) -> None:
+    s: Any, a: Any, b: Any, dead: Any, episode: Any, rest: Any, square: Any, m: Any, z: Any, parts: Any, low: Any,
+    high: Any,
+) -> None:  # fmt: skip
     """One episode of one plant: z is the plant's memory in transposed direct form, one sample ahead."""
+    reference, load, weight, rise, noise = episode
     order = a.size
     for n in range(reference.size):
         r, d, w, o = reference[n], load[n], weight[n], rise[n]
         for lane in range(LANES):
             y, before = z[0, lane], m[_LAST, lane]
-            u = law(s[:, lane], m[:, lane], r, y)
+            u = law(s[:, lane], m[:, lane], r, y + noise[n])
             error = abs(r - y)
             parts[0, lane] += w * (error * error if square else error)
             parts[1, lane] += abs(u - before)
             parts[2, lane] = max(parts[2, lane], (y - r) * o)
-            x = u + d
+            if n >= rest:
+                low[lane], high[lane] = min(low[lane], y), max(high[lane], y)
+            x = passed(u + d, dead)
             for i in range(order):
                 z[i, lane] = z[i + 1, lane] + b[i] * x - a[i] * y
 
 
 @compiled
-def _trace(s: Any, a: Any, b: Any, reference: Any, load: Any, y: Any, u: Any) -> None:
+def passed(command: Any, dead: Any) -> Any:
+    """What of a command gets through a dead zone from dead[0] (at most 0) to dead[1] (at least 0)."""
+    return command - min(max(command, dead[0]), dead[1])
+
+
+@compiled
+def _trace(s: Any, a: Any, b: Any, dead: Any, episode: Any, y: Any, u: Any) -> None:
+    reference, load, noise = episode
     m, z = np.zeros(MEMORY), np.zeros(a.size + 1)
     m[_LAST] = min(max(0.0, s[GAINS + 1]), s[GAINS + 2])
     bound = ESCAPED * (np.max(np.abs(reference)) + np.max(np.abs(load)))
     for n in range(reference.size):
         y[n] = z[0]
-        u[n] = law(s, m, reference[n], y[n])
+        u[n] = law(s, m, reference[n], y[n] + noise[n])
         if not abs(y[n]) <= bound:
             y[n:] = np.nan
             u[n:] = np.nan
             return
+        x = passed(u[n] + load[n], dead)
         for i in range(a.size):
-            z[i] = z[i + 1] + b[i] * (u[n] + load[n]) - a[i] * y[n]
+            z[i] = z[i + 1] + b[i] * x - a[i] * y[n]

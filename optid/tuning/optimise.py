@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import math
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,8 @@ import numpy as np
 from optid.core.model import Array
 from optid.errors import InputError, SolveError
 from optid.pid.controller import Gains
+from optid.pid.law import GAINS, KI
+from optid.tuning.bench_search import Effort, search_on_bench
 from optid.tuning.gradient import Gradient
 from optid.tuning.polish import polish
 from optid.tuning.search import GENERATIONS, Box, Evolved, box, evolve, slices
@@ -27,6 +30,7 @@ AROUND, ROUNDS, WORTHWHILE = (
     4,
     5e-4,
 )  # of the cube; populations around the best end, and what each must gain
+SWIFT = 25  # generations of the search on the linear model that only gives a start
 VALLEYS = 3  # of the grid that are followed down
 
 
@@ -39,6 +43,8 @@ class Options:
         fixed: None takes a derivative filter that suits the plant, and set-point weight 1.
         starts: populations, each from points of its own.
         grid: points on each axis of the certificate's grid; 0 for none.
+        cascade: search for P position over PI velocity.
+        effort: told of progress, and says when time is up.
         polish: go down to the very bottom of each valley; without, searches end within a tenth of a percent of it.
     """
 
@@ -47,6 +53,8 @@ class Options:
     starts: int = 4
     grid: int = 14
     polish: bool = True
+    cascade: bool = False
+    effort: Effort = field(default_factory=Effort)
 
     def __post_init__(self) -> None:
         for name, least in (("starts", 1), ("grid", 0)):
@@ -79,15 +87,24 @@ def optimise(task: Task, options: Options, rng: np.random.Generator, scale: Ulti
     """
     scale = scale or ultimate(task.plant)
     within = box(options.free, options.fixed or default_gains(task, scale), scale)
+    within = replace(within, cascade=options.cascade)
+    if task.bench is not None and task.bench_alone:
+        return _on_bench(task, within, rng, options.effort)
     swift = replace(task, bench=None)
-    ends = [_evolved(swift, within, part, rng) for part in slices(within, options.starts)]
+    over = options.effort.over
+    ends = []
+    for number, part in enumerate(slices(within, options.starts)):
+        options.effort.said(0.7 * number / options.starts, "")
+        ends.append(
+            evolve(lambda points, bar: swift.fitness(within.gains(points), bar), part, rng, over=over)
+        )
     costs, valleys = _screened(swift, within, min(options.grid, int(POINTS ** (1.0 / len(options.free)))))
     kept = [end for end in (*ends, *valleys) if end.fitness < REFUSED]
     if not kept:
         raise SolveError(_refusal(task, min(end.fitness for end in ends)))
     ends = kept
-    if options.polish:
-        gradient = None if task.criterion.own else Gradient(swift, options.free)
+    if options.polish and not over():
+        gradient = None if task.criterion.own or options.cascade else Gradient(swift, options.free)
         ends = [_polished(swift, within, end, gradient) for end in kept]
         ends += _closer(swift, within, min(ends, key=lambda end: end.fitness), rng, gradient)
     if task.bench is not None:
@@ -99,6 +116,39 @@ def optimise(task: Task, options: Options, rng: np.random.Generator, scale: Ulti
         costs, _ = _screened(task, within, min(options.grid, int(SLOW_POINTS ** (1.0 / len(options.free)))))
     best = min(ends, key=lambda end: end.fitness)
     return Search(as_gains(within.gains(best.point)[0]), tuple(ends), within, costs)
+
+
+def _on_bench(task: Task, within: Box, rng: np.random.Generator, effort: Effort) -> Search:
+    """Where the physical model alone judges: it is begun at what keeps the margins on the linear one.
+
+    Raises:
+        SolveError: nothing in the box keeps what is required.
+    """
+    points = _keeping(task, within, rng)
+    ends = search_on_bench(task, within, points, rng, effort)
+    if ends[0].fitness >= REFUSED:
+        raise SolveError(_refusal(task, ends[0].fitness))
+    return Search(as_gains(within.gains(ends[0].point)[0]), tuple(ends), within, np.empty(0))
+
+
+def _keeping(task: Task, within: Box, rng: np.random.Generator) -> Array:
+    """Points that keep the margins and do well on the linear model, with and without integral action, best first."""
+    without = replace(within, fixed=np.where(np.arange(GAINS) == KI, 0.0, within.fixed))
+    quiet = [e for e in task.episodes if not e.noise.any()] or list(task.episodes)
+    swift = replace(task, bench=None, bench_alone=False, hunting=math.inf, episodes=tuple(quiet))
+    ends = [_evolved(swift, within, slices(within, 1)[0], rng, None, SWIFT)]
+    if "ki" in within.free:
+        still = replace(without, free=tuple(n for n in within.free if n != "ki"))
+        columns = [i for i, name in enumerate(within.free) if name != "ki"]
+        still = replace(still, high=within.high[columns], bend=within.bend[columns])
+        one = _evolved(swift, still, slices(still, 1)[0], rng, None, SWIFT)
+        ends.insert(0, replace(one, point=within.points(still.gains(one.point))[0]))
+    begin = np.array([end.point for end in ends])
+    around = np.clip(begin[0] + 0.1 * rng.standard_normal((400, begin.shape[1])), 0.0, 1.0)
+    if "ki" in within.free:
+        around[:, within.free.index("ki")] *= rng.random(len(around)) ** 2
+    kept = around[task.missed(within.gains(around)) <= 0.0]
+    return np.vstack([begin, kept[: 2 * len(within.free)]])
 
 
 def _closer(

@@ -29,6 +29,8 @@ class Plant:
         sample_time: s.
         noise: sd of what the model's one-step prediction misses, output's unit; what a sensor adds is no more.
         remarks: what a user should know about the model, in sentences.
+        dead_zone: (low, high), at most 0 and at least 0: commands between move nothing, command's unit. The linear
+            loop, with its margins, is that of commands beyond it.
     """
 
     a: Array
@@ -36,6 +38,7 @@ class Plant:
     sample_time: float
     noise: float = 0.0
     remarks: tuple[str, ...] = ()
+    dead_zone: tuple[float, float] = (0.0, 0.0)
 
     @property
     def poles(self) -> Complex:
@@ -156,6 +159,12 @@ def scenarios(model: Armax, count: int, rng: np.random.Generator, input: int = 0
         raise InputError(
             "null", field="covariance", expected="the covariance of the coefficients",
             hint="identify anew, or tune for the model alone",
+        )  # fmt: skip
+    if not model.determined:
+        raise InputError(
+            "infinite", field="covariance", expected="coefficients that the data determine",
+            hint="identify from a recording that excites the axis (armax.json says what is missing), or tune for the "
+            "model alone",
         )  # fmt: skip
     spread = np.array(model.covariance)
     values, vectors = np.linalg.eigh((spread + spread.T) / 2)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,6 +26,7 @@ class Response:
         overshoot: largest share of a step; 0 where no step is asked.
         settled: s after which the last step's error stays within 2 % of it; infinite if it does not.
         travel: sum of all moves of the command, command's unit.
+        hunting: peak to peak of the output while it should be at rest, output's unit; 0 where it never should.
     """
 
     episode: Episode
@@ -34,6 +36,7 @@ class Response:
     overshoot: float
     settled: float
     travel: float
+    hunting: float = 0.0
 
     @property
     def bounded(self) -> bool:
@@ -50,8 +53,17 @@ def response(episode: Episode, output: Array, command: Array, sample_time: float
         measures[measure.name.lower()] = float(np.sum(weights * error**measure.power)) if sane else math.inf
     beyond = float(np.max((output - episode.reference) * episode.rise)) if sane else math.inf
     travel = float(np.sum(np.abs(np.diff(command, prepend=0.0)))) if sane else math.inf
+    still = output[episode.rest :] if episode.rest < output.size else np.zeros(1)
+    hunting = float(np.ptp(still)) if sane else math.inf
     return Response(
-        episode, output, command, measures, max(beyond, 0.0), _settled(episode, error, sample_time), travel
+        episode,
+        output,
+        command,
+        measures,
+        max(beyond, 0.0),
+        _settled(episode, error, sample_time),
+        travel,
+        hunting,
     )
 
 
@@ -64,3 +76,43 @@ def _settled(episode: Episode, error: Array, sample_time: float) -> float:
         return math.inf
     at = int(outside[-1]) + 1 if outside.size else 0
     return float(episode.clock[at])
+
+
+@dataclass(frozen=True)
+class SizeRow:
+    """How steps of one size went: means over their runs, but the largest hunting and overshoot.
+
+    Attributes:
+        size: of the step, output's unit.
+        itae_over_size: s2.
+        overshoot: share of the step.
+        settling_time: s, infinite where a run did not settle.
+        hunting: peak to peak at rest, output's unit.
+    """
+
+    size: float
+    itae_over_size: float
+    overshoot: float
+    settling_time: float
+    hunting: float
+
+
+def by_size(runs: Sequence[Response]) -> list[SizeRow]:
+    """One row for each size of step among the runs, the largest first."""
+    steps = [
+        run for run in runs if np.all(run.episode.reference == run.episode.reference[-1]) and run.episode.size
+    ]
+    sizes = dict.fromkeys(float(run.episode.reference[-1]) for run in steps)
+    rows = []
+    for size in sorted(sizes, key=lambda s: (-abs(s), -s)):
+        own = [run for run in steps if run.episode.reference[-1] == size]
+        rows.append(
+            SizeRow(
+                size,
+                float(np.mean([run.measures["itae"] for run in own])) / abs(size),
+                max(run.overshoot for run in own),
+                float(np.mean([run.settled for run in own])),
+                max(run.hunting for run in own),
+            )
+        )
+    return rows

@@ -12,6 +12,7 @@ from optid.core.model import Array
 from optid.errors import InputError, nearest
 from optid.pid.controller import Gains
 from optid.pid.law import DERIVATIVE_FILTER, DERIVATIVE_WEIGHT, KD, KI, KP, SETPOINT_WEIGHT
+from optid.tuning.structures import cascaded
 from optid.tuning.ultimate import Ultimate
 
 Fitness = Callable[[Array, Array | None], Array]
@@ -40,6 +41,8 @@ class Box:
         bend: shape (free,); a small one is a linear scale.
         fixed: all gains, of which the free ones are replaced.
         sign: of the proportional, integral and derivative gain.
+        cascade: the gains are those of P position over PI velocity (`optid.tuning.structures`): the proportional gain
+            that moves is the position loop's, and gain and set-point weight of the controller follow from all three.
     """
 
     free: tuple[str, ...]
@@ -47,6 +50,7 @@ class Box:
     bend: Array
     fixed: Array
     sign: float
+    cascade: bool = False
 
     @property
     def places(self) -> list[int]:
@@ -63,11 +67,14 @@ class Box:
         points = np.atleast_2d(points)
         out = np.tile(self.fixed, (len(points), 1))
         out[:, self.places] = self.signed * np.sinh(self.bend * points) / np.sinh(self.bend)
-        return out
+        return cascaded(out) if self.cascade else out
 
     def points(self, gains: Array) -> Array:
         """The reverse for gains (n, GAINS), moved into the cube."""
-        share = np.atleast_2d(gains)[:, self.places] / self.signed
+        gains = np.array(np.atleast_2d(gains), dtype=float)
+        if self.cascade:
+            gains[:, KP] *= gains[:, SETPOINT_WEIGHT]
+        share = gains[:, self.places] / self.signed
         return np.asarray(np.clip(np.arcsinh(share * np.sinh(self.bend)) / self.bend, 0.0, 1.0))
 
     def slopes(self, point: Array) -> Array:
@@ -132,7 +139,8 @@ def slices(within: Box, count: int) -> list[tuple[Array, Array]]:
 
 def evolve(
     fitness: Fitness, part: tuple[Array, Array], rng: np.random.Generator, seeds: Array | None = None,
-    generations: int = GENERATIONS,
+    generations: int = GENERATIONS, population: int = POPULATION,
+    over: Callable[[], bool] = lambda: False,
 ) -> Evolved:  # fmt: skip
     """Differential evolution (Storn and Price 1997), each trial drawn some way towards the best one so far.
 
@@ -142,10 +150,12 @@ def evolve(
         rng: source of everything random.
         seeds: points (k, free) to begin with, beside random ones.
         generations: at most, for three gains; more for more.
+        population: points, for three gains; more for more.
+        over: asked before each generation; true ends the search.
     """
     low, high = part
     dimensions = low.size
-    size = POPULATION + MORE * max(dimensions - 3, 0)
+    size = population + MORE * max(dimensions - 3, 0)
     # Latin hypercube: every slice of every axis is visited once.
     share = (
         rng.permuted(np.tile(np.arange(size), (dimensions, 1)), axis=1).T + rng.random((size, dimensions))
@@ -155,6 +165,8 @@ def evolve(
         points[: len(seeds)] = seeds
     value, used, rows = fitness(points, None), size, np.arange(size)
     for _ in range(generations * max(dimensions, 3) // 3):
+        if over():
+            break
         best = points[np.argmin(value)]
         others = rng.permuted(np.tile(np.arange(size - 1), (size, 1)), axis=1)[:, :3].T
         one, two, three = (rows + 1 + others) % size

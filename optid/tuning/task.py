@@ -12,7 +12,7 @@ import numpy as np
 from optid.core.model import Array
 from optid.errors import InputError
 from optid.pid.controller import Settings
-from optid.tuning.bench import PhysicalBench
+from optid.tuning.bench import Bench
 from optid.tuning.criterion import Criterion
 from optid.tuning.demand import Episode
 from optid.tuning.loop import Course
@@ -21,6 +21,7 @@ from optid.tuning.plant import Plant
 
 STRICTER = 1.0002
 REFUSED = 1e20  # cost of gains that miss what is required; the more they miss, the more
+HUNTS = 1e10  # the same of a loop that hunts: better than one that misses a margin, worse than any that rests
 
 
 class Over(Enum):
@@ -42,6 +43,8 @@ class Task:
         required: margins to keep on every plant.
         over: how several plants count.
         bench: a physical model that is tuned for as well: one more plant, without margins.
+        bench_alone: the physical model alone judges performance, the plants judge the margins.
+        hunting: peak to peak of the output at rest beyond which gains lose to all that keep it, output's unit.
     """
 
     plants: tuple[Plant, ...]
@@ -50,7 +53,9 @@ class Task:
     criterion: Criterion = field(default_factory=Criterion)
     required: Required = field(default_factory=Required)
     over: Over = Over.WORST
-    bench: PhysicalBench | None = None
+    bench: Bench | None = None
+    bench_alone: bool = False
+    hunting: float = math.inf
 
     def __post_init__(self) -> None:
         if not self.plants:
@@ -117,23 +122,32 @@ class Task:
         missed = self.missed(gains)
         value, kept = REFUSED * (1.0 + missed), missed <= 0.0
         if np.any(kept):
-            each = self.course.costs(gains[kept])
-            if self.bench is not None:
-                each = np.column_stack(
-                    [each, self._tried(gains[kept], each, None if bar is None else bar[kept])]
-                )
-            value[kept] = np.minimum(self.together(each), REFUSED)
+            value[kept] = self._performance(gains[kept], None if bar is None else bar[kept])
         return value
+
+    def _performance(self, gains: Array, bar: Array | None) -> Array:
+        """Of gains that keep the margins, shape (n,): the cost, or beyond HUNTS by how much they hunt."""
+        if self.bench is not None and self.bench_alone:
+            cost, hunting = self._on_bench(gains, bar)
+        else:
+            each, swings = self.course.judged(gains)
+            hunting = swings.max(axis=1)
+            if self.bench is not None:
+                each = np.column_stack([each, self._tried(gains, each, bar)])
+            cost = self.together(each)
+        excess = hunting / self.hunting
+        return np.where(excess <= 1.0, np.minimum(cost, HUNTS), np.minimum(HUNTS * (1.0 + excess), REFUSED))
+
+    def _on_bench(self, gains: Array, bar: Array | None) -> tuple[Array, Array]:
+        assert self.bench is not None
+        return self.bench.judged(gains, self.settings, self.criterion, self.command_size, bar)
 
     def _tried(self, gains: Array, each: Array, bar: Array | None) -> Array:
         """Costs on the bench, shape (n,); of gains that are too bad already, the worst of the other costs."""
-        assert self.bench is not None
         found: Array = np.asarray(each.max(axis=1))
         open_still = found < (np.inf if bar is None or self.over is not Over.WORST else bar)
         if np.any(open_still):
-            found[open_still] = self.bench.costs(
-                gains[open_still], self.settings, self.criterion, self.command_size
-            )
+            found[open_still] = self._on_bench(gains[open_still], None)[0]
         return found
 
     def together(self, costs: Array) -> Array:

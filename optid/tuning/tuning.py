@@ -9,18 +9,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from optid.armax.loop import Gains as LoopGains
 from optid.errors import SolveError
 from optid.pid.controller import Controller, Gains, Settings
 from optid.tuning.baselines import Baseline, nelder_mead, rules
+from optid.tuning.bench_search import Effort
 from optid.tuning.gradient import Gradient
 from optid.tuning.loop import Course
 from optid.tuning.margins import Margins, margins
 from optid.tuning.optimise import Options, Search, as_gains, optimise
-from optid.tuning.plant import Plant
 from optid.tuning.polish import polish
 from optid.tuning.score import Response, response
 from optid.tuning.search import Box
+from optid.tuning.sticking_axis import StickingAxis
+from optid.tuning.systems import closed_loop, controller_system, open_loop
 from optid.tuning.task import Task
 from optid.tuning.ultimate import Ultimate, ultimate
 
@@ -42,7 +43,7 @@ class Scored:
         note: a word on where they come from.
         cost: what the tuning makes small, of these gains; infinite where the loop runs away.
         margins: of the linear loop on the identified model.
-        responses: on the identified model, one an episode.
+        responses: on the identified model (with dry friction where it is an axis), one an episode.
         bench: on the physical model, where one was given.
     """
 
@@ -115,6 +116,11 @@ class Tuning:
     remarks: tuple[str, ...]
 
     @property
+    def on_bench(self) -> bool:
+        """The rig's physical model judged."""
+        return self.task.bench_alone and not isinstance(self.task.bench, StickingAxis)
+
+    @property
     def controller(self) -> Controller:
         """A running controller with these gains."""
         return Controller(self.gains, self.settings)
@@ -124,18 +130,23 @@ class Tuning:
         """Controller and identified model in a row, without limits; its margins are those of `found`."""
         return open_loop(self.task.plant, self.gains)
 
+    @property
+    def controller_system(self) -> control.StateSpace:
+        """The controller without limits as python-control has it: from set-point and measurement to command."""
+        return controller_system(self.gains, self.task.plant.sample_time)
 
-def open_loop(plant: Plant, gains: Gains) -> control.TransferFunction:
-    """Loop gain L(z) of a plant and the feedback part of a controller, as python-control has it."""
-    import control
-
-    feedback = LoopGains(gains.kp, gains.ki, gains.kd, gains.derivative_filter)
-    C = control.TransferFunction(*feedback.polynomials(plant.sample_time), plant.sample_time)
-    return C * control.TransferFunction(plant.b, np.r_[1.0, plant.a], plant.sample_time)
+    @property
+    def closed_loop(self) -> control.StateSpace:
+        """From set-point to output, both degrees of freedom, without limits."""
+        return closed_loop(self.task.plant, self.gains)
 
 
 def tune(
-    task: Task, rng: np.random.Generator, options: Options | None = None, bench: Bench | None = None
+    task: Task,
+    rng: np.random.Generator,
+    options: Options | None = None,
+    bench: Bench | None = None,
+    present: Gains | None = None,
 ) -> Tuning:
     """Find gains, compare them with others, and certify.
 
@@ -144,15 +155,19 @@ def tune(
         rng: source of everything random.
         options: of the search.
         bench: runs gains on a physical model, one response an episode; where given, all gains are tried there too.
+        present: gains in force, a baseline.
 
     Raises:
         SolveError: nothing keeps what is required, or nothing stabilises the model.
     """
-    options, scale, bench = options or Options(), ultimate(task.plant), bench or task.bench
+    options, scale = options or Options(), ultimate(task.plant)
+    bench = bench or (None if isinstance(task.bench, StickingAxis) else task.bench)
     search = optimise(task, options, rng, scale)
     gains, within = search.gains, search.within
-    others = _others(task, scale, within, gains)
-    unaware = _unaware(task, options, rng, scale)
+    others = _others(task, scale, within, gains, options.effort)
+    if present is not None:
+        others.insert(0, Baseline("present", present, "the gains now in force"))
+    unaware = None if task.bench_alone else _unaware(task, options, rng, scale)
     rivals = [one.gains for one in (*others, unaware) if one is not None and one.gains is not None]
     gains = _outdone(task, within, gains, rivals)
     aware = Baseline("tuned", gains, "this tuning")
@@ -168,15 +183,21 @@ def tune(
     )  # fmt: skip
 
 
-def _others(task: Task, scale: Ultimate, within: Box, gains: Gains) -> list[Baseline]:
-    """The baselines for this loop, with the same derivative filter."""
+def _others(task: Task, scale: Ultimate, within: Box, gains: Gains, effort: Effort) -> list[Baseline]:
+    """The baselines for this loop, with the same derivative filter.
+
+    The simplex search of a practitioner works on the linear model, as far as a slow physical one judges.
+    """
     size = max((episode.size for episode in task.episodes), default=0.0) or 1.0
     most = min(abs(task.settings.low), abs(task.settings.high))
     most = most if 0.0 < most < math.inf else task.command_size
     found = rules(task.plant, scale, size, most, gains.derivative_filter)
     start = next(other.gains for other in found if other.name == "ziegler_nichols_ultimate")
     assert start is not None
-    simplex = nelder_mead(lambda points: task.fitness(within.gains(points)), within, start)
+    if effort.over():
+        return found
+    swift = replace(task, bench=None, bench_alone=False, hunting=math.inf) if task.bench_alone else task
+    simplex = nelder_mead(lambda points: swift.fitness(within.gains(points)), within, start)
     return [*found, Baseline("nelder_mead", simplex, "the same cost, from Ziegler and Nichols' gains")]
 
 
@@ -187,7 +208,9 @@ def _outdone(task: Task, within: Box, gains: Gains, rivals: list[Gains]) -> Gain
     best = int(np.argmin(costs))
     if not costs[best] < float(task.fitness(gains.vector)[0]):
         return gains
-    gradient = None if task.criterion.own or task.bench else Gradient(task, within.free)
+    if task.bench_alone:
+        return as_gains(within.gains(points[best])[0])
+    gradient = None if task.criterion.own or task.bench or within.cascade else Gradient(task, within.free)
     return as_gains(within.gains(polish(task, within, points[best], gradient))[0])
 
 
@@ -206,13 +229,20 @@ def _unaware(task: Task, options: Options, rng: np.random.Generator, scale: Ulti
 
 def _remarks(task: Task, found: Scored) -> tuple[str, ...]:
     """About the model, and about what the tuned loop does."""
-    slow = [run for run in found.responses if run.episode.rise[-1] != 0.0 and math.isinf(run.settled)]
+    alone = task.bench_alone and bool(found.bench)
+    judged = found.bench if alone else found.responses
+    slow = [
+        r for r in judged if r.episode.rise[-1] != 0.0 and math.isinf(r.settled) and not r.episode.noise.any()
+    ]
+    swings = max((run.hunting for run in judged), default=0.0)
+    hunts = [f"It hunts: {swings:.3g} peak to peak at rest, and no gains were found that rest."]
     Ms = found.margins.maximum_sensitivity if found.margins else math.inf
     thin = [f"Thin margins: maximum sensitivity {Ms:.3g}; up to 2 is usual."] if Ms > THIN else []
     lost = [run for run in found.bench if not run.bounded]
     return (
         *task.plant.remarks,
         *thin,
+        *(hunts if swings > task.hunting else []),
         *(f"{run.episode.name}: not settled within the horizon; give it a longer one." for run in slow),
         *(f"{run.episode.name}: on the physical model the loop runs away." for run in lost),
     )
@@ -241,7 +271,12 @@ def score(task: Task, one: Baseline, bench: Bench | None = None) -> Scored:
         return Scored(one.name, None, one.note, math.inf, None)
     vector, T = one.gains.vector, task.settings.sample_time
     course: Course = task.course
-    runs = tuple(response(e, *course.trace(vector, 0, n), T) for n, e in enumerate(task.episodes))
-    cost = float(task.together(course.costs(vector))[0])
+    if isinstance(task.bench, StickingAxis):
+        runs = task.bench(one.gains, task.settings)
+    else:
+        runs = tuple(response(e, *course.trace(vector, 0, n), T) for n, e in enumerate(task.episodes))
+    cost = (
+        float(task.fitness(vector)[0]) if task.bench_alone else float(task.together(course.costs(vector))[0])
+    )
     tried = bench(one.gains, task.settings) if bench else ()
     return Scored(one.name, one.gains, one.note, cost, margins(task.plant, vector), runs, tried)

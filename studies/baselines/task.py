@@ -13,6 +13,7 @@ from optid.core.readers import read_recording
 from optid.core.recording import Recording
 from optid.estimation.prediction import predict
 from optid.estimation.result import Fit
+from optid.report.scores import number
 from optid.rigs.rigfile import Rig, read_rig
 
 
@@ -53,8 +54,9 @@ def _noise(rig: Rig, found: Fit) -> Any:
 def parameters(found: Fit) -> dict[str, Any]:
     """Fitted parameters as in the contract."""
     return {
-        e.name: {"value": e.value, "unit": e.unit, "ci95": [e.low, e.high]} for e in found.parameters
-    }  # fmt: skip
+        e.name: {"value": e.value, "unit": e.unit, "ci95": [number(e.low), number(e.high)]}
+        for e in found.parameters
+    }
 
 
 @dataclass(frozen=True)

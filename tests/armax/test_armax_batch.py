@@ -8,7 +8,7 @@ import pytest
 
 from optid.armax import Armax, Orders
 from optid.armax.batch import Outcome, fit_batch, residuals_of
-from optid.armax.orders import compare_orders, grid
+from optid.armax.order_selection import compare_orders, grid
 from optid.armax.regression import triangle
 from optid.armax.residuals import residual_tests
 from optid.errors import InputError, NotIdentifiable

@@ -56,7 +56,7 @@ def test_who_asks_for_a_model_that_is_being_compiled_waits_for_it(monkeypatch, t
         return code(text)
 
     monkeypatch.setattr(module, "object_code", slowly)
-    monkeypatch.setattr("optid.core.compiling._folder", lambda: str(tmp_path))
+    monkeypatch.setattr("optid.core.cache.kernels_folder", lambda: tmp_path)
     model = build(decay)
     threads = [threading.Thread(target=compiled, args=(model, (0,))) for _ in range(4)]
     for thread in threads:

@@ -92,8 +92,8 @@ def test_text_in_a_column_nobody_maps_is_no_error(tmp_path, rig):
 
 def test_one_column_with_decimal_commas_and_a_missing_sample(tmp_path):
     (tmp_path / "one.csv").write_text("x\n0,5\n\n1,5\n2,5\n\n")
-    frame, _ = read_table(tmp_path / "one.csv")
-    np.testing.assert_array_equal(frame.frame.x, [0.5, np.nan, 1.5, 2.5])
+    found, _ = read_table(tmp_path / "one.csv", ["x"])
+    np.testing.assert_array_equal(found.columns["x"].values, [0.5, np.nan, 1.5, 2.5])
 
 
 def test_rate_stands_in_for_a_time_column(tmp_path):
@@ -129,10 +129,11 @@ def test_command_at_full_scale_is_one(tmp_path, rig):
 def test_matrices_structs_and_other_lengths_of_mat(tmp_path):
     content = mat("5", y=np.arange(12.0).reshape(6, 2), log={"t": np.arange(6.0)}, short=np.arange(3.0))
     (tmp_path / "m.mat").write_bytes(content)
-    found, _ = read_table(tmp_path / "m.mat")
-    assert sorted(found.frame.columns) == ["log.t", "y[0]", "y[1]"]
-    assert found.frame["y[1]"].tolist() == [1, 3, 5, 7, 9, 11]
-    assert "3 values" in found.left_out["short"]
+    found, _ = read_table(tmp_path / "m.mat", ["log.t", "y[1]", "short", "y"])
+    assert sorted(found.names) == ["log.t", "short", "y[0]", "y[1]"]
+    assert found.columns["y[1]"].values.tolist() == [1, 3, 5, 7, 9, 11]
+    assert found.columns["short"].values.tolist() == [0, 1, 2]
+    assert "2 signals" in found.left_out["y"]
 
 
 def test_tdms_names_groups_only_where_needed(tmp_path):
@@ -141,7 +142,10 @@ def test_tdms_names_groups_only_where_needed(tmp_path):
     channels = [nptdms.ChannelObject(g, n, np.arange(4.0)) for g, n in [("a", "x"), ("b", "x"), ("b", "u")]]
     with nptdms.TdmsWriter(str(tmp_path / "m.tdms")) as file:
         file.write_segment(channels)
-    assert sorted(read_table(tmp_path / "m.tdms")[0].frame.columns) == ["a/x", "b/x", "u"]
+    found, _ = read_table(tmp_path / "m.tdms", ["a/x", "u", "b/u", "x"])
+    assert sorted(found.names) == ["a/x", "b/x", "u"]
+    assert sorted(found.columns) == ["a/x", "b/u", "u"]
+    assert "2 groups" in found.left_out["x"]
 
 
 @pytest.mark.parametrize(

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from optid.core import cache
 from optid.core import compiled as module
-from optid.core import compiling
 from optid.core.compiled import compiled, compiled_lanes, compiled_runs
 from optid.core.simulation import simulate
 from optid.rigs.rigfile import read_rig
@@ -18,7 +18,7 @@ DATA = Path(__file__).parents[2] / "data"
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    monkeypatch.setattr(compiling, "_folder", lambda: str(tmp_path))
+    monkeypatch.setattr(cache, "kernels_folder", lambda: tmp_path)
     return tmp_path / "models"
 
 
@@ -29,44 +29,44 @@ def made(counted):
 
 def test_made_once(folder):
     counted = []
-    assert [compiling.stored("key", lambda: made(counted)) for _ in range(3)] == [b"code"] * 3
+    assert [cache.stored("key", lambda: made(counted)) for _ in range(3)] == [b"code"] * 3
     assert len(counted) == 1
-    compiling.stored("another", lambda: made(counted))
+    cache.stored("another", lambda: made(counted))
     assert len(counted) == len(list(folder.iterdir())) == 2
 
 
 @pytest.mark.parametrize("damage", [b"", b"short", bytes(40)])
 def test_a_damaged_file_is_made_anew(folder, damage):
     counted = []
-    compiling.stored("key", lambda: made(counted))
+    cache.stored("key", lambda: made(counted))
     next(folder.iterdir()).write_bytes(damage)
-    assert compiling.stored("key", lambda: made(counted)) == b"code"
-    assert compiling.stored("key", lambda: made(counted)) == b"code"
+    assert cache.stored("key", lambda: made(counted)) == b"code"
+    assert cache.stored("key", lambda: made(counted)) == b"code"
     assert len(counted) == 2
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
 def test_a_folder_without_permission_is_done_without(folder):
     folder.parent.chmod(stat.S_IRUSR | stat.S_IXUSR)
-    assert compiling.stored("key", lambda: b"code") == b"code"
+    assert cache.stored("key", lambda: b"code") == b"code"
 
 
 def test_a_file_where_the_folder_should_be_is_done_without(folder):
     folder.write_text("in the way")
-    assert compiling.stored("key", lambda: b"code") == b"code"
+    assert cache.stored("key", lambda: b"code") == b"code"
     assert folder.read_text() == "in the way"
 
 
 def test_the_older_half_goes_when_there_are_too_many(folder, monkeypatch):
-    monkeypatch.setattr(compiling, "MOST", 10)
+    monkeypatch.setattr(cache, "MOST", 10)
     for k in range(11):
-        compiling.stored(f"key {k}", lambda: b"code")
+        cache.stored(f"key {k}", lambda: b"code")
         os.utime(max(folder.iterdir(), key=lambda one: one.stat().st_ctime_ns), (k, k))
-    compiling.stored("last", lambda: b"code")
+    cache.stored("last", lambda: b"code")
     assert len(list(folder.iterdir())) == 7
     counted = []
-    compiling.stored("key 10", lambda: made(counted))
-    compiling.stored("key 0", lambda: made(counted))
+    cache.stored("key 10", lambda: made(counted))
+    cache.stored("key 0", lambda: made(counted))
     assert len(counted) == 1
 
 

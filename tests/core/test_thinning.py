@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from optid.core.recording import Channel, Recording
-from optid.core.thinning import thinned
+from optid.core.thinning import at_samples_of, thinned
 
 
 def record(rate: float, noise: float = 0.0, seconds: float = 2.0) -> Recording:
@@ -49,11 +49,40 @@ def test_what_is_missing_shifts_nothing():
     assert slow["position"].values[known] == pytest.approx(exact[known], abs=2e-7)
 
 
-def test_slow_recordings_and_those_with_gaps_stay_as_they_are():
+def test_slow_recordings_stay_as_they_are_and_gaps_are_kept():
     slow = record(1000.0)
     assert thinned(slow, ["command"]) is slow
     fast = record(10000.0)
     keep = np.r_[0:500, 700 : len(fast)]
     channels = {k: replace(c, values=c.values[keep]) for k, c in fast.channels.items()}
     gappy = replace(fast, time=fast.time[keep], channels=channels)
-    assert thinned(gappy, ["command"]) is gappy
+    slow = thinned(gappy, ["command"])
+    assert slow.rate == pytest.approx(1000.0)
+    np.testing.assert_allclose(slow.gaps(), [(0.049, 0.07)])
+    exact = 0.05 * np.sin(2 * np.pi * 1.5 * slow.time)
+    assert slow["position"].values == pytest.approx(exact, abs=4e-7)
+    keep = np.flatnonzero(np.random.default_rng(0).random(len(fast)) < 0.5)
+    torn = fast.taken(keep)
+    assert thinned(torn, ["command"]) is torn
+
+
+def test_nothing_is_folded_into_the_band():
+    """A tone just above the new Nyquist frequency, which a mere average would let through at a third of its height."""
+    fast = record(250_000.0, seconds=0.2)
+    tone = 0.01 * np.sin(2 * np.pi * 900.0 * fast.time)
+    channels = {**fast.channels, "position": replace(fast["position"], values=fast["position"].values + tone)}
+    slow = thinned(replace(fast, channels=channels), ["command"])
+    exact = 0.05 * np.sin(2 * np.pi * 1.5 * slow.time)
+    assert np.abs(slow["position"].values - exact)[5:-5].max() < 1e-4
+
+
+def test_a_slow_channel_gives_its_rows_and_commands_are_averaged_between_them():
+    fast = record(1000.0)
+    sparse = np.full(len(fast), np.nan)
+    sparse[::10] = fast["position"].values[::10]
+    channels = {**fast.channels, "position": replace(fast["position"], values=sparse)}
+    found = at_samples_of(replace(fast, channels=channels), "position", ["command"])
+    assert found.interval == pytest.approx(0.01)
+    means = fast["command"].values.reshape(-1, 10).mean(axis=1)
+    np.testing.assert_allclose(found["command"].values[:-1], means[:-1])
+    assert at_samples_of(fast, "position", ["command"]) is fast

@@ -118,3 +118,23 @@ def test_arrays_keep_missing_samples():
 )
 def test_si_unit_of_a_channel(unit, expected):
     assert si_unit_of(unit) == expected
+
+
+@pytest.mark.parametrize(
+    "text", ["1 dB", "1 dBm", "1 Np", "1 Ym^14 m^-13", "3 ym^9 m^-8", "1 m^400 m^-399 Ym^9", "1 octave"]
+)
+def test_a_unit_without_a_factor_is_refused(text):
+    for unit in ("1", "m", "W"):
+        with pytest.raises(RigError):
+            to_si(text, unit)
+
+
+@pytest.mark.parametrize("unit", ["Ym^14", "Ym^90", "m^200 kg^150"])
+def test_a_unit_beyond_the_floats_has_no_coherent_one(unit):
+    with pytest.raises(RigError):
+        si_unit_of(unit)
+
+
+def test_a_long_text_is_refused_at_once():
+    with pytest.raises(RigError, match="1000002 characters"):
+        to_si("1" + " " * 1_000_000 + "x", "m")

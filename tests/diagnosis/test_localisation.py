@@ -68,7 +68,9 @@ def test_beside_a_bypass_the_plant_is_the_plain_one(name, effect):
         changed.append(
             np.linalg.norm(np.where(abs(more) > 1e-9 * abs(both), more, 0.0) / by[:, None], axis=0)
         )
-    assert effect_activity(base, best, *best.effects) == pytest.approx(by_usual_size(*changed), rel=1e-3, abs=1e-3)
+    assert effect_activity(base, best, *best.effects) == pytest.approx(
+        by_usual_size(*changed), rel=1e-3, abs=1e-3
+    )
 
 
 def test_of_two_at_one_site_each_is_told_by_itself():

@@ -71,7 +71,16 @@ def test_the_unknown_input_goes_where_the_law_says(dead):
 def test_the_document_holds_what_the_contract_asks(dead):
     document = diagnosis_document(dead)
     assert document["verdict"] == "missing-physics"
-    keys = {"effect", "site", "equation", "parameters", "where", "evidence", "indistinguishable_from", "suspected"}
+    keys = {
+        "effect",
+        "site",
+        "equation",
+        "parameters",
+        "where",
+        "evidence",
+        "indistinguishable_from",
+        "suspected",
+    }
     assert keys <= set(document["findings"][0])
     assert {"channels", "intervals", "states"} <= set(document["findings"][0]["where"])
     assert {"holdout_fit_gain", "p_value", "delta_bic"} <= set(document["findings"][0]["evidence"])
@@ -138,7 +147,9 @@ def test_a_name_that_the_hold_out_contradicts_is_a_suspicion(tmp_path):
     found = asked(tmp_path, dead_band, held=[recording(3, "held.csv", lambda u: u)])
     assert found.verdict is Verdict.UNEXPLAINED
     assert all(finding.effect is None for finding in found.findings)
-    assert "dead_zone@drive.command" in [one.effect for finding in found.findings for one in finding.suspected]
+    assert "dead_zone@drive.command" in [
+        one.effect for finding in found.findings for one in finding.suspected
+    ]
     document = diagnosis_document(found)
     assert [f["effect"] for f in document["findings"]] == [None] * len(found.findings)
 

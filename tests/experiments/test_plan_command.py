@@ -53,7 +53,12 @@ def planned(axis):
 
 def test_it_writes_three_files_and_says_what_they_are_worth(axis, planned):
     out, said = planned
-    assert sorted(path.name for path in out.iterdir()) == ["experiment.csv", "plan.json", "report.html"]
+    assert sorted(path.name for path in out.iterdir()) == [
+        "experiment.csv",
+        "manifest.json",
+        "plan.json",
+        "report.html",
+    ]
     assert all(name in said for name in RIVALS)
     assert f"optid live {axis} --reference {out / 'experiment.csv'} --seconds 7 --rate 200" in said
     assert f"--gains '{GAINS}'" in said

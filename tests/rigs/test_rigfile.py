@@ -75,11 +75,11 @@ def test_own_plant_is_found_beside_the_rig_file(tmp_path):
     assert rig.name == "bench"  # no name in the file: the file's own
     assert rig.parameters == {"tau": 0.02}
     assert rig.channels["u"].factor == pytest.approx(1e-3)
-    # Written elsewhere, the file still finds its plant.
+    # Written elsewhere, the plant goes with the file.
     (tmp_path / "out").mkdir()
     write_rig(rig, tmp_path / "out" / "rig.toml", {"tau": 0.03})
     again = read_rig(tmp_path / "out" / "rig.toml")
-    assert again.model_name == "../plants/axis.py:axis"
+    assert again.model_name == "axis.py:axis"
     assert again.parameters == {"tau": 0.03}
 
 

@@ -11,8 +11,7 @@ from optid.pid.controller import Controller, Gains, Settings
 from optid.pid.law import GAINS, MEMORY
 from optid.tuning.criterion import Criterion
 from optid.tuning.demand import load, moves, profile, step
-from optid.tuning.gradient import Gradient, sample
-from optid.tuning.loop import PARTS
+from optid.tuning.gradient import PARTS, Gradient, sample
 from optid.tuning.margins import Frequencies, Required, excess, margins
 from optid.tuning.measure import Measure
 from optid.tuning.plant import plant_of
@@ -116,9 +115,9 @@ def test_gradient_is_that_of_casadi(task):
     episode = task.episodes[0]
     order = task.plant.a.size
     w = np.zeros((order + MEMORY + PARTS) * 3)
-    W = task.course.arrays[4][0]
+    W = task.course.arrays[5][0]
     for n in range(episode.reference.size):
-        e = [episode.reference[n], episode.load[n], W[n], episode.rise[n]]
+        e = [episode.reference[n], episode.load[n], W[n], episode.rise[n], 0.0]
         w = function(w, [FAST.kp, FAST.kd], e, FAST.vector)
     rows = np.array(w).reshape(3, -1)[:, order + MEMORY]
     value, slope = Gradient(task, free)(FAST.vector)

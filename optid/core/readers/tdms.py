@@ -1,4 +1,4 @@
-"""NI TDMS, the format of LabVIEW and DIAdem."""
+"""NI TDMS, the format of LabVIEW, DIAdem and FlexLogger."""
 
 from __future__ import annotations
 
@@ -6,28 +6,44 @@ import io
 import logging
 from collections import Counter
 from pathlib import Path
+from typing import Any
 
-from optid.core.readers.table import EXTRA, Table, tabulate
+import numpy as np
+
+from optid.core.readers.limits import Budget
+from optid.core.readers.table import EXTRA, Clock, Column, Table
 from optid.errors import RecordingError
 
 
-def read(data: bytes, path: Path) -> Table:
-    """Every channel of a TDMS file, named by its channel, or "group/channel" where two groups share the name.
+def read(data: bytes, path: Path, wanted: tuple[str, ...], budget: Budget) -> Table:
+    """The channels of a TDMS file that are asked for, each with its waveform's clock where it has one.
+
+    They go by the channel's name, or "group/channel" where two groups share it.
 
     Raises:
         RecordingError: truncated or damaged, no channels, or npTDMS is not installed.
     """
     try:
         import nptdms
-    except ImportError:
-        raise RecordingError("TDMS files need npTDMS", where=path, hint=EXTRA) from None
+    except ImportError as error:
+        broken = "" if isinstance(error, ModuleNotFoundError) else f" (it is there, but broken: {error})"
+        raise RecordingError(f"TDMS files need npTDMS{broken}", where=path, hint=EXTRA) from None
     _quiet()
     try:
-        file = nptdms.TdmsFile.read(io.BytesIO(data))
-        channels = [
-            (group.name, channel.name, channel[:]) for group in file.groups() for channel in group.channels()
-        ]
-        incomplete = getattr(file.file_status, "incomplete_final_segment", False)
+        with nptdms.TdmsFile.open(io.BytesIO(data)) as file:
+            incomplete = bool(getattr(file.file_status, "incomplete_final_segment", False))
+            channels = [(group.name, channel) for group in file.groups() for channel in group.channels()]
+            names = _names([(group, channel.name) for group, channel in channels])
+            columns, left_out = {}, {}
+            for (group, channel), name in zip(channels, names, strict=True):
+                for asked in {name, f"{group}/{channel.name}"} & set(wanted):
+                    column = _column(channel, budget)
+                    if isinstance(column, str):
+                        left_out[asked] = column
+                    else:
+                        columns[asked] = column
+    except RecordingError:
+        raise
     except Exception as error:  # npTDMS raises whatever the damaged bytes lead it to
         reason = " ".join(f"{type(error).__name__} {error}".split())[:120]
         raise RecordingError(
@@ -35,13 +51,36 @@ def read(data: bytes, path: Path) -> Table:
         ) from None
     if incomplete:
         raise RecordingError("the TDMS data ends in the middle", where=path, expected="a complete file")
-    times = Counter(name for _, name, _ in channels)
-    vectors = {
-        (name if times[name] == 1 else f"{group}/{name}"): values
-        for group, name, values in channels
-        if len(values)
-    }
-    return tabulate(vectors, path, "tdms")
+    if not channels:
+        raise RecordingError("the TDMS file has no channels", where=path, expected="at least one channel")
+    twice = {name for name, count in Counter(channel.name for _, channel in channels).items() if count > 1}
+    for name in wanted:
+        if name in twice:
+            groups = [n for n in names if n.endswith(f"/{name}")]
+            left_out[name] = f"stands in {len(groups)} groups: map one, {' or '.join(groups[:4])}"
+    return Table(columns, names, "tdms", "", left_out)
+
+
+def _names(channels: list[tuple[str, str]]) -> list[str]:
+    times = Counter(name for _, name in channels)
+    return [name if times[name] == 1 else f"{group}/{name}" for group, name in channels]
+
+
+def _column(channel: Any, budget: Budget) -> Column | str:
+    size = len(channel)
+    if not size:
+        return "holds no samples"
+    budget.take(size * 8, f'the channel "{channel.name}"')
+    values = np.asarray(channel[:])
+    properties = channel.properties
+    unit = str(properties.get("unit_string", ""))
+    step = properties.get("wf_increment")
+    if not isinstance(step, int | float) or not step > 0:
+        return Column(values, unit=unit)
+    begun = properties.get("wf_start_time")
+    origin = 0 if begun is None else int(np.datetime64(begun, "ns").astype(np.int64))
+    first = float(properties.get("wf_start_offset", 0.0) or 0.0)
+    return Column(values, Clock(first + np.arange(size, dtype=np.float64) * float(step), origin), unit)
 
 
 def _quiet() -> None:

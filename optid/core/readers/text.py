@@ -1,164 +1,223 @@
-"""Text tables: CSV with any delimiter, decimal point or comma, comments after # or %.
+"""Text tables: CSV and its kin, and what measurement programs, oscilloscopes and controllers write as text.
 
-The first line that is neither blank nor a comment names the columns. Lines are counted here, not by
-pandas, so that every complaint about a value can name its line, and no short row is filled up in silence.
+`layout` finds where the table begins; here its rows are checked and the mapped columns read. Lines are counted here,
+not by pandas, so that every complaint about a value can name its line, and no short row is filled up in silence.
 """
 
 from __future__ import annotations
 
 import codecs
-import csv
 import io
+import itertools
 import re
-from collections import Counter
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from optid.core.readers.table import FORMATS, Table
+from optid.core.readers import loggers
+from optid.core.readers.cells import MISSING, Unreadable, is_missing, is_stamp, numbers
+from optid.core.readers.formats import FORMATS
+from optid.core.readers.layout import Layout, find_layout, has_decimal_comma, split, unit_in
+from optid.core.readers.limits import LONGEST_LINE, Budget, shown
+from optid.core.readers.rows import Rows
+from optid.core.readers.table import Column, Raw, Table
 from optid.errors import RecordingError
 
-_DELIMITERS = ("\t", ";", "|", ",", " ")  # " " stands for any run of blanks
-_SAMPLE = 50  # lines looked at to find delimiter and decimal sign
-_NUMBER = re.compile(r"[-+]?(\d+[.,]?\d*|[.,]\d+)([eE][-+]?\d+)?|[-+]?(inf|nan)", re.IGNORECASE)
-_COMMA_NUMBER = re.compile(r"(?<![\w.,])[-+]?\d*,\d+(?![\d,]*,)")
-_POINT_NUMBER = re.compile(r"\d\.\d|(?<!\w)\.\d")
-
-
-def read(data: bytes, path: Path) -> Table:
-    """Every column of a text table.
-
-    Raises:
-        RecordingError: not text, no header, no rows, two columns of one name, or a row of another length.
-    """
+if TYPE_CHECKING:
     import pandas as pd
 
-    lines = _decoded(data, path).replace("\r\n", "\n").replace("\r", "\n").split("\n")
-    header, numbers, notes = _rows(lines, path)
-    body = [lines[i] for i in numbers]
-    delimiter = _delimiter(lines[header], body[:_SAMPLE])
-    names = _names(_fields(lines[header], delimiter), header, path)
-    if not body:
-        raise RecordingError(f"only a header (line {header + 1})", where=path, expected="rows of numbers")
-    width = _width(body, numbers, len(names), delimiter, path)
-    names += [f"column {k + 1}" for k in range(len(names), width)]
-    if width == 1:  # a blank line in a single column is a missing sample, not an empty line
-        numbers = list(range(numbers[0], numbers[-1] + 1))
-        numbers = [i for i in numbers if not _is_comment(lines[i])]
-        body, notes = [lines[i].strip() or "nan" for i in numbers], ()
+_HEAD_LINES, _HEAD_BYTES = 3000, 8 << 20  # within which a table begins
+_BINARY = re.compile(rb"[\x00-\x08\x0e-\x19\x1b-\x1f]")
+_SAMPLE = 2000  # rows looked at for a first guess of the decimal sign; the column itself decides
+
+
+@dataclass(frozen=True)
+class _Text:
+    data: bytes  # in an encoding of one byte a sign for all that structures a table
+    encoding: str
+    lines: tuple[str, ...]  # of the head
+
+
+def read(data: bytes, path: Path, wanted: tuple[str, ...], budget: Budget) -> Table:
+    """The columns of a text table that are asked for, by name or as "column 3".
+
+    Raises:
+        RecordingError: not text, no table, a row of another length, a mapped column twice.
+    """
+    text = _decoded(data, path)
+    layout = find_layout(text.lines, wanted)
+    if layout is None:
+        raise _no_table(text.lines, path)
+    logger = loggers.recognised(text.lines, layout)
+    about = f"{logger.title}, whose table begins in line {layout.first + 1}" if logger else ""
+    names = [name for name in layout.names if name]
+    if not layout.found:
+        return _nothing_found(layout, about, path)
+    rows = Rows.of(text.data, text.encoding, layout, path)
+    frame = _frame(rows, layout, text.encoding, path)
+    notes = rows.notes + tuple(f'"{words}" is taken for "{name}"' for name, words in layout.relaxed.items())
+    columns = {int(k): _column(frame[k], rows, layout, int(k), path) for k in frame.columns.tolist()}
+    if logger is not None and logger.change is not None:
+        columns, more = logger.change(layout, columns)
+        notes += more
+    chosen = {name: _chosen(name, indices, columns, layout, path) for name, indices in layout.found.items()}
+    chosen = _own_clocks(layout, chosen, columns, wanted)
+    return Table(chosen, names, "csv", about, {}, notes, rows.place)
+
+
+def _decoded(data: bytes, path: Path) -> _Text:
+    encoding = "utf-8"
+    if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)) or data[1:8:2] == b"\0\0\0\0":
+        wide = "utf-16" if data[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE) else "utf-16-le"
+        data = data.decode(wide, errors="replace").encode()
+    data = data.removeprefix(codecs.BOM_UTF8)
+    # Control characters other than tab, line ends and the old end-of-file mark do not occur in a table.
+    if _BINARY.search(data[: 1 << 20]) or _BINARY.search(data[-(1 << 16) :]):
+        raise RecordingError("this is not text, nor a known binary format", where=path, expected=FORMATS)
+    head = data[:_HEAD_BYTES]
+    if b"\n" not in head and b"\r" in head:
+        data = data.replace(b"\r", b"\n")
+        head = data[:_HEAD_BYTES]
+    try:
+        data.decode("utf-8")
+    except UnicodeDecodeError:
+        encoding = "latin-1"  # older exports: only names such as "µm" differ, numbers do not
+    lines = head.split(b"\n")
+    if len(head) < len(data) and len(lines) > 1:
+        lines.pop()
+    longest = max(map(len, lines))
+    if longest > LONGEST_LINE:
+        raise RecordingError(
+            f"a line of {longest / 1e6:.3g} MB", where=path, expected="a table with a row on each line"
+        )
+    shown_lines = (line.decode(encoding, errors="replace").rstrip("\r") for line in lines[:_HEAD_LINES])
+    return _Text(data, encoding, tuple(shown_lines))
+
+
+def _no_table(lines: Sequence[str], path: Path) -> RecordingError:
+    full = [i for i, line in enumerate(lines) if line.strip(" \t\x1a")]
+    bare = [i for i in full if not lines[i].lstrip().startswith(("#", "%", "//"))]
+    if not full:
+        return RecordingError("the file is empty", where=path, expected=f"a table as {FORMATS}")
+    if not bare:
+        return RecordingError(
+            "nothing but blank lines and comments", where=path, expected="a header and rows"
+        )
+    if len(bare) == 1:
+        return RecordingError(f"only a header (line {bare[0] + 1})", where=path, expected="rows of numbers")
+    place = f"line {bare[-1] + 1}" if len(bare) < _HEAD_LINES else "the file"
+    return RecordingError(
+        f"no rows of numbers as far as {place}", where=path,
+        expected="a header line that names the columns, and rows of numbers below it",
+    )  # fmt: skip
+
+
+def _nothing_found(layout: Layout, about: str, path: Path) -> Table:
+    if layout.header is None:
+        raise RecordingError(
+            f"line {layout.first + 1} holds numbers only, so no column has a name", where=path,
+            expected="a header line",
+            hint='write the names first, such as "t,u,x", or map columns by their place: "column 1"',
+        )  # fmt: skip
+    about = (
+        about
+        or f"its table seems to begin in line {layout.first + 1} with the names in line {layout.header + 1}"
+    )
+    return Table({}, [name for name in layout.names if name], "csv", about)
+
+
+def _frame(rows: Rows, layout: Layout, encoding: str, path: Path) -> pd.DataFrame:
+    """The mapped columns as pandas reads them: numbers where all cells are, else texts."""
+    import pandas as pd
+
+    places = sorted({*layout.places, *loggers.clock_columns(layout)})
+    sample = [split(line, layout.delimiter) for line in itertools.islice(rows.sample(), _SAMPLE)]
+    blank = rows.width == 1  # a blank line in a single column is a missing sample
     try:
         frame = pd.read_csv(
-            io.StringIO("\n".join(body)),
-            sep=r"\s+" if delimiter == " " else delimiter,
-            header=None,
-            names=names,
-            index_col=False,
-            decimal="," if _decimal_comma(body[:_SAMPLE], delimiter) else ".",
-            skipinitialspace=True,
-            skip_blank_lines=False,
-            low_memory=False,
-        )
-    except (ValueError, OverflowError) as error:  # pandas raises ParserError, a ValueError
-        raise RecordingError(f"the table cannot be read ({error})", where=path) from None
-    idle = [name for name in names if name.startswith("column ") and frame[name].isna().all()]
-    frame = frame.drop(columns=idle)
-    keep = frame.notna().any(axis="columns").to_numpy() if width > 1 else np.ones(len(frame), dtype=bool)
-    if not keep.all():
-        notes += (f"{int((~keep).sum())} rows without any value are left out",)
-    places = np.array(numbers, dtype=np.int64)[keep] + 1
-    return Table(frame[keep].reset_index(drop=True), "csv", places, notes=notes)
-
-
-def _decoded(data: bytes, path: Path) -> str:
-    if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
-        return data.decode("utf-16", errors="replace")
-    # Control characters other than tab, line ends and the old end-of-file mark do not occur in a table.
-    if re.search(rb"[\x00-\x08\x0e-\x19\x1b-\x1f]", data):
-        raise RecordingError("this is not text, nor a known binary format", where=path, expected=FORMATS)
-    try:
-        return data.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        return data.decode("latin-1")  # older exports: only names such as "µm" differ, numbers do not
-
-
-def _is_comment(line: str) -> bool:
-    return line.lstrip().startswith(("#", "%"))
-
-
-def _rows(lines: Sequence[str], path: Path) -> tuple[int, list[int], tuple[str, ...]]:
-    """Index of the header line, those of the data lines, and a note on blank lines among them."""
-    full = [i for i, line in enumerate(lines) if line.strip(" \t\x1a") and not _is_comment(line)]
-    if not full:
-        raise RecordingError("nothing but blank lines and comments", where=path, expected="a header and rows")
-    blank = sum(1 for line in lines[full[0] : full[-1]] if not line.strip())
-    notes = (f"{blank} blank lines are left out",) if blank else ()
-    return full[0], full[1:], notes
-
-
-def _fields(line: str, delimiter: str) -> list[str]:
-    if delimiter == " ":
-        return [cell.strip('"') for cell in line.split()]
-    return [
-        cell.strip() for cell in next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), [""])
-    ]
-
-
-def _count(line: str, delimiter: str) -> int:
-    if '"' in line:
-        return len(_fields(line, delimiter))
-    return len(line.split()) if delimiter == " " else line.count(delimiter) + 1
-
-
-def _delimiter(header: str, sample: Sequence[str]) -> str:
-    """The delimiter for which most rows have as many fields as the header; the first of the list on a tie."""
-
-    def agreement(delimiter: str) -> float:
-        width = _count(header, delimiter)
-        if width < 2:
-            return -1.0
-        return sum(_count(line, delimiter) in (width, width + 1) for line in sample) / max(len(sample), 1)
-
-    best = max(_DELIMITERS, key=agreement)
-    # One column: no delimiter agrees, and the comma in "0,5" is a decimal sign.
-    return best if agreement(best) > 0 or (agreement(best) == 0 and sample) else ";"
-
-
-def _decimal_comma(sample: Sequence[str], delimiter: str) -> bool:
-    text = "\n".join(sample)
-    return delimiter != "," and bool(_COMMA_NUMBER.search(text)) and not _POINT_NUMBER.search(text)
-
-
-def _names(cells: list[str], line: int, path: Path) -> list[str]:
-    filled = [cell for cell in cells if cell]
-    if all(_NUMBER.fullmatch(cell) for cell in filled):
-        raise RecordingError(
-            f"line {line + 1} holds numbers only, so no column has a name", where=path,
-            expected="a header line", hint='write the names first, such as "t,u,x"',
+            io.BytesIO(rows.body),
+            sep=r"\s+" if layout.delimiter == " " else layout.delimiter,
+            header=None, names=range(rows.widest), usecols=places, index_col=False,
+            decimal="," if has_decimal_comma(sample, places) else ".",
+            na_values=list(MISSING), keep_default_na=True, skipinitialspace=True,
+            skip_blank_lines=not blank, encoding=encoding, encoding_errors="replace", low_memory=rows.long,
         )  # fmt: skip
-    twice = [name for name, times in Counter(filled).items() if times > 1]
-    if twice:
+    except (ValueError, OverflowError) as error:  # pandas raises ParserError, a ValueError
+        reason = " ".join(str(error).split())[:160]
+        raise RecordingError(f"the table cannot be read ({reason})", where=path) from None
+    return frame
+
+
+def _column(series: pd.Series[Any], rows: Rows, layout: Layout, k: int, path: Path) -> Column:
+    """A column whose cells are all numbers as such; stamps and texts as texts."""
+    unit = _unit(layout, k)
+    if series.dtype.kind in "iufb":
+        return Column(series.to_numpy(), unit=unit)
+    cells = series.to_numpy(dtype=object)
+    known = [
+        cell
+        for cell in itertools.islice(cells, 200)
+        if isinstance(cell, str) and not is_missing(cell.strip())
+    ]
+    if known and all(is_stamp(cell.strip()) for cell in known):
+        return Column(cells, unit=unit)
+    comma = rows.decimal_comma(layout)
+    try:
+        return Column(numbers(cells, comma), unit=unit)
+    except Unreadable as error:
+        if not error.ambiguous:
+            return Column(cells, unit=unit)  # told when its unit is known
         raise RecordingError(
-            f'line {line + 1}: the column "{twice[0]}" stands twice', where=path, expected="unique names"
-        )
-    return [cell or f"column {k + 1}" for k, cell in enumerate(cells)]
+            f'{rows.place(error.row)} holds "{shown(error.found)}", which may be grouped thousands or a decimal point, '
+            "as other columns have decimal commas", where=path, field=f'column "{shown(layout.names[k])}"',
+            expected="one decimal sign", hint="export without grouping",
+        ) from None  # fmt: skip
 
 
-def _width(body: Sequence[str], numbers: Sequence[int], width: int, delimiter: str, path: Path) -> int:
-    """Fields a row has: as many as the header, or one more where every row ends in a delimiter."""
-    counts = [_count(line, delimiter) for line in body]
-    if (
-        delimiter != " "
-        and all(c == width + 1 for c in counts)
-        and all(line.rstrip(" ").endswith(delimiter) for line in body)
-    ):
-        return width + 1
-    for number, count in zip(numbers, counts, strict=True):
-        if count != width:
-            last = number == numbers[-1]
-            raise RecordingError(
-                f"line {number + 1} has {count} {'field' if count == 1 else 'fields'}", where=path,
-                expected=f"{width}, as in the header",
-                hint="the file may be truncated" if last else None,
-            )  # fmt: skip
-    return width
+def _unit(layout: Layout, k: int) -> str:
+    inside = unit_in(layout.names[k]) if k < len(layout.names) else ""
+    if inside:
+        return inside
+    for row in layout.between:
+        cell = row[k].strip("()[]{} ") if k < len(row) else ""
+        if cell and len(cell) < 12 and len(row) >= len(layout.names) - 1:
+            return cell
+    return ""
+
+
+def _chosen(
+    name: str, indices: tuple[int, ...], columns: dict[int, Column], layout: Layout, path: Path
+) -> Column:
+    """The one column of a name; several serve if they are alike."""
+    first = columns[indices[0]]
+    alike = all(_same(first.values, columns[k].values) for k in indices[1:])
+    if alike or loggers.are_clocks(layout, indices):
+        return first
+    line = f"line {layout.header + 1}: " if layout.header is not None else ""
+    places = " or ".join(f'"column {k + 1}"' for k in indices)
+    raise RecordingError(
+        f'{line}the column "{shown(name)}" stands twice', where=path, expected="unique names",
+        hint=f"map it by its place: {places}",
+    )  # fmt: skip
+
+
+def _same(a: Raw, b: Raw) -> bool:
+    if a.dtype.kind in "iufb" and b.dtype.kind in "iufb":
+        return bool(np.array_equal(a.astype(float), b.astype(float), equal_nan=True))
+    return a.dtype == b.dtype and all(x == y or (x != x and y != y) for x, y in zip(a, b, strict=True))
+
+
+def _own_clocks(
+    layout: Layout, chosen: dict[str, Column], columns: dict[int, Column], wanted: Sequence[str]
+) -> dict[str, Column]:
+    """Columns with the clock that stands before them, where the file has one before each."""
+    clocks = loggers.clocks_before(layout)
+    found = dict(chosen)
+    for name in wanted:
+        k = layout.found.get(name, (-1,))[0]
+        if k in clocks and k not in clocks.values():
+            found[name] = loggers.with_clock(chosen[name], columns[clocks[k]], layout)
+    return found

@@ -14,6 +14,7 @@ from optid.armax.model import Armax
 from optid.armax.regression import arx_rows, solve
 from optid.armax.signals import Signals, check_orders, signals, usable
 from optid.armax.structure import Orders
+from optid.armax.trend import Frame, Trend
 from optid.core.model import Array
 from optid.errors import NotIdentifiable
 
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 HEAD = 4  # the noise is looked up in one sample of so many, the first ones
+FEW = 20_000  # and in no more than these
 LONG = 10  # coefficients of the long ARX model that does it
 
 
@@ -95,7 +97,7 @@ class Identification:
         track: theta after every so many samples, shape (rows, parameters).
         every: samples between two rows of `track`.
         counts: what happened to the samples.
-        state: the identifier's memory after the last sample.
+        state: the identifier's memory after the last sample, of signals centred and scaled as `Frame` has them.
     """
 
     model: Armax
@@ -125,7 +127,7 @@ def names(orders: Orders) -> list[str]:
 def noise_share(record: Signals, orders: Orders) -> float:
     """Standard deviation of the innovation as a share of the output's scale, by a long ARX model."""
     scale, inputs = record.scales
-    head = record.part(0, max(record.y.size // HEAD, 20 * (LONG + orders.parameters)))
+    head = record.part(0, min(max(record.y.size // HEAD, 20 * (LONG + orders.parameters)), FEW))
     scaled = Signals(head.y / scale, head.u / inputs)
     long = Orders(max(LONG, orders.na), tuple(max(LONG, nb) for nb in orders.nb), 0, orders.nk)
     Phi, y = arx_rows(scaled, long)
@@ -143,6 +145,8 @@ def identify(
     settings: Settings | None = None,
     every: int = 0,
     start: ArrayLike | None = None,
+    *,
+    trend: Trend = Trend.NONE,
 ) -> Identification:
     """Run the recursion over a whole recording.
 
@@ -154,6 +158,7 @@ def identify(
         settings: how it learns.
         every: keep theta after every so many samples; 0 keeps about a thousand rows.
         start: theta to begin with; zeros where None.
+        trend: what is learnt beside eq. 12, as inputs behind the others.
 
     Raises:
         RecordingError: arrays of shapes that do not fit.
@@ -162,11 +167,19 @@ def identify(
     record = signals(y, u)
     check_orders([record], orders)
     settings = settings or Settings()
+    frame = Frame.of([record], orders, sample_time, trend)
+    inner, full = frame.augmented(record), frame.full_orders
     if settings.noise is None:
-        settings = replace(settings, noise=noise_share(record, orders))
-    identifier = Identifier(orders, sample_time, settings, record.scales)
+        settings = replace(settings, noise=noise_share(inner, full))
+    identifier = Identifier(full, sample_time, settings)
     if start is not None:
-        identifier.start_at(start)
+        identifier.start_at(frame.entered(np.asarray(start, dtype=float)))
     every = every or max(1, record.y.size // 1000)
-    innovations, track = identifier.run(record.y, record.u, every)
-    return Identification(identifier.model, innovations, track, every, identifier.counts, identifier.state)
+    innovations, track = identifier.run(inner.y, inner.u, every)
+    M, m = frame.affine()
+    own = np.r_[0 : orders.parameters - orders.nc, full.c_block]
+    variance = identifier.noise_variance * frame.output**2
+    return Identification(
+        frame.model(identifier.theta, variance, identifier.covariance), innovations * frame.output,
+        (track @ M.T + m)[:, own], every, identifier.counts, identifier.state,
+    )  # fmt: skip

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from optid.armax.compiling import compiled, folded
+from optid.armax.compiling import inline_jit, jit
 from optid.armax.layout import (
     BOUNDED,
     EASE,
@@ -25,7 +25,7 @@ from optid.armax.layout import (
     WEIGHT,
     Shape,
 )
-from optid.armax.vectors import inner, move, part, sweep, weigh
+from optid.armax.ud_simd import inner, move, part, sweep, weigh
 from optid.core.model import Array
 
 LARGEST_STEP = 1e100  # squared length of a step of theta; a larger one is not taken
@@ -34,7 +34,7 @@ QUIET = 0.02  # share of the usual news below which a sample counts as rest
 RETRACE = 256  # updates between two exact computations of the trace of P
 
 
-@compiled
+@jit
 def trace_of(U: Array, D: Array, size: int) -> float:
     """The trace of U D U'."""
     total = 0.0
@@ -46,7 +46,7 @@ def trace_of(U: Array, D: Array, size: int) -> float:
     return total
 
 
-@folded
+@inline_jit
 def weight_of(s: Array, n: int, e: float) -> float:
     """An outlier counts with Huber's weight: its step is that of an innovation at the bound."""
     if s[OUTLIER] > 0.0 and s[UPDATES] > 2.0 * n + 10.0:
@@ -58,7 +58,7 @@ def weight_of(s: Array, n: int, e: float) -> float:
     return 1.0
 
 
-@folded
+@inline_jit
 def forget_of(s: Array, n: int, e: float, weight: float, news: float) -> float:
     """By what factor earlier samples fade at this one."""
     updates = s[UPDATES]
@@ -98,7 +98,7 @@ def forget_of(s: Array, n: int, e: float, weight: float, news: float) -> float:
     return forget
 
 
-@folded
+@inline_jit
 def learn(s: Array, shape: Shape, e: float, news: float) -> float:
     """Move theta and P by one innovation; returns how many G theta has moved."""
     n = shape.n

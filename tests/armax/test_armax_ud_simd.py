@@ -8,54 +8,54 @@ import numba
 import numpy as np
 import pytest
 
-from optid.armax import triangle, vectors
+from optid.armax import ud_factor, ud_simd
 
 SIZES = [4, 8, 12, 16, 28]
 
 
 @numba.njit
 def inner(x, y, size):
-    return vectors.inner(x, y, size)
+    return ud_simd.inner(x, y, size)
 
 
 @numba.njit
 def project(U, D, psi, F, V, size):
-    return vectors.project(U, D, psi, F, V, size)
+    return ud_simd.project(U, D, psi, F, V, size)
 
 
 @numba.njit
 def weigh(D, F, V, size, w, fade):
-    return vectors.weigh(D, F, V, size, w, fade)
+    return ud_simd.weigh(D, F, V, size, w, fade)
 
 
 @numba.njit
 def sweep(U, V, F, G, size):
-    return vectors.sweep(U, V, F, G, size)
+    return ud_simd.sweep(U, V, F, G, size)
 
 
 @numba.njit
 def shift(past, length):
-    return vectors.shift(past, length)
+    return ud_simd.shift(past, length)
 
 
 @numba.njit
 def enter(past, length, x):
-    return vectors.enter(past, length, x)
+    return ud_simd.enter(past, length, x)
 
 
 @numba.njit
 def copy(there, here, length):
-    return vectors.copy(there, here, length)
+    return ud_simd.copy(there, here, length)
 
 
 @numba.njit
 def move(x, y, step, size):
-    return vectors.move(x, y, step, size)
+    return ud_simd.move(x, y, step, size)
 
 
 @numba.njit
 def part(s, at):
-    return vectors.part(s, at)
+    return ud_simd.part(s, at)
 
 
 def same(plain: Callable[..., float], fast: Callable[..., float], *arguments) -> None:
@@ -77,14 +77,14 @@ def test_every_function_is_its_plain_twin(size):
     columns, D, psi = U.T.ravel().copy(), np.abs(numbers(size)), numbers(size + 1)[:size].copy()
     F, V, G = np.zeros(size), np.zeros(size), np.zeros(size)
     for length in (size, size - 1, size - 2, size - 3, 0):
-        same(triangle.inner, inner, psi, D, length)
-    same(triangle.project, project, columns, D, psi, F, V, size)
+        same(ud_factor.inner, inner, psi, D, length)
+    same(ud_factor.project, project, columns, D, psi, F, V, size)
     assert pytest.approx(U.T @ psi, rel=1e-9) == F
-    for w in (1.01, 0.0, -0.5 / triangle.inner(F, V, size)):
-        same(triangle.weigh, weigh, D.copy(), F.copy(), V, size, w, 1.01)
-    same(triangle.sweep, sweep, columns, V, F, G, size)
+    for w in (1.01, 0.0, -0.5 / ud_factor.inner(F, V, size)):
+        same(ud_factor.weigh, weigh, D.copy(), F.copy(), V, size, w, 1.01)
+    same(ud_factor.sweep, sweep, columns, V, F, G, size)
     assert pytest.approx(U @ V, rel=1e-9) == G
-    same(triangle.move, move, D, G, -0.3, size)
+    same(ud_factor.move, move, D, G, -0.3, size)
 
 
 @pytest.mark.parametrize("size", SIZES)
@@ -112,7 +112,7 @@ def test_the_update_is_the_matrix_s(size, w):
 @pytest.mark.parametrize("length", [0, 1, 2, 4, 5, 9, 16, 31])
 def test_shift_moves_everything_one_back(length):
     past = np.arange(40.0)
-    same(triangle.shift, shift, past, length)
+    same(ud_factor.shift, shift, past, length)
     assert past[1:length].tolist() == list(range(length - 1))
     assert past[max(length, 1) :].tolist() == list(range(max(length, 1), 40))
 
@@ -120,14 +120,14 @@ def test_shift_moves_everything_one_back(length):
 @pytest.mark.parametrize("length", [0, 4, 8, 16])
 def test_the_newest_enters_in_front(length):
     past = np.arange(20.0)
-    same(triangle.enter, enter, past, length, -1.0)
+    same(ud_factor.enter, enter, past, length, -1.0)
     assert past[:length].tolist() == [-1.0, *range(length - 1)][:length]
     assert past[length:].tolist() == list(range(length, 20))
 
 
 @pytest.mark.parametrize("length", [0, 1, 3, 4, 7, 8, 30])
 def test_copy_copies(length):
-    same(triangle.copy, copy, np.zeros(40), np.arange(40.0), length)
+    same(ud_factor.copy, copy, np.zeros(40), np.arange(40.0), length)
 
 
 def test_part_is_a_view():

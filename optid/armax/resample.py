@@ -10,6 +10,7 @@ import numpy as np
 from optid.armax.signals import Signals
 from optid.core.model import Array
 from optid.core.recording import Recording
+from optid.core.thinning import at_samples_of
 from optid.errors import InputError, nearest
 
 LONGEST_GAP = 1000  # samples kept of a gap: after any longer one the recursion begins anew all the same
@@ -36,8 +37,10 @@ class Sampled:
     input_units: tuple[str, ...]
 
 
-def evenly(recording: Recording, output: str, inputs: Sequence[str]) -> Sampled:
+def resample(recording: Recording, output: str, inputs: Sequence[str]) -> Sampled:
     """Put every sample on the grid of the median interval; what was lost between samples is NaN.
+
+    An output with a slower rate of its own gives the grid: the inputs are averaged over its intervals.
 
     Raises:
         InputError: a channel the recording does not hold, or one that is both input and output.
@@ -51,6 +54,7 @@ def evenly(recording: Recording, output: str, inputs: Sequence[str]) -> Sampled:
             )  # fmt: skip
     if output in inputs or len(set(inputs)) < len(inputs):
         raise InputError(f'"{output}" from {", ".join(inputs)}', expected="channels that differ")
+    recording = at_samples_of(recording, output, inputs)
     steps = np.clip(np.round(np.diff(recording.time) / recording.interval), 1, LONGEST_GAP).astype(np.int64)
     at = np.concatenate([[0], np.cumsum(steps)])
     time = np.interp(np.arange(at[-1] + 1), at, recording.time)

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from optid.armax.batch import BatchFit, fit_batch
+from optid.armax.batch import SEARCHED, BatchFit, fit_batch
 from optid.armax.prediction import fit_percent, innovations, predict, simulate
 from optid.armax.signals import Signals, signals
 from optid.armax.structure import Orders
+from optid.armax.trend import Trend
 from optid.core.model import Array
 from optid.errors import InputError, NotIdentifiable
 
@@ -20,6 +21,9 @@ if TYPE_CHECKING:
     import pandas as pd
 
 BLOCKS = 20  # of the held-out part, over which the spread of a difference in loss is taken
+GLANCED = 10_000  # samples on which delays are compared
+VALIDATED = 100_000  # samples of the held-out part, at most
+LEAD = 2000  # samples before it on which residuals run in
 SURE = 2.0  # standard errors by which a larger model must forecast better to be worth its parameters
 
 
@@ -97,6 +101,8 @@ def compare_orders(
     candidates: Iterable[Orders],
     sample_time: float = 1.0,
     held_out: float = 0.3,
+    trend: Trend = Trend.NONE,
+    tell: Callable[[float], None] = lambda share: None,
 ) -> OrderTable:
     """Fit each candidate by batch prediction errors and validate it on the last part of the recording.
 
@@ -105,6 +111,8 @@ def compare_orders(
         candidates: orders and delays to compare.
         sample_time: seconds.
         held_out: share of the recording kept for validation.
+        trend: what stands beside eq. 12.
+        tell: is told the share done.
 
     Raises:
         NotIdentifiable: no candidate could be fitted.
@@ -112,11 +120,13 @@ def compare_orders(
     if not 0.05 <= held_out <= 0.9:
         raise InputError(f"{held_out}", field="held_out", expected="a share from 0.05 to 0.9")
     record = signals(y, u)
-    cut = round(record.y.size * (1.0 - held_out))
-    rows, refused = [], []
-    for orders in candidates:
+    cut = cut_of(record.y.size, held_out)
+    rows, refused, listed = [], [], list(candidates)
+    searched = record.part(0, cut).excerpts(SEARCHED)
+    for done, orders in enumerate(listed):
+        tell(done / len(listed))
         try:
-            fit = fit_batch([(record.y[:cut], record.u[:cut])], orders, sample_time)
+            fit = fit_batch(searched, orders, sample_time, trend=trend)
         except NotIdentifiable as error:
             refused.append((orders, str(error)))
         else:
@@ -127,15 +137,42 @@ def compare_orders(
     return OrderTable(tuple(rows), recommended, words, tuple(refused))
 
 
+def cut_of(samples: int, held_out: float = 0.3) -> int:
+    """First sample of the part held out."""
+    return round(samples * (1.0 - held_out))
+
+
+def choose_delay(record: Signals, candidates: Iterable[Orders], trend: Trend) -> tuple[int, ...]:
+    """The delays of the candidate with the least loss; of those that differ by chance alone, of the first one.
+
+    Args:
+        record: recording, of a long one excerpts are looked at.
+        candidates: as many numbers each, shortest delay first.
+        trend: what stands beside eq. 12.
+    """
+    parts, losses, listed = record.excerpts(GLANCED), {}, list(candidates)
+    for orders in listed:
+        try:
+            losses[orders] = fit_batch(parts, orders, trend=trend, quick=True).loss
+        except NotIdentifiable:
+            continue
+    samples = sum(part.y.size for part in parts)
+    chance = 1.0 + 2.0 * float(np.log(samples)) / samples
+    least = min(losses.values(), default=0.0)
+    return next((orders.nk for orders, loss in losses.items() if loss <= least * chance), listed[0].nk)
+
+
 def _row(orders: Orders, fit: BatchFit, record: Signals, cut: int) -> Row:
     N, p, V = fit.samples, orders.parameters, max(fit.loss, 1e-300)
     # The residuals run on from the training part: no transient is validated.
-    e = innovations(fit.model, record.y, record.u)[cut:]
-    rest = record.part(cut)
-    ten = predict(fit.model, record.y, record.u, 10)[cut:]
+    rest = record.part(cut, cut + VALIDATED)
+    lead = min(cut, LEAD + orders.reach)
+    run = record.part(cut - lead, cut + VALIDATED)
+    e = innovations(fit.model, run.y, run.u, run.first)[lead:]
+    ten = predict(fit.model, run.y, run.u, 10, run.first)[lead:]
     start = np.nan_to_num(rest.y[: max(1, orders.reach)])
     with np.errstate(all="ignore"):
-        free = simulate(fit.model, rest.u, start, rest.y.size)
+        free = simulate(fit.model, rest.u, start, rest.y.size, rest.first)
         simulated = fit_percent(rest.y, free) if np.all(np.abs(free) < 1e150) else -np.inf
     blocks = [float(np.nanmean(b**2)) for b in np.array_split(e, BLOCKS) if np.isfinite(b).any()]
     return Row(

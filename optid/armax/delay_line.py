@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from optid.armax.compiling import folded
-from optid.armax.vectors import inner
+from optid.armax.compiling import inline_jit
+from optid.armax.ud_simd import inner
 from optid.core.model import Array
 
 LARGEST_SIGNAL = 1e30  # in scales of the signal; what is larger counts as missing
 
 
-@folded
+@inline_jit
 def filtered(x: float, c: Array, past: Array, order: int, share: float) -> float:
     """x(t) / C(q), given its own past; share < 1 draws the roots of C towards the origin."""
     known = 0.0  # summed before x comes in, which others wait for
@@ -26,7 +26,7 @@ def filtered(x: float, c: Array, past: Array, order: int, share: float) -> float
     return x
 
 
-@folded
+@inline_jit
 def newest(past: Array, first: int, length: int) -> float:
     """The last measured value at or before an entry: a lost command is taken to hold."""
     x = 0.0

@@ -1,5 +1,5 @@
 # mypy: ignore-errors
-"""The functions of `optid.armax.triangle` for numba, four numbers at a time.
+"""The functions of `optid.armax.ud_factor` for numba, four numbers at a time.
 
 Numba's loops over parts of one array stay scalar, because it cannot know that the parts do not overlap; so
 the vectors are spelt out here, as LLVM instructions. Sums run in the same order as there, and no product is
@@ -16,7 +16,7 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 from numba.np.arrayobj import make_array, populate_array
 
-from optid.armax.triangle import SMALLEST_VARIANCE
+from optid.armax.ud_factor import SMALLEST_VARIANCE
 
 _ARRAY = types.Array(types.float64, 1, "C")
 _WHOLE, _NUMBER = ir.IntType(64), ir.DoubleType()
@@ -108,7 +108,7 @@ def part(typing, s, at):
 
 @intrinsic
 def inner(typing, x, y, size):
-    """See `optid.armax.triangle`."""
+    """See `optid.armax.ud_factor`."""
 
     def write(lanes):
         return _inner(lanes, lanes.data(0), lanes.data(1), lanes.values[2])
@@ -132,7 +132,7 @@ def _inner(lanes, x, y, size):
 
 @intrinsic
 def project(typing, U, D, psi, F, V, size):
-    """See `optid.armax.triangle`."""
+    """See `optid.armax.ud_factor`."""
 
     def write(lanes):
         U, D, psi, F, V = (lanes.data(i) for i in range(5))
@@ -157,7 +157,7 @@ def project(typing, U, D, psi, F, V, size):
 
 @intrinsic
 def weigh(typing, D, F, V, size, w, fade):
-    """See `optid.armax.triangle`."""
+    """See `optid.armax.ud_factor`."""
 
     def write(lanes):
         D, F, V = (lanes.data(i) for i in range(3))
@@ -189,7 +189,7 @@ def weigh(typing, D, F, V, size, w, fade):
 
 @intrinsic
 def sweep(typing, U, V, F, G, size):
-    """See `optid.armax.triangle`."""
+    """See `optid.armax.ud_factor`."""
 
     def write(lanes):
         U, V, F, G = (lanes.data(i) for i in range(4))
@@ -223,7 +223,7 @@ def _sweep_rows(lanes, arrays, size, rows):
 
 @intrinsic
 def shift(typing, past, length):
-    """See `optid.armax.triangle`."""
+    """See `optid.armax.ud_factor`."""
 
     def write(lanes):
         b, past, length = lanes.ir, lanes.data(0), lanes.values[1]
@@ -241,7 +241,7 @@ def shift(typing, past, length):
 
 @intrinsic
 def enter(typing, past, length, x):
-    """See `optid.armax.triangle`; loads and stores only whole fours, so that the next reader need not wait."""
+    """See `optid.armax.ud_factor`; loads and stores only whole fours, so that the next reader need not wait."""
 
     def write(lanes):
         b, past = lanes.ir, lanes.data(0)
@@ -257,7 +257,7 @@ def enter(typing, past, length, x):
 
 @intrinsic
 def copy(typing, there, here, length):
-    """See `optid.armax.triangle`."""
+    """See `optid.armax.ud_factor`."""
 
     def write(lanes):
         b, there, here, length = lanes.ir, lanes.data(0), lanes.data(1), lanes.values[2]
@@ -271,7 +271,7 @@ def copy(typing, there, here, length):
 
 @intrinsic
 def move(typing, x, y, step, size):
-    """See `optid.armax.triangle`."""
+    """See `optid.armax.ud_factor`."""
 
     def write(lanes):
         x, y, step = lanes.data(0), lanes.data(1), lanes.same(lanes.values[2])

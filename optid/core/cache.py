@@ -1,0 +1,102 @@
+"""One place for what optid keeps between runs: below XDG_CACHE_HOME, checked when read, done without if need be."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import os
+import tempfile
+import threading
+from collections.abc import Callable
+from functools import lru_cache
+from pathlib import Path
+
+import platformdirs
+
+MOST = 4000  # models kept, some tens of kilobytes each; half of them go when there are more
+
+_TELL: list[Callable[[], None]] = []
+_TOLD = threading.Lock()
+
+
+def cache_folder() -> Path | None:
+    """Where everything is kept; ``None`` where no user's folder is known."""
+    stated = os.environ.get("XDG_CACHE_HOME", "")
+    if stated and Path(stated).is_absolute():  # a relative one is to be ignored, says the standard
+        return Path(stated) / "optid"
+    try:
+        return Path(platformdirs.user_cache_dir("optid"))
+    except (OSError, RuntimeError, KeyError):  # no home, no name in the user database
+        return None
+
+
+@lru_cache(maxsize=1)
+def kernels_folder() -> Path | None:
+    """Where machine code is kept: apart for every state of optid's sources."""
+    home = cache_folder()
+    if home is None:
+        return None
+    digest = hashlib.sha256()
+    for source in sorted(Path(__file__).parents[1].rglob("*.py")):
+        digest.update(source.read_bytes())
+    return home / "kernels" / digest.hexdigest()[:16]
+
+
+def stored(key: str, make: Callable[[], bytes]) -> bytes:
+    """What `make` returned when it was first called under this key, on this machine or in another run.
+
+    A file that is damaged is made anew, and a folder that cannot be written to is done without.
+    """
+    folder = kernels_folder()
+    if folder is None:
+        return make()
+    place = folder / "models" / hashlib.sha256(key.encode()).hexdigest()
+    held = checked(place)
+    if held is None:
+        held = make()
+        keep(place, held)
+    return held
+
+
+def checked(place: Path) -> bytes | None:
+    """What was kept at a place; ``None`` where there is nothing or it is damaged."""
+    with contextlib.suppress(OSError):
+        digest, held = (whole := place.read_bytes())[:32], whole[32:]
+        if held and hashlib.sha256(held).digest() == digest:
+            return held
+    return None
+
+
+def keep(place: Path, held: bytes) -> None:
+    """Keep it with its checksum, whole or not at all; not where that cannot be done."""
+    with contextlib.suppress(OSError):
+        place.parent.mkdir(parents=True, exist_ok=True)
+        _thin(place.parent)
+        file = tempfile.NamedTemporaryFile(dir=place.parent, suffix=".part", delete=False)  # noqa: SIM115
+        try:
+            with file:
+                file.write(hashlib.sha256(held).digest() + held)
+            Path(file.name).replace(place)
+        except OSError:
+            Path(file.name).unlink(missing_ok=True)  # the disk is full
+
+
+def _thin(folder: Path) -> None:
+    """Delete the older half where there are too many."""
+    files = list(folder.iterdir())
+    if len(files) > MOST:
+        for file in sorted(files, key=lambda one: one.stat().st_mtime)[: len(files) // 2]:
+            file.unlink(missing_ok=True)
+
+
+def first_compile(tell: Callable[[], None]) -> None:
+    """Have this called once, when optid's own functions turn out not to be compiled for this machine yet."""
+    _TELL[:] = [tell]
+
+
+def compiling() -> None:
+    """A function is about to be compiled: say so, once."""
+    with _TOLD:
+        tell = _TELL.pop() if _TELL else None
+    if tell is not None:
+        tell()

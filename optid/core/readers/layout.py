@@ -1,0 +1,244 @@
+"""Where the table of a text file begins: its header, delimiter and columns, decided by what the rig file asks for.
+
+Everything above the header (facts of the file, of the channels) and between header and data (units, types) may be
+anything; so may the columns that nobody asks for.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+from optid.core.readers.cells import COMMA_DECIMAL, is_missing, is_number, is_stamp, is_value
+
+DELIMITERS = ("\t", ";", "|", ",", " ")  # " " stands for any run of blanks
+COMMENTS = ("#", "%", "//", "!", "'")
+_MARK = re.compile(r"^\s*(?:[#%!']+|//)\s*")
+_UNIT = re.compile(r"^(.*?)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\)|/\s?([^\s/]+))$")
+_PLACE = re.compile(r"column (\d{1,6})")
+_LOOK = 60  # lines looked at to judge where rows of data begin
+_ABOVE = 40  # rows between a header and its data: units, types, scales
+_FOLLOWING = 4  # rows that show that a table has begun
+
+
+def split(line: str, delimiter: str) -> list[str]:
+    """The cells of a line, without blanks and quotes around them."""
+    if delimiter == " ":
+        return [cell.strip('"') for cell in line.split()]
+    if '"' not in line:
+        return [cell.strip() for cell in line.split(delimiter)]
+    try:
+        cells = next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), [""])
+    except csv.Error:  # a cell beyond what the csv module takes
+        cells = line.split(delimiter)
+    return [cell.strip().strip('"').strip() for cell in cells]
+
+
+@dataclass(frozen=True)
+class Layout:
+    """How a text table is laid out.
+
+    Attributes:
+        header: index of the line that names the columns; None where columns go by their places.
+        first: index of the first row of data.
+        delimiter: one of `DELIMITERS`.
+        names: of the columns, as the header has them.
+        found: name asked for -> indices of the columns that bear it (several where it stands more than once).
+        relaxed: name asked for -> the header's own words for it, where they differ.
+        between: cells of the lines between header and data, one list a line.
+    """
+
+    header: int | None
+    first: int
+    delimiter: str
+    names: tuple[str, ...]
+    found: dict[str, tuple[int, ...]]
+    relaxed: dict[str, str] = field(default_factory=dict)
+    between: tuple[tuple[str, ...], ...] = ()
+
+    @cached_property
+    def places(self) -> tuple[int, ...]:
+        """Indices of all columns found."""
+        return tuple(sorted({k for indices in self.found.values() for k in indices}))
+
+
+@dataclass(frozen=True)
+class _Candidate:
+    score: tuple[float, ...]
+    layout: Layout
+
+
+def find_layout(lines: Sequence[str], wanted: Sequence[str]) -> Layout | None:
+    """The layout under which most of the columns asked for are found and followed by rows of data.
+
+    Args:
+        lines: the head of the file.
+        wanted: names of the mapped columns; "column 3" is the third one, whatever its name.
+
+    Returns:
+        None where no line is followed by rows of numbers.
+    """
+    named = [name for name in wanted if not _PLACE.fullmatch(name)]
+    candidates = list(_by_names(lines, wanted, named)) if named else []
+    if not any(c.score[0] for c in candidates):
+        candidates += [*_by_places(lines, wanted), *_by_rows(lines, wanted)]
+    return max(candidates, key=lambda c: c.score).layout if candidates else None
+
+
+def _by_names(lines: Sequence[str], wanted: Sequence[str], named: Sequence[str]) -> Iterator[_Candidate]:
+    parts = [re.compile(re.escape(name.strip("#%! "))) for name in named]
+    for i, line in enumerate(lines):
+        if not any(part.search(line) for part in parts):
+            continue
+        for order, delimiter in enumerate(DELIMITERS):
+            if delimiter != " " and delimiter not in line and len(named) > 1:
+                continue
+            for cells in _headers(line, delimiter):
+                found, relaxed = _matches(cells, wanted)
+                score = sum(name in found for name in named) - 0.1 * len(relaxed)
+                if score <= 0:
+                    continue
+                first = _first_row(lines, i + 1, delimiter, cells, found)
+                if first is not None:
+                    between = tuple(tuple(split(text, delimiter)) for text in lines[i + 1 : first])
+                    layout = Layout(i, first, delimiter, tuple(cells), found, relaxed, between)
+                    agreed = _agreement(lines, first, delimiter, len(cells))
+                    # Of two headers over the same rows the nearer one; of two tables the first.
+                    yield _Candidate((score, agreed > 0.5, -order, -first, i), layout)
+
+
+def _headers(line: str, delimiter: str) -> Iterator[list[str]]:
+    """The cells of a header: as they are, without a comment mark, and with blanks inside names."""
+    plain = split(line, delimiter)
+    yield plain
+    bare = _MARK.sub("", line)
+    if bare != line:
+        yield split(bare, delimiter)
+    if delimiter == " " and "  " in bare.strip():
+        yield [cell.strip() for cell in re.split(r"\s{2,}|\t", bare.strip())]
+
+
+def _matches(
+    cells: Sequence[str], wanted: Sequence[str]
+) -> tuple[dict[str, tuple[int, ...]], dict[str, str]]:
+    exact: dict[str, list[int]] = {}
+    loose: dict[str, list[int]] = {}
+    for k, cell in enumerate(cells):
+        exact.setdefault(cell, []).append(k)
+        loose.setdefault(bare_name(cell), []).append(k)
+    found: dict[str, tuple[int, ...]] = {}
+    relaxed: dict[str, str] = {}
+    for name in wanted:
+        if name in exact:
+            found[name] = tuple(exact[name])
+        elif (place := _PLACE.fullmatch(name)) and 1 <= int(place[1]) <= len(cells):
+            found[name] = (int(place[1]) - 1,)
+        elif name in loose and len(loose[name]) == 1:
+            found[name] = tuple(loose[name])
+            relaxed[name] = cells[loose[name][0]]
+        elif bare_name(name) in loose and len(loose[bare_name(name)]) == 1 and _MARK.match(name):
+            found[name] = tuple(loose[bare_name(name)])
+    return found, relaxed
+
+
+def bare_name(cell: str) -> str:
+    """A header's cell without comment mark and unit: "u [V]" and "% u (V)" are u."""
+    cell = _MARK.sub("", cell)
+    match = _UNIT.match(cell)
+    return match[1].strip() if match and match[1].strip() else cell.strip()
+
+
+def unit_in(cell: str) -> str:
+    """The unit that a header's cell states behind the name; empty if none."""
+    match = _UNIT.match(cell)
+    return (
+        next((part.strip() for part in match.groups()[1:] if part), "") if match and match[1].strip() else ""
+    )
+
+
+def _first_row(
+    lines: Sequence[str], start: int, delimiter: str, cells: Sequence[str], found: dict[str, tuple[int, ...]]
+) -> int | None:
+    """The first line at or after `start` that is a row of data in every column found."""
+    places = sorted({k for indices in found.values() for k in indices})
+    full = [
+        i for i in range(start, min(start + 20 * _ABOVE, len(lines)))
+        if lines[i].strip() and not lines[i].lstrip().startswith(("#", "%", "//"))
+    ][: _ABOVE + _FOLLOWING + 1]  # fmt: skip
+    rows = [is_row(split(lines[i], delimiter), places, len(cells)) for i in full]
+    for k, i in enumerate(full[: _ABOVE + 1]):
+        # A number among the facts of the channels ("SampleTime 1") is no row: others follow a row, or it begins as one.
+        if rows[k] and (all(rows[k : k + _FOLLOWING]) or is_value(split(lines[i], delimiter)[0])):
+            return i
+    return None
+
+
+def is_row(cells: Sequence[str], places: Sequence[int], width: int) -> bool:
+    """Numbers, stamps or nothing where columns are mapped, and not nothing everywhere."""
+    if not places or len(cells) <= max(places) or (len(cells) < 2 and width > 1):
+        return False
+    held = [cells[k] for k in places]
+    if not all(is_missing(cell) or is_value(cell) for cell in held):
+        return False
+    filled = [cell for cell in held if not is_missing(cell)]
+    return bool(filled) or sum(not is_missing(cell) for cell in cells) == 0
+
+
+def _agreement(lines: Sequence[str], first: int, delimiter: str, width: int) -> float:
+    """Share of the lines from the first row on that have as many cells as most of them, times how many are alike."""
+    body = [line for line in lines[first : first + _LOOK] if line.strip()]
+    counts = [len(split(line, delimiter)) for line in body]
+    if not counts:
+        return 0.0
+    return max(counts.count(width), counts.count(width + 1)) / len(counts) + 1e-3 * (width > 1)
+
+
+def _by_places(lines: Sequence[str], wanted: Sequence[str]) -> Iterator[_Candidate]:
+    """Layouts of tables whose columns are all asked for by their place: the names above them do not matter."""
+    places = [int(match[1]) - 1 for match in map(_PLACE.fullmatch, wanted) if match]
+    if len(places) < len(wanted) or min(places) < 0:
+        return
+    for order, delimiter in enumerate(DELIMITERS):
+        cells = next((split(line, delimiter) for line in reversed(lines) if line.strip()), [])
+        names = [f"column {k + 1}" for k in range(max(len(cells), max(places) + 1))]
+        found, _ = _matches(names, wanted)
+        first = _first_row(lines, 0, delimiter, names, found)
+        if first is not None and len(cells) > max(places):
+            agreed = _agreement(lines, first, delimiter, len(names))
+            yield _Candidate(
+                (0.5, agreed, -order, -first, 0), Layout(None, first, delimiter, tuple(names), found)
+            )
+
+
+def _by_rows(lines: Sequence[str], wanted: Sequence[str]) -> Iterator[_Candidate]:
+    """Layouts by the look of the rows alone, for tables without a header and for messages."""
+    for order, delimiter in enumerate(DELIMITERS):
+        for i, line in enumerate(lines):
+            if not line.strip() or line.lstrip().startswith(("#", "%", "//")):
+                continue
+            cells = split(line, delimiter)
+            values = [is_number(cell) or is_stamp(cell) for cell in cells]
+            if sum(values) < max(len(cells) / 2, 1) or not is_value(next((c for c in cells if c), "")):
+                continue
+            agreed = _agreement(lines, i, delimiter, len(cells))
+            if agreed < 0.5:
+                continue
+            above = next((k for k in range(i - 1, -1, -1) if lines[k].strip()), None)
+            header, names = None, tuple(f"column {k + 1}" for k in range(len(cells)))
+            if above is not None:
+                upper = split(_MARK.sub("", lines[above]), delimiter)
+                if len(upper) in (len(cells), len(cells) + 1) and not any(map(is_value, filter(None, upper))):
+                    header, names = above, tuple(upper)
+            found, relaxed = _matches(names, wanted)
+            width = 0.3 if len(cells) > 1 else 0.0
+            layout = Layout(header, i, delimiter, names, found, relaxed)
+            yield _Candidate((0.0, agreed + width, -order, -i, 0), layout)
+            break
+
+
+def has_decimal_comma(rows: Sequence[Sequence[str]], places: Sequence[int]) -> bool:
+    """Some mapped cell of these rows reads 1,5."""
+    return any(COMMA_DECIMAL.fullmatch(row[k]) for row in rows for k in places if k < len(row))

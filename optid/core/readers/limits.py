@@ -1,0 +1,67 @@
+"""How much a file may ask for: memory is bounded by what the file really holds, whatever it declares."""
+
+from __future__ import annotations
+
+import zlib
+from pathlib import Path
+
+from optid.errors import RecordingError
+
+FLOOR = 64 << 20  # bytes that any file may ask for
+RATIO = 100  # times its size that a file may unpack to: logs shrink 3 to 20 times, one of a channel at rest 100 times
+PIPE = 512 << 20  # bytes taken from a pipe, which has no size
+LONGEST_LINE = 4 << 20  # bytes: 200 000 columns with names
+NAMES = 12  # offered in a message
+LONGEST_NAME = 60  # characters of a name in a message
+
+
+class Budget:
+    """What may still be unpacked of one file.
+
+    Args:
+        size: bytes of the file.
+        path: for messages.
+    """
+
+    def __init__(self, size: int, path: Path) -> None:
+        self.left, self.path = FLOOR + RATIO * size, path
+
+    def take(self, count: int, what: str) -> None:
+        """Count bytes that are about to be made.
+
+        Raises:
+            RecordingError: more than the file can really hold.
+        """
+        if count > self.left:
+            raise RecordingError(
+                f"{what} would take {count / 1e6:.6g} MB, far more than a file of this size holds",
+                where=self.path, expected="a file that is not damaged",
+                hint="if it is sound, save it again without compression or fill values",
+            )  # fmt: skip
+        self.left -= count
+
+    def inflate(self, data: bytes | memoryview, what: str, window: int = zlib.MAX_WBITS) -> bytes:
+        """Decompress a zlib (or, with `window` 31, one gzip) stream within the budget.
+
+        Raises:
+            RecordingError: it unpacks to more than the file may ask for.
+            zlib.error: the data are damaged or end early.
+        """
+        found: list[bytes] = []
+        rest: bytes | memoryview = data
+        while len(rest):
+            one = zlib.decompressobj(window)
+            found.append(one.decompress(rest, self.left + 1))
+            self.take(len(found[-1]), what)
+            if not one.eof:
+                raise zlib.error("it ends in the middle")
+            rest = one.unused_data if window > zlib.MAX_WBITS else b""
+            if not rest.strip(b"\0"):  # tapes and some tools fill up with zeros
+                break
+        return b"".join(found) if len(found) != 1 else found[0]
+
+
+def shown(name: object) -> str:
+    """A name from a file as a message may hold it: one line, printable, of bounded length."""
+    text = "".join(c if c.isprintable() else "?" for c in str(name)[: LONGEST_NAME + 1])
+    return text if len(text) <= LONGEST_NAME else text[: LONGEST_NAME - 3] + "..."

@@ -1,0 +1,262 @@
+"""Faults of sensors and loggers that can be put right beyond doubt: counters that wrap, stand-in values, absurd
+readings, repeats of samples that were taken at a slower rate. Each is told; what is in doubt is left to the check.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optid.core.recording import Array, Repair
+
+Flags = NDArray[np.bool_]
+
+ABSURD = 1e9  # times what a signal usually does: no converter shows that and the signal, too
+_FAST = 8.0  # times the fastest other change between samples: a jump that no axis makes
+_LEAP = 2.0  # times the same: for further visits to a value that is known to stand in
+_RARE = 0.05  # share of the samples that may be faulty for the others to tell what is right
+_FEW = 40  # samples: of shorter records nothing is told
+_EQUAL = 4.0  # fastest changes by which jumps of one counter may differ
+_LIKELY = 0.75  # of the jumps must go against the motion around them
+_AROUND = 6  # samples on either side that show the motion around a jump
+_FULL_TURNS = (360.0, 2 * math.pi, 400.0, 1.0, 3600.0, 36_000.0, 100.0, 1000.0)
+_TURN = 2e-3  # relative: a turn that differs by more is another
+_FEWEST_CHANGES = 30
+_REGULAR = 0.9  # of the runs of equal values must be as long as the usual one
+
+
+def held_between(
+    time: Array, values: Mapping[str, Array], held: Mapping[str, bool]
+) -> tuple[dict[str, Array], tuple[str, ...]]:
+    """Fill a held channel between its samples where it is recorded at a slower rate than the rows.
+
+    Only where its samples come at a regular distance, and only over that distance: what is missing for longer stays so.
+    """
+    found, notes = dict(values), []
+    for role, series in values.items():
+        stride = _stride(series)
+        if stride < 2:
+            continue
+        rate = 1 / (float(np.median(np.diff(time))) * stride)
+        if held.get(role):
+            rows = np.arange(len(series))
+            last = np.maximum.accumulate(np.where(np.isfinite(series), rows, 0))
+            near = (rows - last <= math.ceil(1.5 * stride)) & np.isfinite(series[last])
+            found[role] = np.where(near, series[last], np.nan)
+            notes.append(f"{role} has a sample every {stride} rows ({rate:.4g} Hz) and is held between them")
+        else:
+            notes.append(
+                f"{role} has a rate of its own, a sample every {stride} rows ({rate:.4g} Hz): it is measured there"
+            )
+    return found, tuple(notes)
+
+
+def _stride(series: Array) -> int:
+    """Rows from one sample to the next where they come regularly, else 1."""
+    known = np.flatnonzero(np.isfinite(series))
+    if len(known) < 8 or len(known) > 0.7 * len(series):
+        return 1
+    apart = np.diff(known)
+    usual = round(float(np.median(apart)))
+    regular = np.abs(apart - usual) <= max(1, 0.1 * usual)
+    return usual if usual > 1 and float(regular.mean()) > 0.8 else 1
+
+
+def repaired(
+    values: Mapping[str, Array], held: Mapping[str, bool]
+) -> tuple[dict[str, Array], tuple[Repair, ...]]:
+    """Channels with what is certainly wrong put right: a wrapped counter unwrapped, other faults made missing.
+
+    Args:
+        values: role -> as recorded, shape (samples,), NaN where missing.
+        held: roles that hold from sample to sample; only absurd readings are looked for in them.
+    """
+    found, repairs = dict(values), list[Repair]()
+    for role in values:
+        steps = (_absurd,) if held.get(role) else (_absurd, _wrapped, _stand_ins, _stale)
+        for step in steps:
+            for changed, message, row in step(found[role]):
+                found[role] = changed
+                repairs.append(Repair(role, f"{role} {message}", row))
+    return found, tuple(repairs)
+
+
+Change = tuple[Array, str, int]  # the channel put right, what was seen and done, the first row
+
+
+def _absurd(series: Array) -> Iterator[Change]:
+    """Readings beyond anything that a signal with this middle can reach."""
+    known = series[np.isfinite(series)]
+    if len(known) < _FEW:
+        return
+    largest = float(np.abs(known).max())
+    low, middle, high = np.percentile(known, (5, 50, 95))
+    moved = np.abs(known - middle)
+    usual = float(np.median(moved[moved > 0])) if (moved > 0).any() else 0.0
+    size = max(high - low, abs(middle) * 1e-3, usual, np.finfo(float).tiny)
+    if largest <= ABSURD * size:
+        return
+    with np.errstate(over="ignore"):
+        far: Flags = np.abs(series - middle) > ABSURD * size
+    if not far.any() or far.sum() > _RARE * len(known):
+        return
+    row = int(far.argmax())
+    extreme = float(series[far][np.abs(series[far]).argmax()])
+    yield (
+        np.where(far, np.nan, series),
+        f"reads {extreme:.4g} (as recorded) where nearly all of it lies within {low:.4g} to {high:.4g}: "
+        f"{int(far.sum())} such samples count as missing",
+        row,
+    )
+
+
+def _wrapped(series: Array) -> Iterator[Change]:
+    """A counter that begins anew at the end of its range: its jumps are equal, and against the motion around them."""
+    known = np.flatnonzero(np.isfinite(series))
+    y = series[known]
+    if len(y) < _FEW:
+        return
+    steps = np.diff(y)
+    span = float(y.max() - y.min())
+    jumps = np.flatnonzero(np.abs(steps) > 0.5 * span)
+    if not len(jumps) or len(jumps) > _RARE * len(y):
+        return
+    others = np.abs(np.delete(steps, jumps))
+    fastest = float(others.max())
+    around = np.array([_motion(steps, jumps, int(k)) for k in jumps])
+    sizes = np.abs(steps[jumps] - around)
+    size = float(np.median(sizes))
+    if size < _FAST * fastest or np.abs(sizes - size).max() > _EQUAL * fastest or span < size - 4 * fastest:
+        return
+    if float(np.mean(np.sign(steps[jumps]) * around < 0)) < _LIKELY:
+        return
+    modulus = _modulus(y, size, fastest)
+    if modulus is None and len(jumps) < 2:
+        return
+    whole = modulus[0] if modulus else size
+    turns = np.concatenate(([0.0], np.cumsum(np.where(np.abs(steps) > 0.5 * span, -np.sign(steps), 0.0))))
+    changed = series.copy()
+    changed[known] = y + whole * turns
+    words = modulus[1] if modulus else "the same each time, and the whole range of the values"
+    yield (
+        changed,
+        f"jumps by {whole:.10g} (as recorded; {words}) within a sample, {len(jumps)} times, "
+        f"{size / max(fastest, 1e-300):.3g} times its fastest motion: a counter that wraps; it is unwrapped",
+        int(known[jumps[0] + 1]),
+    )
+
+
+def _motion(steps: Array, jumps: NDArray[np.int64], k: int) -> float:
+    """Mean change between samples around a jump, without other jumps."""
+    near = np.arange(max(k - _AROUND, 0), min(k + _AROUND + 1, len(steps)))
+    near = near[~np.isin(near, jumps)]
+    return float(steps[near].mean()) if len(near) else 0.0
+
+
+def _modulus(y: Array, size: float, fastest: float) -> tuple[float, str] | None:
+    """The exact size of a turn: a power of two of the values' grid, or a round angle."""
+    levels = np.unique(y[:200_000])
+    gaps = np.diff(levels)
+    gaps = gaps[gaps > 1e-9 * max(abs(levels[0]), abs(levels[-1]), 1e-300)]
+    grid = float(gaps.min()) if len(gaps) else 0.0
+    if grid > 0 and np.abs(levels / grid - np.round(levels / grid)).max() < 0.05:
+        bits = round(math.log2(size / grid))
+        if 6 <= bits <= 40 and abs(size / grid - 2.0**bits) * grid <= max(fastest, 3 * grid):
+            return 2.0**bits * grid, f"2^{bits} steps of {grid:.6g}"
+    for turn in _FULL_TURNS:
+        if abs(size - turn) <= min(fastest, _TURN * turn):
+            return turn, "a full turn"
+    return None
+
+
+def _stand_ins(series: Array) -> Iterator[Change]:
+    """One exact value that stands in for samples that were lost: entered and left by jumps that no axis makes."""
+    known = np.flatnonzero(np.isfinite(series))
+    y = series[known]
+    if len(y) < _FEW:
+        return
+    steps = np.abs(np.diff(y))
+    count = max(int(0.02 * len(steps)), 12)
+    largest = np.argpartition(steps, -min(count, len(steps)))[-count:]
+    landed, times = np.unique(np.concatenate((y[largest], y[largest + 1])), return_counts=True)
+    for value in landed[np.argsort(-times)[:2]]:
+        flagged = _visits(y, float(value))
+        if flagged is None:
+            continue
+        rows = known[flagged]
+        changed = series.copy()
+        changed[rows] = np.nan
+        neighbours = np.abs(np.median(y[~flagged]) - value)
+        yield (
+            changed,
+            f"reads exactly {value:.6g} (as recorded) in {len(rows)} samples, entered and left by jumps that it never "
+            f"makes otherwise (its middle is {neighbours:.4g} away): dropouts; they count as missing",
+            int(rows[0]),
+        )
+        return
+
+
+def _visits(y: Array, value: float) -> Flags | None:
+    """Samples at a value whose stretch begins and ends with a jump; None if this is how the signal moves."""
+    at = y == value
+    steps = np.abs(np.diff(y))
+    inner = steps[~(at[1:] | at[:-1])]
+    if not len(inner) or at.sum() > 0.2 * len(y):
+        return None
+    usual = float(np.quantile(inner, 0.999))
+    if usual == 0.0:
+        return None
+    # How far it is between the samples on both sides of a stretch is the motion during it, which may be fast.
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], at, [False])).astype(np.int8)))
+    flagged = np.zeros(len(y), dtype=bool)
+    visits = 0
+    for a, b in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+        jumps = [steps[k] for k, is_there in ((a - 1, a > 0), (b - 1, b < len(y))) if is_there]
+        # Once three are beyond doubt, shorter leaps to the very same value are of the same kind.
+        flagged[a:b] = bool(jumps) and min(jumps) > _LEAP * usual
+        visits += bool(jumps) and min(jumps) > _FAST * usual
+    return flagged if visits >= 3 else None
+
+
+def _stale(series: Array) -> Iterator[Change]:
+    """Samples that were repeated because the signal is taken at a slower rate than the rows."""
+    y = series
+    if len(y) < 4 * _FEWEST_CHANGES or not np.isfinite(y).all():
+        return
+    steps = np.diff(y)
+    changes = np.flatnonzero(steps != 0) + 1
+    if not _FEWEST_CHANGES <= len(changes) <= 0.7 * len(y):
+        return
+    apart = np.diff(changes)
+    usual = round(float(np.median(apart)))
+    near = np.abs(apart - usual) <= (0 if usual < 4 else 1)
+    # At rest a value stays for several periods.
+    whole = (apart > usual) & (
+        np.abs(apart / usual - np.round(apart / usual)) * usual <= (0 if usual < 4 else 1)
+    )
+    if usual < 2 or float((near | whole).mean()) < _REGULAR + 0.05 or float(near.mean()) < 0.6:
+        return
+    sizes = np.abs(steps[changes - 1])
+    if float(np.median(sizes)) < 1.5 * float(sizes.min()) and float(np.quantile(sizes, 0.9)) < 1.5 * float(
+        sizes.min()
+    ):
+        return  # it moves by one step of its grid at a time: slow, not stale
+    changed = y.copy()
+    repeats = np.ones(len(y), dtype=bool)
+    repeats[changes] = False
+    repeats[0] = False
+    changed[repeats] = np.nan
+    yield (
+        changed,
+        f"is new only in every {_ordinal(usual)} row: in between, the last value is repeated; the repeats are not "
+        f"counted as samples, and its true rate is 1/{usual} of the rows'",
+        int(changes[0]),
+    )
+
+
+def _ordinal(n: int) -> str:
+    end = "th" if 10 <= n % 100 <= 20 else {1: "st", 2: "nd", 3: "rd"}.get(n % 10, "th")
+    return f"{n}{end}"

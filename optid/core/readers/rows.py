@@ -1,0 +1,250 @@
+"""The rows of a text table: which lines are data, that each has as many cells, and where each stands in the file."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optid.core.readers.cells import is_missing, is_value
+from optid.core.readers.layout import Layout, has_decimal_comma, split
+from optid.errors import RecordingError
+
+Integers = NDArray[np.int64]
+_CHUNK = 16 << 20  # bytes looked at at a time
+_COMMENT = re.compile(rb"^[ \t]*(?:[#%]|//)[^\n]*(?:\n|\Z)", re.MULTILINE)
+_FOOT = 200  # lines below a table that may be something else
+_LONG = 50 << 20  # bytes from which pandas reads in pieces
+_NEWLINE, _RETURN, _BLANKS = 10, 13, (32, 9)
+_BLANK_LINE = 64  # signs: a longer line holds something
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """The data lines of a table.
+
+    Attributes:
+        body: their bytes, without comments and what stands below the table; blank lines may be among them.
+        width: cells of most rows.
+        widest: cells of the longest row that is let pass (a delimiter at its end makes one more).
+        notes: what was left out.
+        begins: number of file lines above the body.
+        dropped: file lines (counted from 0) of comments within it.
+    """
+
+    body: bytes
+    encoding: str
+    width: int
+    widest: int
+    notes: tuple[str, ...]
+    begins: int
+    dropped: tuple[int, ...]
+
+    @classmethod
+    def of(cls, data: bytes, encoding: str, layout: Layout, path: Path) -> Rows:
+        """Cut the rows out of a file and check their lengths.
+
+        Raises:
+            RecordingError: a row with too many cells, or with none for a mapped column; no row at all.
+        """
+        start = _offset(data, layout.first)
+        stop, below = _end(data, start, encoding, layout)
+        body, dropped = _without_comments(data[start:stop], layout.first)
+        notes: tuple[str, ...] = (f"{below} lines below the table are left out",) if below else ()
+        single = len(layout.names) == 1
+        counts, blank = _counts(body, layout.delimiter)
+        if blank and not single:
+            notes += (f"{blank} blank lines are left out",)
+        if single:  # a blank line is a missing sample
+            body = re.sub(rb"(?m)^[ \t\r]*$", b"nan", body.rstrip())
+            counts, _ = _counts(body, layout.delimiter)
+        found = cls(body, encoding, 1 if single else _usual(counts), int(counts.max(initial=1)), notes,
+                    layout.first, dropped)  # fmt: skip
+        found._check(counts, layout, path)
+        return found
+
+    @property
+    def long(self) -> bool:
+        """So long that it is better read in pieces."""
+        return len(self.body) > _LONG
+
+    def sample(self) -> Iterator[str]:
+        """The first rows and the last ones."""
+        size = 1 << 18
+        for part in (self.body[:size], self.body[size:][-size:]):
+            yield from (
+                line for line in part.decode(self.encoding, "replace").splitlines()[1:-1] if line.strip()
+            )
+
+    def place(self, row: int) -> str:
+        """The line of the file that a row (counted from 0) stands in."""
+        return f"line {self._line(row) + 1}"
+
+    def decimal_comma(self, layout: Layout) -> bool:
+        """Some column of the table has decimal commas."""
+        rows = [split(line, layout.delimiter) for line in self._some]
+        return layout.delimiter != "," and has_decimal_comma(rows, range(self.width))
+
+    @cached_property
+    def _some(self) -> list[str]:
+        return list(self.sample())[:4000]
+
+    def _line(self, row: int) -> int:
+        """Index of a row's line in the file: rows, blank lines and comments are counted off."""
+        skipped, seen, line = set(self.dropped), -1, self.begins - 1
+        for text in self.body.split(b"\n"):
+            line += 1
+            while line in skipped:
+                line += 1
+            seen += bool(text.strip())
+            if seen == row:
+                break
+        return line
+
+    def _check(self, counts: Integers, layout: Layout, path: Path) -> None:
+        if not len(counts):
+            raise RecordingError("no rows of numbers", where=path, expected="rows below the header")
+        named = len(layout.names)
+        if layout.header is not None and layout.delimiter != " " and self.width > named + 1:
+            commas = layout.delimiter == "," and self.width == 2 * named
+            raise RecordingError(
+                f"line {layout.first + 1} has {self.width} fields", where=path, expected=f"{named}, as in the header",
+                hint="if these are decimal commas, export with semicolons between the columns" if commas else None,
+            )  # fmt: skip
+        short = counts <= max(layout.places)
+        # One cell more is a delimiter at the end of the line; any other surplus moves what stands behind it.
+        long = counts > self.width + (layout.delimiter != " ")
+        extra = np.flatnonzero(counts == self.width + 1)
+        wrong = np.flatnonzero(short | long)
+        if len(extra) and not (short | long).any() and layout.delimiter != " ":
+            wrong = np.array(list(self._open_ended(extra, layout)), dtype=np.int64)
+        if not len(wrong):
+            return
+        row = int(wrong[0])
+        count, line = int(counts[row]), self._line(row)
+        last = row == len(counts) - 1
+        mixed = layout.delimiter == "," and count == 2 * self.width and self.decimal_comma(layout)
+        raise RecordingError(
+            f"line {line + 1} has {count} {'field' if count == 1 else 'fields'}", where=path,
+            expected=f"{len(layout.names) if count > self.width else self.width}, as in the header",
+            hint="the file may be truncated" if last else "export with semicolons" if mixed else None,
+        )  # fmt: skip
+
+    def _open_ended(self, rows: Integers, layout: Layout) -> Iterator[int]:
+        """Those of these rows that do not end in a delimiter."""
+        chosen = set(rows.tolist())
+        seen = -1
+        for text in self.body.split(b"\n"):
+            seen += bool(text.strip())
+            if (
+                text.strip()
+                and seen in chosen
+                and split(text.decode(self.encoding, "replace"), layout.delimiter)[-1]
+            ):
+                yield seen
+                return
+
+
+def _offset(data: bytes, line: int) -> int:
+    at = 0
+    for _ in range(line):
+        at = data.find(b"\n", at) + 1
+    return at
+
+
+def _end(data: bytes, start: int, encoding: str, layout: Layout) -> tuple[int, int]:
+    """Where the last row ends, and how many lines of text stand below it."""
+    stop, below = len(data), 0
+    for _ in range(_FOOT):
+        begin = max(data.rfind(b"\n", start, stop), start - 1) + 1
+        line = data[begin:stop].decode(encoding, "replace").strip("\r\x1a \t")
+        cells = split(line, layout.delimiter)
+        # The first mapped column holds words ("Mean", "End of data"), or the line nothing that is a value at all.
+        lead = cells[layout.places[0]] if len(cells) > layout.places[0] else ""
+        values = any(is_value(cell) for cell in cells[: max(layout.places) + 1])
+        prose = bool(line) and (not values or not (is_value(lead) or is_missing(lead)))
+        if begin <= start or (line and not prose):
+            break
+        below += bool(prose) and not line.startswith(("#", "%", "//"))
+        stop = begin - 1
+    else:
+        return len(data), 0
+    return stop, below
+
+
+def _without_comments(body: bytes, first: int) -> tuple[bytes, tuple[int, ...]]:
+    if not (b"#" in body or b"%" in body or b"//" in body):
+        return body, ()
+    dropped = []
+    at, line = 0, first
+    for match in _COMMENT.finditer(body):
+        line += body.count(b"\n", at, match.start())
+        dropped.append(line)
+        at = match.start()
+    return (_COMMENT.sub(b"", body), tuple(dropped)) if dropped else (body, ())
+
+
+def _counts(body: bytes, delimiter: str) -> tuple[Integers, int]:
+    """Cells of every line that is not blank, and the number of blank ones between them."""
+    counts: list[NDArray[Any]] = []
+    blank, at = 0, 0
+    while at < len(body):
+        stop = len(body) if at + _CHUNK >= len(body) else body.rfind(b"\n", at, at + _CHUNK) + 1
+        stop = stop if stop > at else len(body)
+        piece = body[at:stop]
+        found, empty = _quoted(piece, delimiter) if b'"' in piece else _plain(piece, delimiter)
+        counts.append(found)
+        blank += empty
+        at = stop
+    return (np.concatenate(counts) if counts else np.empty(0, dtype=np.int64)), blank
+
+
+def _plain(piece: bytes, delimiter: str) -> tuple[Integers, int]:
+    signs = np.frombuffer(piece, dtype=np.uint8)
+    ends = np.flatnonzero(signs == _NEWLINE)
+    if not piece.endswith(b"\n"):
+        ends = np.append(ends, len(signs))
+    if delimiter == " ":
+        solid = _solid(signs)
+        marks = np.flatnonzero(solid & ~np.concatenate(([False], solid[:-1])))  # where a cell begins
+        counts = np.diff(np.searchsorted(marks, ends), prepend=0)
+        filled = counts > 0
+    else:
+        marks = np.flatnonzero(signs == ord(delimiter))
+        counts = np.diff(np.searchsorted(marks, ends), prepend=0) + 1
+        begins = np.concatenate(([0], ends[:-1] + 1))
+        filled = np.ones(len(ends), dtype=bool)
+        doubtful = np.flatnonzero((counts == 1) & (ends - begins < _BLANK_LINE))
+        if delimiter == "\t":  # a line of tabs holds no value, but cells
+            doubtful = doubtful[ends[doubtful] - begins[doubtful] < 2]
+        for k in doubtful:
+            filled[k] = bool(_solid(signs[begins[k] : ends[k]]).any())
+    return counts[filled].astype(np.int64), int((~filled).sum())
+
+
+def _solid(signs: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    return np.asarray(
+        (signs != _NEWLINE) & (signs != _RETURN) & (signs != _BLANKS[0]) & (signs != _BLANKS[1])
+    )
+
+
+def _quoted(piece: bytes, delimiter: str) -> tuple[Integers, int]:
+    lines = piece.decode("latin-1").split("\n")
+    if lines and not lines[-1]:
+        lines.pop()
+    counts = [
+        (len(split(line, delimiter)) if '"' in line or delimiter == " " else line.count(delimiter) + 1)
+        for line in lines
+        if line.strip()
+    ]
+    return np.array(counts, dtype=np.int64), len(lines) - len(counts)
+
+
+def _usual(counts: Integers) -> int:
+    return int(np.bincount(np.minimum(counts, 1 << 20)).argmax()) if len(counts) else 1

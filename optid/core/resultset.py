@@ -1,0 +1,245 @@
+"""A folder of results is replaced as a whole or not at all, wherever the process that writes it ends.
+
+The new files are written into `.optid-new-...` inside the folder, with a manifest of their digests. Renaming that to
+`.optid-commit` is the one step that decides: before it the old set counts, after it the new one. Then each file is
+moved to its place by rename, the manifest last. Readers ask `located` for the place of a file and so see one set or
+the other; the next run calls `recover`, which finishes what was begun.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import hashlib
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from optid.errors import InputError
+
+MANIFEST = "manifest.json"
+SCHEMA = "optid.manifest/1"
+STAGED, COMMITTED, UNDONE = ".optid-new-", ".optid-commit", ".optid-undo"
+OLD = "old"  # inside those: what stood in the folder before, to be put back if the folder refuses half-way
+_TRIAL = "x" * 40  # longer than the name of any result
+
+
+def staging(folder: Path) -> Path:
+    """A new folder inside a folder, for files that are to take their places in it.
+
+    Raises:
+        OSError: it cannot be made.
+    """
+    return Path(tempfile.mkdtemp(prefix=STAGED, dir=folder))
+
+
+def try_out(folder: Path) -> None:
+    """Do in a folder what writing results will do, and leave it as it was.
+
+    Raises:
+        OSError: it cannot be done: no permission, no space, a name too long, a read-only place.
+    """
+    staged = staging(folder)
+    moved = folder / f"{staged.name}{_TRIAL}"
+    try:
+        (staged / OLD).mkdir()
+        _write(staged / OLD / _TRIAL, b"x" * 4096)
+        (staged / OLD / _TRIAL).replace(moved)
+    finally:
+        with contextlib.suppress(OSError):
+            moved.unlink(missing_ok=True)
+        shutil.rmtree(staged, ignore_errors=True)
+
+
+def recover(folder: Path) -> None:
+    """Finish what a process that was ended left half-done, and remove its litter.
+
+    Only who knows that no other process writes into the folder may call it.
+
+    Raises:
+        OSError: the folder refuses.
+    """
+    if (folder / UNDONE).is_dir():
+        _put_back(folder)
+    if (folder / COMMITTED).is_dir():
+        _move_in(folder)
+    for litter in folder.glob(f"{STAGED}*"):
+        if litter.is_dir():
+            shutil.rmtree(litter, ignore_errors=True)
+        else:
+            litter.unlink(missing_ok=True)
+
+
+def commit(folder: Path, staged: Path, facts: Mapping[str, Any]) -> None:
+    """Let the staged files take their places in a folder, and write its manifest.
+
+    Of the set before, files of the same command that are not written anew go, unless they were changed since; files of
+    other commands stay and are listed as earlier ones.
+
+    Args:
+        folder: where nothing is half-done.
+        staged: of `staging`, inside the folder.
+        facts: what the manifest says of the run: version, command and inputs.
+
+    Raises:
+        OSError: the folder refuses; the old set then stands as before.
+    """
+    names = sorted(path.name for path in staged.iterdir())
+    for name in (*names, MANIFEST):
+        if (folder / name).is_dir():
+            raise IsADirectoryError(errno.EISDIR, f"{name} is a folder there", str(folder / name))
+    before = manifest(folder) or {}
+    known: dict[str, str] = {**before.get("earlier", {}), **before.get("files", {})}
+    here = {name: digest for name in {*known, *names} if (digest := _digest(folder / name))}
+    for name in names:
+        if (
+            name.endswith(".py")
+            and name in here
+            and here[name] not in (known.get(name), _digest(staged / name))
+        ):
+            raise FileExistsError(errno.EEXIST, "another program of this name is there", str(folder / name))
+    rest = {name: digest for name, digest in known.items() if name not in names and here.get(name) == digest}
+    same = _kind(before) == _kind(facts)
+    removed = sorted(name for name in rest if same and name in before.get("files", {}))
+    content = {
+        "schema": SCHEMA,
+        **facts,
+        "files": {name: _digest(staged / name) for name in names},
+        "earlier": {name: digest for name, digest in rest.items() if name not in removed},
+        "replaced": {name: here[name] for name in names if name in here},
+        "removed": removed,
+    }
+    _write(staged / MANIFEST, (json.dumps(content, indent=1, ensure_ascii=False) + "\n").encode())
+    _keep_old(folder, staged / OLD, [*names, *removed, MANIFEST])
+    for name in names:
+        if here.get(name) == content["files"][name]:
+            (staged / name).unlink()  # it may be the user's own file, as a plant beside its rig is
+        else:
+            _settle(staged / name)
+    _settle(staged)
+    staged.rename(folder / COMMITTED)
+    _settle(folder)
+    try:
+        _move_in(folder)
+    except OSError:
+        with contextlib.suppress(
+            OSError
+        ):  # else readers go on with the new set, and the next run finishes it
+            (folder / COMMITTED).rename(folder / UNDONE)
+            _put_back(folder)
+        raise
+
+
+def manifest(folder: Path) -> dict[str, Any] | None:
+    """The content of a folder's manifest; ``None`` where there is none that can be understood."""
+    try:
+        content = json.loads((folder / MANIFEST).read_bytes())
+    except (OSError, ValueError, RecursionError):
+        return None
+    tables = ("files", "earlier", "replaced")
+    if not isinstance(content, dict) or content.get("schema") != SCHEMA:
+        return None
+    sound = all(isinstance(content.get(table), dict) for table in tables)
+    return content if sound and isinstance(content.get("removed"), list) else None
+
+
+def located(path: Path) -> Path:
+    """Where a file of a result folder is to be read: elsewhere than at `path` while its set is half in place.
+
+    Raises:
+        InputError: the file is of another set than the folder's manifest tells of.
+    """
+    folder, name = path.parent, path.name
+    for half, place in ((COMMITTED, folder / COMMITTED / name), (UNDONE, folder / UNDONE / OLD / name)):
+        if place.is_file():
+            return place
+        if (folder / half).is_dir():
+            told = manifest(folder / half) or {"files": {}, "replaced": {}, "removed": []}
+            new = name in told["files"] and name not in told["replaced"]
+            gone = name in told["removed"] if half == COMMITTED else new
+            return place if gone else path
+    told = manifest(folder) or {"replaced": {}, "files": {}}
+    old = told["replaced"].get(name)
+    if old is not None and old != told["files"].get(name) and _digest(path) == old:
+        raise InputError(
+            f"this is the file that stood there before the results that {MANIFEST} tells of",
+            where=path,
+            expected="the files of one run",
+            hint=f"run {_kind(told) or 'the command'} again",
+        )
+    return path
+
+
+def _kind(facts: Mapping[str, Any]) -> str:
+    """The command without what it was called with: "optid fit"."""
+    return " ".join(str(facts.get("command", "")).split()[:2])
+
+
+def _keep_old(folder: Path, old: Path, names: Iterable[str]) -> None:
+    old.mkdir()
+    for name in names:
+        if (folder / name).is_file():
+            try:
+                os.link(folder / name, old / name)
+            except OSError:  # a file system without links
+                shutil.copy2(folder / name, old / name)
+
+
+def _move_in(folder: Path) -> None:
+    """From `.optid-commit` to the places; may be called again after it was cut short."""
+    source = folder / COMMITTED
+    told = manifest(source)
+    if told is not None:  # else the manifest, which goes last, has gone
+        for name in sorted(told["files"]):
+            if (source / name).is_file():
+                (source / name).replace(folder / name)
+        for name in told["removed"]:
+            (folder / str(name)).unlink(missing_ok=True)
+        _settle(folder)
+        (source / MANIFEST).replace(folder / MANIFEST)
+        _settle(folder)
+    shutil.rmtree(source, ignore_errors=True)
+
+
+def _put_back(folder: Path) -> None:
+    """What stood in the folder before; may be called again after it was cut short."""
+    source = folder / UNDONE
+    told = manifest(source) or {"files": {}}
+    for name in told["files"]:
+        if name not in told["replaced"]:
+            (folder / name).unlink(missing_ok=True)
+    if (source / OLD).is_dir():
+        for path in sorted((source / OLD).iterdir()):
+            path.replace(folder / path.name)
+    _settle(folder)
+    shutil.rmtree(source, ignore_errors=True)
+
+
+def _digest(path: Path) -> str | None:
+    """SHA-256 of a file, hexadecimal; ``None`` where there is none."""
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError:
+        return None
+
+
+def _write(path: Path, content: bytes) -> None:
+    with path.open("wb") as file:
+        file.write(content)
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def _settle(path: Path) -> None:
+    """Ask the disk to hold a file, or the names in a folder, before going on; not all places can."""
+    with contextlib.suppress(OSError):
+        descriptor = os.open(path, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)

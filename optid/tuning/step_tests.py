@@ -1,0 +1,83 @@
+"""The steps by which gains are judged: several sizes in both directions, several seeds of the sensor's noise.
+
+One step of one size tells little about an axis with dry friction: it happens to stick on target, or not. Shares of
+the largest step are always added, small ones included, and each run of a size has noise of its own; the first run is
+free of noise.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from optid.tuning.demand import Episode, step
+
+SHARES = (1.0, -1.0, 0.75, -0.5, 0.25, -0.25, 0.125)  # of the largest step
+REST = 0.2  # share of an episode, at its end, during which the output should be at rest
+HUNTING_OVER_NOISE = 3.0  # peak to peak at rest that is still no hunting, in sd of the sensor's noise
+HUNTING_SHARE = 1e-3  # the same as a share of the largest step, where the noise is smaller
+SEED = 20  # of the noise
+
+
+@dataclass(frozen=True)
+class StepPlan:
+    """What steps to make.
+
+    Attributes:
+        sizes: output's unit; the first one is that to which the costs of the others are scaled.
+        samples: of each episode.
+        sample_time: s.
+        noise: sd of the sensor, output's unit.
+        runs: of each size; the first one without noise and with the nominal plant.
+        variants: parameter sets of the physical model beside the nominal one, which the runs take in turn.
+        load: standing disturbance added to the command.
+        power: of the error in the criterion, for the scaling.
+    """
+
+    sizes: tuple[float, ...]
+    samples: int
+    sample_time: float
+    noise: float = 0.0
+    runs: int = 1
+    variants: int = 0
+    load: float = 0.0
+    power: int = 1
+
+    def episodes(self) -> tuple[Episode, ...]:
+        """All of them, run by run; their weights sum to 1 for steps as large as the first."""
+        count = self.runs if self.noise > 0.0 or self.variants else 1
+        return tuple(
+            self._one(size, number, run, count)
+            for run in range(count)
+            for number, size in enumerate(self.sizes)
+        )
+
+    def _one(self, size: float, number: int, run: int, count: int) -> Episode:
+        weight = abs(self.sizes[0] / size) ** self.power / (count * len(self.sizes))
+        bare = step(size, self.samples, self.sample_time, weight)
+        noise = np.zeros(self.samples)
+        if run:
+            noise = self.noise * np.random.default_rng([SEED, run, number]).standard_normal(self.samples)
+        load = np.full(self.samples, self.load)
+        rest = self.samples - max(round(REST * self.samples), 2)
+        variant = (run + number) % (self.variants + 1) if run else 0
+        return replace(bare, noise=noise, load=load, variant=variant, rest=rest)
+
+
+def sizes_for(
+    wanted: Sequence[float], reached: Callable[[float], bool] = lambda size: True
+) -> tuple[float, ...]:
+    """The steps asked for, then shares of the largest in both directions that can be reached; each once."""
+    largest = max(wanted, key=abs)
+    every = [*wanted, *(share * largest for share in SHARES if reached(share * largest))]
+    return tuple(
+        s for i, s in enumerate(every) if not any(math.isclose(s, t, rel_tol=1e-9) for t in every[:i])
+    )
+
+
+def hunting_limit(largest: float, noise: float) -> float:
+    """Peak to peak at rest beyond which a loop hunts, output's unit."""
+    return max(HUNTING_OVER_NOISE * noise, HUNTING_SHARE * abs(largest))
