@@ -131,6 +131,18 @@ def _stands(
     return MultistepFit(q, p, f, 0.5 * float(huber(z).sum()), level)
 
 
+def multistep_at(q: Question, p: Array, seconds: float, level: float = QUIET) -> MultistepFit:
+    """Parameters as they are, with the filter and the loss there.
+
+    Raises:
+        SolveError: the model cannot be simulated.
+    """
+    there = _stands(q, p, None, window_starts(q.problem, seconds), level)
+    if there is None:
+        raise SolveError("the simulation diverged")
+    return there
+
+
 def multistep_loss(q: Question, p: Array, seconds: float, level: float = QUIET) -> float:
     """Huber's loss of windows' errors, in sd; infinite where the simulation diverges."""
     there = _stands(q, p, None, window_starts(q.problem, seconds), level)
