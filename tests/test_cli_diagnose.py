@@ -43,6 +43,7 @@ def test_it_writes_the_three_files_and_says_the_answer(answered):
     assert sorted(path.name for path in out.iterdir()) == [
         "diagnosis.json",
         "manifest.json",
+        "plant.py",
         "report.html",
         "rig.toml",
     ]

@@ -44,11 +44,11 @@ def fit_base(problem: DiagnosisProblem) -> tuple[FittedModel, DiagnosisProblem]:
     whole = together(lambda one: fit_multistep(q, one.p, problem.window, turns=o.turns, steps=o.steps), near)
     best = min(whole, key=lambda one: one.loss)
     # What windows must err by depends on where the axis rests: once more where the parameters are.
-    problem = replace(problem, open_variance=open_variance(q, best.p, quiet_noise(q), problem.window))
+    noise = quiet_noise(q, best.level)
+    problem = replace(problem, open_variance=open_variance(q, best.p, noise, problem.window))
     q = problem.question(problem.rig)
-    return FittedModel(
-        (), problem.rig, fit_multistep(q, best.p, problem.window, turns=2, steps=o.steps)
-    ), problem
+    fit = fit_multistep(q, best.p, problem.window, turns=o.turns, steps=o.steps, level=best.level)
+    return FittedModel((), problem.rig, fit), problem
 
 
 def search_starts(q: Question, p: Array) -> list[Array]:

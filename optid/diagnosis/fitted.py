@@ -9,7 +9,7 @@ from functools import cached_property
 from optid.core.model import Array
 from optid.diagnosis.problem import DiagnosisProblem
 from optid.effects.effect import Effect
-from optid.estimation.multistep import MultistepFit, fit_multistep
+from optid.estimation.multistep import QUIET, MultistepFit, fit_multistep
 from optid.estimation.place import Question
 from optid.rigs.rigfile import Rig
 
@@ -57,6 +57,7 @@ def fit_model(
     p: Array,
     *,
     short: bool = False,
+    level: float = QUIET,
 ) -> FittedModel:
     """Fit by short windows first, if asked, and then by whole ones.
 
@@ -66,5 +67,5 @@ def fit_model(
     o = problem.options
     if short:
         p = fit_multistep(question, p, o.short * problem.window, turns=2, steps=o.steps).p
-    fit = fit_multistep(question, p, problem.window, turns=o.turns, steps=o.steps)
+    fit = fit_multistep(question, p, problem.window, turns=o.turns, steps=o.steps, level=level)
     return FittedModel(tuple(effects), rig, fit)

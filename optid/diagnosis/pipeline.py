@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
@@ -15,12 +16,21 @@ from optid.core.budget import UNLIMITED, Budget
 from optid.core.recording import Recording
 from optid.diagnosis.alternatives import compare_alternatives
 from optid.diagnosis.base_fit import fit_base, relax_bounds
+from optid.diagnosis.checkpoint import (
+    Checkpoint,
+    base_document,
+    base_from,
+    key_of,
+    path_document,
+    path_from,
+)
 from optid.diagnosis.criteria import Criteria, SearchOptions
+from optid.diagnosis.fitted import FittedModel
 from optid.diagnosis.localisation.unknown_input import locate
 from optid.diagnosis.problem import DiagnosisProblem, measurement_noise, prepare
 from optid.diagnosis.refinement import refine
 from optid.diagnosis.result import Diagnosis
-from optid.diagnosis.selection import nothing_selected, select, without_each
+from optid.diagnosis.selection import SelectionPath, nothing_selected, select, without_each
 from optid.diagnosis.surrogate.search import answer_of, find_surrogate
 from optid.diagnosis.testing import gate, test_on_holdout
 from optid.diagnosis.verdict import conclude, is_sufficient
@@ -42,6 +52,7 @@ def diagnose(
     budget: Budget = UNLIMITED,
     criteria: Criteria | None = None,
     options: SearchOptions | None = None,
+    checkpoint: Path | None = None,
 ) -> Diagnosis:
     """Say what a rig's model leaves out.
 
@@ -55,6 +66,7 @@ def diagnose(
         budget: processor time and deadline of the whole.
         criteria: what counts as proof.
         options: how much is searched.
+        checkpoint: file of what is done; one that a diagnosis of the same left is gone on from.
 
     Raises:
         InputError: nothing to fit, nothing held out, or a recording on which nothing can be tested.
@@ -80,13 +92,11 @@ def diagnose(
         budget=budget.share(SEARCH_SHARE),
         report=report,
     )
-    base, problem = fit_base(problem)
+    kept = Checkpoint(checkpoint, key_of(problem))
+    base, problem = _base_fit(problem, kept)
     wide = relax_bounds(base, problem)
-    path, alternatives = (
-        (nothing_selected(base, problem), {})
-        if wide
-        else compare_alternatives(select(base, problem), problem)
-    )
+    path = nothing_selected(base, problem) if wide else _selection(base, problem, kept)
+    path, alternatives = compare_alternatives(path, problem)
     surrogate = None
     if wide is None and not is_sufficient(path, problem):
         report(0.85, "locating the mismatch with an unknown input")
@@ -102,4 +112,22 @@ def diagnose(
         plain, best, without_each(path, answer), path.strongest, sealed, problem.noise, criteria
     )
     names = tuple(one.name for one in sealed)
+    kept.clear()
     return conclude(problem, path, alternatives, surrogate, plain, best, test, names, wide=wide is not None)
+
+
+def _base_fit(problem: DiagnosisProblem, kept: Checkpoint) -> tuple[FittedModel, DiagnosisProblem]:
+    if (found := kept.load("base fit")) is not None:
+        return base_from(found, problem)
+    base, problem = fit_base(problem)
+    kept.save("base fit", base_document(base, problem))
+    return base, problem
+
+
+def _selection(base: FittedModel, problem: DiagnosisProblem, kept: Checkpoint) -> SelectionPath:
+    if (found := kept.load("selection")) is not None:
+        return path_from(found, problem)
+    path = select(base, problem)
+    if not path.ended_early:
+        kept.save("selection", path_document(path))
+    return path

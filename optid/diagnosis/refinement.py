@@ -72,7 +72,7 @@ def refine(model: FittedModel, problem: DiagnosisProblem) -> RefinedModel:
     led = here.answer(False)
     with contextlib.suppress(SolveError):
         likely = maximise(q, model.p, noise.levels, polish=False, rough=NEARBY, near=led)
-        loss = multistep_loss(q, likely.p, problem.window)
+        loss = multistep_loss(q, likely.p, problem.window, model.fit.level)
         free = list(q.free)
         if loss <= (1.0 + problem.criteria.smallest_share) * model.fit.loss:
             return RefinedModel(model.effects, model.rig, likely, np.zeros(len(free)))

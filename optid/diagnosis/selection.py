@@ -166,7 +166,8 @@ def contend(
 ) -> Contender | None:
     """A proposal fitted in full and validated; ``None`` where the simulation diverges."""
     with contextlib.suppress(SolveError):
-        model = fit_model(problem, (*current.effects, one.effect), one.question.rig, one.question, one.p)
+        effects, level = (*current.effects, one.effect), current.fit.level
+        model = fit_model(problem, effects, one.question.rig, one.question, one.p, level=level)
         validated = cross_validate(model, problem)
         size = one.effect.size(model.own_values(one.effect))
         why = rejection_reason(one.effect, size, first, before, validated, problem.criteria, tried)

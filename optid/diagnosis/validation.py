@@ -23,7 +23,7 @@ from optid.effects.effect import Effect
 from optid.errors import SolveError
 from optid.estimation.likelihood import huber
 from optid.estimation.multistep import window_starts
-from optid.estimation.problem import Integers
+from optid.estimation.problem import Integers, Problem
 from optid.estimation.steering import innovations, steered_fit
 
 LARGEST = 700.0  # gain beyond which a p-value is told as that of so much, the least number there is
@@ -35,7 +35,8 @@ class Validated:
     """Errors of windows by parameters that were fitted without them.
 
     Attributes:
-        squares: mean of each window and measured output, by Huber's loss, in variances, (windows, outputs).
+        squares: mean of each window and measured output, by Huber's loss, in variances, (windows, outputs); NaN in a
+            recording's first.
     """
 
     squares: Array
@@ -80,10 +81,26 @@ def cross_validate(model: FittedModel, problem: DiagnosisProblem) -> Validated:
         (seen,) = innovations(q, p[None], q.model, model.fit.filtered, here, looks)
         among = np.isin(segment[rows], here)
         z[rows[among], outputs[among]] = seen
+    # Nothing was read before a recording's first window: it says nothing of a prediction.
+    first = np.isin(np.arange(len(z)), _first_windows(q.problem, problem.window))
+    z[first] = np.nan
     blocks = np.unique(
         np.stack([recording, np.floor(q.problem.time / problem.window + 1e-9)]), axis=1, return_inverse=True
     )[1].ravel()
-    return Validated(_by_window(huber(z[:, known.any(axis=0)]), blocks))
+    squares = _by_window(huber(z[:, known.any(axis=0)]), blocks)
+    return Validated(squares[np.isfinite(squares).any(axis=1)])
+
+
+def _first_windows(problem: Problem, seconds: float) -> Integers:
+    """Samples of the first window of every segment."""
+    ends = [
+        begin
+        + np.arange(
+            np.searchsorted(problem.time[begin : begin + count + 1] - problem.time[begin], seconds - 1e-9)
+        )
+        for begin, count in zip(problem.begins.tolist(), problem.counts.tolist(), strict=True)
+    ]
+    return np.concatenate(ends)
 
 
 def _by_window(squares: Array, blocks: Integers) -> Array:

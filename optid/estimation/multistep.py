@@ -23,8 +23,8 @@ from optid.estimation.scoring import middling
 from optid.estimation.steering import innovations, steered_fit
 
 # Log of the share of a middling process noise that a quiet filter has: so little that what is missing is not taken for
-# it, and enough to hold the states of a wrong model to the data.
-QUIET = -2.0
+# it, and enough to hold the states of a wrong model to the data. A model that lacks little is better off with less.
+QUIET, STEP = -2.0, -1.0
 SETTLED = 5e-3  # of the loss: a turn that gains less is the last
 
 
@@ -37,22 +37,26 @@ class MultistepFit:
         p: the whole parameter vector.
         filtered: the quiet filter there, whose variances are those that windows' errors should have.
         loss: Huber's, of the windows' errors in sd.
+        level: of the filter's process noise, as a log of its share of a middling one.
     """
 
     question: Question
     p: Array
     filtered: Filtered
     loss: float
+    level: float
 
 
-def quiet_noise(q: Question) -> Noise:
+def quiet_noise(q: Question, level: float = QUIET) -> Noise:
     """Measurement noise, and process noise that takes over nothing."""
-    return Noise(q.measurement, q.groups, np.maximum(middling(q) + QUIET, LEVELS[0]))
+    return Noise(q.measurement, q.groups, np.maximum(middling(q) + level, LEVELS[0]))
 
 
-def quiet_filter(q: Question, p: Array, only: Sequence[int] | None = None) -> Filtered | None:
+def quiet_filter(
+    q: Question, p: Array, only: Sequence[int] | None = None, level: float = QUIET
+) -> Filtered | None:
     """A filter with quiet noise over all segments or `only` some; ``None`` where the simulation diverges."""
-    noise = quiet_noise(q)
+    noise = quiet_noise(q, level)
     Q = noise.spectrum(len(q.model.states))[None]
     f = run_filter(q.model, q.problem, p[None], Q, noise.measurement[None], keep=True, only=only)
     if not math.isfinite(float(deviance(f.innovations, f.variances).sum())):
@@ -79,6 +83,7 @@ def fit_multistep(
     turns: int,
     steps: int,
     only: Sequence[int] | None = None,
+    level: float = QUIET,
 ) -> MultistepFit:
     """Parameters by windows of so many seconds, with gains taken anew at every turn, from a start.
 
@@ -89,12 +94,13 @@ def fit_multistep(
         turns: times at most that gains are taken anew.
         steps: of Gauss-Newton under the gains of a turn, at most.
         only: these segments count, all if absent.
+        level: of the filter's process noise at the start; it falls as long as that predicts better.
 
     Raises:
         SolveError: the model cannot be simulated at the start.
     """
     starts = window_starts(q.problem, seconds)
-    best = _stands(q, p, only, starts)
+    best = _stands(q, p, only, starts, level)
     if best is None:
         raise SolveError("the simulation diverged at the start values; check them and their units")
     for _ in range(turns):
@@ -102,9 +108,9 @@ def fit_multistep(
             break
         there = None
         with contextlib.suppress(SolveError):
-            there = _stands(
-                q, steered_fit(q, best.p, q.model, best.filtered, steps, only, starts).p, only, starts
-            )
+            moved = steered_fit(q, best.p, q.model, best.filtered, steps, only, starts).p
+            both = [_stands(q, moved, only, starts, best.level + by) for by in (0.0, STEP)]
+            there = min((one for one in both if one is not None), key=lambda one: one.loss, default=None)
         if there is None or not there.loss < best.loss:
             break
         small = best.loss - there.loss < SETTLED * best.loss
@@ -114,16 +120,30 @@ def fit_multistep(
     return best
 
 
-def _stands(q: Question, p: Array, only: Sequence[int] | None, starts: Booleans) -> MultistepFit | None:
+def _stands(
+    q: Question, p: Array, only: Sequence[int] | None, starts: Booleans, level: float = QUIET
+) -> MultistepFit | None:
     """What windows miss at some parameters under the gains of their own filter."""
-    f = quiet_filter(q, p, only)
+    f = quiet_filter(q, p, only, level)
     if f is None:
         return None
     (z,) = innovations(q, p[None], q.model, f, only, starts)
-    return MultistepFit(q, p, f, 0.5 * float(huber(z).sum()))
+    return MultistepFit(q, p, f, 0.5 * float(huber(z).sum()), level)
 
 
-def multistep_loss(q: Question, p: Array, seconds: float) -> float:
+def multistep_at(q: Question, p: Array, seconds: float, level: float = QUIET) -> MultistepFit:
+    """Parameters as they are, with the filter and the loss there.
+
+    Raises:
+        SolveError: the model cannot be simulated.
+    """
+    there = _stands(q, p, None, window_starts(q.problem, seconds), level)
+    if there is None:
+        raise SolveError("the simulation diverged")
+    return there
+
+
+def multistep_loss(q: Question, p: Array, seconds: float, level: float = QUIET) -> float:
     """Huber's loss of windows' errors, in sd; infinite where the simulation diverges."""
-    there = _stands(q, p, None, window_starts(q.problem, seconds))
+    there = _stands(q, p, None, window_starts(q.problem, seconds), level)
     return math.inf if there is None else there.loss

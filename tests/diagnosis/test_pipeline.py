@@ -176,3 +176,47 @@ def test_a_figure_that_is_not_finite_is_never_a_verdict(sound, tmp_path, monkeyp
     found = asked(tmp_path)
     assert found.verdict is Verdict.UNEXPLAINED
     assert found.test.error_over_noise != found.test.error_over_noise  # NaN is handed on, not hidden
+
+
+def test_a_diagnosis_that_died_goes_on_at_its_last_stage_with_the_same_answer(tmp_path, dead, monkeypatch):
+    from optid.diagnosis import pipeline
+
+    file = tmp_path / "checkpoint.json"
+
+    def killed(*given):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(pipeline, "compare_alternatives", killed)
+        asked(tmp_path, dead_band, checkpoint=file)
+    assert file.is_file()
+
+    def again(*given):
+        raise AssertionError("a stage that is done runs again")
+
+    monkeypatch.setattr(pipeline, "fit_base", again)
+    monkeypatch.setattr(pipeline, "select", again)
+    found = asked(tmp_path, dead_band, checkpoint=file)
+    assert not file.exists()
+    first, second = (diagnosis_document(one) for one in (dead, found))
+    assert first == second
+
+
+def test_a_checkpoint_of_other_recordings_is_not_gone_on_from(tmp_path, monkeypatch):
+    from optid.diagnosis import pipeline
+
+    file = tmp_path / "checkpoint.json"
+
+    def killed(*given):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(pipeline, "select", killed)
+    for concealed in (dead_band, lambda u: u):
+        called = []
+        real = pipeline.fit_base
+        with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+            patch.setattr(
+                pipeline, "fit_base", lambda problem, real=real, c=called: c.append(1) or real(problem)
+            )
+            asked(tmp_path, concealed, checkpoint=file)
+        assert called == [1]

@@ -32,8 +32,9 @@ def trolley(s):
 def rig(folder):
     """The trolley's rig file, read."""
     path = folder / "trolley.toml"
+    (folder / "plant.py").write_bytes(Path(__file__).read_bytes())  # a plant belongs beside its rig file
     path.write_text(f"""
-model = "{Path(__file__)}:trolley"
+model = "plant.py:trolley"
 [parameters]
 gain = "2 m/s**2"
 drag = "1 1/s"

@@ -70,16 +70,25 @@ def find_surrogate(
     problem.report(0.9, "what describes the mismatch")
     forms = _forms(base, likely)
     led = list(propose(base, forms, problem, race=problem.options.surrogate_race).ranked)
-    led += _waves(base, likely, problem)
     tried = len(forms)
     best = _best(base, first, led, problem, tried)
-    if best is not None and best.validated.error_over_noise > problem.criteria.error_over_noise:
+    if not _at_noise(best, problem):
+        wave = _best(base, first, _waves(base, likely[:1], problem), problem, tried)
+        best = min((one for one in (best, wave) if one is not None), key=_loss, default=None)
+    if best is not None and not _at_noise(best, problem):
         more = fitting(base.rig, _variants(base, best.effect))
         led = list(propose(base, more, problem, race=problem.options.surrogate_race).ranked) if more else []
         other = _best(base, first, led, problem, tried + len(more))
-        if other is not None and other.validated.windows.sum() < best.validated.windows.sum():
-            best = other
+        best = min((one for one in (best, other) if one is not None), key=_loss)
     return Surrogate(best, tuple(sites), likely)
+
+
+def _at_noise(one: Contender | None, problem: DiagnosisProblem) -> bool:
+    return one is not None and one.validated.error_over_noise <= problem.criteria.error_over_noise
+
+
+def _loss(one: Contender) -> float:
+    return float(one.validated.windows.sum())
 
 
 def _forms(base: FittedModel, likely: Sequence[UnknownInput]) -> list[Description]:
@@ -117,7 +126,7 @@ def _best(
 ) -> Contender | None:
     fitted = together(partial(contend, base, first, first, problem, tried), led)
     good = [one for one in fitted if one is not None and not one.why]
-    return min(good, key=lambda one: one.validated.windows.sum(), default=None)
+    return min(good, key=_loss, default=None)
 
 
 def _rivalling(sites: Sequence[UnknownInput], problem: DiagnosisProblem) -> list[UnknownInput]:

@@ -1,0 +1,189 @@
+"""What a diagnosis has done so far, stage by stage, so that one that died goes on where it was.
+
+One JSON file. Numbers are written so that they come back to the last bit; models come back by running their filter at
+the parameters written, so that the answer is the same as without a break.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from optid.core.model import Array
+from optid.diagnosis.fitted import FittedModel
+from optid.diagnosis.problem import DiagnosisProblem
+from optid.diagnosis.proposals import Proposal, Proposals
+from optid.diagnosis.selection import Contender, Round, SelectionPath
+from optid.diagnosis.validation import Validated
+from optid.effects.effect import Effect
+from optid.effects.library import admitted
+from optid.estimation.multistep import multistep_at
+from optid.rigs.rigfile import with_effects
+
+SCHEMA = "optid.checkpoint/1"
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """A file of finished stages.
+
+    Attributes:
+        path: of the file; ``None`` keeps nothing.
+        key: of what the diagnosis works on; a file with another one counts as empty.
+    """
+
+    path: Path | None = None
+    key: str = ""
+
+    def load(self, stage: str) -> Any:
+        """What a stage left, or ``None``."""
+        return self._stages().get(stage)
+
+    def save(self, stage: str, content: Mapping[str, Any]) -> None:
+        """Keep what a stage found; the file is replaced whole."""
+        if self.path is None:
+            return
+        document = {"schema": SCHEMA, "key": self.key, "stages": {**self._stages(), stage: content}}
+        part = self.path.with_suffix(f".{os.getpid()}.part")
+        part.write_text(json.dumps(document), encoding="utf-8")
+        part.replace(self.path)
+
+    def clear(self) -> None:
+        """Done: nothing is left to go on from."""
+        if self.path is not None:
+            self.path.unlink(missing_ok=True)
+
+    def _stages(self) -> dict[str, Any]:
+        if self.path is None:
+            return {}
+        with contextlib.suppress(OSError, ValueError):
+            document = json.loads(self.path.read_text(encoding="utf-8"))
+            if isinstance(document, dict) and (document.get("schema"), document.get("key")) == (
+                SCHEMA,
+                self.key,
+            ):
+                return dict(document["stages"])
+        return {}
+
+
+def key_of(problem: DiagnosisProblem) -> str:
+    """A digest of rig, recordings, effects and everything that decides."""
+    digest = hashlib.sha256()
+    values = sorted(problem.rig.parameters.items())
+    freed = [(f.name, f.low, f.high, f.sd) for f in problem.rig.freed]
+    own = [effect.name for effect in problem.own]
+    digest.update(
+        repr((problem.rig.model_name, values, freed, own, problem.criteria, problem.options)).encode()
+    )
+    for one in problem.train:
+        digest.update(one.name.encode() + one.time.tobytes())
+        for role, channel in sorted(one.channels.items()):
+            digest.update(role.encode() + np.ascontiguousarray(channel.values).tobytes())
+    return digest.hexdigest()
+
+
+def base_document(base: FittedModel, problem: DiagnosisProblem) -> dict[str, Any]:
+    """Of the base fit."""
+    assert problem.open_variance is not None
+    return {"model": _model(base), "open_variance": problem.open_variance.tolist()}
+
+
+def base_from(document: Mapping[str, Any], problem: DiagnosisProblem) -> tuple[FittedModel, DiagnosisProblem]:
+    """The base fit that a document holds."""
+    problem = replace(problem, open_variance=np.array(document["open_variance"]))
+    return _Reader(problem).model(document["model"]), problem
+
+
+def path_document(path: SelectionPath) -> dict[str, Any]:
+    """Of a selection."""
+    return {
+        "base": _model(path.base),
+        "best": _model(path.best),
+        "first": _errors(path.first),
+        "validated": _errors(path.validated),
+        "rounds": [_round(one) for one in path.rounds],
+        "without": {name: [_model(m), _errors(v)] for name, (m, v) in path.without.items()},
+        "dropped": [[effect.name, why] for effect, why in path.dropped],
+        "ended_early": path.ended_early,
+    }
+
+
+def path_from(document: Mapping[str, Any], problem: DiagnosisProblem) -> SelectionPath:
+    """The selection that a document holds."""
+    read = _Reader(problem)
+    return SelectionPath(
+        read.model(document["base"]),
+        read.model(document["best"]),
+        _errors_from(document["first"]),
+        _errors_from(document["validated"]),
+        tuple(read.round(one) for one in document["rounds"]),
+        {name: (read.model(m), _errors_from(v)) for name, (m, v) in document["without"].items()},
+        tuple((read.effects[name], why) for name, why in document["dropped"]),
+        document["ended_early"],
+    )
+
+
+def _model(one: FittedModel) -> dict[str, Any]:
+    return {"effects": [e.name for e in one.effects], "p": one.p.tolist(), "level": one.fit.level}
+
+
+def _errors(one: Validated) -> list[list[float | None]]:
+    return [[None if np.isnan(x) else float(x) for x in row] for row in one.squares]
+
+
+def _errors_from(rows: list[list[float | None]]) -> Validated:
+    return Validated(np.array([[np.nan if x is None else x for x in row] for row in rows]))
+
+
+def _round(one: Round) -> dict[str, Any]:
+    return {
+        "model": _model(one.model),
+        "ranked": [[p.effect.name, p.p.tolist(), p.loss, p.alone] for p in one.proposals.ranked],
+        "visible": dict(one.proposals.visible),
+        "contenders": [
+            {"effect": c.effect.name, "model": _model(c.model), "errors": _errors(c.validated), "why": c.why}
+            for c in one.contenders
+        ],
+        "taken": None if one.taken is None else one.contenders.index(one.taken),
+    }
+
+
+class _Reader:
+    """Models of a problem by what a document says of them, each once."""
+
+    def __init__(self, problem: DiagnosisProblem) -> None:
+        self.problem = problem
+        self.effects: dict[str, Effect] = {e.name: e for e in admitted(problem.plain, problem.own)}
+        self._models: dict[str, FittedModel] = {}
+
+    def model(self, document: Mapping[str, Any]) -> FittedModel:
+        key = json.dumps(document)
+        if key not in self._models:
+            effects = tuple(self.effects[name] for name in document["effects"])
+            rig = with_effects(self.problem.rig, effects, {}) if effects else self.problem.rig
+            q = self.problem.question(rig)
+            p: Array = np.array(document["p"])
+            fit = multistep_at(q, p, self.problem.window, document["level"])
+            self._models[key] = FittedModel(effects, rig, fit)
+        return self._models[key]
+
+    def round(self, document: Mapping[str, Any]) -> Round:
+        current = self.model(document["model"])
+        ranked = []
+        for name, p, loss, alone in document["ranked"]:
+            rig = with_effects(current.rig, (self.effects[name],), {})
+            ranked.append(Proposal(self.effects[name], self.problem.question(rig), np.array(p), loss, alone))
+        contenders = tuple(
+            Contender(self.effects[c["effect"]], self.model(c["model"]), _errors_from(c["errors"]), c["why"])
+            for c in document["contenders"]
+        )
+        taken = None if document["taken"] is None else contenders[document["taken"]]
+        return Round(current, Proposals(tuple(ranked), document["visible"]), contenders, taken)
