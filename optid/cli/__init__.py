@@ -42,7 +42,7 @@ HELP = """From recordings of a servo-pneumatic axis to a model you can trust.
       Control a rig with its model running beside it: read, identify, simulate, control, log.
   optid identify run1.csv --rig bench.toml --out out/armax
       Recursive ARMAX models, their audit, and their predictions as a table.
-  optid tune out/armax/armax.json --rig bench.toml --out out/tune
+  optid tune out/armax/armax.json --rig out/fit/rig.toml --out out/tune
       PID gains by direct ITAE optimisation under the actuator's limits.
 
 A rig file (TOML) names the plant, its parameters with units, what a fit may move, and which column is what.

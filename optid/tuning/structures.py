@@ -61,7 +61,7 @@ def structure_of(name: str) -> Structure:
 def cascaded(gains: Array) -> Array:
     """Controller gains (n, GAINS) of a cascade, in whose rows kp stands for Kp Kv: kp and set-point weight follow."""
     out = np.array(gains)
-    position = out[:, KP]
+    position = out[:, KP].copy()
     there = position != 0.0
     inner = np.divide(out[:, KD] * out[:, KI], position, out=np.zeros_like(position), where=there)
     out[:, KP] = position + inner

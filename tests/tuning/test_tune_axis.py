@@ -104,8 +104,7 @@ def test_gains_that_hunt_lose_to_all_that_rest(gain):
     plan = StepPlan((0.06, -0.015), 1000, T, 3e-5, runs=2)
     episodes, sign = plan.episodes(), math.copysign(1.0, gain)
     rest, hunt = (sign * np.array([20.0, ki, 0.1, 0, 0, 0]) + [0, 0, 0, 2e-3, 1, 0] for ki in (0.0, 600.0))
-    linear = Task((plant,), episodes, LIMITS)
-    assert linear.fitness(hunt)[0] < linear.fitness(rest)[0]
+    assert Task((plant,), episodes, LIMITS).missed(hunt[None])[0] == 0.0
     bench = StickingAxis(mechanics(plant), episodes, 5.0)
     task = Task((plant,), episodes, LIMITS, bench=bench, bench_alone=True, hunting=hunting_limit(0.06, 3e-5))
     costs = task.fitness(np.array([rest, hunt]))
