@@ -13,6 +13,7 @@ from optid.diagnosis.alternatives import Alternative
 from optid.diagnosis.localisation.activity import effect_activity
 from optid.diagnosis.localisation.effect_signal import effect_signal_at
 from optid.diagnosis.localisation.region import (
+    Region,
     by_usual_size,
     contribution,
     informative_ranges,
@@ -20,68 +21,56 @@ from optid.diagnosis.localisation.region import (
     running_rms,
 )
 from optid.diagnosis.localisation.unknown_input import UnknownInput, locate_at
-from optid.diagnosis.problem import DiagnosisProblem
 from optid.diagnosis.refinement import RefinedModel
 from optid.diagnosis.result import Finding, Suspicion
-from optid.diagnosis.selection import SelectionPath
+from optid.diagnosis.stages import Stages
 from optid.diagnosis.summary import quantity
 from optid.diagnosis.surrogate.library import kind_of
 from optid.diagnosis.surrogate.search import Surrogate
-from optid.diagnosis.testing import Evidence, HoldoutTest
+from optid.diagnosis.testing import Evidence
 from optid.effects.effect import Effect
 from optid.estimation.result import Estimate
 
 NOTHING = 0.01  # of the smallest size worth a name: what is below it is told in words
 
 
-def named_findings(
-    problem: DiagnosisProblem,
-    path: SelectionPath,
-    alternatives: Mapping[str, tuple[Alternative, ...]],
-    base: RefinedModel,
-    best: RefinedModel,
-    parameters: Sequence[Estimate],
-    test: HoldoutTest,
-) -> tuple[Finding, ...]:
+def named_findings(s: Stages, parameters: Sequence[Estimate]) -> tuple[Finding, ...]:
     """One of every named effect, the strongest first."""
-    found = []
-    for effect in best.effects:
-        problem.report(0.97, f"where and when {effect.name} acts")
-        where = region(
-            best.answer,
-            contribution(best.answer, _at_null(best, effect)),
-            effect_activity(base, best, effect),
-            problem.train,
-        )
-        ranges = informative_ranges(where.states, tuple(s for s in effect.depends_on if s in where.states))
-        own = tuple(
-            replace(e, name=e.name.removeprefix(f"{effect.name}."))
-            for e in parameters
-            if e.name.startswith(f"{effect.name}.")
-        )
-        _, errors = path.without[effect.name]
-        gain = float(errors.windows.sum() - path.validated.windows.sum())
-        bic = 2.0 * gain - len(effect.fitted) * math.log(len(path.validated.windows))
-        signal, law = _signal(problem, path, base, best, effect)
-        found.append(
-            Finding(
-                effect,
-                effect.site,
-                effect.sites[0],
-                own,
-                where,
-                tuple(ranges),
-                test.names[effect.name],
-                gain,
-                bic,
-                _indistinguishable(best, effect, alternatives),
-                sentence(effect, best),
-                (),
-                signal,
-                law,
-            )
-        )
+    found = [_named(s, effect, parameters) for effect in s.best.effects]
     return tuple(sorted(found, key=lambda f: -f.train_gain))
+
+
+def _named(s: Stages, effect: Effect, parameters: Sequence[Estimate]) -> Finding:
+    s.problem.report(0.97, f"where and when {effect.name} acts")
+    where, best = _region_of(s, effect), s.best
+    ranges = informative_ranges(where.states, tuple(n for n in effect.depends_on if n in where.states))
+    prefix = f"{effect.name}."
+    own = tuple(replace(e, name=e.name.removeprefix(prefix)) for e in parameters if e.name.startswith(prefix))
+    _, errors = s.path.without[effect.name]
+    gain = float(errors.windows.sum() - s.path.validated.windows.sum())
+    bic = 2.0 * gain - len(effect.fitted) * math.log(len(s.path.validated.windows))
+    signal, law = _signal(s, effect)
+    return Finding(
+        effect=effect,
+        site=effect.site,
+        place=effect.sites[0],
+        parameters=own,
+        region=where,
+        shown=tuple(ranges),
+        evidence=s.test.names[effect.name],
+        train_gain=gain,
+        delta_bic=bic,
+        indistinguishable=_indistinguishable(best, effect, s.alternatives),
+        sentence=sentence(effect, best),
+        signal=signal,
+        law=law,
+    )
+
+
+def _region_of(s: Stages, effect: Effect) -> Region:
+    """Where and when one effect of the best model acts."""
+    mismatch = contribution(s.best.answer, _at_null(s.best, effect))
+    return region(s.best.answer, mismatch, effect_activity(s.base, s.best, effect), s.problem.train)
 
 
 def _at_null(best: RefinedModel, effect: Effect) -> np.ndarray:
@@ -92,14 +81,12 @@ def _at_null(best: RefinedModel, effect: Effect) -> np.ndarray:
     return p
 
 
-def _signal(
-    problem: DiagnosisProblem, path: SelectionPath, base: RefinedModel, best: RefinedModel, effect: Effect
-) -> tuple[UnknownInput | None, Array | None]:
+def _signal(s: Stages, effect: Effect) -> tuple[UnknownInput | None, Array | None]:
     """The unknown input at the effect's site and the law there, at the first of its sites that the law changes."""
     for site in effect.sites:
-        law = effect_signal_at(base, best, site)
+        law = effect_signal_at(s.base, s.best, site)
         if law is not None and np.isfinite(law).all() and np.ptp(law) > 0.0:
-            return locate_at(path.base, problem, site), law
+            return locate_at(s.path.base, s.problem, site), law
     return None, None
 
 
@@ -128,83 +115,75 @@ def sentence(effect: Effect, model: RefinedModel) -> str:
     )
 
 
-def unexplained_finding(
-    problem: DiagnosisProblem,
-    path: SelectionPath,
-    surrogate: Surrogate | None,
-    base: RefinedModel,
-    best: RefinedModel,
-    test: HoldoutTest,
-    suspects: tuple[Suspicion, ...],
-) -> tuple[Finding, ...]:
-    """What is not proven, as a finding: where it lies, what describes it, and what it could be."""
-    if surrogate is None or not surrogate.sites:
-        return tuple(_suspected(problem, base, best, one, test) for one in suspects)
-    described = best.effects[0] if best.effects and surrogate.contender is not None else None
-    first = surrogate.sites[0]
-    if described is not None:
-        sites = [one for one in surrogate.sites if described.sites[0] in one.sites]
-        first = sites[0].only(described.sites[0]) if sites else first
-    answer, signal = base.answer, first.signal / max(float(np.nanstd(first.signal)), 1e-300)
-    centred = signal - np.nanmedian(signal)
-    spread = np.repeat(centred[:, None], len(base.rig.model.outputs), axis=1)
-    measured = np.isfinite(answer.filtered.innovations[0])
-    if described is None:
-        activity = by_usual_size(running_rms(centred, answer.question.problem))
-    else:
-        activity = effect_activity(base, best, described)
-    where = region(answer, np.where(measured, spread, np.nan), activity, problem.train)
-    words = f"an unknown signal at {surrogate.sites[0].site} explains the recordings best"
-    near = dict.fromkeys(
-        one.site for one in surrogate.likely if one.site not in (surrogate.sites[0].site, first.site)
-    )
-    words += f"; {', '.join(near)} would do nearly as well" if near else ""
-    evidence, law = Evidence(1.0, 0.0, 0.0), None
+def unexplained_findings(s: Stages, suspects: tuple[Suspicion, ...]) -> tuple[Finding, ...]:
+    """What is not proven: where it lies, what describes it, and what it could be."""
+    if s.surrogate is None:
+        by_name = {effect.name: effect for effect in s.best.effects}
+        return tuple(_suspected(s, by_name[one.effect], one) for one in suspects if one.effect in by_name)
+    described = s.best.effects[0] if s.best.effects and not s.names else None
+    first = s.surrogate.at(described.sites[0] if described is not None else "")
+    where = _mismatch_region(s, first, described)
+    words, evidence, law = _where_it_lies(s.surrogate, first), Evidence(1.0, 0.0, 0.0), None
     followed: tuple[str, ...] = ()
     if described is not None:
-        evidence, followed = test.names.get(described.name, evidence), described.depends_on
-        law = effect_signal_at(base, best, first.site)
-        words += f"; {sentence(described, best)}, without a name"
+        evidence, followed = s.test.names.get(described.name, evidence), described.depends_on
+        law = effect_signal_at(s.base, s.best, first.site)
+        words += f"; {sentence(described, s.best)}, without a name"
     ranges = informative_ranges(where.states, tuple(name for name in followed if name in where.states))
     return (
         Finding(
-            None,
-            kind_of(first.site),
-            first.site,
-            (),
-            where,
-            tuple(ranges),
-            evidence,
-            first.gain,
-            0.0,
-            (),
-            words,
-            suspects,
-            first,
-            law,
+            effect=None,
+            site=kind_of(first.site),
+            place=first.site,
+            parameters=(),
+            region=where,
+            shown=tuple(ranges),
+            evidence=evidence,
+            train_gain=first.gain,
+            delta_bic=0.0,
+            indistinguishable=(),
+            sentence=words,
+            suspected=suspects,
+            signal=first,
+            law=law,
         ),
     )
 
 
-def _suspected(
-    problem: DiagnosisProblem, base: RefinedModel, best: RefinedModel, one: Suspicion, test: HoldoutTest
-) -> Finding:
+def _mismatch_region(s: Stages, first: UnknownInput, described: Effect | None) -> Region:
+    """When and where something without a name acts: by what describes it, or else by the unknown input."""
+    answer, signal = s.base.answer, first.signal / max(float(np.nanstd(first.signal)), 1e-300)
+    centred = signal - np.nanmedian(signal)
+    spread = np.repeat(centred[:, None], len(s.base.rig.model.outputs), axis=1)
+    measured = np.isfinite(answer.filtered.innovations[0])
+    if described is None:
+        activity = by_usual_size(running_rms(centred, answer.question.problem))
+    else:
+        activity = effect_activity(s.base, s.best, described)
+    return region(answer, np.where(measured, spread, np.nan), activity, s.problem.train)
+
+
+def _where_it_lies(surrogate: Surrogate, first: UnknownInput) -> str:
+    best = surrogate.sites[0].site
+    near = dict.fromkeys(one.site for one in surrogate.likely if one.site not in (best, first.site))
+    words = f"an unknown signal at {best} explains the recordings best"
+    return words + (f"; {', '.join(near)} would do nearly as well" if near else "")
+
+
+def _suspected(s: Stages, effect: Effect, one: Suspicion) -> Finding:
     """A name that is not proven, where it would act."""
-    effect = next(e for e in best.effects if e.name == one.effect)
-    mismatch = contribution(best.answer, _at_null(best, effect))
-    where = region(best.answer, mismatch, effect_activity(base, best, effect), problem.train)
-    words = f"it could be {effect.name.replace('_', ' ')} ({sentence(effect, best)}), which is not proven: {one.why}"
+    where, name = _region_of(s, effect), effect.name.replace("_", " ")
     return Finding(
-        None,
-        effect.site,
-        effect.sites[0],
-        (),
-        where,
-        tuple(informative_ranges(where.states, ())),
-        test.names[effect.name],
-        0.0,
-        0.0,
-        (),
-        words,
-        (one,),
+        effect=None,
+        site=effect.site,
+        place=effect.sites[0],
+        parameters=(),
+        region=where,
+        shown=tuple(informative_ranges(where.states, ())),
+        evidence=s.test.names[effect.name],
+        train_gain=0.0,
+        delta_bic=0.0,
+        indistinguishable=(),
+        sentence=f"it could be {name} ({sentence(effect, s.best)}), which is not proven: {one.why}",
+        suspected=(one,),
     )

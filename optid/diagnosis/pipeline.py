@@ -31,6 +31,7 @@ from optid.diagnosis.problem import DiagnosisProblem, measurement_noise, prepare
 from optid.diagnosis.refinement import refine
 from optid.diagnosis.result import Diagnosis
 from optid.diagnosis.selection import SelectionPath, nothing_selected, select, without_each
+from optid.diagnosis.stages import Stages
 from optid.diagnosis.surrogate.search import answer_of, find_surrogate
 from optid.diagnosis.testing import gate, test_on_holdout
 from optid.diagnosis.verdict import conclude, is_sufficient
@@ -113,7 +114,8 @@ def diagnose(
     )
     names = tuple(one.name for one in sealed)
     kept.clear()
-    return conclude(problem, path, alternatives, surrogate, plain, best, test, names, wide=wide is not None)
+    wider = wide is not None
+    return conclude(Stages(problem, path, alternatives, surrogate, plain, best, test, names, wider))
 
 
 def _base_fit(problem: DiagnosisProblem, kept: Checkpoint) -> tuple[FittedModel, DiagnosisProblem]:

@@ -7,17 +7,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from optid.diagnosis.alternatives import Alternative
-from optid.diagnosis.criteria import Criteria
-from optid.diagnosis.findings import named_findings, unexplained_finding
+from optid.diagnosis.evaluation import Evaluation
+from optid.diagnosis.findings import named_findings, unexplained_findings
 from optid.diagnosis.intervals import intervals
 from optid.diagnosis.problem import DiagnosisProblem
-from optid.diagnosis.refinement import RefinedModel
-from optid.diagnosis.result import Diagnosis, Suspicion, Verdict
+from optid.diagnosis.result import Diagnosis, Finding, Suspicion, Verdict
 from optid.diagnosis.selection import SelectionPath
+from optid.diagnosis.stages import Stages
 from optid.diagnosis.summary import quantity, summarise
-from optid.diagnosis.surrogate.search import Surrogate
-from optid.diagnosis.testing import HoldoutTest
-from optid.effects.description import Description
 from optid.effects.library import admitted
 
 VISIBLE = 5.0  # sd by which windows' errors must change for an effect to be found for sure
@@ -38,104 +35,98 @@ def largest_rest(problem: DiagnosisProblem) -> float:
     return problem.criteria.largest_rest if stated is None else stated
 
 
-def conclude(
-    problem: DiagnosisProblem,
-    path: SelectionPath,
-    alternatives: Mapping[str, tuple[Alternative, ...]],
-    surrogate: Surrogate | None,
-    base: RefinedModel,
-    best: RefinedModel,
-    test: HoldoutTest,
-    holdout: Sequence[str],
-    wide: bool,
-) -> Diagnosis:
-    """The answer; `best` is the model that stands for it, `wide` that it is the base with wider bounds."""
-    c = problem.criteria
-    suspects = _suspects(path, test, c)
-    after = test.best.error_over_noise(problem.noise)
-    share = test.best.explained_share(test.base, problem.noise)
-    held = after <= c.error_over_noise or share >= 1.0 - largest_rest(problem)
-    described = any(isinstance(effect, Description) for effect in best.effects)
-    names = bool(best.effects) and not described
-    if wide:
-        verdict = (
-            Verdict.PARAMETERS
-            if after <= c.error_over_noise and test.p_value <= c.level
-            else Verdict.UNEXPLAINED
-        )
-    elif names and held and not suspects:
-        verdict = Verdict.MISSING_PHYSICS
-    elif not names and surrogate is None and test.base.error_over_noise(problem.noise) <= c.error_over_noise:
-        verdict = Verdict.CONSISTENT
-    else:
-        verdict = Verdict.UNEXPLAINED
-    if verdict is Verdict.UNEXPLAINED and names:
-        why = f"it explains {100 * share:.0f} % of the squared error on the hold-out"
-        suspects = suspects or tuple(Suspicion(effect.name, why) for effect in best.effects)
-    ratio = max(after, 1.0) if math.isfinite(after) and after > c.error_over_noise else 1.0
-    before = test.base.error_over_noise(problem.noise)
-    base_parameters = intervals(base, max(before, 1.0) if before > c.error_over_noise else 1.0)
-    best_parameters = base_parameters if best is base else intervals(best, ratio)
+def conclude(s: Stages) -> Diagnosis:
+    """The answer of all stages."""
+    suspects = _suspects(s)
+    verdict = _verdict(s, suspects)
+    base_parameters = intervals(s.base, _birge(s, s.test.base))
+    best_parameters = base_parameters if s.best is s.base else intervals(s.best, _birge(s, s.test.best))
+    findings: tuple[Finding, ...] = ()
     if verdict is Verdict.MISSING_PHYSICS:
-        findings = named_findings(problem, path, alternatives, base, best, best_parameters, test)
+        findings = named_findings(s, best_parameters)
     elif verdict is Verdict.UNEXPLAINED:
-        findings = unexplained_finding(problem, path, surrogate, base, best, test, suspects)
-    else:
-        findings = ()
+        findings = unexplained_findings(s, suspects or _fallen_short(s))
     diagnosis = Diagnosis(
-        verdict,
-        "",
-        base,
-        best,
-        base_parameters,
-        best_parameters,
-        findings,
-        _rejected(path, alternatives),
-        _not_testable(path, problem),
-        test,
-        path,
-        alternatives,
-        problem,
-        tuple(holdout),
-        problem.noise,
+        verdict=verdict,
+        summary="",
+        base=s.base,
+        best=s.best,
+        base_parameters=base_parameters,
+        best_parameters=best_parameters,
+        findings=findings,
+        rejected=_rejected(s.path, s.alternatives),
+        not_testable=_not_testable(s.path, s.problem),
+        test=s.test,
+        path=s.path,
+        alternatives=s.alternatives,
+        problem=s.problem,
+        holdout=s.holdout,
+        noise=s.problem.noise,
     )
     return replace(diagnosis, summary=summarise(diagnosis))
 
 
-def _suspects(path: SelectionPath, test: HoldoutTest, c: Criteria) -> tuple[Suspicion, ...]:
-    """Names that the hold-out does not confirm, each with why."""
+def _verdict(s: Stages, suspects: Sequence[Suspicion]) -> Verdict:
+    """What is not finite, not tested or not confirmed is never a claim: NaN compares as false."""
+    c, noise = s.problem.criteria, s.problem.noise
+    at_noise = s.test.best.error_over_noise(noise) <= c.error_over_noise
+    if s.wide:
+        return Verdict.PARAMETERS if at_noise and s.test.p_value <= c.level else Verdict.UNEXPLAINED
+    if s.names:
+        held = at_noise or _share(s) >= 1.0 - largest_rest(s.problem)
+        return Verdict.MISSING_PHYSICS if held and not suspects else Verdict.UNEXPLAINED
+    silent = not s.best.effects and s.surrogate is None
+    return Verdict.CONSISTENT if silent and at_noise else Verdict.UNEXPLAINED
+
+
+def _share(s: Stages) -> float:
+    """Of the squared error on the hold-out that the best model explains."""
+    return s.test.best.explained_share(s.test.base, s.problem.noise)
+
+
+def _birge(s: Stages, evaluation: Evaluation) -> float:
+    """By how much a model misses more than it should; 1 where it is at the noise."""
+    ratio = evaluation.error_over_noise(s.problem.noise)
+    return ratio if math.isfinite(ratio) and ratio > s.problem.criteria.error_over_noise else 1.0
+
+
+def _suspects(s: Stages) -> tuple[Suspicion, ...]:
+    """Names of the best model that the hold-out does not confirm, each with why."""
     found = []
-    for effect in path.best.effects:
-        evidence = test.names.get(effect.name)
-        if evidence is None:
-            continue
-        if not evidence.p_value <= c.level:
-            found.append(
-                Suspicion(effect.name, f"the hold-out does not confirm it (p = {evidence.p_value:.2g})")
-            )
+    for effect in s.best.effects if s.names else ():
+        evidence = s.test.names[effect.name]
+        if not evidence.p_value <= s.test.level:
+            why = f"the hold-out does not confirm it (p = {evidence.p_value:.2g})"
+            found.append(Suspicion(effect.name, why))
         elif not evidence.error_gain > 0.0:
             found.append(Suspicion(effect.name, "no output of the hold-out is predicted better"))
     return tuple(found)
+
+
+def _fallen_short(s: Stages) -> tuple[Suspicion, ...]:
+    """Names that were selected and do not explain enough."""
+    if s.names:
+        why = f"it explains {100 * _share(s):.0f} % of the squared error on the hold-out"
+    else:
+        explained = 1.0 - s.path.validated.excess / max(s.path.first.excess, 1e-300)
+        why = (
+            f"it explains {100 * explained:.0f} % of the squared error of windows that had no part in its fit"
+        )
+    return tuple(Suspicion(effect.name, why) for effect in s.path.best.effects)
 
 
 def _rejected(
     path: SelectionPath, alternatives: Mapping[str, tuple[Alternative, ...]]
 ) -> tuple[tuple[str, str], ...]:
     """Every effect that was fitted and not kept, with the last reason."""
-    kept = {effect.name for effect in path.best.effects}
     reasons: dict[str, str] = {}
     for one in path.rounds:
-        for contender in one.contenders:
-            if contender.effect.name not in kept and contender is not one.taken:
-                beaten = f"{one.taken.effect.name} explains more" if one.taken else "not confirmed"
-                reasons[contender.effect.name] = contender.why or beaten
-    reasons |= {
-        effect.name: f"beside the others: {why}" for effect, why in path.dropped if effect.name not in kept
-    }
+        beaten = f"{one.taken.effect.name} explains more" if one.taken else "not confirmed"
+        reasons |= {c.effect.name: c.why or beaten for c in one.contenders if c is not one.taken}
+    reasons |= {effect.name: f"beside the others: {why}" for effect, why in path.dropped}
     for name, others in alternatives.items():
-        for other in others:
-            if name in kept and other.told_apart:
-                reasons[other.effect.name] = f"in its place {name} predicts better"
+        reasons |= {o.effect.name: f"in its place {name} predicts better" for o in others if o.told_apart}
+    kept = {effect.name for effect in path.best.effects}
     return tuple((name, why) for name, why in reasons.items() if name not in kept)
 
 

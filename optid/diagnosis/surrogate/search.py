@@ -44,6 +44,11 @@ class Surrogate:
     sites: tuple[UnknownInput, ...]
     likely: tuple[UnknownInput, ...]
 
+    def at(self, site: str) -> UnknownInput:
+        """The unknown input at a site; the best one where none was tried there."""
+        there = [one for one in self.sites if site in one.sites]
+        return there[0].only(site) if there else self.sites[0]
+
 
 def answer_of(path: SelectionPath, surrogate: Surrogate | None) -> FittedModel:
     """The names where they suffice, else what describes the mismatch, if that predicts better, or the base model."""
