@@ -81,6 +81,15 @@ def read_rig(path: str | Path) -> Rig:
     return _parse(_text(path), path)
 
 
+def rig_of_text(source: str, path: str | Path) -> Rig:
+    """A rig from the text of its file; `path` is what errors name, and where a plant's own file is looked for.
+
+    Raises:
+        RigError: as `read_rig`.
+    """
+    return _parse(source, Path(path))
+
+
 def write_rig(rig: Rig, path: str | Path, parameters: Mapping[str, float] | None = None) -> None:
     """Write a rig file with new values, keeping its comments, units and layout.
 
@@ -96,14 +105,32 @@ def write_rig(rig: Rig, path: str | Path, parameters: Mapping[str, float] | None
     Raises:
         RigError: an unknown name, a value outside its bounds, or a place that cannot be written.
     """
+    path = Path(path)
+    _replace(path, rig_text(rig, path.parent, parameters, path))
+
+
+def rig_text(
+    rig: Rig, folder: Path | None, parameters: Mapping[str, float] | None = None, where: Path | None = None
+) -> str:
+    """The text of a rig file with new values, as `write_rig` writes it.
+
+    Args:
+        rig: as read.
+        folder: that a plant's file is named relative to; its whole path is named when absent.
+        parameters: as in `write_rig`.
+        where: file that errors name; the rig's own when absent.
+
+    Raises:
+        RigError: an unknown name, or a value outside its bounds.
+    """
     import tomlkit
 
-    path, new = Path(path), dict(parameters or {})
+    path, new = where or rig.path, dict(parameters or {})
     for name in new:
         if name not in _by_name(rig.model):
             raise RigError(f'unknown parameter "{name}"', where=path, hint=nearest(name, _by_name(rig.model)))
     document = tomlkit.parse(rig.source)
-    document["model"] = _model_seen_from(rig, path.parent)
+    document["model"] = _model_seen_from(rig, folder)
     plant: Any = document.setdefault("parameters", tomlkit.table())
     values = {**rig.parameters, **new}
     air = values.get(ATMOSPHERE, _default(rig.model, ATMOSPHERE))
@@ -126,13 +153,13 @@ def write_rig(rig: Rig, path: str | Path, parameters: Mapping[str, float] | None
             table[own] = _written(float(value), old, known[name].unit, air)
     _rewrite_gauge_bounds(document, rig, air)
     written = tomlkit.dumps(document)
-    again = _parse(written, path)
+    again = _parse(written, path if folder is not None else rig.path)
     for name, value in values.items():
         if abs(again.parameters[name] - value) > max(
             1e-12 * abs(value), 1e-300
         ):  # subnormals have no twelve digits
             raise RigError(f"{value!r} does not read back", where=path, field=f"parameters.{name}")
-    _replace(path, written)
+    return written
 
 
 def _text(path: Path) -> str:
@@ -330,12 +357,16 @@ def _freed_one(parameter: Parameter, entry: object, values: dict[str, float], pa
     return Freed(name, low, high, sd)
 
 
-def _model_seen_from(rig: Rig, folder: Path) -> str:
+def _model_seen_from(rig: Rig, folder: Path | None) -> str:
     """The model's name for a rig file in `folder`: a plant's file is found relative to its rig file."""
     file, colon, function = rig.model_name.rpartition(":")
-    if not colon or Path(file).is_absolute() or folder.resolve() == rig.path.parent.resolve():
+    if not colon or (folder is not None and folder.resolve() == rig.path.parent.resolve()):
         return rig.model_name
     target = (rig.path.parent / file).resolve()
+    if folder is None:
+        return f"{target.as_posix()}:{function}"
+    if Path(file).is_absolute():
+        return rig.model_name
     try:
         relative = Path(os.path.relpath(target, folder.resolve()))
     except ValueError:  # another drive

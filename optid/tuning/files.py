@@ -133,6 +133,15 @@ def load(path: Path) -> Controller:
         raise InputError(
             f"cannot be read ({error})", where=path, expected="a file of `optid tune`"
         ) from error
+    return controller_of(content, path)
+
+
+def controller_of(content: Any, path: object = None) -> Controller:
+    """The controller of a parsed pid.json; `path` is named in errors.
+
+    Raises:
+        InputError: another schema, or a field that is missing or wrong.
+    """
     if not isinstance(content, dict) or content.get("schema") != SCHEMA:
         found = content.get("schema") if isinstance(content, dict) else type(content).__name__
         raise InputError(f"{found}", where=path, field="schema", expected=SCHEMA)

@@ -39,10 +39,24 @@ def read_recording(path: str | Path, rig: Mapped) -> Recording:
     """
     path = Path(path)
     table, digest = read_table(path)
+    return recording_of(table, rig, path, digest)
+
+
+def recording_of(table: Table, rig: Mapped, path: Path, digest: str | None = None) -> Recording:
+    """The recording that a table holds, as `read_recording`.
+
+    Args:
+        table: raw columns.
+        rig: anything with `channels`.
+        path: of the file, or the name of what is in memory.
+        digest: of the file; without one the recording has no provenance.
+    """
     maps = rig.channels
     _check_columns(table, maps, path)
     time = _time(table, maps["time"], path)
     channels = {role: _channel(table, channel, path) for role, channel in maps.items() if role != "time"}
+    if digest is None:
+        return Recording(path.name, time, channels)
     columns = {role: channel.column for role, channel in maps.items()}
     source = Provenance(path, digest, table.reader, columns, len(table.frame), table.notes)
     return Recording(path.name, time, channels, source)
