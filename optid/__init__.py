@@ -17,39 +17,47 @@ from typing import TYPE_CHECKING, Any
 from optid.results.views import register
 
 if TYPE_CHECKING:
-    from optid import datasets, laws
-    from optid.api.casadi_view import CasadiFunctions
-    from optid.api.checking import check
-    from optid.api.control_view import from_control
-    from optid.api.diagnosing import diagnose
-    from optid.api.document import version
-    from optid.api.fitting import fit, profile
-    from optid.api.fmu import export_fmu
-    from optid.api.identifying import identify
-    from optid.api.planning import plan
-    from optid.api.simulating import simulate
-    from optid.api.tuning import tune
-    from optid.core.linearise import linearise
-    from optid.core.model import Model
-    from optid.core.parameter import Parameter
-    from optid.core.readers import read_recording
-    from optid.core.recording import Recording
-    from optid.core.sheet import Sheet, build
-    from optid.diagnosis.finding import Verdict
-    from optid.effects.effect import Effect
-    from optid.errors import InputError, JobError, OptidError
-    from optid.estimation.result import Outcome
-    from optid.live.driver import Driver
-    from optid.results.check import CheckResult
-    from optid.results.diagnosis import DiagnosisResult, Finding
-    from optid.results.fit import FitResult, ProfileResult
-    from optid.results.identification import IdentificationResult
-    from optid.results.loading import load
-    from optid.results.plan import PlanResult
-    from optid.results.result import Result
-    from optid.results.simulation import SimulationResult
-    from optid.results.tuning import TuningResult
-    from optid.rigs.rigfile import Rig, read_rig, write_rig
+    from optid import datasets as datasets
+    from optid import laws as laws
+    from optid.api.checking import check as check
+    from optid.api.control_view import from_control as from_control
+    from optid.api.diagnosing import diagnose as diagnose
+    from optid.api.fitting import fit as fit
+    from optid.api.fitting import profile as profile
+    from optid.api.fmu import export_fmu as export_fmu
+    from optid.api.identifying import identify as identify
+    from optid.api.planning import plan as plan
+    from optid.api.simulating import simulate as simulate
+    from optid.api.tuning import tune as tune
+    from optid.core.casadi_functions import CasadiFunctions as CasadiFunctions
+    from optid.core.linearise import linearise as linearise
+    from optid.core.model import Model as Model
+    from optid.core.parameter import Parameter as Parameter
+    from optid.core.readers import read_recording as read_recording
+    from optid.core.recording import Recording as Recording
+    from optid.core.sheet import Sheet as Sheet
+    from optid.core.sheet import build as build
+    from optid.diagnosis.finding import Verdict as Verdict
+    from optid.effects.effect import Effect as Effect
+    from optid.errors import InputError as InputError
+    from optid.errors import JobError as JobError
+    from optid.errors import OptidError as OptidError
+    from optid.estimation.result import Outcome as Outcome
+    from optid.live.driver import Driver as Driver
+    from optid.results.check import CheckResult as CheckResult
+    from optid.results.diagnosis import DiagnosisResult as DiagnosisResult
+    from optid.results.diagnosis import Finding as Finding
+    from optid.results.fit import FitResult as FitResult
+    from optid.results.fit import ProfileResult as ProfileResult
+    from optid.results.identification import IdentificationResult as IdentificationResult
+    from optid.results.loading import load as load
+    from optid.results.plan import PlanResult as PlanResult
+    from optid.results.result import Result as Result
+    from optid.results.simulation import SimulationResult as SimulationResult
+    from optid.results.tuning import TuningResult as TuningResult
+    from optid.rigs.rigfile import Rig as Rig
+    from optid.rigs.rigfile import read_rig as read_rig
+    from optid.rigs.rigfile import write_rig as write_rig
 
     __version__: str
 
@@ -74,7 +82,7 @@ _HOMES = {
     "linearise": "optid.core.linearise",
     "from_control": "optid.api.control_view",
     "export_fmu": "optid.api.fmu",
-    "CasadiFunctions": "optid.api.casadi_view",
+    "CasadiFunctions": "optid.core.casadi_functions",
     "Verdict": "optid.diagnosis.finding",
     "Outcome": "optid.estimation.result",
     **dict.fromkeys(("OptidError", "InputError", "JobError"), "optid.errors"),
@@ -89,7 +97,7 @@ _HOMES = {
 }
 _MODULES = ("datasets", "laws")
 
-__all__ = [*_HOMES, *_MODULES, "__version__"]  # noqa: PLE0604
+__all__ = [*_HOMES, *_MODULES, "__version__"]
 
 for _kind in ("check", "simulation", "fit", "profile", "diagnosis", "plan"):
     register(f"optid.{_kind}/1", f"optid.report.views.{_kind}")

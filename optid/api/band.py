@@ -56,7 +56,10 @@ def with_band(
     half = NORMAL * np.sqrt(np.maximum(variance, 0.0))
     found = table.copy()
     for k, column in enumerate(columns):
-        found[f"{column}_low"], found[f"{column}_high"] = nominal[:, k] - half[:, k], nominal[:, k] + half[:, k]
+        found[f"{column}_low"], found[f"{column}_high"] = (
+            nominal[:, k] - half[:, k],
+            nominal[:, k] + half[:, k],
+        )
     return found
 
 

@@ -41,7 +41,9 @@ def about(rig: Rig, exhibits: Sequence[Exhibit]) -> dict[str, Any]:
         "plant": rig.model_name,
         "horizon": max(one.prediction.horizon for one in exhibits),
         "outputs": {
-            port.role: port.unit for port in rig.model.outputs if any(port.role in recording for recording in shown)
+            port.role: port.unit
+            for port in rig.model.outputs
+            if any(port.role in recording for recording in shown)
         },
         "channel_inputs": {port.role: shown[0][port.role].recorded_unit for port in rig.model.recorded},
         "sensor_noise": {
@@ -55,6 +57,7 @@ def _entry(one: Exhibit) -> dict[str, Any]:
     recording, source = one.recording, one.recording.provenance
     return {
         "name": recording.name,
+        "path": str(source.path) if source else recording.name,
         "use": one.use,
         "samples": len(recording),
         "duration": recording.duration,
@@ -84,11 +87,13 @@ def input_table(rig: Rig, exhibits: Sequence[Exhibit]) -> pd.DataFrame:
 
     roles = [port.role for port in rig.model.recorded]
     parts = [
-        pd.DataFrame({
-            "recording": one.recording.name,
-            "time": one.recording.time,
-            **{role: one.recording[role].recorded for role in roles},
-        })
+        pd.DataFrame(
+            {
+                "recording": one.recording.name,
+                "time": one.recording.time,
+                **{role: one.recording[role].recorded for role in roles},
+            }
+        )
         for one in exhibits
     ]
     return pd.concat(parts, ignore_index=True)

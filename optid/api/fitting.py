@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -108,7 +109,7 @@ def profile(
     understood = fit.rig
     data = recordings_of(understood, recordings)
     options = FitOptions(huber=HUBER if robust else math.inf)
-    found = follow(understood, data, estimated(fit), name, options, lambda share: progress(share, name))
+    found = follow(understood, data, estimated(fit), name, options, partial(_told, progress, name))
     document = {**stamp(ProfileResult.SCHEMA, "profile", understood, data), **profile_entry(found)}
     return ProfileResult(document, {"profile": _profile_table(found)})
 
@@ -164,11 +165,16 @@ def _profiles(
     followed, refused = [], []
     for name in dict.fromkeys(names):
         try:
-            one = follow(rig, data, found, name, options, lambda share, n=name: progress(share, f"profile of {n}"))  # type: ignore[misc]
+            tell = partial(_told, progress, f"profile of {name}")
+            one = follow(rig, data, found, name, options, tell)
             followed.append(one)
         except NotIdentifiable as error:
             refused.append(f"no profile: {error}")
     return followed, refused
+
+
+def _told(progress: Progress, words: str, share: float) -> None:
+    progress(share, words)
 
 
 def _result(
@@ -199,7 +205,9 @@ def _result(
         "covariance": _covariance(found),
         **{f"profile {one.name}": _profile_table(one) for one in profiles},
     }
-    return FitResult(document, tables, {RIG: rig_text(rig, None, {p.name: p.value for p in found.parameters})})
+    return FitResult(
+        document, tables, {RIG: rig_text(rig, None, {p.name: p.value for p in found.parameters})}
+    )
 
 
 def _nodes(rig: Rig, found: Fit, exhibits: list[Exhibit]) -> pd.DataFrame:

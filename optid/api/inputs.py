@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from optid.core.readers import read_recording as read_file
 from optid.core.recording import Experiments, Recording
@@ -44,7 +44,7 @@ def recordings_of(rig: Rig, data: Recordings, name: str = "recordings") -> list[
         InputError: something else than paths, frames and recordings; an empty list.
         RecordingError: as `read_recording`.
     """
-    several = list(data) if isinstance(data, (list, tuple, Experiments)) else [data]
+    several: list[Any] = list(data) if isinstance(data, (list, tuple, Experiments)) else [data]
     if not several:
         raise InputError(
             "none is given", field=name, expected="a path, a DataFrame, a Recording, or a list of them"

@@ -61,7 +61,9 @@ def simulate(
         **metrics_document([one.prediction for one in exhibits]),
         "about": {
             **about(understood, exhibits),
-            "lead": "The numbers are the rig file's: nothing was fitted." if fit is None else "The numbers are a fit's.",
+            "lead": "The numbers are the rig file's: nothing was fitted."
+            if fit is None
+            else "The numbers are a fit's.",
             "unknowns": about_data(exhibits, understood),
         },
     }

@@ -31,7 +31,9 @@ def about_fit(fit: Fit, asked: Sequence[str], exhibits: Sequence[Exhibit]) -> li
         if p.name in asked and not p.identifiable:
             said.append(f"{p.name}: these recordings do not determine it; the value is as good as its start.")
         elif p.name in asked and p.at_bound:
-            said.append(f"{p.name}: it stands at its bound; the data ask for more, or the model is wrong there.")
+            said.append(
+                f"{p.name}: it stands at its bound; the data ask for more, or the model is wrong there."
+            )
     said.extend(fit.ties)
     if not any(one.use == "held out" for one in exhibits):
         said.append("How it predicts what it has not seen: no recording was held out.")

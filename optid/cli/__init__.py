@@ -15,6 +15,7 @@ import click
 
 from optid.cli.check import check
 from optid.cli.diagnose import diagnose
+from optid.cli.example import example
 from optid.cli.fit import fit
 from optid.cli.identify import identify
 from optid.cli.live import live
@@ -26,6 +27,8 @@ from optid.errors import InputError, JobError
 HELP = """From recordings of a servo-pneumatic axis to a model you can trust.
 
 \b
+  optid example DIR
+      A sample rig file and recordings to begin with.
   optid check bench.toml run1.csv
       Are the files right, and are the data fit for identification?
   optid simulate bench.toml run1.csv --out out/sim
@@ -101,7 +104,7 @@ def cli(context: click.Context) -> None:
         click.echo(context.get_help())
 
 
-for command in (check, simulate, fit, diagnose, plan, live, identify, tune):
+for command in (example, check, simulate, fit, diagnose, plan, live, identify, tune):
     cli.add_command(command)
 
 

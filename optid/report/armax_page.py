@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
-import jinja2
 import numpy as np
 from markupsafe import Markup
 
@@ -17,10 +15,11 @@ from optid.armax.sampled import Sampled
 from optid.armax.survey import Candidate, Survey
 from optid.armax.table2 import CAPTIONS, Table2
 from optid.armax.whole import names
+from optid.core.quantity import friendly
 from optid.core.recording import Recording
 from optid.quality.remark import Remark
 from optid.report import armax_figures as figures
-from optid.report.scores import friendly
+from optid.report.shell import render
 from optid.rigs.rigfile import Rig
 
 FEW = 3.0  # standard errors by which a mean differs from nothing
@@ -37,16 +36,13 @@ class Source:
 
 def armax_page(found: Survey, sampled: Sampled, source: Source) -> str:
     """The page of a survey."""
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(Path(__file__).parent), autoescape=True, trim_blocks=True,
-        lstrip_blocks=True, undefined=jinja2.StrictUndefined,
-    )  # fmt: skip
     factor, unit = friendly(sampled.output_unit)
     table = found.table2.in_unit(unit or "1", factor)
     model, name = found.chosen.model, sampled.output.replace("_", " ")
     groups = [[pair for pair in table.traces if pair[1] == 1], _horizons(table)]
     e = innovations(model, sampled.signals.y, sampled.signals.u)
-    return environment.get_template("armax.html.j2").render(
+    return render(
+        "armax.html.j2",
         title=f"{source.rig.name}: ARMAX of {name} from {_listed(sampled)}", rig=source.rig, found=found,
         source=source, sampled=sampled, table=table, captions=table.captions(), cells=_cells(table),
         equation=equation(model), coefficients=_coefficients(model), chosen=found.chosen,

@@ -7,10 +7,23 @@ from typing import Any
 import numpy as np
 
 from optid.core.model import Array
-from optid.report.artists import thin
+from optid.report.vertices import thin
 from optid.results.picture import svg
 
-__all__ = ["ALARM", "FREE", "INK", "LAGS", "QUIET", "STYLE", "WINDOW", "autocorrelation", "axis_name", "bounded", "svg", "thin"]
+__all__ = [
+    "ALARM",
+    "FREE",
+    "INK",
+    "LAGS",
+    "QUIET",
+    "STYLE",
+    "WINDOW",
+    "autocorrelation",
+    "axis_name",
+    "bounded",
+    "svg",
+    "thin",
+]
 
 # figures.js knows their counterparts on a dark page.
 INK, WINDOW, FREE, QUIET, ALARM = "#2b2f36", "#0a7e8c", "#c8743a", "#9aa3ad", "#b3372f"

@@ -14,13 +14,15 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedFormatter, FixedLocator, NullLocator
 
-from optid.report.artists import colour, numbers, pictures, shapes, traces
+from optid.report.artists import pictures, shapes, traces
+from optid.report.vertices import colour, numbers
 
 HERE = Path(__file__).parent
 PIXELS = 100  # of a page per inch of a figure
@@ -39,7 +41,7 @@ def interactive(figure: Figure, name: str = "figure") -> Markup:
     high = figure.get_figheight() * PIXELS
     return Markup(
         '<div class="figure" style="height:{:.0f}px"><script type="application/gzip">{}</script></div>'
-    ).format(high, Markup(packed(content)))  # fmt: skip
+    ).format(high, Markup(packed(content)))
 
 
 @cache
@@ -61,10 +63,17 @@ def specification(figure: Figure, name: str) -> dict[str, Any]:
     """The figure's data and layout in Plotly's format."""
     data: list[dict[str, Any]] = []
     layout: dict[str, Any] = {
-        "autosize": True, "margin": {"l": 0, "r": 0, "t": 0, "b": 0}, "hovermode": "closest", "shapes": [],
-        "images": [], "annotations": [], "showlegend": True, "dragmode": "zoom",
-        "paper_bgcolor": "rgba(0,0,0,0)", "plot_bgcolor": "rgba(0,0,0,0)",
-    }  # fmt: skip
+        "autosize": True,
+        "margin": {"l": 0, "r": 0, "t": 0, "b": 0},
+        "hovermode": "closest",
+        "shapes": [],
+        "images": [],
+        "annotations": [],
+        "showlegend": True,
+        "dragmode": "zoom",
+        "paper_bgcolor": "rgba(0,0,0,0)",
+        "plot_bgcolor": "rgba(0,0,0,0)",
+    }
     every = [axes for axes in figure.axes if axes.get_visible()]
     for number, axes in enumerate(every, 1):
         x, y, legend = (f"{kind}{number if number > 1 else ''}" for kind in ("x", "y", "legend"))
@@ -112,18 +121,22 @@ def _axis(axis: Any, limits: tuple[float, float]) -> dict[str, Any]:
     ends = [math.log10(value) for value in limits] if logarithmic else [float(value) for value in limits]
     shown = axis.get_tick_params(which="major")
     found: dict[str, Any] = {
-        "type": "log" if logarithmic else "linear", "range": ends, "zeroline": False,
+        "type": "log" if logarithmic else "linear",
+        "range": ends,
+        "zeroline": False,
         "title": {"text": axis.get_label_text(), "standoff": 4},
         "showticklabels": bool(shown.get("labelbottom", shown.get("labelleft", True))),
-        "showgrid": bool(shown.get("gridOn", True)), "exponentformat": "power",
-    }  # fmt: skip
+        "showgrid": bool(shown.get("gridOn", True)),
+        "exponentformat": "power",
+    }
     if axis.get_ticks_position() == "right":
         found["showticklabels"] = True
     located, written = axis.get_major_locator(), axis.get_major_formatter()
-    if isinstance(located, NullLocator) or (isinstance(located, FixedLocator) and not len(located.locs)):
+    fixed = np.asarray(located.locs) if isinstance(located, FixedLocator) else None  # type: ignore[attr-defined]
+    if isinstance(located, NullLocator) or (fixed is not None and not fixed.size):
         found |= {"showticklabels": False, "showgrid": False}
-    elif isinstance(written, FixedFormatter) and isinstance(located, FixedLocator):
-        found |= {"tickmode": "array", "tickvals": numbers(located.locs), "ticktext": list(written.seq)}
+    elif fixed is not None and isinstance(written, FixedFormatter):
+        found |= {"tickmode": "array", "tickvals": numbers(fixed), "ticktext": list(written.seq)}
     return found
 
 
@@ -139,19 +152,34 @@ def _image(picture: dict[str, Any], axes: Axes, x: str, y: str) -> dict[str, Any
         for ends, scale in ((picture["across"], axes.get_xscale()), (picture["up"], axes.get_yscale()))
     )
     return {
-        "source": picture["source"], "xref": x, "yref": y, "x": left, "y": top, "sizex": right - left,
-        "sizey": top - bottom, "sizing": "stretch", "layer": "below",
-    }  # fmt: skip
+        "source": picture["source"],
+        "xref": x,
+        "yref": y,
+        "x": left,
+        "y": top,
+        "sizex": right - left,
+        "sizey": top - bottom,
+        "sizing": "stretch",
+        "layer": "below",
+    }
 
 
 def _titles(axes: Axes) -> list[dict[str, Any]]:
     box, found = axes.get_position(), []
     for place, at in (("left", box.x0), ("center", (box.x0 + box.x1) / 2), ("right", box.x1)):
-        if text := axes.get_title(loc=place):
-            found.append({
-                "text": text, "xref": "paper", "yref": "paper", "x": at, "y": box.y1, "xanchor": place,
-                "yanchor": "bottom", "showarrow": False,
-            })  # fmt: skip
+        if text := axes.get_title(loc=place):  # type: ignore[arg-type]
+            found.append(
+                {
+                    "text": text,
+                    "xref": "paper",
+                    "yref": "paper",
+                    "x": at,
+                    "y": box.y1,
+                    "xanchor": place,
+                    "yanchor": "bottom",
+                    "showarrow": False,
+                }
+            )
     return found
 
 
@@ -163,10 +191,19 @@ def _texts(axes: Axes, x: str, y: str) -> list[dict[str, Any]]:
             math.log10(value) if scale == "log" and value > 0 else float(value)
             for value, scale in zip(corner, (axes.get_xscale(), axes.get_yscale()), strict=True)
         )
-        found.append({
-            "text": text.get_text(), "xref": x, "yref": y, "x": across, "y": up, "xanchor": "left",
-            "yanchor": "bottom", "showarrow": False, "font": {"color": colour(text.get_color()), "size": 11},
-        })  # fmt: skip
+        found.append(
+            {
+                "text": text.get_text(),
+                "xref": x,
+                "yref": y,
+                "x": across,
+                "y": up,
+                "xanchor": "left",
+                "yanchor": "bottom",
+                "showarrow": False,
+                "font": {"color": colour(text.get_color()), "size": 11},
+            }
+        )
     return found
 
 
@@ -174,6 +211,11 @@ def _legend(legend: Any, figure: Figure) -> dict[str, Any]:
     box = legend.get_window_extent().transformed(figure.transFigure.inverted())
     across = getattr(legend, "_ncols", 1) > 1
     return {
-        "x": min(max(float(box.x0), 0.0), 1.0), "y": min(max(float(box.y0), 0.0), 1.0), "xanchor": "left",
-        "yanchor": "bottom", "orientation": "h" if across else "v", "bgcolor": "rgba(0,0,0,0)", "itemwidth": 30,
-    }  # fmt: skip
+        "x": min(max(float(box.x0), 0.0), 1.0),
+        "y": min(max(float(box.y0), 0.0), 1.0),
+        "xanchor": "left",
+        "yanchor": "bottom",
+        "orientation": "h" if across else "v",
+        "bgcolor": "rgba(0,0,0,0)",
+        "itemwidth": 30,
+    }

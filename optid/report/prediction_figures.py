@@ -21,10 +21,17 @@ if TYPE_CHECKING:
     import pandas as pd
 
 DOTS = 1500  # of residuals over a state
-ABOVE = {"loc": "lower left", "bbox_to_anchor": (0, 1.0), "borderaxespad": 0.2}
+ABOVE: Any = {"loc": "lower left", "bbox_to_anchor": (0, 1.0), "borderaxespad": 0.2}
 
 
-def overlay(frame: pd.DataFrame, inputs: pd.DataFrame, role: str, units: Mapping[str, str], horizon: float) -> Figure:
+def overlay(
+    frame: pd.DataFrame,
+    inputs: pd.DataFrame,
+    role: str,
+    units: Mapping[str, str],
+    horizon: float,
+    sd: float | None = None,
+) -> Figure:
     """Prediction over measurement, the error of the window, and the inputs that drove it.
 
     Args:
@@ -33,6 +40,7 @@ def overlay(frame: pd.DataFrame, inputs: pd.DataFrame, role: str, units: Mapping
         role: of the output.
         units: SI units of outputs and inputs by role.
         horizon: s, of a window.
+        sd: of the noise, SI, where known.
     """
     roles = [str(name) for name in inputs if name not in ("recording", "time")]
     with mpl.rc_context(STYLE):
@@ -41,8 +49,12 @@ def overlay(frame: pd.DataFrame, inputs: pd.DataFrame, role: str, units: Mapping
         predictions(top, frame, role, units[role], horizon)
         factor, unit = friendly(units[role])
         time, error = _column(frame, "time"), factor * residual(frame, role, "window")
+        if sd is not None and np.isfinite(sd):
+            band = 2 * factor * sd
+            middle.axhspan(-band, band, color=QUIET, alpha=0.3, lw=0, label="±2 sd of the noise")
+            middle.legend(loc="lower right", bbox_to_anchor=(1, 1.0), borderaxespad=0.2)
         middle.plot(time, error, color=WINDOW, lw=0.8, label="_error of windows")
-        middle.set_ylabel(axis_name("error", unit))
+        middle.set_ylabel(axis_name("window error", unit))
         for name in roles:
             bottom.plot(_column(inputs, "time"), _column(inputs, name), color=QUIET, lw=0.9, label=f"_{name}")
         bottom.set_ylabel(axis_name(" and ".join(roles), units[roles[0]]) if roles else "")
@@ -71,35 +83,25 @@ def predictions(axes: Axes, frame: pd.DataFrame, role: str, unit: str, horizon: 
     axes.legend(ncols=5, **ABOVE)
 
 
-def residuals(frame: pd.DataFrame, role: str, unit: str, sd: float | None) -> Figure:
-    """Window residuals over time, over the output and its speed, and their autocorrelation.
+def residuals(frame: pd.DataFrame, role: str, unit: str) -> Figure:
+    """Window residuals over the output and its rate, and their autocorrelation.
 
     Args:
         frame: of one recording.
         role: of the output.
         unit: its SI unit.
-        sd: of the noise, SI, where known.
     """
     factor, shown = friendly(unit)
     error = factor * residual(frame, role, "window")
     time, predicted = _column(frame, "time"), factor * _column(frame, f"{role}_window")
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(9.2, 4.6), layout="constrained")
-        grid = figure.add_gridspec(2, 3)
-        over_time: Any = figure.add_subplot(grid[0, :])
-        if sd is not None and np.isfinite(sd):
-            over_time.axhspan(-2 * factor * sd, 2 * factor * sd, color=WINDOW, alpha=0.12, lw=0,
-                              label="±2 sd of the noise")
-            over_time.legend(loc="lower right", bbox_to_anchor=(1, 1.0), borderaxespad=0.2)
-        over_time.plot(time, error, color=WINDOW, lw=0.8)
-        over_time.set_ylabel(axis_name("window residual", shown))
-        over_time.set_xlabel("time (s)")
-        at_output: Any = figure.add_subplot(grid[1, 0])
-        _dots(at_output, predicted, error, axis_name(role, shown))
-        at_output.set_ylabel(axis_name("residual", shown))
-        speed = np.gradient(predicted, time)
-        _dots(figure.add_subplot(grid[1, 1], sharey=at_output), speed, error, axis_name("its rate", f"{shown}/s"))
-        _correlogram(figure.add_subplot(grid[1, 2]), error, float(np.median(np.diff(time))))
+        figure = Figure(figsize=(9.2, 2.4), layout="constrained")
+        axes: Any = figure.subplots(1, 3)
+        _dots(axes[0], predicted, error, axis_name(role, shown))
+        axes[0].set_ylabel(axis_name("window error", shown))
+        _dots(axes[1], np.gradient(predicted, time), error, axis_name("its rate", f"{shown}/s"))
+        axes[1].sharey(axes[0])
+        _correlogram(axes[2], error, float(np.median(np.diff(time))))
         return figure
 
 
@@ -162,7 +164,8 @@ def _correlogram(axes: Any, error: Array, interval: float) -> None:
     lags, values, band = autocorrelation(error)
     axes.axhspan(-band, band, color=QUIET, alpha=0.25, lw=0)
     axes.vlines(lags * interval * 1e3, 0, values, color=WINDOW, lw=0.9)
-    axes.set_ylim(-1.05, 1.05)
+    most = min(1.05, 1.2 * float(np.max(np.abs(values), initial=2 * band)))
+    axes.set_ylim(-most, most)
     axes.set_ylabel("autocorrelation")
     axes.set_xlabel("lag (ms)")
 

@@ -3,19 +3,29 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
+from optid.core.quantity import friendly
 from optid.estimation.prediction import Prediction
 from optid.estimation.profile import Profile
-from optid.core.quantity import friendly
 from optid.estimation.result import Fit
 from optid.report.prediction_figures import residual
 from optid.results.words import score_rows
 
-__all__ = ["KINDS", "SCHEMA", "fit_document", "friendly", "metrics_document", "number", "pooled", "residual", "score_rows"]
+__all__ = [
+    "KINDS",
+    "SCHEMA",
+    "fit_document",
+    "friendly",
+    "metrics_document",
+    "number",
+    "pooled",
+    "residual",
+    "score_rows",
+]
 
 KINDS = ("window", "free_run")
 SCHEMA = "optid.fit/1"

@@ -42,9 +42,9 @@ class DiagnosisResult(ResultWithRig):
     """What physics the model leaves out, where, how sure, and what it gains on recordings held out.
 
     `tables["holdout"]`: one row a sample of the recordings held out: recording, time (s), and for each measured channel
-    NAME, NAME_before and NAME_after: windows of the model as it came and of the improved one, SI. Of finding k there may
-    be `tables["map k"]` (mismatch over time), `tables["state k NAME"]` (over a signal) and `tables["signal k"]` (what is
-    missing, sample by sample, with the law found). `files["rig.toml"]`: the improved rig file.
+    NAME, NAME_before and NAME_after: windows of the model as it came and of the improved one, SI. Of finding k there
+    may be `tables["map k"]` (mismatch over time), `tables["state k NAME"]` (over a signal) and `tables["signal k"]`
+    (what is missing, sample by sample, with the law found). `files["rig.toml"]`: the improved rig file.
     """
 
     FILE: ClassVar[str] = "diagnosis.json"
@@ -60,11 +60,16 @@ class DiagnosisResult(ResultWithRig):
         """What is missing, strongest first."""
         return tuple(
             Finding(
-                f["effect"], f["site"], f["parameters"], f["where"], f["evidence"],
-                tuple(f["indistinguishable_from"]), f.get("sentence", ""),
+                f["effect"],
+                f["site"],
+                f["parameters"],
+                f["where"],
+                f["evidence"],
+                tuple(f["indistinguishable_from"]),
+                f.get("sentence", ""),
             )
             for f in self.document["findings"]
-        )  # fmt: skip
+        )
 
     @property
     def baseline(self) -> Mapping[str, Any]:

@@ -15,9 +15,15 @@ from optid.results.simulation import SimulationResult
 from optid.results.tuning import TuningResult
 
 RESULTS: tuple[type[Result], ...] = (
-    CheckResult, SimulationResult, FitResult, ProfileResult, DiagnosisResult, IdentificationResult, TuningResult,
+    CheckResult,
+    SimulationResult,
+    FitResult,
+    ProfileResult,
+    DiagnosisResult,
+    IdentificationResult,
+    TuningResult,
     PlanResult,
-)  # fmt: skip
+)
 
 
 def load(path: str | Path) -> Result:

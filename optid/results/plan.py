@@ -30,12 +30,18 @@ class PlanResult(Result):
         d = self.document
         head = f"{d['seconds']:g} s at {d['rate']:g} Hz: {'; '.join(piece['name'] for piece in d['pieces'])}"
         rows = [
-            (row["there"], row["instead"] or "nothing", f"{row['sd']:.2f}", f"{row['sd_plain_steps']:.2f}",
-             "no length" if row["seconds_needed"] is None else plain(row["seconds_needed"]))
+            (
+                row["there"],
+                row["instead"] or "nothing",
+                f"{row['sd']:.2f}",
+                f"{row['sd_plain_steps']:.2f}",
+                "no length" if row["seconds_needed"] is None else plain(row["seconds_needed"]),
+            )
             for row in d["pairs"]
-        ]  # fmt: skip
+        ]
         lines = table(("there", "mistaken for", "sd", "by plain steps", "seconds needed"), rows)
-        said = f"sd: between the two, the first at the smallest size worth a name; {d['needed_sd']:g} err once in a hundred"
+        said = "sd: between the two, the first at the smallest size worth a name; "
+        said += f"{d['needed_sd']:g} err once in a hundred"
         return "\n".join([head, *lines, said])
 
     def to_frame(self) -> pd.DataFrame:

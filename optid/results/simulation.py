@@ -48,7 +48,7 @@ class SimulationResult(Result):
         """Beside the rest, prediction.csv: the recording's name is left out where there is one only."""
         super().write(place)
         frame = self.tables["prediction"]
-        alone = frame["recording"].nunique() == 1
+        alone = len(set(frame["recording"])) == 1
         (frame.drop(columns="recording") if alone else frame).to_csv(place / "prediction.csv", index=False)
 
     @property

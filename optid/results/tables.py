@@ -28,7 +28,7 @@ def write_tables(path: Path, tables: Mapping[str, pd.DataFrame]) -> None:
                 values.astype(str) if values.dtype.kind in "OT" else values
             )
     if arrays:
-        np.savez_compressed(path, **arrays)
+        np.savez_compressed(path, **arrays)  # type: ignore[arg-type]
 
 
 def read_tables(path: Path) -> dict[str, pd.DataFrame]:

@@ -54,7 +54,9 @@ class TuningResult(Result):
         feedback = Gains(g["kp"], g["ki"], g["kd"], g["derivative_filter"])
         C = control.TransferFunction(*feedback.polynomials(dt), dt, name="controller")
         frame = self.tables["loop"]
-        P = control.TransferFunction(frame["numerator"], frame["denominator"], dt, name="plant")
+        P = control.TransferFunction(
+            frame["numerator"].to_numpy(), frame["denominator"].to_numpy(), dt, name="plant"
+        )
         L = C * P
         T = control.feedback(L, 1)
         for system, name in ((L, "loop"), (T, "closed_loop")):

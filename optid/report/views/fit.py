@@ -14,7 +14,7 @@ from optid.report.figures import STYLE
 from optid.report.interactive import interactive
 from optid.report.shell import render
 from optid.report.views.canvas import axes_or_new
-from optid.report.views.predictions import exhibits, plotted, score_table
+from optid.report.views.predictions import exhibits, paths, plotted, score_table
 from optid.results.fit import FitResult
 from optid.results.words import error, parameter_rows, percent
 
@@ -35,8 +35,8 @@ def page(result: FitResult) -> str:
         for use, key in (("training", "train"), ("held out", "holdout"))
         if d[key]
     ]
-    names = {use: [e["name"] for e in about["recordings"] if e["use"] == use] for use in ("training", "held out")}
-    held = "".join(f" --holdout {name}" for name in names["held out"] or ["OTHER"])
+    train = " ".join(paths(result, "training"))
+    held = "".join(f" --holdout {name}" for name in paths(result, "held out") or ["OTHER"])
     return render(
         "prediction.html.j2",
         f"{about['rig']}: fit",
@@ -51,7 +51,7 @@ def page(result: FitResult) -> str:
         sound=(int(frame["sound"].sum()), len(frame)),
         exhibits=exhibits(result),
         unknowns=about["unknowns"],
-        next_command=f"optid diagnose {about['rig_file']} {' '.join(names['training'])}{held} --out out/diagnosis",
+        next_command=f"optid diagnose {about['rig_file']} {train}{held} --out out/diagnosis",
     )
 
 
@@ -74,7 +74,11 @@ def _parameters(result: FitResult) -> dict[str, list[dict[str, str]]]:
     for name, entry in every.items():
         _, value, interval, mark = rows[name]
         known = not mark and None not in entry["ci95"]
-        share = 100 * (entry["ci95"][1] - entry["ci95"][0]) / 2 / abs(entry["value"]) if known and entry["value"] else None
+        share = (
+            100 * (entry["ci95"][1] - entry["ci95"][0]) / 2 / abs(entry["value"])
+            if known and entry["value"]
+            else None
+        )
         row = {
             "name": name.replace("_", " "),
             "value": value,
@@ -92,6 +96,6 @@ def _profiles(result: FitResult) -> list[tuple[str, Any]]:
     for name, entry in result.document["profiles"].items():
         with mpl.rc_context(STYLE):
             figure = Figure(figsize=(9.2, 2.7), layout="constrained")
-            figures.profile(figure.subplots(), result.tables[f"profile {name}"], entry, name)  # type: ignore[arg-type]
+            figures.profile(figure.subplots(), result.tables[f"profile {name}"], entry, name)
         found.append((entry["words"], interactive(figure, f"profile of {name}")))
     return found

@@ -14,8 +14,6 @@ if TYPE_CHECKING:
 
     from optid.results.result import Result
 
-TYPE_LABELS = {"training": "recordings fitted to", "held out": "recordings held out", "simulated": "simulated"}
-
 
 def score_table(window: Mapping[str, Any], free_run: Mapping[str, Any]) -> list[tuple[str, ...]]:
     """Channel, fit and error of windows, fit and error of the free run."""
@@ -34,23 +32,31 @@ def score_table(window: Mapping[str, Any], free_run: Mapping[str, Any]) -> list[
 def exhibits(result: Result) -> list[dict[str, Any]]:
     """The recordings of a result with their figures, for a template."""
     about = result.document["about"]
-    noise = {role: entry["sd"] for role, entry in result.document.get("noise", {}).items()} or about["sensor_noise"]
-    return [{**entry, "channels": _channels(result, entry["name"], about, noise)} for entry in about["recordings"]]
+    noise = {role: entry["sd"] for role, entry in result.document.get("noise", {}).items()} or about[
+        "sensor_noise"
+    ]
+    return [
+        {**entry, "channels": _channels(result, entry["name"], about, noise)} for entry in about["recordings"]
+    ]
 
 
-def _channels(result: Result, name: str, about: Mapping[str, Any], noise: Mapping[str, Any]) -> list[dict[str, Any]]:
+def _channels(
+    result: Result, name: str, about: Mapping[str, Any], noise: Mapping[str, Any]
+) -> list[dict[str, Any]]:
     frame, inputs = (part(result.tables[table], name) for table in ("prediction", "inputs"))
     units = {**about["outputs"], **about["channel_inputs"]}
     found = []
     for role, unit in about["outputs"].items():
         if frame[role].notna().any():
-            drawn = figures.overlay(frame, inputs, role, units, about["horizon"])
-            left = figures.residuals(frame, role, unit, noise.get(role))
-            found.append({
-                "role": role,
-                "overlay": interactive(drawn, f"{name} {role}"),
-                "residuals": interactive(left, f"{name} {role} residuals"),
-            })
+            drawn = figures.overlay(frame, inputs, role, units, about["horizon"], noise.get(role))
+            left = figures.residuals(frame, role, unit)
+            found.append(
+                {
+                    "role": role,
+                    "overlay": interactive(drawn, f"{name} {role}"),
+                    "residuals": interactive(left, f"{name} {role} residuals"),
+                }
+            )
     return found
 
 
@@ -67,3 +73,8 @@ def plotted(result: Result, axes: Any, use: str) -> None:
     role = next(role for role in about["outputs"] if frame[role].notna().any())
     figures.predictions(axes, frame, role, about["outputs"][role], about["horizon"])
     axes.set_xlabel(f"time of {entries[-1]['name']} (s)")
+
+
+def paths(result: Result, use: str) -> list[str]:
+    """What to type for the recordings of a use."""
+    return [entry["path"] for entry in result.document["about"]["recordings"] if entry["use"] == use]

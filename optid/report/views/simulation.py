@@ -6,7 +6,7 @@ from matplotlib.axes import Axes
 
 from optid.report.shell import render
 from optid.report.views.canvas import axes_or_new
-from optid.report.views.predictions import exhibits, plotted, score_table
+from optid.report.views.predictions import exhibits, paths, plotted, score_table
 from optid.results.simulation import SimulationResult
 
 
@@ -21,6 +21,7 @@ def page(result: SimulationResult) -> str:
     """The report of `optid simulate`."""
     about, metrics = result.document["about"], result.metrics
     names = [entry["name"] for entry in about["recordings"]]
+    shown = " ".join(paths(result, "simulated"))
     by_kind = [{role: kinds[kind] for role, kinds in metrics.items()} for kind in ("window", "free_run")]
     return render(
         "prediction.html.j2",
@@ -32,5 +33,5 @@ def page(result: SimulationResult) -> str:
         fit=None,
         exhibits=exhibits(result),
         unknowns=about["unknowns"],
-        next_command=f"optid fit {about['rig_file']} {' '.join(names)} --holdout OTHER --out out/fit",
+        next_command=f"optid fit {about['rig_file']} {shown} --holdout OTHER --out out/fit",
     )

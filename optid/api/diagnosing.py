@@ -1,0 +1,104 @@
+"""`optid.diagnose`: what physics a model leaves out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from optid.api.diagnosis_tables import tables_of
+from optid.api.document import stamp
+from optid.api.inputs import Progress, given, refuse_unfit, rig_of, silent
+from optid.diagnosis.diagnosis import diagnose as find
+from optid.effects.effect import Effect
+from optid.effects.library import from_file
+from optid.report.diagnosis_document import diagnosis_document
+from optid.results.diagnosis import DiagnosisResult
+from optid.results.with_rig import RIG
+from optid.rigs.rigfile import Rig, rig_text
+
+if TYPE_CHECKING:
+    from optid.api.inputs import Given, Recordings
+    from optid.diagnosis.finding import Diagnosis
+
+TIME_LIMIT = 800.0  # s: where much is missing, the second of two effects was found after 650 of a core
+
+
+def diagnose(
+    rig: str | Path | Rig,
+    recordings: Recordings,
+    holdout: Recordings,
+    *,
+    effects: Sequence[str | Path | Effect] = (),
+    time_limit: float = TIME_LIMIT,
+    seed: int = 0,
+    progress: Progress = silent,
+) -> DiagnosisResult:
+    """Say what physics a rig's model leaves out, and prove it on recordings held out.
+
+    Args:
+        rig: a rig file, or what `read_rig` made of one; its [fit] table says what may be fitted.
+        recordings: to fit to: a path, a DataFrame, a Recording, or a list of them.
+        holdout: to judge on; the fits never see them.
+        effects: of the user's own beside the catalogue: objects, or files that hold some.
+        time_limit: s to take, about; the search for effects ends with what it has in time.
+        seed: of the resampling.
+        progress: called with the share done and a few words.
+
+    Returns:
+        Verdict, findings, the improved rig file and a report.
+
+    Raises:
+        InputError: an input is wrong, nothing is to be fitted, or nothing is held out.
+        NotIdentifiable: a recording is unfit for identification.
+        SolveError: the model cannot be simulated at the rig file's values.
+    """
+    understood = rig_of(rig)
+    train, held = given(understood, recordings, holdout)
+    refuse_unfit([*train, *held])
+    own: list[Effect] = []
+    for effect in effects:
+        own += from_file(Path(effect)) if isinstance(effect, (str, Path)) else [effect]
+    found = find(
+        understood,
+        [one.recording for one in train],
+        [one.recording for one in held],
+        own=own,
+        generator=np.random.default_rng(seed),
+        progress=progress,
+        time_limit=time_limit,
+    )
+    return _result(understood, train, held, found)
+
+
+def _result(rig: Rig, train: Sequence[Given], held: Sequence[Given], found: Diagnosis) -> DiagnosisResult:
+    data = [one.recording for one in (*train, *held)]
+    document = {
+        **stamp(DiagnosisResult.SCHEMA, "diagnose", rig, data),
+        **diagnosis_document(found),
+        "about": {
+            "rig": rig.name,
+            "rig_file": str(rig.path),
+            "horizon": found.base.judged.horizon,
+            "outputs": {port.role: port.unit for port in rig.model.outputs},
+            "training": [_path(one) for one in train],
+            "held_out": [_path(one) for one in held],
+            "effects": [_effect(f.effect) for f in found.findings],
+        },
+    }
+    values = {p.name: p.value for p in found.best_parameters}
+    return DiagnosisResult(document, tables_of(found), {RIG: rig_text(found.best.rig, None, values)})
+
+
+def _path(one: Given) -> str:
+    source = one.recording.provenance
+    return str(source.path) if source else one.recording.name
+
+
+def _effect(effect: Effect | None) -> dict[str, Any]:
+    """What an effect's own file says of it."""
+    if effect is None:
+        return {}
+    return {"law": effect.law, "source": effect.source, "experiment": effect.experiment}
