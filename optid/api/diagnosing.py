@@ -4,20 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from optid.api.diagnosis_tables import tables_of
 from optid.api.document import stamp
 from optid.api.inputs import Progress, given, refuse_unfit, rig_of, silent
 from optid.diagnosis.diagnosis import diagnose as find
 from optid.effects.effect import Effect
 from optid.effects.library import from_file
-from optid.report.diagnosis_document import diagnosis_document
+from optid.report.diagnosis_page import diagnosis_result
 from optid.results.diagnosis import DiagnosisResult
-from optid.results.with_rig import RIG
-from optid.rigs.rigfile import Rig, rig_text
+from optid.rigs.rigfile import Rig
 
 if TYPE_CHECKING:
     from optid.api.inputs import Given, Recordings
@@ -74,31 +72,13 @@ def diagnose(
 
 
 def _result(rig: Rig, train: Sequence[Given], held: Sequence[Given], found: Diagnosis) -> DiagnosisResult:
-    data = [one.recording for one in (*train, *held)]
-    document = {
-        **stamp(DiagnosisResult.SCHEMA, "diagnose", rig, data),
-        **diagnosis_document(found),
-        "about": {
-            "rig": rig.name,
-            "rig_file": str(rig.path),
-            "horizon": found.base.judged.horizon,
-            "outputs": {port.role: port.unit for port in rig.model.outputs},
-            "training": [_path(one) for one in train],
-            "held_out": [_path(one) for one in held],
-            "effects": [_effect(f.effect) for f in found.findings],
-        },
-    }
-    values = {p.name: p.value for p in found.best_parameters}
-    return DiagnosisResult(document, tables_of(found), {RIG: rig_text(found.best.rig, None, values)})
+    result = diagnosis_result(found)
+    paths = {"training": [_path(one) for one in train], "held_out": [_path(one) for one in held]}
+    head = stamp(DiagnosisResult.SCHEMA, "diagnose", rig, [one.recording for one in (*train, *held)])
+    document = {**head, **result.document, "about": {**result.document["about"], **paths}}
+    return DiagnosisResult(document, result.tables, result.files)
 
 
 def _path(one: Given) -> str:
     source = one.recording.provenance
     return str(source.path) if source else one.recording.name
-
-
-def _effect(effect: Effect | None) -> dict[str, Any]:
-    """What an effect's own file says of it."""
-    if effect is None:
-        return {}
-    return {"law": effect.law, "source": effect.source, "experiment": effect.experiment}

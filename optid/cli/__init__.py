@@ -27,8 +27,6 @@ from optid.errors import InputError, JobError
 HELP = """From recordings of a servo-pneumatic axis to a model you can trust.
 
 \b
-  optid example DIR
-      A sample rig file and recordings to begin with.
   optid check bench.toml run1.csv
       Are the files right, and are the data fit for identification?
   optid simulate bench.toml run1.csv --out out/sim
@@ -46,11 +44,9 @@ HELP = """From recordings of a servo-pneumatic axis to a model you can trust.
   optid tune out/armax/armax.json --rig bench.toml --out out/tune
       PID gains by direct ITAE optimisation under the actuator's limits.
 
-A rig file (TOML) names the plant, its parameters with units, what a fit may move, and which column is what.
-Recordings are CSV, Parquet, .mat or TDMS.
+A rig file (TOML) names plant, parameters and columns. Recordings are CSV, Parquet, .mat or TDMS.
 
-Exit status: 0 done, 1 the job failed (and why), 2 the call or an input file is wrong (which, where, and what
-was expected).
+Exit status: 0 done, 1 the job failed, 2 the call or an input file is wrong; the message says why and where.
 """
 
 

@@ -97,6 +97,7 @@ def _finding(result: DiagnosisResult, number: int, f: Mapping[str, Any]) -> dict
         "title": title,
         "says": says,
         "parameters": _parameters(f),
+        "law": missing is not None and "law" in missing,
         "evidence": _evidence(f["evidence"]),
         "suspected": _suspected(f),
         "map": None if mapped is None else interactive(figures.mismatch_map(mapped), f"{title} when"),
