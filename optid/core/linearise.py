@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +19,8 @@ STEADY = 1e-9  # 1/s: largest rate of a state, as a share of its usual size, tha
 STRIDE = 0.5  # usual sizes: the longest step of the search, lest it leap to where no pressure is positive
 PROBE = 1e-6  # of a usual size: the step to either side by which a kink is seen
 KINK = 1e-3  # relative difference of the slopes on both sides that is no curvature
+WIDE = 1e-2  # of a usual size: how far a linear model should hold at least
+BENT = 0.5  # change of the largest slope within that, relative, from which it does not
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +34,8 @@ class Linear:
         rates: 1/s times the state's unit; zero but for the states declared `moving`.
         kinks: names to which the slope jumps at this very point (a valve that is just closed); there the
             system holds the mean of both sides.
+        bends: states along which the slopes change by more than half within a hundredth of the usual size: along the
+            speed where friction holds an axis.
     """
 
     system: control.StateSpace
@@ -40,6 +44,22 @@ class Linear:
     outputs: Mapping[str, float]
     rates: Mapping[str, float]
     kinks: tuple[str, ...]
+    bends: tuple[str, ...] = ()
+
+    @property
+    def note(self) -> str:
+        """Where the linear model does not hold, in words; empty where it holds within a hundredth of usual sizes."""
+        said = []
+        if self.bends:
+            along = ", ".join(self.bends)
+            said.append(
+                f"Along {along} the slopes change by more than half within a hundredth of the usual size, as where "
+                "friction holds an axis: this system describes its elastic motion only. Hold a speed and declare the "
+                "position moving for the system of the axis as it slides."
+            )
+        if self.kinks:
+            said.append(f"The slopes to {', '.join(self.kinks)} jump at this very point: the mean of both sides is held.")
+        return " ".join(said)
 
 
 def linearise(
@@ -83,7 +103,8 @@ def linearise(
     steady = np.array([state.name not in moving for state in model.states])
     slopes = _slopes(model)
     at = _equilibrium(model, slopes, p, at, loose, steady)
-    return _linear(model, names, at, *_kinked(model, slopes, p, at))
+    bends = tuple(_bends(model, slopes, p, at))
+    return _linear(model, names, at, *_kinked(model, slopes, p, at), bends)
 
 
 def _input_names(model: Model) -> list[str]:
@@ -123,6 +144,21 @@ def _kinked(model: Model, slopes: ca.Function, p: Array, at: Array) -> tuple[Arr
     return values, jacobian, jumps
 
 
+def _bends(model: Model, slopes: ca.Function, p: Array, at: Array) -> Iterator[str]:
+    """States along which the slopes between states do not stay what they are."""
+    nx, scales = len(model.states), model.scales
+    here = _evaluated(slopes, at, p)[1][:nx, :nx] * scales / scales[:, None]
+    largest = np.maximum(np.abs(here).max(axis=1), 1e-300)
+    for k, state in enumerate(model.states):
+        for side in (-1.0, 1.0):
+            probe = np.zeros(len(at))
+            probe[k] = side * WIDE * scales[k]
+            there = _evaluated(slopes, at + probe, p)[1][:nx, :nx] * scales / scales[:, None]
+            if (np.abs(there - here).max(axis=1) > BENT * largest).any():
+                yield state.name
+                break
+
+
 def _equilibrium(
     model: Model, slopes: ca.Function, p: Array, at: Array, loose: Array, steady: Array
 ) -> Array:
@@ -152,7 +188,13 @@ def _equilibrium(
 
 
 def _linear(
-    model: Model, names: list[str], at: Array, values: Array, jacobian: Array, jumps: Array
+    model: Model,
+    names: list[str],
+    at: Array,
+    values: Array,
+    jacobian: Array,
+    jumps: Array,
+    bends: tuple[str, ...],
 ) -> Linear:
     import control
 
@@ -171,4 +213,5 @@ def _linear(
         dict(zip(outputs, values[nx:].tolist(), strict=True)),
         dict(zip(names[:nx], values[:nx].tolist(), strict=True)),
         tuple(name for name, jump in zip(names, jumps, strict=True) if jump),
+        bends,
     )
