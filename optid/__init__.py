@@ -37,7 +37,6 @@ if TYPE_CHECKING:
     from optid.core.recording import Recording as Recording
     from optid.core.sheet import Sheet as Sheet
     from optid.core.sheet import build as build
-    from optid.diagnosis.finding import Verdict as Verdict
     from optid.effects.effect import Effect as Effect
     from optid.errors import InputError as InputError
     from optid.errors import JobError as JobError
@@ -47,6 +46,7 @@ if TYPE_CHECKING:
     from optid.results.check import CheckResult as CheckResult
     from optid.results.diagnosis import DiagnosisResult as DiagnosisResult
     from optid.results.diagnosis import Finding as Finding
+    from optid.results.diagnosis import Verdict as Verdict
     from optid.results.fit import FitResult as FitResult
     from optid.results.fit import ProfileResult as ProfileResult
     from optid.results.identification import IdentificationResult as IdentificationResult
@@ -83,7 +83,7 @@ _HOMES = {
     "from_control": "optid.api.control_view",
     "export_fmu": "optid.api.fmu",
     "CasadiFunctions": "optid.core.casadi_functions",
-    "Verdict": "optid.diagnosis.finding",
+    "Verdict": "optid.results.diagnosis",
     "Outcome": "optid.estimation.result",
     **dict.fromkeys(("OptidError", "InputError", "JobError"), "optid.errors"),
     "Result": "optid.results.result",

@@ -24,7 +24,9 @@ def smooth_rig(folder: Path) -> optid.Rig:
     """The bench with smooth friction."""
     text = (DATA / "bench.toml").read_text(encoding="utf-8")
     file = folder / "smooth.toml"
-    file.write_text(text.replace("[parameters]", '[options]\nfriction = "smooth"\n\n[parameters]', 1), encoding="utf-8")
+    file.write_text(
+        text.replace("[parameters]", '[options]\nfriction = "smooth"\n\n[parameters]', 1), encoding="utf-8"
+    )
     return optid.read_rig(file)
 
 
@@ -72,9 +74,13 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         rig = smooth_rig(Path(folder))
         command, position = solve(rig)
-        print(f"largest command {np.abs(command).max():.3f} of full scale, end at {1e3 * position[-1]:.3f} mm")
+        print(
+            f"largest command {np.abs(command).max():.3f} of full scale, end at {1e3 * position[-1]:.3f} mm"
+        )
         print(f"optid's simulation of it: {1e3 * replay(rig, command):.3f} mm")
-        print(f"with friction that sticks: {1e3 * replay(optid.read_rig(DATA / 'bench.toml'), command):.3f} mm")
+        print(
+            f"with friction that sticks: {1e3 * replay(optid.read_rig(DATA / 'bench.toml'), command):.3f} mm"
+        )
 
 
 if __name__ == "__main__":

@@ -42,7 +42,7 @@ print([name for name in {HEAVY!r} if name in sys.modules])
 def test_reading_a_rig_needs_neither_matplotlib_nor_pandas():
     code = f"""
 import optid, sys
-optid.read_rig({str(DATA / 'bench.toml')!r}).model.to_casadi()
+optid.read_rig({str(DATA / "bench.toml")!r}).model.to_casadi()
 print([name for name in ("matplotlib", "pandas", "control") if name in sys.modules])
 """
     assert fresh(code) == "[]"
@@ -52,8 +52,9 @@ def test_every_public_name_is_there_and_unknown_ones_are_not():
     for name in optid.__all__:
         assert getattr(optid, name) is not None
         assert name in dir(optid)
-    asked = "read_rig read_recording Recording check simulate fit profile diagnose identify tune plan build Parameter Sheet "
-    asked += "Effect Driver laws Rig Finding Verdict Outcome OptidError __version__ load datasets from_control export_fmu"
+    asked = """read_rig read_recording Recording check simulate fit profile diagnose identify tune plan build
+        Parameter Sheet Effect Driver laws Rig Finding Verdict Outcome OptidError __version__ load datasets from_control
+        export_fmu"""
     assert set(asked.split()) <= set(optid.__all__)
     with pytest.raises(AttributeError, match="frobnicate"):
         _ = optid.frobnicate
@@ -71,7 +72,9 @@ def test_a_type_checker_sees_the_surface(tmp_path):
         "reveal_type(optid.laws.signed_root)\n"
         "optid.nothing\n"
     )
-    said, _, status = mypy.run([str(file), "--strict", "--follow-imports=silent", f"--config-file={ROOT / 'pyproject.toml'}"])
+    said, _, status = mypy.run(
+        [str(file), "--strict", "--follow-imports=silent", f"--config-file={ROOT / 'pyproject.toml'}"]
+    )
     assert status == 1
     assert "FitResult" in said and "def (q: Any, width: Any)" in said
     assert said.count("error:") == 1 and '"nothing"' in said
@@ -113,7 +116,7 @@ def test_the_data_sets():
     assert optid.datasets.load("bench").train.name == "bench.csv"
     with pytest.raises(InputError, match='did you mean "bench"'):
         optid.datasets.load("bensh")
-    with pytest.raises(InputError, match="DATA_EMPS.mat"):
+    with pytest.raises(InputError, match=r"DATA_EMPS\.mat"):
         optid.datasets.load("emps")
 
 
@@ -140,6 +143,10 @@ def test_the_readmes_python_is_right():
     assert blocks
     for block in blocks:
         for node in ast.walk(ast.parse(block)):
-            if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "optid":
+            if (
+                isinstance(node, ast.Attribute)
+                and isinstance(node.value, ast.Name)
+                and node.value.id == "optid"
+            ):
                 assert hasattr(optid, node.attr), node.attr
     assert len(text.split()) <= 620

@@ -17,7 +17,12 @@ def installed(tmp_path_factory):
     """The unpacked wheel, without a line of the checkout beside it."""
     pytest.importorskip("hatchling")
     folder = tmp_path_factory.mktemp("wheel")
-    call = [sys.executable, "-c", "import sys, hatchling.build as b; print(b.build_wheel(sys.argv[1]))", str(folder)]
+    call = [
+        sys.executable,
+        "-c",
+        "import sys, hatchling.build as b; print(b.build_wheel(sys.argv[1]))",
+        str(folder),
+    ]
     made = subprocess.run(call, cwd=ROOT, capture_output=True, text=True, check=False)
     assert made.returncode == 0, made.stderr
     wheel = next(folder.glob("*.whl"))
@@ -32,15 +37,27 @@ def optid(installed, folder, *arguments):
     environment = {**os.environ, "PYTHONPATH": str(site), "XDG_CACHE_HOME": str(Path.home() / ".cache")}
     code = "import optid, sys; from optid.cli import main; assert optid.__file__.startswith(sys.argv.pop(1)); main()"
     return subprocess.run(
-        [sys.executable, "-c", code, str(site), *map(str, arguments)], cwd=folder, env=environment, capture_output=True,
-        text=True, check=False,
+        [sys.executable, "-c", code, str(site), *map(str, arguments)],
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
     )
 
 
 def test_the_wheel_holds_what_it_needs_and_no_more(installed):
     _, names, wheel = installed
-    wanted = ["py.typed", "data/bench.toml", "data/worn.csv", "data/worn_holdout.csv", "report/shell.html.j2",
-              "report/figures.js", "report/plotly/plotly-basic.min.js", "report/plotly/LICENSE"]
+    wanted = [
+        "py.typed",
+        "data/bench.toml",
+        "data/worn.csv",
+        "data/worn_holdout.csv",
+        "report/shell.html.j2",
+        "report/figures.js",
+        "report/plotly/plotly-basic.min.js",
+        "report/plotly/LICENSE",
+    ]
     assert {f"optid/{name}" for name in wanted} <= names
     assert not [name for name in names if name.startswith(("tests/", "studies/", "data/"))]
     assert wheel.stat().st_size < 3e6

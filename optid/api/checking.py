@@ -10,6 +10,7 @@ from optid.api.inputs import Given, Progress, given, rig_of, silent
 from optid.core.recording import Recording
 from optid.estimation.identifiability import identifiability
 from optid.quality.motion import answer
+from optid.report.scores import number
 from optid.results.check import CheckResult
 from optid.rigs.rigfile import Rig
 
@@ -38,20 +39,18 @@ def check(rig: str | Path | Rig, recordings: Recordings, *, progress: Progress =
     understood = rig_of(rig)
     data, _ = given(understood, recordings)
     grave = any(remark.severity == "error" for one in data for remark in one.remarks)
-    said: list[str] = []
+    told = None
     if understood.freed and not grave:
         progress(0.2, "examining what the data can tell")
-        said, grave = _identifiability(understood, [one.recording for one in data])
+        told = _identifiability(understood, [one.recording for one in data])
+    fit_for = [] if grave or (told and told["without_influence"]) else ["fit"]
     document = {
         **stamp(CheckResult.SCHEMA, "check", understood, [one.recording for one in data]),
-        "fit_for_identification": not grave,
+        "fit_for": fit_for,
+        "summary": "fit for identification" if fit_for else "unfit for identification",
         "recordings": [_entry(understood, one) for one in data],
-        "identifiability": said,
-        "about": {
-            "rig": understood.name,
-            "rig_file": str(understood.path),
-            "units": _units(understood, data),
-        },
+        "identifiability": told,
+        "about": {"rig": understood.name, "rig_file": str(understood.path), "units": _units(data)},
     }
     return CheckResult(document, {"signals": _signals([one.recording for one in data])})
 
@@ -65,7 +64,10 @@ def _entry(rig: Rig, one: Given) -> dict[str, Any]:
         "samples": len(recording),
         "duration": recording.duration,
         "rate": recording.rate,
-        "channels": list(recording.channels),
+        "channels": {
+            role: {"column": channel.column, "unit": channel.unit, "missing": channel.missing}
+            for role, channel in recording.channels.items()
+        },
         "remarks": [
             {
                 "kind": r.kind,
@@ -100,24 +102,22 @@ def _lags(rig: Rig, recording: Recording) -> list[dict[str, Any]]:
     return found
 
 
-def _identifiability(rig: Rig, recordings: list[Recording]) -> tuple[list[str], bool]:
-    """What the data tell of the parameters to fit, in sentences; and is one without influence?"""
+def _identifiability(rig: Rig, recordings: list[Recording]) -> dict[str, Any]:
+    """What the data tell of the parameters to fit, at the rig file's values and before any fit."""
     ties = identifiability(rig, recordings)
     freed = {parameter.name for parameter in rig.freed}
-    idle = [name for name in ties.idle if name in freed]
-    free = len(ties.mute)
-    said = [f"what these data tell of {free} parameters, at the rig file's values and before any fit:"]
     sd, leader = ties.weakest
-    said.append(f"  rank {ties.rank} of {free}, condition number of the sensitivities {ties.condition:.2g}")
-    if idle:
-        said.append(f"  without influence: {', '.join(idle)}; a fit would be refused")
-    said += [f"  {sentence}" for sentence in ties.sentences]
-    if not ties.sentences:
-        said.append(f"  each has an effect of its own; the weakest direction is {leader}, known to {sd:.1%}")
-    return said, bool(idle)
+    alone = f"each has an effect of its own; the weakest direction is {leader}, known to {sd:.1%}"
+    return {
+        "parameters": len(ties.mute),
+        "rank": int(ties.rank),
+        "condition": number(float(ties.condition)),
+        "without_influence": [name for name in ties.idle if name in freed],
+        "sentences": list(ties.sentences) or [alone],
+    }
 
 
-def _units(rig: Rig, data: list[Given]) -> dict[str, str]:
+def _units(data: list[Given]) -> dict[str, str]:
     return {role: channel.recorded_unit for one in data for role, channel in one.recording.channels.items()}
 
 

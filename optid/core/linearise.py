@@ -58,7 +58,9 @@ class Linear:
                 "position moving for the system of the axis as it slides."
             )
         if self.kinks:
-            said.append(f"The slopes to {', '.join(self.kinks)} jump at this very point: the mean of both sides is held.")
+            said.append(
+                f"The slopes to {', '.join(self.kinks)} jump at this very point: the mean of both sides is held."
+            )
         return " ".join(said)
 
 

@@ -14,6 +14,8 @@ from optid.results.words import score_rows, table
 if TYPE_CHECKING:
     import pandas as pd
 
+__all__ = ["DiagnosisResult", "Finding", "Verdict"]
+
 
 @dataclass(frozen=True)
 class Finding:

@@ -63,7 +63,9 @@ def test_a_step_in_which_the_command_comes_late_takes_both_halves(rig):
     p, before, now = f.values(slow.parameters), 0.0, COMMAND
     u = [now if "@" not in name else before for name in f.inputs]
     x = np.array(f.step(start(slow), u, p, DT)).ravel()
-    at_once = np.array(rig.model.to_casadi().step(start(rig), now, rig.model.vector(rig.parameters), DT)).ravel()
+    at_once = np.array(
+        rig.model.to_casadi().step(start(rig), now, rig.model.vector(rig.parameters), DT)
+    ).ravel()
     moved, whole = x[2] - start(slow)[2], at_once[2] - start(rig)[2]
     assert 0.5 * whole < moved < 0.7 * whole  # air flows in for 0.6 ms of the step
 
@@ -86,7 +88,9 @@ def test_a_system_of_python_control_goes_into_a_model_and_comes_back():
     made = optid.from_control(system, noise=2e-5)
     assert (made.input_unit, made.output_unit, made.chosen.noise_variance) == ("V", "m", pytest.approx(4e-10))
     turn = np.array([1.0, 30.0, 500.0])
-    assert made.chosen.transfer_function()(np.exp(1j * turn * 1e-3)) == pytest.approx(system(np.exp(1j * turn * 1e-3)))
+    assert made.chosen.transfer_function()(np.exp(1j * turn * 1e-3)) == pytest.approx(
+        system(np.exp(1j * turn * 1e-3))
+    )
     assert "axis" in made.words
     with pytest.raises(InputError, match="sample time"):
         optid.from_control(control.tf([1], [1, 1]))
@@ -109,8 +113,13 @@ def test_an_fmu_is_sound_and_moves_as_optid_simulates(rig, fmu):
     assert validate_fmu(str(fmu)) == []
     signal = np.array([(0.0, COMMAND), (1.0, COMMAND)], dtype=[("time", float), ("command", float)])
     found = fmpy.simulate_fmu(
-        str(fmu), stop_time=STEPS * DT, input=signal, output=["position", "pressure_a"], output_interval=DT,
-        solver="CVode", relative_tolerance=1e-8,
+        str(fmu),
+        stop_time=STEPS * DT,
+        input=signal,
+        output=["position", "pressure_a"],
+        output_interval=DT,
+        solver="CVode",
+        relative_tolerance=1e-8,
     )
     there = run(rig).outputs[0]
     assert np.abs(found["position"] - there[: len(found), 0]).max() < 1e-8

@@ -26,13 +26,25 @@ def traces(axes):
 
 def test_a_line_keeps_values_name_style_and_axis(panels):
     axes = panels[1]
-    axes.plot([0, 1, 2], [1e-3, np.nan, 3e-3], "--", color="#2b2f36", lw=1.5, label="measured", drawstyle="steps-post")
+    axes.plot(
+        [0, 1, 2],
+        [1e-3, np.nan, 3e-3],
+        "--",
+        color="#2b2f36",
+        lw=1.5,
+        label="measured",
+        drawstyle="steps-post",
+    )
     axes.legend()
     axes.set_xlabel("time (s)")
     drawn = traces(axes)
     line = next(trace for trace in drawn["data"] if trace.get("name") == "measured")
     assert (line["x"], line["y"]) == ([0.0, 1.0, 2.0], [1e-3, None, 3e-3])
-    assert line["line"]["shape"] == "hv" and line["line"]["color"] == "rgba(43,47,54,1)" and "dash" in line["line"]
+    assert (
+        line["line"]["shape"] == "hv"
+        and line["line"]["color"] == "rgba(43,47,54,1)"
+        and "dash" in line["line"]
+    )
     assert (line["xaxis"], line["legend"], line["showlegend"]) == ("x2", "legend2", True)
     assert drawn["layout"]["xaxis2"]["title"]["text"] == "time (s)"
 
@@ -100,7 +112,10 @@ def test_a_figure_is_data_that_a_page_holds(panels):
     panels[0].plot([0, 1], [0, 1], label="</script>")
     figure = panels[0].get_figure(root=True)
     html = interactive(figure, "name")
-    packed = re.fullmatch(r'<div class="figure" style="height:400px"><script type="application/gzip">([\w+/=]+)</script></div>', html)
+    packed = re.fullmatch(
+        r'<div class="figure" style="height:400px"><script type="application/gzip">([\w+/=]+)</script></div>',
+        html,
+    )
     content = json.loads(gzip.decompress(b64decode(packed[1])))
     assert content["name"] == "name" and len(content["data"]) == 2
 
@@ -109,7 +124,12 @@ def test_the_library_is_the_vendors_with_its_licence():
     from optid.report.interactive import HERE
 
     folder = HERE / "plotly"
-    assert "MIT" in (folder / "LICENSE").read_text() and "plotly.js-basic-dist-min" in (folder / "README.md").read_text()
+    assert (
+        "MIT" in (folder / "LICENSE").read_text()
+        and "plotly.js-basic-dist-min" in (folder / "README.md").read_text()
+    )
     packed = re.search(r'id="plotly">([\w+/=]+)</script>', library())
-    assert gzip.decompress(b64decode(packed[1])).decode() == (folder / "plotly-basic.min.js").read_text(encoding="utf-8")
+    assert gzip.decompress(b64decode(packed[1])).decode() == (folder / "plotly-basic.min.js").read_text(
+        encoding="utf-8"
+    )
     assert len(library()) < 600_000

@@ -1,4 +1,4 @@
-"""Every page in a real browser: figures drawn, zoomed, switched and saved; on dark screens and paper; nothing fetched."""
+"""Pages in a real browser: figures drawn, zoomed, switched, saved; on dark screens and paper; nothing fetched."""
 
 import os
 import shutil
@@ -35,7 +35,12 @@ def opened(browser, place, **screen):
     page, heard = browser.new_page(viewport={"width": 1100, "height": 900}, **screen), []
     page.on("console", lambda message: heard.append(message.text))
     page.on("pageerror", lambda error: heard.append(str(error)))
-    page.on("request", lambda request: None if request.url.startswith(("file:", "data:", "blob:")) else heard.append(request.url))
+    page.on(
+        "request",
+        lambda request: (
+            None if request.url.startswith(("file:", "data:", "blob:")) else heard.append(request.url)
+        ),
+    )
     page.goto(place.as_uri())
     page.wait_for_selector("html[data-figures]", state="attached", timeout=120_000)
     assert page.evaluate("document.documentElement.dataset.figures") == "drawn", heard
@@ -68,7 +73,9 @@ def shown(browser, tmp_path_factory):
 
 
 def ranges(page):
-    return page.evaluate("(f => [f.layout.xaxis.range, f.layout.xaxis2.range, f.layout.yaxis.range])(document.querySelector('.figure'))")
+    return page.evaluate(
+        "(f => [f.layout.xaxis.range, f.layout.xaxis2.range, f.layout.yaxis.range])(document.querySelector('.figure'))"
+    )
 
 
 def test_a_figure_zooms_both_of_its_panels_and_back(shown):
@@ -100,7 +107,9 @@ def test_the_pointer_reads_values(shown):
 def test_a_trace_is_switched_by_its_name(shown):
     name = shown.query_selector(".figure .legendtoggle")
     name.click()
-    shown.wait_for_function("document.querySelector('.figure').data.some(trace => trace.visible === 'legendonly')")
+    shown.wait_for_function(
+        "document.querySelector('.figure').data.some(trace => trace.visible === 'legendonly')"
+    )
 
 
 def test_a_figure_is_saved(shown):

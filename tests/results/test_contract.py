@@ -80,7 +80,7 @@ def test_another_number_is_another_result(result, kind):
     for name, frame in result.tables.items():
         other = frame.copy()
         column = other.columns[-1]
-        other[column] = other[column].iloc[::-1].to_numpy() if other[column].nunique() > 1 else None
+        other[column] = other[column].iloc[::-1].to_numpy() if len(set(other[column])) > 1 else None
         assert kind(result.document, {**result.tables, name: other}, result.files) != result
 
 

@@ -52,13 +52,13 @@ def page(result: CheckResult) -> str:
         }
         for entry in d["recordings"]
     ]
-    fit_for = d["fit_for_identification"]
+    fit_for = result.fit_for_identification
     paths = " ".join(entry["path"] for entry in d["recordings"])
     return render(
         "check.html.j2",
         f"{about['rig']}: check of {', '.join(entry['name'] for entry in d['recordings'])}",
-        d=d,
         about=about,
+        identifiability=result.identifiability,
         recordings=shown,
         lead="The data are fit for identification."
         if fit_for
