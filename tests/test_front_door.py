@@ -48,6 +48,16 @@ print([name for name in ("matplotlib", "pandas", "control") if name in sys.modul
     assert fresh(code) == "[]"
 
 
+def test_the_calls_need_no_matplotlib_before_something_is_drawn():
+    code = """
+import optid, sys
+for name in ("check", "simulate", "fit", "profile", "diagnose", "plan", "load"):
+    getattr(optid, name)
+print("matplotlib" in sys.modules)
+"""
+    assert fresh(code) == "False"
+
+
 def test_every_public_name_is_there_and_unknown_ones_are_not():
     for name in optid.__all__:
         assert getattr(optid, name) is not None

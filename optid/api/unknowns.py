@@ -9,8 +9,7 @@ import numpy as np
 from optid.api.exhibit import Exhibit
 from optid.core.quantity import friendly, plain
 from optid.estimation.result import Fit
-from optid.report.figures import autocorrelation
-from optid.report.scores import residual
+from optid.report.residuals import autocorrelation, residual
 from optid.rigs.rigfile import Rig
 
 WHITE = 0.1  # share of lags outside the 95 % band above which residuals are called coloured

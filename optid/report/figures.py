@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from optid.core.model import Array
+from optid.report.residuals import LAGS, autocorrelation
 from optid.report.vertices import thin
 from optid.results.picture import svg
 
@@ -27,7 +28,6 @@ __all__ = [
 
 # figures.js knows their counterparts on a dark page.
 INK, WINDOW, FREE, QUIET, ALARM = "#2b2f36", "#0a7e8c", "#c8743a", "#9aa3ad", "#b3372f"
-LAGS = 200
 STYLE: Any = {
     "font.family": "sans-serif", "font.size": 9, "axes.edgecolor": "#c9ced4", "axes.labelcolor": "#4a525c",
     "axes.spines.top": False, "axes.spines.right": False, "axes.linewidth": 0.8, "axes.grid": True,
@@ -35,23 +35,6 @@ STYLE: Any = {
     "lines.linewidth": 1.1, "legend.frameon": False, "svg.fonttype": "path", "svg.hashsalt": "optid",
     "axes.axisbelow": True,
 }  # fmt: skip
-
-
-def autocorrelation(error: Array) -> tuple[Array, Array, float]:
-    """Lags (samples, from 1), autocorrelation there, and the 95 % band of white noise.
-
-    Missing samples count as zero, which shrinks the values a little.
-    """
-    known = np.isfinite(error)
-    if known.sum() < 3:
-        return np.empty(0), np.empty(0), 1.0
-    centred = np.where(known, error - error[known].mean(), 0.0)
-    power = np.abs(np.fft.rfft(centred, 2 * len(centred))) ** 2
-    products = np.fft.irfft(power)[: min(LAGS, len(centred) - 1) + 1]
-    band = 1.96 / float(np.sqrt(known.sum()))
-    if products[0] <= 0:
-        return np.empty(0), np.empty(0), band
-    return np.arange(1.0, len(products)), products[1:] / products[0], band
 
 
 def bounded(measured: Array, predicted: Array) -> tuple[float, float]:

@@ -15,7 +15,8 @@ from matplotlib.figure import Figure
 
 from optid.core.model import Array
 from optid.core.quantity import friendly
-from optid.report.figures import ALARM, FREE, INK, QUIET, STYLE, WINDOW, autocorrelation, axis_name, bounded
+from optid.report.figures import ALARM, FREE, INK, QUIET, STYLE, WINDOW, axis_name, bounded
+from optid.report.residuals import autocorrelation, residual
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -103,11 +104,6 @@ def residuals(frame: pd.DataFrame, role: str, unit: str) -> Figure:
         axes[1].sharey(axes[0])
         _correlogram(axes[2], error, float(np.median(np.diff(time))))
         return figure
-
-
-def residual(frame: pd.DataFrame, role: str, kind: str) -> Array:
-    """Measured minus predicted, SI, shape (samples,); NaN where either is missing."""
-    return _column(frame, role) - _column(frame, f"{role}_{kind}")
 
 
 def nodes(frame: pd.DataFrame) -> Figure:

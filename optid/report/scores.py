@@ -12,7 +12,7 @@ from optid.core.quantity import friendly
 from optid.estimation.prediction import Prediction
 from optid.estimation.profile import Profile
 from optid.estimation.result import Fit
-from optid.report.prediction_figures import residual
+from optid.report.residuals import residual
 from optid.results.words import score_rows
 
 __all__ = [
