@@ -13,7 +13,7 @@ from optid.api.inputs import Progress, given, refuse_unfit, rig_of, silent
 from optid.diagnosis.diagnosis import diagnose as find
 from optid.effects.effect import Effect
 from optid.effects.library import from_file
-from optid.report.diagnosis_page import diagnosis_result
+from optid.report.diagnosis_result import diagnosis_result
 from optid.results.diagnosis import DiagnosisResult
 from optid.rigs.rigfile import Rig
 
