@@ -88,7 +88,7 @@ def _score(result: DiagnosisResult, role: str) -> dict[str, str]:
 def _finding(result: DiagnosisResult, number: int, f: Mapping[str, Any]) -> dict[str, Any]:
     tables, where = result.tables, f["where"]
     told = result.document["about"]["effects"]
-    says: Mapping[str, Any] = told[number - 1] if number <= len(told) else {}
+    says = {"law": "", "source": "", "experiment": "", **(told[number - 1] if number <= len(told) else {})}
     title = "not explained" if f["effect"] is None else f["effect"].replace("_", " ")
     mapped, missing = tables.get(f"map {number}"), tables.get(f"signal {number}")
     cause = next(iter(where["states"]), None)
