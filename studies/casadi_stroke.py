@@ -17,7 +17,9 @@ import optid
 from optid.core.simulation import simulate
 
 DATA = Path(__file__).resolve().parents[1] / "data"
-STROKE, TIME, STEPS = 0.06, 0.3, 60  # m, s
+STROKE, TIME, STEPS = 0.06, 0.3, 30  # m, s
+SUBSTEPS = 20  # of a step: smooth friction wants half a millisecond
+ROOM = {"Pa": (0.5e5, 9e5), "m": (-0.12, 0.12), "m/s": (-3.0, 3.0)}  # within which the search stays
 
 
 def smooth_rig(folder: Path) -> optid.Rig:
@@ -35,7 +37,7 @@ def solve(rig: optid.Rig, steps: int = STEPS) -> tuple[np.ndarray, np.ndarray]:
 
     Multiple shooting: the states at all steps are unknowns, the model's step ties each to the next.
     """
-    f = rig.model.to_casadi(substeps=4)
+    f = rig.model.to_casadi(SUBSTEPS)
     p, scales = f.values(rig.parameters), rig.model.scales
     start = np.array(f.start(p)[0]).ravel()
     opti = ca.Opti()
@@ -47,6 +49,9 @@ def solve(rig: optid.Rig, steps: int = STEPS) -> tuple[np.ndarray, np.ndarray]:
     opti.subject_to(X[place, steps] * scales[place] == STROKE)
     opti.subject_to(X[speed, steps] == 0)
     opti.subject_to(opti.bounded(-1, U, 1))
+    for row, (unit, scale) in enumerate(zip(f.states.values(), scales, strict=True)):
+        low, high = ROOM[unit]
+        opti.subject_to(opti.bounded(low / scale, X[row, :], high / scale))
     opti.minimize(ca.sumsqr(U) + 0.1 * ca.sumsqr(ca.diff(U.T)))
     guess = np.tile(start / scales, (steps + 1, 1)).T
     guess[place] = np.linspace(0.0, STROKE / scales[place], steps + 1)

@@ -19,8 +19,9 @@ STEADY = 1e-9  # 1/s: largest rate of a state, as a share of its usual size, tha
 STRIDE = 0.5  # usual sizes: the longest step of the search, lest it leap to where no pressure is positive
 PROBE = 1e-6  # of a usual size: the step to either side by which a kink is seen
 KINK = 1e-3  # relative difference of the slopes on both sides that is no curvature
-WIDE = 1e-2  # of a usual size: how far a linear model should hold at least
-BENT = 0.5  # change of the largest slope within that, relative, from which it does not
+RELAXES = (
+    1e-3  # of its largest slope: with less of its own, a contact's state follows the motion as a spring does
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,8 +35,8 @@ class Linear:
         rates: 1/s times the state's unit; zero but for the states declared `moving`.
         kinks: names to which the slope jumps at this very point (a valve that is just closed); there the
             system holds the mean of both sides.
-        bends: states along which the slopes change by more than half within a hundredth of the usual size: along the
-            speed where friction holds an axis.
+        elastic: dimensionless states that only follow a speed here, as the contact of dry friction does at rest, where
+            it is a spring.
     """
 
     system: control.StateSpace
@@ -44,18 +45,17 @@ class Linear:
     outputs: Mapping[str, float]
     rates: Mapping[str, float]
     kinks: tuple[str, ...]
-    bends: tuple[str, ...] = ()
+    elastic: tuple[str, ...] = ()
 
     @property
     def note(self) -> str:
-        """Where the linear model does not hold, in words; empty where it holds within a hundredth of usual sizes."""
+        """Where the linear model holds for the smallest motion only, in words; empty elsewhere."""
         said = []
-        if self.bends:
-            along = ", ".join(self.bends)
+        if self.elastic:
             said.append(
-                f"Along {along} the slopes change by more than half within a hundredth of the usual size, as where "
-                "friction holds an axis: this system describes its elastic motion only. Hold a speed and declare the "
-                "position moving for the system of the axis as it slides."
+                f"Here friction holds the axis: its contact ({', '.join(self.elastic)}) is a spring, and this system "
+                "describes the elastic motion before it slides only. Hold a speed and declare the position moving for "
+                "the system of the axis as it slides."
             )
         if self.kinks:
             said.append(
@@ -105,8 +105,7 @@ def linearise(
     steady = np.array([state.name not in moving for state in model.states])
     slopes = _slopes(model)
     at = _equilibrium(model, slopes, p, at, loose, steady)
-    bends = tuple(_bends(model, slopes, p, at))
-    return _linear(model, names, at, *_kinked(model, slopes, p, at), bends)
+    return _linear(model, names, at, *_kinked(model, slopes, p, at))
 
 
 def _input_names(model: Model) -> list[str]:
@@ -146,19 +145,15 @@ def _kinked(model: Model, slopes: ca.Function, p: Array, at: Array) -> tuple[Arr
     return values, jacobian, jumps
 
 
-def _bends(model: Model, slopes: ca.Function, p: Array, at: Array) -> Iterator[str]:
-    """States along which the slopes between states do not stay what they are."""
-    nx, scales = len(model.states), model.scales
-    here = _evaluated(slopes, at, p)[1][:nx, :nx] * scales / scales[:, None]
-    largest = np.maximum(np.abs(here).max(axis=1), 1e-300)
+def _elastic(model: Model, jacobian: Array) -> Iterator[str]:
+    """Dimensionless states that follow a speed without any slope of their own."""
+    nx = len(model.states)
+    scaled = np.abs(jacobian[:nx, :nx] * model.scales / model.scales[:, None])
+    speeds = [k for k, state in enumerate(model.states) if state.unit == "m/s"]
     for k, state in enumerate(model.states):
-        for side in (-1.0, 1.0):
-            probe = np.zeros(len(at))
-            probe[k] = side * WIDE * scales[k]
-            there = _evaluated(slopes, at + probe, p)[1][:nx, :nx] * scales / scales[:, None]
-            if (np.abs(there - here).max(axis=1) > BENT * largest).any():
-                yield state.name
-                break
+        follows = max((scaled[k, j] for j in speeds), default=0.0)
+        if state.unit == "1" and follows > 0.0 and scaled[k, k] < RELAXES * follows:
+            yield state.name
 
 
 def _equilibrium(
@@ -196,7 +191,6 @@ def _linear(
     values: Array,
     jacobian: Array,
     jumps: Array,
-    bends: tuple[str, ...],
 ) -> Linear:
     import control
 
@@ -215,5 +209,5 @@ def _linear(
         dict(zip(outputs, values[nx:].tolist(), strict=True)),
         dict(zip(names[:nx], values[:nx].tolist(), strict=True)),
         tuple(name for name, jump in zip(names, jumps, strict=True) if jump),
-        bends,
+        tuple(_elastic(model, jacobian)),
     )
