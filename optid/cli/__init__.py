@@ -46,7 +46,7 @@ HELP = """From recordings of a servo-pneumatic axis to a model you can trust.
 
 A rig file (TOML) names plant, parameters and columns. Recordings are CSV, Parquet, .mat or TDMS.
 
-Exit status: 0 done, 1 the job failed, 2 the call or an input file is wrong; the message says why and where.
+Exit status: 0 done, 1 the job failed, 2 the call or a file is wrong.
 """
 
 
