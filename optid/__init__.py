@@ -105,20 +105,22 @@ register("optid.armax/1", "optid.report.views.identification")
 register("optid.pid/1", "optid.report.views.tuning")
 
 
-def __getattr__(name: str) -> Any:
-    """Import a public name when it is first asked for."""
-    if name == "__version__":
-        from optid.api.document import version
+if not TYPE_CHECKING:  # a type checker knows the names, and tells those that are not there
 
-        value: Any = version()
-    elif name in _HOMES:
-        value = getattr(importlib.import_module(_HOMES[name]), name)
-    elif name in _MODULES:
-        value = importlib.import_module(f"optid.{name}")
-    else:
-        raise AttributeError(f"module 'optid' has no attribute {name!r}")
-    globals()[name] = value
-    return value
+    def __getattr__(name: str) -> Any:
+        """Import a public name when it is first asked for."""
+        if name == "__version__":
+            from optid.api.document import version
+
+            value: Any = version()
+        elif name in _HOMES:
+            value = getattr(importlib.import_module(_HOMES[name]), name)
+        elif name in _MODULES:
+            value = importlib.import_module(f"optid.{name}")
+        else:
+            raise AttributeError(f"module 'optid' has no attribute {name!r}")
+        globals()[name] = value
+        return value
 
 
 def __dir__() -> list[str]:

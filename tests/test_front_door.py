@@ -82,9 +82,7 @@ def test_a_type_checker_sees_the_surface(tmp_path):
         "reveal_type(optid.laws.signed_root)\n"
         "optid.nothing\n"
     )
-    said, _, status = mypy.run(
-        [str(file), "--strict", "--follow-imports=silent", f"--config-file={ROOT / 'pyproject.toml'}"]
-    )
+    said, _, status = mypy.run([str(file), "--strict", f"--config-file={ROOT / 'pyproject.toml'}"])
     assert status == 1
     assert "FitResult" in said and "def (q: Any, width: Any)" in said
     assert said.count("error:") == 1 and '"nothing"' in said
