@@ -38,7 +38,7 @@ def answered(bench):
     return out, done.stdout
 
 
-def test_it_writes_the_three_files_and_says_the_answer(answered):
+def test_it_writes_its_files_and_says_the_answer(answered):
     out, said = answered
     assert sorted(path.name for path in out.iterdir()) == [
         "diagnosis.json",
@@ -46,6 +46,7 @@ def test_it_writes_the_three_files_and_says_the_answer(answered):
         "plant.py",
         "report.html",
         "rig.toml",
+        "tables.npz",
     ]
     document = json.loads((out / "diagnosis.json").read_text())
     assert document["schema"] == "optid.diagnosis/1"

@@ -12,8 +12,10 @@ FLOORS = {
     "rigs": 2, "effects": 2,
     "estimation": 3, "armax": 3, "pid": 3, "quality": 3,
     "diagnosis": 4, "tuning": 4, "live": 4, "experiments": 4,
-    "report": 5, "plot": 5,
-    "cli": 6,
+    "results": 5,
+    "report": 6,
+    "api": 7, "datasets": 7, "laws": 7,
+    "cli": 8,
 }  # fmt: skip
 NEIGHBOURS = {
     ("estimation", "quality"), ("rigs", "effects"), ("live", "tuning"),

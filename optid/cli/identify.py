@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from optid.cli.common import OUT, RATE, deliver, progress, read_all, results_folder, say_table
-from optid.errors import NotIdentifiable
 
 if TYPE_CHECKING:
     from optid.armax.forgetting import Forgetting
@@ -19,8 +18,6 @@ if TYPE_CHECKING:
     from optid.armax.loop import Gains
     from optid.armax.resample import Sampled
     from optid.armax.survey import Plan, Survey
-    from optid.core.recording import Recording
-    from optid.rigs.rigfile import Rig
 
 MODEL_C, IDENTIFIER_C = "armax_model.h", "armax_identifier.h"
 TOLD = (
@@ -167,11 +164,12 @@ def identify(
     folder = results_folder(out)
     understood, [(read, remarks)], _ = read_all(rig, (recording,))
 
+    from optid.api.identifying import sampled_of
     from optid.armax.files import from_survey, to_json
     from optid.armax.survey import survey
     from optid.report.armax_page import Source, armax_page
 
-    sampled = _sampled(understood, read, inputs, output)
+    sampled = sampled_of(understood, read, inputs, output)
     plan = replace(
         _plan(**asked), unit=sampled.output_unit, output=sampled.output, input=", ".join(sampled.inputs),
         input_unit=", ".join(sampled.input_units),
@@ -211,31 +209,6 @@ def _plan(
         gains=gains, estimator=Estimator[method.upper()], trend=None if trend == "auto" else Trend[trend.upper()],
     )  # fmt: skip
     return plan if forgetting is None else replace(plan, forgetting=forgetting)
-
-
-def _sampled(rig: Rig, recording: Recording, inputs: tuple[str, ...], output: str | None) -> Sampled:
-    """The channels to identify between, on an even grid, once they hold anything to learn from."""
-    import numpy as np
-
-    from optid.armax.resample import resample
-
-    outputs = [port.role for port in rig.model.outputs if port.role in recording]
-    sampled = resample(
-        recording, output or outputs[0], inputs or tuple(port.role for port in rig.model.recorded)
-    )
-    columns = np.column_stack([sampled.signals.y, sampled.signals.u])
-    still = [
-        role
-        for role, column in zip((sampled.output, *sampled.inputs), columns.T, strict=True)
-        if not np.isfinite(column).any() or np.ptp(column[np.isfinite(column)]) == 0.0
-    ]
-    for role in still:
-        # One of several inputs that stands still is said in the audit; with nothing that moves there is no model.
-        if role == sampled.output or len(still) == len(sampled.inputs):
-            raise NotIdentifiable(
-                f"{recording.name}: {role} never changes: it teaches nothing (nothing was written)"
-            )
-    return sampled
 
 
 def _headers(found: Survey, sampled: Sampled) -> dict[str, str]:

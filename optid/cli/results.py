@@ -146,6 +146,7 @@ _FILES = (
     "experiment.csv",
     "live.json",
     "check.json",
+    "tables.npz",
 )
 
 
@@ -256,7 +257,9 @@ def _stamp(staged: Path) -> None:
         content = json.loads(path.read_text(encoding="utf-8"))
         if isinstance(content, dict):
             schema = content.pop("schema", f"optid.{path.stem}/1")
-            write_json(path, {"schema": schema, **this_run().facts, **content})
+            facts = this_run().facts  # what the call says of itself gives way: the command line says more
+            rest = {key: value for key, value in content.items() if key not in facts}
+            write_json(path, {"schema": schema, **facts, **rest})
 
 
 def write_json(path: Path, content: object) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +19,9 @@ STEADY = 1e-9  # 1/s: largest rate of a state, as a share of its usual size, tha
 STRIDE = 0.5  # usual sizes: the longest step of the search, lest it leap to where no pressure is positive
 PROBE = 1e-6  # of a usual size: the step to either side by which a kink is seen
 KINK = 1e-3  # relative difference of the slopes on both sides that is no curvature
+RELAXES = (
+    1e-3  # of its largest slope: with less of its own, a contact's state follows the motion as a spring does
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +35,8 @@ class Linear:
         rates: 1/s times the state's unit; zero but for the states declared `moving`.
         kinks: names to which the slope jumps at this very point (a valve that is just closed); there the
             system holds the mean of both sides.
+        elastic: dimensionless states that only follow a speed here, as the contact of dry friction does at rest, where
+            it is a spring.
     """
 
     system: control.StateSpace
@@ -40,6 +45,23 @@ class Linear:
     outputs: Mapping[str, float]
     rates: Mapping[str, float]
     kinks: tuple[str, ...]
+    elastic: tuple[str, ...] = ()
+
+    @property
+    def note(self) -> str:
+        """Where the linear model holds for the smallest motion only, in words; empty elsewhere."""
+        said = []
+        if self.elastic:
+            said.append(
+                f"Here friction holds the axis: its contact ({', '.join(self.elastic)}) is a spring, and this system "
+                "describes the elastic motion before it slides only. Hold a speed and declare the position moving for "
+                "the system of the axis as it slides."
+            )
+        if self.kinks:
+            said.append(
+                f"The slopes to {', '.join(self.kinks)} jump at this very point: the mean of both sides is held."
+            )
+        return " ".join(said)
 
 
 def linearise(
@@ -123,6 +145,17 @@ def _kinked(model: Model, slopes: ca.Function, p: Array, at: Array) -> tuple[Arr
     return values, jacobian, jumps
 
 
+def _elastic(model: Model, jacobian: Array) -> Iterator[str]:
+    """Dimensionless states that follow a speed without any slope of their own."""
+    nx = len(model.states)
+    scaled = np.abs(jacobian[:nx, :nx] * model.scales / model.scales[:, None])
+    speeds = [k for k, state in enumerate(model.states) if state.unit == "m/s"]
+    for k, state in enumerate(model.states):
+        follows = max((scaled[k, j] for j in speeds), default=0.0)
+        if state.unit == "1" and follows > 0.0 and scaled[k, k] < RELAXES * follows:
+            yield state.name
+
+
 def _equilibrium(
     model: Model, slopes: ca.Function, p: Array, at: Array, loose: Array, steady: Array
 ) -> Array:
@@ -152,7 +185,12 @@ def _equilibrium(
 
 
 def _linear(
-    model: Model, names: list[str], at: Array, values: Array, jacobian: Array, jumps: Array
+    model: Model,
+    names: list[str],
+    at: Array,
+    values: Array,
+    jacobian: Array,
+    jumps: Array,
 ) -> Linear:
     import control
 
@@ -171,4 +209,5 @@ def _linear(
         dict(zip(outputs, values[nx:].tolist(), strict=True)),
         dict(zip(names[:nx], values[:nx].tolist(), strict=True)),
         tuple(name for name, jump in zip(names, jumps, strict=True) if jump),
+        tuple(_elastic(model, jacobian)),
     )

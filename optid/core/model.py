@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
@@ -11,6 +12,10 @@ from numpy.typing import NDArray
 
 from optid.core.parameter import Parameter
 from optid.errors import PlantError, nearest
+
+if TYPE_CHECKING:
+    from optid.core.casadi_functions import CasadiFunctions
+    from optid.core.linearise import Linear
 
 Array = NDArray[np.float64]
 
@@ -113,6 +118,31 @@ class Model:
     def scales(self) -> Array:
         """Usual sizes of the states, shape (states,)."""
         return np.array([state.scale for state in self.states])
+
+    def to_casadi(self, substeps: int = 10) -> CasadiFunctions:
+        """The equations as CasADi functions: right-hand side, outputs, and one step of a held input.
+
+        Args:
+            substeps: Runge-Kutta steps within one step.
+
+        Returns:
+            The functions, with names and units of their arguments.
+        """
+        from optid.core.casadi_functions import casadi_functions
+
+        return casadi_functions(self, substeps)
+
+    def to_control(
+        self,
+        parameters: Mapping[str, float],
+        held: Mapping[str, float],
+        moving: Sequence[str] = (),
+        near: Mapping[str, float] | None = None,
+    ) -> Linear:
+        """Linearised at an operating point, as a named state space of python-control: see `linearise`."""
+        from optid.core.linearise import linearise
+
+        return linearise(self, parameters, held, moving, near)
 
     def index(self, name: str) -> int:
         """Position of a parameter in the vector p.

@@ -13,12 +13,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from optid.errors import RecordingError, nearest
 
 if TYPE_CHECKING:
     import pandas as pd
+
+    from optid.core.readers.mapping import Mapped
 
 Array = NDArray[np.float64]
 Interval = tuple[float, float]
@@ -170,6 +172,34 @@ class Recording:
                 )
             channels[role] = dataclasses.replace(channel, values=values)
         object.__setattr__(self, "channels", channels)
+
+    @classmethod
+    def from_frame(cls, frame: pd.DataFrame, rig: Mapped, name: str = "frame") -> Recording:
+        """A recording from a table in memory, one row a sample.
+
+        Args:
+            frame: columns as the rig file maps them, by the names it gives or by role ("time", "command", ...), in the
+                units that it states; others are left alone. NaN is a missing sample.
+            rig: as read with `read_rig`.
+            name: how findings speak of it.
+
+        Raises:
+            RecordingError: a column is missing, empty, or holds text or an infinite value; times do not increase.
+        """
+        from optid.core.readers.memory import recording_from_frame
+
+        return recording_from_frame(frame, rig, name)
+
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, ArrayLike], rig: Mapped, name: str = "arrays") -> Recording:
+        """A recording from arrays in memory, all of shape (samples,), by column or role as in `from_frame`.
+
+        Raises:
+            RecordingError: as `from_frame`; arrays of other shapes.
+        """
+        from optid.core.readers.memory import recording_from_arrays
+
+        return recording_from_arrays(arrays, rig, name)
 
     def __len__(self) -> int:
         return len(self.time)

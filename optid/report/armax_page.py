@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
-import jinja2
 import numpy as np
 from markupsafe import Markup
 
@@ -20,11 +18,12 @@ from optid.armax.resample import Sampled
 from optid.armax.survey import Candidate, Survey
 from optid.armax.table2 import CAPTIONS, Table2
 from optid.armax.words import number
+from optid.core.quantity import friendly
 from optid.core.recording import Recording
 from optid.quality.remark import Remark
 from optid.report import armax_figures as figures
 from optid.report import armax_response_figures as responses
-from optid.report.scores import friendly
+from optid.report.shell import render
 from optid.rigs.rigfile import Rig
 
 FEW = 3.0  # standard errors by which a mean differs from nothing
@@ -41,10 +40,6 @@ class Source:
 
 def armax_page(found: Survey, sampled: Sampled, source: Source) -> str:
     """The page of a survey."""
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(Path(__file__).parent), autoescape=True, trim_blocks=True,
-        lstrip_blocks=True, undefined=jinja2.StrictUndefined,
-    )  # fmt: skip
     factor, unit = friendly(sampled.output_unit)
     table = found.table2.in_unit(unit or "1", factor)
     model, name = found.chosen.model, sampled.output.replace("_", " ")
@@ -52,7 +47,8 @@ def armax_page(found: Survey, sampled: Sampled, source: Source) -> str:
     e = innovations(model, sampled.signals.y, sampled.signals.u)
     poles, taken = physical_poles(source.rig, source.recording, sampled.output, model)
     models = [candidate.model for candidate in found.candidates]
-    return environment.get_template("armax.html.j2").render(
+    return render(
+        "armax.html.j2",
         title=f"{source.rig.name}: ARMAX of {name} from {_listed(sampled)}", rig=source.rig, found=found,
         source=source, sampled=sampled, table=table, captions=table.captions(), cells=_cells(table),
         equation=equation(model), coefficients=_coefficients(model), chosen=found.chosen,

@@ -9,10 +9,11 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
+from optid.core.quantity import friendly
 from optid.live.results import Stretch
 from optid.live.review import Review
-from optid.report.figures import ALARM, FREE, INK, QUIET, STYLE, WINDOW, axis_name, svg, thin
-from optid.report.scores import friendly
+from optid.report.figures import ALARM, FREE, INK, QUIET, STYLE, WINDOW, axis_name, thin
+from optid.report.interactive import interactive
 
 LINES = (  # of a stretch: what, colour, width
     ("reference", QUIET, 1.0), ("real", INK, 1.7), ("predicted", WINDOW, 1.0), ("simulated", FREE, 1.1),
@@ -36,7 +37,7 @@ def stretch(part: Stretch) -> str:
         bottom.set_ylabel(axis_name("command", part.command_unit))
         bottom.set_xlabel("time (s)")
         figure.align_ylabels()
-        return svg(figure)
+        return interactive(figure)
 
 
 def review(one: Review, unit: str) -> str:
@@ -56,4 +57,4 @@ def review(one: Review, unit: str) -> str:
             axis.set_xlabel("time (s)")
             axis.legend(loc="lower right")
         axes[0].set_ylabel(axis_name("position", shown))
-        return svg(figure)
+        return interactive(figure)

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 from typing import Any
 
-import jinja2
 from markupsafe import Markup
 
+from optid.core.quantity import friendly
 from optid.report import tuning_figures as figures
-from optid.report.scores import friendly
+from optid.report.shell import render
 from optid.tuning.files import units
 from optid.tuning.posing import Posed
 from optid.tuning.score import Response, by_size
@@ -38,12 +37,9 @@ def tuning_page(tuning: Tuning, posed: Posed, source: str, structure: Structure 
         source: name of the model's file.
         structure: of the controller.
     """
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(Path(__file__).parent), autoescape=True, trim_blocks=True,
-        lstrip_blocks=True, undefined=jinja2.StrictUndefined,
-    )  # fmt: skip
     named = units(posed.command_unit, posed.output_unit)
-    return environment.get_template("tuning.html.j2").render(
+    return render(
+        "tuning.html.j2",
         title=f"PID gains for {source}", model=str(posed.model), lead=_lead(tuning, posed, named["itae"]),
         assumed=posed.assumed, remarks=tuning.remarks,
         structure=structure.words, judged_on=posed.judged_on, drive=_drive(tuning, posed, structure),

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from optid.core.document import read_bounded
-from optid.core.loading import blame
+from optid.core.loading import blame, outside_allowed
 from optid.core.model import Model
 from optid.core.parameter import Parameter
 from optid.core.recording import ChannelMap
@@ -86,6 +86,19 @@ def read_rig(path: str | Path) -> Rig:
     return _parse(_text(path), path)
 
 
+def rig_of_text(source: str, path: str | Path) -> Rig:
+    """A rig from the text of its file, as a job left it: its values may contradict each other.
+
+    Args:
+        source: the text.
+        path: what errors name, and where a user's own files are looked for.
+
+    Raises:
+        RigError: as `read_rig`.
+    """
+    return _parse(source, Path(path), constrained=False)
+
+
 def write_rig(rig: Rig, path: str | Path, parameters: Mapping[str, float] | None = None) -> None:
     """Write a rig file with new values, keeping its comments, units and layout.
 
@@ -101,14 +114,33 @@ def write_rig(rig: Rig, path: str | Path, parameters: Mapping[str, float] | None
     Raises:
         RigError: an unknown name, a value outside its bounds, or a place that cannot be written.
     """
+    path = Path(path)
+    _replace(path, _rewritten(rig, path, path.parent, parameters or {}))
+
+
+def rig_text(rig: Rig, parameters: Mapping[str, float] | None = None) -> str:
+    """The text of a rig file with new values, for the folder in which it stands; nothing is written.
+
+    Args:
+        rig: as read.
+        parameters: as in `write_rig`.
+
+    Raises:
+        RigError: an unknown name, or a value outside its bounds.
+    """
+    with outside_allowed():  # effects of the user's own were run already, wherever they lie
+        return _rewritten(rig, rig.path, None, parameters or {})
+
+
+def _rewritten(rig: Rig, path: Path, folder: Path | None, new: Mapping[str, float]) -> str:
+    """The text with new values, as seen from a folder; from its own where that is absent, and nothing is copied."""
     import tomlkit
 
-    path, new = Path(path), dict(parameters or {})
     for name in new:
         if name not in _by_name(rig.model):
             raise RigError(f'unknown parameter "{name}"', where=path, hint=nearest(name, _by_name(rig.model)))
     document = tomlkit.parse(rig.source)
-    keys = _carry(rig, document, path.parent)
+    keys = _carry(rig, document, folder)
     plant: Any = document.setdefault("parameters", tomlkit.table())
     values = {**rig.parameters, **new}
     air = values.get(ATMOSPHERE, _default(rig.model, ATMOSPHERE))
@@ -139,7 +171,7 @@ def write_rig(rig: Rig, path: str | Path, parameters: Mapping[str, float] | None
             1e-12 * abs(value), 1e-300
         ):  # subnormals have no twelve digits
             raise RigError(f"{value!r} does not read back", where=path, field=f"parameters.{name}")
-    _replace(path, written)
+    return written
 
 
 def _text(path: Path) -> str:
@@ -339,9 +371,11 @@ def _freed_one(parameter: Parameter, entry: object, values: dict[str, float], pa
     return Freed(name, low, high, sd)
 
 
-def _carry(rig: Rig, document: Any, folder: Path) -> dict[str, str]:
+def _carry(rig: Rig, document: Any, folder: Path | None) -> dict[str, str]:
     """Let a rig's document name the user's own files as they are seen from its new folder; keys of such effects."""
     plant, own = plant_file(rig.model_name, rig.path.parent), effect_files(rig.effects)
+    if folder is None:
+        return {name: f"{file.path.as_posix()}:{name}" for name, file in own.items()}
     names = carried([*([plant] if plant else []), *own.values()], folder)
     if plant is not None:
         document["model"] = f"{names[plant.path]}:{rig.model_name.rpartition(':')[2]}"

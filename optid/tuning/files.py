@@ -164,7 +164,15 @@ def load(path: Path) -> Controller:
     Raises:
         InputError: no such file, no JSON, another schema, or a field that is missing or wrong.
     """
-    content = read_document(path, SCHEMA, "a file of `optid tune`")
+    return controller_of(read_document(path, SCHEMA, "a file of `optid tune`"), path)
+
+
+def controller_of(content: Any, path: Path) -> Controller:
+    """The controller of a parsed pid.json; `path` is named in errors.
+
+    Raises:
+        InputError: a field that is missing or wrong.
+    """
 
     def bound(name: str, open_end: float) -> float:
         return open_end if limits.get(name) is None else finite(limits[name], f"limits.{name}", path)

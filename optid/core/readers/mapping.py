@@ -50,15 +50,35 @@ def read_recording(path: str | Path, rig: Mapped) -> Recording:
             value; the times do not increase, or contradict the rate that the rig states.
     """
     path = Path(path)
+    table, digest = read_table(path, wanted_columns(rig))
+    return recording_of(table, rig, path, digest)
+
+
+def wanted_columns(rig: Mapped) -> list[str]:
+    """Names of the columns that a rig maps."""
     maps = rig.channels
     wanted = [maps["time"].column, *(channel.column for role, channel in maps.items() if role != "time")]
-    table, digest = read_table(path, [column for column in wanted if column])
+    return [column for column in wanted if column]
+
+
+def recording_of(table: Table, rig: Mapped, path: Path, digest: str | None = None) -> Recording:
+    """The recording that a table holds, as `read_recording`.
+
+    Args:
+        table: the columns that the rig maps.
+        rig: anything with `channels`.
+        path: of the file, or the name of what is in memory.
+        digest: of the file; without one the recording has no provenance.
+    """
+    maps = rig.channels
     _check_columns(table, maps, path)
     found = _on_one_clock(table, maps, path)
     held = {role: channel.held for role, channel in maps.items()}
     values, between = held_between(found.time, found.values, held)
     values, repairs = repaired(values, held)
     channels = {role: _channel(values[role], maps[role]) for role in values}
+    if digest is None:
+        return Recording(path.name, found.time, channels)
     columns = {role: channel.column for role, channel in maps.items()}
     notes = (*table.notes, *found.notes, *between)
     source = Provenance(path, digest, table.reader, columns, len(found.time), notes, repairs)
