@@ -13,8 +13,7 @@ from optid.armax.audit import Audit
 from optid.armax.frequency import FrequencyResponse, model_response, step_response
 from optid.armax.model import Armax
 from optid.armax.physical import PhysicalPole
-from optid.report.figures import ALARM, FREE, INK, QUIET, STYLE, WINDOW
-from optid.report.interactive import interactive
+from optid.report.figures import ALARM, FREE, INK, QUIET, STYLE, WINDOW, svg
 
 COLOURS = (WINDOW, FREE, ALARM, "#6a4c93", "#4c8c4a", QUIET)
 TRUSTED = 0.5  # coherence from which on a measured point is drawn strong
@@ -50,7 +49,7 @@ def bode(models: Sequence[Armax], measured: FrequencyResponse | None, gain_unit:
         bottom.set_xlabel("frequency (Hz)")
         top.legend(loc="lower left", ncols=6, bbox_to_anchor=(0, 1.0), borderaxespad=0.2)
         figure.align_ylabels()
-        return interactive(figure)
+        return svg(figure)
 
 
 def _measured(top: Any, middle: Any, bottom: Any, measured: FrequencyResponse) -> None:
@@ -96,7 +95,7 @@ def pole_zero_map(audits: Sequence[tuple[int, Audit]], physical: Sequence[Physic
             axis.set_aspect("equal", "datalim")
             axis.set_title(f"order {order}", loc="left", fontsize=9, color="#4a525c")
         panels[0].legend(loc="lower left", fontsize=7)
-        return interactive(figure)
+        return svg(figure)
 
 
 def steps(models: Sequence[Armax], unit: str, factor: float, input: int = 0) -> str:
@@ -122,7 +121,7 @@ def steps(models: Sequence[Armax], unit: str, factor: float, input: int = 0) -> 
         axis.set_xlabel("time (s)")
         axis.set_ylabel(f"step response ({unit})" if unit else "step response")
         axis.legend(loc="lower left", ncols=6, bbox_to_anchor=(0, 1.0), borderaxespad=0.2)
-        return interactive(figure)
+        return svg(figure)
 
 
 def _memory(model: Armax) -> int:
