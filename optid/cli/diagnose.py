@@ -10,6 +10,7 @@ import click
 from optid.cli.common import (
     OUT,
     RATE,
+    checkpoint,
     deliver,
     progress,
     read_all,
@@ -46,6 +47,9 @@ TIME_LIMIT = 800.0  # s: where much is missing, the second of two effects was fo
     metavar="S",
     help="Seconds by the clock, about, after which it ends with what it has.",
 )
+@click.option(
+    "--resume/--no-resume", default=True, help="Go on from a diagnosis of the same that was cut short."
+)
 @RATE
 @OUT
 def diagnose(
@@ -56,6 +60,7 @@ def diagnose(
     seed: int,
     time_limit: float,
     deadline: float,
+    resume: bool,
     out: str,
 ) -> None:
     """Say what physics the rig's model leaves out, and prove it on recordings held out."""
@@ -78,6 +83,7 @@ def diagnose(
         found = ask(
             understood, [r for r, _ in train], [r for r, _ in held_out], own=own,
             generator=np.random.default_rng(seed), progress=show, budget=Budget(time_limit, deadline),
+            checkpoint=checkpoint(folder, resume),
         )  # fmt: skip
     with waiting("writing the report"):
         page, document = diagnosis_page(found), diagnosis_document(found)
