@@ -25,7 +25,7 @@ class Criteria:
     error_over_noise: float = 1.2
     smallest_gain: float = 0.04
     smallest_share: float = 0.02
-    largest_rest: float = 0.25
+    largest_rest: float = 0.75
     most_effects: int = 3
     fewest_windows: int = 4
     told_apart: float = 0.05
