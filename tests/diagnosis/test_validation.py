@@ -1,4 +1,4 @@
-"""Tests with a stated error rate: how often they speak where nothing is gained, and that they speak where something is."""
+"""Tests with a stated error rate: how often they speak where nothing is gained, and that they do where something is."""
 
 import numpy as np
 import pytest
