@@ -56,7 +56,7 @@ def quick(monkeypatch):
     import optid.report.scores
 
     class Nothing:
-        horizon = 0.5
+        horizon, begins, notes = 0.5, (), ()
 
         @property
         def frame(self):
