@@ -37,6 +37,7 @@ def diagnose(
     rate: float | None = None,
     seed: int = 0,
     progress: Progress = silent,
+    checkpoint: Path | None = None,
 ) -> DiagnosisResult:
     """Say what physics a rig's model leaves out, and prove it on recordings held out.
 
@@ -50,6 +51,7 @@ def diagnose(
         rate: Hz to bring faster recordings down to; what the axis's fastest pole asks for when absent.
         seed: of the resampling.
         progress: called with the share done and a few words.
+        checkpoint: a file that keeps the stages done, so that a call that died goes on there; none when absent.
 
     Returns:
         Verdict, findings, the improved rig file and a report.
@@ -73,6 +75,7 @@ def diagnose(
         generator=np.random.default_rng(seed),
         progress=progress,
         budget=Budget(time_limit, deadline),
+        checkpoint=checkpoint,
     )
     return _result(understood, train, held, found)
 

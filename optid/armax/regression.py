@@ -36,7 +36,7 @@ def lagged(x: Array, lag: int) -> Array:
     """x(t - lag), NaN before the record, shape (N,)."""
     if lag == 0:
         return x
-    return np.concatenate([np.full(min(lag, x.size), np.nan), x[: x.size - lag]])
+    return np.concatenate([np.full(min(lag, x.size), np.nan), x[: max(x.size - lag, 0)]])
 
 
 def least_squares(records: Sequence[Signals], orders: Orders) -> Array:

@@ -7,7 +7,16 @@ from pathlib import Path
 
 import click
 
-from optid.cli.common import OUT, RATE, deliver, progress, rate_asked, results_folder, waiting
+from optid.cli.common import (
+    OUT,
+    RATE,
+    checkpoint,
+    deliver,
+    progress,
+    rate_asked,
+    results_folder,
+    waiting,
+)
 
 TIME_LIMIT = 800.0  # s: where much is missing, the second of two effects was found after 650 of a core
 
@@ -35,6 +44,9 @@ TIME_LIMIT = 800.0  # s: where much is missing, the second of two effects was fo
     metavar="S",
     help="Seconds by the clock, about, after which it ends with what it has.",
 )
+@click.option(
+    "--resume/--no-resume", default=True, help="Go on from a diagnosis of the same that was cut short."
+)
 @RATE
 @OUT
 def diagnose(
@@ -45,6 +57,7 @@ def diagnose(
     seed: int,
     time_limit: float,
     deadline: float,
+    resume: bool,
     out: str,
 ) -> None:
     """Say what physics the rig's model leaves out, and prove it on recordings held out."""
@@ -63,6 +76,7 @@ def diagnose(
             deadline=deadline,
             rate=rate_asked(),
             progress=show,
+            checkpoint=checkpoint(folder, resume),
         )
     with waiting("writing the report"):
         deliver(folder, result.write)

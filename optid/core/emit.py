@@ -339,19 +339,23 @@ class _Writer:
             into, given = function.instruction_output(k), function.instruction_input(k)
             if code == ca.OP_CONST:
                 held[into[0]] = (number(float(function.instruction_constant(k))), True)
-            elif code == ca.OP_INPUT and given[0] == _PARAMETER:
-                held[into[0]] = (self._parameter(given[1]), True)
-            elif code == ca.OP_INPUT and _ARGUMENTS[given[0]] == "h":
-                held[into[0]] = (splat(b, at["h"], kind), False)
-            elif code == ca.OP_INPUT and _ARGUMENTS[given[0]] == "half":
-                held[into[0]] = (load(b, at["c"], HALF, kind), False)
             elif code == ca.OP_INPUT:
-                held[into[0]] = (load(b, at[_ARGUMENTS[given[0]]], given[1], kind), False)
+                held[into[0]] = self._input(given, b, at, kind)
             elif code == ca.OP_OUTPUT:
                 outputs[into[0]][into[1]] = ready(*held[given[0]])
             else:
                 held[into[0]] = self._value(code, given, held, b, ready)
         return outputs
+
+    def _input(self, given: Sequence[int], b: Value, at: dict[str, Value], kind: Value) -> tuple[Value, bool]:
+        """An argument's element, and whether it depends on parameters alone."""
+        if given[0] == _PARAMETER:
+            return self._parameter(given[1]), True
+        if _ARGUMENTS[given[0]] == "h":
+            return splat(b, at["h"], kind), False
+        if _ARGUMENTS[given[0]] == "half":
+            return load(b, at["c"], HALF, kind), False
+        return load(b, at[_ARGUMENTS[given[0]]], given[1], kind), False
 
     def _value(
         self,

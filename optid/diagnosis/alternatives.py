@@ -40,7 +40,8 @@ def compare_alternatives(
     found: dict[str, tuple[Alternative, ...]] = {}
     for effect in path.best.effects:
         problem.report(0.88, f"what else could stand in the place of {effect.name}")
-        others = _in_place(path, effect, problem)
+        alone = len(path.best.effects) == 1
+        others = _met_alone(path, effect, problem) if alone else _in_place(path, effect, problem)
         better = min(others, key=lambda one: one.validated.windows.sum(), default=None)
         if better is not None and better.validated.windows.sum() < path.validated.windows.sum() - _price(
             better.effect, effect
@@ -67,6 +68,20 @@ def _told_apart(worse: Validated, better: Validated, problem: DiagnosisProblem) 
     return p_value(worse.windows, better.windows, at_noise) <= problem.criteria.told_apart
 
 
+def _met_alone(path: SelectionPath, effect: Effect, problem: DiagnosisProblem) -> list[Alternative]:
+    """Look-alikes that were fitted in full when a single effect was chosen: nothing else has changed since."""
+    met = {
+        one.effect.name: Alternative(
+            one.effect, one.model, one.validated, _told_apart(one.validated, path.validated, problem)
+        )
+        for step in path.rounds
+        for one in step.contenders
+        if not step.model.effects and not one.why
+        if are_confusable(one.effect, effect) and one.effect is not effect
+    }
+    return list(met.values())
+
+
 def _in_place(path: SelectionPath, effect: Effect, problem: DiagnosisProblem) -> list[Alternative]:
     less, _ = path.without[effect.name]
     kept = {one.name for one in path.best.effects}
@@ -87,6 +102,8 @@ def _fitted(
 ) -> Alternative | None:
     with contextlib.suppress(SolveError):
         model = fit_model(problem, (*rest, one.effect), one.question.rig, one.question, one.p)
+        if one.effect.size(model.own_values(one.effect)) < 1.0:
+            return None
         validated = cross_validate(model, problem)
         return Alternative(one.effect, model, validated, _told_apart(validated, path.validated, problem))
     return None

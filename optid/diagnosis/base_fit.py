@@ -41,6 +41,7 @@ def fit_base(problem: DiagnosisProblem) -> tuple[FittedModel, DiagnosisProblem]:
     best = min(near, key=lambda one: one.loss)
     problem = replace(problem, open_variance=open_variance(q, best.p, quiet_noise(q), problem.window))
     q = problem.question(problem.rig)
+    near = [one for one in near if one.loss <= o.near * best.loss]
     whole = together(lambda one: fit_multistep(q, one.p, problem.window, turns=o.turns, steps=o.steps), near)
     best = min(whole, key=lambda one: one.loss)
     # What windows must err by depends on where the axis rests: once more where the parameters are.

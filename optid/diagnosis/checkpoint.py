@@ -53,8 +53,9 @@ class Checkpoint:
             return
         document = {"schema": SCHEMA, "key": self.key, "stages": {**self._stages(), stage: content}}
         part = self.path.with_suffix(f".{os.getpid()}.part")
-        part.write_text(json.dumps(document), encoding="utf-8")
-        part.replace(self.path)
+        with contextlib.suppress(OSError):  # a full disk costs the way back, not the job
+            part.write_text(json.dumps(document), encoding="utf-8")
+            part.replace(self.path)
 
     def clear(self) -> None:
         """Done: nothing is left to go on from."""

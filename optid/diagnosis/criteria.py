@@ -25,7 +25,7 @@ class Criteria:
     error_over_noise: float = 1.2
     smallest_gain: float = 0.04
     smallest_share: float = 0.02
-    largest_rest: float = 0.25
+    largest_rest: float = 0.75
     most_effects: int = 3
     fewest_windows: int = 4
     told_apart: float = 0.05
@@ -45,7 +45,8 @@ class SearchOptions:
         validation_steps: of a fit without one recording.
         surrogate_race: the same legs for forms without a name.
         bent: error over the noise from which a fit may have bent its parameters, so that stated ones are a start, too.
-        near: times the least loss of a proposal beyond which others are not fitted in full.
+        near: times the least loss of a start or a proposal beyond which others are not fitted in full.
+        search_share: of the budget, that the search may spend; what was found is then tested and told.
     """
 
     short: float = 0.2
@@ -58,3 +59,4 @@ class SearchOptions:
     entrants: int = 24
     bent: float = 4.0
     near: float = 3.0
+    search_share: float = 0.7

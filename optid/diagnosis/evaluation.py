@@ -27,7 +27,7 @@ from optid.estimation.likelihood import (
 from optid.estimation.multistep import window_starts
 from optid.estimation.place import Question
 from optid.estimation.prediction import horizon
-from optid.estimation.problem import Integers, Problem, pose
+from optid.estimation.problem import Booleans, Integers, Problem, pose
 from optid.estimation.result import Score
 
 NUMERICAL = (
@@ -149,7 +149,9 @@ def evaluate(q: Question, p: Array, noise: Noise, recordings: Sequence[Recording
     square = _setting_errors(q, p, problem, f, length) ** 2 + _start_errors(
         model, p, noise, problem, cut, known, f.states[0], windows
     )
-    expected = np.sqrt(_by_block(square, blocks))
+    predicted = _predicted(problem, cut)
+    # Where a prediction diverges nothing excuses it: its error is not finite, and so is no claim that rests on it.
+    expected = np.where(predicted[:, None], np.nan_to_num(np.sqrt(_by_block(square, blocks))), np.nan)
     used = [j for j, _ in outputs]
     return Evaluation(
         length,
@@ -233,6 +235,17 @@ def _windows(model: Model, p: Array, whole: Problem, cut: Problem, states: Array
         last = cut.counts[w] + (1 if cut.closed[w] else 0)
         out[cut.begins[w] : cut.begins[w] + last] = run.outputs[row, :last]
     return out
+
+
+def _predicted(whole: Problem, cut: Problem) -> Booleans:
+    """Samples of windows that something was read before, (samples,)."""
+    heads, known = set(whole.begins.tolist()), np.zeros(len(whole.time), dtype=np.bool_)
+    for begin, count, closed in zip(
+        cut.begins.tolist(), cut.counts.tolist(), cut.closed.tolist(), strict=True
+    ):
+        if begin not in heads:
+            known[begin : begin + count + int(closed)] = True
+    return known
 
 
 def _start_errors(

@@ -39,8 +39,6 @@ from optid.effects.effect import Effect
 from optid.errors import InputError
 from optid.rigs.rigfile import Rig
 
-SEARCH_SHARE = 0.7  # of the budget, that selection may spend; what was found is then tested and told
-
 
 def diagnose(
     rig: Rig,
@@ -73,7 +71,8 @@ def diagnose(
         InputError: nothing to fit, nothing held out, or a recording on which nothing can be tested.
         SolveError: the model cannot be simulated at the rig file's values.
     """
-    criteria, report = criteria or Criteria(), progress or (lambda share, words: None)
+    criteria, options = criteria or Criteria(), options or SearchOptions()
+    report = progress or (lambda share, words: None)
     if not rig.freed:
         raise InputError("nothing to fit", where=rig.path, field="[fit]", expected="at least one parameter")
     if not holdout:
@@ -89,8 +88,8 @@ def diagnose(
         generator,
         tuple(own),
         criteria,
-        options or SearchOptions(),
-        budget=budget.share(SEARCH_SHARE),
+        options,
+        budget=budget.share(options.search_share),
         report=report,
     )
     kept = Checkpoint(checkpoint, key_of(problem))

@@ -43,6 +43,7 @@ def innovations(
     guide: Filtered,
     only: Sequence[int] | None = None,
     looks: Booleans | None = None,
+    among: Booleans | None = None,
 ) -> Array:
     """Innovations of parameter sets under held gains, in sd of the guide's, (sets, measured).
 
@@ -53,12 +54,15 @@ def innovations(
         guide: whose gains and variances hold, with gains kept.
         only: what was measured in these segments, in all if absent.
         looks: samples from which the others are predicted, (samples,); all if absent.
+        among: samples that count, (samples,); all if absent.
     """
     names = [state.name for state in q.model.states]
     known = np.isfinite(guide.innovations[0])
     if only is not None:
         owner = np.repeat(np.arange(len(q.problem.counts)), q.problem.counts + 1)
         known = known & np.isin(owner, only)[:, None]
+    if among is not None:
+        known = known & among[:, None]
     common = [names.index(state.name) for state in plain.states]
     E = run_steered(q.model, q.problem, P, guide, common, only=only, looks=looks)
     scaled = E[:, known] / np.sqrt(guide.variances[0][known])
@@ -73,6 +77,7 @@ def steered_fit(
     steps: int,
     only: Sequence[int] | None = None,
     looks: Booleans | None = None,
+    among: Booleans | None = None,
 ) -> Steered:
     """The parameters under which innovations are least, from a start, by Levenberg-Marquardt steps.
 
@@ -86,7 +91,7 @@ def steered_fit(
         guide: whose gains and variances hold, with gains kept.
         steps: at most.
         only: these segments count, all if absent.
-        looks: as for `innovations`.
+        looks, among: as for `innovations`.
 
     Raises:
         SolveError: the model cannot be simulated at the start.
@@ -98,7 +103,7 @@ def steered_fit(
         P = np.tile(p, (len(X), 1))
         P[:, free] = np.clip(X * q.typical, q.low, q.high)
         prior = (X * q.typical - q.prior) / q.prior_sd
-        return np.concatenate([innovations(q, P, plain, guide, only, looks), prior], axis=1)
+        return np.concatenate([innovations(q, P, plain, guide, only, looks, among), prior], axis=1)
 
     x = np.clip(p[free] / q.typical, low, high)
     (z,) = residuals(x[None])

@@ -158,6 +158,9 @@ def _number(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
+LIMITS = ("low", "high", "rate")  # that every file states, null for none
+
+
 def load(path: Path) -> Controller:
     """The controller of a pid.json.
 
@@ -175,7 +178,8 @@ def controller_of(content: Any, path: Path) -> Controller:
     """
 
     def bound(name: str, open_end: float) -> float:
-        return open_end if limits.get(name) is None else finite(limits[name], f"limits.{name}", path)
+        value = limits[name] if name in LIMITS else limits.get(name)
+        return open_end if value is None else finite(value, f"limits.{name}", path)
 
     try:
         gains, limits = content["gains"], content["limits"]

@@ -41,7 +41,7 @@ def test_an_open_loop_s_response_is_the_plant_s():
 
 def test_in_a_closed_loop_the_reference_tells_and_the_input_lies():
     rng = np.random.default_rng(1)
-    N = 40_000
+    N = 160_000
     r, noise = 0.3 * rng.standard_normal(N), lfilter([1.0], [1.0, -0.9], 0.05 * rng.standard_normal(N))
     x, y, u = np.zeros(N), np.zeros(N), np.zeros(N)
     for t in range(2, N):

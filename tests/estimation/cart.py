@@ -31,8 +31,9 @@ def cart(s):
 def rig(folder, free=FREE, gain=2.0, drag=1.0):
     """The cart's rig file, read."""
     path = folder / "cart.toml"
+    (folder / "plant.py").write_bytes(Path(__file__).read_bytes())  # a plant belongs beside its rig file
     path.write_text(f"""
-model = "{Path(__file__)}:cart"
+model = "plant.py:cart"
 [parameters]
 gain = "{gain} m/s**2"
 drag = "{drag} 1/s"

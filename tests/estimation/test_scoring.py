@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from optid.core.budget import Budget
 from optid.errors import SolveError
 from optid.estimation import place, scoring
 from optid.estimation.likelihood import WHOLE, run_steered
@@ -12,13 +13,10 @@ from optid.estimation.place import LEVELS, Place, Slopes
 from optid.estimation.problem import pose
 from optid.estimation.scoring import (
     _start,
-    approach,
-    followed,
     likeliest,
     maximise,
     middling,
     question_of,
-    quieted,
 )
 from optid.estimation.steering import steered_fit
 from tests.estimation.cart import TRUTH, recording, rig
@@ -113,15 +111,6 @@ def test_a_glance_sees_the_slopes_that_filters_show(asked, found, monkeypatch):
     assert seen == pytest.approx(true, rel=1e-3, abs=1e-9, nan_ok=True)
 
 
-def test_an_answer_that_follows_its_own_filter_leaves_a_wrong_place(asked, found):
-    q, p = asked
-    far = _start(q, p, middling(q)).answer(False)
-    best, levels = followed(far, np.full(len(q.groups), -5.0), (0.0, 2.5))
-    assert _start(q, best, levels).score < far.score - 100.0
-    there, kept = followed(found, found.noise.levels, (0.0,))
-    assert _start(q, there, kept).score <= found.score + 1e-9
-
-
 def test_a_like_model_starts_where_the_other_ended(asked, found, monkeypatch):
     q, _ = asked
     taken = []
@@ -133,15 +122,6 @@ def test_a_like_model_starts_where_the_other_ended(asked, found, monkeypatch):
     assert again.score <= found.score + 1e-6
     assert taken[0] == []  # nothing is taken anew before the first step
     assert isinstance(again.slopes, Slopes)
-
-
-def test_quieter_states_keep_the_parameters(asked):
-    q, p = asked
-    loud = _start(q, p, np.full(len(q.groups), 0.0)).answer(False)
-    quiet = quieted(loud, 2.5)
-    assert quiet.noise.levels == pytest.approx(np.maximum(middling(q) - 2.5, LEVELS[0]))
-    assert quieted(quiet, 0.5).noise.levels == pytest.approx(np.maximum(quiet.noise.levels - 0.5, LEVELS[0]))
-    assert np.array_equal(quiet.p, loud.p)
 
 
 def test_held_gains_lead_to_the_truth(asked):
@@ -206,15 +186,10 @@ def test_a_rough_search_ends_by_what_it_gained_and_not_by_how_far_off_its_neighb
     assert short.score - there.score > 0.1 * (start - found.score)
 
 
-def test_a_search_whose_time_is_over_stays_where_it_is(asked):
+def test_a_search_whose_budget_is_over_stays_where_it_is(asked):
     q, p = asked
-    late, levels = replace(q, until=0.0), middling(q)
-    answer = maximise(late, p, levels)
-    assert np.array_equal(answer.p, p) and np.array_equal(answer.noise.levels, levels) and not answer.settled
-    led, _ = followed(answer, levels, (0.0,))
-    assert np.array_equal(led, p)
-    there, _ = followed(replace(answer, question=q), levels, (0.0,))
-    assert not np.array_equal(there, p)
+    over = replace(q, budget=Budget(time_limit=0.0))
+    assert np.array_equal(maximise(over, p, np.full(len(q.groups), -5.0), polish=False).p, p)
 
 
 def test_a_search_ends_where_its_goal_is_out_of_reach_and_not_before(asked, found, monkeypatch):
@@ -231,13 +206,6 @@ def test_a_search_ends_where_its_goal_is_out_of_reach_and_not_before(asked, foun
     whole = took(np.inf)
     assert took(found.score + 1.0) == whole  # just where the search leads
     assert scoring.PACE <= took(found.score - 1e7)[1] < whole[1]
-
-
-def test_an_approach_keeps_the_level(asked):
-    q, p = asked
-    near = approach(q, p)
-    assert near.noise.levels == pytest.approx(middling(q))
-    assert near.p[list(q.free)] == pytest.approx([TRUTH["gain"], TRUTH["drag"]], rel=0.1)
 
 
 def test_a_start_without_numbers_is_refused(asked):

@@ -54,9 +54,8 @@ def test_start_values_are_wrong_within_their_bounds():
 def test_a_row_tells_right_from_silent_and_wrong(rig, names, verdict, result, monkeypatch):
     findings = [SimpleNamespace(effect=SimpleNamespace(name=name)) for name in names]
     said = SimpleNamespace(
-        findings=findings, verdict=SimpleNamespace(value=verdict), best=SimpleNamespace(judged=None), noise={}
+        findings=findings, verdict=SimpleNamespace(value=verdict), test=SimpleNamespace(error_over_noise=1.0)
     )
     monkeypatch.setattr(robustness, "recorded", lambda *others: [None, None])
     monkeypatch.setattr(robustness, "diagnose", lambda *others, **more: said)
-    monkeypatch.setattr(robustness, "excess", lambda *others: 1.0)
     assert robustness.row(("usual", rig)).result == result

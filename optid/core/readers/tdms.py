@@ -23,12 +23,7 @@ def read(data: bytes, path: Path, wanted: tuple[str, ...], budget: Budget) -> Ta
     Raises:
         RecordingError: truncated or damaged, no channels, or npTDMS is not installed.
     """
-    try:
-        import nptdms
-    except ImportError as error:
-        broken = "" if isinstance(error, ModuleNotFoundError) else f" (it is there, but broken: {error})"
-        raise RecordingError(f"TDMS files need npTDMS{broken}", where=path, hint=EXTRA) from None
-    _quiet()
+    nptdms = _library(path)
     try:
         with nptdms.TdmsFile.open(io.BytesIO(data)) as file:
             incomplete = bool(getattr(file.file_status, "incomplete_final_segment", False))
@@ -59,6 +54,16 @@ def read(data: bytes, path: Path, wanted: tuple[str, ...], budget: Budget) -> Ta
             groups = [n for n in names if n.endswith(f"/{name}")]
             left_out[name] = f"stands in {len(groups)} groups: map one, {' or '.join(groups[:4])}"
     return Table(columns, names, "tdms", "", left_out)
+
+
+def _library(path: Path) -> Any:
+    try:
+        import nptdms
+    except ImportError as error:
+        broken = "" if isinstance(error, ModuleNotFoundError) else f" (it is there, but broken: {error})"
+        raise RecordingError(f"TDMS files need npTDMS{broken}", where=path, hint=EXTRA) from None
+    _quiet()
+    return nptdms
 
 
 def _names(channels: list[tuple[str, str]]) -> list[str]:

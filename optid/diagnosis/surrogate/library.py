@@ -136,7 +136,9 @@ def waves(at: Linearisation, site: str) -> list[tuple[Wave, dict[str, float], fl
     size = push(base, at.problem, site)
     if size is None:
         return []
-    followed = {TIME: (base.question.problem.time, FASTEST)}
+    # Four samples a period at least.
+    fastest = min(FASTEST, 0.25 / float(np.median(base.question.problem.dt)))
+    followed = {TIME: (base.question.problem.time, fastest)}
     for k, state in enumerate(base.rig.model.states):
         if state.unit in LENGTHS and "." not in state.name:
             values = base.fit.filtered.states[0][:, k]

@@ -1,0 +1,35 @@
+"""Tests with a stated error rate: how often they speak where nothing is gained, and that they do where something is."""
+
+import numpy as np
+import pytest
+
+from optid.diagnosis.validation import flipped_signs, p_value
+
+DRAWS = 4000
+
+
+@pytest.mark.parametrize("count", [15, 45])
+@pytest.mark.parametrize("tail", [2.0, 30.0])
+def test_gains_that_are_none_pass_no_more_often_than_the_level(count, tail):
+    rng = np.random.default_rng(count)
+    p = np.array([flipped_signs(rng.standard_t(tail, count)) for _ in range(DRAWS)])
+    for level in (0.01, 0.05):
+        assert np.mean(p <= level) <= level + 3.0 * np.sqrt(level / DRAWS)
+
+
+def test_a_gain_in_most_windows_shows():
+    rng = np.random.default_rng(1)
+    assert flipped_signs(1.0 + 0.5 * rng.standard_normal(15)) < 0.01
+
+
+def test_one_window_carries_no_verdict_by_signs_but_by_likelihood_where_the_noise_is_reached():
+    before, after = np.full(15, 0.5), np.full(15, 0.5)
+    before[3] = 200.0
+    assert p_value(before, after, at_noise=False) > 0.05
+    assert p_value(before, after, at_noise=True) < 1e-6
+
+
+def test_nothing_gained_is_no_proof():
+    same = np.full(15, 0.5)
+    assert p_value(same, same, at_noise=True) == 1.0
+    assert p_value(same, 2.0 * same, at_noise=True) == 1.0

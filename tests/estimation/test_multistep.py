@@ -1,0 +1,80 @@
+"""Fits by multi-step prediction errors against the closed form of a cart, and what a quiet filter is for."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from optid.errors import SolveError
+from optid.estimation.likelihood import WHOLE
+from optid.estimation.multistep import (
+    QUIET,
+    fit_multistep,
+    multistep_at,
+    multistep_loss,
+    quiet_filter,
+    window_starts,
+)
+from optid.estimation.problem import pose
+from optid.estimation.scoring import question_of
+from tests.estimation.cart import TRUTH, recording, rig
+
+SECONDS = 0.5
+
+
+@pytest.fixture(scope="module")
+def asked(tmp_path_factory):
+    cart = rig(tmp_path_factory.mktemp("cart"))
+    problem = pose(cart.model, [recording(np.random.default_rng(seed)) for seed in (1, 2)], WHOLE)
+    return question_of(cart, problem), cart.model.vector(cart.parameters)
+
+
+def values(q, p):
+    return {one.name: value for one, value in zip(q.model.parameters, p, strict=True) if one.name in TRUTH}
+
+
+def test_it_finds_the_truth_from_a_start_far_off(asked):
+    q, p = asked
+    found = fit_multistep(q, p, SECONDS, turns=4, steps=6)
+    assert values(q, found.p) == pytest.approx({n: TRUTH[n] for n in values(q, p)}, rel=0.02)
+    assert found.loss < 0.1 * multistep_loss(q, p, SECONDS)
+
+
+def test_its_loss_is_that_of_the_parameters_it_gives(asked):
+    q, p = asked
+    found = fit_multistep(q, p, SECONDS, turns=2, steps=4)
+    there = multistep_at(q, found.p, SECONDS, found.level)
+    assert there.loss == found.loss
+    assert np.array_equal(there.filtered.gains, found.filtered.gains)
+    assert found.level <= QUIET
+
+
+def test_windows_that_must_err_count_less(asked):
+    q, p = asked
+    whole = multistep_loss(q, p, SECONDS)
+    excused = replace(q, open_variance=np.full(q.problem.measured.shape, 8.0 * q.measurement[0]))
+    # Squares of errors within Huber's range fall to a ninth; those beyond count linearly, and fall to a third at least.
+    assert multistep_loss(excused, p, SECONDS) < whole / 3.0
+
+
+def test_windows_begin_every_so_often_after_the_first_which_knows_nothing(asked):
+    q, _ = asked
+    starts = window_starts(q.problem, SECONDS)
+    begin, count = int(q.problem.begins[0]), int(q.problem.counts[0])
+    time = q.problem.time[begin : begin + count + 1]
+    first = time - time[0] < SECONDS - 1e-9
+    own = starts[begin : begin + count + 1]
+    assert own[first].all()
+    assert own[~first].sum() == int((time[-1] - time[0]) / SECONDS + 1e-9)
+
+
+def test_a_quieter_filter_follows_the_data_less(asked):
+    q, p = asked
+    loud, quiet = (quiet_filter(q, p, level=level) for level in (0.0, -4.0))
+    assert np.abs(quiet.gains[0, -1]).max() < np.abs(loud.gains[0, -1]).max()
+
+
+def test_a_start_without_numbers_is_refused(asked):
+    q, p = asked
+    with pytest.raises(SolveError, match="diverged"):
+        fit_multistep(q, np.full_like(p, np.nan), SECONDS, turns=1, steps=1)
