@@ -241,7 +241,7 @@ def test_progress_as_json_is_lines_on_stderr(sound, tmp_path, quick):
 
 @pytest.mark.parametrize("how", ["option", "environment"])
 def test_threads_bound_the_cores_everywhere(sound, tmp_path, how, monkeypatch):
-    import optid.estimation.prediction
+    import optid.api.simulating
     from optid.core import threads
 
     seen = []
@@ -252,7 +252,7 @@ def test_threads_bound_the_cores_everywhere(sound, tmp_path, how, monkeypatch):
         )
         raise JobError("seen")
 
-    monkeypatch.setattr(optid.estimation.prediction, "predict", look)
+    monkeypatch.setattr(optid.api.simulating, "predict", look)
     options = ["--threads", "1"] if how == "option" else []
     if how == "environment":
         monkeypatch.setenv("OPTID_THREADS", "1")

@@ -23,19 +23,8 @@ POINT = 100 / 72  # pixels of a page per point of a figure
 
 def traces(axes: Axes) -> Iterator[dict[str, Any]]:
     """Everything on the axes that has values to hover over, bottom up."""
-    collection: Any
     for collection in axes.collections:
-        if isinstance(collection, PathCollection):
-            yield _dots(collection)
-        elif isinstance(collection, LineCollection):
-            yield _segments(collection)
-        elif isinstance(collection, QuadMesh):
-            yield _cells(collection)
-        elif isinstance(collection, ContourSet):
-            yield from _contours(collection)
-        else:
-            for path in collection.get_paths():
-                yield _area(path.vertices, collection.get_facecolor()[:1], collection.get_label())
+        yield from _of_collection(collection)
     patch: Any
     for patch in axes.patches:
         if isinstance(patch, StepPatch):
@@ -47,6 +36,20 @@ def traces(axes: Axes) -> Iterator[dict[str, Any]]:
     for line in axes.lines:
         if line.get_transform() == axes.transData:
             yield _line(line)
+
+
+def _of_collection(collection: Any) -> Iterator[dict[str, Any]]:
+    if isinstance(collection, PathCollection):
+        yield _dots(collection)
+    elif isinstance(collection, LineCollection):
+        yield _segments(collection)
+    elif isinstance(collection, QuadMesh):
+        yield _cells(collection)
+    elif isinstance(collection, ContourSet):
+        yield from _contours(collection)
+    else:
+        for path in collection.get_paths():
+            yield _area(path.vertices, collection.get_facecolor()[:1], collection.get_label())
 
 
 def shapes(axes: Axes) -> Iterator[dict[str, Any]]:
