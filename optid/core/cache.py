@@ -5,16 +5,19 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import os
+import re
 import tempfile
 import threading
 from collections.abc import Callable
-from functools import lru_cache
+from functools import cache
 from pathlib import Path
 
 import platformdirs
 
 MOST = 4000  # models kept, some tens of kilobytes each; half of them go when there are more
 
+_IMPORT = re.compile(r"^\s*from (optid[\w.]*) import (\([^)]*\)|[^\n]*)", re.MULTILINE)
+_NAME = re.compile(r"\w+")
 _TELL: list[Callable[[], None]] = []
 _TOLD = threading.Lock()
 
@@ -30,16 +33,39 @@ def cache_folder() -> Path | None:
         return None
 
 
-@lru_cache(maxsize=1)
 def kernels_folder() -> Path | None:
-    """Where machine code is kept: apart for every state of optid's sources."""
+    """Where machine code is kept."""
     home = cache_folder()
-    if home is None:
-        return None
-    digest = hashlib.sha256()
-    for source in sorted(Path(__file__).parents[1].rglob("*.py")):
-        digest.update(source.read_bytes())
-    return home / "kernels" / digest.hexdigest()[:16]
+    return None if home is None else home / "kernels"
+
+
+@cache
+def sources(file: str) -> str:
+    """Digest of a source file of optid and of all of optid that it imports, directly or not.
+
+    What was made by the code of a file is named after this: a change elsewhere does not make it anew.
+    """
+    digest, seen, left = hashlib.sha256(), set(), [Path(file).resolve()]
+    while left:
+        if (source := left.pop()) in seen:
+            continue
+        seen.add(source)
+        left += _imported(source)
+    for source in sorted(seen):
+        digest.update(hashlib.sha256(source.read_bytes()).digest())
+    return digest.hexdigest()[:16]
+
+
+def _imported(source: Path) -> list[Path]:
+    """The files of optid that a source file imports."""
+    root = Path(__file__).parents[2]
+    lines = _IMPORT.findall(source.read_text(encoding="utf-8"))
+    places = []
+    for module, names in lines:
+        base = root.joinpath(*module.split("."))
+        places += [base.with_suffix(".py"), base / "__init__.py"]
+        places += [base / f"{name}.py" for name in _NAME.findall(names)]
+    return [place for place in places if place.is_file()]
 
 
 def stored(key: str, make: Callable[[], bytes]) -> bytes:

@@ -12,7 +12,7 @@ from typing import Any
 import llvmlite.binding as llvm
 
 from optid.core import kernel
-from optid.core.cache import stored
+from optid.core.cache import sources, stored
 from optid.core.emit import source, source_of_lanes, source_of_runs, width
 from optid.core.model import Model
 
@@ -82,7 +82,7 @@ def machine_code(content: str, write: Callable[[], str]) -> Any:
     machine = _machine()
     host = f"{llvm.llvm_version_info} {machine.triple} {llvm.get_host_cpu_name()} {_features()}"
     with _COMPILING:  # LLVM does one at a time anyway, and who waits for the same model finds it stored
-        code = stored(f"{host} {content}", lambda: object_code(write()))
+        code = stored(f"{host} {sources(__file__)} {content}", lambda: object_code(write()))
     engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
     engine.add_object_file(llvm.ObjectFileRef.from_data(code))
     engine.finalize_object()

@@ -2,8 +2,9 @@
 
 numba trusts its files: a damaged one ends the process, two processes can give two functions one file, and a folder
 that cannot be written to is an error. Here each signature of a function has files of its own, which are handed to
-numba once their checksum is right. The folder is named after optid's sources: numba looks at the file of the outermost
-function alone, and a change of one that others call would leave machine code with the old one inside.
+numba once their checksum is right. They are named after the function's source file and all of optid that it imports:
+numba looks at the file of the outermost function alone, and a change of one that others call would leave machine code
+with the old one inside.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ import llvmlite
 import numba
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
 
-from optid.core.cache import compiling, kernels_folder
+from optid.core.cache import compiling, kernels_folder, sources
 
 STAMP = "named after its sources"
 
@@ -28,7 +29,7 @@ def kept(**options: Any) -> Any:
 
     def decorate(function: Any) -> Any:
         dispatcher = numba.njit(**options)(function)
-        if kernels_folder() is not None:
+        if kernels_folder() is not None and Path(function.__code__.co_filename).is_file():
             dispatcher._cache = _Cache(function)
         return dispatcher
 
@@ -69,7 +70,8 @@ class _Cache(FunctionCache):  # type: ignore[misc]
 
     def __init__(self, function: Any) -> None:
         super().__init__(function)
-        self._cache_file = _Files(self._cache_path, f"{function.__module__}.{self._impl.filename_base}")
+        name = f"{function.__module__}.{self._impl.filename_base} {sources(function.__code__.co_filename)}"
+        self._cache_file = _Files(self._cache_path, name)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         found = None
@@ -108,7 +110,7 @@ class _Files:
         draft.replace(seal)
 
     def flush(self) -> None:
-        """Nothing: the folder's name says whether its content is fresh."""
+        """Nothing: a file's name says whether its content is fresh."""
 
     def _of(self, key: Any) -> tuple[Path, Any]:
         signature, target, code = key

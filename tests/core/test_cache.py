@@ -116,6 +116,23 @@ def test_a_full_disk_leaves_no_half_file(monkeypatch, tmp_path):
     assert list((tmp_path / "models").iterdir()) == []
 
 
+@pytest.mark.parametrize("changed", ["loops.py", "laws/friction.py", "laws/__init__.py"])
+def test_code_is_made_anew_when_what_it_imports_changes(changed, tmp_path, monkeypatch):
+    package = tmp_path / "optid"
+    (package / "laws").mkdir(parents=True)
+    monkeypatch.setattr(cache, "__file__", str(package / "core" / "cache.py"))
+    (package / "loops.py").write_text("from optid.laws import (\n    friction,\n)\n")
+    (package / "laws" / "__init__.py").write_text("")
+    (package / "laws" / "friction.py").write_text("STRIBECK = 0.01\n")
+    (package / "page.py").write_text("from optid import loops\n")
+    digest = cache.sources.__wrapped__
+    before = digest(package / "loops.py")
+    (package / "page.py").write_text("title = 'a page'\n")
+    assert digest(package / "loops.py") == before
+    (package / changed).write_text("STRIBECK = 0.02\n")
+    assert digest(package / "loops.py") != before
+
+
 def test_each_signature_has_files_of_its_own(monkeypatch, tmp_path):
     """Two processes that compile two signatures at once must not write one file."""
     monkeypatch.setattr(compiling, "kernels_folder", lambda: tmp_path)
