@@ -58,6 +58,7 @@ def simulate(
         from optid.api.band import with_band
 
         table = with_band(table, understood, [one.recording for one in data], fit, progress)
+    units = {one.name: one.unit for one in understood.model.states}
     document = {
         **stamp(SimulationResult.SCHEMA, "simulate", understood, [one.recording for one in data]),
         **metrics_document([one.prediction for one in exhibits]),
@@ -67,7 +68,7 @@ def simulate(
             if fit is None
             else "The numbers are a fit's.",
             "starts": [
-                {"recording": one.recording.name, "time": begin, "state": dict(state)}
+                {"recording": one.recording.name, "time": begin, "state": dict(state), "units": units}
                 for one in exhibits
                 for begin, state in one.prediction.begins
             ],

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from optid.core.quantity import quantity
 from optid.results.result import Result
 from optid.results.words import score_rows, table
 
@@ -39,8 +40,11 @@ class SimulationResult(Result):
             scores = {role: kinds[kind] for role, kinds in self.metrics.items()}
             lines += table((words, "fit", "rmse"), score_rows(scores))
         for start in self.document["about"]["starts"]:
-            where = ", ".join(f"{name} {value:.5g}" for name, value in start["state"].items())
-            lines.append(f"  free run from {start['time']:.6g} s, start estimated: {where} (SI)")
+            where = ", ".join(
+                f"{name.replace('_', ' ')} {quantity(value, start['units'][name])}"
+                for name, value in start["state"].items()
+            )
+            lines.append(f"  free run from {start['time']:.6g} s, start estimated: {where}")
         lines += [f"  {note}" for note in self.document["about"]["notes"]]
         return "\n".join(lines)
 
