@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from optid.armax.audit import Audit, Finding, audit
+from optid.armax.audit import Audit, audit
 from optid.armax.batch import SEARCHED, BatchFit, fit_batch, informed
 from optid.armax.forgetting import Constant, Forgetting
 from optid.armax.identifiability import EXCITED, OpenDirection, excitation, follows_output
@@ -25,7 +25,7 @@ from optid.armax.signals import Signals, signals
 from optid.armax.structure import Orders
 from optid.armax.table2 import Entry, Table2, last_value, table2
 from optid.armax.trend import Frame, Trend, find_trend
-from optid.armax.words import excitation_finding, feedback_finding, open_findings, trend_finding
+from optid.armax.words import Finding, excitation_finding, feedback_finding, open_findings, trend_finding
 from optid.core.model import Array
 from optid.errors import InputError
 

@@ -9,11 +9,13 @@ from typing import TYPE_CHECKING, Any
 import casadi as ca
 import numpy as np
 
-from optid.core.model import CLOCK, INTERVAL, Array, Model
+from optid.core.clock import CLOCK, INTERVAL
 from optid.errors import PlantError, SolveError, nearest
 
 if TYPE_CHECKING:
     import control
+
+    from optid.core.model import Array, Model
 
 STEADY = 1e-9  # 1/s: largest rate of a state, as a share of its usual size, that counts as none
 STRIDE = 0.5  # usual sizes: the longest step of the search, lest it leap to where no pressure is positive

@@ -10,6 +10,8 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from optid.core.clock import CLOCK as CLOCK
+from optid.core.clock import INTERVAL as INTERVAL
 from optid.core.parameter import Parameter
 from optid.errors import PlantError, nearest
 
@@ -27,10 +29,6 @@ class State:
     name: str
     unit: str
     scale: float
-
-
-# Inputs that no channel holds: the time to the next sample, and the time since the record began.
-INTERVAL, CLOCK = "interval", "clock"
 
 
 @dataclass(frozen=True)

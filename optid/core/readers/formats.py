@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import hashlib
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
+from optid.core.readers.content import file_bytes, unzipped
 from optid.core.readers.limits import Budget
-from optid.core.readers.table import Table
+from optid.core.readers.table import FORMATS, Table
 from optid.errors import RecordingError
 
-FORMATS = "CSV, Parquet, MATLAB .mat, HDF5 or TDMS"
 Reader = Callable[[bytes, Path, tuple[str, ...], Budget], Table]
 
 _CSV = "export it as CSV"
@@ -64,6 +65,25 @@ _INSIDE = (
     (b".npy", "a NumPy .npz archive", "save the columns as CSV or .mat (scipy.io.savemat)"),
     (b"simulink/", "a Simulink model (.slx)", "save the logged signals: save('run.mat', 't', 'u', 'x')"),
 )
+
+
+def read_table(path: Path, wanted: Iterable[str]) -> tuple[Table, str]:
+    """Read the columns asked for; a file's first bytes tell its format, or else its suffix.
+
+    Returns:
+        The table and the sha256 of the file's bytes.
+
+    Raises:
+        RecordingError: missing, not a file, empty, truncated, larger unpacked than it can be, or of no format known.
+    """
+    data = file_bytes(path)
+    digest = hashlib.sha256(data).hexdigest()
+    budget, name = Budget(len(data), path), path.name.lower()
+    if data[:2] == b"\x1f\x8b" or name.endswith(".gz"):
+        data, name = unzipped(data, budget, path), name.removesuffix(".gz")
+    reader, held = reader_of(data, name, path), [data]
+    del data  # the reader may let go of it once it has what it needs
+    return reader(held.pop(), path, tuple(dict.fromkeys(wanted)), budget), digest
 
 
 def reader_of(data: bytes, name: str, path: Path) -> Reader:

@@ -11,10 +11,11 @@ import numpy as np
 
 from optid.core.readers.cells import Unreadable, is_missing, is_stamp, numbers
 from optid.core.readers.clocks import Timed, aligned, contradicted, refuse_bursts, unwrapped
+from optid.core.readers.formats import read_table
 from optid.core.readers.limits import shown
 from optid.core.readers.repair import held_between, repaired
 from optid.core.readers.stamps import MISSING, seconds_of
-from optid.core.readers.table import Clock, Column, Raw, Table, offered, read_table
+from optid.core.readers.table import Clock, Column, Raw, Table, offered
 from optid.core.recording import Array, Channel, ChannelMap, Provenance, Recording, frozen
 from optid.errors import RecordingError
 

@@ -19,11 +19,10 @@ import numpy as np
 
 from optid.core.readers import loggers
 from optid.core.readers.cells import MISSING, Unreadable, is_missing, is_stamp, numbers
-from optid.core.readers.formats import FORMATS
 from optid.core.readers.layout import Layout, find_layout, has_decimal_comma, split, unit_in
 from optid.core.readers.limits import LONGEST_LINE, Budget, shown
 from optid.core.readers.rows import Rows
-from optid.core.readers.table import Column, Raw, Table
+from optid.core.readers.table import FORMATS, Column, Raw, Table
 from optid.errors import RecordingError
 
 if TYPE_CHECKING:
