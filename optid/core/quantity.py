@@ -20,6 +20,7 @@ _POWERS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 _SPELT = (
     (re.compile(r"(?<=[\d ])um\b"), "µm"),
     (re.compile(r"\bmm2\b"), "mm²"),
+    (re.compile(r"(?<=\d)%"), " %"),
     (re.compile(r"(?<![\d.])-0(?![\d.])"), "0"),
 )
 
@@ -51,8 +52,10 @@ def reading(value: float, unit: str) -> tuple[float, str]:
 
 
 def plain(value: float, digits: int = 3) -> str:
-    """A number with so many significant digits, never as minus zero."""
+    """A number with so many significant digits, never as minus zero, and up to a million without a power of ten."""
     text = f"{value:.{digits}g}"
+    if "e+" in text and abs(value) < 1e6:
+        text = f"{float(text):.0f}"
     return text.removeprefix("-") if float(text) == 0.0 else text
 
 

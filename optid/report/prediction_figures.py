@@ -45,8 +45,8 @@ def overlay(
     """
     roles = [str(name) for name in inputs if name not in ("recording", "time")]
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(9.2, 5.0), layout="constrained")
-        top, middle, bottom = figure.subplots(3, 1, sharex=True, height_ratios=(3.2, 1.2, 1))
+        figure = Figure(figsize=(9.2, 6.0), layout="constrained")
+        top, middle, bottom = figure.subplots(3, 1, sharex=True, height_ratios=(2.8, 1.4, 1.2))
         predictions(top, frame, role, units[role], horizon)
         factor, unit = friendly(units[role])
         time, error = _column(frame, "time"), factor * residual(frame, role, "window")

@@ -51,9 +51,10 @@ def page(result: CheckResult) -> str:
         "check.html.j2",
         f"{about['rig']}: check",
         about=about,
-        lead=d["summary"],
+        lead=d["summary"].removesuffix(f" Next: {d['next']}").removesuffix("."),
         recordings=[{**entry, "figure": _figure(result, entry)} for entry in d["recordings"]],
         identifiability=d["identifiability"],
+        next_command=d["next"],
     )
 
 
