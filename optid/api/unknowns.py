@@ -68,13 +68,13 @@ def _ranges(exhibits: Sequence[Exhibit], rig: Rig) -> list[str]:
     said, outputs = [], [port.role for port in rig.model.outputs]
     seen = [one.recording for one in exhibits if one.use != "held out"]
     for role in [*outputs, *(port.role for port in rig.model.recorded)]:
-        channels = [recording[role] for recording in seen if role in recording]
+        channels, words = [one[role] for one in seen if role in one], role.replace("_", " ")
         if channels:
             low = min(float(np.nanmin(channel.recorded)) for channel in channels)
             high = max(float(np.nanmax(channel.recorded)) for channel in channels)
             factor, unit = friendly(channels[0].recorded_unit)
             span = f"{plain(low * factor, 4)} to {plain(high * factor, 4)} {unit}".rstrip()
-            said.append(f"Anything outside the {role} these recordings visit: {span}.")
+            said.append(f"Anything outside the {words} these recordings visit: {span}.")
         elif role in outputs:
-            said.append(f"{role}: it was not measured, so the model's idea of it is untested.")
+            said.append(f"{words}: it was not measured, so the model's idea of it is untested.")
     return said

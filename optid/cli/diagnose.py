@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import click
@@ -79,6 +80,6 @@ def diagnose(
             checkpoint=checkpoint(folder, resume),
         )
     with waiting("writing the report"):
-        deliver(folder, result.write)
+        deliver(folder, replace(result, home=Path(out)).write)
     click.echo(result.summary())
     click.echo(f"written to {out}: {', '.join(result.written)}")

@@ -17,6 +17,7 @@ _NAMES: dict[str, tuple[tuple[float, str], ...]] = {
 _AXES = {"m": (1e3, "mm"), "Pa": (1e-5, "bar"), "m/s": (1e3, "mm/s"), "1": (1.0, "")}
 _LARGE = {"m": 0.9995, "m/s": 0.9995, "s": 0.9995}  # below, the next smaller name reads better
 _POWERS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
+_LONG = re.compile(r"\b\d(?:\.\d+)?e\+0[1-5]\b")
 _SPELT = (
     (re.compile(r"(?<=[\d ])um\b"), "µm"),
     (re.compile(r"\bmm2\b"), "mm²"),
@@ -75,4 +76,4 @@ def typeset(sentence: str) -> str:
     """A sentence with units as `quantity` writes them, whoever wrote it."""
     for written, meant in _SPELT:
         sentence = written.sub(meant, sentence)
-    return sentence
+    return _LONG.sub(lambda found: plain(float(found.group()), 6), sentence)

@@ -27,6 +27,7 @@ def diagnosis_result(found: Diagnosis) -> DiagnosisResult:
             "outputs": {port.role: port.unit for port in rig.model.outputs},
             "training": [recording.name for recording in found.problem.train],
             "held_out": list(found.holdout),
+            "asked": [one.name for one in rig.freed],
             "effects": [_effect(finding.effect) for finding in found.findings],
         },
     }

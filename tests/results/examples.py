@@ -110,6 +110,7 @@ def diagnosis():
             "outputs": {"position": "m"},
             "training": ["train.csv"],
             "held_out": ["held.csv"],
+            "asked": ["mass"],
             "effects": [{"law": "k x^3"}],
         },
     }

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 from matplotlib.axes import Axes
@@ -46,7 +46,7 @@ def page(result: DiagnosisResult) -> str:
         outputs=[_output(result, role) for role in _roles(result)],
         findings=[_finding(result, number, entry) for number, entry in enumerate(d["findings"], 1)],
         parameters=[
-            (heading, _parameters(d[part]))
+            (heading, *_asked_and_settings(d[part], about["asked"]))
             for heading, part in (("before", "baseline"), ("after", "improved"))
         ],
         rivals=_rivals(result),
@@ -167,9 +167,19 @@ def _parameters(part: Mapping[str, Any]) -> list[dict[str, str]]:
     ]
 
 
+def _asked_and_settings(
+    part: Mapping[str, Any], asked: Collection[str]
+) -> tuple[list[dict[str, str]], list[dict[str, str]]]:
+    """Rows of the parameters asked for and of the effects', and of the equations' settings fitted beside them."""
+    every = part["parameters"]
+    wanted = {name: entry for name, entry in every.items() if name in asked or "." in name}
+    settings = {name: entry for name, entry in every.items() if name not in wanted}
+    return _parameters({"parameters": wanted}), _parameters({"parameters": settings})
+
+
 def _next(result: DiagnosisResult) -> str:
-    about, d = result.document["about"], result.document
+    about, d, folder = result.document["about"], result.document, result.home or "out/diagnosis"
     open_ended = any(f["effect"] and f["indistinguishable_from"] for f in d["findings"])
     if open_ended or d["verdict"] == "unexplained":
-        return f"optid plan {about['rig_file']} --diagnosis out/diagnosis --out out/plan"
-    return f"optid simulate out/diagnosis/rig.toml {' '.join(about['held_out'])} --out out/sim"
+        return f"optid plan {about['rig_file']} --diagnosis {folder} --out out/plan"
+    return f"optid simulate {folder}/rig.toml {' '.join(about['held_out'])} --out out/sim"
