@@ -40,12 +40,26 @@ SCIPY_SIMULATIONS = (
     20  # that least_squares took in a full run on this record; the quick mode multiplies by it
 )
 UNITS = {
-    "supply_pressure": "Pa", "exhaust_pressure": "Pa", "atmospheric_pressure": "Pa", "supply_temperature": "K",
-    "chamber_temperature": "K", "gas_constant": "J/(kg K)", "port_width": "m", "spool_travel": "m",
-    "bore_diameter": "m", "rod_diameter": "m", "stroke": "m", "residual_length": "m", "payload_mass": "kg",
-    "viscous_friction": "N s/m", "coulomb_friction": "N", "friction_width": "m/s",
-    "stop_stiffness": "N/m**1.5", "stop_damping": "s/m", "length_floor": "m",
-}  # fmt: skip
+    "supply_pressure": "Pa",
+    "exhaust_pressure": "Pa",
+    "atmospheric_pressure": "Pa",
+    "supply_temperature": "K",
+    "chamber_temperature": "K",
+    "gas_constant": "J/(kg K)",
+    "port_width": "m",
+    "spool_travel": "m",
+    "bore_diameter": "m",
+    "rod_diameter": "m",
+    "stroke": "m",
+    "residual_length": "m",
+    "payload_mass": "kg",
+    "viscous_friction": "N s/m",
+    "coulomb_friction": "N",
+    "friction_width": "m/s",
+    "stop_stiffness": "N/m**1.5",
+    "stop_damping": "s/m",
+    "length_floor": "m",
+}
 RIG = """name = "benchmark"
 model = "servo-pneumatic"
 [options]

@@ -152,8 +152,10 @@ def main() -> None:
     vectors = np.tile(Gains(*start, lag).vector, (64, 1))
     batch = timed(lambda: task.course.costs(vectors), arguments.repeats)[0] / 64
     python_one, control_one = timed(lambda: plain(start), 5)[0], timed(lambda: slow(start), 3)[0]
-    print(f"one cost: compiled {1e6 * batch:.1f} us, plain Python {1e6 * python_one:.0f} us, "
-          f"python-control {1e6 * control_one:.0f} us")  # fmt: skip
+    print(
+        f"one cost: compiled {1e6 * batch:.1f} us, plain Python {1e6 * python_one:.0f} us, "
+        f"python-control {1e6 * control_one:.0f} us"
+    )
 
     reference = best_known(task)
     print(f"differential evolution (SciPy, long): {reference:.6e}")
@@ -167,12 +169,16 @@ def main() -> None:
             (simplex(plain, begin, most) for _ in range(3)), key=lambda run: run[2]
         )
         found[name] = seconds, evaluations
-        print(f"Nelder-Mead over plain Python{name}: {seconds:.3f} s, {evaluations} evaluations, "
-              f"{reached / reference:.4f} times that cost")  # fmt: skip
+        print(
+            f"Nelder-Mead over plain Python{name}: {seconds:.3f} s, {evaluations} evaluations, "
+            f"{reached / reference:.4f} times that cost"
+        )
     if arguments.control:
         far, count, control_seconds = simplex(slow, start, EARLY)
-        print(f"Nelder-Mead over python-control, stopped early: {control_seconds:.1f} s, {count} evaluations, "
-              f"{far / reference:.4f} times that cost")  # fmt: skip
+        print(
+            f"Nelder-Mead over python-control, stopped early: {control_seconds:.1f} s, {count} evaluations, "
+            f"{far / reference:.4f} times that cost"
+        )
     else:
         control_seconds = control_one * found[", stopped early"][1]
         print(f"Nelder-Mead over python-control, stopped early: {control_seconds:.1f} s by its evaluations")
@@ -186,9 +192,11 @@ def main() -> None:
             costs.append(task.fitness(gains.vector)[0] / reference)
         least = min(seconds_each)
         ratios = f"{found[''][0] / least:.1f}, stopped early {found[', stopped early'][0] / least:.1f}"
-        print(f"optid, {name}: {least:.3f} s (median {np.median(seconds_each):.3f}), {max(costs):.5f} times that cost "
-              f"at worst of {len(costs)} seeds; times faster than Nelder-Mead over plain Python {ratios}; "
-              f"than over python-control {control_seconds / least:.0f}")  # fmt: skip
+        print(
+            f"optid, {name}: {least:.3f} s (median {np.median(seconds_each):.3f}), {max(costs):.5f} times that cost "
+            f"at worst of {len(costs)} seeds; times faster than Nelder-Mead over plain Python {ratios}; "
+            f"than over python-control {control_seconds / least:.0f}"
+        )
 
 
 def best_known(task: Task) -> float:
@@ -198,9 +206,15 @@ def best_known(task: Task) -> float:
     scale = ultimate(task.plant)
     within = box(("kp", "ki", "kd"), default_gains(task, scale), scale)
     found = differential_evolution(
-        lambda points: task.fitness(within.gains(points.T)), [(0.0, 1.0)] * 3, popsize=40, maxiter=400, tol=1e-8,
-        rng=np.random.default_rng(0), vectorized=True, updating="deferred",
-    )  # fmt: skip
+        lambda points: task.fitness(within.gains(points.T)),
+        [(0.0, 1.0)] * 3,
+        popsize=40,
+        maxiter=400,
+        tol=1e-8,
+        rng=np.random.default_rng(0),
+        vectorized=True,
+        updating="deferred",
+    )
     return float(found.fun)
 
 

@@ -127,10 +127,13 @@ def test_check_of_a_still_recording_fails(tmp_path):
 
 @pytest.mark.parametrize(
     ("error", "status", "fragment"),
-    [(SolveError("it diverged"), 1, "it diverged"), (ZeroDivisionError("a\nb"), 1, "bug in optid"),
-     (KeyboardInterrupt(), 1, "interrupted")],
+    [
+        (SolveError("it diverged"), 1, "it diverged"),
+        (ZeroDivisionError("a\nb"), 1, "bug in optid"),
+        (KeyboardInterrupt(), 1, "interrupted"),
+    ],
     ids=["job", "bug", "interrupt"],
-)  # fmt: skip
+)
 def test_failing_job_leaves_nothing(error, status, fragment, tmp_path, monkeypatch):
     import optid.api.simulating
 

@@ -32,8 +32,16 @@ def bench(tmp_path_factory):
 @pytest.fixture(scope="module")
 def answered(bench):
     out = bench / "out"
-    done = optid("diagnose", bench / "trolley.toml", bench / "one.csv", bench / "two.csv",
-                 "--holdout", bench / "held.csv", "--out", out)  # fmt: skip
+    done = optid(
+        "diagnose",
+        bench / "trolley.toml",
+        bench / "one.csv",
+        bench / "two.csv",
+        "--holdout",
+        bench / "held.csv",
+        "--out",
+        out,
+    )
     assert done.returncode == 0, done.stderr
     return out, done.stdout
 

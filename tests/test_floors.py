@@ -9,18 +9,30 @@ PACKAGE = Path(__file__).resolve().parents[1] / "optid"
 FLOORS = {
     "errors": 0,
     "core": 1,
-    "rigs": 2, "effects": 2,
-    "estimation": 3, "armax": 3, "pid": 3, "quality": 3,
-    "diagnosis": 4, "tuning": 4, "live": 4, "experiments": 4,
+    "rigs": 2,
+    "effects": 2,
+    "estimation": 3,
+    "armax": 3,
+    "pid": 3,
+    "quality": 3,
+    "diagnosis": 4,
+    "tuning": 4,
+    "live": 4,
+    "experiments": 4,
     "results": 5,
     "report": 6,
-    "api": 7, "datasets": 7, "laws": 7,
+    "api": 7,
+    "datasets": 7,
+    "laws": 7,
     "cli": 8,
-}  # fmt: skip
+}
 NEIGHBOURS = {
-    ("estimation", "quality"), ("rigs", "effects"), ("live", "tuning"),
-    ("experiments", "tuning"), ("experiments", "live"),
-}  # fmt: skip
+    ("estimation", "quality"),
+    ("rigs", "effects"),
+    ("live", "tuning"),
+    ("experiments", "tuning"),
+    ("experiments", "live"),
+}
 FILES = sorted(path for path in PACKAGE.rglob("*.py") if path != PACKAGE / "__init__.py")
 
 

@@ -222,9 +222,17 @@ def survey(
     recommended, words = _recommended(plan.orders, table)
     tell(0.9, "Table 2")
     return Survey(
-        tuple(candidates), recommended, words, table, _table(record, plan, candidates, trend), plan.input, plan.output,
-        plan.input_unit, plan.estimator, trend,
-    )  # fmt: skip
+        tuple(candidates),
+        recommended,
+        words,
+        table,
+        _table(record, plan, candidates, trend),
+        plan.input,
+        plan.output,
+        plan.input_unit,
+        plan.estimator,
+        trend,
+    )
 
 
 def _structures(plan: Plan, record: Signals, middle: int, trend: Trend) -> list[Orders]:
@@ -252,9 +260,13 @@ def _candidate(
     alike = next((row.fit.model for row in table.rows if row.orders == orders), None)
     head = record.part(0, cut_of(record.y.size))
     batch = fit_batch(
-        [record], orders, sample_time, start=None if alike is None else alike.theta, trend=trend,
+        [record],
+        orders,
+        sample_time,
+        start=None if alike is None else alike.theta,
+        trend=trend,
         alone=alike is not None and record.y.size > SEARCHED,
-    )  # fmt: skip
+    )
     taught = _teach(record, orders, sample_time, plan, trend)
     e: Array = innovations(taught.model, record.y, record.u)
     with np.errstate(over="ignore"):

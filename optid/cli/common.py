@@ -43,9 +43,13 @@ def _keep_rate(context: click.Context, option: click.Parameter, value: float | N
 
 
 RATE = click.option(
-    "--rate", type=click.FloatRange(min=0, min_open=True), metavar="HZ", callback=_keep_rate, expose_value=False,
+    "--rate",
+    type=click.FloatRange(min=0, min_open=True),
+    metavar="HZ",
+    callback=_keep_rate,
+    expose_value=False,
     help="Bring faster recordings down to it; by default what the fastest pole that shows asks for.",
-)  # fmt: skip
+)
 
 Read = list[tuple["Recording", tuple["Remark", ...]]]
 

@@ -133,10 +133,13 @@ def _gains(context: click.Context, option: click.Parameter, value: str | None) -
     "--delay", callback=_whole(0), metavar="NK[,NK]", help="Samples, for each input; chosen if absent."
 )
 @click.option(
-    "--method", type=click.Choice(["pem", "rml", "rls"]), default="pem", show_default=True,
+    "--method",
+    type=click.Choice(["pem", "rml", "rls"]),
+    default="pem",
+    show_default=True,
     help="Who makes the models and the table: offline prediction errors, recursive maximum likelihood, the paper's "
     "recursive least squares.",
-)  # fmt: skip
+)
 @click.option(
     "--forgetting",
     callback=_forgetting,
@@ -144,9 +147,12 @@ def _gains(context: click.Context, option: click.Parameter, value: str | None) -
     help="Of the recursion: 0.998, directional:0.99, variable:500.",
 )
 @click.option(
-    "--trend", type=click.Choice(["auto", "none", "constant", "linear"]), default="auto", show_default=True,
+    "--trend",
+    type=click.Choice(["auto", "none", "constant", "linear"]),
+    default="auto",
+    show_default=True,
     help="What stands beside eq. 12; auto: a constant, and a slope where the recording shows one.",
-)  # fmt: skip
+)
 @click.option(
     "--input", "inputs", multiple=True, metavar="ROLE", help="The plant's by default; may be repeated."
 )
@@ -157,9 +163,15 @@ def _gains(context: click.Context, option: click.Parameter, value: str | None) -
 @RATE
 @OUT
 def identify(
-    recording: str, rig: str, out: str, inputs: tuple[str, ...], output: str | None, export_c: bool, export_st: bool,
+    recording: str,
+    rig: str,
+    out: str,
+    inputs: tuple[str, ...],
+    output: str | None,
+    export_c: bool,
+    export_st: bool,
     **asked: Any,
-) -> None:  # fmt: skip
+) -> None:
     """Identify ARMAX models, audit them, and tabulate their predictions as the paper's Table 2."""
     folder = results_folder(out)
     understood, [(read, remarks)], _ = read_all(rig, (recording,))
@@ -171,9 +183,12 @@ def identify(
 
     sampled = sampled_of(understood, read, inputs, output)
     plan = replace(
-        _plan(**asked), unit=sampled.output_unit, output=sampled.output, input=", ".join(sampled.inputs),
+        _plan(**asked),
+        unit=sampled.output_unit,
+        output=sampled.output,
+        input=", ".join(sampled.inputs),
         input_unit=", ".join(sampled.input_units),
-    )  # fmt: skip
+    )
     with progress("identifying") as tell:
         found = survey(sampled.signals.y, sampled.signals.u, sampled.sample_time, plan, tell)
         tell(0.95, "report")
@@ -194,9 +209,18 @@ def identify(
 
 
 def _plan(
-    *, orders: tuple[int, ...], steps: tuple[int, ...], na: int | None, nb: tuple[int, ...] | None, nc: int | None,
-    delay: tuple[int, ...] | None, method: str, forgetting: Forgetting | None, trend: str, gains: Gains | None,
-) -> Plan:  # fmt: skip
+    *,
+    orders: tuple[int, ...],
+    steps: tuple[int, ...],
+    na: int | None,
+    nb: tuple[int, ...] | None,
+    nc: int | None,
+    delay: tuple[int, ...] | None,
+    method: str,
+    forgetting: Forgetting | None,
+    trend: str,
+    gains: Gains | None,
+) -> Plan:
     """The survey's plan from the options."""
     from optid.armax.survey import Estimator, Plan
     from optid.armax.trend import Trend
@@ -205,9 +229,16 @@ def _plan(
         return numbers[0] if numbers is not None and len(numbers) == 1 else numbers
 
     plan = Plan(
-        orders=orders if na is None else (na,), steps=steps, delay=one(delay), nb=one(nb), nc=nc, exact=na is not None,
-        gains=gains, estimator=Estimator[method.upper()], trend=None if trend == "auto" else Trend[trend.upper()],
-    )  # fmt: skip
+        orders=orders if na is None else (na,),
+        steps=steps,
+        delay=one(delay),
+        nb=one(nb),
+        nc=nc,
+        exact=na is not None,
+        gains=gains,
+        estimator=Estimator[method.upper()],
+        trend=None if trend == "auto" else Trend[trend.upper()],
+    )
     return plan if forgetting is None else replace(plan, forgetting=forgetting)
 
 
@@ -250,15 +281,27 @@ def _say(found: Survey) -> None:
     rows = []
     for row in found.table2.errors(IN_SAMPLE):
         other = held.get(_key(row), {})
-        rows.append((
-            str(row["order"]) if row["order"] else "-", str(row["steps"]), str(row["predictor"]),
-            *(_cell(one, column) for column in ("mean_square_error", "sd") for one in (row, other)),
-            _cell(row, "lag"), _cell(row, "expected_sd"),
-        ))  # fmt: skip
+        rows.append(
+            (
+                str(row["order"]) if row["order"] else "-",
+                str(row["steps"]),
+                str(row["predictor"]),
+                *(_cell(one, column) for column in ("mean_square_error", "sd") for one in (row, other)),
+                _cell(row, "lag"),
+                _cell(row, "expected_sd"),
+            )
+        )
     head = (
-        "order", "steps", "predictor", f"mean square error ({unit}²)", "held out", f"sd ({unit})", "held out", "lag",
+        "order",
+        "steps",
+        "predictor",
+        f"mean square error ({unit}²)",
+        "held out",
+        f"sd ({unit})",
+        "held out",
+        "lag",
         "expected sd",
-    )  # fmt: skip
+    )
     say_table(head, rows)
     for candidate in found.candidates:
         grave = [finding.text for finding in candidate.audit.findings if finding.grave]

@@ -28,8 +28,13 @@ POSITIVE = click.FloatRange(min=0, min_open=True)
 
 @click.command()
 @click.argument("rig")
-@click.option("--driver", default="simulated", metavar="NAME", show_default=True,
-              help="simulated, replay, nidaqmx, opcua, or path/to/file.py:function.")  # fmt: skip
+@click.option(
+    "--driver",
+    default="simulated",
+    metavar="NAME",
+    show_default=True,
+    help="simulated, replay, nidaqmx, opcua, or path/to/file.py:function.",
+)
 @OUT
 @click.option("--seconds", type=POSITIVE, metavar="S", help="Until it is stopped where absent.")
 @click.option("--rate", type=POSITIVE, metavar="HZ", help="Samples a second; the rig file's where absent.")
@@ -113,9 +118,17 @@ def _plan(rig: Path, driver: str, folder: Path, choices: dict[str, Any]) -> Plan
     gains, pid = read_gains(choices["gains"], settings) if choices["gains"] else (gentle(limits), None)
     recording = Path(choices["recording"]) if choices["recording"] else None
     return Plan(
-        rig, driver, folder, reference, Choices(gains, choices["order"], choices["dither"], choices["seed"], pid),
-        choices["seconds"], choices["rate"], choices["fast"], recording, choices["seed"],
-    )  # fmt: skip
+        rig,
+        driver,
+        folder,
+        reference,
+        Choices(gains, choices["order"], choices["dither"], choices["seed"], pid),
+        choices["seconds"],
+        choices["rate"],
+        choices["fast"],
+        recording,
+        choices["seed"],
+    )
 
 
 def _way_in(choices: dict[str, Any]) -> tuple[Door, socket.socket]:
@@ -218,8 +231,10 @@ def _report(session: Session, document: dict[str, Any]) -> str:
 
 
 def _say(document: dict[str, Any]) -> None:
-    click.echo(f"{document['samples']} samples, {document['missed']} deadlines missed, "
-               f"{document['held_back']} commands held back by a limit")  # fmt: skip
+    click.echo(
+        f"{document['samples']} samples, {document['missed']} deadlines missed, "
+        f"{document['held_back']} commands held back by a limit"
+    )
     rows = [
         (name, *(f"{timing[f'{column}_us']:.0f}" for column in ("mean", "p50", "p99", "max")))
         for name, timing in document["timing"].items()

@@ -269,7 +269,9 @@ def _wishes(choices: dict[str, Any], contents: Any) -> Wishes:
         setpoints=tuple(_known(text, y, "--setpoint") for text in choices["setpoints"]),
         disturbances=tuple(_known(text, u, "--disturbance") for text in choices["disturbances"]),
         profiles=tuple(_path(name, contents.chosen.sample_time) for name in choices["profiles"]),
-        low=low, high=high, deadband=dead,
+        low=low,
+        high=high,
+        deadband=dead,
         anti_windup=AntiWindup[choices["anti_windup"].upper().replace("-", "_")],
         rate=_quantity(choices["rate"], "Hz" if u == "1" else f"{u}/s", "--rate"),
         resolution=_quantity(choices["resolution"], u, "--resolution") or 0.0,
@@ -277,7 +279,9 @@ def _wishes(choices: dict[str, Any], contents: Any) -> Wishes:
         sample_time=_quantity(choices["sample_time"], "s", "--sample-time"),
         criterion=Criterion(Measure[choices["cost"].upper()], choices["effort"], choices["overshoot"]),
         required=Required(
-            _sensitivity(choices["ms"]), choices["gain_margin"], choices["phase_margin"],
+            _sensitivity(choices["ms"]),
+            choices["gain_margin"],
+            choices["phase_margin"],
             _quantity(choices["delay_margin"], "s", "--delay-margin"),
         ),
         over=Over.WORST if choices["robust"] == "worst" else Over.MEAN,
@@ -285,7 +289,7 @@ def _wishes(choices: dict[str, Any], contents: Any) -> Wishes:
         integrator=Integrator[choices["integrator"].upper()],
         dead_zone=_dead_zone(choices["dead_zone"], u),
         usual_sensitivity=choices["ms"] is None,
-    )  # fmt: skip
+    )
 
 
 def _dead_zone(text: str | None, unit: str) -> tuple[float, float]:

@@ -21,9 +21,31 @@ PIVOT = 1e-14  # of a covariance, as a share of its largest variance: below it a
 
 @compiled
 def filtered(
-    code, first, last, of_set, of_segment, starts, counts, M0, C0, P, Q, R, dt, U, Y, linear, tolerance, scales,
-    keep, E, V, X, K, S,
-):  # fmt: skip
+    code,
+    first,
+    last,
+    of_set,
+    of_segment,
+    starts,
+    counts,
+    M0,
+    C0,
+    P,
+    Q,
+    R,
+    dt,
+    U,
+    Y,
+    linear,
+    tolerance,
+    scales,
+    keep,
+    E,
+    V,
+    X,
+    K,
+    S,
+):
     """Filter runs first..last-1; run r takes parameter set of_set[r] over segment of_segment[r].
 
     Args:
@@ -255,7 +277,7 @@ def _correct(m, C, shared, innovation, variance):
 @compiled
 def steered(
     code, first, last, of_set, of_segment, starts, counts, M0, P, K, common, dt, U, Y, tolerance, looks, E
-):  # fmt: skip
+):
     """Innovations with the gains of another filter run: x moves by the model and by K (y - h(x)).
 
     Where a sample is no look, E is what a prediction from the last one misses, which no later sample corrects.

@@ -281,8 +281,18 @@ def _trace(code, begin, count, closed, x, S, c, k, y, T, dt, U, tolerance, X, Y,
                 Y[m, o] = y[o]
         if n < count:
             h = advance(
-                code.slopes, code.step_slopes, code.half, at(x, 0), at(S, 0), u, at(c, 0), k, at(T, 0),
-                at(tolerance, 0), dt[m], h,
-            )  # fmt: skip
+                code.slopes,
+                code.step_slopes,
+                code.half,
+                at(x, 0),
+                at(S, 0),
+                u,
+                at(c, 0),
+                k,
+                at(T, 0),
+                at(tolerance, 0),
+                dt[m],
+                h,
+            )
             if h < 0.0:
                 break

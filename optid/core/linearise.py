@@ -99,8 +99,12 @@ def linearise(
         if name not in names:
             raise PlantError(f'no state or input "{name}"', where=model.name, hint=nearest(name, names))
     if INTERVAL in names and not values[INTERVAL] > 0:
-        raise PlantError("the equations use the sampling interval", where=model.name, field=INTERVAL,
-                         expected="its value in s among `held`")  # fmt: skip
+        raise PlantError(
+            "the equations use the sampling interval",
+            where=model.name,
+            field=INTERVAL,
+            expected="its value in s among `held`",
+        )
     at = np.array([values[name] for name in names])
     given = {*held, INTERVAL, CLOCK}
     loose = np.array([name not in given for name in names])
@@ -201,9 +205,15 @@ def _linear(
     real = [j for j, name in enumerate(names) if j >= nx and name not in (INTERVAL, CLOCK)]
     inputs, outputs = [names[j] for j in real], [port.role for port in model.outputs]
     system: Any = control.ss(
-        jacobian[:nx, :nx], jacobian[:nx][:, real], jacobian[nx:, :nx], jacobian[nx:][:, real],
-        states=names[:nx], inputs=inputs, outputs=outputs, name=model.name,
-    )  # fmt: skip
+        jacobian[:nx, :nx],
+        jacobian[:nx][:, real],
+        jacobian[nx:, :nx],
+        jacobian[nx:][:, real],
+        states=names[:nx],
+        inputs=inputs,
+        outputs=outputs,
+        name=model.name,
+    )
     return Linear(
         system,
         dict(zip(names[:nx], at[:nx].tolist(), strict=True)),

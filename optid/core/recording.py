@@ -247,9 +247,10 @@ class Recording:
         if last - first < 2:
             span = f"{self.time[0]:g} to {self.time[-1]:g} s"
             raise RecordingError(
-                f"{max(last - first, 0)} samples from {start:g} to {stop:g} s", where=self.name,
+                f"{max(last - first, 0)} samples from {start:g} to {stop:g} s",
+                where=self.name,
                 expected=f"at least two; the recording runs from {span}",
-            )  # fmt: skip
+            )
         return self.taken(np.arange(first, last))
 
     def segments(self, longer_than: float = LONG_GAP) -> tuple[Recording, ...]:

@@ -89,9 +89,11 @@ def find_driver(name: str) -> Maker:
     file, colon, function = name.rpartition(":")
     if not colon or not file.endswith(".py"):
         raise InputError(
-            f'no driver "{name}"', where="--driver", expected='a built-in name or "path/to/file.py:function"',
+            f'no driver "{name}"',
+            where="--driver",
+            expected='a built-in name or "path/to/file.py:function"',
             hint=nearest(name, BUILT_IN),
-        )  # fmt: skip
+        )
     module_of_file = load_file(Path(file))
     made = getattr(module_of_file, function, None)
     if not callable(made):

@@ -77,8 +77,16 @@ def path(taught: Identification, start: float) -> str:
             for i, label in enumerate(labels):
                 if label.startswith(letter):
                     axis.plot(time, taught.track[:, i], lw=1.0, label=label)
-            axis.legend(loc="lower left", ncols=6, bbox_to_anchor=(-0.02, 1.06), borderaxespad=0.2, fontsize=7,
-                        columnspacing=0.7, handlelength=0.8, handletextpad=0.4)  # fmt: skip
+            axis.legend(
+                loc="lower left",
+                ncols=6,
+                bbox_to_anchor=(-0.02, 1.06),
+                borderaxespad=0.2,
+                fontsize=7,
+                columnspacing=0.7,
+                handlelength=0.8,
+                handletextpad=0.4,
+            )
             axis.set_xlabel("time (s)")
         return interactive(figure)
 

@@ -49,19 +49,37 @@ def armax_page(found: Survey, sampled: Sampled, source: Source) -> str:
     models = [candidate.model for candidate in found.candidates]
     return render(
         "armax.html.j2",
-        title=f"{source.rig.name}: ARMAX of {name} from {_listed(sampled)}", rig=source.rig, found=found,
-        source=source, sampled=sampled, table=table, captions=table.captions(), cells=_cells(table),
-        equation=equation(model), coefficients=_coefficients(model), chosen=found.chosen,
+        title=f"{source.rig.name}: ARMAX of {name} from {_listed(sampled)}",
+        rig=source.rig,
+        found=found,
+        source=source,
+        sampled=sampled,
+        table=table,
+        captions=table.captions(),
+        cells=_cells(table),
+        equation=equation(model),
+        coefficients=_coefficients(model),
+        chosen=found.chosen,
         noise=f"{math.sqrt(model.noise_variance) * factor:.4g} {unit}".rstrip(),
-        figures=[Markup(figures.responses(table, sampled.time, g, name)) for g in groups if len(g) > 1 or g[0][1] == 1],
+        figures=[
+            Markup(figures.responses(table, sampled.time, g, name))
+            for g in groups
+            if len(g) > 1 or g[0][1] == 1
+        ],
         path=Markup(figures.path(found.chosen.recursive, float(sampled.time[0]))),
         correlations=Markup(figures.correlations(e, sampled.signals.u, sampled.sample_time, sampled.inputs)),
         bodes=[_bode(models, sampled, i, source.recording, factor, unit) for i in range(len(sampled.inputs))],
-        poles=poles, taken=taken, number=number, z_map=Markup(responses.pole_zero_map(
-            [(c.order, c.audit) for c in found.candidates], poles)),
-        steps=[Markup(responses.steps(models, _per(unit, sampled, i), factor, i)) for i in range(len(sampled.inputs))],
-        orders=_orders(found), unknowns=_unknowns(found, sampled, source.recording, e),
-    )  # fmt: skip
+        poles=poles,
+        taken=taken,
+        number=number,
+        z_map=Markup(responses.pole_zero_map([(c.order, c.audit) for c in found.candidates], poles)),
+        steps=[
+            Markup(responses.steps(models, _per(unit, sampled, i), factor, i))
+            for i in range(len(sampled.inputs))
+        ],
+        orders=_orders(found),
+        unknowns=_unknowns(found, sampled, source.recording, e),
+    )
 
 
 def _per(unit: str, sampled: Sampled, input: int) -> str:
@@ -140,12 +158,20 @@ def _orders(found: Survey) -> list[dict[str, str | bool]]:
     rows: list[dict[str, str | bool]] = []
     for row in found.orders.rows:
         o = row.orders
-        rows.append({
-            "chosen": o == found.orders.recommended, "order": str(o.na), "delay": str(o.nk[0]) if o.nk else "",
-            "parameters": str(o.parameters), "aic": f"{row.aic:.1f}", "bic": f"{row.bic:.1f}", "fpe": f"{row.fpe:.4g}",
-            "one": _percent(row.fit_one_step), "ten": _percent(row.fit_ten_steps),
-            "simulated": _percent(row.fit_simulated),
-        })  # fmt: skip
+        rows.append(
+            {
+                "chosen": o == found.orders.recommended,
+                "order": str(o.na),
+                "delay": str(o.nk[0]) if o.nk else "",
+                "parameters": str(o.parameters),
+                "aic": f"{row.aic:.1f}",
+                "bic": f"{row.bic:.1f}",
+                "fpe": f"{row.fpe:.4g}",
+                "one": _percent(row.fit_one_step),
+                "ten": _percent(row.fit_ten_steps),
+                "simulated": _percent(row.fit_simulated),
+            }
+        )
     return rows
 
 

@@ -52,10 +52,13 @@ def _recording(recording: Recording, remarks: Sequence[Remark]) -> dict[str, Any
         },
         "remarks": [
             {
-                "kind": remark.kind, "severity": remark.severity, "channel": remark.channel,
-                "message": remark.message, "interval": list(remark.interval) if remark.interval else None,
+                "kind": remark.kind,
+                "severity": remark.severity,
+                "channel": remark.channel,
+                "message": remark.message,
+                "interval": list(remark.interval) if remark.interval else None,
             }
             for remark in remarks
         ],
         "notes": list(source.notes) if source else [],
-    }  # fmt: skip
+    }

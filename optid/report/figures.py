@@ -29,12 +29,24 @@ __all__ = [
 # figures.js knows their counterparts on a dark page.
 INK, WINDOW, FREE, QUIET, ALARM = "#2b2f36", "#0a7e8c", "#c8743a", "#9aa3ad", "#b3372f"
 STYLE: Any = {
-    "font.family": "sans-serif", "font.size": 9, "axes.edgecolor": "#c9ced4", "axes.labelcolor": "#4a525c",
-    "axes.spines.top": False, "axes.spines.right": False, "axes.linewidth": 0.8, "axes.grid": True,
-    "grid.color": "#edf0f2", "grid.linewidth": 0.8, "xtick.color": "#6b747e", "ytick.color": "#6b747e",
-    "lines.linewidth": 1.1, "legend.frameon": False, "svg.fonttype": "path", "svg.hashsalt": "optid",
+    "font.family": "sans-serif",
+    "font.size": 9,
+    "axes.edgecolor": "#c9ced4",
+    "axes.labelcolor": "#4a525c",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.linewidth": 0.8,
+    "axes.grid": True,
+    "grid.color": "#edf0f2",
+    "grid.linewidth": 0.8,
+    "xtick.color": "#6b747e",
+    "ytick.color": "#6b747e",
+    "lines.linewidth": 1.1,
+    "legend.frameon": False,
+    "svg.fonttype": "path",
+    "svg.hashsalt": "optid",
     "axes.axisbelow": True,
-}  # fmt: skip
+}
 
 
 def bounded(measured: Array, predicted: Array) -> tuple[float, float]:

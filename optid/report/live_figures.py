@@ -16,8 +16,11 @@ from optid.report.figures import ALARM, FREE, INK, QUIET, STYLE, WINDOW, axis_na
 from optid.report.interactive import interactive
 
 LINES = (  # of a stretch: what, colour, width
-    ("reference", QUIET, 1.0), ("real", INK, 1.7), ("predicted", WINDOW, 1.0), ("simulated", FREE, 1.1),
-)  # fmt: skip
+    ("reference", QUIET, 1.0),
+    ("real", INK, 1.7),
+    ("predicted", WINDOW, 1.0),
+    ("simulated", FREE, 1.1),
+)
 
 
 def stretch(part: Stretch) -> str:
@@ -27,8 +30,13 @@ def stretch(part: Stretch) -> str:
         figure = Figure(figsize=(9.2, 4.3), layout="constrained")
         top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
         for name, colour, width in LINES:
-            top.plot(*thin(part.time, factor * part.positions[name]), color=colour, lw=width, label=name,
-                     ls=(0, (5, 3)) if name == "reference" else "-")  # fmt: skip
+            top.plot(
+                *thin(part.time, factor * part.positions[name]),
+                color=colour,
+                lw=width,
+                label=name,
+                ls=(0, (5, 3)) if name == "reference" else "-",
+            )
         top.set_ylabel(axis_name(part.role, unit))
         top.legend(loc="lower left", ncols=4, bbox_to_anchor=(0, 1.0), borderaxespad=0.2)
         bottom.plot(*thin(part.time, part.command), color=INK, lw=0.9)

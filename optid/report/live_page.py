@@ -12,9 +12,11 @@ from optid.report import live_figures as figures
 from optid.report.shell import render
 
 OUTCOMES = {
-    "done": "The session ran its time.", "ended": "The driver had no more samples.",
-    "stopped": "The session was stopped.", "failed": "The session failed.",
-}  # fmt: skip
+    "done": "The session ran its time.",
+    "ended": "The driver had no more samples.",
+    "stopped": "The session was stopped.",
+    "failed": "The session failed.",
+}
 GAINS = ("kp", "ki", "kd", "derivative_filter", "setpoint_weight", "derivative_weight")
 
 
@@ -31,7 +33,11 @@ def live_page(
     """
     return render(
         "live.html.j2",
-        title=title, document=document, lead=OUTCOMES[document["outcome"]], names=GAINS, review=review,
+        title=title,
+        document=document,
+        lead=OUTCOMES[document["outcome"]],
+        names=GAINS,
+        review=review,
         stretches=[(heading, Markup(figures.stretch(part))) for heading, part in stretches],
         reviewed=Markup(figures.review(review, stretches[0][1].unit)) if review and stretches else None,
-    )  # fmt: skip
+    )

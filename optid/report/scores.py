@@ -132,15 +132,20 @@ def fit_document(
         "noise": {role: {"sd": number(sd), "unit": units.get(role)} for role, sd in fit.noise.items()},
         "profiles": {
             p.name: {
-                "unit": p.unit, "ci95": [number(p.low), number(p.high)], "limit": number(p.limit),
-                "value": p.value, "fit_ci95": [number(end) for end in p.linear],
-                "values": p.values.tolist(), "deviance": p.deviance.tolist(), "words": p.sentence,
+                "unit": p.unit,
+                "ci95": [number(p.low), number(p.high)],
+                "limit": number(p.limit),
+                "value": p.value,
+                "fit_ci95": [number(end) for end in p.linear],
+                "values": p.values.tolist(),
+                "deviance": p.deviance.tolist(),
+                "words": p.sentence,
             }
             for p in profiles
         },
         "certificate_sound": bool(fit.certificate.sound),
         "seconds": number(fit.seconds),
-    }  # fmt: skip
+    }
 
 
 def number(value: float) -> float | None:

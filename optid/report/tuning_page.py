@@ -23,9 +23,13 @@ _RIVALS = (
 )  # drawn beside the tuned response, where they are bounded
 DRAWN = 2  # of the largest steps; and the smallest one
 _NAMES = {
-    "kp": "proportional", "ki": "integral", "kd": "derivative", "derivative_filter": "derivative filter",
-    "setpoint_weight": "set-point weight", "derivative_weight": "derivative weight",
-}  # fmt: skip
+    "kp": "proportional",
+    "ki": "integral",
+    "kd": "derivative",
+    "derivative_filter": "derivative filter",
+    "setpoint_weight": "set-point weight",
+    "derivative_weight": "derivative weight",
+}
 
 
 def tuning_page(tuning: Tuning, posed: Posed, source: str, structure: Structure = STRUCTURES["pid2"]) -> str:
@@ -40,22 +44,38 @@ def tuning_page(tuning: Tuning, posed: Posed, source: str, structure: Structure 
     named = units(posed.command_unit, posed.output_unit)
     return render(
         "tuning.html.j2",
-        title=f"PID gains for {source}", model=str(posed.model), lead=_lead(tuning, posed, named["itae"]),
-        assumed=posed.assumed, remarks=tuning.remarks,
-        structure=structure.words, judged_on=posed.judged_on, drive=_drive(tuning, posed, structure),
-        sizes=_sizes(tuning, posed), hunting_limit=_length(tuning.task.hunting, posed),
+        title=f"PID gains for {source}",
+        model=str(posed.model),
+        lead=_lead(tuning, posed, named["itae"]),
+        assumed=posed.assumed,
+        remarks=tuning.remarks,
+        structure=structure.words,
+        judged_on=posed.judged_on,
+        drive=_drive(tuning, posed, structure),
+        sizes=_sizes(tuning, posed),
+        hunting_limit=_length(tuning.task.hunting, posed),
         sizes_figure=_sizes_figure(tuning, posed),
         gains=[
-            (label, name, f"{getattr(tuning.gains, name):.6g}", "" if named[name] == "1" else named[name],
-             "searched" if name in tuning.within.free else "fixed")
+            (
+                label,
+                name,
+                f"{getattr(tuning.gains, name):.6g}",
+                "" if named[name] == "1" else named[name],
+                "searched" if name in tuning.within.free else "fixed",
+            )
             for name, label in _NAMES.items()
         ],
-        episodes=_episodes(tuning, posed), margins=_margins(tuning), loop_figure=Markup(figures.loop(tuning)),
+        episodes=_episodes(tuning, posed),
+        margins=_margins(tuning),
+        loop_figure=Markup(figures.loop(tuning)),
         rows=[_row(one, posed.bench is not None) for one in _everyone(tuning)],
-        bench=posed.bench is not None, unit=named["itae"],
-        landscape=_landscape(tuning), certificate=tuning.certificate, limits=_limits(tuning),
+        bench=posed.bench is not None,
+        unit=named["itae"],
+        landscape=_landscape(tuning),
+        certificate=tuning.certificate,
+        limits=_limits(tuning),
         unknowns=_unknowns(tuning, posed),
-    )  # fmt: skip
+    )
 
 
 def _everyone(tuning: Tuning) -> list[Scored]:
@@ -175,15 +195,24 @@ def _row(one: Scored, bench: bool) -> dict[str, str]:
         return f"{value:.4g}" if math.isfinite(value) else "∞"
 
     if one.gains is None or one.margins is None:
-        return {"name": one.name.replace("_", " "), "model": "–", "bench": "–", "ms": "–", "gains": "–",
-                "state": "", "note": one.note}  # fmt: skip
+        return {
+            "name": one.name.replace("_", " "),
+            "model": "–",
+            "bench": "–",
+            "ms": "–",
+            "gains": "–",
+            "state": "",
+            "note": one.note,
+        }
     return {
-        "name": one.name.replace("_", " "), "model": number(one.total("itae")),
+        "name": one.name.replace("_", " "),
+        "model": number(one.total("itae")),
         "bench": number(one.total("itae", True)) if bench else "",
         "ms": number(one.margins.maximum_sensitivity) if one.stable else "–",
         "gains": f"{one.gains.kp:.4g}, {one.gains.ki:.4g}, {one.gains.kd:.4g}",
-        "state": "" if one.stable else "unstable", "note": one.note,
-    }  # fmt: skip
+        "state": "" if one.stable else "unstable",
+        "note": one.note,
+    }
 
 
 def _landscape(tuning: Tuning) -> Markup | None:

@@ -281,9 +281,11 @@ def _effect_parameters(
         found[name] = value
     if effect.entire and (absent := [name for name in known if name not in found]):
         raise RigError(
-            f"no value for {', '.join(absent)}", where=path, field=f"effects.{key}",
+            f"no value for {', '.join(absent)}",
+            where=path,
+            field=f"effects.{key}",
             expected="all numbers of the law, as they were written",
-        )  # fmt: skip
+        )
     return effect.qualified(found)
 
 
@@ -311,9 +313,11 @@ def _parameters(table: Table, model: Model, path: Path) -> dict[str, float]:
     if absent:
         extra = [name for name, parameter in known.items() if name not in table and name not in absent]
         raise RigError(
-            f"no value for {', '.join(absent)}", where=path, field="parameters",
+            f"no value for {', '.join(absent)}",
+            where=path,
+            field="parameters",
             hint=f"with defaults, so optional: {', '.join(extra)}" if extra else None,
-        )  # fmt: skip
+        )
     return {name: values[name] for name in table}
 
 
@@ -321,9 +325,11 @@ def _within(parameter: Parameter, value: float, entry: object, path: Path, at: s
     low, high = parameter.bounds
     if not low <= value <= high:
         raise RigError(
-            f"{shown(entry)} is outside what is physical", where=path, field=at,
+            f"{shown(entry)} is outside what is physical",
+            where=path,
+            field=at,
             expected=span(low, high, parameter.unit),
-        )  # fmt: skip
+        )
 
 
 def _freed(table: Table, model: Model, values: dict[str, float], path: Path) -> tuple[Freed, ...]:
@@ -353,17 +359,21 @@ def _freed_one(parameter: Parameter, entry: object, values: dict[str, float], pa
     least, most = parameter.bounds
     if low < least or high > most:
         raise RigError(
-            f"{shown(pair)} reaches beyond what is physical", where=path, field=f"{at}.bounds",
+            f"{shown(pair)} reaches beyond what is physical",
+            where=path,
+            field=f"{at}.bounds",
             expected=f"bounds within {span(least, most, unit)}",
-        )  # fmt: skip
+        )
     start = values.get(name, parameter.default)
     if start is not None and not low <= start <= high:
         nearest_bound = min(max(start, low), high)
         if abs(start - nearest_bound) > _ON_BOUND * abs(nearest_bound):
             raise RigError(
-                f"its start {start:g}{one} lies outside the bounds", where=path, field=at,
+                f"its start {start:g}{one} lies outside the bounds",
+                where=path,
+                field=at,
                 expected=span(low, high, unit),
-            )  # fmt: skip
+            )
         values[name] = nearest_bound
     sd = to_si(entry["sd"], unit, difference=True, where=path, field=f"{at}.sd") if "sd" in entry else None
     if sd is not None and sd <= 0:

@@ -86,11 +86,20 @@ def units(command: str, output: str) -> dict[str, str]:
     integral = f"{command}/({output} s)" if output != "1" else f"{command}/s" if command != "1" else "1/s"
     derivative = "s" if per == "1" else f"{command} s/{output}" if output != "1" else f"{command} s"
     return {
-        "kp": per, "ki": "1/s" if per == "1" else integral, "kd": derivative, "derivative_filter": "s",
-        "setpoint_weight": "1", "derivative_weight": "1", "limits": command, "rate": f"{command}/s",
-        "sample_time": "s", "itae": f"{output} s^2", "iae": f"{output} s", "itse": f"{output}^2 s^2",
+        "kp": per,
+        "ki": "1/s" if per == "1" else integral,
+        "kd": derivative,
+        "derivative_filter": "s",
+        "setpoint_weight": "1",
+        "derivative_weight": "1",
+        "limits": command,
+        "rate": f"{command}/s",
+        "sample_time": "s",
+        "itae": f"{output} s^2",
+        "iae": f"{output} s",
+        "itse": f"{output}^2 s^2",
         "ise": f"{output}^2 s",
-    }  # fmt: skip
+    }
 
 
 def _gains(gains: Gains) -> dict[str, float]:

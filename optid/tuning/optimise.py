@@ -152,9 +152,13 @@ def _keeping(task: Task, within: Box, rng: np.random.Generator) -> Array:
 
 
 def _closer(
-    task: Task, within: Box, best: Evolved, rng: np.random.Generator, gradient: Gradient | None,
+    task: Task,
+    within: Box,
+    best: Evolved,
+    rng: np.random.Generator,
+    gradient: Gradient | None,
     generations: int = GENERATIONS,
-) -> list[Evolved]:  # fmt: skip
+) -> list[Evolved]:
     """Populations around the best end, for as long as they still gain: along a narrow ridge a polish stops early."""
     found: list[Evolved] = []
     for _ in range(ROUNDS):

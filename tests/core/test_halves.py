@@ -98,13 +98,29 @@ def test_windows_taken_together_switch_each():
 
     def terms(first, last):
         found = (
-            np.empty((5, 2)), np.empty((5, 2, machine.width)), np.empty((5, machine.directions, machine.width)),
-            np.empty((5, machine.width)), np.empty((5, 2)),
-        )  # fmt: skip
+            np.empty((5, 2)),
+            np.empty((5, 2, machine.width)),
+            np.empty((5, machine.directions, machine.width)),
+            np.empty((5, machine.width)),
+            np.empty((5, 2)),
+        )
         machine.run(
-            normal_equations, first, last, begins, counts, closed, np.zeros((5, 2)), p, q.dt, q.inputs, q.measured,
-            weight, np.inf, 1e-12 * model.scales, *found,
-        )  # fmt: skip
+            normal_equations,
+            first,
+            last,
+            begins,
+            counts,
+            closed,
+            np.zeros((5, 2)),
+            p,
+            q.dt,
+            q.inputs,
+            q.measured,
+            weight,
+            np.inf,
+            1e-12 * model.scales,
+            *found,
+        )
         return [part[first:last] for part in found]
 
     together, alone = terms(0, 5), [terms(w, w + 1) for w in range(5)]

@@ -45,8 +45,20 @@ def axis(tmp_path_factory):
 @pytest.fixture(scope="module")
 def planned(axis):
     out = axis.parent / "out"
-    done = run("plan", axis, "--rivals", ", ".join(RIVALS), "--seconds", SECONDS, "--rate", RATE, "--gains", GAINS,
-               "--out", out)  # fmt: skip
+    done = run(
+        "plan",
+        axis,
+        "--rivals",
+        ", ".join(RIVALS),
+        "--seconds",
+        SECONDS,
+        "--rate",
+        RATE,
+        "--gains",
+        GAINS,
+        "--out",
+        out,
+    )
     assert done.exit_code == 0, done.stderr
     return out, done.stdout
 
@@ -119,9 +131,15 @@ def test_the_report_stands_alone_and_names_the_rivals(planned):
 def test_one_rival_is_shown_best_and_pressures_are_used_where_mapped(tmp_path):
     text = BENCH.read_text() + 'pressure_a = { column = "pa", unit = "bar_gauge" }\n'
     (tmp_path / "rig.toml").write_text(text + '\n[live]\nstroke_limits = ["-20 mm", "90 mm"]\n')
-    (tmp_path / "diagnosis.json").write_text(json.dumps({
-        "schema": "optid.diagnosis/1", "findings": [], "not_testable": [{"effect": "supply_droop"}],
-    }))  # fmt: skip
+    (tmp_path / "diagnosis.json").write_text(
+        json.dumps(
+            {
+                "schema": "optid.diagnosis/1",
+                "findings": [],
+                "not_testable": [{"effect": "supply_droop"}],
+            }
+        )
+    )
     done = run(
         "plan",
         tmp_path / "rig.toml",

@@ -405,8 +405,12 @@ def test_from_draw_to_board(tmp_path, monkeypatch, capsys):
     everything = b"".join(p.read_bytes() for p in folder.rglob("*") if p.is_file())
     assert key.encode() not in everything
     assert sorted(p.name for p in (folder / "case-001").iterdir()) == [
-        "mixed.csv", "multisine.csv", "ramps.csv", "rig.toml", "steps.csv"
-    ]  # fmt: skip
+        "mixed.csv",
+        "multisine.csv",
+        "ramps.csv",
+        "rig.toml",
+        "steps.csv",
+    ]
     for name in ("case-001", "case-002"):
         place = folder / name / "diagnose"
         place.mkdir()

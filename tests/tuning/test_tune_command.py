@@ -106,9 +106,28 @@ def test_the_file_gives_the_controller_whose_cost_it_states(tmp_path):
 
 def test_wishes_are_kept(model_file, tmp_path):
     result = run(
-        model_file, "--out", tmp_path, "--limits", "-2", "3", "--ms", "1.5", "--setpoint", "40 mm", "--setpoint",
-        "-0.02", "--disturbance", "0.3 V", "--scenarios", "3", "--robust", "mean", "--cost", "iae", *QUICK,
-    )  # fmt: skip
+        model_file,
+        "--out",
+        tmp_path,
+        "--limits",
+        "-2",
+        "3",
+        "--ms",
+        "1.5",
+        "--setpoint",
+        "40 mm",
+        "--setpoint",
+        "-0.02",
+        "--disturbance",
+        "0.3 V",
+        "--scenarios",
+        "3",
+        "--robust",
+        "mean",
+        "--cost",
+        "iae",
+        *QUICK,
+    )
     assert result.exit_code == 0, result.output
     content = strict(tmp_path / "pid.json")
     assert (content["limits"]["low"], content["limits"]["high"]) == (-2.0, 3.0)
@@ -125,9 +144,19 @@ def test_profile_and_rig(model_file, tmp_path):
     rig = tmp_path / "slow.toml"
     rig.write_text((DATA / "bench.toml").read_text())
     result = run(
-        model_file, "--out", tmp_path / "o", "--profile", path, "--rig", rig, "--check-only", "--starts", "1",
-        "--ms", "none",
-    )  # fmt: skip
+        model_file,
+        "--out",
+        tmp_path / "o",
+        "--profile",
+        path,
+        "--rig",
+        rig,
+        "--check-only",
+        "--starts",
+        "1",
+        "--ms",
+        "none",
+    )
     assert result.exit_code == 0, result.output
     content = strict(tmp_path / "o" / "pid.json")
     assert content["responses"][0]["name"] == "way"
@@ -138,15 +167,25 @@ def test_profile_and_rig(model_file, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["--limits", "5,-5"], "low < high"), (["--limits", "1,5"], "around 0"), (["--limits", "a,b"], "--limits"),
-        (["--ms", "0.9"], "maximum_sensitivity"), (["--setpoint", "0"], "setpoint"), (["--setpoint", "6 kg"], "kg"),
-        (["--sample-time", "0.001"], "sample_time"), (["--free", "kp,kq"], "kq"), (["--order", "9"], "order"),
-        (["--resolution", "50"], "resolution"), (["--horizon", "1e-3"], "horizon"), (["--rate", "-3"], "rate"),
-        (["--profile", "nowhere.csv"], "no such file"), (["--rig", "nowhere.toml"], "nowhere.toml"),
-        (["--disturbance", "0"], "disturbance"), (["--effort", "-1"], "effort"),
+        (["--limits", "5,-5"], "low < high"),
+        (["--limits", "1,5"], "around 0"),
+        (["--limits", "a,b"], "--limits"),
+        (["--ms", "0.9"], "maximum_sensitivity"),
+        (["--setpoint", "0"], "setpoint"),
+        (["--setpoint", "6 kg"], "kg"),
+        (["--sample-time", "0.001"], "sample_time"),
+        (["--free", "kp,kq"], "kq"),
+        (["--order", "9"], "order"),
+        (["--resolution", "50"], "resolution"),
+        (["--horizon", "1e-3"], "horizon"),
+        (["--rate", "-3"], "rate"),
+        (["--profile", "nowhere.csv"], "no such file"),
+        (["--rig", "nowhere.toml"], "nowhere.toml"),
+        (["--disturbance", "0"], "disturbance"),
+        (["--effort", "-1"], "effort"),
         (["--gain-margin", "0.5"], "gain_margin"),
     ],
-)  # fmt: skip
+)
 def test_wrong_calls_are_said(model_file, tmp_path, arguments, said):
     result = run(model_file, "--out", tmp_path / "out", *arguments)
     assert result.exit_code == 2
@@ -210,16 +249,23 @@ def test_not_a_model_file(tmp_path):
 @pytest.mark.parametrize(
     "change",
     [
-        {"schema": "optid.pid/2"}, {"gains": {"kp": "x"}}, {"gains": {"kq": 1.0}}, {"gains": None}, {"limits": {}},
-        {"sample_time": 0.0}, {"anti_windup": {"kind": "prayer", "tracking_time": 0.0}},
+        {"schema": "optid.pid/2"},
+        {"gains": {"kp": "x"}},
+        {"gains": {"kq": 1.0}},
+        {"gains": None},
+        {"limits": {}},
+        {"sample_time": 0.0},
+        {"anti_windup": {"kind": "prayer", "tracking_time": 0.0}},
     ],
-)  # fmt: skip
+)
 def test_a_wrong_pid_file_is_refused(model_file, tmp_path, change):
     controller = Controller(Gains(1.0), Settings(T))
     content = {
-        "schema": "optid.pid/1", "gains": dict(vars(controller.gains)), "sample_time": T,
+        "schema": "optid.pid/1",
+        "gains": dict(vars(controller.gains)),
+        "sample_time": T,
         "limits": {"low": None, "high": 5.0, "rate": None},
-    }  # fmt: skip
+    }
     path = tmp_path / "pid.json"
     path.write_text(json.dumps(content))
     assert load_pid(path).settings.low == -math.inf
@@ -246,9 +292,20 @@ def test_a_set_point_out_of_reach_is_refused_by_name(tmp_path):
 def test_a_reverse_acting_plant_gets_negative_gains_and_all_figures(tmp_path):
     path = written(tmp_path / "m.json", Armax((1.0, -0.95), ((-1e-4,),), nk=(1,), sample_time=0.01))
     result = run(
-        path, "--out", tmp_path / "out", "--setpoint", "5 mm", "--limits", "-5,5", "--present", "-500,-2000,0",
-        "--horizon", "2", "--starts", "1",
-    )  # fmt: skip
+        path,
+        "--out",
+        tmp_path / "out",
+        "--setpoint",
+        "5 mm",
+        "--limits",
+        "-5,5",
+        "--present",
+        "-500,-2000,0",
+        "--horizon",
+        "2",
+        "--starts",
+        "1",
+    )
     assert result.exit_code == 0, result.output
     content = strict(tmp_path / "out" / "pid.json")
     assert content["gains"]["kp"] < 0.0 and content["baselines"]["present"]["gains"]["kp"] == -500.0

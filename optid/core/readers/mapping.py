@@ -101,9 +101,11 @@ def _check_columns(table: Table, maps: Mapping[str, ChannelMap], path: Path) -> 
         why = table.left_out.get(name)
         message = f'column "{name}" {why}' if why else f'no column "{name}"'
         if table.about:
-            message = f"this is {table.about}: {message}" if table.about.startswith(("a ", "an ")) else (
-                f"{message} ({table.about})"
-            )  # fmt: skip
+            message = (
+                f"this is {table.about}: {message}"
+                if table.about.startswith(("a ", "an "))
+                else (f"{message} ({table.about})")
+            )
         hint = None if why else offered(name, table.names)
         if role == "time" and not why:
             rate = _rate_of(table)
@@ -168,9 +170,11 @@ def _refuse_contradiction(stated: float, clocks: Mapping[str, Clock], path: Path
         role, rate = next((role, rate) for role, rate in rates.items() if rate is not None)
         raise RecordingError(
             f"by the file's own clock {role} has {rate:.6g} samples a second, the rig file states {stated:.6g} Hz",
-            where=path, field="rate", expected=f'rate = "{rate:.6g} Hz"',
+            where=path,
+            field="rate",
+            expected=f'rate = "{rate:.6g} Hz"',
             hint="or save the file with the right clock",
-        )  # fmt: skip
+        )
 
 
 def _in_rows(
@@ -185,9 +189,11 @@ def _in_rows(
         if len(one) != rows:
             other = f'"{time.column}"' if raw is not None else "another channel"
             raise RecordingError(
-                f'column "{maps[role].column}" has {len(one)} values where {other} has {rows}', where=path,
-                field=role, expected="channels of one length, or a clock for each",
-            )  # fmt: skip
+                f'column "{maps[role].column}" has {len(one)} values where {other} has {rows}',
+                where=path,
+                field=role,
+                expected="channels of one length, or a clock for each",
+            )
     if rows < 2:
         raise RecordingError("fewer than two rows of data", where=path)
     if raw is None:
@@ -199,9 +205,13 @@ def _in_rows(
 
 
 def _by_time(
-    raw: tuple[Array, float, float, tuple[str, ...]], values: dict[str, Array], table: Table, time: ChannelMap,
-    notes: tuple[str, ...], path: Path,
-) -> _Rows:  # fmt: skip
+    raw: tuple[Array, float, float, tuple[str, ...]],
+    values: dict[str, Array],
+    table: Table,
+    time: ChannelMap,
+    notes: tuple[str, ...],
+    path: Path,
+) -> _Rows:
     """Rows in their order, without those that hold no value, by times that increase."""
     times, factor, zero, more = raw
     notes += more
@@ -246,9 +256,10 @@ def _refuse_disorder(times: Array, place: Callable[[int], str], field: str, path
     before, here = times[row - 1], times[row]
     what = f"repeats {here:.10g}" if here == before else f"goes back from {before:.10g} to {here:.10g}"
     hint = (
-        'if the times are rounded, state rate = "... Hz" instead' if here == before
+        'if the times are rounded, state rate = "... Hz" instead'
+        if here == before
         else "if two recordings follow each other, or a clock began anew, cut the file there"
-    )  # fmt: skip
+    )
     raise RecordingError(
         f"{place(row)} {what}", where=path, field=field, expected="times that increase", hint=hint
     )
@@ -290,9 +301,11 @@ def _stamped(values: Raw, table: Table, time: ChannelMap, path: Path) -> tuple[A
             ns, dated = seconds_of(values)
         except Unreadable as error:
             raise RecordingError(
-                f'{table.place(error.row)} holds "{shown(error.found)}"', where=path,
-                field=f'column "{time.column}"', expected="a time such as 10:00:00.001 or a number",
-            ) from None  # fmt: skip
+                f'{table.place(error.row)} holds "{shown(error.found)}"',
+                where=path,
+                field=f'column "{time.column}"',
+                expected="a time such as 10:00:00.001 or a number",
+            ) from None
     else:
         ns, dated = values.astype(f"{values.dtype.kind}8[ns]").astype(np.int64), values.dtype.kind == "M"
     known = ns != MISSING
@@ -334,9 +347,11 @@ def _numbers(table: Table, channel: ChannelMap, path: Path) -> Array:
             values = numbers(values.astype(object), False)
         except Unreadable as error:
             raise RecordingError(
-                f'{table.place(error.row)} holds "{shown(error.found)}"', where=path, field=field,
+                f'{table.place(error.row)} holds "{shown(error.found)}"',
+                where=path,
+                field=field,
                 expected=f"a number in {channel.unit}",
-            ) from None  # fmt: skip
+            ) from None
     values = values.astype(np.float64, copy=False)
     infinite = np.isinf(values)
     if infinite.any():

@@ -10,9 +10,14 @@ from optid.core.sheet import Sheet
 from optid.effects.effect import Effect
 
 SLOPE = Parameter(
-    "per_pressure", "N/Pa", 4e-5, "dry friction per gauge pressure of each chamber",
-    "physics catalogue A.1: 0 to 10 N/bar", 0.0, (0.0, 1e-3),
-)  # fmt: skip
+    "per_pressure",
+    "N/Pa",
+    4e-5,
+    "dry friction per gauge pressure of each chamber",
+    "physics catalogue A.1: 0 to 10 N/bar",
+    0.0,
+    (0.0, 1e-3),
+)
 
 
 class PressureDependentFriction(Effect):
