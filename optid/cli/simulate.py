@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import click
 
 from optid.cli.common import OUT, RATE, deliver, progress, rate_asked, results_folder
+
+if TYPE_CHECKING:
+    from optid.results.fit import FitResult
 
 
 @click.command()
@@ -20,17 +25,23 @@ def simulate(rig: str, recording: str, fitted: str | None, out: str) -> None:
     folder = results_folder(out)
 
     from optid.api.simulating import simulate as run
-    from optid.errors import InputError
-    from optid.results.fit import FitResult
-    from optid.results.loading import load
 
-    values = None if fitted is None else load(fitted)
-    if values is not None and not isinstance(values, FitResult):
-        raise InputError(
-            f"{fitted} holds a {type(values).__name__}", where="--fit", expected="results of optid fit"
-        )
+    values = None if fitted is None else _fit_in(fitted)
     with progress("simulating") as show:
         result = run(rig, recording, fit=values, rate=rate_asked(), progress=show)
     deliver(folder, result.write)
     click.echo(result.summary())
     click.echo(f"written to {out}: {', '.join(result.written)}")
+
+
+def _fit_in(folder: str) -> FitResult:
+    from optid.errors import InputError
+    from optid.results.fit import FitResult
+    from optid.results.loading import load
+
+    values = load(folder)
+    if not isinstance(values, FitResult):
+        raise InputError(
+            f"{folder} holds a {type(values).__name__}", where="--fit", expected="results of optid fit"
+        )
+    return values

@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from optid.core.kernel import advance_many, at, call, compiled
+from optid.core.kernel import advance_many, at, call, compiled, put
 from optid.core.rows import LANES
 
 REACH2 = 3.0  # h^2 of the divided differences: the kurtosis of a normal distribution
@@ -322,7 +322,8 @@ def _steered(code, sets, begin, count, M0, P, K, common, dt, U, Y, tolerance, lo
     for n in range(begin, begin + count + 1):
         u = at(U, n * U.shape[1])
         if looks[n]:
-            ahead[:] = xs
+            for i in range(nx):
+                put(xs[i], ahead[i])
         for o in range(Y.shape[1]):
             seen = Y[n, o] == Y[n, o]
             for lane in range(LANES):

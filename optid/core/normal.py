@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from optid.core.kernel import advance, at, call, compiled
+from optid.core.kernel import advance, at, call, compiled, put
 from optid.core.rows import LANES
 
 EQUAL = (
@@ -71,7 +71,7 @@ def normal_equations(
             )
         for w in range(begin, stop):
             if done == 0:
-                end[w] = X0[w]
+                put(X0[w], end[w])
                 slope[w] = 0.0
                 H[w] = 0.0
                 g[w] = 0.0
