@@ -7,6 +7,7 @@ order-4 ARMAX model identified from data/bench.csv. The cost to reach is what Sc
 with all the time it wants. Nelder-Mead starts from Ziegler and Nichols' gains, as in practice. With --control it is
 run over python-control's `input_output_response` too, which takes a minute; without, one simulation is timed and
 multiplied by the evaluations that the plain loop's Nelder-Mead took. Stopped early means after 150 evaluations.
+CasADi and IPOPT start from the same gains; their time has the loop's unrolling in it.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ from optid.tuning.plant import plant_of
 from optid.tuning.search import box
 from optid.tuning.task import Task
 from optid.tuning.ultimate import ultimate
+from studies.peers import tune_casadi
 
 Array = NDArray[np.float64]
 ROOT = Path(__file__).parents[1]
@@ -48,11 +50,32 @@ def identified() -> Armax:
     return fit_batch([record], Orders(4, (4,), 4, (2,)), T).model
 
 
-def scalar_loop(model: Armax, lag: float) -> Callable[[Array], float]:
-    """ITAE of gains (kp, ki, kd) in plain Python: the same loop, written out."""
+def padded(model: Armax) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """a after the leading one and b from one delay on, of one length."""
     a, b = model.a[1:], (0.0,) * (model.nk[0] - 1) + model.b[0]
     order = max(len(a), len(b))
-    a, b = a + (0.0,) * (order - len(a)), b + (0.0,) * (order - len(b))
+    return a + (0.0,) * (order - len(a)), b + (0.0,) * (order - len(b))
+
+
+def in_casadi(
+    model: Armax, lag: float, start: Array, cost: Callable[[Array], float], reference: float
+) -> None:
+    """Print the row of CasADi and IPOPT; what its gains cost is told by the plain loop."""
+    begin = time.perf_counter()
+    found = tune_casadi.tune(
+        *padded(model), start, lag, samples=SAMPLES, sample_time=T, size=STEP, limit=LIMIT
+    )
+    seconds = time.perf_counter() - begin
+    print(
+        f"CasADi and IPOPT, {found.iterations} iterations ({found.outcome}): {seconds:.3f} s, "
+        f"{cost(np.array(found.gains)) / reference:.4f} times that cost"
+    )
+
+
+def scalar_loop(model: Armax, lag: float) -> Callable[[Array], float]:
+    """ITAE of gains (kp, ki, kd) in plain Python: the same loop, written out."""
+    a, b = padded(model)
+    order = len(a)
 
     def cost(gains: Array) -> float:
         kp, ki, kd = (float(g) for g in gains)
@@ -173,6 +196,7 @@ def main() -> None:
             f"Nelder-Mead over plain Python{name}: {seconds:.3f} s, {evaluations} evaluations, "
             f"{reached / reference:.4f} times that cost"
         )
+    in_casadi(model, lag, start, plain, reference)
     if arguments.control:
         far, count, control_seconds = simplex(slow, start, EARLY)
         print(
