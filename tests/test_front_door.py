@@ -157,4 +157,4 @@ def test_the_readmes_python_is_right():
                 and node.value.id == "optid"
             ):
                 assert hasattr(optid, node.attr), node.attr
-    assert len(text.split()) <= 620
+    assert len(text.split()) <= 600

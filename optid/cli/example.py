@@ -16,6 +16,6 @@ def example(folder: str) -> None:
     rig, train, holdout = f"{folder}/bench.toml", f"{folder}/worn.csv", f"{folder}/worn_holdout.csv"
     click.echo("bench.toml and bench.csv belong together; worn.csv is the same axis with a fault. Try")
     click.echo(f"  optid simulate {rig} {train} --out {folder}/simulation")
-    click.echo("      how far the model carries: 15 s at first, as its equations are compiled, then 5 s")
+    click.echo("      how far the model carries: 25 s at first, as code is compiled, then 5 s")
     click.echo(f"  optid diagnose {rig} {train} --holdout {holdout} --out {folder}/diagnosis")
     click.echo("      what it leaves out: about two minutes at first, then one")
