@@ -43,7 +43,8 @@ def findings(audit: Audit) -> tuple[Finding, ...]:
 
 def number(root: complex) -> str:
     """A root as people write it."""
-    return f"{root.real:.4f}±{root.imag:.4f}i" if root.imag else f"{root.real:.4f}"
+    real = round(root.real, 4) + 0.0  # no minus zero
+    return f"{real:.4f}±{root.imag:.4f}i" if root.imag else f"{real:.4f}"
 
 
 def _finding(name: str, grave: bool, text: str) -> Finding:

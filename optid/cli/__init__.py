@@ -26,11 +26,9 @@ from optid.cli.simulate import simulate
 from optid.cli.tune import tune
 from optid.errors import InputError, JobError, one_line
 
-HELP = """From recordings of a servo axis to a model you can trust.
+HELP = """From recordings of a servo axis to a model. To begin: optid example DIR
 
 \b
-  optid example start
-      A sample rig file and recordings to begin with, and what to try on them.
   optid check bench.toml run1.csv
       Are the files right, and are the data fit for identification?
   optid simulate bench.toml run1.csv --out out/sim

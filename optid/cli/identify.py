@@ -192,7 +192,7 @@ def identify(
     with progress("identifying") as tell:
         found = survey(sampled.signals.y, sampled.signals.u, sampled.sample_time, plan, tell)
         tell(0.95, "report")
-        page = armax_page(found, sampled, Source(understood, read, remarks))
+        page = armax_page(found, sampled, Source(understood, read, remarks), out)
     files = {"armax.json": to_json(from_survey(found)), "table2.csv": found.table2.csv(), "report.html": page}
     if export_c:
         files |= _headers(found, sampled)

@@ -166,7 +166,7 @@ def tune(model: str, out: str, **choices: Any) -> None:
     from optid.report.tuning_page import tuning_page
 
     with waiting("reporting"):
-        page = tuning_page(result, posed, Path(model).name, structure)
+        page = tuning_page(result, posed, Path(model).name, structure, out)
 
     files = {"report.html": page, **(_exported(result) if choices["export"] else {})}
 
@@ -364,6 +364,7 @@ def _path(name: str, sample_time: float) -> tuple[str, Array]:
 
 
 def _say(tuning: Tuning, posed: Posed, structure: Structure) -> None:
+    from optid.core.quantity import unit_name
     from optid.tuning.files import units
     from optid.tuning.score import by_size
     from optid.tuning.structures import drive_values
@@ -404,7 +405,7 @@ def _say(tuning: Tuning, posed: Posed, structure: Structure) -> None:
         ],
     )
     on_rig = () if posed.bench is None else ("on the rig's model",)
-    head: tuple[str, ...] = ("", f"ITAE ({named['itae']})", *on_rig, "Ms", "")
+    head: tuple[str, ...] = ("", f"ITAE ({unit_name(named['itae'])})", *on_rig, "Ms", "")
     say_table(head, [_row(one, posed) for one in (tuning.found, *compared(tuning), *tuning.baselines)])
     click.echo(f"costs stand for {posed.judged_on}")
     for remark in tuning.remarks:

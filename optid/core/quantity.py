@@ -21,6 +21,7 @@ _LONG = re.compile(r"\b\d(?:\.\d+)?e\+0[1-5]\b")
 _SPELT = (
     (re.compile(r"(?<=[\d ])um\b"), "µm"),
     (re.compile(r"\bmm2\b"), "mm²"),
+    (re.compile(r"\b(mm?|s)\^2\b"), r"\1²"),
     (re.compile(r"(?<=\d)%"), " %"),
     (re.compile(r"(?<![\d.])-0(?![\d.])"), "0"),
 )

@@ -38,8 +38,8 @@ class Source:
     remarks: tuple[Remark, ...]
 
 
-def armax_page(found: Survey, sampled: Sampled, source: Source) -> str:
-    """The page of a survey."""
+def armax_page(found: Survey, sampled: Sampled, source: Source, folder: str = "out/armax") -> str:
+    """The page of a survey; `folder` is where its model is to lie, for the command to type next."""
     factor, unit = friendly(sampled.output_unit)
     table = found.table2.in_unit(unit or "1", factor)
     model, name = found.chosen.model, sampled.output.replace("_", " ")
@@ -79,6 +79,7 @@ def armax_page(found: Survey, sampled: Sampled, source: Source) -> str:
         ],
         orders=_orders(found),
         unknowns=_unknowns(found, sampled, source.recording, e),
+        next_command=f"optid tune {folder}/armax.json --rig {source.rig.path} --out out/tune",
     )
 
 

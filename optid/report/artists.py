@@ -117,11 +117,12 @@ def _line(line: Line2D) -> dict[str, Any]:
         found["line"] = {**_stroke(line), "shape": "hv" if stepped else "linear"}
     if marked:
         face = line.get_markerfacecolor()
-        own = line.get_color() if isinstance(face, str) and face == "none" else face
+        hollow = isinstance(face, str) and face == "none"
+        own = line.get_color() if hollow else face
         found["marker"] = {
             "color": colour(own, line.get_alpha()),
             "size": max(2.5, POINT * line.get_markersize()),
-            "symbol": _SYMBOLS.get(str(line.get_marker()), "circle"),
+            "symbol": _SYMBOLS.get(str(line.get_marker()), "circle") + ("-open" if hollow else ""),
             "line": {
                 "color": colour(line.get_markeredgecolor()),
                 "width": 1 if line.get_markersize() > 3 else 0,

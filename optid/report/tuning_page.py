@@ -7,7 +7,7 @@ from typing import Any
 
 from markupsafe import Markup
 
-from optid.core.quantity import friendly
+from optid.core.quantity import quantity
 from optid.report import tuning_figures as figures
 from optid.report.shell import render
 from optid.tuning.files import units
@@ -32,7 +32,13 @@ _NAMES = {
 }
 
 
-def tuning_page(tuning: Tuning, posed: Posed, source: str, structure: Structure = STRUCTURES["pid2"]) -> str:
+def tuning_page(
+    tuning: Tuning,
+    posed: Posed,
+    source: str,
+    structure: Structure = STRUCTURES["pid2"],
+    folder: str = "out/tune",
+) -> str:
     """The report of `optid tune`.
 
     Args:
@@ -40,6 +46,7 @@ def tuning_page(tuning: Tuning, posed: Posed, source: str, structure: Structure 
         posed: what was asked and assumed.
         source: name of the model's file.
         structure: of the controller.
+        folder: where the gains are to lie, for the command to type next.
     """
     named = units(posed.command_unit, posed.output_unit)
     return render(
@@ -75,6 +82,7 @@ def tuning_page(tuning: Tuning, posed: Posed, source: str, structure: Structure 
         certificate=tuning.certificate,
         limits=_limits(tuning),
         unknowns=_unknowns(tuning, posed),
+        next_command=f"optid live RIG --driver simulated --gains {folder}/pid.json --out out/live",
     )
 
 
@@ -123,8 +131,7 @@ def _drive(tuning: Tuning, posed: Posed, structure: Structure) -> list[tuple[str
 
 def _length(value: float, posed: Posed) -> str:
     """In the unit that a reader likes; empty where it is infinite."""
-    factor, unit = friendly(posed.output_unit)
-    return f"{factor * value:.3g} {unit}" if math.isfinite(value) else ""
+    return quantity(value, posed.output_unit) if math.isfinite(value) else ""
 
 
 def _judged(tuning: Tuning) -> tuple[Response, ...]:

@@ -27,6 +27,6 @@ def test_no_power_of_ten_below_a_million():
 
 
 def test_a_sentence_is_typeset():
-    assert typeset("it moves by 30 um over 2 mm2, -0 N, for 0.09% of the time, from 1.35e+03 on") == (
-        "it moves by 30 µm over 2 mm², 0 N, for 0.09 % of the time, from 1350 on"
-    )
+    assert typeset(
+        "it moves by 30 um over 2 mm2 in 1 s^2, -0 N, for 0.09% of the time, from 1.35e+03 on"
+    ) == ("it moves by 30 µm over 2 mm² in 1 s², 0 N, for 0.09 % of the time, from 1350 on")

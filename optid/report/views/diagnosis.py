@@ -178,7 +178,8 @@ def _asked_and_settings(
 
 
 def _next(result: DiagnosisResult) -> str:
-    about, d, folder = result.document["about"], result.document, result.home or "out/diagnosis"
+    d, about = result.document, result.document["about"]
+    folder = about.get("folder", "out/diagnosis")
     open_ended = any(f["effect"] and f["indistinguishable_from"] for f in d["findings"])
     if open_ended or d["verdict"] == "unexplained":
         return f"optid plan {about['rig_file']} --diagnosis {folder} --out out/plan"
