@@ -171,22 +171,22 @@ class Sheet:
             )
         return self._parameters[name][1]
 
-    def later(self, time: Expression) -> tuple[Expression | None, Expression]:
+    def delay_input(self, time: Expression) -> tuple[Expression | None, Expression]:
         """Let commands come later by `time`, s: how late they came before, None if at once, and how late they come."""
         before, self._late = self._late, time if self._late is None else self._late + time
         return before, self._late
 
-    def switched(self, share: Expression, before: Expression, after: Expression) -> Expression:
+    def switch_within_hold(self, share: Expression, before: Expression, after: Expression) -> Expression:
         """A signal that changes inside each hold, after this share of it; of two such shares the last one counts."""
         half = self._switch[0] if self._switch else ca.SX.sym("half")
         self._switch = (half, share)
         return before + half * (after - before)
 
-    def note(self, name: str, expression: Expression) -> None:
+    def store(self, name: str, expression: Expression) -> None:
         """Keep an expression that an effect needs again at a later site."""
         self._notes[self._prefix + name] = expression
 
-    def noted(self, name: str) -> Expression:
+    def recall(self, name: str) -> Expression:
         """What the same effect noted at an earlier site."""
         return self._notes[self._prefix + name]
 
@@ -209,7 +209,7 @@ class Sheet:
             self._prefix = ""
         return nominal
 
-    def hand_on(self, name: str, signal: Expression) -> None:
+    def override_signal(self, name: str, signal: Expression) -> None:
         """Let the effects that follow at this site find another signal near it: the speed of what is shown now."""
         self._near[name] = signal
 

@@ -26,7 +26,7 @@ def cart(s, *, late=True):
     x, v = s.state("x", "m", 0.1, spread=0.05), s.state("v", "m/s", 1.0, spread=0.1)
     u = s.input("command", "1", idle=0.0)
     if late:
-        u = s.switched(s.param(SHARE), s.past("command", 1), u)
+        u = s.switch_within_hold(s.param(SHARE), s.past("command", 1), u)
     s.rate(x, v)
     s.rate(v, 20.0 * u + 10.0 * abs(u) - s.param(DRAG) * v)
     s.output("position", "m", x)

@@ -88,17 +88,17 @@ class ExhaustRestriction(Effect):
             pressure, slope = behind(leaving, resistance, sheet.param(CRITICAL), nominal)
             pressure = (1 - share) * pressure + share * (nominal + resistance * ca.fmax(leaving, 0))
             slope = (1 - share) * slope + share * resistance
-            sheet.note("leaving", leaving)
-            sheet.note("slope", slope)
-            sheet.note("area", near["area"])
+            sheet.store("leaving", leaving)
+            sheet.store("slope", slope)
+            sheet.store("area", near["area"])
             return pressure
         if site == "flow.chamber_a":
-            sheet.note("into_a", near["exhaust"])
+            sheet.store("into_a", near["exhaust"])
         else:
-            into = ca.if_else(near["spool"] > 0, near["exhaust"], sheet.noted("into_a"))
-            leaving = sheet.noted("leaving")
-            lag = LAG + sheet.param(MANIFOLD) / WARM * sheet.noted("slope")
-            sheet.rate(leaving, (-sheet.noted("area") * into - leaving) / lag)
+            into = ca.if_else(near["spool"] > 0, near["exhaust"], sheet.recall("into_a"))
+            leaving = sheet.recall("leaving")
+            lag = LAG + sheet.param(MANIFOLD) / WARM * sheet.recall("slope")
+            sheet.rate(leaving, (-sheet.recall("area") * into - leaving) / lag)
         return nominal
 
 

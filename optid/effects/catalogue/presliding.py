@@ -95,12 +95,12 @@ class Presliding(Effect):
             self._bend(nominal, near, sheet)
             return nominal
         if site == "force.coulomb":
-            sheet.note("level", nominal)
+            sheet.store("level", nominal)
             return nominal
         return (
             nominal
-            + sheet.noted("level") * sheet.noted("apart")
-            + sheet.param(DAMPING) * sheet.noted("speed")
+            + sheet.recall("level") * sheet.recall("apart")
+            + sheet.param(DAMPING) * sheet.recall("speed")
         )
 
     def _bend(self, length: Any, near: Mapping[str, Any], sheet: Sheet) -> None:
@@ -117,5 +117,5 @@ class Presliding(Effect):
             mean = mean + (deflection - beyond) / own / len(parts)
             speed = speed + ca.if_else(beyond == 0, v, 0) / len(parts)
         counts = ca.fmin(1, distance / length)  # shorter ones than the plant's own count the less
-        sheet.note("apart", (mean - near["z"]) * counts)
-        sheet.note("speed", speed * counts)
+        sheet.store("apart", (mean - near["z"]) * counts)
+        sheet.store("speed", speed * counts)

@@ -49,5 +49,5 @@ class SensorBacklash(Effect):
         ahead = sheet.state("ahead", "m", 1e-4, spread=1e-3)
         beyond = dead_zone(ahead, play)
         sheet.rate(ahead, near["v"] - beyond / CATCH)
-        sheet.hand_on("v", near["v"] * (ca.fabs(ahead) >= play))
+        sheet.override_signal("v", near["v"] * (ca.fabs(ahead) >= play))
         return nominal - (ahead - beyond)

@@ -71,5 +71,5 @@ class SensorLag(Effect):
             passed, share = ahead / (time + floor), time / (time + floor)
             sheet.rate(ahead, rate - passed)
             shown, speed, rate = shown - share * ahead, speed - share * (rate - passed), passed
-        sheet.hand_on("v", speed)
+        sheet.override_signal("v", speed)
         return shown

@@ -94,20 +94,22 @@ class SupplyDroop(Effect):
         """Supply pressure at the valve, Pa; at the chambers the flow, kg/s, is only taken note of."""
         if site == "flow.supply":
             drawn = sheet.state("flow", "kg/s", 5e-3, spread=5e-3)
-            sheet.note("drawn", drawn)
-            sheet.note("area", near["area"])
+            sheet.store("drawn", drawn)
+            sheet.store("area", near["area"])
             exponent = sheet.param(EXPONENT)
             sag = sheet.param(DROOP) * soft_power(ca.fmax(drawn, 0) / FLOW, exponent, SMALL)
             most = (1 - sheet.param(CRITICAL)) * nominal
             passed = ca.fmin(sag, most)
             choked = most / ca.fmax(sag, most) * (1 - passed / (2 * most))
-            sheet.note("delivered", drawn * ca.exp(ca.log(choked) / exponent))
+            sheet.store("delivered", drawn * ca.exp(ca.log(choked) / exponent))
             return ca.fmax(nominal - sag, LEAST * nominal)
         if site == "flow.chamber_a":
-            sheet.note("into_a", near["supply"])
+            sheet.store("into_a", near["supply"])
         else:
-            flow = sheet.noted("area") * ca.if_else(near["spool"] > 0, sheet.noted("into_a"), near["supply"])
-            drawn = sheet.noted("drawn")
+            flow = sheet.recall("area") * ca.if_else(
+                near["spool"] > 0, sheet.recall("into_a"), near["supply"]
+            )
+            drawn = sheet.recall("drawn")
             slope = ((drawn / FLOW) ** 2 + SMALL**2) ** ((sheet.param(EXPONENT) - 1) / 2)
-            sheet.rate(drawn, (flow - sheet.noted("delivered")) / (LAG + sheet.param(RECOVERY) * slope))
+            sheet.rate(drawn, (flow - sheet.recall("delivered")) / (LAG + sheet.param(RECOVERY) * slope))
         return nominal
