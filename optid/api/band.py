@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from optid.api.inputs import Progress
+from optid.core.model import Array
 from optid.core.recording import Recording
 from optid.errors import InputError
 from optid.estimation.prediction import predict
@@ -28,7 +29,7 @@ def with_band(
     """The table with NAME_KIND_low and NAME_KIND_high beside every prediction.
 
     First-order propagation of the parameters' covariance: prediction errors are sums of what each parameter moves, by
-    finite differences, one prediction a parameter. Ljung, System Identification (1999), section 9.6.
+    finite differences, two predictions a parameter. Ljung, System Identification (1999), section 9.6.
 
     Raises:
         InputError: the fit is of another model: a parameter of it is unknown here.
@@ -40,17 +41,21 @@ def with_band(
             raise InputError(f'the fit holds "{name}", which {rig.path} does not', field="fit")
     columns = [f"{role}_{kind}" for role in _roles(table) for kind in KINDS]
     nominal = table[columns].to_numpy(dtype=float)
+
+    def predicted(name: str, value: float) -> Array:
+        moved = {**fit.values, name: value}
+        frames = [predict(rig, one, moved, fit.process_noise).frame[columns] for one in recordings]
+        return np.concatenate([frame.to_numpy(dtype=float) for frame in frames])
+
     slopes = []
     for number, name in enumerate(names):
         progress(number / len(names), f"what {name} moves")
-        size = STEP * float(np.sqrt(covariance[number, number]))
-        if size == 0.0:
-            slopes.append(np.zeros_like(nominal))
-            continue
-        size = _inward(rig, name, fit.values[name], size)
-        moved = {**fit.values, name: fit.values[name] + size}
-        frames = [predict(rig, one, moved, fit.process_noise).frame[columns] for one in recordings]
-        slopes.append((np.concatenate([frame.to_numpy(dtype=float) for frame in frames]) - nominal) / size)
+        value, size = fit.values[name], STEP * float(np.sqrt(covariance[number, number]))
+        sides = [
+            (predicted(name, place) - nominal) / (place - value) for place in _places(rig, name, value, size)
+        ]
+        # An estimated start that jumps to another one is no slope: the side that moves less counts.
+        slopes.append(min(sides, key=lambda one: float(np.nansum(one**2)), default=np.zeros_like(nominal)))
     stacked = np.stack(slopes, axis=-1)
     variance = np.einsum("nci,ij,ncj->nc", stacked, covariance, stacked)
     half = NORMAL * np.sqrt(np.maximum(variance, 0.0))
@@ -67,7 +72,7 @@ def _roles(table: pd.DataFrame) -> list[str]:
     return [str(column).removesuffix("_window") for column in table if str(column).endswith("_window")]
 
 
-def _inward(rig: Rig, name: str, value: float, size: float) -> float:
-    """The step, away from a bound of what is physical."""
+def _places(rig: Rig, name: str, value: float, size: float) -> list[float]:
+    """A parameter's values to either side, within what is physical; none where it does not move."""
     low, high = next(p.bounds for p in rig.model.parameters if p.name == name)
-    return size if value + size <= high else -min(size, value - low)
+    return [place for place in (max(value - size, low), min(value + size, high)) if place != value]
