@@ -130,7 +130,7 @@ def test_report_stands_alone(done):
     page, tags = (done[1] / "report.html").read_text(encoding="utf-8"), Tags()
     tags.feed(page)
     assert tags.links == []
-    assert page.count('<div class="figure"') == 4
+    assert page.count('<div class="figure"') == 7
     for words in (
         "The recommended model",
         "Table 2",
