@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from optid.cli.progress import progress, waiting
-from optid.cli.results import OUT, checkpoint, deliver, results_folder, write_json
+from optid.cli.results import OUT, checkpoint, deliver, placed, results_folder, write_json
 from optid.errors import InputError, NotIdentifiable
 
 if TYPE_CHECKING:
@@ -23,6 +23,7 @@ __all__ = [
     "Read",
     "checkpoint",
     "deliver",
+    "placed",
     "progress",
     "rate_asked",
     "read_all",

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
@@ -14,14 +12,12 @@ from optid.cli.common import (
     RATE,
     checkpoint,
     deliver,
+    placed,
     progress,
     rate_asked,
     results_folder,
     waiting,
 )
-
-if TYPE_CHECKING:
-    from optid.results.diagnosis import DiagnosisResult
 
 TIME_LIMIT = 800.0  # s: where much is missing, the second of two effects was found after 650 of a core
 
@@ -84,12 +80,6 @@ def diagnose(
             checkpoint=checkpoint(folder, resume),
         )
     with waiting("writing the report"):
-        deliver(folder, _placed(result, out).write)
+        deliver(folder, placed(result, out).write)
     click.echo(result.summary())
     click.echo(f"written to {out}: {', '.join(result.written)}")
-
-
-def _placed(result: DiagnosisResult, out: str) -> DiagnosisResult:
-    """With the folder that its page's next command is to name."""
-    about = {**result.document["about"], "folder": out}
-    return replace(result, document={**result.document, "about": about})

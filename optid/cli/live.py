@@ -77,7 +77,7 @@ def live(rig: str, driver: str, out: str, **choices: Any) -> None:
     finally:
         session.close()
     document, model = live_document(session), identified(session)
-    page = _report(session, document)
+    page = _report(session, document, f"optid diagnose {rig} {out}/{LOG} --holdout OTHER --out out/diagnosis")
 
     def write(place: Path) -> None:
         write_json(place / "live.json", document)
@@ -214,7 +214,7 @@ def _pilot(session: Session, tune_after: float | None) -> Callable[[], None]:
     return look
 
 
-def _report(session: Session, document: dict[str, Any]) -> str:
+def _report(session: Session, document: dict[str, Any], following: str) -> str:
     """The page on the last minute and its last step."""
     from optid.live.log import LOG
     from optid.live.results import last_stretch
@@ -227,7 +227,7 @@ def _report(session: Session, document: dict[str, Any]) -> str:
         shown.append((f"From {minute.time[0]:.0f} to {minute.time[-1]:.0f} s", minute))
         if minute.last_step is not None:
             shown.append((f"The step at {minute.last_step:.2f} s", minute.around(minute.last_step)))
-    return live_page(document, f"{session.rig_name}: live", shown, session.tuning.review)
+    return live_page(document, f"{session.rig_name}: live", shown, session.tuning.review, following)
 
 
 def _say(document: dict[str, Any]) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from optid.cli.common import OUT, deliver, progress, results_folder
+from optid.cli.common import OUT, deliver, placed, progress, results_folder
 from optid.errors import InputError
 
 POSITIVE = click.FloatRange(min=0, min_open=True)
@@ -52,7 +52,7 @@ def plan(rig: str, out: str, **choices: Any) -> None:
             seed=choices["seed"],
             progress=show,
         )
-    deliver(folder, result.write)
+    deliver(folder, placed(result, out).write)
     click.echo(result.summary())
     click.echo(f"written to {out}: {', '.join(result.written)}")
     click.echo(f"run it: {_call(rig, Path(out), result.document['seconds'], choices)}")

@@ -21,7 +21,11 @@ GAINS = ("kp", "ki", "kd", "derivative_filter", "setpoint_weight", "derivative_w
 
 
 def live_page(
-    document: dict[str, Any], title: str, stretches: list[tuple[str, Stretch]], review: Review | None
+    document: dict[str, Any],
+    title: str,
+    stretches: list[tuple[str, Stretch]],
+    review: Review | None,
+    following: str = "",
 ) -> str:
     """The page.
 
@@ -30,6 +34,7 @@ def live_page(
         title: of the page.
         stretches: what of the recording to show, with its headings.
         review: of the last tuning.
+        following: the command to type next.
     """
     return render(
         "live.html.j2",
@@ -40,4 +45,5 @@ def live_page(
         review=review,
         stretches=[(heading, Markup(figures.stretch(part))) for heading, part in stretches],
         reviewed=Markup(figures.review(review, stretches[0][1].unit)) if review and stretches else None,
+        next_command=following,
     )

@@ -25,7 +25,8 @@ def plot(result: PlanResult, axes: Axes | None = None) -> Axes:
 
 def page(result: PlanResult) -> str:
     """The report of `optid plan`."""
-    d, rig = result.document, result.document["about"]["rig_file"]
+    d, about = result.document, result.document["about"]
+    file = f"{about.get('folder', 'out/plan')}/{EXPERIMENT}"
     return render(
         "plan.html.j2",
         f"{d['rig']}: the next experiment",
@@ -34,7 +35,7 @@ def page(result: PlanResult) -> str:
         figure=interactive(experiment(result.tables["experiment"], d), "experiment"),
         rivals=[(entry["effect"], _smallest(entry), entry["law"]) for entry in d["rivals"]],
         gains={name: value for name, value in d["gains"].items() if value},
-        next_command=f"optid live {rig} --reference out/plan/{EXPERIMENT} --seconds {d['seconds']:g} --out out/run",
+        next_command=f"optid live {about['rig_file']} --reference {file} --seconds {d['seconds']:g} --out out/run",
     )
 
 
