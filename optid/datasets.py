@@ -39,14 +39,20 @@ class Dataset(NamedTuple):
 def load(name: str, folder: str | Path | None = None) -> Dataset:
     """Read a data set.
 
-    Args:
-        name: "bench" (a servo-pneumatic axis whose physics the plant knows) or "worn" (the same with a leak that its
-            rig file does not know), both in the package; "emps" or "cascaded-tanks", public benchmarks that are not.
-        folder: with the files of a public benchmark.
+    Parameters
+    ----------
+    name : str
+        "bench" (a servo-pneumatic axis whose physics the plant knows) or "worn" (the same with a leak that its
+        rig file does not know), both in the package; "emps" or "cascaded-tanks", public benchmarks that are not.
+    folder : str | Path | None
+        with the files of a public benchmark.
 
-    Raises:
-        InputError: an unknown name, or a benchmark without its folder.
-        RecordingError: a file of the benchmark is missing.
+    Raises
+    ------
+    InputError
+        an unknown name, or a benchmark without its folder.
+    RecordingError
+        a file of the benchmark is missing.
     """
     if name in SHIPPED:
         with folder_of_data() as place:
@@ -67,8 +73,10 @@ def load(name: str, folder: str | Path | None = None) -> Dataset:
 def example(folder: str | Path) -> list[Path]:
     """Copy the rig file and the recordings of the package into a folder, made if absent.
 
-    Raises:
-        InputError: a file of such a name is there already, or the folder cannot be written.
+    Raises
+    ------
+    InputError
+        a file of such a name is there already, or the folder cannot be written.
     """
     target = Path(folder)
     names = [name for entry in SHIPPED.values() for name in entry]

@@ -31,8 +31,10 @@ def with_band(
     First-order propagation of the parameters' covariance: prediction errors are sums of what each parameter moves, by
     finite differences, two predictions a parameter. Ljung, System Identification (1999), section 9.6.
 
-    Raises:
-        InputError: the fit is of another model: a parameter of it is unknown here.
+    Raises
+    ------
+    InputError
+        the fit is of another model: a parameter of it is unknown here.
     """
     covariance = fit.covariance
     names = list(fit.parameters)

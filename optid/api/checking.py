@@ -32,17 +32,26 @@ def check(
 ) -> CheckResult:
     """Look at recordings before any fit.
 
-    Args:
-        rig: a rig file, or what `read_rig` made of one.
-        recordings: a path, a DataFrame, a Recording, or a list of them.
-        rate: Hz to bring faster recordings down to; what the axis's fastest pole asks for when absent.
-        progress: called with the share done and a few words.
+    Parameters
+    ----------
+    rig : str | Path | Rig
+        a rig file, or what `read_rig` made of one.
+    recordings : Recordings
+        a path, a DataFrame, a Recording, or a list of them.
+    rate : float | None
+        Hz to bring faster recordings down to; what the axis's fastest pole asks for when absent.
+    progress : Progress
+        called with the share done and a few words.
 
-    Returns:
+    Returns
+    -------
+    CheckResult
         Remarks on each recording, and what the data tell of the parameters to fit.
 
-    Raises:
-        InputError: an input is wrong; names file, field and what was expected.
+    Raises
+    ------
+    InputError
+        an input is wrong; names file, field and what was expected.
     """
     understood = rig_of(rig)
     data, _ = given(understood, recordings, rate=rate)
@@ -65,11 +74,16 @@ def check(
 def result_of(rig: Rig, read: Read, found: Verdict, told: Mapping[str, Any] | None) -> CheckResult:
     """A check as a result.
 
-    Args:
-        rig: as read.
-        read: recordings with their remarks.
-        found: the verdict on them.
-        told: what they tell of the parameters; ``None`` where it was not asked.
+    Parameters
+    ----------
+    rig : Rig
+        as read.
+    read : Read
+        recordings with their remarks.
+    found : Verdict
+        the verdict on them.
+    told : Mapping[str, Any] | None
+        what they tell of the parameters; ``None`` where it was not asked.
     """
     data = [recording for recording, _ in read]
     document = {

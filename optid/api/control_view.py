@@ -20,16 +20,25 @@ def from_control(
 ) -> ArmaxFile:
     """A discrete system of python-control as a model that `tune` takes.
 
-    Args:
-        system: one input, one output, with a sample time.
-        input: role of its input; `output` likewise.
-        output: role of its output.
-        input_unit: SI unit of its input; `output_unit` likewise.
-        output_unit: SI unit of its output.
-        noise: standard deviation of what it misses, output's unit.
+    Parameters
+    ----------
+    system : Any
+        one input, one output, with a sample time.
+    input : str
+        role of its input; `output` likewise.
+    output : str
+        role of its output.
+    input_unit : str
+        SI unit of its input; `output_unit` likewise.
+    output_unit : str
+        SI unit of its output.
+    noise : float
+        standard deviation of what it misses, output's unit.
 
-    Raises:
-        InputError: a continuous or improper system, one without a sample time, or with several signals.
+    Raises
+    ------
+    InputError
+        a continuous or improper system, one without a sample time, or with several signals.
     """
     import control
 

@@ -41,25 +41,42 @@ def diagnose(
 ) -> DiagnosisResult:
     """Say what physics a rig's model leaves out, and prove it on recordings held out.
 
-    Args:
-        rig: a rig file, or what `read_rig` made of one; its [fit] table says what may be fitted.
-        recordings: to fit to: a path, a DataFrame, a Recording, or a list of them.
-        holdout: to judge on; the fits never see them.
-        effects: of the user's own beside the catalogue: objects, or files that hold some.
-        time_limit: s of the process's own time, about; the search for effects ends with what it has.
-        deadline: s by the clock, likewise.
-        rate: Hz to bring faster recordings down to; what the axis's fastest pole asks for when absent.
-        seed: of the resampling.
-        progress: called with the share done and a few words.
-        checkpoint: a file that keeps the stages done, so that a call that died goes on there; none when absent.
+    Parameters
+    ----------
+    rig : str | Path | Rig
+        a rig file, or what `read_rig` made of one; its [fit] table says what may be fitted.
+    recordings : Recordings
+        to fit to: a path, a DataFrame, a Recording, or a list of them.
+    holdout : Recordings
+        to judge on; the fits never see them.
+    effects : Sequence[str | Path | Effect]
+        of the user's own beside the catalogue: objects, or files that hold some.
+    time_limit : float
+        s of the process's own time, about; the search for effects ends with what it has.
+    deadline : float
+        s by the clock, likewise.
+    rate : float | None
+        Hz to bring faster recordings down to; what the axis's fastest pole asks for when absent.
+    seed : int
+        of the resampling.
+    progress : Progress
+        called with the share done and a few words.
+    checkpoint : Path | None
+        a file that keeps the stages done, so that a call that died goes on there; none when absent.
 
-    Returns:
+    Returns
+    -------
+    DiagnosisResult
         Verdict, findings, the improved rig file and a report.
 
-    Raises:
-        InputError: an input is wrong, nothing is to be fitted, or nothing is held out.
-        NotIdentifiable: a recording is unfit for identification.
-        SolveError: the model cannot be simulated at the rig file's values.
+    Raises
+    ------
+    InputError
+        an input is wrong, nothing is to be fitted, or nothing is held out.
+    NotIdentifiable
+        a recording is unfit for identification.
+    SolveError
+        the model cannot be simulated at the rig file's values.
     """
     understood = rig_of(rig)
     train, held = given(understood, recordings, holdout, rate)

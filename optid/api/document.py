@@ -14,13 +14,20 @@ from optid.rigs.rigfile import Rig
 def stamp(schema: str, command: str, rig: Rig, recordings: Sequence[Recording]) -> dict[str, Any]:
     """The head of a document: which version did what to which files.
 
-    Args:
-        schema: of the document.
-        command: the public call.
-        rig: as read; its digest is that of its text.
-        recordings: all that were used; those in memory have no digest.
+    Parameters
+    ----------
+    schema : str
+        of the document.
+    command : str
+        the public call.
+    rig : Rig
+        as read; its digest is that of its text.
+    recordings : Sequence[Recording]
+        all that were used; those in memory have no digest.
 
-    Returns:
+    Returns
+    -------
+    dict[str, Any]
         schema, version, command, and inputs: path or name -> SHA-256.
     """
     rig_digest = hashlib.sha256(rig.source.encode("utf-8")).hexdigest()

@@ -19,11 +19,16 @@ if TYPE_CHECKING:
 class Exhibit:
     """One recording as a result shows it.
 
-    Attributes:
-        use: "training", "held out" or "simulated".
-        recording: as read.
-        prediction: of that recording.
-        remarks: of the check.
+    Attributes
+    ----------
+    use : str
+        "training", "held out" or "simulated".
+    recording : Recording
+        as read.
+    prediction : Prediction
+        of that recording.
+    remarks : tuple[Remark, ...]
+        of the check.
     """
 
     use: str

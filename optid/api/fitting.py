@@ -51,26 +51,44 @@ def fit(
 ) -> FitResult:
     """Fit the parameters of a rig file's [fit] table to recordings, and judge them on others.
 
-    Args:
-        rig: a rig file, or what `read_rig` made of one.
-        recordings: to fit to: a path, a DataFrame, a Recording, or a list of them.
-        holdout: to judge on; the fit never sees them.
-        starts: number of start points.
-        time_limit: s; the best point so far is returned.
-        robust: let outliers count linearly, not squared (Huber).
-        profiles: names of parameters whose likelihood is to be followed.
-        seed: of the drawn starts.
-        rate: Hz to bring faster recordings down to; what the axis's fastest pole asks for when absent.
-        checkpoint: a file that keeps the best point, to go on from.
-        progress: called with the share done and a few words.
+    Parameters
+    ----------
+    rig : str | Path | Rig
+        a rig file, or what `read_rig` made of one.
+    recordings : Recordings
+        to fit to: a path, a DataFrame, a Recording, or a list of them.
+    holdout : Recordings
+        to judge on; the fit never sees them.
+    starts : int
+        number of start points.
+    time_limit : float | None
+        s; the best point so far is returned.
+    robust : bool
+        let outliers count linearly, not squared (Huber).
+    profiles : Sequence[str]
+        names of parameters whose likelihood is to be followed.
+    seed : int
+        of the drawn starts.
+    rate : float | None
+        Hz to bring faster recordings down to; what the axis's fastest pole asks for when absent.
+    checkpoint : Path | None
+        a file that keeps the best point, to go on from.
+    progress : Progress
+        called with the share done and a few words.
 
-    Returns:
+    Returns
+    -------
+    FitResult
         Parameters with 95 % intervals, predictions, scores and a report.
 
-    Raises:
-        InputError: an input is wrong, or nothing is to be fitted.
-        NotIdentifiable: a recording is unfit, or a parameter has no influence on these data.
-        SolveError: the model cannot be simulated at the start values.
+    Raises
+    ------
+    InputError
+        an input is wrong, or nothing is to be fitted.
+    NotIdentifiable
+        a recording is unfit, or a parameter has no influence on these data.
+    SolveError
+        the model cannot be simulated at the start values.
     """
     understood = rig_of(rig)
     train, held = given(understood, recordings, holdout, rate)
@@ -110,17 +128,27 @@ def profile(
 ) -> ProfileResult:
     """Follow the likelihood of one fitted parameter, all others fitted anew at each of its values.
 
-    Args:
-        fit: converged.
-        recordings: those that it was fitted to.
-        name: of the parameter.
-        robust: as fitted.
-        rate: as fitted.
-        progress: called with the share done and a few words.
+    Parameters
+    ----------
+    fit : FitResult
+        converged.
+    recordings : Recordings
+        those that it was fitted to.
+    name : str
+        of the parameter.
+    robust : bool
+        as fitted.
+    rate : float | None
+        as fitted.
+    progress : Progress
+        called with the share done and a few words.
 
-    Raises:
-        InputError: the fit holds no such parameter.
-        NotIdentifiable: the parameter stands at its bound, or the data do not determine it.
+    Raises
+    ------
+    InputError
+        the fit holds no such parameter.
+    NotIdentifiable
+        the parameter stands at its bound, or the data do not determine it.
     """
     understood = fit.rig
     data = [one.recording for one in given(understood, recordings, rate=rate)[0]]

@@ -35,18 +35,27 @@ def export_fmu(rig: str | Path | Rig, path: str | Path, *, start: Mapping[str, f
     Inputs and outputs carry their roles, states are "state_NAME", parameters their own names; all in SI units, a
     command with a full scale as a share of it.
 
-    Args:
-        rig: a rig file, or what `read_rig` made of one.
-        path: of the FMU.
-        start: SI values of states at the start; where a record would start when absent.
+    Parameters
+    ----------
+    rig : str | Path | Rig
+        a rig file, or what `read_rig` made of one.
+    path : str | Path
+        of the FMU.
+    start : Mapping[str, float] | None
+        SI values of states at the start; where a record would start when absent.
 
-    Returns:
+    Returns
+    -------
+    Path
         The path.
 
-    Raises:
-        InputError: the model has inputs that an FMU cannot have (past samples, the time between them), or an unknown
-            state.
-        JobError: FMPy or a C compiler is missing, or the compiler fails.
+    Raises
+    ------
+    InputError
+        the model has inputs that an FMU cannot have (past samples, the time between them), or an unknown
+        state.
+    JobError
+        FMPy or a C compiler is missing, or the compiler fails.
     """
     understood, target = rig_of(rig), Path(path).resolve()
     model = understood.model

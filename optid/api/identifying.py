@@ -38,20 +38,33 @@ def identify(
 ) -> IdentificationResult:
     """Identify ARMAX models, audit them, and tabulate their predictions as the paper's Table 2.
 
-    Args:
-        recording: a path, a DataFrame, or a Recording.
-        rig: a rig file, or what `read_rig` made of one: says which column is what.
-        orders: na = nb = nc of each model.
-        steps: horizons of the predictions, samples.
-        delay: samples, one for all inputs or one for each; chosen when absent.
-        inputs: roles of the inputs; the plant's when absent.
-        output: role of the output; the plant's first measured one when absent.
-        rate: Hz to bring a faster recording down to; what the axis's fastest pole asks for when absent.
-        progress: called with the share done and a few words.
+    Parameters
+    ----------
+    recording : Data
+        a path, a DataFrame, or a Recording.
+    rig : str | Path | Rig
+        a rig file, or what `read_rig` made of one: says which column is what.
+    orders : Sequence[int]
+        na = nb = nc of each model.
+    steps : Sequence[int]
+        horizons of the predictions, samples.
+    delay : int | tuple[int, ...] | None
+        samples, one for all inputs or one for each; chosen when absent.
+    inputs : Sequence[str]
+        roles of the inputs; the plant's when absent.
+    output : str | None
+        role of the output; the plant's first measured one when absent.
+    rate : float | None
+        Hz to bring a faster recording down to; what the axis's fastest pole asks for when absent.
+    progress : Progress
+        called with the share done and a few words.
 
-    Raises:
-        InputError: an input is wrong; names file, field and what was expected.
-        NotIdentifiable: a signal never changes.
+    Raises
+    ------
+    InputError
+        an input is wrong; names file, field and what was expected.
+    NotIdentifiable
+        a signal never changes.
     """
     understood = rig_of(rig)
     [one], _ = given(understood, recording, rate=rate)

@@ -42,9 +42,12 @@ def rig_of(rig: str | Path | Rig) -> Rig:
 def recordings_of(rig: Rig, data: Recordings, name: str = "recordings") -> list[Recording]:
     """Recordings, read or mapped as the rig file says.
 
-    Raises:
-        InputError: something else than paths, frames and recordings; an empty list.
-        RecordingError: as `read_recording`.
+    Raises
+    ------
+    InputError
+        something else than paths, frames and recordings; an empty list.
+    RecordingError
+        as `read_recording`.
     """
     several: list[Any] = list(data) if isinstance(data, (list, tuple, Experiments)) else [data]
     if not several:
@@ -61,14 +64,21 @@ def given(
 
     Remarks are on what was recorded; recordings faster than the axis needs are then brought down.
 
-    Args:
-        rig: as read.
-        train: the first ones.
-        holdout: those held out.
-        rate: Hz to bring faster ones down to; what the fastest pole that shows asks for when absent.
+    Parameters
+    ----------
+    rig : Rig
+        as read.
+    train : Recordings
+        the first ones.
+    holdout : Recordings
+        those held out.
+    rate : float | None
+        Hz to bring faster ones down to; what the fastest pole that shows asks for when absent.
 
-    Raises:
-        RecordingError: the same samples twice.
+    Raises
+    ------
+    RecordingError
+        the same samples twice.
     """
     if rate is not None and not (math.isfinite(rate) and rate > 0.0):
         raise InputError(f"{rate}", field="rate", expected="samples a second, more than 0")
@@ -84,8 +94,10 @@ def given(
 def refuse_unfit(data: Sequence[Given]) -> None:
     """Data that the check calls unfit are not worked on.
 
-    Raises:
-        NotIdentifiable: names the recording and the gravest remark.
+    Raises
+    ------
+    NotIdentifiable
+        names the recording and the gravest remark.
     """
     for one in data:
         for remark in one.remarks:

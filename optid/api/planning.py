@@ -40,20 +40,32 @@ def plan(
 ) -> PlanResult:
     """Design the experiment that tells rival effects apart best: a reference within stroke and limits.
 
-    Args:
-        rig: a rig file with [live] limits, or what `read_rig` made of one.
-        rivals: names of effects to tell apart, one to be shown; or a diagnosis (its result, folder or file), whose open
-            questions they are.
-        seconds: of the experiment.
-        rate: samples a second; the rig file's when absent.
-        gains: a pid.json, or "kp=40 ki=60"; gentle ones when absent.
-        effects: files with effects of the user's own.
-        seed: of everything random.
-        progress: called with the share done and a few words.
+    Parameters
+    ----------
+    rig : str | Path | Rig
+        a rig file with [live] limits, or what `read_rig` made of one.
+    rivals : str | Sequence[str] | DiagnosisResult | Path
+        names of effects to tell apart, one to be shown; or a diagnosis (its result, folder or file), whose open
+        questions they are.
+    seconds : float
+        of the experiment.
+    rate : float | None
+        samples a second; the rig file's when absent.
+    gains : str | None
+        a pid.json, or "kp=40 ki=60"; gentle ones when absent.
+    effects : Sequence[str | Path]
+        files with effects of the user's own.
+    seed : int
+        of everything random.
+    progress : Progress
+        called with the share done and a few words.
 
-    Raises:
-        InputError: an unknown effect, no limits, or too few samples.
-        SolveError: no reference stays within the stroke limits.
+    Raises
+    ------
+    InputError
+        an unknown effect, no limits, or too few samples.
+    SolveError
+        no reference stays within the stroke limits.
     """
     understood = rig_of(rig)
     refuse_unfit(understood)

@@ -29,20 +29,31 @@ def simulate(
 ) -> SimulationResult:
     """Run the model along recordings: free from their start, and in windows of 0.5 s from what was measured before.
 
-    Args:
-        rig: a rig file, or what `read_rig` made of one.
-        recordings: a path, a DataFrame, a Recording, or a list of them.
-        fit: where its values shall be used instead of the rig file's; then both predictions carry the 95 % band that
-            the parameters' covariance gives (linearised; measurement noise not counted).
-        rate: Hz to bring faster recordings down to; what the axis's fastest pole asks for when absent.
-        progress: called with the share done and a few words.
+    Parameters
+    ----------
+    rig : str | Path | Rig
+        a rig file, or what `read_rig` made of one.
+    recordings : Recordings
+        a path, a DataFrame, a Recording, or a list of them.
+    fit : FitResult | None
+        where its values shall be used instead of the rig file's; then both predictions carry the 95 % band that
+        the parameters' covariance gives (linearised; measurement noise not counted).
+    rate : float | None
+        Hz to bring faster recordings down to; what the axis's fastest pole asks for when absent.
+    progress : Progress
+        called with the share done and a few words.
 
-    Returns:
+    Returns
+    -------
+    SimulationResult
         Predictions, scores and a report.
 
-    Raises:
-        InputError: an input is wrong; names file, field and what was expected.
-        SolveError: the simulation leaves the numbers.
+    Raises
+    ------
+    InputError
+        an input is wrong; names file, field and what was expected.
+    SolveError
+        the simulation diverged (NaN or infinite).
     """
     understood = rig_of(rig)
     data, _ = given(understood, recordings, rate=rate)

@@ -51,24 +51,40 @@ def tune(
 ) -> TuningResult:
     """Find PID gains by optimising the closed loop itself, under the actuator's limits.
 
-    Args:
-        model: an armax.json, what `identify` returned, or what `from_control` made of a system.
-        rig: physical model of the axis: tuned for and tried on as well.
-        setpoints: sizes of steps from rest, the output's SI unit; one that suits the model when absent.
-        limits: low and high of the command, its SI unit.
-        rate: largest change of the command per second.
-        cost: "itae", "iae", "itse" or "ise".
-        sensitivity: maximum sensitivity Ms, at most; infinite for any; when absent, as usual for what the gains
-            are judged on.
-        structure: "pid", "pid2", "pd", "pi", "p" or "p-pi"; one that suits when absent.
-        free: names of the gains that may move; the structure's when absent.
-        starts: independent searches.
-        seed: of everything random.
-        progress: called with the share done and a few words.
+    Parameters
+    ----------
+    model : str | Path | ArmaxFile | IdentificationResult
+        an armax.json, what `identify` returned, or what `from_control` made of a system.
+    rig : str | Path | Rig | None
+        physical model of the axis: tuned for and tried on as well.
+    setpoints : Sequence[float]
+        sizes of steps from rest, the output's SI unit; one that suits the model when absent.
+    limits : tuple[float, float] | None
+        low and high of the command, its SI unit.
+    rate : float | None
+        largest change of the command per second.
+    cost : str
+        "itae", "iae", "itse" or "ise".
+    sensitivity : float | None
+        maximum sensitivity Ms, at most; infinite for any; when absent, as usual for what the gains
+        are judged on.
+    structure : str | None
+        "pid", "pid2", "pd", "pi", "p" or "p-pi"; one that suits when absent.
+    free : Sequence[str] | None
+        names of the gains that may move; the structure's when absent.
+    starts : int
+        independent searches.
+    seed : int
+        of everything random.
+    progress : Progress
+        called with the share done and a few words.
 
-    Raises:
-        InputError: the model or a wish is wrong.
-        SolveError: nothing keeps what is required, or nothing stabilises the model.
+    Raises
+    ------
+    InputError
+        the model or a wish is wrong.
+    SolveError
+        nothing keeps what is required, or nothing stabilises the model.
     """
     contents, source = _contents(model)
     low, high = limits or (None, None)

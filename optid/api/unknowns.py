@@ -18,10 +18,14 @@ WHITE = 0.1  # share of lags outside the 95 % band above which residuals are cal
 def about_fit(fit: Fit, asked: Sequence[str], exhibits: Sequence[Exhibit]) -> list[str]:
     """Outcome, bounds, what cannot be told apart, and what was not held out.
 
-    Args:
-        fit: as found.
-        asked: names of the parameters that the rig file frees; settings of the equations beside them say nothing.
-        exhibits: recordings with their predictions.
+    Parameters
+    ----------
+    fit : Fit
+        as found.
+    asked : Sequence[str]
+        names of the parameters that the rig file frees; settings of the equations beside them say nothing.
+    exhibits : Sequence[Exhibit]
+        recordings with their predictions.
     """
     said = []
     if fit.outcome.name.lower() != "converged":

@@ -20,13 +20,20 @@ SUBSTEPS = 10  # of a step: with a bristle's stiff contact, 0.1 ms each at 1 kHz
 class CasadiFunctions:
     """What `Model.to_casadi` returns; all numbers in SI units.
 
-    Attributes:
-        rhs: (x, u, p) -> xdot, the right-hand side.
-        outputs: (x, u, p) -> y, what the sensors show.
-        step: (x, u, p, dt) -> x_next, one hold of the input, by Runge-Kutta steps of fourth order.
-        start: p -> (mean, spread) of the state at a record's start.
-        states, inputs, parameters, y: name -> unit, in the order of x, u, p and y.
-        model: that they belong to.
+    Attributes
+    ----------
+    rhs : ca.Function
+        (x, u, p) -> xdot, the right-hand side.
+    outputs : ca.Function
+        (x, u, p) -> y, what the sensors show.
+    step : ca.Function
+        (x, u, p, dt) -> x_next, one hold of the input, by Runge-Kutta steps of fourth order.
+    start : ca.Function
+        p -> (mean, spread) of the state at a record's start.
+    states, inputs, parameters, y : Mapping[str, str]
+        name -> unit, in the order of x, u, p and y.
+    model : Model
+        that they belong to.
     """
 
     rhs: ca.Function

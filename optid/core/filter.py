@@ -64,7 +64,7 @@ def filtered(
         K: receives the gains, (sets, samples, outputs, states), SI.
         S: receives the covariances of X, (sets, samples, states, states), SI; without sets it receives none.
 
-    A run that leaves the numbers leaves E infinite from there on.
+    A run that diverges leaves E infinite from there on.
     """
     nx, ny = len(scales), Y.shape[1]
     n_points = 2 * nx + 1
@@ -283,7 +283,7 @@ def steered(
     Where a sample is no look, E is what a prediction from the last one misses, which no later sample corrects.
 
     Run r takes `LANES` parameter sets from of_set[r] on over segment of_segment[r]. Where they cannot go on together,
-    one of them has left the numbers: then each runs alone.
+    one of them has diverged: then each runs alone.
 
     Args:
         K: gains of the plain model's filter, (samples, outputs, plain states).

@@ -26,7 +26,7 @@ compiled = kept(nogil=True, error_model="numpy", fastmath={"contract", "nsz", "a
 
 STABLE = 2.5  # largest step times relaxation rate; the method's own limit on the real axis is 3.3
 SMALLEST = 1e-12  # of a hold: below this step the equations are singular, not stiff
-# Steps tried in a hold: equations that need more have left the numbers, though it may take hours to see it.
+# Steps tried in a hold: equations that need more have diverged, though it may take hours to see it.
 MOST = 1000  # linearly implicit ones
 MOST_EXPLICIT = 10_000  # ten times what friction at its stiffest needs in a hold of 0.1 s
 

@@ -30,15 +30,21 @@ RELAXES = (
 class Linear:
     """A linearisation; all numbers in SI units, the system's signals being distances from the point.
 
-    Attributes:
-        system: continuous time; states, inputs and outputs carry the model's names. An input taken some
-            samples ago is an input of its own, "command@3".
-        states: where it was taken, by name; `inputs` and `outputs` alike.
-        rates: 1/s times the state's unit; zero but for the states declared `moving`.
-        kinks: names to which the slope jumps at this very point (a valve that is just closed); there the
-            system holds the mean of both sides.
-        elastic: dimensionless states that only follow a speed here, as the contact of dry friction does at rest, where
-            it is a spring.
+    Attributes
+    ----------
+    system : control.StateSpace
+        continuous time; states, inputs and outputs carry the model's names. An input taken some
+        samples ago is an input of its own, "command@3".
+    states : Mapping[str, float]
+        where it was taken, by name; `inputs` and `outputs` alike.
+    rates : Mapping[str, float]
+        1/s times the state's unit; zero but for the states declared `moving`.
+    kinks : tuple[str, ...]
+        names to which the slope jumps at this very point (a valve that is just closed); there the
+        system holds the mean of both sides.
+    elastic : tuple[str, ...]
+        dimensionless states that only follow a speed here, as the contact of dry friction does at rest, where
+        it is a spring.
     """
 
     system: control.StateSpace
@@ -79,17 +85,26 @@ def linearise(
     what is `held`; all other states and inputs move as little as possible (in usual sizes) from where they
     are guessed until no rate is left.
 
-    Args:
-        model: the plant.
-        parameters: SI values by name; the model's defaults where silent (a fit's `values`, a rig's `parameters`).
-        held: states and inputs with a stated value, SI, by name.
-        moving: states whose rate need not vanish: the position of an axis at constant speed.
-        near: guesses for the others; without one a state starts where records start, an input at zero. Where
-            laws change at zero, as a valve's do, the side must be guessed.
+    Parameters
+    ----------
+    model : Model
+        the plant.
+    parameters : Mapping[str, float]
+        SI values by name; the model's defaults where silent (a fit's `values`, a rig's `parameters`).
+    held : Mapping[str, float]
+        states and inputs with a stated value, SI, by name.
+    moving : Sequence[str]
+        states whose rate need not vanish: the position of an axis at constant speed.
+    near : Mapping[str, float] | None
+        guesses for the others; without one a state starts where records start, an input at zero. Where
+        laws change at zero, as a valve's do, the side must be guessed.
 
-    Raises:
-        PlantError: an unknown name, or no value for the sampling interval of a model that uses it.
-        SolveError: no equilibrium was found; names the state that keeps moving.
+    Raises
+    ------
+    PlantError
+        an unknown name, or no value for the sampling interval of a model that uses it.
+    SolveError
+        no equilibrium was found; names the state that keeps moving.
     """
     names = [state.name for state in model.states] + _input_names(model)
     p = model.vector(parameters)

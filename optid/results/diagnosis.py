@@ -21,15 +21,24 @@ __all__ = ["DiagnosisResult", "Finding", "Verdict"]
 class Finding:
     """One thing that is missing.
 
-    Attributes:
-        effect: its name; ``None`` where nothing of the catalogue explains the mismatch.
-        site: "valve", "flow", "force", "sensor", or a site of the plant's own.
-        parameters: name -> value, unit, ci95, SI.
-        where: channels that show it, intervals (recording, from, to; s) and ranges of the states.
-        evidence: p_value and holdout_fit_gain of the test on the recordings held out; delta_bic of those fitted to.
-        indistinguishable_from: names of effects that explain the recordings as well.
-        suspected: (effect, why): what it could be, where nothing is proven.
-        sentence: what an engineer would say.
+    Attributes
+    ----------
+    effect : str | None
+        its name; ``None`` where nothing of the catalogue explains the mismatch.
+    site : str
+        "valve", "flow", "force", "sensor", or a site of the plant's own.
+    parameters : Mapping[str, Any]
+        name -> value, unit, ci95, SI.
+    where : Mapping[str, Any]
+        channels that show it, intervals (recording, from, to; s) and ranges of the states.
+    evidence : Mapping[str, Any]
+        p_value and holdout_fit_gain of the test on the recordings held out; delta_bic of those fitted to.
+    indistinguishable_from : tuple[str, ...]
+        names of effects that explain the recordings as well.
+    suspected : tuple[tuple[str, str], ...]
+        (effect, why): what it could be, where nothing is proven.
+    sentence : str
+        what an engineer would say.
     """
 
     effect: str | None

@@ -39,11 +39,15 @@ class IdentificationResult(Result):
     def to_control(self, order: int | None = None) -> control.StateSpace:
         """A model as a discrete state space of python-control, with named signals.
 
-        Args:
-            order: na of the model; the recommended one when absent.
+        Parameters
+        ----------
+        order : int | None
+            na of the model; the recommended one when absent.
 
-        Raises:
-            StopIteration: no model of that order.
+        Raises
+        ------
+        StopIteration
+            no model of that order.
         """
         contents = self.contents
         model = next(m.model for m in contents.models if m.model.orders.na == (order or contents.recommended))

@@ -29,14 +29,20 @@ RESULTS: tuple[type[Result], ...] = (
 def load(path: str | Path) -> Result:
     """Read a result that `save` or a command of `optid` has written.
 
-    Args:
-        path: its folder, or its JSON file where a folder holds several.
+    Parameters
+    ----------
+    path : str | Path
+        its folder, or its JSON file where a folder holds several.
 
-    Returns:
+    Returns
+    -------
+    Result
         The result, equal to the one that was saved.
 
-    Raises:
-        InputError: no result there, several, or a damaged one.
+    Raises
+    ------
+    InputError
+        no result there, several, or a damaged one.
     """
     place = Path(path)
     if place.is_dir():

@@ -27,11 +27,16 @@ class Result:
 
     Two results are equal if all of their data are. Subclasses name their parts.
 
-    Attributes:
-        document: content of the result's JSON file, SI units.
-        tables: what is too long for it, by name: SI units, one row a sample, node or value.
-        files: other text files of the job by name, such as a fitted rig file.
-        home: folder that it was read from; ``None`` for one that was made here. No part of its data.
+    Attributes
+    ----------
+    document : Mapping[str, Any]
+        content of the result's JSON file, SI units.
+    tables : Mapping[str, pd.DataFrame]
+        what is too long for it, by name: SI units, one row a sample, node or value.
+    files : Mapping[str, str]
+        other text files of the job by name, such as a fitted rig file.
+    home : Path | None
+        folder that it was read from; ``None`` for one that was made here. No part of its data.
     """
 
     FILE: ClassVar[str]
@@ -58,10 +63,14 @@ class Result:
     def plot(self, axes: Axes | None = None) -> Axes:
         """Draw the result with matplotlib.
 
-        Args:
-            axes: to draw on; those of a new figure when absent.
+        Parameters
+        ----------
+        axes : Axes | None
+            to draw on; those of a new figure when absent.
 
-        Returns:
+        Returns
+        -------
+        Axes
             The axes.
         """
         drawn: Axes = view_of(self.SCHEMA).plot(self, axes)
@@ -77,7 +86,9 @@ class Result:
     def save(self, folder: str | Path) -> Path:
         """Write everything into a folder, made if absent; `optid.load` reads it back.
 
-        Returns:
+        Returns
+        -------
+        Path
             The folder.
         """
         place = Path(folder)
@@ -132,8 +143,10 @@ class Result:
 def read_document(path: Path) -> dict[str, Any]:
     """A JSON file that must hold an object.
 
-    Raises:
-        InputError: no such file, or no JSON object.
+    Raises
+    ------
+    InputError
+        no such file, or no JSON object.
     """
     try:
         document = json.loads(path.read_text(encoding="utf-8"))

@@ -34,8 +34,10 @@ def write_tables(path: Path, tables: Mapping[str, pd.DataFrame]) -> None:
 def read_tables(path: Path) -> dict[str, pd.DataFrame]:
     """Read what `write_tables` wrote; empty where there is no such file.
 
-    Raises:
-        InputError: the file is damaged.
+    Raises
+    ------
+    InputError
+        the file is damaged.
     """
     import pandas as pd
 

@@ -43,7 +43,9 @@ class TuningResult(Result):
     def to_control(self) -> dict[str, control.TransferFunction]:
         """Controller, plant, loop and closed loop as named discrete systems of python-control, without limits.
 
-        Returns:
+        Returns
+        -------
+        dict[str, control.TransferFunction]
             "controller" (error to command), "plant", "loop" (their product) and "closed_loop" (reference to output for
             a set-point weight of 1).
         """

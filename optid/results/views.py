@@ -11,10 +11,13 @@ _VIEWS: dict[str, str] = {}
 def register(schema: str, module: str) -> None:
     """Say which module shows results of a schema.
 
-    Args:
-        schema: "optid.fit/1".
-        module: its dotted name, imported when a result is first shown; it holds ``plot(result, axes)``, which returns
-            the axes, and ``page(result)``, which returns an HTML page.
+    Parameters
+    ----------
+    schema : str
+        "optid.fit/1".
+    module : str
+        its dotted name, imported when a result is first shown; it holds ``plot(result, axes)``, which returns
+        the axes, and ``page(result)``, which returns an HTML page.
     """
     _VIEWS[schema] = module
 
@@ -22,8 +25,10 @@ def register(schema: str, module: str) -> None:
 def view_of(schema: str) -> Any:
     """The module that shows results of a schema.
 
-    Raises:
-        LookupError: none is registered: the package root was not imported.
+    Raises
+    ------
+    LookupError
+        none is registered: the package root was not imported.
     """
     if schema not in _VIEWS:
         raise LookupError(f"nothing shows {schema}; import optid first")

@@ -49,18 +49,29 @@ class Freed:
 class Rig:
     """A rig file, understood.
 
-    Attributes:
-        name: the rig's.
-        model_name: the plant as the file names it.
-        options: choices of the plant the file states.
-        effects: missing physics inserted into the plant, from `[effects.NAME]`.
-        model: the plant's equations with them.
-        parameters: SI values of those the file states, an effect's as "effect.parameter";
-            `model.vector(rig.parameters)` adds the defaults.
-        freed: what a fit may move.
-        channels: role -> how a recording's column is read; "time" is among them.
-        path: the file.
-        source: its text.
+    Attributes
+    ----------
+    name : str
+        the rig's.
+    model_name : str
+        the plant as the file names it.
+    options : Mapping[str, object]
+        choices of the plant the file states.
+    effects : tuple[Effect, ...]
+        missing physics inserted into the plant, from `[effects.NAME]`.
+    model : Model
+        the plant's equations with them.
+    parameters : Mapping[str, float]
+        SI values of those the file states, an effect's as "effect.parameter";
+        `model.vector(rig.parameters)` adds the defaults.
+    freed : tuple[Freed, ...]
+        what a fit may move.
+    channels : Mapping[str, ChannelMap]
+        role -> how a recording's column is read; "time" is among them.
+    path : Path
+        the file.
+    source : str
+        its text.
     """
 
     name: str
@@ -78,9 +89,11 @@ class Rig:
 def read_rig(path: str | Path) -> Rig:
     """Read a rig file and build its model.
 
-    Raises:
-        RigError: cannot be read, is no TOML, or says something that cannot be; names file and field, what was
-            found and what was expected.
+    Raises
+    ------
+    RigError
+        cannot be read, is no TOML, or says something that cannot be; names file and field, what was
+        found and what was expected.
     """
     path = Path(path)
     return _parse(_text(path), path)
@@ -89,12 +102,17 @@ def read_rig(path: str | Path) -> Rig:
 def rig_of_text(source: str, path: str | Path) -> Rig:
     """A rig from the text of its file, as a job left it: its values may contradict each other.
 
-    Args:
-        source: the text.
-        path: what errors name, and where a user's own files are looked for.
+    Parameters
+    ----------
+    source : str
+        the text.
+    path : str | Path
+        what errors name, and where a user's own files are looked for.
 
-    Raises:
-        RigError: as `read_rig`.
+    Raises
+    ------
+    RigError
+        as `read_rig`.
     """
     return _parse(source, Path(path), constrained=False)
 
@@ -105,14 +123,20 @@ def write_rig(rig: Rig, path: str | Path, parameters: Mapping[str, float] | None
     The file appears whole or not at all, and reads back to the same values within 1e-12. Where it goes to another
     folder, copies of the user's own plant and effect files go with it.
 
-    Args:
-        rig: as read.
-        path: file to write; its folder must exist.
-        parameters: SI values by name; the others stay as they stand. A parameter the file did not state is
-            added in its SI unit.
+    Parameters
+    ----------
+    rig : Rig
+        as read.
+    path : str | Path
+        file to write; its folder must exist.
+    parameters : Mapping[str, float] | None
+        SI values by name; the others stay as they stand. A parameter the file did not state is
+        added in its SI unit.
 
-    Raises:
-        RigError: an unknown name, a value outside its bounds, or a place that cannot be written.
+    Raises
+    ------
+    RigError
+        an unknown name, a value outside its bounds, or a place that cannot be written.
     """
     path = Path(path)
     _replace(path, _rewritten(rig, path, path.parent, parameters or {}))
@@ -121,12 +145,17 @@ def write_rig(rig: Rig, path: str | Path, parameters: Mapping[str, float] | None
 def rig_text(rig: Rig, parameters: Mapping[str, float] | None = None) -> str:
     """The text of a rig file with new values, for the folder in which it stands; nothing is written.
 
-    Args:
-        rig: as read.
-        parameters: as in `write_rig`.
+    Parameters
+    ----------
+    rig : Rig
+        as read.
+    parameters : Mapping[str, float] | None
+        as in `write_rig`.
 
-    Raises:
-        RigError: an unknown name, or a value outside its bounds.
+    Raises
+    ------
+    RigError
+        an unknown name, or a value outside its bounds.
     """
     with outside_allowed():  # effects of the user's own were run already, wherever they lie
         return _rewritten(rig, rig.path, None, parameters or {})
@@ -234,13 +263,19 @@ def _model(name: str, options: Table, effects: tuple[Effect, ...], path: Path) -
 def with_effects(rig: Rig, effects: Iterable[Effect], values: Mapping[str, float] | None = None) -> Rig:
     """The rig with more effects in its plant, their parameters free.
 
-    Args:
-        rig: as read.
-        effects: to insert after those it has.
-        values: SI values of all parameters to change, an effect's as "effect.parameter"; defaults (no effect) else.
+    Parameters
+    ----------
+    rig : Rig
+        as read.
+    effects : Iterable[Effect]
+        to insert after those it has.
+    values : Mapping[str, float] | None
+        SI values of all parameters to change, an effect's as "effect.parameter"; defaults (no effect) else.
 
-    Raises:
-        RigError: the plant does not offer a site of theirs.
+    Raises
+    ------
+    RigError
+        the plant does not offer a site of theirs.
     """
     new = tuple(effects)
     every = (*rig.effects, *new)

@@ -229,6 +229,4 @@ def _refusal(task: Task, fitness: float) -> str:
     if asked and fitness > REFUSED:
         miss = 100 * (fitness / REFUSED - 1)
         return f"no gains keep {' and '.join(asked)}; the best ones miss by {miss:.2g} %: ask for less"
-    return (
-        "every stabilising loop leaves the numbers in the simulation: the limits are too tight for this model"
-    )
+    return "every stabilising loop diverges in simulation (NaN or infinite): the limits are too tight for this model"

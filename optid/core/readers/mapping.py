@@ -38,17 +38,24 @@ def read_recording(path: str | Path, rig: Mapped) -> Recording:
 
     Only the mapped columns are read; whatever else a file holds may be anything.
 
-    Args:
-        path: CSV and other text tables, Parquet, .mat, HDF5 or TDMS, possibly gzipped.
-        rig: anything with `channels`; its time may be a column or a rate (the first sample is then at 0 s).
+    Parameters
+    ----------
+    path : str | Path
+        CSV and other text tables, Parquet, .mat, HDF5 or TDMS, possibly gzipped.
+    rig : Mapped
+        anything with `channels`; its time may be a column or a rate (the first sample is then at 0 s).
 
-    Returns:
+    Returns
+    -------
+    Recording
         The recording, named by its file name. Positions are recorded minus the rig's offset; a command with a
         full scale is divided by it. What was put right is told in `provenance`.
 
-    Raises:
-        RecordingError: the file cannot be read; a column is missing, empty, or holds text or an infinite
-            value; the times do not increase, or contradict the rate that the rig states.
+    Raises
+    ------
+    RecordingError
+        the file cannot be read; a column is missing, empty, or holds text or an infinite
+        value; the times do not increase, or contradict the rate that the rig states.
     """
     path = Path(path)
     table, digest = read_table(path, wanted_columns(rig))
@@ -65,11 +72,16 @@ def wanted_columns(rig: Mapped) -> list[str]:
 def recording_of(table: Table, rig: Mapped, path: Path, digest: str | None = None) -> Recording:
     """The recording that a table holds, as `read_recording`.
 
-    Args:
-        table: the columns that the rig maps.
-        rig: anything with `channels`.
-        path: of the file, or the name of what is in memory.
-        digest: of the file; without one the recording has no provenance.
+    Parameters
+    ----------
+    table : Table
+        the columns that the rig maps.
+    rig : Mapped
+        anything with `channels`.
+    path : Path
+        of the file, or the name of what is in memory.
+    digest : str | None
+        of the file; without one the recording has no provenance.
     """
     maps = rig.channels
     _check_columns(table, maps, path)

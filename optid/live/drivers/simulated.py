@@ -79,7 +79,7 @@ class Simulated:
         while time - self._time > 1e-9:
             span = min(time - self._time, 1e-3)
             if not self._twin.advance(self._command, span):
-                raise SolveError("the simulated rig left the numbers")
+                raise SolveError("the simulated rig diverged (NaN or infinite)")
             self._time += span
 
 
