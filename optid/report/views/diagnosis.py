@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from optid.core.quantity import plain, quantity
 from optid.report import diagnosis_figures as figures
 from optid.report.interactive import interactive
+from optid.report.prediction_figures import residuals
 from optid.report.shell import render
 from optid.report.views.canvas import axes_or_new
 from optid.results.diagnosis import DiagnosisResult
@@ -71,7 +72,14 @@ def _output(result: DiagnosisResult, role: str) -> dict[str, Any]:
     unit, frame = _unit(result, role), result.tables["holdout"]
     changed = result.baseline["holdout"] != result.improved["holdout"]
     drawn = figures.before_after(frame, role, unit, _noise(result, role), changed)
-    return {"name": role, "figure": interactive(drawn, f"{role} before and after")}
+    name = str(frame["recording"].iloc[0])
+    left = frame[frame["recording"] == name].rename(columns={f"{role}_after": f"{role}_window"})
+    return {
+        "name": role,
+        "figure": interactive(drawn, f"{role} before and after"),
+        "left": interactive(residuals(left, role, unit), f"{role} what is left"),
+        "recording": name,
+    }
 
 
 def _score(result: DiagnosisResult, role: str) -> dict[str, str]:
