@@ -15,17 +15,9 @@ from tests.results.examples import MAKERS
 KINDS = pytest.mark.parametrize("kind", RESULTS, ids=lambda kind: kind.__name__)
 
 
-@pytest.fixture(scope="module")
-def made():
-    """Results by kind, each made when it is first asked for."""
-    return {}
-
-
 @pytest.fixture
-def result(made, kind):
-    if kind not in made:
-        made[kind] = MAKERS[kind]()
-    return made[kind]
+def result(kind):
+    return MAKERS[kind]()
 
 
 @KINDS
