@@ -2,6 +2,7 @@
 
 import inspect
 import json
+import re
 
 import pandas as pd
 import pytest
@@ -86,7 +87,9 @@ def test_public_docstrings():
         value = getattr(optid, name)
         if callable(value) and value.__module__.startswith("optid.api"):
             said = inspect.getdoc(value)
-            assert all(f"{parameter}:" in said for parameter in inspect.signature(value).parameters), name
+            for parameter in inspect.signature(value).parameters:
+                assert re.search(rf"^{parameter} : .+\n    \S", said, re.MULTILINE), (name, parameter)
+            assert "\nRaises\n------\n" in said, name
 
 
 @pytest.mark.parametrize(
