@@ -98,7 +98,7 @@ def pole_zero_map(audits: Sequence[tuple[int, Audit]], physical: Sequence[Physic
                     axis.plot(ends.real, ends.imag, color=colour, lw=2.5, alpha=0.3)
             axis.set_aspect("equal", "datalim")
             axis.set_title(f"order {order}", loc="left", fontsize=9, color="#4a525c")
-        panels[0].legend(loc="lower left", fontsize=7)
+        panels[0].legend(loc="lower left", ncols=3, bbox_to_anchor=(0.2, 1.0), borderaxespad=0.2, fontsize=7)
         return interactive(figure)
 
 

@@ -124,7 +124,7 @@ def loop(tuning: Tuning) -> str:
         right.axhline(margins.maximum_sensitivity, color=ALARM, lw=0.9, ls=(0, (4, 3)))
         right.set_ylim(max(1e-3, float(np.abs(S).min())), 3.0 * margins.maximum_sensitivity)
         right.set_xlabel("frequency (Hz)")
-        right.legend(loc="lower right")
+        right.legend(loc="lower left", ncols=2, bbox_to_anchor=(0, 1.0), borderaxespad=0.2)
         return interactive(figure)
 
 
@@ -149,7 +149,7 @@ def over_sizes(tuning: Tuning, rivals: Sequence[Scored], unit: str) -> str:
             axes.semilogy(sizes, value, marker="o", ms=4, color=colour, lw=1.7 if own else 0.9, label=name)
         axes.set_xlabel(axis_name("step", shown))
         axes.set_ylabel("ITAE over size (s²)")
-        axes.legend(loc="upper right")
+        axes.legend(loc="lower left", ncols=4, bbox_to_anchor=(0, 1.0), borderaxespad=0.2)
         return interactive(figure)
 
 
