@@ -34,18 +34,31 @@ from optid.estimation.result import Estimate
 NOTHING = 0.01  # of the smallest size worth a name: what is below it is told in words
 
 
-def named_findings(s: Stages, parameters: Sequence[Estimate]) -> tuple[Finding, ...]:
-    """One of every named effect, the strongest first."""
-    found = [_named(s, effect, parameters) for effect in s.best.effects]
-    return tuple(sorted(found, key=lambda f: -f.train_gain))
+def named_findings(
+    s: Stages, parameters: Sequence[Estimate], suspects: Sequence[Suspicion]
+) -> tuple[Finding, ...]:
+    """One of every proven name, the strongest first, and then of what is suspected beside them."""
+    doubts = {one.effect: one for one in suspects}
+    found = [_named(s, effect, parameters) for effect in s.best.effects if effect.name not in doubts]
+    open_ones = [
+        _suspected(s, effect, doubts[effect.name]) for effect in s.best.effects if effect.name in doubts
+    ]
+    return (*sorted(found, key=lambda f: -f.train_gain), *open_ones)
+
+
+def own_estimates(effect: Effect, parameters: Sequence[Estimate]) -> tuple[Estimate, ...]:
+    """An effect's parameters by own name."""
+    prefix = f"{effect.name}."
+    return tuple(
+        replace(e, name=e.name.removeprefix(prefix)) for e in parameters if e.name.startswith(prefix)
+    )
 
 
 def _named(s: Stages, effect: Effect, parameters: Sequence[Estimate]) -> Finding:
     s.problem.report(0.97, f"where and when {effect.name} acts")
     where, best = _region_of(s, effect), s.best
     ranges = informative_ranges(where.states, tuple(n for n in effect.depends_on if n in where.states))
-    prefix = f"{effect.name}."
-    own = tuple(replace(e, name=e.name.removeprefix(prefix)) for e in parameters if e.name.startswith(prefix))
+    own = own_estimates(effect, parameters)
     _, errors = s.path.without[effect.name]
     gain = float(errors.windows.sum() - s.path.validated.windows.sum())
     bic = 2.0 * gain - len(effect.fitted) * math.log(len(s.path.validated.windows))
