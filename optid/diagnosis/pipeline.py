@@ -46,6 +46,7 @@ def diagnose(
     holdout: Sequence[Recording],
     *,
     own: Sequence[Effect] = (),
+    validation: Sequence[str] = (),
     generator: np.random.Generator,
     progress: Callable[[float, str], None] | None = None,
     budget: Budget = UNLIMITED,
@@ -60,6 +61,8 @@ def diagnose(
         recordings: to fit and to select on; what is sampled faster than a kilohertz is averaged down to it first.
         holdout: to test on, once.
         own: effects of the user's, beside the catalogue.
+        validation: names of the recordings to fit on whose windows alone the selection is judged, by parameters that
+            were fitted to the others; every recording in turn if absent.
         generator: of resampling.
         progress: called with the share done and a few words.
         budget: processor time and deadline of the whole.
@@ -87,6 +90,7 @@ def diagnose(
         measurement_noise(rig, train),
         generator,
         tuple(own),
+        _numbers(validation, train),
         criteria,
         options,
         budget=budget.share(options.search_share),
@@ -118,6 +122,20 @@ def diagnose(
     kept.clear()
     wider = wide is not None
     return conclude(Stages(problem, search, path, alternatives, surrogate, plain, best, test, names, wider))
+
+
+def _numbers(names: Sequence[str], train: Sequence[Recording]) -> tuple[int, ...]:
+    """Which of the recordings to fit have these names."""
+    known = [one.name for one in train]
+    if unknown := [name for name in names if name not in known]:
+        raise InputError(
+            f'no recording "{unknown[0]}" among those to fit', where="--validate", expected=" or ".join(known)
+        )
+    if names and set(known) == set(names):
+        raise InputError(
+            "every recording to fit is one to validate on", where="--validate", expected="others to fit"
+        )
+    return tuple(k for k, name in enumerate(known) if name in names)
 
 
 def _base_fit(problem: DiagnosisProblem, kept: Checkpoint) -> tuple[FittedModel, DiagnosisProblem]:

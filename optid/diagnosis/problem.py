@@ -34,6 +34,7 @@ class DiagnosisProblem:
         train: recordings to fit.
         noise: role -> sd of the measurement, SI.
         own: the user's effects, beside the catalogue.
+        validation: numbers of the recordings whose windows alone judge the selection; every one's in turn if empty.
         criteria, options: see there.
         open_variance: of windows' errors beside the noise if nothing is missing, (samples, outputs); see `Question`.
         budget: of the search.
@@ -46,6 +47,7 @@ class DiagnosisProblem:
     noise: dict[str, float]
     generator: np.random.Generator
     own: tuple[Effect, ...] = ()
+    validation: tuple[int, ...] = ()
     criteria: Criteria = field(default_factory=Criteria)
     options: SearchOptions = field(default_factory=SearchOptions)
     open_variance: Array | None = None
