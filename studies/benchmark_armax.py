@@ -45,14 +45,20 @@ from optid.armax.signals import signals
 Array = NDArray[np.float64]
 LAMBDA = 0.9995
 ORDER_4 = Armax(
-    a=(1.0, -1.5, 0.9, -0.3, 0.05), b=((1.0, 0.5, 0.2, 0.1),), c=(1.0, 0.3, 0.2, 0.1, 0.05), nk=(1,),
+    a=(1.0, -1.5, 0.9, -0.3, 0.05),
+    b=((1.0, 0.5, 0.2, 0.1),),
+    c=(1.0, 0.3, 0.2, 0.1, 0.05),
+    nk=(1,),
     noise_variance=0.01,
-)  # fmt: skip
+)
 # The case of the issue; a binary input that switches with probability 0.08 a sample.
 TRUTH = Armax(
-    a=(1.0, -2.21, 1.7494, -0.584256, 0.0684029), b=((1.5, -2.07, 1.3146),), c=(1.0, 0.3, 0.2), nk=(11,),
+    a=(1.0, -2.21, 1.7494, -0.584256, 0.0684029),
+    b=((1.5, -2.07, 1.3146),),
+    c=(1.0, 0.3, 0.2),
+    nk=(11,),
     noise_variance=0.01,
-)  # fmt: skip
+)
 
 # Bierman's update with lambda, written plainly for 12 parameters and a given regressor: the least one can do.
 PLAIN_C = """

@@ -3,7 +3,8 @@
     python studies/benchmark_fit.py [--full]
 
 (a) Fits viscous and Coulomb friction and the discharge coefficient to 10 s of position at 1 kHz: optid, hand-written
-C, and SciPy's LSODA, restarted at every held command, in `least_squares`. Without `--full` one simulation is
+C, CasADi and IPOPT as CasADi's own example has it, and SciPy's LSODA, restarted at every held command, in
+`least_squares`. Without `--full` one simulation is
 timed for SciPy and multiplied by the number that a full run takes; with it, SciPy runs, also without restarts.
 (b) Simulates on one core, with the largest error of the position against Radau at rtol 1e-10.
 
@@ -32,19 +33,33 @@ from optid.core.simulation import TOLERANCE, simulate
 from optid.core.threads import WORKERS
 from optid.estimation.batch import FitOptions, fit
 from optid.rigs.rigfile import Rig, read_rig
-from studies.peers import axis, fit_c, fit_scipy
+from studies.peers import axis, fit_c, fit_casadi, fit_scipy
 from studies.peers.record import NOISE, Record, benchmark_record
 
 SCIPY_SIMULATIONS = (
     20  # that least_squares took in a full run on this record; the quick mode multiplies by it
 )
 UNITS = {
-    "supply_pressure": "Pa", "exhaust_pressure": "Pa", "atmospheric_pressure": "Pa", "supply_temperature": "K",
-    "chamber_temperature": "K", "gas_constant": "J/(kg K)", "port_width": "m", "spool_travel": "m",
-    "bore_diameter": "m", "rod_diameter": "m", "stroke": "m", "residual_length": "m", "payload_mass": "kg",
-    "viscous_friction": "N s/m", "coulomb_friction": "N", "friction_width": "m/s",
-    "stop_stiffness": "N/m**1.5", "stop_damping": "s/m", "length_floor": "m",
-}  # fmt: skip
+    "supply_pressure": "Pa",
+    "exhaust_pressure": "Pa",
+    "atmospheric_pressure": "Pa",
+    "supply_temperature": "K",
+    "chamber_temperature": "K",
+    "gas_constant": "J/(kg K)",
+    "port_width": "m",
+    "spool_travel": "m",
+    "bore_diameter": "m",
+    "rod_diameter": "m",
+    "stroke": "m",
+    "residual_length": "m",
+    "payload_mass": "kg",
+    "viscous_friction": "N s/m",
+    "coulomb_friction": "N",
+    "friction_width": "m/s",
+    "stop_stiffness": "N/m**1.5",
+    "stop_damping": "s/m",
+    "length_floor": "m",
+}
 RIG = """name = "benchmark"
 model = "servo-pneumatic"
 [options]
@@ -113,6 +128,10 @@ def fits(record: Record, full: bool) -> None:
         fit_c.fit(*arguments)
         seconds, in_c = timed(lambda: fit_c.fit(*arguments))
         rows.append(("hand-written C", seconds, errors(in_c.parameters)))
+    own_equations = (rig, record.start_state, record.share, record.position, record.dt)
+    seconds, in_casadi = timed(lambda: fit_casadi.fit(*own_equations), 1)
+    label = f"CasADi and IPOPT, {in_casadi.iterations} iterations"
+    rows.append((label, seconds, errors(in_casadi.parameters)))
     if full:
         for restart in (True, False):
             seconds, slow = timed(lambda restart=restart: fit_scipy.fit(*arguments, restart=restart), 1)

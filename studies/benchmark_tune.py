@@ -7,6 +7,7 @@ order-4 ARMAX model identified from data/bench.csv. The cost to reach is what Sc
 with all the time it wants. Nelder-Mead starts from Ziegler and Nichols' gains, as in practice. With --control it is
 run over python-control's `input_output_response` too, which takes a minute; without, one simulation is timed and
 multiplied by the evaluations that the plain loop's Nelder-Mead took. Stopped early means after 150 evaluations.
+CasADi and IPOPT start from the same gains; their time has the loop's unrolling in it.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ from optid.tuning.plant import plant_of
 from optid.tuning.search import box
 from optid.tuning.task import Task
 from optid.tuning.ultimate import ultimate
+from studies.peers import tune_casadi
 
 Array = NDArray[np.float64]
 ROOT = Path(__file__).parents[1]
@@ -48,11 +50,32 @@ def identified() -> Armax:
     return fit_batch([record], Orders(4, (4,), 4, (2,)), T).model
 
 
-def scalar_loop(model: Armax, lag: float) -> Callable[[Array], float]:
-    """ITAE of gains (kp, ki, kd) in plain Python: the same loop, written out."""
+def padded(model: Armax) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """a after the leading one and b from one delay on, of one length."""
     a, b = model.a[1:], (0.0,) * (model.nk[0] - 1) + model.b[0]
     order = max(len(a), len(b))
-    a, b = a + (0.0,) * (order - len(a)), b + (0.0,) * (order - len(b))
+    return a + (0.0,) * (order - len(a)), b + (0.0,) * (order - len(b))
+
+
+def in_casadi(
+    model: Armax, lag: float, start: Array, cost: Callable[[Array], float], reference: float
+) -> None:
+    """Print the row of CasADi and IPOPT; what its gains cost is told by the plain loop."""
+    begin = time.perf_counter()
+    found = tune_casadi.tune(
+        *padded(model), start, lag, samples=SAMPLES, sample_time=T, size=STEP, limit=LIMIT
+    )
+    seconds = time.perf_counter() - begin
+    print(
+        f"CasADi and IPOPT, {found.iterations} iterations ({found.outcome}): {seconds:.3f} s, "
+        f"{cost(np.array(found.gains)) / reference:.4f} times that cost"
+    )
+
+
+def scalar_loop(model: Armax, lag: float) -> Callable[[Array], float]:
+    """ITAE of gains (kp, ki, kd) in plain Python: the same loop, written out."""
+    a, b = padded(model)
+    order = len(a)
 
     def cost(gains: Array) -> float:
         kp, ki, kd = (float(g) for g in gains)
@@ -152,8 +175,10 @@ def main() -> None:
     vectors = np.tile(Gains(*start, lag).vector, (64, 1))
     batch = timed(lambda: task.course.costs(vectors), arguments.repeats)[0] / 64
     python_one, control_one = timed(lambda: plain(start), 5)[0], timed(lambda: slow(start), 3)[0]
-    print(f"one cost: compiled {1e6 * batch:.1f} us, plain Python {1e6 * python_one:.0f} us, "
-          f"python-control {1e6 * control_one:.0f} us")  # fmt: skip
+    print(
+        f"one cost: compiled {1e6 * batch:.1f} us, plain Python {1e6 * python_one:.0f} us, "
+        f"python-control {1e6 * control_one:.0f} us"
+    )
 
     reference = best_known(task)
     print(f"differential evolution (SciPy, long): {reference:.6e}")
@@ -167,12 +192,17 @@ def main() -> None:
             (simplex(plain, begin, most) for _ in range(3)), key=lambda run: run[2]
         )
         found[name] = seconds, evaluations
-        print(f"Nelder-Mead over plain Python{name}: {seconds:.3f} s, {evaluations} evaluations, "
-              f"{reached / reference:.4f} times that cost")  # fmt: skip
+        print(
+            f"Nelder-Mead over plain Python{name}: {seconds:.3f} s, {evaluations} evaluations, "
+            f"{reached / reference:.4f} times that cost"
+        )
+    in_casadi(model, lag, start, plain, reference)
     if arguments.control:
         far, count, control_seconds = simplex(slow, start, EARLY)
-        print(f"Nelder-Mead over python-control, stopped early: {control_seconds:.1f} s, {count} evaluations, "
-              f"{far / reference:.4f} times that cost")  # fmt: skip
+        print(
+            f"Nelder-Mead over python-control, stopped early: {control_seconds:.1f} s, {count} evaluations, "
+            f"{far / reference:.4f} times that cost"
+        )
     else:
         control_seconds = control_one * found[", stopped early"][1]
         print(f"Nelder-Mead over python-control, stopped early: {control_seconds:.1f} s by its evaluations")
@@ -186,9 +216,11 @@ def main() -> None:
             costs.append(task.fitness(gains.vector)[0] / reference)
         least = min(seconds_each)
         ratios = f"{found[''][0] / least:.1f}, stopped early {found[', stopped early'][0] / least:.1f}"
-        print(f"optid, {name}: {least:.3f} s (median {np.median(seconds_each):.3f}), {max(costs):.5f} times that cost "
-              f"at worst of {len(costs)} seeds; times faster than Nelder-Mead over plain Python {ratios}; "
-              f"than over python-control {control_seconds / least:.0f}")  # fmt: skip
+        print(
+            f"optid, {name}: {least:.3f} s (median {np.median(seconds_each):.3f}), {max(costs):.5f} times that cost "
+            f"at worst of {len(costs)} seeds; times faster than Nelder-Mead over plain Python {ratios}; "
+            f"than over python-control {control_seconds / least:.0f}"
+        )
 
 
 def best_known(task: Task) -> float:
@@ -198,9 +230,15 @@ def best_known(task: Task) -> float:
     scale = ultimate(task.plant)
     within = box(("kp", "ki", "kd"), default_gains(task, scale), scale)
     found = differential_evolution(
-        lambda points: task.fitness(within.gains(points.T)), [(0.0, 1.0)] * 3, popsize=40, maxiter=400, tol=1e-8,
-        rng=np.random.default_rng(0), vectorized=True, updating="deferred",
-    )  # fmt: skip
+        lambda points: task.fitness(within.gains(points.T)),
+        [(0.0, 1.0)] * 3,
+        popsize=40,
+        maxiter=400,
+        tol=1e-8,
+        rng=np.random.default_rng(0),
+        vectorized=True,
+        updating="deferred",
+    )
     return float(found.fun)
 
 

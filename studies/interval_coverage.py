@@ -54,9 +54,11 @@ def repeat(number: int, seconds: float, colour: float) -> Rows:
 
     rng = np.random.default_rng([SEED, number])
     bench = Rig(
-        viscous=TRUTH["viscous_friction"], coulomb=TRUTH["coulomb_friction"],
-        discharge=TRUTH["discharge_coefficient"], residual_length=TRUTH["residual_length"],
-    )  # fmt: skip
+        viscous=TRUTH["viscous_friction"],
+        coulomb=TRUTH["coulomb_friction"],
+        discharge=TRUTH["discharge_coefficient"],
+        residual_length=TRUTH["residual_length"],
+    )
     sensors = Sensors(colour=colour)
     table = recording(simulate(bench, mixed(seconds, 1e-3, rng, 0.1), rng, sensors=sensors), rng, sensors)
     with tempfile.TemporaryDirectory() as folder:
@@ -72,13 +74,19 @@ def repeat(number: int, seconds: float, colour: float) -> Rows:
             return []
     return [
         {
-            "repeat": number, "outcome": result.outcome.name, "parameter": e.name, "value": e.value,
-            "low": e.low, "high": e.high, "held": e.low <= TRUTH[e.name] <= e.high,
-            "level": float(result.process_noise[0]), "seconds": result.seconds,
+            "repeat": number,
+            "outcome": result.outcome.name,
+            "parameter": e.name,
+            "value": e.value,
+            "low": e.low,
+            "high": e.high,
+            "held": e.low <= TRUTH[e.name] <= e.high,
+            "level": float(result.process_noise[0]),
+            "seconds": result.seconds,
         }
         for e in result.parameters
         if e.name in TRUTH
-    ]  # fmt: skip
+    ]
 
 
 def study(repeats: int, seconds: float, colour: float, workers: int) -> pd.DataFrame:

@@ -25,9 +25,17 @@ from studies.independent_rig.sensor import reading  # noqa: E402
 from studies.independent_rig.states import SMOOTH  # noqa: E402
 
 REAL = Rig(
-    viscous=61.3, coulomb=71.4, discharge=0.733, residual_length=9.2e-3, stick_ratio=1.15, stribeck_speed=0.03,
-    asymmetry=0.03, valve_order=2.0, valve_frequency=500.0, leak_a=5e-9,
-)  # fmt: skip
+    viscous=61.3,
+    coulomb=71.4,
+    discharge=0.733,
+    residual_length=9.2e-3,
+    stick_ratio=1.15,
+    stribeck_speed=0.03,
+    asymmetry=0.03,
+    valve_order=2.0,
+    valve_frequency=500.0,
+    leak_a=5e-9,
+)
 STEP = 20e-6  # s of its integration
 NOISE, QUANTUM = 0.03e-3, 10.0 / 4096  # m of the sensor, V of the converter
 FULL = 5.0  # V

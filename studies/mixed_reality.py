@@ -212,14 +212,16 @@ def main() -> None:
     review = reviews[0]
     around = run.log[(run.log["t"] > LEARN - 0.011) & (run.log["t"] < LEARN + 0.011)]
     document = {
-        "old": asdict(review.old), "new": asdict(review.new), "better": review.better,
+        "old": asdict(review.old),
+        "new": asdict(review.new),
+        "better": review.better,
         "expected_itae": {m: [r.measures["itae"] for r in pair] for m, pair in review.responses.items()},
         "real_before": median(steps_of(run.log, 0.0, LEARN)),
         "real_after": median(steps_of(run.log, LEARN, LEARN + AFTER)),
         "jump_of_command_at_the_change": float(around["u"].diff().abs().max()),
         "taken_back": run.loop.taken_back is not None,
         "fit_percent": {"story": run.fits()},
-    }  # fmt: skip
+    }
     draw(
         folder / "story.png", "Identified and tuned on the way; new gains at the red line", run.log, (LEARN,)
     )

@@ -163,8 +163,10 @@ def demands(quick: bool) -> dict[int, tuple[str, Array]]:
     ramp = 0.05 * np.minimum(np.arange(third) / (0.4 * third), 1.0)
     paths = np.concatenate([sine, ramp, np.full(time.size - 2 * third, -0.04)])
     return {
-        14: ("a step of 6 cm", step), 15: ("demand positions", levels), 16: ("multiple position profiles", paths),
-    }  # fmt: skip
+        14: ("a step of 6 cm", step),
+        15: ("demand positions", levels),
+        16: ("multiple position profiles", paths),
+    }
 
 
 def loop_run(rig: tuple[Rig, dict[str, float]], model: Armax, reference: Array) -> LoopRun:

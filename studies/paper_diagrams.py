@@ -110,11 +110,13 @@ def figure_3() -> Figure:
     """Algorithm of identification."""
     figure, axes = canvas(7, 8.6)
     steps = (
-        "experiment: command, position", "choose orders na, nb, nc and delay nk",
+        "experiment: command, position",
+        "choose orders na, nb, nc and delay nk",
         "estimate A, B, C (recursive least squares)",
-        "predict k steps, residuals", "white? independent of the input?\nheld-out error no worse?",
+        "predict k steps, residuals",
+        "white? independent of the input?\nheld-out error no worse?",
         "model: audit, export, tune",
-    )  # fmt: skip
+    )
     for k, text in enumerate(steps):
         box(axes, (3.2, 8.0 - 1.45 * k), text, (4.6, 0.9))
         if k:
@@ -208,5 +210,11 @@ def figure_13() -> Figure:
 
 
 DIAGRAMS: dict[int, Callable[[], Figure]] = {
-    1: figure_1, 2: figure_2, 3: figure_3, 4: figure_4, 6: figure_6, 7: figure_7, 13: figure_13,
-}  # fmt: skip
+    1: figure_1,
+    2: figure_2,
+    3: figure_3,
+    4: figure_4,
+    6: figure_6,
+    7: figure_7,
+    13: figure_13,
+}

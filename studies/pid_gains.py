@@ -107,12 +107,21 @@ def compare(tuning: Tuning) -> pd.DataFrame:
         if one.gains is None or one.margins is None:
             continue
         run = real(one.gains, tuning.task.episodes[0])
-        rows.append({
-            "gains": one.name, "kp": one.gains.kp, "ki": one.gains.ki, "kd": one.gains.kd,
-            "b": one.gains.setpoint_weight, "stable": one.stable, "Ms": one.margins.maximum_sensitivity,
-            "identified": one.total("itae"), "physical": one.total("itae", True), "real": run.measures["itae"],
-            "overshoot_real": run.overshoot,
-        })  # fmt: skip
+        rows.append(
+            {
+                "gains": one.name,
+                "kp": one.gains.kp,
+                "ki": one.gains.ki,
+                "kd": one.gains.kd,
+                "b": one.gains.setpoint_weight,
+                "stable": one.stable,
+                "Ms": one.margins.maximum_sensitivity,
+                "identified": one.total("itae"),
+                "physical": one.total("itae", True),
+                "real": run.measures["itae"],
+                "overshoot_real": run.overshoot,
+            }
+        )
     return pd.DataFrame(rows)
 
 
@@ -186,9 +195,12 @@ def profiles() -> Episode:
     time = T * np.arange(round(2.0 / T))
     rest = np.full(round(0.5 / T), 0.0)
     parts = [
-        0.06 * np.sin(2 * np.pi * time / 2.0), rest, 0.05 * np.minimum(time / 0.8, 1.0), np.full(rest.size, -0.04),
+        0.06 * np.sin(2 * np.pi * time / 2.0),
+        rest,
+        0.05 * np.minimum(time / 0.8, 1.0),
+        np.full(rest.size, -0.04),
         -0.04 + 0.02 * time / 2.0,
-    ]  # fmt: skip
+    ]
     return profile(np.concatenate(parts), T, "profiles")
 
 

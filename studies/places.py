@@ -24,7 +24,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 RIG, ROWS = ROOT / "data" / "bench.toml", 400
 NOBODY, STRANGER = 65534, 54321  # the latter has no entry in the user database
-SET = {"metrics.json", "prediction.csv", "report.html", "manifest.json"}
+SET = {"metrics.json", "prediction.csv", "report.html", "manifest.json", "tables.npz"}
 
 # The command line with something that happens after the work and before the writing, and, where caches do not
 # matter, without the work.
@@ -41,16 +41,20 @@ if late:
         real(folder, write)
     command.deliver = deliver
 if quick:
-    import optid.estimation.prediction, optid.report.page, optid.report.scores
-    class Nothing:
-        horizon = 0.5
-        frame = property(lambda self: self)
-        def to_csv(self, path, index):
-            path.write_text("time\\n" * 5000)
-    optid.estimation.prediction.predict = lambda *_: Nothing()
-    optid.report.page.simulation_page = lambda *_: "<html>"
+    import optid.api.simulating, pandas
+    from optid.results.simulation import SimulationResult
     score = {"fit_percent": 99.0, "rmse": 1e-5, "unit": "m"}
-    optid.report.scores.metrics_document = lambda _: {"position": {"window": score, "free_run": score}}
+    document = {
+        "schema": "optid.simulation/1", "position": {"window": score, "free_run": score},
+        "about": {"horizon": 0.5, "starts": [], "notes": []},
+    }
+    table = pandas.DataFrame({"recording": "run", "time": range(5000)})
+    result = SimulationResult(document, {"prediction": table}, {"report.html": "<html>"})
+    from optid.api.inputs import given, rig_of
+    def read_only(rig, recording, **_):
+        given(rig_of(rig), recording)
+        return result
+    optid.api.simulating.simulate = read_only
 from optid.cli import main
 main()
 """

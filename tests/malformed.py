@@ -177,15 +177,17 @@ COMMAND = 'command = { column = "u", unit = "V", full_scale = "5 V" }'
 TIME = 'time = { column = "t", unit = "s" }'
 
 RIG_CASES = (
-    rig("unit misspelt", SUPPLY, 'supply_pressure = "7 baar"', "parameters.supply_pressure", '"baar"',
-        '"bar"'),
+    rig(
+        "unit misspelt", SUPPLY, 'supply_pressure = "7 baar"', "parameters.supply_pressure", '"baar"', '"bar"'
+    ),
     rig("unit of habit", SUPPLY, 'supply_pressure = "6 barg"', "parameters.supply_pressure", '"bar_gauge"'),
     rig("wrong dimension", SUPPLY, 'supply_pressure = "7 mm"', "parameters.supply_pressure", '"mm"', "7 bar"),
     rig("no unit", SUPPLY, "supply_pressure = 7", "parameters.supply_pressure", "no unit", '"Pa"'),
     rig("unit on a number", "coefficient = 0.8", 'coefficient = "0.8 m"', "parameters.discharge_coefficient"),
     rig("only a unit", SUPPLY, 'supply_pressure = "bar"', "parameters.supply_pressure", "number"),
-    rig("decimal comma", SUPPLY, 'supply_pressure = "7,5 bar"', "parameters.supply_pressure", "comma",
-        "point"),
+    rig(
+        "decimal comma", SUPPLY, 'supply_pressure = "7,5 bar"', "parameters.supply_pressure", "comma", "point"
+    ),
     rig("infinite value", SUPPLY, 'supply_pressure = "inf bar"', "parameters.supply_pressure", "not finite"),
     rig("overflowing value", SUPPLY, 'supply_pressure = "1e999 bar"', "supply_pressure", "not finite"),
     rig("NaN value", "coefficient = 0.8", "coefficient = nan", "discharge_coefficient", "not finite"),
@@ -193,11 +195,16 @@ RIG_CASES = (
     rig("a list", "coefficient = 0.8", "coefficient = [0.8]", "discharge_coefficient", "[0.8]"),
     rig("an endless power", SUPPLY, 'supply_pressure = "7 m**9**9**9"', "supply_pressure", "not a unit"),
     rig("code for a unit", SUPPLY, 'supply_pressure = "7 __import__(1)"', "supply_pressure", "not a unit"),
-    rig("unknown parameter", 'payload_mass', 'payload_mas', "parameters.payload_mas", '"payload_mass"'),
+    rig("unknown parameter", "payload_mass", "payload_mas", "parameters.payload_mas", '"payload_mass"'),
     rig("missing parameter", 'stroke = "260 mm"\n', "", "parameters", "no value for stroke"),
     rig("outside physics", '"1.9 kg"', '"-1.9 kg"', "parameters.payload_mass", '"-1.9 kg"', "physical"),
-    rig("gauge atmosphere", 'atmospheric_pressure = "1 bar"', 'atmospheric_pressure = "0 bar_gauge"',
-        "parameters.atmospheric_pressure", "absolute"),
+    rig(
+        "gauge atmosphere",
+        'atmospheric_pressure = "1 bar"',
+        'atmospheric_pressure = "0 bar_gauge"',
+        "parameters.atmospheric_pressure",
+        "absolute",
+    ),
     rig("gauge length", '"260 mm"', '"260 mm_gauge"', "parameters.stroke", "gauge"),
     rig("unknown table", "[fit]", "[fitt]", '"fitt"', '"fit"'),
     rig("unknown top key", 'name = "bench-3"', 'nane = "bench-3"', '"nane"', '"name"'),
@@ -205,41 +212,70 @@ RIG_CASES = (
     rig("unknown plant", '"servo-pneumatic"', '"servo_pneumatic"', "model", '"servo-pneumatic"'),
     rig("no model", 'model = "servo-pneumatic"\n', "", "model", "missing"),
     rig("plant file absent", '"servo-pneumatic"', '"no/such.py:axis"', "model", "such.py", "does not exist"),
-    rig("unknown option", "[parameters]", "[options]\nfrictoin = 'smooth'\n[parameters]", "options",
-        '"friction"'),
+    rig(
+        "unknown option",
+        "[parameters]",
+        "[options]\nfrictoin = 'smooth'\n[parameters]",
+        "options",
+        '"friction"',
+    ),
     rig("option value", "[parameters]", "[options]\nfriction = 'smoth'\n[parameters]", "options", "'smooth'"),
-    rig("unknown effect", "[fit]", "[effects.stribek_friction]\n[fit]", "effects.stribek", "stribeck_friction"),
+    rig(
+        "unknown effect", "[fit]", "[effects.stribek_friction]\n[fit]", "effects.stribek", "stribeck_friction"
+    ),
     rig("effect no table", "[fit]", "[effects]\nvalve_lag = 3\n[fit]", "effects.valve_lag", "found 3"),
     rig(
-        "unknown effect parameter", "[fit]", "[effects.valve_lag]\ntime_constnat = '3 ms'\n[fit]",
-        "effects.valve_lag.time_constnat", "time_constant",
+        "unknown effect parameter",
+        "[fit]",
+        "[effects.valve_lag]\ntime_constnat = '3 ms'\n[fit]",
+        "effects.valve_lag.time_constnat",
+        "time_constant",
     ),
     rig(
-        "wrong effect unit", "[fit]", "[effects.valve_lag]\ntime_constant = '3 mm'\n[fit]",
-        "effects.valve_lag.time_constant", "wrong dimension",
+        "wrong effect unit",
+        "[fit]",
+        "[effects.valve_lag]\ntime_constant = '3 mm'\n[fit]",
+        "effects.valve_lag.time_constant",
+        "wrong dimension",
     ),
     rig(
-        "unphysical effect", "[fit]", "[effects.valve_lag]\ntime_constant = '3 s'\n[fit]",
-        "effects.valve_lag.time_constant", "outside what is physical",
+        "unphysical effect",
+        "[fit]",
+        "[effects.valve_lag]\ntime_constant = '3 s'\n[fit]",
+        "effects.valve_lag.time_constant",
+        "outside what is physical",
     ),
     rig("no effect file", "[fit]", "[effects.'my.py:mine']\n[fit]", "effects.my.py:mine", "does not exist"),
-    rig("fit of a stranger", FIT, "discharge = { bounds = [0.4, 1.0] }", "fit.discharge",
-        '"discharge_coefficient"'),
+    rig(
+        "fit of a stranger",
+        FIT,
+        "discharge = { bounds = [0.4, 1.0] }",
+        "fit.discharge",
+        '"discharge_coefficient"',
+    ),
     rig("fit without bounds", FIT, "discharge_coefficient = {}", "fit.discharge_coefficient", "bounds"),
     rig("fit as a list", FIT, "discharge_coefficient = [0.4, 1.0]", "fit.discharge_coefficient", "bounds ="),
-    rig("three bounds", FIT, "discharge_coefficient = { bounds = [0, 1, 2] }",
-        "discharge_coefficient.bounds"),
+    rig(
+        "three bounds", FIT, "discharge_coefficient = { bounds = [0, 1, 2] }", "discharge_coefficient.bounds"
+    ),
     rig("bounds reversed", "[0.4, 1.0]", "[1.0, 0.4]", "fit.discharge_coefficient.bounds", "not below"),
-    rig("bounds without unit", '["0 N s/m", "400 N s/m"]', "[0, 400]", "fit.viscous_friction.bounds",
-        "N s/m"),
+    rig(
+        "bounds without unit", '["0 N s/m", "400 N s/m"]', "[0, 400]", "fit.viscous_friction.bounds", "N s/m"
+    ),
     rig("start out of bounds", "[0.4, 1.0]", "[0.9, 1.0]", "fit.discharge_coefficient", "0.8", "0.9 to 1"),
-    rig("bounds out of physics", "[0.4, 1.0]", "[-0.4, 1.0]", "fit.discharge_coefficient.bounds",
-        "1e-06 to 10"),
+    rig(
+        "bounds out of physics",
+        "[0.4, 1.0]",
+        "[-0.4, 1.0]",
+        "fit.discharge_coefficient.bounds",
+        "1e-06 to 10",
+    ),
     rig("unknown fit key", "[0.4, 1.0] }", "[0.4, 1.0], sdd = 1 }", "discharge_coefficient.sdd", '"sd"'),
     rig("sd of nothing", 'sd = "50 N s/m"', 'sd = "0 N s/m"', "fit.viscous_friction.sd", "positive"),
     rig("sd in another unit", 'sd = "50 N s/m"', 'sd = "50 N"', "fit.viscous_friction.sd", '"N"'),
-    rig("unknown role", POSITION, 'positon = { column = "x", unit = "mm" }', "channels.positon",
-        '"position"'),
+    rig(
+        "unknown role", POSITION, 'positon = { column = "x", unit = "mm" }', "channels.positon", '"position"'
+    ),
     rig("no command", COMMAND + "\n", "", "channels.command", "needs this input"),
     rig("no output", POSITION, "", "channels", "position, pressure_a, pressure_b"),
     rig("no time", TIME, "", "channels.time", "rate"),
@@ -269,14 +305,16 @@ RIG_CASES = (
     plant("plant: syntax", "def axis(s)\n", "axis", "model", "SyntaxError", "line 1"),
     plant("plant: import raises", "import math\nmath.sqrt(-1)", "axis", "model", "ValueError", "line 2"),
     plant("plant: exits", "raise SystemExit(3)", "axis", "model", "SystemExit"),
-    plant("plant: equations raise", "def axis(s):\n    return nothing", "axis", "model", "NameError",
-          "line 2"),
+    plant(
+        "plant: equations raise", "def axis(s):\n    return nothing", "axis", "model", "NameError", "line 2"
+    ),
     plant("plant: no rate", "def axis(s):\n    s.state('x', 'm', 1.0)", "axis", "model", "no rate for x"),
-)  # fmt: skip
+)
 
 RECORDING_CASES = (
-    recording("missing column", "steps.csv", text("\n".join(["t,u,xx", *lines()[1:]])), "position",
-              '"x"', '"xx"'),
+    recording(
+        "missing column", "steps.csv", text("\n".join(["t,u,xx", *lines()[1:]])), "position", '"x"', '"xx"'
+    ),
     row("text in numbers", 7, "0.0050,oops,0.3", 'column "u"', "line 7", '"oops"'),
     row("words in numbers", 6, "s,V,mm", 'column "u"', "line 6", '"V"'),
     row("two numbers in a cell", 9, "0.0070,1 2,0.3", 'column "u"', "line 9"),
@@ -297,9 +335,13 @@ RECORDING_CASES = (
     recording("comments only", "steps.csv", b"# a\n% b\n", "comments"),
     recording("header only", "steps.csv", b"t,u,x\n", "only a header"),
     recording("one row", "steps.csv", b"t,u,x\n0,1,2\n", "fewer than two"),
-    recording("channel without values", "steps.csv",
-              text("\n".join(["t,u,x", *(f"{k},1.0," for k in range(9))])), 'column "x"',
-                   "no row has a value"),
+    recording(
+        "channel without values",
+        "steps.csv",
+        text("\n".join(["t,u,x", *(f"{k},1.0," for k in range(9))])),
+        'column "x"',
+        "no row has a value",
+    ),
     recording("binary garbage", "steps.csv", bytes(range(256)) * 20, "not text"),
     recording("a spreadsheet", "steps.xlsx", b"PK\x03\x04" + bytes(100), "spreadsheet"),
     recording("a directory", "steps.csv", Path.mkdir, "directory"),
@@ -309,30 +351,58 @@ RECORDING_CASES = (
     recording("gzip of nothing", "steps.csv.gz", gzip.compress(b""), "empty"),
     recording("Parquet cut off", "steps.parquet", parquet(table())[:-100], "Parquet", "truncated"),
     recording("no Parquet at all", "steps.parquet", b"t,u,x\n0,1,2\n", "Parquet"),
-    recording("Parquet: missing column", "steps.parquet", parquet(table().rename(columns={"x": "pos_x"})),
-              "position", '"x"'),
-    recording("Parquet: text", "steps.parquet",
-              parquet(table().astype({"u": str}).replace({"u": {"0.0": "off"}})),
-              'column "u"', "row 1", '"off"'),
-    recording("Parquet: dates", "steps.parquet", parquet(table().assign(u=pd.date_range("2024", periods=60))),
-              'column "u"', "dates"),
-    recording("Parquet: time repeats", "steps.parquet", parquet(table().assign(t=0.5)), 'column "t"',
-              "row 2"),
+    recording(
+        "Parquet: missing column",
+        "steps.parquet",
+        parquet(table().rename(columns={"x": "pos_x"})),
+        "position",
+        '"x"',
+    ),
+    recording(
+        "Parquet: text",
+        "steps.parquet",
+        parquet(table().astype({"u": str}).replace({"u": {"0.0": "off"}})),
+        'column "u"',
+        "row 1",
+        '"off"',
+    ),
+    recording(
+        "Parquet: dates",
+        "steps.parquet",
+        parquet(table().assign(u=pd.date_range("2024", periods=60))),
+        'column "u"',
+        "dates",
+    ),
+    recording(
+        "Parquet: time repeats", "steps.parquet", parquet(table().assign(t=0.5)), 'column "t"', "row 2"
+    ),
     recording(".mat 4 cut off", "steps.mat", mat("4", **vectors())[:-200], ".mat", "truncated"),
     recording(".mat 5 cut off", "steps.mat", mat("5", **vectors())[:-200], ".mat", "truncated"),
     recording(".mat 7.3 cut off", "steps.mat", mat73(**vectors())[:-500], ".mat", "truncated"),
     recording(".mat of garbage", "steps.mat", bytes(range(256)) * 4, ".mat"),
     recording(".mat of scalars", "steps.mat", mat("5", a=np.array(3.0)), "no vector"),
-    recording(".mat: lengths differ", "steps.mat", mat("5", **{**vectors(), "x": np.arange(7.0)}),
-              "position", '"x"', "7 values", "60"),
-    recording(".mat: missing column", "steps.mat", mat73(t=vectors()["t"], U=vectors()["u"],
-              x=vectors()["x"]),
-              "command", '"u"'),
+    recording(
+        ".mat: lengths differ",
+        "steps.mat",
+        mat("5", **{**vectors(), "x": np.arange(7.0)}),
+        "position",
+        '"x"',
+        "7 values",
+        "60",
+    ),
+    recording(
+        ".mat: missing column",
+        "steps.mat",
+        mat73(t=vectors()["t"], U=vectors()["u"], x=vectors()["x"]),
+        "command",
+        '"u"',
+    ),
     recording(".mat: complex", "steps.mat", mat("5", **{**vectors(), "u": vectors()["u"] * 1j}), '"u"'),
     recording("TDMS cut off", "steps.tdms", tdms(table())[:-300], "TDMS"),
     recording("TDMS of garbage", "steps.tdms", bytes(range(256)) * 4, "TDMS"),
-    recording("TDMS: missing column", "steps.tdms", tdms(table().rename(columns={"u": "U1"})),
-              "command", '"u"'),
-)  # fmt: skip
+    recording(
+        "TDMS: missing column", "steps.tdms", tdms(table().rename(columns={"u": "U1"})), "command", '"u"'
+    ),
+)
 
 CASES = RIG_CASES + RECORDING_CASES

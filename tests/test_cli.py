@@ -126,17 +126,20 @@ def test_check_of_a_still_recording_fails(tmp_path):
 
 @pytest.mark.parametrize(
     ("error", "status", "fragment"),
-    [(SolveError("it diverged"), 1, "it diverged"), (ZeroDivisionError("a\nb"), 1, "bug in optid"),
-     (KeyboardInterrupt(), 1, "interrupted")],
+    [
+        (SolveError("it diverged"), 1, "it diverged"),
+        (ZeroDivisionError("a\nb"), 1, "bug in optid"),
+        (KeyboardInterrupt(), 1, "interrupted"),
+    ],
     ids=["job", "bug", "interrupt"],
-)  # fmt: skip
+)
 def test_failing_job_leaves_nothing(error, status, fragment, tmp_path, monkeypatch):
-    import optid.estimation.prediction
+    import optid.api.simulating
 
     def fail(*_):
         raise error
 
-    monkeypatch.setattr(optid.estimation.prediction, "predict", fail)
+    monkeypatch.setattr(optid.api.simulating, "predict", fail)
     assert fragment in refused(run("simulate", BENCH, STEPS, "--out", tmp_path / "out"), status)
     assert list(tmp_path.iterdir()) == []
 
@@ -179,6 +182,7 @@ def test_simulate_writes_what_the_contract_says(simulated):
         "metrics.json",
         "report.html",
         "manifest.json",
+        "tables.npz",
     }
     table = pd.read_csv(out / "prediction.csv")
     assert list(table) == ["time", "position", "position_free_run", "position_window"]
@@ -199,8 +203,8 @@ def test_simulate_writes_what_the_contract_says(simulated):
 def test_report_stands_alone(simulated):
     page = (simulated[1] / "report.html").read_text()
     assert "does not know" in page
-    assert page.count("<svg") == 2
-    for outside in ("<script", "<link", 'src="http', "url(http", "@import"):
+    assert page.count('<div class="figure"') == 2
+    for outside in ("<script src", "<link", 'src="http', "url(http", "@import", "http:", "https:"):
         assert outside not in page
 
 
@@ -223,6 +227,7 @@ def test_fit_writes_what_the_contract_says(fitted):
         "rig.toml",
         "report.html",
         "manifest.json",
+        "tables.npz",
     }
     found = json.loads((out / "fit.json").read_text())
     assert found["schema"] == "optid.fit/1"
@@ -251,5 +256,5 @@ def test_fitted_rig_is_usable_as_input(fitted):
 
 def test_fit_reports_what_it_does_not_know(fitted):
     page = (fitted[1] / "report.html").read_text()
-    for heading in ("What this fit does not know", "Certificate", "Parameters", "held out"):
+    for heading in ("What this fit does not know", "Convergence", "Parameters", "held out", "optid diagnose"):
         assert heading in page

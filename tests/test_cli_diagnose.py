@@ -32,13 +32,21 @@ def bench(tmp_path_factory):
 @pytest.fixture(scope="module")
 def answered(bench):
     out = bench / "out"
-    done = optid("diagnose", bench / "trolley.toml", bench / "one.csv", bench / "two.csv",
-                 "--holdout", bench / "held.csv", "--out", out)  # fmt: skip
+    done = optid(
+        "diagnose",
+        bench / "trolley.toml",
+        bench / "one.csv",
+        bench / "two.csv",
+        "--holdout",
+        bench / "held.csv",
+        "--out",
+        out,
+    )
     assert done.returncode == 0, done.stderr
     return out, done.stdout
 
 
-def test_it_writes_the_three_files_and_says_the_answer(answered):
+def test_it_writes_its_files_and_says_the_answer(answered):
     out, said = answered
     assert sorted(path.name for path in out.iterdir()) == [
         "diagnosis.json",
@@ -46,6 +54,7 @@ def test_it_writes_the_three_files_and_says_the_answer(answered):
         "plant.py",
         "report.html",
         "rig.toml",
+        "tables.npz",
     ]
     document = json.loads((out / "diagnosis.json").read_text())
     assert document["schema"] == "optid.diagnosis/1"

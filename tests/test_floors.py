@@ -9,16 +9,31 @@ PACKAGE = Path(__file__).resolve().parents[1] / "optid"
 FLOORS = {
     "errors": 0,
     "core": 1,
-    "rigs": 2, "effects": 2,
-    "estimation": 3, "armax": 3, "pid": 3, "quality": 3,
-    "diagnosis": 4, "tuning": 4, "live": 4, "experiments": 4,
-    "report": 5, "plot": 5,
-    "cli": 6,
-}  # fmt: skip
+    "rigs": 2,
+    "effects": 2,
+    "estimation": 3,
+    "armax": 3,
+    "pid": 3,
+    "quality": 3,
+    "diagnosis": 4,
+    "tuning": 4,
+    "live": 4,
+    "experiments": 4,
+    "results": 5,
+    "report": 6,
+    "api": 7,
+    "datasets": 7,
+    "laws": 7,
+    "cli": 8,
+}
 NEIGHBOURS = {
-    ("estimation", "quality"), ("rigs", "effects"), ("live", "tuning"),
-    ("experiments", "tuning"), ("experiments", "live"),
-}  # fmt: skip
+    ("estimation", "quality"),
+    ("rigs", "effects"),
+    ("live", "tuning"),
+    ("experiments", "tuning"),
+    ("experiments", "live"),
+}
+READS_FRAMES = ("readers.memory", "readers.mapping", "readers.repair")
 FILES = sorted(path for path in PACKAGE.rglob("*.py") if path != PACKAGE / "__init__.py")
 
 
@@ -48,6 +63,33 @@ def test_imports_point_down(path):
         other = name.split(".")[1]
         below = FLOORS[other] < FLOORS[own]
         assert other == own or below or (own, other) in NEIGHBOURS, f"{own} imports {name}"
+
+
+def at_run_time(path):
+    """Modules of the package that a file imports when it runs, at its head or later."""
+    places = [ast.parse(path.read_text(encoding="utf-8"))]
+    while places:
+        node = places.pop()
+        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test):
+            continue
+        places += ast.iter_child_nodes(node)
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module is not None:
+            yield from (node.module, *(f"{node.module}.{alias.name}" for alias in node.names))
+
+
+def test_no_imports_go_in_a_ring():
+    modules = {".".join(path.relative_to(PACKAGE.parent).with_suffix("").parts): path for path in FILES}
+    needs = {name: {one for one in at_run_time(path) if one in modules} for name, path in modules.items()}
+    while done := [name for name, others in needs.items() if not others & needs.keys()]:
+        for name in done:
+            del needs[name]
+    while top := [name for name in needs if not any(name in others for others in needs.values())]:
+        for name in top:
+            del needs[name]
+    # `Recording.from_frame` reads as files are read.
+    assert set(needs) <= {f"optid.core.{name}" for name in ("recording", *READS_FRAMES)}
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.relative_to(PACKAGE).as_posix())

@@ -51,25 +51,26 @@ def sound(tmp_path):
 @pytest.fixture
 def quick(monkeypatch):
     """A simulation that takes no time."""
-    import optid.estimation.prediction
-    import optid.report.page
-    import optid.report.scores
+    import pandas as pd
 
-    class Nothing:
-        horizon, begins, notes = 0.5, (), ()
+    import optid.api.simulating
+    from optid.api.inputs import given, rig_of
+    from optid.results.simulation import SimulationResult
 
-        @property
-        def frame(self):
-            return self
-
-        def to_csv(self, path, index):
-            path.write_text("time\n")
-
-    monkeypatch.setattr(optid.estimation.prediction, "predict", lambda *_: Nothing())
-    monkeypatch.setattr(optid.report.page, "simulation_page", lambda *_: "<html>")
     score = {"fit_percent": 99.0, "rmse": 1e-5, "unit": "m"}
-    document = {"position": {"window": score, "free_run": score}}
-    monkeypatch.setattr(optid.report.scores, "metrics_document", lambda _: document)
+    document = {
+        "schema": SimulationResult.SCHEMA,
+        "position": {"window": score, "free_run": score},
+        "about": {"horizon": 0.5, "starts": [], "notes": []},
+    }
+    table = pd.DataFrame({"recording": ["run"], "time": [0.0]})
+    result = SimulationResult(document, {"prediction": table}, {"report.html": "<html>"})
+
+    def read_only(rig, recording, **_):
+        given(rig_of(rig), recording)
+        return result
+
+    monkeypatch.setattr(optid.api.simulating, "simulate", read_only)
 
 
 def one(place):
@@ -186,7 +187,7 @@ def test_what_a_killed_run_left_goes_with_the_next(sound, tmp_path, quick):
     (tmp_path / "out" / ".optid-new-abc" / "half.json").write_text("{")
     assert run("simulate", *sound, "--out", tmp_path / "out").exit_code == 0
     names = {path.name for path in (tmp_path / "out").iterdir()}
-    assert names == {"metrics.json", "prediction.csv", "report.html", MANIFEST}
+    assert names == {"metrics.json", "prediction.csv", "report.html", "tables.npz", MANIFEST}
 
 
 SLEEPER = """
@@ -240,7 +241,7 @@ def test_progress_as_json_is_lines_on_stderr(sound, tmp_path, quick):
 
 @pytest.mark.parametrize("how", ["option", "environment"])
 def test_threads_bound_the_cores_everywhere(sound, tmp_path, how, monkeypatch):
-    import optid.estimation.prediction
+    import optid.api.simulating
     from optid.core import threads
 
     seen = []
@@ -251,7 +252,7 @@ def test_threads_bound_the_cores_everywhere(sound, tmp_path, how, monkeypatch):
         )
         raise JobError("seen")
 
-    monkeypatch.setattr(optid.estimation.prediction, "predict", look)
+    monkeypatch.setattr(optid.api.simulating, "predict", look)
     options = ["--threads", "1"] if how == "option" else []
     if how == "environment":
         monkeypatch.setenv("OPTID_THREADS", "1")

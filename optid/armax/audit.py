@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from optid.armax.loop import Gains, Loop, close_loop
 from optid.armax.model import Armax, from_transfer_function
 from optid.armax.residuals import ResidualTests, residual_tests
+from optid.armax.words import Finding, findings
 from optid.core.model import Array
 
 Roots = NDArray[np.complex128]
@@ -56,15 +57,6 @@ class NoiseCancellation:
     def empty(self) -> bool:
         """Neither noise nor input has any use for the pole."""
         return self.share < EMPTY
-
-
-@dataclass(frozen=True)
-class Finding:
-    """One thing worth knowing: a fixed name, a grave one or not, and a sentence."""
-
-    name: str
-    grave: bool
-    text: str
 
 
 @dataclass(frozen=True)
@@ -289,8 +281,4 @@ def _reduced(model: Armax, pairs: Sequence[Cancellation], input: int) -> Armax:
 
 
 def _with_words(result: Audit) -> Audit:
-    from dataclasses import replace
-
-    from optid.armax.words import findings
-
     return replace(result, findings=findings(result))

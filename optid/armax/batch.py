@@ -136,9 +136,13 @@ def fit_batch(
     variance = loss * problem.count / max(problem.count - problem.orders.parameters, 1)
     square = frame.output**2
     return BatchFit(
-        frame.model(theta, variance * square, covariance), outcome, loss * square, problem.count,
-        tuple((name, value * square) for name, _, value, _ in ends), found,
-    )  # fmt: skip
+        frame.model(theta, variance * square, covariance),
+        outcome,
+        loss * square,
+        problem.count,
+        tuple((name, value * square) for name, _, value, _ in ends),
+        found,
+    )
 
 
 def informed(record: Signals, model: Armax, trend: Trend) -> tuple[Array, tuple[OpenDirection, ...]]:

@@ -128,13 +128,21 @@ def identifier_block(identifier: Identifier, name: str = "optid", constant: bool
     now = layout.HEADER + 3 * orders.inputs
     unscale = _unscaled(identifier)
     return _IDENTIFIER.format(
-        name=name, orders=orders, sample_time=literal(identifier.sample_time),
+        name=name,
+        orders=orders,
+        sample_time=literal(identifier.sample_time),
         functions=translate_st(KERNELS, f"{name}_", layout.shape(orders)._asdict(), state.size),
-        last=state.size - 1, last_input=max(orders.inputs - constant - 1, 0), last_parameter=orders.parameters - 1,
-        now=now, theta=layout.theta_at(orders), memory=_rows(state), memory_name=MEMORY, unscale=_numbers(unscale),
+        last=state.size - 1,
+        last_input=max(orders.inputs - constant - 1, 0),
+        last_parameter=orders.parameters - 1,
+        now=now,
+        theta=layout.theta_at(orders),
+        memory=_rows(state),
+        memory_name=MEMORY,
+        unscale=_numbers(unscale),
         constant=f"    {MEMORY}[{now + orders.inputs - 1}] := 1.0;\n" * constant,
         constant_said=", the last of b being the constant beside eq. 12" * constant,
-    )  # fmt: skip
+    )
 
 
 def model_block(model: Armax, name: str = "optid") -> str:
@@ -149,11 +157,20 @@ def model_block(model: Armax, name: str = "optid") -> str:
     taps = max(len(row) for row in rows)
     b = [x for row in rows for x in row + [0.0] * (taps - len(row))]
     return _MODEL.format(
-        name=name, text=str(model).replace("; ", "\n   "), sample_time=literal(model.sample_time),
-        na=len(model.a) - 1, nc=len(model.c) - 1, taps=taps, taps_back=taps - 1, last_tap=len(b) - 1,
-        last_input=max(len(model.b) - 1, 0), a=_numbers(model.a), c=_numbers(model.c), b=_numbers(b),
+        name=name,
+        text=str(model).replace("; ", "\n   "),
+        sample_time=literal(model.sample_time),
+        na=len(model.a) - 1,
+        nc=len(model.c) - 1,
+        taps=taps,
+        taps_back=taps - 1,
+        last_tap=len(b) - 1,
+        last_input=max(len(model.b) - 1, 0),
+        a=_numbers(model.a),
+        c=_numbers(model.c),
+        b=_numbers(b),
         constant=literal(model.constant),
-    )  # fmt: skip
+    )
 
 
 def _unscaled(identifier: Identifier) -> list[float]:

@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from optid.armax.audit import Finding, pole_errors, static_gain_error
+from optid.armax.audit import pole_errors, static_gain_error
 from optid.armax.model import Armax
 from optid.armax.offline import names
 from optid.armax.survey import Survey
-from optid.armax.words import TWO_SIDED
+from optid.armax.words import TWO_SIDED, Finding
 from optid.core.document import finite, known, read_document, whole
 from optid.errors import InputError
 

@@ -58,9 +58,11 @@ def measured_response(
     from scipy.signal import csd, detrend
 
     u = record.u[:, input]
-    columns = [record.y, u] if reference is None or not np.ptp(reference[np.isfinite(reference)]) else [
-        record.y, u, reference
-    ]  # fmt: skip
+    columns = (
+        [record.y, u]
+        if reference is None or not np.ptp(reference[np.isfinite(reference)])
+        else [record.y, u, reference]
+    )
     first, last = _longest_run(np.asarray(np.isfinite(np.column_stack(columns)).all(axis=1)))
     last = min(last, first + LARGEST)
     length = 1 << int(np.log2(max((last - first) // SEGMENTS, 1)))

@@ -180,6 +180,10 @@ def identify(
     own = np.r_[0 : orders.parameters - orders.nc, full.c_block]
     variance = identifier.noise_variance * frame.output**2
     return Identification(
-        frame.model(identifier.theta, variance, identifier.covariance), innovations * frame.output,
-        (track @ M.T + m)[:, own], every, identifier.counts, identifier.state,
-    )  # fmt: skip
+        frame.model(identifier.theta, variance, identifier.covariance),
+        innovations * frame.output,
+        (track @ M.T + m)[:, own],
+        every,
+        identifier.counts,
+        identifier.state,
+    )

@@ -249,9 +249,19 @@ def shape_of(s: Array) -> Shape:
     """What the header says."""
     places = (int(s[RESIDUALS]), int(s[RESIDUALS_FILTERED]), int(s[PAST_INPUTS]))
     return Shape(
-        int(s[NA]), int(s[NC]), int(s[PARAMETERS]), int(s[INPUTS]), int(s[STRIDE]), -1, -1,
-        int(s[OUTPUTS]), int(s[OUTPUTS_FILTERED]), places[0], places[1], places[2],
-    )  # fmt: skip
+        int(s[NA]),
+        int(s[NC]),
+        int(s[PARAMETERS]),
+        int(s[INPUTS]),
+        int(s[STRIDE]),
+        -1,
+        -1,
+        int(s[OUTPUTS]),
+        int(s[OUTPUTS_FILTERED]),
+        places[0],
+        places[1],
+        places[2],
+    )
 
 
 @inline_jit

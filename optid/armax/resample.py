@@ -48,10 +48,11 @@ def resample(recording: Recording, output: str, inputs: Sequence[str]) -> Sample
     for role in (output, *inputs):
         if role not in recording:
             raise InputError(
-                f'no channel "{role}"', where=recording.name,
+                f'no channel "{role}"',
+                where=recording.name,
                 expected=f"one of {', '.join(recording.channels)}",
                 hint=nearest(role, recording.channels),
-            )  # fmt: skip
+            )
     if output in inputs or len(set(inputs)) < len(inputs):
         raise InputError(f'"{output}" from {", ".join(inputs)}', expected="channels that differ")
     recording = at_samples_of(recording, output, inputs)
@@ -63,6 +64,11 @@ def resample(recording: Recording, output: str, inputs: Sequence[str]) -> Sample
     for i, role in enumerate(inputs):
         columns[at, 1 + i] = recording[role].recorded
     return Sampled(
-        time, Signals(columns[:, 0].copy(), columns[:, 1:].copy()), recording.interval, output, tuple(inputs),
-        recording[output].unit, tuple(recording[role].recorded_unit for role in inputs),
-    )  # fmt: skip
+        time,
+        Signals(columns[:, 0].copy(), columns[:, 1:].copy()),
+        recording.interval,
+        output,
+        tuple(inputs),
+        recording[output].unit,
+        tuple(recording[role].recorded_unit for role in inputs),
+    )

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from optid.armax.audit import Audit, Finding, audit
+from optid.armax.audit import Audit, audit
 from optid.armax.batch import SEARCHED, BatchFit, fit_batch, informed
 from optid.armax.forgetting import Constant, Forgetting
 from optid.armax.identifiability import EXCITED, OpenDirection, excitation, follows_output
@@ -25,7 +25,7 @@ from optid.armax.signals import Signals, signals
 from optid.armax.structure import Orders
 from optid.armax.table2 import Entry, Table2, last_value, table2
 from optid.armax.trend import Frame, Trend, find_trend
-from optid.armax.words import excitation_finding, feedback_finding, open_findings, trend_finding
+from optid.armax.words import Finding, excitation_finding, feedback_finding, open_findings, trend_finding
 from optid.core.model import Array
 from optid.errors import InputError
 
@@ -222,9 +222,17 @@ def survey(
     recommended, words = _recommended(plan.orders, table)
     tell(0.9, "Table 2")
     return Survey(
-        tuple(candidates), recommended, words, table, _table(record, plan, candidates, trend), plan.input, plan.output,
-        plan.input_unit, plan.estimator, trend,
-    )  # fmt: skip
+        tuple(candidates),
+        recommended,
+        words,
+        table,
+        _table(record, plan, candidates, trend),
+        plan.input,
+        plan.output,
+        plan.input_unit,
+        plan.estimator,
+        trend,
+    )
 
 
 def _structures(plan: Plan, record: Signals, middle: int, trend: Trend) -> list[Orders]:
@@ -252,9 +260,13 @@ def _candidate(
     alike = next((row.fit.model for row in table.rows if row.orders == orders), None)
     head = record.part(0, cut_of(record.y.size))
     batch = fit_batch(
-        [record], orders, sample_time, start=None if alike is None else alike.theta, trend=trend,
+        [record],
+        orders,
+        sample_time,
+        start=None if alike is None else alike.theta,
+        trend=trend,
         alone=alike is not None and record.y.size > SEARCHED,
-    )  # fmt: skip
+    )
     taught = _teach(record, orders, sample_time, plan, trend)
     e: Array = innovations(taught.model, record.y, record.u)
     with np.errstate(over="ignore"):

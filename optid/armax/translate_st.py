@@ -15,9 +15,20 @@ from optid.armax.translate import signatures
 from optid.errors import JobError
 
 _OPERATORS: dict[type[ast.AST], str] = {
-    ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Mod: "MOD", ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">",
-    ast.GtE: ">=", ast.Eq: "=", ast.NotEq: "<>", ast.And: "AND", ast.Or: "OR",
-}  # fmt: skip
+    ast.Add: "+",
+    ast.Sub: "-",
+    ast.Mult: "*",
+    ast.Div: "/",
+    ast.Mod: "MOD",
+    ast.Lt: "<",
+    ast.LtE: "<=",
+    ast.Gt: ">",
+    ast.GtE: ">=",
+    ast.Eq: "=",
+    ast.NotEq: "<>",
+    ast.And: "AND",
+    ast.Or: "OR",
+}
 _TYPES = {"Array": "DINT", "int": "DINT", "float": "LREAL", "bool": "BOOL"}
 MEMORY = "memory"
 
@@ -65,11 +76,24 @@ class _Function(_InC):
         local = [f"    {self.name(n)} : {_TYPES[self.types[n]]};" for n in held] + ["    ignored : LREAL;"]
         copied = [f"    {self.name(n)} := {self.name(n)}_in;" for n in inputs if n in assigned]
         comment = f" (* {docstring.splitlines()[0]} *)" if docstring else ""
-        return "\n".join([
-            f"FUNCTION {own} : LREAL{comment}",
-            "VAR_IN_OUT", f"    {MEMORY} : ARRAY[0..{size - 1}] OF LREAL;", "END_VAR",
-            "VAR_INPUT", *taken, "END_VAR", "VAR", *local, "END_VAR", *copied, *lines, "END_FUNCTION", "",
-        ])  # fmt: skip
+        return "\n".join(
+            [
+                f"FUNCTION {own} : LREAL{comment}",
+                "VAR_IN_OUT",
+                f"    {MEMORY} : ARRAY[0..{size - 1}] OF LREAL;",
+                "END_VAR",
+                "VAR_INPUT",
+                *taken,
+                "END_VAR",
+                "VAR",
+                *local,
+                "END_VAR",
+                *copied,
+                *lines,
+                "END_FUNCTION",
+                "",
+            ]
+        )
 
     def block(self, body: Sequence[ast.stmt], depth: int) -> list[str]:
         pad = "    " * depth

@@ -131,9 +131,14 @@ class Frame:
         trend = np.zeros(2)
         trend[: extra.size] = values[extra]
         return from_theta(
-            values[own], self.orders, self.sample_time, noise_variance, spread,
-            (trend[0], trend[1]), (errors[0], errors[1]),
-        )  # fmt: skip
+            values[own],
+            self.orders,
+            self.sample_time,
+            noise_variance,
+            spread,
+            (trend[0], trend[1]),
+            (errors[0], errors[1]),
+        )
 
 
 def spread_of(M: Array, covariance: Array) -> Array:

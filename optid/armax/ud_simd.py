@@ -98,9 +98,13 @@ def part(typing, s, at):
         whole, view = make_array(_ARRAY)(context, builder, values[0]), make_array(_ARRAY)(context, builder)
         length = builder.sub(builder.extract_value(whole.shape, 0), values[1])
         populate_array(
-            view, data=builder.gep(whole.data, [values[1]]), shape=cgutils.pack_array(builder, [length]),
-            strides=cgutils.pack_array(builder, [size]), itemsize=size, meminfo=None,
-        )  # fmt: skip
+            view,
+            data=builder.gep(whole.data, [values[1]]),
+            shape=cgutils.pack_array(builder, [length]),
+            strides=cgutils.pack_array(builder, [size]),
+            itemsize=size,
+            meminfo=None,
+        )
         return view._getvalue()
 
     return _ARRAY(_ARRAY, types.int64), generate

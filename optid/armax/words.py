@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from optid.armax.loop import Loop
 from optid.armax.residuals import ResidualTests
 
 if TYPE_CHECKING:
-    from optid.armax.audit import Audit, Finding
+    from optid.armax.audit import Audit
     from optid.armax.identifiability import OpenDirection
     from optid.armax.model import Armax
 
@@ -19,6 +20,15 @@ TWO_SIDED = 1.96
 NEAR_ONE = 0.01  # a pole so near to 1 that is cancelled describes an offset or a drift
 SURE = 3.0  # standard errors within which a pole may be an integrator's
 SLOW = 1e-3  # a pole so little outside 1 needs a thousand samples to grow by e
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing worth knowing: a fixed name, a grave one or not, and a sentence."""
+
+    name: str
+    grave: bool
+    text: str
 
 
 def findings(audit: Audit) -> tuple[Finding, ...]:
@@ -33,12 +43,11 @@ def findings(audit: Audit) -> tuple[Finding, ...]:
 
 def number(root: complex) -> str:
     """A root as people write it."""
-    return f"{root.real:.4f}±{root.imag:.4f}i" if root.imag else f"{root.real:.4f}"
+    real = round(root.real, 4) + 0.0  # no minus zero
+    return f"{real:.4f}±{root.imag:.4f}i" if root.imag else f"{real:.4f}"
 
 
 def _finding(name: str, grave: bool, text: str) -> Finding:
-    from optid.armax.audit import Finding
-
     return Finding(name, grave, text)
 
 

@@ -15,6 +15,7 @@ import click
 
 from optid.cli.check import check
 from optid.cli.diagnose import diagnose
+from optid.cli.example import example
 from optid.cli.fit import fit
 from optid.cli.identify import identify
 from optid.cli.live import live
@@ -25,7 +26,7 @@ from optid.cli.simulate import simulate
 from optid.cli.tune import tune
 from optid.errors import InputError, JobError, one_line
 
-HELP = """From recordings of a servo-pneumatic axis to a model you can trust.
+HELP = """From recordings of a servo axis to a model. To begin: optid example DIR
 
 \b
   optid check bench.toml run1.csv
@@ -45,11 +46,9 @@ HELP = """From recordings of a servo-pneumatic axis to a model you can trust.
   optid tune out/armax/armax.json --rig out/fit/rig.toml --out out/tune
       PID gains by direct ITAE optimisation under the actuator's limits.
 
-A rig file (TOML) names the plant, its parameters with units, what a fit may move, and which column is what.
-Recordings are CSV, Parquet, .mat or TDMS.
+A rig file (TOML) names plant, parameters and columns. Recordings are CSV, Parquet, .mat or TDMS.
 
-Exit status: 0 done, 1 the job failed (and why), 2 the call or an input file is wrong (which, where, and what
-was expected).
+Exit status: 0 done, 1 the job failed, 2 the call or a file is wrong.
 """
 
 
@@ -111,7 +110,7 @@ def cli(context: click.Context) -> None:
         click.echo(context.get_help())
 
 
-for command in (check, simulate, fit, diagnose, plan, live, identify, tune):
+for command in (example, check, simulate, fit, diagnose, plan, live, identify, tune):
     cli.add_command(everywhere(command))
 
 

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import math
 import shlex
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from optid.cli.common import RATE, deliver, read_all, results_folder, say_remarks, waiting, write_json
+from optid.cli.common import RATE, deliver, read_all, results_folder, say_remarks, waiting
 
 if TYPE_CHECKING:
     from optid.core.recording import Recording
@@ -43,24 +41,14 @@ def check(context: click.Context, rig: str, recordings: tuple[str, ...], out: st
     idle = told["without_influence"] if told else []
     found = verdict(read, idle, [p.name for p in understood.freed], shlex.join([rig, *recordings]))
     if folder is not None:
-        _write(folder, understood, read, found, told)
-        click.echo(f"written to {out}: check.json, report.html")
+        from optid.api.checking import result_of
+
+        result = result_of(understood, read, found, told)
+        deliver(folder, result.write)
+        click.echo(f"written to {out}: {', '.join(result.written)}")
     click.echo(found.sentence)
     if grave or idle:
         context.exit(1)
-
-
-def _write(folder: Path, rig: Rig, read: Any, found: Any, told: dict[str, Any] | None) -> None:
-    from optid.report.check_page import check_document, check_page
-
-    document = check_document(rig, read, found, told)
-    page = check_page(rig, read, found, told)
-
-    def write(place: Path) -> None:
-        write_json(place / "check.json", document)
-        (place / "report.html").write_text(page, encoding="utf-8")
-
-    deliver(folder, write)
 
 
 def _say_lags(rig: Rig, recording: Recording) -> None:
@@ -78,27 +66,16 @@ def _say_lags(rig: Rig, recording: Recording) -> None:
 
 def _identifiability(rig: Rig, recordings: list[Recording]) -> dict[str, Any]:
     """What the data tell of the parameters to fit, said and as a document."""
-    from optid.estimation.identifiability import identifiability
+    from optid.api.checking import what_they_tell
 
     with waiting("examining what the data can tell"):
-        ties = identifiability(rig, recordings)
-    freed = {parameter.name for parameter in rig.freed}
-    idle = [name for name in ties.idle if name in freed]
-    free = len(ties.mute)
-    sd, leader = ties.weakest
-    sentences = list(ties.sentences) or [
-        f"each has an effect of its own; the weakest direction is {leader}, known to {sd:.1%}"
-    ]
+        told = what_they_tell(rig, recordings)
+    free, condition = told["parameters"], told["condition"]
+    size = "inf" if condition is None else f"{condition:.2g}"
     click.echo(f"what these data tell of {free} parameters, at the rig file's values and before any fit:")
-    click.echo(f"  rank {ties.rank} of {free}, condition number of the sensitivities {ties.condition:.2g}")
-    if idle:
-        click.echo(f"  without influence: {', '.join(idle)}; a fit would be refused")
-    for sentence in sentences:
+    click.echo(f"  rank {told['rank']} of {free}, condition number of the sensitivities {size}")
+    if told["without_influence"]:
+        click.echo(f"  without influence: {', '.join(told['without_influence'])}; a fit would be refused")
+    for sentence in told["sentences"]:
         click.echo(f"  {sentence}")
-    return {
-        "parameters": free,
-        "rank": int(ties.rank),
-        "condition": float(ties.condition) if math.isfinite(ties.condition) else None,
-        "without_influence": idle,
-        "sentences": sentences,
-    }
+    return told

@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from optid.cli.progress import progress, waiting
-from optid.cli.results import OUT, checkpoint, deliver, results_folder, write_json
+from optid.cli.results import OUT, checkpoint, deliver, placed, results_folder, write_json
 from optid.errors import InputError, NotIdentifiable
 
 if TYPE_CHECKING:
+    from optid.api.inputs import Given
     from optid.core.recording import Recording
     from optid.quality.remark import Remark
     from optid.rigs.rigfile import Rig
@@ -22,7 +23,9 @@ __all__ = [
     "Read",
     "checkpoint",
     "deliver",
+    "placed",
     "progress",
+    "rate_asked",
     "read_all",
     "refuse_unfit",
     "results_folder",
@@ -41,9 +44,13 @@ def _keep_rate(context: click.Context, option: click.Parameter, value: float | N
 
 
 RATE = click.option(
-    "--rate", type=click.FloatRange(min=0, min_open=True), metavar="HZ", callback=_keep_rate, expose_value=False,
+    "--rate",
+    type=click.FloatRange(min=0, min_open=True),
+    metavar="HZ",
+    callback=_keep_rate,
+    expose_value=False,
     help="Bring faster recordings down to it; by default what the fastest pole that shows asks for.",
-)  # fmt: skip
+)
 
 Read = list[tuple["Recording", tuple["Remark", ...]]]
 
@@ -53,29 +60,24 @@ def read_all(rig: str, recordings: Sequence[str], holdout: Sequence[str] = ()) -
 
     Remarks are on what the files hold; recordings faster than the axis needs are then brought down, and that is said.
     """
-    from optid.core.readers import read_recording
-    from optid.core.recording import Experiments
-    from optid.quality.quality import quality
-    from optid.rigs.rigfile import read_rig
+    from optid.api.inputs import given, rig_of
 
-    understood = read_rig(rig)
-    every = Experiments.of(read_recording(path, understood) for path in (*recordings, *holdout))
-    remarked = [
-        (_brought_down(understood, recording), quality(recording, understood.model, understood.parameters))
-        for recording in every
-    ]
-    return understood, remarked[: len(recordings)], remarked[len(recordings) :]
+    understood = rig_of(rig)
+    first, held = given(understood, recordings, holdout, rate_asked())
+    return understood, _pairs(first), _pairs(held)
 
 
-def _brought_down(rig: Rig, recording: Recording) -> Recording:
-    """A recording at the rate asked for, or at the one its fastest pole needs."""
-    from optid.core.thinning import brought_down
+def _pairs(data: Sequence[Given]) -> Read:
+    return [(one.recording, one.remarks) for one in data]
 
+
+def rate_asked() -> float | None:
+    """The rate that the call asks recordings to be brought down to, Hz."""
     context = click.get_current_context(silent=True)
-    asked = None if context is None else context.meta.get(_RATE)
+    asked: float | None = None if context is None else context.meta.get(_RATE)
     if asked is not None and not math.isfinite(asked):
         raise InputError("not finite", where="--rate", expected="samples a second")
-    return brought_down(rig.model, rig.parameters, recording, asked)
+    return asked
 
 
 def refuse_unfit(read: Read) -> None:

@@ -12,13 +12,11 @@ from optid.cli.common import (
     RATE,
     checkpoint,
     deliver,
+    placed,
     progress,
-    read_all,
-    refuse_unfit,
+    rate_asked,
     results_folder,
-    say_table,
     waiting,
-    write_json,
 )
 
 TIME_LIMIT = 800.0  # s: where much is missing, the second of two effects was found after 650 of a core
@@ -65,37 +63,23 @@ def diagnose(
 ) -> None:
     """Say what physics the rig's model leaves out, and prove it on recordings held out."""
     folder = results_folder(out, keeps=Path(rig))
-    understood, train, held_out = read_all(rig, recordings, holdout)
-    refuse_unfit([*train, *held_out])
 
-    import numpy as np
+    from optid.api.diagnosing import diagnose as run
 
-    from optid.core.budget import Budget
-    from optid.diagnosis.pipeline import diagnose as ask
-    from optid.effects.library import from_file
-    from optid.report.diagnosis_document import diagnosis_document
-    from optid.report.diagnosis_page import diagnosis_page
-    from optid.report.scores import score_rows
-    from optid.rigs.rigfile import write_rig
-
-    own = [effect for file in effects for effect in from_file(Path(file))]
     with progress("diagnosing") as show:
-        found = ask(
-            understood, [r for r, _ in train], [r for r, _ in held_out], own=own,
-            generator=np.random.default_rng(seed), progress=show, budget=Budget(time_limit, deadline),
+        result = run(
+            rig,
+            recordings,
+            holdout,
+            effects=effects,
+            seed=seed,
+            time_limit=time_limit,
+            deadline=deadline,
+            rate=rate_asked(),
+            progress=show,
             checkpoint=checkpoint(folder, resume),
-        )  # fmt: skip
+        )
     with waiting("writing the report"):
-        page, document = diagnosis_page(found), diagnosis_document(found)
-
-    def write(place: Path) -> None:
-        write_json(place / "diagnosis.json", document)
-        values = {p.name: p.value for p in found.best_parameters}
-        write_rig(found.best.rig, place / "rig.toml", values)
-        (place / "report.html").write_text(page, encoding="utf-8")
-
-    deliver(folder, write)
-    click.echo(f"{found.verdict.value}: {found.summary}")
-    for title, part in (("held out, before", "baseline"), ("held out, after", "improved")):
-        say_table((title, "fit", "rmse"), score_rows(document[part]["holdout"]))
-    click.echo(f"written to {out}: diagnosis.json, rig.toml, report.html")
+        deliver(folder, placed(result, out).write)
+    click.echo(result.summary())
+    click.echo(f"written to {out}: {', '.join(result.written)}")

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from optid.cli.common import OUT, RATE, deliver, progress, read_all, results_folder, say_table
-from optid.errors import NotIdentifiable
 
 if TYPE_CHECKING:
     from optid.armax.forgetting import Forgetting
@@ -19,8 +18,6 @@ if TYPE_CHECKING:
     from optid.armax.loop import Gains
     from optid.armax.resample import Sampled
     from optid.armax.survey import Plan, Survey
-    from optid.core.recording import Recording
-    from optid.rigs.rigfile import Rig
 
 MODEL_C, IDENTIFIER_C = "armax_model.h", "armax_identifier.h"
 TOLD = (
@@ -136,10 +133,13 @@ def _gains(context: click.Context, option: click.Parameter, value: str | None) -
     "--delay", callback=_whole(0), metavar="NK[,NK]", help="Samples, for each input; chosen if absent."
 )
 @click.option(
-    "--method", type=click.Choice(["pem", "rml", "rls"]), default="pem", show_default=True,
+    "--method",
+    type=click.Choice(["pem", "rml", "rls"]),
+    default="pem",
+    show_default=True,
     help="Who makes the models and the table: offline prediction errors, recursive maximum likelihood, the paper's "
     "recursive least squares.",
-)  # fmt: skip
+)
 @click.option(
     "--forgetting",
     callback=_forgetting,
@@ -147,9 +147,12 @@ def _gains(context: click.Context, option: click.Parameter, value: str | None) -
     help="Of the recursion: 0.998, directional:0.99, variable:500.",
 )
 @click.option(
-    "--trend", type=click.Choice(["auto", "none", "constant", "linear"]), default="auto", show_default=True,
+    "--trend",
+    type=click.Choice(["auto", "none", "constant", "linear"]),
+    default="auto",
+    show_default=True,
     help="What stands beside eq. 12; auto: a constant, and a slope where the recording shows one.",
-)  # fmt: skip
+)
 @click.option(
     "--input", "inputs", multiple=True, metavar="ROLE", help="The plant's by default; may be repeated."
 )
@@ -160,26 +163,36 @@ def _gains(context: click.Context, option: click.Parameter, value: str | None) -
 @RATE
 @OUT
 def identify(
-    recording: str, rig: str, out: str, inputs: tuple[str, ...], output: str | None, export_c: bool, export_st: bool,
+    recording: str,
+    rig: str,
+    out: str,
+    inputs: tuple[str, ...],
+    output: str | None,
+    export_c: bool,
+    export_st: bool,
     **asked: Any,
-) -> None:  # fmt: skip
+) -> None:
     """Identify ARMAX models, audit them, and tabulate their predictions as the paper's Table 2."""
     folder = results_folder(out)
     understood, [(read, remarks)], _ = read_all(rig, (recording,))
 
+    from optid.api.identifying import sampled_of
     from optid.armax.files import from_survey, to_json
     from optid.armax.survey import survey
     from optid.report.armax_page import Source, armax_page
 
-    sampled = _sampled(understood, read, inputs, output)
+    sampled = sampled_of(understood, read, inputs, output)
     plan = replace(
-        _plan(**asked), unit=sampled.output_unit, output=sampled.output, input=", ".join(sampled.inputs),
+        _plan(**asked),
+        unit=sampled.output_unit,
+        output=sampled.output,
+        input=", ".join(sampled.inputs),
         input_unit=", ".join(sampled.input_units),
-    )  # fmt: skip
+    )
     with progress("identifying") as tell:
         found = survey(sampled.signals.y, sampled.signals.u, sampled.sample_time, plan, tell)
         tell(0.95, "report")
-        page = armax_page(found, sampled, Source(understood, read, remarks))
+        page = armax_page(found, sampled, Source(understood, read, remarks), out)
     files = {"armax.json": to_json(from_survey(found)), "table2.csv": found.table2.csv(), "report.html": page}
     if export_c:
         files |= _headers(found, sampled)
@@ -196,9 +209,18 @@ def identify(
 
 
 def _plan(
-    *, orders: tuple[int, ...], steps: tuple[int, ...], na: int | None, nb: tuple[int, ...] | None, nc: int | None,
-    delay: tuple[int, ...] | None, method: str, forgetting: Forgetting | None, trend: str, gains: Gains | None,
-) -> Plan:  # fmt: skip
+    *,
+    orders: tuple[int, ...],
+    steps: tuple[int, ...],
+    na: int | None,
+    nb: tuple[int, ...] | None,
+    nc: int | None,
+    delay: tuple[int, ...] | None,
+    method: str,
+    forgetting: Forgetting | None,
+    trend: str,
+    gains: Gains | None,
+) -> Plan:
     """The survey's plan from the options."""
     from optid.armax.survey import Estimator, Plan
     from optid.armax.trend import Trend
@@ -207,35 +229,17 @@ def _plan(
         return numbers[0] if numbers is not None and len(numbers) == 1 else numbers
 
     plan = Plan(
-        orders=orders if na is None else (na,), steps=steps, delay=one(delay), nb=one(nb), nc=nc, exact=na is not None,
-        gains=gains, estimator=Estimator[method.upper()], trend=None if trend == "auto" else Trend[trend.upper()],
-    )  # fmt: skip
-    return plan if forgetting is None else replace(plan, forgetting=forgetting)
-
-
-def _sampled(rig: Rig, recording: Recording, inputs: tuple[str, ...], output: str | None) -> Sampled:
-    """The channels to identify between, on an even grid, once they hold anything to learn from."""
-    import numpy as np
-
-    from optid.armax.resample import resample
-
-    outputs = [port.role for port in rig.model.outputs if port.role in recording]
-    sampled = resample(
-        recording, output or outputs[0], inputs or tuple(port.role for port in rig.model.recorded)
+        orders=orders if na is None else (na,),
+        steps=steps,
+        delay=one(delay),
+        nb=one(nb),
+        nc=nc,
+        exact=na is not None,
+        gains=gains,
+        estimator=Estimator[method.upper()],
+        trend=None if trend == "auto" else Trend[trend.upper()],
     )
-    columns = np.column_stack([sampled.signals.y, sampled.signals.u])
-    still = [
-        role
-        for role, column in zip((sampled.output, *sampled.inputs), columns.T, strict=True)
-        if not np.isfinite(column).any() or np.ptp(column[np.isfinite(column)]) == 0.0
-    ]
-    for role in still:
-        # One of several inputs that stands still is said in the audit; with nothing that moves there is no model.
-        if role == sampled.output or len(still) == len(sampled.inputs):
-            raise NotIdentifiable(
-                f"{recording.name}: {role} never changes: it teaches nothing (nothing was written)"
-            )
-    return sampled
+    return plan if forgetting is None else replace(plan, forgetting=forgetting)
 
 
 def _headers(found: Survey, sampled: Sampled) -> dict[str, str]:
@@ -277,15 +281,27 @@ def _say(found: Survey) -> None:
     rows = []
     for row in found.table2.errors(IN_SAMPLE):
         other = held.get(_key(row), {})
-        rows.append((
-            str(row["order"]) if row["order"] else "-", str(row["steps"]), str(row["predictor"]),
-            *(_cell(one, column) for column in ("mean_square_error", "sd") for one in (row, other)),
-            _cell(row, "lag"), _cell(row, "expected_sd"),
-        ))  # fmt: skip
+        rows.append(
+            (
+                str(row["order"]) if row["order"] else "-",
+                str(row["steps"]),
+                str(row["predictor"]),
+                *(_cell(one, column) for column in ("mean_square_error", "sd") for one in (row, other)),
+                _cell(row, "lag"),
+                _cell(row, "expected_sd"),
+            )
+        )
     head = (
-        "order", "steps", "predictor", f"mean square error ({unit}²)", "held out", f"sd ({unit})", "held out", "lag",
+        "order",
+        "steps",
+        "predictor",
+        f"mean square error ({unit}²)",
+        "held out",
+        f"sd ({unit})",
+        "held out",
+        "lag",
         "expected sd",
-    )  # fmt: skip
+    )
     say_table(head, rows)
     for candidate in found.candidates:
         grave = [finding.text for finding in candidate.audit.findings if finding.grave]

@@ -28,8 +28,13 @@ POSITIVE = click.FloatRange(min=0, min_open=True)
 
 @click.command()
 @click.argument("rig")
-@click.option("--driver", default="simulated", metavar="NAME", show_default=True,
-              help="simulated, replay, nidaqmx, opcua, or path/to/file.py:function.")  # fmt: skip
+@click.option(
+    "--driver",
+    default="simulated",
+    metavar="NAME",
+    show_default=True,
+    help="simulated, replay, nidaqmx, opcua, or path/to/file.py:function.",
+)
 @OUT
 @click.option("--seconds", type=POSITIVE, metavar="S", help="Until it is stopped where absent.")
 @click.option("--rate", type=POSITIVE, metavar="HZ", help="Samples a second; the rig file's where absent.")
@@ -72,7 +77,7 @@ def live(rig: str, driver: str, out: str, **choices: Any) -> None:
     finally:
         session.close()
     document, model = live_document(session), identified(session)
-    page = _report(session, document)
+    page = _report(session, document, f"optid diagnose {rig} {out}/{LOG} --holdout OTHER --out out/diagnosis")
 
     def write(place: Path) -> None:
         write_json(place / "live.json", document)
@@ -113,9 +118,17 @@ def _plan(rig: Path, driver: str, folder: Path, choices: dict[str, Any]) -> Plan
     gains, pid = read_gains(choices["gains"], settings) if choices["gains"] else (gentle(limits), None)
     recording = Path(choices["recording"]) if choices["recording"] else None
     return Plan(
-        rig, driver, folder, reference, Choices(gains, choices["order"], choices["dither"], choices["seed"], pid),
-        choices["seconds"], choices["rate"], choices["fast"], recording, choices["seed"],
-    )  # fmt: skip
+        rig,
+        driver,
+        folder,
+        reference,
+        Choices(gains, choices["order"], choices["dither"], choices["seed"], pid),
+        choices["seconds"],
+        choices["rate"],
+        choices["fast"],
+        recording,
+        choices["seed"],
+    )
 
 
 def _way_in(choices: dict[str, Any]) -> tuple[Door, socket.socket]:
@@ -201,7 +214,7 @@ def _pilot(session: Session, tune_after: float | None) -> Callable[[], None]:
     return look
 
 
-def _report(session: Session, document: dict[str, Any]) -> str:
+def _report(session: Session, document: dict[str, Any], following: str) -> str:
     """The page on the last minute and its last step."""
     from optid.live.log import LOG
     from optid.live.results import last_stretch
@@ -214,12 +227,14 @@ def _report(session: Session, document: dict[str, Any]) -> str:
         shown.append((f"From {minute.time[0]:.0f} to {minute.time[-1]:.0f} s", minute))
         if minute.last_step is not None:
             shown.append((f"The step at {minute.last_step:.2f} s", minute.around(minute.last_step)))
-    return live_page(document, f"{session.rig_name}: live", shown, session.tuning.review)
+    return live_page(document, f"{session.rig_name}: live", shown, session.tuning.review, following)
 
 
 def _say(document: dict[str, Any]) -> None:
-    click.echo(f"{document['samples']} samples, {document['missed']} deadlines missed, "
-               f"{document['held_back']} commands held back by a limit")  # fmt: skip
+    click.echo(
+        f"{document['samples']} samples, {document['missed']} deadlines missed, "
+        f"{document['held_back']} commands held back by a limit"
+    )
     rows = [
         (name, *(f"{timing[f'{column}_us']:.0f}" for column in ("mean", "p50", "p99", "max")))
         for name, timing in document["timing"].items()

@@ -5,18 +5,12 @@ from __future__ import annotations
 import math
 import shlex
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
-from optid.cli.common import OUT, deliver, progress, results_folder, say_table, write_json
+from optid.cli.common import OUT, deliver, placed, progress, results_folder
 from optid.errors import InputError
-
-if TYPE_CHECKING:
-    from optid.effects.effect import Effect
-    from optid.experiments.files import Planned
-    from optid.experiments.loop import Loop
-    from optid.rigs.rigfile import Rig
 
 POSITIVE = click.FloatRange(min=0, min_open=True)
 
@@ -40,37 +34,31 @@ POSITIVE = click.FloatRange(min=0, min_open=True)
 def plan(rig: str, out: str, **choices: Any) -> None:
     """Write the experiment that tells rival effects apart best: a reference within stroke and limits."""
     folder = results_folder(out)
-
-    import numpy as np
-
-    from optid.experiments.design import design
-    from optid.experiments.files import Planned, document, table
-    from optid.report.plan_page import plan_page
-    from optid.rigs.rigfile import read_rig
-
     for name in ("seconds", "rate"):
         if choices[name] is not None and not math.isfinite(choices[name]):
             raise InputError("not finite", where=f"--{name}", expected="a number")
-    understood = read_rig(rig)
-    loop, rivals = _loop(understood, choices), _rivals(understood, choices)
+    wanted = _rivals(choices)
+
+    from optid.api.planning import plan as run
+
     with progress("planning") as show:
-        found = design(loop, rivals, choices["seconds"], np.random.default_rng(choices["seed"]), show)
-    planned = Planned(loop, found, choices["seed"])
-    files = {"experiment.csv": table(planned), "report.html": plan_page(planned)}
-    content = document(planned)
+        result = run(
+            rig,
+            wanted,
+            seconds=choices["seconds"],
+            rate=choices["rate"],
+            gains=choices["gains"],
+            effects=choices["effects"],
+            seed=choices["seed"],
+            progress=show,
+        )
+    deliver(folder, placed(result, out).write)
+    click.echo(result.summary())
+    click.echo(f"written to {out}: {', '.join(result.written)}")
+    click.echo(f"run it: {_call(rig, Path(out), result.document['seconds'], choices)}")
 
-    def write(place: Path) -> None:
-        write_json(place / "plan.json", content)
-        for name, text in files.items():
-            (place / name).write_text(text, encoding="utf-8")
 
-    deliver(folder, write)
-    _say(planned)
-    click.echo(f"written to {out}: experiment.csv, plan.json, report.html")
-    click.echo(f"run it: {_call(rig, Path(out), planned, choices)}")
-
-
-def _call(rig: str, out: Path, planned: Planned, choices: dict[str, Any]) -> str:
+def _call(rig: str, out: Path, seconds: float, choices: dict[str, Any]) -> str:
     """The session that follows the plan."""
     call = [
         "optid",
@@ -79,7 +67,7 @@ def _call(rig: str, out: Path, planned: Planned, choices: dict[str, Any]) -> str
         "--reference",
         str(out / "experiment.csv"),
         "--seconds",
-        f"{planned.seconds:g}",
+        f"{seconds:g}",
     ]
     for name in ("rate", "gains"):
         if choices[name] is not None:
@@ -87,48 +75,9 @@ def _call(rig: str, out: Path, planned: Planned, choices: dict[str, Any]) -> str
     return shlex.join([*call, "--out", str(out / "run")])
 
 
-def _loop(rig: Rig, choices: dict[str, Any]) -> Loop:
-    from optid.experiments.loop import Loop, refuse_endless, refuse_unfit
-    from optid.live.gains import controller_settings, gentle, read_gains
-    from optid.live.settings import live_settings
-
-    refuse_unfit(rig)
-    settings = live_settings(rig, choices["rate"])
-    refuse_endless(rig, settings)
-    gains, pid = (
-        read_gains(choices["gains"], settings) if choices["gains"] else (gentle(settings.limits), None)
-    )
-    return Loop(rig, settings, gains, controller_settings(settings, pid))
-
-
-def _rivals(rig: Rig, choices: dict[str, Any]) -> tuple[Effect, ...]:
-    from optid.effects.library import from_file
-    from optid.experiments.rivals import from_diagnosis, named
-
+def _rivals(choices: dict[str, Any]) -> str | Path:
+    """Names, or where a diagnosis lies."""
     if (choices["rivals"] is None) == (choices["diagnosis"] is None):
         found = "neither is given" if choices["rivals"] is None else "both are given"
         raise InputError(found, where="--rivals, --diagnosis", expected="one of them")
-    own = [effect for file in choices["effects"] for effect in from_file(Path(file))]
-    if choices["rivals"] is None:
-        return named(from_diagnosis(Path(choices["diagnosis"])), rig, own, "--diagnosis")
-    return named([name.strip() for name in choices["rivals"].split(",")], rig, own)
-
-
-def _say(planned: Planned) -> None:
-    from optid.experiments.separation import NEEDED
-
-    rows = planned.design.separations
-    click.echo(
-        f"{planned.seconds:g} s at {planned.loop.settings.rate:g} Hz: {'; '.join(planned.design.names)}"
-    )
-    say_table(
-        ("there", "mistaken for", "sd", "by plain steps", "seconds needed"),
-        tuple(
-            (row.there, row.instead or "nothing", f"{row.planned:.2f}", f"{row.plain:.2f}",
-             f"{row.seconds:.3g}" if math.isfinite(row.seconds) else "no length")
-            for row in rows
-        ),
-    )  # fmt: skip
-    click.echo(
-        f"sd: between the two, the first at the smallest size worth a name; {NEEDED:g} err once in a hundred"
-    )
+    return Path(choices["diagnosis"]) if choices["rivals"] is None else str(choices["rivals"])

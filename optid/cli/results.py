@@ -8,9 +8,9 @@ import os
 import shutil
 import tempfile
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
 import click
 
@@ -18,6 +18,10 @@ from optid.cli.run import note_inputs, this_run, undisturbed
 from optid.core import resultset
 from optid.errors import InputError, JobError, OptidError
 
+if TYPE_CHECKING:
+    from optid.results.result import Result
+
+Found = TypeVar("Found", bound="Result")
 OUT = click.option("--out", required=True, metavar="DIR", help="Folder for the results; made if absent.")
 
 Write = Callable[[Path], None]
@@ -146,6 +150,7 @@ _FILES = (
     "experiment.csv",
     "live.json",
     "check.json",
+    "tables.npz",
 )
 
 
@@ -256,7 +261,15 @@ def _stamp(staged: Path) -> None:
         content = json.loads(path.read_text(encoding="utf-8"))
         if isinstance(content, dict):
             schema = content.pop("schema", f"optid.{path.stem}/1")
-            write_json(path, {"schema": schema, **this_run().facts, **content})
+            facts = this_run().facts  # what the call says of itself gives way: the command line says more
+            rest = {key: value for key, value in content.items() if key not in facts}
+            write_json(path, {"schema": schema, **facts, **rest})
+
+
+def placed(result: Found, out: str) -> Found:
+    """The result with the folder that its page's next command is to name."""
+    about = {**result.document["about"], "folder": out}
+    return replace(result, document={**result.document, "about": about})
 
 
 def write_json(path: Path, content: object) -> None:

@@ -2,43 +2,46 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
-from optid.cli.common import OUT, RATE, deliver, read_all, results_folder, say_scores, waiting, write_json
+from optid.cli.common import OUT, RATE, deliver, progress, rate_asked, results_folder
+
+if TYPE_CHECKING:
+    from optid.results.fit import FitResult
 
 
 @click.command()
 @click.argument("rig")
 @click.argument("recording")
+@click.option(
+    "--fit", "fitted", metavar="DIR", help="Use this fit's values, and draw the 95 % band they give."
+)
 @RATE
 @OUT
-def simulate(rig: str, recording: str, out: str) -> None:
+def simulate(rig: str, recording: str, fitted: str | None, out: str) -> None:
     """Run the model along a recording, with the rig file's numbers."""
     folder = results_folder(out)
-    understood, [(read, remarks)], _ = read_all(rig, (recording,))
 
-    from optid.estimation.prediction import predict
-    from optid.report.page import Exhibit, simulation_page
-    from optid.report.scores import metrics_document
+    from optid.api.simulating import simulate as run
 
-    with waiting("simulating"):
-        prediction = predict(understood, read, understood.parameters)
-        page = simulation_page(understood, Exhibit("simulated", read, prediction, remarks))
-    metrics = metrics_document(prediction)
+    values = None if fitted is None else _fit_in(fitted)
+    with progress("simulating") as show:
+        result = run(rig, recording, fit=values, rate=rate_asked(), progress=show)
+    deliver(folder, result.write)
+    click.echo(result.summary())
+    click.echo(f"written to {out}: {', '.join(result.written)}")
 
-    def write(place: Path) -> None:
-        prediction.frame.to_csv(place / "prediction.csv", index=False)
-        write_json(place / "metrics.json", metrics)
-        (place / "report.html").write_text(page, encoding="utf-8")
 
-    deliver(folder, write)
-    for kind, words in (("window", f"{prediction.horizon:g} s windows"), ("free_run", "free run")):
-        say_scores(words, {role: kinds[kind] for role, kinds in metrics.items()})
-    for begin, state in prediction.begins:
-        where = ", ".join(f"{name} {value:.5g}" for name, value in state.items())
-        click.echo(f"  free run from {begin:.6g} s, start estimated: {where} (SI)")
-    for note in prediction.notes:
-        click.echo(f"  {note}")
-    click.echo(f"written to {out}: prediction.csv, metrics.json, report.html")
+def _fit_in(folder: str) -> FitResult:
+    from optid.errors import InputError
+    from optid.results.fit import FitResult
+    from optid.results.loading import load
+
+    values = load(folder)
+    if not isinstance(values, FitResult):
+        raise InputError(
+            f"{folder} holds a {type(values).__name__}", where="--fit", expected="results of optid fit"
+        )
+    return values

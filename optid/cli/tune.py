@@ -166,7 +166,7 @@ def tune(model: str, out: str, **choices: Any) -> None:
     from optid.report.tuning_page import tuning_page
 
     with waiting("reporting"):
-        page = tuning_page(result, posed, Path(model).name, structure)
+        page = tuning_page(result, posed, Path(model).name, structure, out)
 
     files = {"report.html": page, **(_exported(result) if choices["export"] else {})}
 
@@ -269,7 +269,9 @@ def _wishes(choices: dict[str, Any], contents: Any) -> Wishes:
         setpoints=tuple(_known(text, y, "--setpoint") for text in choices["setpoints"]),
         disturbances=tuple(_known(text, u, "--disturbance") for text in choices["disturbances"]),
         profiles=tuple(_path(name, contents.chosen.sample_time) for name in choices["profiles"]),
-        low=low, high=high, deadband=dead,
+        low=low,
+        high=high,
+        deadband=dead,
         anti_windup=AntiWindup[choices["anti_windup"].upper().replace("-", "_")],
         rate=_quantity(choices["rate"], "Hz" if u == "1" else f"{u}/s", "--rate"),
         resolution=_quantity(choices["resolution"], u, "--resolution") or 0.0,
@@ -277,7 +279,9 @@ def _wishes(choices: dict[str, Any], contents: Any) -> Wishes:
         sample_time=_quantity(choices["sample_time"], "s", "--sample-time"),
         criterion=Criterion(Measure[choices["cost"].upper()], choices["effort"], choices["overshoot"]),
         required=Required(
-            _sensitivity(choices["ms"]), choices["gain_margin"], choices["phase_margin"],
+            _sensitivity(choices["ms"]),
+            choices["gain_margin"],
+            choices["phase_margin"],
             _quantity(choices["delay_margin"], "s", "--delay-margin"),
         ),
         over=Over.WORST if choices["robust"] == "worst" else Over.MEAN,
@@ -285,7 +289,7 @@ def _wishes(choices: dict[str, Any], contents: Any) -> Wishes:
         integrator=Integrator[choices["integrator"].upper()],
         dead_zone=_dead_zone(choices["dead_zone"], u),
         usual_sensitivity=choices["ms"] is None,
-    )  # fmt: skip
+    )
 
 
 def _dead_zone(text: str | None, unit: str) -> tuple[float, float]:
@@ -360,6 +364,7 @@ def _path(name: str, sample_time: float) -> tuple[str, Array]:
 
 
 def _say(tuning: Tuning, posed: Posed, structure: Structure) -> None:
+    from optid.core.quantity import unit_name
     from optid.tuning.files import units
     from optid.tuning.score import by_size
     from optid.tuning.structures import drive_values
@@ -400,7 +405,7 @@ def _say(tuning: Tuning, posed: Posed, structure: Structure) -> None:
         ],
     )
     on_rig = () if posed.bench is None else ("on the rig's model",)
-    head: tuple[str, ...] = ("", f"ITAE ({named['itae']})", *on_rig, "Ms", "")
+    head: tuple[str, ...] = ("", f"ITAE ({unit_name(named['itae'])})", *on_rig, "Ms", "")
     say_table(head, [_row(one, posed) for one in (tuning.found, *compared(tuning), *tuning.baselines)])
     click.echo(f"costs stand for {posed.judged_on}")
     for remark in tuning.remarks:

@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from optid.core.kernel import advance_many, at, call, compiled
+from optid.core.kernel import advance_many, at, call, compiled, put
 from optid.core.rows import LANES
 
 REACH2 = 3.0  # h^2 of the divided differences: the kurtosis of a normal distribution
@@ -21,9 +21,31 @@ PIVOT = 1e-14  # of a covariance, as a share of its largest variance: below it a
 
 @compiled
 def filtered(
-    code, first, last, of_set, of_segment, starts, counts, M0, C0, P, Q, R, dt, U, Y, linear, tolerance, scales,
-    keep, E, V, X, K, S,
-):  # fmt: skip
+    code,
+    first,
+    last,
+    of_set,
+    of_segment,
+    starts,
+    counts,
+    M0,
+    C0,
+    P,
+    Q,
+    R,
+    dt,
+    U,
+    Y,
+    linear,
+    tolerance,
+    scales,
+    keep,
+    E,
+    V,
+    X,
+    K,
+    S,
+):
     """Filter runs first..last-1; run r takes parameter set of_set[r] over segment of_segment[r].
 
     Args:
@@ -42,7 +64,7 @@ def filtered(
         K: receives the gains, (sets, samples, outputs, states), SI.
         S: receives the covariances of X, (sets, samples, states, states), SI; without sets it receives none.
 
-    A run that leaves the numbers leaves E infinite from there on.
+    A run that diverges leaves E infinite from there on.
     """
     nx, ny = len(scales), Y.shape[1]
     n_points = 2 * nx + 1
@@ -255,13 +277,13 @@ def _correct(m, C, shared, innovation, variance):
 @compiled
 def steered(
     code, first, last, of_set, of_segment, starts, counts, M0, P, K, common, dt, U, Y, tolerance, looks, E
-):  # fmt: skip
+):
     """Innovations with the gains of another filter run: x moves by the model and by K (y - h(x)).
 
     Where a sample is no look, E is what a prediction from the last one misses, which no later sample corrects.
 
     Run r takes `LANES` parameter sets from of_set[r] on over segment of_segment[r]. Where they cannot go on together,
-    one of them has left the numbers: then each runs alone.
+    one of them has diverged: then each runs alone.
 
     Args:
         K: gains of the plain model's filter, (samples, outputs, plain states).
@@ -300,7 +322,8 @@ def _steered(code, sets, begin, count, M0, P, K, common, dt, U, Y, tolerance, lo
     for n in range(begin, begin + count + 1):
         u = at(U, n * U.shape[1])
         if looks[n]:
-            ahead[:] = xs
+            for i in range(nx):
+                put(xs[i], ahead[i])
         for o in range(Y.shape[1]):
             seen = Y[n, o] == Y[n, o]
             for lane in range(LANES):

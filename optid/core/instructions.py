@@ -21,9 +21,14 @@ REAL = ir.DoubleType()
 # Fused multiply-add and reciprocals allowed, signed zeros ignored; NaN and infinity stay what they are.
 FLAGS = ("contract", "nsz", "arcp")
 _SEVERAL: dict[str, Form] = {
-    "exp": lanes.exp, "log": lanes.log, "log1p": lanes.log1p, "pow": lanes.power, "sin": lanes.sin, "cos": lanes.cos,
+    "exp": lanes.exp,
+    "log": lanes.log,
+    "log1p": lanes.log1p,
+    "pow": lanes.power,
+    "sin": lanes.sin,
+    "cos": lanes.cos,
     "tanh": lanes.tanh,
-}  # fmt: skip
+}
 
 
 def number(value: float) -> Value:
@@ -108,9 +113,22 @@ _UNARY: dict[int, Form] = {
 } | {
     getattr(ca, f"OP_{name.upper()}"): _library(name)
     for name in (
-        "exp", "log", "log1p", "expm1", "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "erf",
+        "exp",
+        "log",
+        "log1p",
+        "expm1",
+        "sin",
+        "cos",
+        "tan",
+        "asin",
+        "acos",
+        "atan",
+        "sinh",
+        "cosh",
+        "tanh",
+        "erf",
     )
-}  # fmt: skip
+}
 _BINARY: dict[int, Form] = {
     ca.OP_ADD: add,
     ca.OP_SUB: sub,

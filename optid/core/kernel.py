@@ -26,7 +26,7 @@ compiled = kept(nogil=True, error_model="numpy", fastmath={"contract", "nsz", "a
 
 STABLE = 2.5  # largest step times relaxation rate; the method's own limit on the real axis is 3.3
 SMALLEST = 1e-12  # of a hold: below this step the equations are singular, not stiff
-# Steps tried in a hold: equations that need more have left the numbers, though it may take hours to see it.
+# Steps tried in a hold: equations that need more have diverged, though it may take hours to see it.
 MOST = 1000  # linearly implicit ones
 MOST_EXPLICIT = 10_000  # ten times what friction at its stiffest needs in a hold of 0.1 s
 
@@ -168,6 +168,13 @@ def _advance_many(step, x, u, c, tolerance, span, h):
 
 
 @compiled
+def put(values, place):
+    """Copy numbers one by one: of an assignment of arrays numba compiles the message on shapes, too, for 4 s."""
+    for i in range(len(place)):
+        place[i] = values[i]
+
+
+@compiled
 def simulate(code, first, last, starts, counts, X0, P, dt, U, tolerance, X, Y):
     """Free runs first..last-1: run w starts in state X0[w] at sample starts[w] and spans counts[w] intervals.
 
@@ -177,7 +184,7 @@ def simulate(code, first, last, starts, counts, X0, P, dt, U, tolerance, X, Y):
     x = np.empty(X0.shape[1])
     for w in range(first, last):
         call(code.constants, (at(P, w * P.shape[1]), at(c, 0)))
-        x[:] = X0[w]
+        put(X0[w], x)
         _run(code, starts[w], counts[w], x, c, k, y, dt, U, tolerance, X[w], Y[w])
 
 
@@ -217,16 +224,16 @@ def carry(code, first, last, begins, counts, closed, known, X0, P, dt, U, tolera
         call(code.constants, (at(P, r * P.shape[1]), at(c, 0)))
         for w in range(len(begins)):
             if w == 0 or closed[w - 1]:
-                x[:] = X0[r]
+                put(X0[r], x)
             for i in range(len(x)):
                 if known[w, i] == known[w, i]:
                     x[i] = known[w, i]
-            X[r, w] = x
+            put(x, X[r, w])
             if _carry(code, begins[w], counts[w], closed[w], x, c, k, y, dt, U, tolerance, Y[r]):
-                ends[r, w] = x
+                put(x, ends[r, w])
             else:
                 ends[r, w] = np.nan
-                x[:] = X[r, w]
+                put(X[r, w], x)
 
 
 @compiled
@@ -260,7 +267,7 @@ def trace(code, first, last, starts, counts, closed, X0, p, dt, U, tolerance, X,
     S, T = np.empty((nx, G.shape[2])), np.empty((nx, G.shape[2]))
     call(code.constants, (at(p, 0), at(c, 0)))
     for w in range(first, last):
-        x[:] = X0[w]
+        put(X0[w], x)
         S[:] = 0.0
         for i in range(nx):
             S[i, i] = 1.0
@@ -281,8 +288,18 @@ def _trace(code, begin, count, closed, x, S, c, k, y, T, dt, U, tolerance, X, Y,
                 Y[m, o] = y[o]
         if n < count:
             h = advance(
-                code.slopes, code.step_slopes, code.half, at(x, 0), at(S, 0), u, at(c, 0), k, at(T, 0),
-                at(tolerance, 0), dt[m], h,
-            )  # fmt: skip
+                code.slopes,
+                code.step_slopes,
+                code.half,
+                at(x, 0),
+                at(S, 0),
+                u,
+                at(c, 0),
+                k,
+                at(T, 0),
+                at(tolerance, 0),
+                dt[m],
+                h,
+            )
             if h < 0.0:
                 break

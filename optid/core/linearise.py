@@ -2,36 +2,49 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import casadi as ca
 import numpy as np
 
-from optid.core.model import CLOCK, INTERVAL, Array, Model
+from optid.core.clock import CLOCK, INTERVAL
 from optid.errors import PlantError, SolveError, nearest
 
 if TYPE_CHECKING:
     import control
 
+    from optid.core.model import Array, Model
+
 STEADY = 1e-9  # 1/s: largest rate of a state, as a share of its usual size, that counts as none
 STRIDE = 0.5  # usual sizes: the longest step of the search, lest it leap to where no pressure is positive
 PROBE = 1e-6  # of a usual size: the step to either side by which a kink is seen
 KINK = 1e-3  # relative difference of the slopes on both sides that is no curvature
+RELAXES = (
+    1e-3  # of its largest slope: with less of its own, a contact's state follows the motion as a spring does
+)
 
 
 @dataclass(frozen=True, eq=False)
 class Linear:
     """A linearisation; all numbers in SI units, the system's signals being distances from the point.
 
-    Attributes:
-        system: continuous time; states, inputs and outputs carry the model's names. An input taken some
-            samples ago is an input of its own, "command@3".
-        states: where it was taken, by name; `inputs` and `outputs` alike.
-        rates: 1/s times the state's unit; zero but for the states declared `moving`.
-        kinks: names to which the slope jumps at this very point (a valve that is just closed); there the
-            system holds the mean of both sides.
+    Attributes
+    ----------
+    system : control.StateSpace
+        continuous time; states, inputs and outputs carry the model's names. An input taken some
+        samples ago is an input of its own, "command@3".
+    states : Mapping[str, float]
+        where it was taken, by name; `inputs` and `outputs` alike.
+    rates : Mapping[str, float]
+        1/s times the state's unit; zero but for the states declared `moving`.
+    kinks : tuple[str, ...]
+        names to which the slope jumps at this very point (a valve that is just closed); there the
+        system holds the mean of both sides.
+    elastic : tuple[str, ...]
+        dimensionless states that only follow a speed here, as the contact of dry friction does at rest, where
+        it is a spring.
     """
 
     system: control.StateSpace
@@ -40,6 +53,23 @@ class Linear:
     outputs: Mapping[str, float]
     rates: Mapping[str, float]
     kinks: tuple[str, ...]
+    elastic: tuple[str, ...] = ()
+
+    @property
+    def note(self) -> str:
+        """Where the linear model holds for the smallest motion only, in words; empty elsewhere."""
+        said = []
+        if self.elastic:
+            said.append(
+                f"Here friction holds the axis: its contact ({', '.join(self.elastic)}) is a spring, and this system "
+                "describes the elastic motion before it slides only. Hold a speed and declare the position moving for "
+                "the system of the axis as it slides."
+            )
+        if self.kinks:
+            said.append(
+                f"The slopes to {', '.join(self.kinks)} jump at this very point: the mean of both sides is held."
+            )
+        return " ".join(said)
 
 
 def linearise(
@@ -55,17 +85,26 @@ def linearise(
     what is `held`; all other states and inputs move as little as possible (in usual sizes) from where they
     are guessed until no rate is left.
 
-    Args:
-        model: the plant.
-        parameters: SI values by name; the model's defaults where silent (a fit's `values`, a rig's `parameters`).
-        held: states and inputs with a stated value, SI, by name.
-        moving: states whose rate need not vanish: the position of an axis at constant speed.
-        near: guesses for the others; without one a state starts where records start, an input at zero. Where
-            laws change at zero, as a valve's do, the side must be guessed.
+    Parameters
+    ----------
+    model : Model
+        the plant.
+    parameters : Mapping[str, float]
+        SI values by name; the model's defaults where silent (a fit's `values`, a rig's `parameters`).
+    held : Mapping[str, float]
+        states and inputs with a stated value, SI, by name.
+    moving : Sequence[str]
+        states whose rate need not vanish: the position of an axis at constant speed.
+    near : Mapping[str, float] | None
+        guesses for the others; without one a state starts where records start, an input at zero. Where
+        laws change at zero, as a valve's do, the side must be guessed.
 
-    Raises:
-        PlantError: an unknown name, or no value for the sampling interval of a model that uses it.
-        SolveError: no equilibrium was found; names the state that keeps moving.
+    Raises
+    ------
+    PlantError
+        an unknown name, or no value for the sampling interval of a model that uses it.
+    SolveError
+        no equilibrium was found; names the state that keeps moving.
     """
     names = [state.name for state in model.states] + _input_names(model)
     p = model.vector(parameters)
@@ -75,8 +114,12 @@ def linearise(
         if name not in names:
             raise PlantError(f'no state or input "{name}"', where=model.name, hint=nearest(name, names))
     if INTERVAL in names and not values[INTERVAL] > 0:
-        raise PlantError("the equations use the sampling interval", where=model.name, field=INTERVAL,
-                         expected="its value in s among `held`")  # fmt: skip
+        raise PlantError(
+            "the equations use the sampling interval",
+            where=model.name,
+            field=INTERVAL,
+            expected="its value in s among `held`",
+        )
     at = np.array([values[name] for name in names])
     given = {*held, INTERVAL, CLOCK}
     loose = np.array([name not in given for name in names])
@@ -123,6 +166,17 @@ def _kinked(model: Model, slopes: ca.Function, p: Array, at: Array) -> tuple[Arr
     return values, jacobian, jumps
 
 
+def _elastic(model: Model, jacobian: Array) -> Iterator[str]:
+    """Dimensionless states that follow a speed without any slope of their own."""
+    nx = len(model.states)
+    scaled = np.abs(jacobian[:nx, :nx] * model.scales / model.scales[:, None])
+    speeds = [k for k, state in enumerate(model.states) if state.unit == "m/s"]
+    for k, state in enumerate(model.states):
+        follows = max((scaled[k, j] for j in speeds), default=0.0)
+        if state.unit == "1" and follows > 0.0 and scaled[k, k] < RELAXES * follows:
+            yield state.name
+
+
 def _equilibrium(
     model: Model, slopes: ca.Function, p: Array, at: Array, loose: Array, steady: Array
 ) -> Array:
@@ -152,7 +206,12 @@ def _equilibrium(
 
 
 def _linear(
-    model: Model, names: list[str], at: Array, values: Array, jacobian: Array, jumps: Array
+    model: Model,
+    names: list[str],
+    at: Array,
+    values: Array,
+    jacobian: Array,
+    jumps: Array,
 ) -> Linear:
     import control
 
@@ -161,9 +220,15 @@ def _linear(
     real = [j for j, name in enumerate(names) if j >= nx and name not in (INTERVAL, CLOCK)]
     inputs, outputs = [names[j] for j in real], [port.role for port in model.outputs]
     system: Any = control.ss(
-        jacobian[:nx, :nx], jacobian[:nx][:, real], jacobian[nx:, :nx], jacobian[nx:][:, real],
-        states=names[:nx], inputs=inputs, outputs=outputs, name=model.name,
-    )  # fmt: skip
+        jacobian[:nx, :nx],
+        jacobian[:nx][:, real],
+        jacobian[nx:, :nx],
+        jacobian[nx:][:, real],
+        states=names[:nx],
+        inputs=inputs,
+        outputs=outputs,
+        name=model.name,
+    )
     return Linear(
         system,
         dict(zip(names[:nx], at[:nx].tolist(), strict=True)),
@@ -171,4 +236,5 @@ def _linear(
         dict(zip(outputs, values[nx:].tolist(), strict=True)),
         dict(zip(names[:nx], values[:nx].tolist(), strict=True)),
         tuple(name for name, jump in zip(names, jumps, strict=True) if jump),
+        tuple(_elastic(model, jacobian)),
     )

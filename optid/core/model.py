@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from optid.core.clock import CLOCK as CLOCK
+from optid.core.clock import INTERVAL as INTERVAL
 from optid.core.parameter import Parameter
 from optid.errors import PlantError, nearest
+
+if TYPE_CHECKING:
+    from optid.core.casadi_functions import CasadiFunctions
+    from optid.core.linearise import Linear
 
 Array = NDArray[np.float64]
 
@@ -22,10 +29,6 @@ class State:
     name: str
     unit: str
     scale: float
-
-
-# Inputs that no channel holds: the time to the next sample, and the time since the record began.
-INTERVAL, CLOCK = "interval", "clock"
 
 
 @dataclass(frozen=True)
@@ -45,10 +48,14 @@ class Port:
 class Constraint:
     """What must hold between parameters for them to describe anything that can be built.
 
-    Attributes:
-        words: what must hold, as a sentence: "the rod is thinner than the bore".
-        parameters: names of those that it is about.
-        margin: p -> a number that is positive where it holds.
+    Attributes
+    ----------
+    words : str
+        what must hold, as a sentence: "the rod is thinner than the bore".
+    parameters : tuple[str, ...]
+        names of those that it is about.
+    margin : ca.Function
+        p -> a number that is positive where it holds.
     """
 
     words: str
@@ -64,22 +71,35 @@ class Constraint:
 class Model:
     """Equations of a plant in SI units.
 
-    Attributes:
-        sites: where effects can act.
-        sizes: usual size of the signal at each site, SI; 0 where nothing flows without an effect.
-        near: names of the signals that the plant declares near each site.
-        rates: (x, u, p) -> dx/dt.
-        sensors: (x, u, p) -> y.
-        start: p -> (mean, spread): what is known of the state at a record's start without data.
-        halves: (x, u, p, half) -> dx/dt of the two halves, 0 and 1, of a hold in which an input switches, each half
-            stretched to take as long as the other; None where inputs change at samples only. `rates` then holds the
-            mean of what is held before and after.
-        form_error: share of the squared error that names may leave, which right laws of another form exceed in no
-            more than one of 20 blind cases; None where no trial has measured it.
-        suspects: groups of sites at which unknown physics may act, for a diagnosis to look for an unknown input.
-        scalable: sites of a level that others turn, as that of dry friction.
-        biases: by what share of its value a stand-in for a law that jumps may shift a fitted parameter, by name.
-        constraints: what must hold between parameters.
+    Attributes
+    ----------
+    sites : tuple[str, ...]
+        where effects can act.
+    sizes : tuple[float, ...]
+        usual size of the signal at each site, SI; 0 where nothing flows without an effect.
+    near : tuple[tuple[str, ...], ...]
+        names of the signals that the plant declares near each site.
+    rates : ca.Function
+        (x, u, p) -> dx/dt.
+    sensors : ca.Function
+        (x, u, p) -> y.
+    start : ca.Function
+        p -> (mean, spread): what is known of the state at a record's start without data.
+    halves : ca.Function | None
+        (x, u, p, half) -> dx/dt of the two halves, 0 and 1, of a hold in which an input switches, each half
+        stretched to take as long as the other; None where inputs change at samples only. `rates` then holds the
+        mean of what is held before and after.
+    form_error : float | None
+        share of the squared error that names may leave, which right laws of another form exceed in no
+        more than one of 20 blind cases; None where no trial has measured it.
+    suspects : tuple[tuple[str, ...], ...]
+        groups of sites at which unknown physics may act, for a diagnosis to look for an unknown input.
+    scalable : tuple[str, ...]
+        sites of a level that others turn, as that of dry friction.
+    biases : Mapping[str, float]
+        by what share of its value a stand-in for a law that jumps may shift a fitted parameter, by name.
+    constraints : tuple[Constraint, ...]
+        what must hold between parameters.
     """
 
     name: str
@@ -114,11 +134,42 @@ class Model:
         """Usual sizes of the states, shape (states,)."""
         return np.array([state.scale for state in self.states])
 
+    def to_casadi(self, substeps: int = 10) -> CasadiFunctions:
+        """The equations as CasADi functions: right-hand side, outputs, and one step of a held input.
+
+        Parameters
+        ----------
+        substeps : int
+            Runge-Kutta steps within one step.
+
+        Returns
+        -------
+        CasadiFunctions
+            The functions, with names and units of their arguments.
+        """
+        from optid.core.casadi_functions import casadi_functions
+
+        return casadi_functions(self, substeps)
+
+    def to_control(
+        self,
+        parameters: Mapping[str, float],
+        held: Mapping[str, float],
+        moving: Sequence[str] = (),
+        near: Mapping[str, float] | None = None,
+    ) -> Linear:
+        """Linearised at an operating point, as a named state space of python-control: see `linearise`."""
+        from optid.core.linearise import linearise
+
+        return linearise(self, parameters, held, moving, near)
+
     def index(self, name: str) -> int:
         """Position of a parameter in the vector p.
 
-        Raises:
-            PlantError: no such parameter; names the nearest one.
+        Raises
+        ------
+        PlantError
+            no such parameter; names the nearest one.
         """
         names = [parameter.name for parameter in self.parameters]
         if name not in names:
@@ -128,8 +179,10 @@ class Model:
     def vector(self, values: Mapping[str, float]) -> Array:
         """The parameter vector p from named SI values, with defaults where `values` is silent.
 
-        Raises:
-            PlantError: an unknown name, or a required parameter without a value.
+        Raises
+        ------
+        PlantError
+            an unknown name, or a required parameter without a value.
         """
         for name in values:
             self.index(name)
@@ -141,8 +194,10 @@ class Model:
     def vector_from(self, smaller: Model, p: Array, values: Mapping[str, float]) -> Array:
         """The vector p with what a smaller model of the same plant has, too, as in its own `p`; the rest as named.
 
-        Raises:
-            PlantError: as `vector`; a parameter of the smaller model is not here.
+        Raises
+        ------
+        PlantError
+            as `vector`; a parameter of the smaller model is not here.
         """
         found = self.vector(values)
         found[[self.index(q.name) for q in smaller.parameters]] = p

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from optid.core.kernel import advance, at, call, compiled
+from optid.core.kernel import advance, at, call, compiled, put
 from optid.core.rows import LANES
 
 EQUAL = (
@@ -14,9 +14,26 @@ EQUAL = (
 
 @compiled
 def normal_equations(
-    code, first, last, starts, counts, closed, X0, p, dt, U, Y, weight, huber, tolerance, end, slope, H, g,
+    code,
+    first,
+    last,
+    starts,
+    counts,
+    closed,
+    X0,
+    p,
+    dt,
+    U,
+    Y,
+    weight,
+    huber,
+    tolerance,
+    end,
+    slope,
+    H,
+    g,
     cost,
-):  # fmt: skip
+):
     """Gauss-Newton terms of windows first..last-1, all at the parameters p.
 
     Window w: the residuals (Y - y) * weight at its samples 0..counts-1 (also at its last one if closed[w]).
@@ -33,11 +50,28 @@ def normal_equations(
         stop, done = min(begin + LANES, last), 0
         if stop - begin > 1:
             done = _together(
-                code, begin, stop, starts, counts, c, X0, dt, U, Y, weight, huber, tolerance, end, slope, H, g, cost,
-            )  # fmt: skip
+                code,
+                begin,
+                stop,
+                starts,
+                counts,
+                c,
+                X0,
+                dt,
+                U,
+                Y,
+                weight,
+                huber,
+                tolerance,
+                end,
+                slope,
+                H,
+                g,
+                cost,
+            )
         for w in range(begin, stop):
             if done == 0:
-                end[w] = X0[w]
+                put(X0[w], end[w])
                 slope[w] = 0.0
                 H[w] = 0.0
                 g[w] = 0.0
@@ -45,9 +79,26 @@ def normal_equations(
                 for i in range(nx):
                     slope[w, i, i] = 1.0
             loss, used = _window(
-                code, starts[w] + done, counts[w] - done, closed[w], c, k, y, T, R, dt, U, Y, weight, huber,
-                tolerance, end[w], slope[w], H[w], g[w],
-            )  # fmt: skip
+                code,
+                starts[w] + done,
+                counts[w] - done,
+                closed[w],
+                c,
+                k,
+                y,
+                T,
+                R,
+                dt,
+                U,
+                Y,
+                weight,
+                huber,
+                tolerance,
+                end[w],
+                slope[w],
+                H[w],
+                g[w],
+            )
             cost[w, 0] += loss
             cost[w, 1] += used
 
@@ -55,7 +106,7 @@ def normal_equations(
 @compiled
 def _together(
     code, begin, stop, starts, counts, c, X0, dt, U, Y, weight, huber, tolerance, end, slope, H, g, cost
-):  # fmt: skip
+):
     """Windows begin..stop-1, LANES at most, over the holds they have in common; returns how many holds were done.
 
     They share the steps of the integrator. None is done where samplings differ or a window fails: that, and what
@@ -69,8 +120,12 @@ def _together(
         for n in range(holds):
             if abs(dt[starts[w] + n] - dt[starts[begin] + n]) > EQUAL * dt[starts[begin] + n]:
                 return 0
-    x, u, k, y = (np.empty((nx, LANES)), np.empty((U.shape[1], LANES)), np.empty((nx + 1) * LANES),
-                  np.empty((ny + 1, LANES)))  # fmt: skip
+    x, u, k, y = (
+        np.empty((nx, LANES)),
+        np.empty((U.shape[1], LANES)),
+        np.empty((nx + 1) * LANES),
+        np.empty((ny + 1, LANES)),
+    )
     S, T, R = np.zeros((nx, nd, LANES)), np.empty((nx, nd, LANES)), np.empty((ny, nd, LANES))
     J, r = np.zeros((nd, nd, LANES)), np.zeros((nd, LANES))
     many, a, b = np.empty((len(c), LANES)), np.zeros(LANES), np.zeros(LANES)
@@ -91,9 +146,19 @@ def _together(
             if _weighed(begin, stop, n, o, starts, Y, y, weight, huber, a, b, loss, used):
                 call(code.many_gather, (at(R, o * nd * LANES), at(J, 0), at(r, 0), at(a, 0), at(b, 0)))
         h = advance(
-            code.many_slopes, code.many_step_slopes, code.many_half, at(x, 0), at(S, 0), at(u, 0), at(many, 0), k,
-            at(T, 0), at(tolerance, 0), dt[starts[begin] + n], h,
-        )  # fmt: skip
+            code.many_slopes,
+            code.many_step_slopes,
+            code.many_half,
+            at(x, 0),
+            at(S, 0),
+            at(u, 0),
+            at(many, 0),
+            k,
+            at(T, 0),
+            at(tolerance, 0),
+            dt[starts[begin] + n],
+            h,
+        )
         if h < 0.0:
             return 0
     for w in range(begin, stop):
@@ -137,9 +202,7 @@ def _weighed(begin, stop, n, o, starts, Y, y, weight, huber, a, b, loss, used):
 
 
 @compiled
-def _window(
-    code, begin, count, closed, c, k, y, T, R, dt, U, Y, weight, huber, tolerance, x, S, H, g
-):  # fmt: skip
+def _window(code, begin, count, closed, c, k, y, T, R, dt, U, Y, weight, huber, tolerance, x, S, H, g):
     loss, used, h = 0.0, 0.0, dt[begin]
     for n in range(count + 1):
         m = begin + n

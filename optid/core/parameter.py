@@ -10,20 +10,32 @@ from dataclasses import dataclass
 class Parameter:
     """A named physical constant of a plant or an effect; every number is in SI units.
 
-    Attributes:
-        name: as it stands in a rig file.
-        unit: SI unit in pint's notation (``"N s/m"``, ``"1"`` for a pure number).
-        typical: a usual size (> 0), which scales the fit; no start value.
-        about: one line for people.
-        source: equation, table, standard or data sheet the number comes from.
-        default: value when a rig file is silent; ``None`` makes it required.
-        bounds: the closed interval outside which the value is meaningless.
-        logarithmic: the fit moves log(value): for widths and rates known to a factor.
-        fitted: an effect's are fitted where it is missing, unless they only say what the others mean, like the ends of
-            a curve.
-        leeway: by how much the value may be off before anyone would call it physics, where a law stands in for
-            nature's; what that changes is no mark against a model.
-        starts: values at which searches begin, one after the other; the stated or default one if empty.
+    Attributes
+    ----------
+    name : str
+        as it stands in a rig file.
+    unit : str
+        SI unit in pint's notation (``"N s/m"``, ``"1"`` for a pure number).
+    typical : float
+        a usual size (> 0), which scales the fit; no start value.
+    about : str
+        one line for people.
+    source : str
+        equation, table, standard or data sheet the number comes from.
+    default : float | None
+        value when a rig file is silent; ``None`` makes it required.
+    bounds : tuple[float, float]
+        the closed interval outside which the value is meaningless.
+    logarithmic : bool
+        the fit moves log(value): for widths and rates known to a factor.
+    fitted : bool
+        an effect's are fitted where it is missing, unless they only say what the others mean, like the ends of
+        a curve.
+    leeway : float
+        by how much the value may be off before anyone would call it physics, where a law stands in for
+        nature's; what that changes is no mark against a model.
+    starts : tuple[float, ...]
+        values at which searches begin, one after the other; the stated or default one if empty.
     """
 
     name: str

@@ -13,12 +13,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from optid.errors import RecordingError, nearest
 
 if TYPE_CHECKING:
     import pandas as pd
+
+    from optid.core.readers.mapping import Mapped
 
 Array = NDArray[np.float64]
 Interval = tuple[float, float]
@@ -31,19 +33,32 @@ LONG_GAP = 10.0  # median sampling intervals: beyond, the held command can no lo
 class ChannelMap:
     """How a column becomes a channel: ``model value = factor * recorded + shift``.
 
-    Attributes:
-        role: what the channel is to the model: "time", an input, an output, or "reference".
-        column: name of the column; empty for a time that is given by `rate`.
-        unit: unit as measured, as the rig file states it.
-        model_unit: SI unit the model wants ("1" for a command divided by its full scale).
-        factor: recorded to model value, with `shift`; they hold unit, full scale, offset and gauge zero.
-        shift: see `factor`, in `model_unit`.
-        sd: standard deviation of the noise in `model_unit`, where known.
-        full_scale: largest value the channel can show, in `model_unit`, where known.
-        per_unit: size of one `model_unit` in `recorded_unit`: the full scale that was divided by, else 1.
-        recorded_unit: SI unit of the recorded quantity, "V" for a valve command.
-        rate: samples per second, for a time without a column.
-        held: it holds from each sample to the next, as a command does.
+    Attributes
+    ----------
+    role : str
+        what the channel is to the model: "time", an input, an output, or "reference".
+    column : str
+        name of the column; empty for a time that is given by `rate`.
+    unit : str
+        unit as measured, as the rig file states it.
+    model_unit : str
+        SI unit the model wants ("1" for a command divided by its full scale).
+    factor : float
+        recorded to model value, with `shift`; they hold unit, full scale, offset and gauge zero.
+    shift : float
+        see `factor`, in `model_unit`.
+    sd : float | None
+        standard deviation of the noise in `model_unit`, where known.
+    full_scale : float | None
+        largest value the channel can show, in `model_unit`, where known.
+    per_unit : float
+        size of one `model_unit` in `recorded_unit`: the full scale that was divided by, else 1.
+    recorded_unit : str
+        SI unit of the recorded quantity, "V" for a valve command.
+    rate : float | None
+        samples per second, for a time without a column.
+    held : bool
+        it holds from each sample to the next, as a command does.
     """
 
     role: str
@@ -64,16 +79,26 @@ class ChannelMap:
 class Channel:
     """One measured signal.
 
-    Attributes:
-        role: what it is to the model.
-        column: the column it was read from.
-        unit: SI unit of `values`, the one the model wants.
-        values: shape (samples,), read-only float64; NaN marks a missing sample.
-        sd: standard deviation of the noise in `unit`, where known.
-        full_scale: largest value the channel can show, in `unit`, where known.
-        per_unit: size of one `unit` in `recorded_unit` (5 for a command of +-1 that was +-5 V).
-        recorded_unit: SI unit of what was recorded, "V" for a valve command.
-        held: it holds from each sample to the next, as a command does; where it is not known, nothing is simulated.
+    Attributes
+    ----------
+    role : str
+        what it is to the model.
+    column : str
+        the column it was read from.
+    unit : str
+        SI unit of `values`, the one the model wants.
+    values : Array
+        shape (samples,), read-only float64; NaN marks a missing sample.
+    sd : float | None
+        standard deviation of the noise in `unit`, where known.
+    full_scale : float | None
+        largest value the channel can show, in `unit`, where known.
+    per_unit : float
+        size of one `unit` in `recorded_unit` (5 for a command of +-1 that was +-5 V).
+    recorded_unit : str
+        SI unit of what was recorded, "V" for a valve command.
+    held : bool
+        it holds from each sample to the next, as a command does; where it is not known, nothing is simulated.
     """
 
     role: str
@@ -101,10 +126,14 @@ class Channel:
 class Repair:
     """What was wrong with a channel in the file and was put right while it was read.
 
-    Attributes:
-        role: of the channel.
-        message: what was seen and what was done, with the numbers as the file has them.
-        row: where it is first seen, counted from 0 in the recording.
+    Attributes
+    ----------
+    role : str
+        of the channel.
+    message : str
+        what was seen and what was done, with the numbers as the file has them.
+    row : int
+        where it is first seen, counted from 0 in the recording.
     """
 
     role: str
@@ -116,14 +145,22 @@ class Repair:
 class Provenance:
     """Where a recording came from and what was done to it.
 
-    Attributes:
-        path: the file.
-        sha256: of the file's bytes.
-        reader: the format it was read as.
-        columns: role -> column.
-        rows_read: rows of data in the file.
-        notes: everything that was left out, in words; empty when nothing was.
-        repairs: what was wrong with channels and was put right.
+    Attributes
+    ----------
+    path : Path
+        the file.
+    sha256 : str
+        of the file's bytes.
+    reader : str
+        the format it was read as.
+    columns : Mapping[str, str]
+        role -> column.
+    rows_read : int
+        rows of data in the file.
+    notes : tuple[str, ...]
+        everything that was left out, in words; empty when nothing was.
+    repairs : tuple[Repair, ...]
+        what was wrong with channels and was put right.
     """
 
     path: Path
@@ -139,14 +176,21 @@ class Provenance:
 class Recording:
     """Channels over one time axis.
 
-    Attributes:
-        name: the file's name; how findings speak of it.
-        time: s, shape (samples,), strictly increasing, read-only.
-        channels: role -> channel, every one with `len(time)` values.
-        provenance: the file behind it; ``None`` for a recording made in memory.
+    Attributes
+    ----------
+    name : str
+        the file's name; how findings speak of it.
+    time : Array
+        s, shape (samples,), strictly increasing, read-only.
+    channels : Mapping[str, Channel]
+        role -> channel, every one with `len(time)` values.
+    provenance : Provenance | None
+        the file behind it; ``None`` for a recording made in memory.
 
-    Raises:
-        RecordingError: fewer than two samples, times that do not increase, or lengths that differ.
+    Raises
+    ------
+    RecordingError
+        fewer than two samples, times that do not increase, or lengths that differ.
     """
 
     name: str
@@ -170,6 +214,42 @@ class Recording:
                 )
             channels[role] = dataclasses.replace(channel, values=values)
         object.__setattr__(self, "channels", channels)
+
+    @classmethod
+    def from_frame(cls, frame: pd.DataFrame, rig: Mapped, name: str = "frame") -> Recording:
+        """A recording from a table in memory, one row a sample.
+
+        Parameters
+        ----------
+        frame : pd.DataFrame
+            columns as the rig file maps them, by the names it gives or by role ("time", "command", ...), in the
+            units that it states; others are left alone. NaN is a missing sample.
+        rig : Mapped
+            as read with `read_rig`.
+        name : str
+            how findings speak of it.
+
+        Raises
+        ------
+        RecordingError
+            a column is missing, empty, or holds text or an infinite value; times do not increase.
+        """
+        from optid.core.readers.memory import recording_from_frame
+
+        return recording_from_frame(frame, rig, name)
+
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, ArrayLike], rig: Mapped, name: str = "arrays") -> Recording:
+        """A recording from arrays in memory, all of shape (samples,), by column or role as in `from_frame`.
+
+        Raises
+        ------
+        RecordingError
+            as `from_frame`; arrays of other shapes.
+        """
+        from optid.core.readers.memory import recording_from_arrays
+
+        return recording_from_arrays(arrays, rig, name)
 
     def __len__(self) -> int:
         return len(self.time)
@@ -210,16 +290,19 @@ class Recording:
     def slice(self, start: float = -math.inf, stop: float = math.inf) -> Recording:
         """The samples with ``start <= time < stop``, both in seconds of this recording's own clock.
 
-        Raises:
-            RecordingError: fewer than two samples lie there.
+        Raises
+        ------
+        RecordingError
+            fewer than two samples lie there.
         """
         first, last = np.searchsorted(self.time, (start, stop))
         if last - first < 2:
             span = f"{self.time[0]:g} to {self.time[-1]:g} s"
             raise RecordingError(
-                f"{max(last - first, 0)} samples from {start:g} to {stop:g} s", where=self.name,
+                f"{max(last - first, 0)} samples from {start:g} to {stop:g} s",
+                where=self.name,
                 expected=f"at least two; the recording runs from {span}",
-            )  # fmt: skip
+            )
         return self.taken(np.arange(first, last))
 
     def segments(self, longer_than: float = LONG_GAP) -> tuple[Recording, ...]:
@@ -279,8 +362,10 @@ class Experiments:
     def of(cls, recordings: Iterable[Recording]) -> Experiments:
         """Collect recordings: equal file names get their folder in front, and a number if that does not help.
 
-        Raises:
-            RecordingError: the same samples twice (same columns of the same bytes, overlapping times).
+        Raises
+        ------
+        RecordingError
+            the same samples twice (same columns of the same bytes, overlapping times).
         """
         given = tuple(recordings)
         for i, recording in enumerate(given):

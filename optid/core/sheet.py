@@ -123,8 +123,10 @@ class Sheet:
     def signal(self, name: str) -> ca.SX:
         """A state or an input that the plant has declared, for an effect that can follow any of them.
 
-        Raises:
-            PlantError: the plant has declared none of that name so far.
+        Raises
+        ------
+        PlantError
+            the plant has declared none of that name so far.
         """
         known = {**self._state_symbols, **{role: symbol for role, (_, symbol) in self._inputs.items()}}
         if name not in known:
@@ -162,8 +164,10 @@ class Sheet:
     def plant_param(self, name: str) -> ca.SX:
         """A parameter that the plant has declared, for an effect that needs it.
 
-        Raises:
-            PlantError: the plant has declared no such parameter so far.
+        Raises
+        ------
+        PlantError
+            the plant has declared no such parameter so far.
         """
         if name not in self._parameters:
             raise PlantError(
@@ -171,33 +175,38 @@ class Sheet:
             )
         return self._parameters[name][1]
 
-    def later(self, time: Expression) -> tuple[Expression | None, Expression]:
+    def delay_input(self, time: Expression) -> tuple[Expression | None, Expression]:
         """Let commands come later by `time`, s: how late they came before, None if at once, and how late they come."""
         before, self._late = self._late, time if self._late is None else self._late + time
         return before, self._late
 
-    def switched(self, share: Expression, before: Expression, after: Expression) -> Expression:
+    def switch_within_hold(self, share: Expression, before: Expression, after: Expression) -> Expression:
         """A signal that changes inside each hold, after this share of it; of two such shares the last one counts."""
         half = self._switch[0] if self._switch else ca.SX.sym("half")
         self._switch = (half, share)
         return before + half * (after - before)
 
-    def note(self, name: str, expression: Expression) -> None:
+    def store(self, name: str, expression: Expression) -> None:
         """Keep an expression that an effect needs again at a later site."""
         self._notes[self._prefix + name] = expression
 
-    def noted(self, name: str) -> Expression:
+    def recall(self, name: str) -> Expression:
         """What the same effect noted at an earlier site."""
         return self._notes[self._prefix + name]
 
     def site(self, name: str, nominal: Expression, *, size: float = 1.0, **near: Expression) -> Expression:
         """Offer a signal to effects; returns it unchanged when none acts here.
 
-        Args:
-            name: of the site.
-            nominal: the signal.
-            size: its usual size in SI units, for effects that can act on any signal.
-            **near: other signals that an effect here may need; it finds `size` among them too.
+        Parameters
+        ----------
+        name : str
+            of the site.
+        nominal : Expression
+            the signal.
+        size : float
+            its usual size in SI units, for effects that can act on any signal.
+        **near : Expression
+            other signals that an effect here may need; it finds `size` among them too.
         """
         here = ca.SX(nominal)
         self._sites.setdefault(name, (0.0 if here.is_constant() else size, tuple(near)))
@@ -209,7 +218,7 @@ class Sheet:
             self._prefix = ""
         return nominal
 
-    def hand_on(self, name: str, signal: Expression) -> None:
+    def override_signal(self, name: str, signal: Expression) -> None:
         """Let the effects that follow at this site find another signal near it: the speed of what is shown now."""
         self._near[name] = signal
 
@@ -262,8 +271,10 @@ class Sheet:
     def freeze(self) -> Model:
         """Check that the equations close and freeze them.
 
-        Raises:
-            PlantError: a state has no rate, nothing is measured, or an effect names a site that does not exist.
+        Raises
+        ------
+        PlantError
+            a state has no rate, nothing is measured, or an effect names a site that does not exist.
         """
         missing = [name for name in self._states if name not in self._rates]
         if missing or not self._states:
@@ -329,13 +340,19 @@ class Sheet:
 def build(plant: Plant, effects: Sequence[Effect] = (), **options: object) -> Model:
     """Read a plant's equations once and freeze them into a `Model`.
 
-    Args:
-        plant: function that writes on a `Sheet`; keyword arguments with defaults are its options.
-        effects: missing physics to insert at the plant's sites, in this order.
-        **options: choices the plant offers, such as ``rod_force=False``.
+    Parameters
+    ----------
+    plant : Plant
+        function that writes on a `Sheet`; keyword arguments with defaults are its options.
+    effects : Sequence[Effect]
+        missing physics to insert at the plant's sites, in this order.
+    **options : object
+        choices the plant offers, such as ``rod_force=False``.
 
-    Raises:
-        PlantError: an unknown option or value, or equations that do not close.
+    Raises
+    ------
+    PlantError
+        an unknown option or value, or equations that do not close.
     """
     name = getattr(plant, "__name__", "plant").replace("_", "-")
     _check_options(name, plant, options)

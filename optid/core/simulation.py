@@ -66,7 +66,7 @@ def simulate(
     intervals: int | None = None,
     tolerance: float = TOLERANCE,
 ) -> Runs:
-    """Simulate held inputs; a run that leaves the numbers ends in NaN.
+    """Simulate held inputs; a run that diverges ends in NaN.
 
     Args:
         model: the plant.

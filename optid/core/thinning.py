@@ -101,9 +101,10 @@ def _fastest_poles(model: Model, parameters: Mapping[str, float], recording: Rec
     x, u, q = ca.SX.sym("x", len(model.states)), ca.SX.sym("u", len(model.inputs)), ca.DM(p)
     rates, outputs = model.rates(x, u, q), model.sensors(x, u, q)
     slopes = ca.Function(
-        "slopes", [x, u],
+        "slopes",
+        [x, u],
         [ca.densify(s) for s in (ca.jacobian(rates, x), ca.jacobian(rates, u), ca.jacobian(outputs, x))],
-    )  # fmt: skip
+    )
     rows = np.linspace(0, len(run) - 1, _POINTS).astype(int)
     points = [(run[k], inputs[k]) for k in rows if np.isfinite(run[k]).all()]
     found = []

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import enum
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from optid.core.model import Array
 from optid.diagnosis.alternatives import Alternative
+from optid.diagnosis.answers import Verdict
 from optid.diagnosis.localisation.region import Region
 from optid.diagnosis.localisation.unknown_input import UnknownInput
 from optid.diagnosis.problem import DiagnosisProblem
@@ -17,14 +17,7 @@ from optid.diagnosis.testing import Evidence, HoldoutTest
 from optid.effects.effect import Effect
 from optid.estimation.result import Estimate
 
-
-class Verdict(enum.Enum):
-    """What a diagnosis says; the value is the word in its file."""
-
-    CONSISTENT = "consistent"
-    PARAMETERS = "parameters"
-    MISSING_PHYSICS = "missing-physics"
-    UNEXPLAINED = "unexplained"
+__all__ = ["Diagnosis", "Finding", "Suspicion", "Verdict"]
 
 
 @dataclass(frozen=True)

@@ -12,9 +12,14 @@ GROUND = "edges are ground one by one; beyond a third of their overlap they no l
 
 def _share(name: str, of: str) -> Parameter:
     return Parameter(
-        name, "1", 0.1, f"share by which the edges {of} are wider than the mean, and the others narrower", GROUND,
-        0.0, (-0.3, 0.3),
-    )  # fmt: skip
+        name,
+        "1",
+        0.1,
+        f"share by which the edges {of} are wider than the mean, and the others narrower",
+        GROUND,
+        0.0,
+        (-0.3, 0.3),
+    )
 
 
 FORWARDS = _share("forwards_wider", "that open at x > 0, supply to A and B to exhaust,")

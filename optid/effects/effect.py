@@ -33,30 +33,50 @@ SIGNALS = (
 class Effect:
     """Missing physics; a subclass states the attributes and writes `apply`.
 
-    Attributes:
-        name: as in `[effects.NAME]` and in a diagnosis.
-        sites: where it acts or takes note of a signal; the plant must offer all. The first gives it its place.
-        equation: of the paper that it changes.
-        parameters: SI; `default` is the null for a strength and a usual value for a shape.
-        strength: names of the parameters that make the effect vanish, each with the smallest size worth a name.
-        usual: points at which to try it (parameter name -> SI value), one for every branch that a descent
-            would not reach from the others: both signs, slow and fast, early and late.
-        ways: changes from the null by which its law goes in proportion (parameter name -> SI value), of a usual size
-            each and any of them together, where one that begins at the null has no better place to begin.
-        law: the equation in words.
-        says: what an engineer would say, with {parameter} to be filled in with value and unit.
-        depends_on: the signals it follows, the most telling first, each one of SIGNALS.
-        needs: what a recording must hold for it to show: "motion over most of the stroke".
-        look_alikes: names of the effects it is easily confused with.
-        shares: names of strengths whose part of the law is another effect's whole law while the plant moves, each with
-            that effect's name: only rest, or another experiment, tells the two apart.
-        excludes: names of the effects that cannot be there with it: the same thing with the other sign.
-        experiment: what tells it from these.
-        ahead_of: names of the effects that take up its signal where both act: a sensor's filter that of its gear.
-        resolved: names of parameters that are times which the sampling's own may be part of, each with the least
-            half-width of a 95 % interval in samples.
-        entire: a rig file states all of its parameters, as one without the others means nothing.
-        source: where law and sizes come from.
+    Attributes
+    ----------
+    name : str
+        as in `[effects.NAME]` and in a diagnosis.
+    sites : tuple[str, ...]
+        where it acts or takes note of a signal; the plant must offer all. The first gives it its place.
+    equation : str
+        of the paper that it changes.
+    parameters : tuple[Parameter, ...]
+        SI; `default` is the null for a strength and a usual value for a shape.
+    strength : Mapping[str, float]
+        names of the parameters that make the effect vanish, each with the smallest size worth a name.
+    usual : Sequence[Mapping[str, float]]
+        points at which to try it (parameter name -> SI value), one for every branch that a descent
+        would not reach from the others: both signs, slow and fast, early and late.
+    ways : Sequence[Mapping[str, float]]
+        changes from the null by which its law goes in proportion (parameter name -> SI value), of a usual size
+        each and any of them together, where one that begins at the null has no better place to begin.
+    law : str
+        the equation in words.
+    says : str
+        what an engineer would say, with {parameter} to be filled in with value and unit.
+    depends_on : tuple[str, ...]
+        the signals it follows, the most telling first, each one of SIGNALS.
+    needs : str
+        what a recording must hold for it to show: "motion over most of the stroke".
+    look_alikes : tuple[str, ...]
+        names of the effects it is easily confused with.
+    shares : Mapping[str, str]
+        names of strengths whose part of the law is another effect's whole law while the plant moves, each with
+        that effect's name: only rest, or another experiment, tells the two apart.
+    excludes : tuple[str, ...]
+        names of the effects that cannot be there with it: the same thing with the other sign.
+    experiment : str
+        what tells it from these.
+    ahead_of : tuple[str, ...]
+        names of the effects that take up its signal where both act: a sensor's filter that of its gear.
+    resolved : Mapping[str, float]
+        names of parameters that are times which the sampling's own may be part of, each with the least
+        half-width of a 95 % interval in samples.
+    entire : bool
+        a rig file states all of its parameters, as one without the others means nothing.
+    source : str
+        where law and sizes come from.
     """
 
     name: str
@@ -86,18 +106,24 @@ class Effect:
     def tries(self, heard: Sequence[Array], interval: float) -> Sequence[Mapping[str, float]]:
         """Points at which to try it on given recordings: `usual`, unless what the model missed tells better.
 
-        Args:
-            heard: what the plain model's predictions of one output miss, one array per recording, evenly sampled.
-            interval: time between samples, s.
+        Parameters
+        ----------
+        heard : Sequence[Array]
+            what the plain model's predictions of one output miss, one array per recording, evenly sampled.
+        interval : float
+            time between samples, s.
         """
         return self.usual
 
     def centred(self, values: Mapping[str, float], shown: Mapping[str, Array]) -> Mapping[str, float]:
         """What recordings together tell of parameters, where each has something of its own; nothing unless they do.
 
-        Args:
-            values: SI, by own name.
-            shown: where the effect's own states ended in each recording, by own name, (recordings,).
+        Parameters
+        ----------
+        values : Mapping[str, float]
+            SI, by own name.
+        shown : Mapping[str, Array]
+            where the effect's own states ended in each recording, by own name, (recordings,).
         """
         return {}
 

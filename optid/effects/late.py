@@ -26,7 +26,7 @@ def command_ago(sheet: Sheet, nominal: Any, time: Any) -> Any:
         nominal: the command now.
         time: s; its slope at 0 is that of the right side.
     """
-    before, now = sheet.later(time)
+    before, now = sheet.delay_input(time)
     known = sheet.past("command", 0) if before is None else _held(sheet, before)
     return nominal - known + _held(sheet, now)
 
@@ -43,4 +43,4 @@ def _held(sheet: Sheet, time: Any) -> Any:
         else:
             way = ca.fmin(ca.fmax((ago - left) / (right - left), 0), 1) * change
             first, then = first + way, then + way
-    return sheet.switched(ca.fmin(share, 1), first, then)
+    return sheet.switch_within_hold(ca.fmin(share, 1), first, then)

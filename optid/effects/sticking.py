@@ -39,10 +39,16 @@ class Sticking(Description):
         self.parameters = (
             constant("size", size, POSITIVE, "usual size of what sticks, in its SI unit"),
             Parameter(
-                "width", "1", 0.1, "how far it lets that go, of the usual size", OWN, NULL, (NULL, 10.0),
+                "width",
+                "1",
+                0.1,
+                "how far it lets that go, of the usual size",
+                OWN,
+                NULL,
+                (NULL, 10.0),
                 logarithmic=True,
             ),
-        )  # fmt: skip
+        )
         self.strength = {"width": float(WIDTHS[0])}
         self.usual = tuple({"width": float(width)} for width in WIDTHS)
         self.law = f"what stays until {self.along.replace('_', ' ')} has gone so far, and then jumps there"

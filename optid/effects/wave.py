@@ -53,11 +53,19 @@ class Wave(Description):
             *self._magnitude,
             *self._heights,
             Parameter(
-                "repeats", "1", repeats, f"periods by the SI unit of {along}", OWN, repeats, (1e-9, 1e9),
+                "repeats",
+                "1",
+                repeats,
+                f"periods by the SI unit of {along}",
+                OWN,
+                repeats,
+                (1e-9, 1e9),
                 logarithmic=True,
             ),
-            Parameter("phase", "1", 1.0, "where the signal is 0, rad; over time the recordings' mean", OWN, 0.0),
-        )  # fmt: skip
+            Parameter(
+                "phase", "1", 1.0, "where the signal is 0, rad; over time the recordings' mean", OWN, 0.0
+            ),
+        )
         self.strength = dict.fromkeys((q.name for q in self._heights), LEAST)
         self.usual = (self.of_height(1.0),)
         over = f"a wave over {along.replace('_', ' ')}"

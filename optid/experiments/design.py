@@ -73,9 +73,12 @@ class Design:
 
 
 def design(
-    loop: Loop, rivals: Sequence[Effect], seconds: float, generator: np.random.Generator,
+    loop: Loop,
+    rivals: Sequence[Effect],
+    seconds: float,
+    generator: np.random.Generator,
     progress: Report | None = None,
-) -> Design:  # fmt: skip
+) -> Design:
     """The reference that separates rivals best.
 
     Args:
@@ -177,9 +180,10 @@ class _Frame:
         samples = (total - lead.size) // count
         if samples < SAMPLES:
             raise InputError(
-                f"{samples} samples a piece", where="--seconds",
+                f"{samples} samples a piece",
+                where="--seconds",
                 expected=f"at least {(SAMPLES + lead.size) / rate:.3g} s at {rate:g} Hz",
-            )  # fmt: skip
+            )
         return _Frame(room, lead, count, samples, total)
 
     def reference(self, pieces: Sequence[Piece]) -> Array:
@@ -217,9 +221,12 @@ def _table(
 ) -> tuple[Separation, ...]:
     rows = [
         Separation(
-            rivals[i].name, None if j is None else rivals[j].name, float(sd), float(simple),
+            rivals[i].name,
+            None if j is None else rivals[j].name,
+            float(sd),
+            float(simple),
             seconds * max(1.0, (NEEDED / float(sd)) ** 2) if sd > 0 else math.inf,
         )
         for (i, j), sd, simple in zip(wanted, planned, plain, strict=True)
-    ]  # fmt: skip
+    ]
     return tuple(sorted(rows, key=lambda row: row.planned))

@@ -68,15 +68,18 @@ def document(planned: Planned) -> dict[str, Any]:
         "seed": planned.seed,
         "gains": dict(vars(loop.gains)),
         "limits": {
-            "command": [limits.low, limits.high], "command_rate": limits.rate,
-            "command_unit": wiring.command.recorded_unit, "position": list(limits.stroke), "position_unit": "m",
+            "command": [limits.low, limits.high],
+            "command_rate": limits.rate,
+            "command_unit": wiring.command.recorded_unit,
+            "position": list(limits.stroke),
+            "position_unit": "m",
         },
         "noise": {role: loop.rig.channels[role].sd for role in loop.measured},
         "rivals": [{"effect": effect.name, "smallest": _smallest(effect)} for effect in d.rivals],
         "needed_sd": NEEDED,
         "pairs": [_pair(row) for row in d.separations],
         "pieces": [{"name": name, "from": begin, "to": end} for name, begin, end in planned.pieces],
-    }  # fmt: skip
+    }
 
 
 def _smallest(effect: Effect) -> dict[str, Any]:
@@ -87,9 +90,12 @@ def _smallest(effect: Effect) -> dict[str, Any]:
 
 def _pair(row: Separation) -> dict[str, Any]:
     return {
-        "there": row.there, "instead": row.instead, "sd": row.planned, "sd_plain_steps": row.plain,
+        "there": row.there,
+        "instead": row.instead,
+        "sd": row.planned,
+        "sd_plain_steps": row.plain,
         "seconds_needed": row.seconds if np.isfinite(row.seconds) else None,
-    }  # fmt: skip
+    }
 
 
 def _quoted(name: str) -> str:

@@ -70,9 +70,11 @@ class Loop:
         low, high = settings.limits.stroke
         if not low - TOUCH * (high - low) <= self.start <= high + TOUCH * (high - low):
             raise InputError(
-                f"{low:g} to {high:g} m, and the model starts at {self.start:g} m", where=rig.path,
-                field="live.stroke_limits", expected="limits around the model's start",
-            )  # fmt: skip
+                f"{low:g} to {high:g} m, and the model starts at {self.start:g} m",
+                where=rig.path,
+                field="live.stroke_limits",
+                expected="limits around the model's start",
+            )
         self.rig = _with_noise(rig, high - low)
         self.measured = tuple(role for role in roles if role in rig.channels)
 
@@ -137,15 +139,19 @@ def refuse_unfit(rig: Rig) -> None:
     roles = [port.role for port in rig.model.outputs]
     if POSITION not in roles:
         raise InputError(
-            f'no output "{POSITION}" among {", ".join(roles)}', where=rig.path, field="model",
+            f'no output "{POSITION}" among {", ".join(roles)}',
+            where=rig.path,
+            field="model",
             expected="an axis: a plan is a reference for its position",
-        )  # fmt: skip
+        )
     for role in (POSITION, REFERENCE):
         if role not in rig.channels:
             raise InputError(
-                "no such channel, and a plan needs it", where=rig.path, field=f"channels.{role}",
+                "no such channel, and a plan needs it",
+                where=rig.path,
+                field=f"channels.{role}",
                 expected=f'{role} = {{ column = "{role[0]}", unit = "mm" }}',
-            )  # fmt: skip
+            )
 
 
 def refuse_endless(rig: Rig, settings: Settings) -> None:
@@ -157,9 +163,11 @@ def refuse_endless(rig: Rig, settings: Settings) -> None:
     low, high = settings.limits.stroke
     if not math.isfinite(high - low):
         raise InputError(
-            "the rig file states no stroke", where=rig.path, field="live.stroke_limits",
+            "the rig file states no stroke",
+            where=rig.path,
+            field="live.stroke_limits",
             expected='stroke_limits = ["-50 mm", "50 mm"] in [live]',
-        )  # fmt: skip
+        )
 
 
 def _with_noise(rig: Rig, stroke: float) -> Rig:

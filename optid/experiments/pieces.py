@@ -77,9 +77,14 @@ def _shapes(time: Array, reach: float, generator: np.random.Generator) -> Iterat
         yield f"slow ramps, ±{share:.0%}{where}", reach * (offset + share * _triangle(time / span))
         yield f"fast ramps, ±{share:.0%}{where}", reach * (offset + share * _triangle(time / 0.5))
     for low, high, share in (
-        (0.3, 3.0, 0.05), (0.3, 3.0, 0.3), (0.3, 3.0, 0.8), (1.0, 10.0, 0.3), (1.0, 10.0, 0.8), (5.0, 30.0, 0.3),
+        (0.3, 3.0, 0.05),
+        (0.3, 3.0, 0.3),
+        (0.3, 3.0, 0.8),
+        (1.0, 10.0, 0.3),
+        (1.0, 10.0, 0.8),
+        (5.0, 30.0, 0.3),
         (5.0, 30.0, 1.0),
-    ):  # fmt: skip
+    ):
         waves = share * reach * _multisine(time, low, high, generator)
         yield f"sines of {low:g} to {high:g} Hz, ±{share:.0%}", waves
     for half in (0.06, 0.12):

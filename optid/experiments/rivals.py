@@ -37,9 +37,11 @@ def named(
     for name in names:
         if name in rig.model.effects:
             raise InputError(
-                f'"{name}" is in the rig file already', where=where,
-                expected=f"a rig file without [effects.{name}]", hint=f"it was read from {rig.path}",
-            )  # fmt: skip
+                f'"{name}" is in the rig file already',
+                where=where,
+                expected=f"a rig file without [effects.{name}]",
+                hint=f"it was read from {rig.path}",
+            )
         if name not in possible:
             raise InputError(
                 f'this plant takes no effect "{name}"', where=where, hint=nearest(name, possible)
@@ -81,7 +83,8 @@ def from_diagnosis(path: Path) -> tuple[str, ...]:
         names = [*names, *untested][:MOST]
     if not names:
         raise InputError(
-            "it left nothing open: no finding, and nothing that was not testable", where=path,
+            "it left nothing open: no finding, and nothing that was not testable",
+            where=path,
             hint="name effects with --rivals",
-        )  # fmt: skip
+        )
     return tuple(dict.fromkeys(names))

@@ -30,8 +30,10 @@ class Driver(Protocol):
     def read(self, time: float) -> Sequence[float]:
         """One value for each measured channel, in the wiring's order; NaN where a sensor gave none.
 
-        Raises:
-            EndOfData: there will be no more.
+        Raises
+        ------
+        EndOfData
+            there will be no more.
         """
 
     def write(self, command: float, time: float) -> float:
@@ -45,13 +47,20 @@ class Driver(Protocol):
 class Order:
     """What a driver is made from.
 
-    Attributes:
-        rig: the rig file, understood.
-        wiring: the columns to read and the one to write.
-        settings: rate and limits.
-        options: the rig file's `[live.NAME]`, `[live.file]` for a user's own.
-        recording: for `replay`.
-        seed: of everything random.
+    Attributes
+    ----------
+    rig : Rig
+        the rig file, understood.
+    wiring : Wiring
+        the columns to read and the one to write.
+    settings : Settings
+        rate and limits.
+    options : Table
+        the rig file's `[live.NAME]`, `[live.file]` for a user's own.
+    recording : Path | None
+        for `replay`.
+    seed : int
+        of everything random.
     """
 
     rig: Rig
@@ -76,11 +85,15 @@ BUILT_IN = {
 def find_driver(name: str) -> Maker:
     """The function that makes a driver.
 
-    Args:
-        name: a built-in driver, or "path/to/file.py:function" for a user's own.
+    Parameters
+    ----------
+    name : str
+        a built-in driver, or "path/to/file.py:function" for a user's own.
 
-    Raises:
-        InputError: no such driver, or its package is not installed.
+    Raises
+    ------
+    InputError
+        no such driver, or its package is not installed.
     """
     if name in BUILT_IN:
         module, function = BUILT_IN[name].split(":")
@@ -89,9 +102,11 @@ def find_driver(name: str) -> Maker:
     file, colon, function = name.rpartition(":")
     if not colon or not file.endswith(".py"):
         raise InputError(
-            f'no driver "{name}"', where="--driver", expected='a built-in name or "path/to/file.py:function"',
+            f'no driver "{name}"',
+            where="--driver",
+            expected='a built-in name or "path/to/file.py:function"',
             hint=nearest(name, BUILT_IN),
-        )  # fmt: skip
+        )
     module_of_file = load_file(Path(file))
     made = getattr(module_of_file, function, None)
     if not callable(made):
@@ -106,8 +121,10 @@ def find_driver(name: str) -> Maker:
 def open_driver(name: str, rig: Rig, order: dict[str, Any]) -> Driver:
     """Make a driver; `order` holds the remaining fields of an `Order`.
 
-    Raises:
-        InputError: as `find_driver`, or the driver refuses its options.
+    Raises
+    ------
+    InputError
+        as `find_driver`, or the driver refuses its options.
     """
     maker = find_driver(name)
     options = driver_options(rig, name if name in BUILT_IN else "file")
@@ -125,8 +142,10 @@ def open_driver(name: str, rig: Rig, order: dict[str, Any]) -> Driver:
 def needed(module: str, extra: str) -> Any:
     """Import the package a driver stands on.
 
-    Raises:
-        InputError: it is not installed; says how to.
+    Raises
+    ------
+    InputError
+        it is not installed; says how to.
     """
     try:
         return importlib.import_module(module)

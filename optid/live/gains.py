@@ -47,10 +47,12 @@ def read_gains(text: str, settings: Settings) -> tuple[Gains, PidSettings | None
         stored = load(Path(text))
         if not math.isclose(stored.settings.sample_time, settings.span, rel_tol=1e-6):
             raise InputError(
-                f"{stored.settings.sample_time:g} s", where=text, field="sample_time",
+                f"{stored.settings.sample_time:g} s",
+                where=text,
+                field="sample_time",
                 expected=f"{settings.span:g} s, as the session runs",
                 hint="tune at the session's rate, or run it with --rate",
-            )  # fmt: skip
+            )
         return stored.gains, stored.settings
     pairs = [part.partition("=") for part in text.replace(",", " ").split()]
     if not pairs or not all(name and equals for name, equals, _ in pairs):
@@ -63,9 +65,12 @@ def controller_settings(settings: Settings, own: PidSettings | None) -> PidSetti
     limits = settings.limits
     own = own or PidSettings(settings.span)
     return replace(
-        own, sample_time=settings.span, low=max(own.low, limits.low), high=min(own.high, limits.high),
+        own,
+        sample_time=settings.span,
+        low=max(own.low, limits.low),
+        high=min(own.high, limits.high),
         rate=min(own.rate, limits.rate),
-    )  # fmt: skip
+    )
 
 
 def _numbers(entries: dict[str, str]) -> dict[str, float]:

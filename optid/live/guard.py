@@ -127,8 +127,15 @@ class Guard:
             "response": t.response.summary(),
             "numbers": t.numbers.summary(),
         }
-        return End(how, why if safe else f"{why}; the safe command could not be put", t.samples, t.missed,
-                   t.held_back, safe, timing)  # fmt: skip
+        return End(
+            how,
+            why if safe else f"{why}; the safe command could not be put",
+            t.samples,
+            t.missed,
+            t.held_back,
+            safe,
+            timing,
+        )
 
     def make_safe(self) -> bool:
         """Put the safe command; True once the driver took it."""

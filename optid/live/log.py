@@ -89,9 +89,11 @@ class Layout:
         wiring, position, reference = self._wiring, self._position, self._reference
         said = reply or NOTHING
         return (
-            round(time, 6) / wiring.time.factor, wiring.put(standing), *values,
+            round(time, 6) / wiring.time.factor,
+            wiring.put(standing),
+            *values,
             (said.reference - reference.shift) / reference.factor,
             (said.predicted - position.shift) / position.factor,
             (said.simulated - position.shift) / position.factor,
             (said.windowed - position.shift) / position.factor,
-        )  # fmt: skip
+        )

@@ -56,8 +56,21 @@ class Observer(Twin):
     def advance(self, command: float, span: float) -> bool:
         """As for a twin, with the covariance carried along."""
         self._input(command, span)
-        h = _follow(self._code, self.x, self._S, self._u, self._c, self._k, self._T, self._tolerance, span,
-                    min(self._h, span), self._P, self._q, self._swell)  # fmt: skip
+        h = _follow(
+            self._code,
+            self.x,
+            self._S,
+            self._u,
+            self._c,
+            self._k,
+            self._T,
+            self._tolerance,
+            span,
+            min(self._h, span),
+            self._P,
+            self._q,
+            self._swell,
+        )
         if not self._sane(h, span):
             self._P[:] = np.diag(self._spread**2)
             return False
@@ -65,8 +78,22 @@ class Observer(Twin):
 
     def correct(self, measured: Array) -> None:
         """Take one sample of the outputs, SI, shape (outputs,); NaN is missing."""
-        _heed(self._code, self.x, self._u, self._c, self._y, self._H, self._eye, self._P, self._R, self._swell,
-              self._recent, self._weight, self._known, measured)  # fmt: skip
+        _heed(
+            self._code,
+            self.x,
+            self._u,
+            self._c,
+            self._y,
+            self._H,
+            self._eye,
+            self._P,
+            self._R,
+            self._swell,
+            self._recent,
+            self._weight,
+            self._known,
+            measured,
+        )
 
     @property
     def noise(self) -> Array:
@@ -140,9 +167,19 @@ def _follow(code, x, S, u, c, k, T, tolerance, span, h, P, q, swell):  # type: i
     for i in range(len(x)):
         S[i, i] = 1.0
     h = advance(
-        code.slopes, code.step_slopes, code.half, at(x, 0), at(S, 0), at(u, 0), at(c, 0), k, at(T, 0), at(tolerance, 0),
-        span, h,
-    )  # fmt: skip
+        code.slopes,
+        code.step_slopes,
+        code.half,
+        at(x, 0),
+        at(S, 0),
+        at(u, 0),
+        at(c, 0),
+        k,
+        at(T, 0),
+        at(tolerance, 0),
+        span,
+        h,
+    )
     _carry(P, S, q * (span * swell[0]))
     return h
 

@@ -10,8 +10,15 @@ from optid.live.reference import Reference
 
 # Columns of the ring of signals, one row a sample, SI.
 SIGNALS = (
-    "time", "reference", "measured", "predicted", "simulated", "windowed", "command", "innovation",
-)  # fmt: skip
+    "time",
+    "reference",
+    "measured",
+    "predicted",
+    "simulated",
+    "windowed",
+    "command",
+    "innovation",
+)
 KEEP = 60.0  # s of signals in the ring
 SLOW = 20.0  # Hz: the pace of the parameters' ring, and of everything that is no signal
 

@@ -138,8 +138,9 @@ def loop_process(plan: Plan, link: Connection, session: Connection, rings: tuple
                 sample = unpack_sample(link.recv_bytes())
                 reply = loop.step(sample)
                 link.send_bytes(pack_reply(reply))
-                signals.add((sample.time, reply.reference, loop.measured, *reply[3:6], reply.command,
-                             loop.innovation))  # fmt: skip
+                signals.add(
+                    (sample.time, reply.reference, loop.measured, *reply[3:6], reply.command, loop.innovation)
+                )
                 if sample.number >= due:  # not "every so many": that very sample may have been missed
                     due = sample.number + every
                     _slow(loop, slow, sample.time)

@@ -43,9 +43,10 @@ def tour(limits: Limits) -> Reference:
     low, high = limits.stroke
     if not high - low < float("inf"):
         raise InputError(
-            "the rig file states no stroke, so no tour of it is known", where="--reference",
+            "the rig file states no stroke, so no tour of it is known",
+            where="--reference",
             expected='a position, "0:0 mm, 2:60 mm, 5:-40 mm", or a recording with a reference',
-        )  # fmt: skip
+        )
     middle, half = (high + low) / 2, (high - low) / 2
     times = tuple(i * HOLD for i in range(len(TOUR)))
     return Reference(times, tuple(middle + half * share for share in TOUR), HOLD * len(TOUR))
@@ -92,7 +93,8 @@ def _within(reference: Reference, limits: Limits, unit: str) -> Reference:
     for value in (min(reference.values), max(reference.values)):
         if not low <= value <= high:
             raise InputError(
-                f"{value:g} {unit} lies beyond the stroke limits", where="--reference",
+                f"{value:g} {unit} lies beyond the stroke limits",
+                where="--reference",
                 expected=f"{low:g} to {high:g} {unit}",
-            )  # fmt: skip
+            )
     return reference

@@ -135,6 +135,11 @@ def last_stretch(path: Path, wiring: Wiring, settings: Settings) -> Stretch | No
     of = wiring.reference or position
     positions["reference"] = of.factor * reference + of.shift
     return Stretch(
-        columns[0] * wiring.time.factor, positions, (columns[1] * command.factor + command.shift) * command.per_unit,
-        position.role, position.model_unit, command.recorded_unit, (settings.limits.low, settings.limits.high),
-    )  # fmt: skip
+        columns[0] * wiring.time.factor,
+        positions,
+        (columns[1] * command.factor + command.shift) * command.per_unit,
+        position.role,
+        position.model_unit,
+        command.recorded_unit,
+        (settings.limits.low, settings.limits.high),
+    )

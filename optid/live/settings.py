@@ -142,29 +142,38 @@ def live_settings(rig: Rig, rate: float | None = None) -> Settings:
     rate = number("rate", "Hz", recorded or RATE) if rate is None else rate
     if recorded is not None and abs(rate - recorded) > 1e-9 * recorded:
         raise RigError(
-            f"{rate:g} Hz where recordings without a time column come at {recorded:g} Hz", where=where,
-            field="live.rate", expected="the same rate, or a time column in [channels]",
-        )  # fmt: skip
+            f"{rate:g} Hz where recordings without a time column come at {recorded:g} Hz",
+            where=where,
+            field="live.rate",
+            expected="the same rate, or a time column in [channels]",
+        )
     watchdog = number("watchdog", "s", max(WATCHDOG, 5 / rate if rate > 0 else WATCHDOG))
     full = None if command.full_scale is None else command.full_scale * command.per_unit
     if full is None and "command_limits" not in table:
         raise RigError(
-            "the largest command is not known", where=where, field="live.command_limits",
+            "the largest command is not known",
+            where=where,
+            field="live.command_limits",
             expected=f'command_limits = ["-5 {volts}", "5 {volts}"], or a full_scale of the command',
-        )  # fmt: skip
+        )
     low, high = _pair(table, "command_limits", volts, (-(full or 0.0), full or 0.0), where)
     for name, value in (("rate", rate), ("watchdog", watchdog)):
         if not 0 < value < math.inf:
             raise RigError(f"{value:g}", where=where, field=f"live.{name}", expected="a positive value")
     limits = Limits(
-        low, high, number("command_rate", f"{volts}/s" if volts != "1" else "Hz", (high - low) / FULL_SWING),
-        number("safe_command", volts, 0.0), _pair(table, "stroke_limits", metres, _stroke(rig), where),
-    )  # fmt: skip
+        low,
+        high,
+        number("command_rate", f"{volts}/s" if volts != "1" else "Hz", (high - low) / FULL_SWING),
+        number("safe_command", volts, 0.0),
+        _pair(table, "stroke_limits", metres, _stroke(rig), where),
+    )
     if not low <= limits.safe <= high:
         raise RigError(
-            f"{limits.safe:g} {volts} lies outside the command limits", where=where, field="live.safe_command",
+            f"{limits.safe:g} {volts} lies outside the command limits",
+            where=where,
+            field="live.safe_command",
             expected=f"{low:g} to {high:g} {volts}",
-        )  # fmt: skip
+        )
     if not limits.rate > 0:
         raise RigError(f"{limits.rate:g}", where=where, field="live.command_rate", expected="a positive rate")
     return Settings(rate, limits, watchdog)

@@ -35,9 +35,17 @@ def offer_diagnosis(rig: Path, out: Path, rate: float) -> str:
     except OSError as error:
         return f"the last minutes could not be written: {error}"
     return shlex.join(
-        ["optid", "diagnose", str(rig), str(out / SEEN), "--holdout", str(out / UNSEEN),
-         "--out", str(out / "diagnosis")]
-    )  # fmt: skip
+        [
+            "optid",
+            "diagnose",
+            str(rig),
+            str(out / SEEN),
+            "--holdout",
+            str(out / UNSEEN),
+            "--out",
+            str(out / "diagnosis"),
+        ]
+    )
 
 
 def last_rows(path: Path, count: int) -> tuple[bytes, list[bytes]]:

@@ -40,8 +40,13 @@ class Durations:
         """Microseconds, as `live.json` holds them; ``None`` before anything was counted."""
         if not self.number:
             return None
-        rows = {"mean": self._sum / self.number, "p50": self.percentile(50), "p99": self.percentile(99),
-                "p999": self.percentile(99.9), "max": self._largest}  # fmt: skip
+        rows = {
+            "mean": self._sum / self.number,
+            "p50": self.percentile(50),
+            "p99": self.percentile(99),
+            "p999": self.percentile(99.9),
+            "max": self._largest,
+        }
         return {
             "number": self.number,
             **{f"{name}_us": round(1e6 * value, 2) for name, value in rows.items()},

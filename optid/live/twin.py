@@ -49,8 +49,9 @@ class Twin:
     def advance(self, command: float, span: float) -> bool:
         """Hold a command, in the model's unit, for `span` seconds; False where the equations leave the numbers."""
         self._input(command, span)
-        h = _hold(self._code, self.x, self._u, self._c, self._k, self._tolerance, span, min(self._h, span),
-                  self._y)  # fmt: skip
+        h = _hold(
+            self._code, self.x, self._u, self._c, self._k, self._tolerance, span, min(self._h, span), self._y
+        )
         return self._sane(h, span)
 
     def outputs(self) -> Array:

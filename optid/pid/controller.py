@@ -116,9 +116,10 @@ class Settings:
         self._check_valve()
         if self.anti_windup is AntiWindup.BACK_CALCULATION and not self.tracking_time >= self.sample_time:
             raise InputError(
-                f"{self.tracking_time:g}", field="tracking_time",
+                f"{self.tracking_time:g}",
+                field="tracking_time",
                 expected=f"at least one sample, {self.sample_time:g} s",
-            )  # fmt: skip
+            )
 
     def _check_valve(self) -> None:
         if not (-math.inf < self.deadband_low <= 0.0 <= self.deadband_high < math.inf):
@@ -130,9 +131,11 @@ class Settings:
         widest = max(-self.deadband_low, self.deadband_high)
         if widest > 0 and not 0 < self.deadband_onset < math.inf:
             raise InputError(
-                f"{self.deadband_onset:g}", field="deadband_onset", expected="a command greater than 0",
+                f"{self.deadband_onset:g}",
+                field="deadband_onset",
+                expected="a command greater than 0",
                 hint="a jump at zero command would make the axis chatter",
-            )  # fmt: skip
+            )
         if widest > 0 and not (self.low <= self.deadband_low and self.deadband_high <= self.high):
             raise InputError("the dead band reaches beyond the limits", field="deadband")
         if not 0 <= self.resolution < math.inf:
@@ -144,9 +147,10 @@ class Settings:
         if self.resolution > 0 and self.rate * self.sample_time < self.resolution * (1 - law.SLACK):
             raise InputError(
                 f"{self.rate:g} per second is less than one step of {self.resolution:g} a sample: "
-                "the command could never move", field="rate",
+                "the command could never move",
+                field="rate",
                 expected=f"at least {self.resolution / self.sample_time:g} per second",
-            )  # fmt: skip
+            )
 
     @property
     def vector(self) -> Array:

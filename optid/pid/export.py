@@ -12,9 +12,24 @@ from optid.pid.translate import STRUCTURED_TEXT, C, literal, translate
 
 _FUNCTIONS = {"law": law.law, "start": law.start, "change": law.change}
 _SETTINGS = (
-    "kp", "ki", "kd", "derivative_filter", "setpoint_weight", "derivative_weight", "sample_time", "low", "high",
-    "max_move", "deadband_low", "deadband_high", "onset", "resolution", "per_step", "clamping", "tracking",
-)  # fmt: skip
+    "kp",
+    "ki",
+    "kd",
+    "derivative_filter",
+    "setpoint_weight",
+    "derivative_weight",
+    "sample_time",
+    "low",
+    "high",
+    "max_move",
+    "deadband_low",
+    "deadband_high",
+    "onset",
+    "resolution",
+    "per_step",
+    "clamping",
+    "tracking",
+)
 _MEMORY = ("integral", "slope", "last_command", "last_setpoint", "last_measured")
 
 _HEADER = """\
@@ -145,11 +160,14 @@ def c_header(controller: Controller, name: str = "optid_pid") -> str:
     _check(name)
     bodies = {key: _with_locals(key, name) for key in _FUNCTIONS}
     return _HEADER.format(
-        name=name, NAME=name.upper(), sample_time=literal(controller.settings.sample_time),
+        name=name,
+        NAME=name.upper(),
+        sample_time=literal(controller.settings.sample_time),
         settings="\n".join(f"    double {field};" for field in _SETTINGS),
         memory="\n".join(f"    double {field};" for field in _MEMORY),
-        values="\n".join(f"    .{field} = {literal(v)}," for field, v in _values(controller)), **bodies,
-    )  # fmt: skip
+        values="\n".join(f"    .{field} = {literal(v)}," for field, v in _values(controller)),
+        **bodies,
+    )
 
 
 def structured_text(controller: Controller, name: str = "optid_pid") -> str:
@@ -167,14 +185,15 @@ def structured_text(controller: Controller, name: str = "optid_pid") -> str:
     taken = dict.fromkeys(local for body in bodies.values() for local in body.names if local != "command")
     indent = "        "
     return _BLOCK.format(
-        name=name, sample_time=literal(controller.settings.sample_time),
+        name=name,
+        sample_time=literal(controller.settings.sample_time),
         settings="\n".join(f"    {field} : LREAL := {literal(v)};" for field, v in _values(controller)),
         memory="\n".join(f"    {field} : LREAL;" for field in _MEMORY),
         locals="\n".join(f"    {local} : LREAL;" for local in taken),
         law="\n".join(bodies["law"].statements[:-1]),  # the last one gives back what is the block's output
         start="\n".join(indent + line.strip() for line in bodies["start"].statements),
         change="\n".join(indent + line.strip() for line in bodies["change"].statements),
-    )  # fmt: skip
+    )
 
 
 def _with_locals(key: str, name: str) -> str:

@@ -55,26 +55,35 @@ _SIGNS: dict[type[ast.AST], str] = {ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast
 C = Dialect(
     literal,
     {
-        "chosen": "(({0}) ? ({1}) : ({2}))", "bounded": "fmin(fmax({0}, {1}), {2})", "smaller": "fmin({0}, {1})",
-        "larger": "fmax({0}, {1})", "known": "(isnan({0}) ? ({1}) : ({0}))", "whole": "floor({0})", "abs": "fabs({0})",
+        "chosen": "(({0}) ? ({1}) : ({2}))",
+        "bounded": "fmin(fmax({0}, {1}), {2})",
+        "smaller": "fmin({0}, {1})",
+        "larger": "fmax({0}, {1})",
+        "known": "(isnan({0}) ? ({1}) : ({0}))",
+        "whole": "floor({0})",
+        "abs": "fabs({0})",
     },
     {**_SIGNS, ast.Eq: "==", ast.NotEq: "!="},
     lambda target, value: f"    {target} = {value};",
     lambda structure, member: f"{structure}->{member}",
     lambda value: f"    return {value};",
-)  # fmt: skip
+)
 STRUCTURED_TEXT = Dialect(
     literal,
     {
-        "chosen": "SEL({0}, {2}, {1})", "bounded": "MIN(MAX({0}, {1}), {2})", "smaller": "MIN({0}, {1})",
-        "larger": "MAX({0}, {1})", "known": "SEL(({0} = {0}), {1}, {0})", "whole": "{prefix}whole({0})",
+        "chosen": "SEL({0}, {2}, {1})",
+        "bounded": "MIN(MAX({0}, {1}), {2})",
+        "smaller": "MIN({0}, {1})",
+        "larger": "MAX({0}, {1})",
+        "known": "SEL(({0} = {0}), {1}, {0})",
+        "whole": "{prefix}whole({0})",
         "abs": "ABS({0})",
     },
     {**_SIGNS, ast.Eq: "=", ast.NotEq: "<>"},
     lambda target, value: f"    {target} := {value};",
     lambda structure, member: f"{structure}.{member}",
     lambda value: f"    command := {value};",
-)  # fmt: skip
+)
 
 
 @dataclass(frozen=True)

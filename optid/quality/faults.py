@@ -45,12 +45,14 @@ def jumps(recording: Recording, outputs: tuple[str, ...], positions: tuple[str, 
             continue
         size, first = float(np.abs(steps[stays]).max()), stays[0]
         yield Remark(
-            "jump", "error" if role in positions else "warning", role,
+            "jump",
+            "error" if role in positions else "warning",
+            role,
             f"{role} jumps by {size:.4g} {recording[role].unit} within a sample ({len(stays)} such steps, first at "
             f"{t[first + 1]:.6g} s), {size / usual:.3g} times its fastest motion: counts lost, a new zero, or two "
             "recordings in one; cut the file there",
             (float(t[first]), float(t[first + 1])),
-        )  # fmt: skip
+        )
 
 
 def _stays(y: Array, k: int) -> bool:
@@ -76,9 +78,11 @@ def outliers(recording: Recording, outputs: tuple[str, ...]) -> Iterator[Remark]
             continue
         places = ", ".join(f"{recording.time[known[k]]:.6g}" for k in far[:_SHOWN])
         yield Remark(
-            "outliers", "warning", role,
+            "outliers",
+            "warning",
+            role,
             f"{len(far)} samples of {role} stand alone, up to {off[far - 2].max():.3g} {recording[role].unit} off "
             f"their neighbours (at {places}{' s ...' if len(far) > _SHOWN else ' s'}): leave them out, or let them "
             "count less (fit --robust)",
             (float(recording.time[known[far[0]]]),) * 2,
-        )  # fmt: skip
+        )

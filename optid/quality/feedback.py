@@ -37,11 +37,13 @@ def feedback(recording: Recording, inputs: tuple[str, ...], outputs: tuple[str, 
             y = recording[role].values[:_LONGEST]
             if _computed(u, y) or _computed(np.diff(u), y[1:]):
                 yield Remark(
-                    "feedback", "warning", cause,
+                    "feedback",
+                    "warning",
+                    cause,
                     f"{cause} can be computed from {role} ({_EXPLAINED:.1%} of it and more): it comes from a "
                     "controller that nothing else excites, so plant and inverse controller cannot be told apart; "
                     "record again with a moving reference or a test signal added to the command",
-                )  # fmt: skip
+                )
                 break
 
 
@@ -79,10 +81,12 @@ def single_line(recording: Recording, inputs: tuple[str, ...]) -> Iterator[Remar
         if line > _LINE and cycles >= 3 and len(np.unique(u[:2000])) > 8:
             frequency = top / (len(u) * recording.interval)
             yield Remark(
-                "excitation", "warning", role,
+                "excitation",
+                "warning",
+                role,
                 f"{role} is a single sine of {frequency:.4g} Hz: it shows gain and phase there and nothing else "
                 "(two numbers); record with a multisine, steps or a random signal",
-            )  # fmt: skip
+            )
 
 
 def tied(recording: Recording, inputs: tuple[str, ...]) -> Iterator[Remark]:
@@ -96,7 +100,9 @@ def tied(recording: Recording, inputs: tuple[str, ...]) -> Iterator[Remark]:
         r = float(np.corrcoef(u, v)[0, 1])
         if abs(r) > _ALIKE:
             yield Remark(
-                "tied", "warning", b,
+                "tied",
+                "warning",
+                b,
                 f"{a} and {b} move as one (correlation {r:.4f}): what each of them does cannot be told apart; move "
                 "them at different times",
-            )  # fmt: skip
+            )

@@ -74,9 +74,11 @@ def one_sided(recording: Recording, inputs: tuple[str, ...]) -> Iterator[Remark]
         if channel.full_scale is not None and low < high and (low >= 0 or high <= 0):
             sign = "positive" if low >= 0 else "negative"
             yield Remark(
-                "excitation", "warning", role,
+                "excitation",
+                "warning",
+                role,
                 f"{role} is never other than {sign}: one direction says nothing of the other",
-            )  # fmt: skip
+            )
 
 
 def travel(recording: Recording, role: str) -> Iterator[Remark]:
@@ -90,17 +92,21 @@ def travel(recording: Recording, role: str) -> Iterator[Remark]:
     reversals = int((np.diff(direction) != 0).sum())
     if reversals < 2:
         yield Remark(
-            "excitation", "warning", role,
+            "excitation",
+            "warning",
+            role,
             f"{role} reverses {('never', 'once')[reversals]}: friction cannot be told from a constant force",
-        )  # fmt: skip
+        )
     slow, fast = np.percentile(np.abs(speed[moving]), (10, 90))
     # Dry and viscous friction are a line's height and slope over speed; equal speeds leave the slope open.
     if fast < 2 * slow:
         yield Remark(
-            "excitation", "warning", role,
+            "excitation",
+            "warning",
+            role,
             f"{role} moves at {slow:.3g} to {fast:.3g} {recording[role].unit}/s for most of the time: "
             "so narrow a range of speeds does not part dry from viscous friction",
-        )  # fmt: skip
+        )
 
 
 @dataclass(frozen=True)
@@ -167,9 +173,10 @@ def answer(recording: Recording, cause: str, role: str) -> tuple[str, Lag] | Non
         return None
     speed, _ = _speed(recording, role)
     answers = {
-        role: _filled(recording[role].values), f"speed of {role}": speed,
+        role: _filled(recording[role].values),
+        f"speed of {role}": speed,
         f"acceleration of {role}": _slope(speed, recording),
-    }  # fmt: skip
+    }
     lags = {what: lag(values, signal, recording.interval) for what, signal in answers.items()}
     return max(lags.items(), key=lambda one: one[1].correlation)
 
@@ -190,10 +197,12 @@ def anticipation(recording: Recording, inputs: tuple[str, ...], outputs: tuple[s
             ahead = found.correlation > max(found.chance, found.causal) + margin
             if ahead and found.seconds < -_halfwidth(recording) * recording.interval:
                 yield Remark(
-                    "lag", "warning", role,
+                    "lag",
+                    "warning",
+                    role,
                     f"{role} moves {-found.seconds:.3g} s before {cause} does: the channels are out of step "
                     f"(correlation {found.correlation:.2f}, at most {found.causal:.2f} the right way round)",
-                )  # fmt: skip
+                )
 
 
 def polarity(
@@ -221,10 +230,12 @@ def polarity(
             clear = wrong > max(_AGAINST, found.chance, _PLAINER * right)
             if clear and found.sign != expected and found.seconds >= 0:
                 yield Remark(
-                    "polarity", "error", role,
+                    "polarity",
+                    "error",
+                    role,
                     f"{what} goes against {cause} (correlation {-expected * wrong:.2f}), where the model goes with it: "
                     f"the sign of {cause} or of {role} is the other one, or the gain between them in the rig file",
-                )  # fmt: skip
+                )
 
 
 def _halfwidth(recording: Recording) -> int:

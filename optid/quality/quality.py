@@ -55,9 +55,12 @@ def quality(
 
 
 def _remarks(
-    recording: Recording, model: Model, inputs: tuple[str, ...], outputs: tuple[str, ...],
+    recording: Recording,
+    model: Model,
+    inputs: tuple[str, ...],
+    outputs: tuple[str, ...],
     parameters: Mapping[str, float] | None,
-) -> list[Remark]:  # fmt: skip
+) -> list[Remark]:
     positions = tuple(port.role for port in model.outputs if port.unit == "m" and port.role in outputs)
     angular = tuple(port.role for port in model.outputs if port.unit in _ANGLES and port.role in outputs)
     # How an axis moves shows as well at a kilohertz; what its sensors do shows in their own samples only.

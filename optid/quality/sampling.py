@@ -54,18 +54,22 @@ def _pace(recording: Recording, role: str) -> Iterator[Remark]:
     speed = float(np.percentile(np.abs(steps[whole]) / intervals[whole], 95))
     if jitter * speed > max(noise, 1e-4 * spread):
         yield Remark(
-            "jitter", "warning", role,
+            "jitter",
+            "warning",
+            role,
             f"sampling intervals scatter by {jitter:.2g} s around {recording.interval:.4g} s, which at the "
             f"speed of {role} counts more than its noise: methods that assume equal intervals will err",
-        )  # fmt: skip
+        )
     # A sine whose steps are half its standard deviation has about 12 samples in a period.
     moved = math.sqrt(max(float(np.mean(steps[whole] ** 2)) - 2 * noise**2, 0.0))
     if moved > 0.5 * spread:
         yield Remark(
-            "slow", "warning", role,
+            "slow",
+            "warning",
+            role,
             f"{role} changes so much between samples that a swing has fewer than 12: sample faster than "
             f"{recording.rate:.4g} Hz",
-        )  # fmt: skip
+        )
 
 
 def missing(recording: Recording, inputs: tuple[str, ...], outputs: tuple[str, ...]) -> Iterator[Remark]:
@@ -107,10 +111,12 @@ def enough(recording: Recording, inputs: tuple[str, ...], outputs: tuple[str, ..
     ):
         return
     yield Remark(
-        "missing", "error", outputs[0] if outputs else "time",
+        "missing",
+        "error",
+        outputs[0] if outputs else "time",
         f"only {whole} of {len(recording)} samples have both a command and a measured output ({seconds:.3g} s): too "
         "little to fit to or to test on",
-    )  # fmt: skip
+    )
 
 
 def own_stride(absent: np.ndarray) -> int:

@@ -32,18 +32,23 @@ def saturation(recording: Recording, inputs: tuple[str, ...]) -> Iterator[Remark
         beyond = size > full + slack
         if beyond.any():
             yield Remark(
-                "beyond_scale", "warning", role,
+                "beyond_scale",
+                "warning",
+                role,
                 f"{role} reaches {np.nanmax(size) / full:.3g} times its full scale "
                 f"({beyond.mean():.2%} of the time lie beyond): the full scale in the rig file is too small, "
                 "or the valve does not follow",
                 _longest(beyond, recording),
-            )  # fmt: skip
+            )
         at = (size >= full - slack) & ~beyond
         if at.any():
             yield Remark(
-                "saturated", "note", role,
-                f"{role} stands at full scale for {at.mean():.2%} of the time", _longest(at, recording),
-            )  # fmt: skip
+                "saturated",
+                "note",
+                role,
+                f"{role} stands at full scale for {at.mean():.2%} of the time",
+                _longest(at, recording),
+            )
 
 
 def quantisation(recording: Recording, outputs: tuple[str, ...]) -> Iterator[Remark]:
@@ -64,10 +69,12 @@ def quantisation(recording: Recording, outputs: tuple[str, ...]) -> Iterator[Rem
         if best > 99.99:
             continue
         yield Remark(
-            "quantised", "warning" if best < 99 else "note", role,
+            "quantised",
+            "warning" if best < 99 else "note",
+            role,
             f"{role} moves in steps of {step:.3g} {recording[role].unit}, coarser than its noise: "
             f"no model can fit it better than {best:.2f} %",
-        )  # fmt: skip
+        )
 
 
 def constant_runs(recording: Recording, outputs: tuple[str, ...]) -> Iterator[Remark]:
@@ -100,11 +107,13 @@ def _clipped(
     repeat = _repeat_chance(channel.values, others)
     if _chance(repeat, last - first, len(rail)) < CHANCE:
         yield Remark(
-            "clipped", "warning", channel.role,
+            "clipped",
+            "warning",
+            channel.role,
             f"{channel.role} stands exactly at its {name} {channel.unit} for {rail.mean():.2%} of the time, "
             f"up to {last - first} samples in a row, without its usual noise: the sensor is clipped there",
             _span(recording, first, last),
-        )  # fmt: skip
+        )
 
 
 def _stuck(recording: Recording, channel: Channel, at_rail: NDArray[np.bool_]) -> Iterator[Remark]:
@@ -118,11 +127,13 @@ def _stuck(recording: Recording, channel: Channel, at_rail: NDArray[np.bool_]) -
         others[first : last + 1] = False
         if _chance(_repeat_chance(values, others), last + 1 - first, len(values)) < CHANCE:
             yield Remark(
-                "stuck", "warning", channel.role,
+                "stuck",
+                "warning",
+                channel.role,
                 f"{channel.role} holds {values[first]:.5g} {channel.unit} for {last + 1 - first} samples "
                 "without its usual noise: the sensor stuck, or samples were repeated",
                 _span(recording, first, last + 1),
-            )  # fmt: skip
+            )
 
 
 def _repeat_chance(values: Array, use: NDArray[np.bool_]) -> float:

@@ -11,7 +11,8 @@ from matplotlib.figure import Figure
 from optid.armax.offline import Identification, names
 from optid.armax.table2 import Table2
 from optid.core.recording import Array
-from optid.report.figures import ALARM, FREE, INK, LAGS, QUIET, STYLE, WINDOW, axis_name, svg, thin
+from optid.report.figures import ALARM, FREE, INK, LAGS, QUIET, STYLE, WINDOW, axis_name, thin
+from optid.report.interactive import interactive
 
 COLOURS = (WINDOW, FREE, ALARM, "#6a4c93", "#4c8c4a", QUIET)
 CLOSE = 160  # samples of the close view
@@ -45,7 +46,7 @@ def responses(table: Table2, time: Array, group: Sequence[tuple[int, int]], name
             axis.tick_params(labelbottom=axis is axes[-1])
         axes[-1].set_xlabel("time (s)")
         figure.align_ylabels()
-        return svg(figure)
+        return interactive(figure)
 
 
 def said(order: int, steps: int) -> str:
@@ -76,10 +77,18 @@ def path(taught: Identification, start: float) -> str:
             for i, label in enumerate(labels):
                 if label.startswith(letter):
                     axis.plot(time, taught.track[:, i], lw=1.0, label=label)
-            axis.legend(loc="lower left", ncols=6, bbox_to_anchor=(-0.02, 1.06), borderaxespad=0.2, fontsize=7,
-                        columnspacing=0.7, handlelength=0.8, handletextpad=0.4)  # fmt: skip
+            axis.legend(
+                loc="lower left",
+                ncols=6,
+                bbox_to_anchor=(-0.02, 1.06),
+                borderaxespad=0.2,
+                fontsize=7,
+                columnspacing=0.7,
+                handlelength=0.8,
+                handletextpad=0.4,
+            )
             axis.set_xlabel("time (s)")
-        return svg(figure)
+        return interactive(figure)
 
 
 def correlations(e: Array, u: Array, sample_time: float, input_names: Sequence[str]) -> str:
@@ -104,7 +113,7 @@ def correlations(e: Array, u: Array, sample_time: float, input_names: Sequence[s
             axis.set_ylim(-1.2 * largest, 1.2 * largest)
             axis.set_title(f"residuals and {name.replace('_', ' ')}", loc="left", fontsize=9, color="#4a525c")
             axis.set_xlabel("lag (ms)")
-        return svg(figure)
+        return interactive(figure)
 
 
 def correlation(e: Array, suspect: Array) -> tuple[Array, Array, float]:

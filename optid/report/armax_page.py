@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
-import jinja2
 import numpy as np
 from markupsafe import Markup
 
@@ -20,11 +18,12 @@ from optid.armax.resample import Sampled
 from optid.armax.survey import Candidate, Survey
 from optid.armax.table2 import CAPTIONS, Table2
 from optid.armax.words import number
+from optid.core.quantity import friendly
 from optid.core.recording import Recording
 from optid.quality.remark import Remark
 from optid.report import armax_figures as figures
 from optid.report import armax_response_figures as responses
-from optid.report.scores import friendly
+from optid.report.shell import render
 from optid.rigs.rigfile import Rig
 
 FEW = 3.0  # standard errors by which a mean differs from nothing
@@ -39,12 +38,8 @@ class Source:
     remarks: tuple[Remark, ...]
 
 
-def armax_page(found: Survey, sampled: Sampled, source: Source) -> str:
-    """The page of a survey."""
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(Path(__file__).parent), autoescape=True, trim_blocks=True,
-        lstrip_blocks=True, undefined=jinja2.StrictUndefined,
-    )  # fmt: skip
+def armax_page(found: Survey, sampled: Sampled, source: Source, folder: str = "out/armax") -> str:
+    """The page of a survey; `folder` is where its model is to lie, for the command to type next."""
     factor, unit = friendly(sampled.output_unit)
     table = found.table2.in_unit(unit or "1", factor)
     model, name = found.chosen.model, sampled.output.replace("_", " ")
@@ -52,20 +47,40 @@ def armax_page(found: Survey, sampled: Sampled, source: Source) -> str:
     e = innovations(model, sampled.signals.y, sampled.signals.u)
     poles, taken = physical_poles(source.rig, source.recording, sampled.output, model)
     models = [candidate.model for candidate in found.candidates]
-    return environment.get_template("armax.html.j2").render(
-        title=f"{source.rig.name}: ARMAX of {name} from {_listed(sampled)}", rig=source.rig, found=found,
-        source=source, sampled=sampled, table=table, captions=table.captions(), cells=_cells(table),
-        equation=equation(model), coefficients=_coefficients(model), chosen=found.chosen,
+    return render(
+        "armax.html.j2",
+        title=f"{source.rig.name}: ARMAX of {name} from {_listed(sampled)}",
+        rig=source.rig,
+        found=found,
+        source=source,
+        sampled=sampled,
+        table=table,
+        captions=table.captions(),
+        cells=_cells(table),
+        equation=equation(model),
+        coefficients=_coefficients(model),
+        chosen=found.chosen,
         noise=f"{math.sqrt(model.noise_variance) * factor:.4g} {unit}".rstrip(),
-        figures=[Markup(figures.responses(table, sampled.time, g, name)) for g in groups if len(g) > 1 or g[0][1] == 1],
+        figures=[
+            Markup(figures.responses(table, sampled.time, g, name))
+            for g in groups
+            if len(g) > 1 or g[0][1] == 1
+        ],
         path=Markup(figures.path(found.chosen.recursive, float(sampled.time[0]))),
         correlations=Markup(figures.correlations(e, sampled.signals.u, sampled.sample_time, sampled.inputs)),
         bodes=[_bode(models, sampled, i, source.recording, factor, unit) for i in range(len(sampled.inputs))],
-        poles=poles, taken=taken, number=number, z_map=Markup(responses.pole_zero_map(
-            [(c.order, c.audit) for c in found.candidates], poles)),
-        steps=[Markup(responses.steps(models, _per(unit, sampled, i), factor, i)) for i in range(len(sampled.inputs))],
-        orders=_orders(found), unknowns=_unknowns(found, sampled, source.recording, e),
-    )  # fmt: skip
+        poles=poles,
+        taken=taken,
+        number=number,
+        z_map=Markup(responses.pole_zero_map([(c.order, c.audit) for c in found.candidates], poles)),
+        steps=[
+            Markup(responses.steps(models, _per(unit, sampled, i), factor, i))
+            for i in range(len(sampled.inputs))
+        ],
+        orders=_orders(found),
+        unknowns=_unknowns(found, sampled, source.recording, e),
+        next_command=f"optid tune {folder}/armax.json --rig {source.rig.path} --out out/tune",
+    )
 
 
 def _per(unit: str, sampled: Sampled, input: int) -> str:
@@ -144,12 +159,20 @@ def _orders(found: Survey) -> list[dict[str, str | bool]]:
     rows: list[dict[str, str | bool]] = []
     for row in found.orders.rows:
         o = row.orders
-        rows.append({
-            "chosen": o == found.orders.recommended, "order": str(o.na), "delay": str(o.nk[0]) if o.nk else "",
-            "parameters": str(o.parameters), "aic": f"{row.aic:.1f}", "bic": f"{row.bic:.1f}", "fpe": f"{row.fpe:.4g}",
-            "one": _percent(row.fit_one_step), "ten": _percent(row.fit_ten_steps),
-            "simulated": _percent(row.fit_simulated),
-        })  # fmt: skip
+        rows.append(
+            {
+                "chosen": o == found.orders.recommended,
+                "order": str(o.na),
+                "delay": str(o.nk[0]) if o.nk else "",
+                "parameters": str(o.parameters),
+                "aic": f"{row.aic:.1f}",
+                "bic": f"{row.bic:.1f}",
+                "fpe": f"{row.fpe:.4g}",
+                "one": _percent(row.fit_one_step),
+                "ten": _percent(row.fit_ten_steps),
+                "simulated": _percent(row.fit_simulated),
+            }
+        )
     return rows
 
 

@@ -7,13 +7,15 @@ from typing import Any
 
 import matplotlib as mpl
 import numpy as np
+from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from optid.armax.audit import Audit
 from optid.armax.frequency import FrequencyResponse, model_response, step_response
 from optid.armax.model import Armax
 from optid.armax.physical import PhysicalPole
-from optid.report.figures import ALARM, FREE, INK, QUIET, STYLE, WINDOW, svg
+from optid.report.figures import ALARM, FREE, INK, QUIET, STYLE, WINDOW
+from optid.report.interactive import interactive
 
 COLOURS = (WINDOW, FREE, ALARM, "#6a4c93", "#4c8c4a", QUIET)
 TRUSTED = 0.5  # coherence from which on a measured point is drawn strong
@@ -21,7 +23,9 @@ POINTS = 400
 STEP_SAMPLES = (40, 4000)  # of the step response, at least and at most
 
 
-def bode(models: Sequence[Armax], measured: FrequencyResponse | None, gain_unit: str, input: int = 0) -> str:
+def bode(
+    models: Sequence[Armax], measured: FrequencyResponse | None, gain_unit: str, input: int = 0
+) -> Markup:
     """Magnitude, phase and coherence: models as lines, the measured response as dots.
 
     Args:
@@ -49,7 +53,7 @@ def bode(models: Sequence[Armax], measured: FrequencyResponse | None, gain_unit:
         bottom.set_xlabel("frequency (Hz)")
         top.legend(loc="lower left", ncols=6, bbox_to_anchor=(0, 1.0), borderaxespad=0.2)
         figure.align_ylabels()
-        return svg(figure)
+        return interactive(figure)
 
 
 def _measured(top: Any, middle: Any, bottom: Any, measured: FrequencyResponse) -> None:
@@ -72,7 +76,7 @@ def _degrees(response: Any) -> Any:
     return angle - 360.0 * np.round(angle[0] / 360.0)
 
 
-def pole_zero_map(audits: Sequence[tuple[int, Audit]], physical: Sequence[PhysicalPole]) -> str:
+def pole_zero_map(audits: Sequence[tuple[int, Audit]], physical: Sequence[PhysicalPole]) -> Markup:
     """Poles (crosses) with their intervals and zeros (rings) in z, one panel an order; squares are the rig's own."""
     circle = np.exp(1j * np.linspace(0, 2 * np.pi, 400))
     with mpl.rc_context(STYLE):
@@ -95,10 +99,10 @@ def pole_zero_map(audits: Sequence[tuple[int, Audit]], physical: Sequence[Physic
             axis.set_aspect("equal", "datalim")
             axis.set_title(f"order {order}", loc="left", fontsize=9, color="#4a525c")
         panels[0].legend(loc="lower left", fontsize=7)
-        return svg(figure)
+        return interactive(figure)
 
 
-def steps(models: Sequence[Armax], unit: str, factor: float, input: int = 0) -> str:
+def steps(models: Sequence[Armax], unit: str, factor: float, input: int = 0) -> Markup:
     """Response to a step of the input, one line a model.
 
     Args:
@@ -121,7 +125,7 @@ def steps(models: Sequence[Armax], unit: str, factor: float, input: int = 0) -> 
         axis.set_xlabel("time (s)")
         axis.set_ylabel(f"step response ({unit})" if unit else "step response")
         axis.legend(loc="lower left", ncols=6, bbox_to_anchor=(0, 1.0), borderaxespad=0.2)
-        return svg(figure)
+        return interactive(figure)
 
 
 def _memory(model: Armax) -> int:

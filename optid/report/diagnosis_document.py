@@ -20,28 +20,31 @@ def diagnosis_document(d: Diagnosis) -> dict[str, Any]:
         "summary": d.summary,
         "baseline": {"parameters": _parameters(d.base_parameters), "holdout": _scores(d.test.base.scores)},
         "improved": {"parameters": _parameters(d.best_parameters), "holdout": _scores(d.test.best.scores)},
-        "noise_floor": {
-            role: {"rmse": number(sd), "unit": _unit(d, role)} for role, sd in d.noise.items()
-        },
+        "noise_floor": {role: {"rmse": number(sd), "unit": _unit(d, role)} for role, sd in d.noise.items()},
         "findings": [_finding(f) for f in d.findings],
         "test": _test(d),
         "rejected": [{"effect": name, "why": why} for name, why in d.rejected],
         "not_testable": [
-            {"effect": name, "why": why, "smallest_visible": smallest} for name, why, smallest in d.not_testable
+            {"effect": name, "why": why, "smallest_visible": smallest}
+            for name, why, smallest in d.not_testable
         ],
         "residual_after": {
-            "white": d.test.residuals.white, "independent_of_input": d.test.residuals.independent,
-            "p_white": number(d.test.residuals.whiteness), "p_independent": number(d.test.residuals.independence),
+            "white": d.test.residuals.white,
+            "independent_of_input": d.test.residuals.independent,
+            "p_white": number(d.test.residuals.whiteness),
+            "p_independent": number(d.test.residuals.independence),
         },
-    }  # fmt: skip
+    }
 
 
 def _test(d: Diagnosis) -> dict[str, Any]:
     """Of the whole answer, on the recordings held out: is anything missing at all?"""
     return {
-        "p_value": number(d.test.p_value), "level": d.test.level, "error_over_noise": number(d.test.error_over_noise),
+        "p_value": number(d.test.p_value),
+        "level": d.test.level,
+        "error_over_noise": number(d.test.error_over_noise),
         "recordings": list(d.holdout),
-    }  # fmt: skip
+    }
 
 
 def _unit(d: Diagnosis, role: str) -> str:
@@ -76,17 +79,21 @@ def _finding(f: Finding) -> dict[str, Any]:
             "intervals": [[name, number(a), number(b)] for name, a, b in f.region.intervals],
             "states": {
                 name: {
-                    "low": number(r.low), "high": number(r.high), "unit": r.unit,
-                    "share_of_mismatch": number(r.share), "share_of_samples": number(r.occupancy),
+                    "low": number(r.low),
+                    "high": number(r.high),
+                    "unit": r.unit,
+                    "share_of_mismatch": number(r.share),
+                    "share_of_samples": number(r.occupancy),
                 }
                 for name, r in ranges.items()
             },
         },
         "evidence": {
-            "holdout_fit_gain": number(f.evidence.fit_gain), "p_value": number(f.evidence.p_value),
+            "holdout_fit_gain": number(f.evidence.fit_gain),
+            "p_value": number(f.evidence.p_value),
             "delta_bic": number(f.delta_bic),
         },
         "selection": {"cross_validated_gain": number(f.train_gain)},
         "suspected": [{"effect": one.effect, "why": one.why} for one in f.suspected],
         "indistinguishable_from": list(f.indistinguishable),
-    }  # fmt: skip
+    }

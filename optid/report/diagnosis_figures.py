@@ -1,159 +1,171 @@
-"""Figures of a diagnosis: before and after on the hold-out, the mismatch over time and over state."""
+"""Figures of a diagnosis: before and after on the recordings held out, where the mismatch is, and what is missing.
+
+Tables are those of `optid.results.diagnosis.DiagnosisResult`.
+"""
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
 from optid.core.model import Array
-from optid.diagnosis.evaluation import Evaluation
-from optid.diagnosis.result import Diagnosis, Finding
-from optid.report.figures import ALARM, FREE, INK, QUIET, STYLE, WINDOW, svg, thin
-from optid.report.scores import friendly
+from optid.core.quantity import friendly
+from optid.report.figures import ALARM, FREE, INK, QUIET, STYLE, WINDOW, axis_name, bounded
+from optid.report.prediction_figures import ABOVE
 
-BINS = 60
-DOTS = 4000  # points of a scatter plot
+if TYPE_CHECKING:
+    import pandas as pd
 
-
-def before_after(d: Diagnosis, output: int) -> str:
-    """Windows' residuals of the model as it came and of the improved one, with the noise's band."""
-    port = d.base.rig.model.outputs[output]
-    factor, unit = friendly(port.unit)
-    sd = d.noise.get(port.role, float("nan"))
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(9.2, 2.9), layout="constrained")
-        axes: Any = figure.subplots()
-        for judged, colour, label in ((d.test.base, FREE, "before"), (d.test.best, WINDOW, "after")):
-            if label == "after" and d.best is d.base:
-                continue
-            error = factor * (judged.measured[:, output] - judged.windows[:, output])
-            axes.plot(_clock(judged), error, color=colour, lw=0.9, label=label)
-        axes.axhspan(
-            -2 * factor * sd, 2 * factor * sd, color=QUIET, alpha=0.3, lw=0, label="±2 sd of the noise"
-        )
-        _breaks(axes, d.test.base)
-        axes.set_ylabel(f"error of {d.test.base.horizon:g} s windows ({unit})")
-        axes.set_xlabel("time over the held-out recordings (s)")
-        axes.legend(loc="lower left", ncols=3, bbox_to_anchor=(0, 1.0), borderaxespad=0.2)
-        return svg(figure)
+DOTS = 3000  # points of a scatter plot
 
 
-def mismatch_map(finding: Finding, names: tuple[str, ...]) -> str:
-    """Where in time the mismatch is, one strip a recording."""
-    region = finding.region
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(9.2, 0.55 + 0.5 * len(names)), layout="constrained")
-        axes: Any = figure.subplots(len(names), 1, squeeze=False, sharex=True)[:, 0]
-        strips = []
-        for number in range(len(names)):
-            mine = region.owner == number
-            slot = np.floor((region.time[mine] - region.time[mine][0]) / region.slot).astype(int)
-            strips.append(np.sqrt(np.bincount(slot, weights=region.energy[mine])))
-        top = max(float(s.max()) for s in strips)
-        for axis, strip, name in zip(axes, strips, names, strict=True):
-            axis.imshow(
-                strip[None], aspect="auto", extent=(0, len(strip) * region.slot, 0, 1), cmap="YlOrRd", vmin=0,
-                vmax=top or 1.0, interpolation="nearest",
-            )  # fmt: skip
-            axis.set_yticks([])
-            axis.grid(False)
-            axis.set_ylabel(name, rotation=0, ha="right", va="center")
-        axes[-1].set_xlabel("time (s)")
-        return svg(figure)
+def before_after(frame: pd.DataFrame, role: str, unit: str, noise: float | None, changed: bool) -> Figure:
+    """Trajectories of both models beside the measurement, over their errors.
 
-
-def over_state(finding: Finding, signal: str) -> str:
-    """Density of the mismatch over a signal, beside the density of the samples."""
-    region = finding.region
-    values, unit = region.signals[signal]
+    Args:
+        frame: of the recordings held out.
+        role: of the output.
+        unit: its SI unit.
+        noise: sd, SI, where known.
+        changed: the improved model is another one.
+    """
     factor, shown = friendly(unit)
-    good = np.isfinite(values)
-    low, high = np.quantile(values[good], [0.002, 0.998])
-    if high <= low:
-        low, high = low - 1.0, high + 1.0
-    edges = np.linspace(low, high, BINS + 1)
-    v, e = values[good], region.energy[good]
-    mismatch, _ = np.histogram(v, edges, weights=e)
-    samples, _ = np.histogram(v, edges)
+    clock, breaks = _clock(frame)
+    lines: list[tuple[str, str, float, str]] = [("before", FREE, 1.1, "_before"), ("measured", INK, 1.7, "")]
+    lines += [("after", WINDOW, 1.0, "_after")] if changed else []
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(9.2, 4.8), layout="constrained")
+        top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1.2))
+        for label, colour, width, suffix in lines:
+            top.plot(clock, factor * _column(frame, f"{role}{suffix}"), color=colour, lw=width, label=label)
+        top.set_ylim(*bounded(factor * _column(frame, role), factor * _column(frame, f"{role}_before")))
+        top.set_ylabel(axis_name(role, shown))
+        top.legend(ncols=3, **ABOVE)
+        errors(bottom, frame, role, unit, noise, changed)
+        for at in breaks:
+            top.axvline(at, color=QUIET, lw=0.6)
+        bottom.set_xlabel("time over the recordings held out (s)")
+        figure.align_ylabels()
+        return figure
+
+
+def errors(
+    axes: Any, frame: pd.DataFrame, role: str, unit: str, noise: float | None, changed: bool = True
+) -> None:
+    """Window errors of both models with the noise's band, on given axes."""
+    factor, shown = friendly(unit)
+    clock, breaks = _clock(frame)
+    if noise is not None:
+        band = 2 * factor * noise
+        axes.axhspan(-band, band, color=QUIET, alpha=0.3, lw=0, label="±2 sd of the noise")
+    for label, colour in (("before", FREE), ("after", WINDOW))[: 2 if changed else 1]:
+        error = factor * (_column(frame, role) - _column(frame, f"{role}_{label}"))
+        axes.plot(clock, error, color=colour, lw=0.9, label=label)
+    for at in breaks:
+        axes.axvline(at, color=QUIET, lw=0.6)
+    axes.set_ylabel(axis_name("window error", shown))
+    axes.legend(ncols=3, **ABOVE)
+
+
+def mismatch_map(frame: pd.DataFrame) -> Figure:
+    """How large the mismatch is over time, one strip a recording."""
+    names = list(dict.fromkeys(frame["recording"]))
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(9.2, 0.7 + 0.9 * len(names)), layout="constrained")
+        axes: Any = figure.subplots(len(names), 1, squeeze=False, sharex=True, sharey=True)[:, 0]
+        for axis, name in zip(axes, names, strict=True):
+            part = frame[frame["recording"] == name]
+            time, size = _column(part, "time"), _column(part, "mismatch")
+            axis.fill_between(time, 0.0, size, step="post", color=ALARM, alpha=0.35, lw=0)
+            axis.plot(time, size, color=ALARM, lw=0.8, drawstyle="steps-post")
+            axis.set_title(str(name), loc="left", fontsize=9, color="#4a525c")
+        axes[-1].set_xlabel("time (s)")
+        axes[len(names) // 2].set_ylabel("mismatch (sd)")
+        return figure
+
+
+def over_state(frame: pd.DataFrame, name: str, unit: str) -> Figure:
+    """Share of the mismatch over a signal, beside the share of the samples."""
+    factor, shown = friendly(unit)
+    edges = factor * np.append(_column(frame, "low"), _column(frame, "high")[-1])
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(4.5, 2.5), layout="constrained")
         axes: Any = figure.subplots()
-        axes.stairs(
-            samples / max(samples.sum(), 1),
-            factor * edges,
-            color=QUIET,
-            fill=True,
-            alpha=0.45,
-            label="samples",
-        )
-        axes.stairs(
-            mismatch / max(mismatch.sum(), 1e-300), factor * edges, color=ALARM, lw=1.4, label="mismatch"
-        )
-        axes.set_xlabel(f"{signal.replace('_', ' ')} ({shown})" if shown else signal.replace("_", " "))
+        axes.stairs(_column(frame, "samples"), edges, color=QUIET, fill=True, alpha=0.45, label="samples")
+        axes.stairs(_column(frame, "mismatch"), edges, color=ALARM, lw=1.4, label="mismatch")
+        axes.set_xlabel(axis_name(name, shown))
         axes.set_ylabel("share")
-        axes.legend(loc="lower left", ncols=2, bbox_to_anchor=(0, 1.0), borderaxespad=0.2)
-        return svg(figure)
+        axes.legend(ncols=2, **ABOVE)
+        return figure
 
 
-def missing_signal(finding: Finding, names: tuple[str, ...]) -> str:
-    """The unknown signal at a site as estimated with the states, the named law through it, and its likely cause."""
-    assert finding.signal is not None
-    region, w, law = finding.region, finding.signal.signal, finding.law
-    what = "what describes it" if finding.effect is None else "named law"
-    cause = next((name for name in finding.shown if name in region.signals), None)
+def missing_signal(
+    frame: pd.DataFrame, place: str, cause: str | None, states: Mapping[str, Mapping[str, Any]]
+) -> Figure:
+    """What is missing as estimated with the states, the law found through it, and its likely cause.
+
+    Args:
+        frame: recording, time, missing, and where they exist law and cause.
+        place: the plant's name of the site.
+        cause: name of the signal in `cause`.
+        states: signal -> its range, with the SI unit.
+    """
+    clock, breaks = _clock(frame)
+    missing = _column(frame, "missing")
+    law = _column(frame, "law") if "law" in frame else None
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(9.2, 2.8), layout="constrained")
+        wide = "cause" in frame and cause is not None
         axes: Any = figure.subplots(
-            1, 1 if cause is None else 2, squeeze=False, width_ratios=(1,) if cause is None else (2.2, 1)
+            1, 2 if wide else 1, squeeze=False, width_ratios=(2.2, 1) if wide else (1,)
         )[0]
-        start = 0.0
-        for number in range(len(names)):
-            mine = region.owner == number
-            time = region.time[mine] - region.time[mine][0] + start
-            axes[0].plot(*thin(time, w[mine]), color=INK, lw=0.9, label=None if number else "unknown signal")
+        axes[0].plot(clock, missing, color=INK, lw=0.9, label="estimated without a law")
+        if law is not None:
+            axes[0].plot(clock, law, color=WINDOW, lw=1.0, label="the law found")
+        for at in breaks:
+            axes[0].axvline(at, color=QUIET, lw=0.6)
+        ends = _range(missing, law)
+        axes[0].set_ylim(*ends)
+        axes[0].set_ylabel(f"missing at {place}, SI")
+        axes[0].set_xlabel("time over the recordings fitted to (s)")
+        axes[0].legend(ncols=2, **ABOVE)
+        if wide:
+            assert cause is not None
+            factor, shown = friendly(states[cause]["unit"])
+            values, some = factor * _column(frame, "cause"), slice(None, None, max(len(missing) // DOTS, 1))
+            axes[1].plot(values[some], missing[some], ".", ms=2, color=INK, alpha=0.4)
             if law is not None:
-                axes[0].plot(*thin(time, law[mine]), color=WINDOW, lw=1.0, label=None if number else what)
-            start = float(time[-1])
-            axes[0].axvline(start, color=QUIET, lw=0.6)
-        bounds = _range(w, law)
-        axes[0].set_ylim(*bounds)
-        axes[0].set_ylabel(f"signal at {finding.signal.site}, SI")
-        axes[0].set_xlabel(f"time over {', '.join(names)} (s)")
-        axes[0].legend(loc="lower left", ncols=2, bbox_to_anchor=(0, 1.0), borderaxespad=0.2)
-        if cause is not None:
-            values, unit = region.signals[cause]
-            factor, shown = friendly(unit)
-            some = slice(None, None, max(len(w) // DOTS, 1))
-            axes[1].plot(factor * values[some], w[some], ".", ms=1.5, color=INK, alpha=0.4)
-            if law is not None:
-                axes[1].plot(factor * values[some], law[some], ".", ms=1.5, color=WINDOW)
-            axes[1].set_ylim(*bounds)
-            axes[1].set_xlabel(f"{cause.replace('_', ' ')} ({shown})" if shown else cause.replace("_", " "))
-        return svg(figure)
+                axes[1].plot(values[some], law[some], ".", ms=2, color=WINDOW)
+            axes[1].set_ylim(*ends)
+            axes[1].set_xlabel(axis_name(cause, shown))
+        return figure
 
 
-def _range(w: Array, law: Array | None) -> tuple[float, float]:
+def _range(missing: Array, law: Array | None) -> tuple[float, float]:
     """Nearly all of both: where nothing moves the unknown signal wanders."""
-    both = w if law is None else np.concatenate([w, law])
-    low, high = np.quantile(both[np.isfinite(both)], [0.01, 0.99])
+    both = missing if law is None else np.concatenate([missing, law])
+    known = both[np.isfinite(both)]
+    low, high = np.quantile(known, [0.01, 0.99]) if known.size else (-1.0, 1.0)
     room = 0.15 * (high - low) or 1.0
     return float(low - room), float(high + room)
 
 
-def _clock(judged: Evaluation) -> Array:
-    """Time over all recordings, one after the other."""
-    offset, clock = 0.0, np.empty_like(judged.time)
-    for number in np.unique(judged.recording):
-        mine = judged.recording == number
-        clock[mine] = judged.time[mine] - judged.time[mine][0] + offset
+def _clock(frame: pd.DataFrame) -> tuple[Array, list[float]]:
+    """Time over all recordings, one after the other, and where one ends and the next begins."""
+    offset, clock, breaks = 0.0, np.empty(len(frame)), []
+    names = np.asarray(frame["recording"], dtype=str)
+    time = _column(frame, "time")
+    for name in dict.fromkeys(names.tolist()):
+        mine = names == name
+        clock[mine] = time[mine] - time[mine][0] + offset
         offset = float(clock[mine][-1])
-    return clock
+        breaks.append(offset)
+    return clock, breaks[:-1]
 
 
-def _breaks(axes: Any, judged: Evaluation) -> None:
-    clock = _clock(judged)
-    for at in np.flatnonzero(np.diff(judged.recording)):
-        axes.axvline(clock[at], color=QUIET, lw=0.6)
+def _column(frame: pd.DataFrame, name: str) -> Array:
+    return np.asarray(frame[name], dtype=np.float64)

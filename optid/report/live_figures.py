@@ -9,14 +9,18 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
+from optid.core.quantity import friendly
 from optid.live.results import Stretch
 from optid.live.review import Review
-from optid.report.figures import ALARM, FREE, INK, QUIET, STYLE, WINDOW, axis_name, svg, thin
-from optid.report.scores import friendly
+from optid.report.figures import ALARM, FREE, INK, QUIET, STYLE, WINDOW, axis_name, thin
+from optid.report.interactive import interactive
 
 LINES = (  # of a stretch: what, colour, width
-    ("reference", QUIET, 1.0), ("real", INK, 1.7), ("predicted", WINDOW, 1.0), ("simulated", FREE, 1.1),
-)  # fmt: skip
+    ("reference", QUIET, 1.0),
+    ("real", INK, 1.7),
+    ("predicted", WINDOW, 1.0),
+    ("simulated", FREE, 1.1),
+)
 
 
 def stretch(part: Stretch) -> str:
@@ -26,8 +30,13 @@ def stretch(part: Stretch) -> str:
         figure = Figure(figsize=(9.2, 4.3), layout="constrained")
         top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
         for name, colour, width in LINES:
-            top.plot(*thin(part.time, factor * part.positions[name]), color=colour, lw=width, label=name,
-                     ls=(0, (5, 3)) if name == "reference" else "-")  # fmt: skip
+            top.plot(
+                *thin(part.time, factor * part.positions[name]),
+                color=colour,
+                lw=width,
+                label=name,
+                ls=(0, (5, 3)) if name == "reference" else "-",
+            )
         top.set_ylabel(axis_name(part.role, unit))
         top.legend(loc="lower left", ncols=4, bbox_to_anchor=(0, 1.0), borderaxespad=0.2)
         bottom.plot(*thin(part.time, part.command), color=INK, lw=0.9)
@@ -36,7 +45,7 @@ def stretch(part: Stretch) -> str:
         bottom.set_ylabel(axis_name("command", part.command_unit))
         bottom.set_xlabel("time (s)")
         figure.align_ylabels()
-        return svg(figure)
+        return interactive(figure)
 
 
 def review(one: Review, unit: str) -> str:
@@ -56,4 +65,4 @@ def review(one: Review, unit: str) -> str:
             axis.set_xlabel("time (s)")
             axis.legend(loc="lower right")
         axes[0].set_ylabel(axis_name("position", shown))
-        return svg(figure)
+        return interactive(figure)

@@ -3,28 +3,39 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from optid.core.recording import Array, Recording
+from optid.core.quantity import friendly
+from optid.core.recording import Recording
 from optid.estimation.prediction import Prediction
 from optid.estimation.profile import Profile
 from optid.estimation.result import Fit
 from optid.quality.noise import noise_sd
+from optid.report.residuals import residual
+from optid.results.words import score_rows
+
+__all__ = [
+    "KINDS",
+    "SCHEMA",
+    "Miss",
+    "fit_document",
+    "friendly",
+    "metrics_document",
+    "misses",
+    "number",
+    "pooled",
+    "residual",
+    "score_rows",
+]
 
 KINDS = ("window", "free_run")
 SCHEMA = "optid.fit/1"
 FAR = 3.0  # noise sd; fits of right models to simulated and real axes err by 1.0 to 1.1
 LEAST_MISS = 1.0  # percent of a channel's spread: less is seldom worth a search
-
-
-def residual(prediction: Prediction, role: str, kind: str) -> Array:
-    """Measured minus predicted, SI, shape (samples,); NaN where either is missing."""
-    frame = prediction.frame
-    return np.asarray(frame[role] - frame[f"{role}_{kind}"], dtype=np.float64)
 
 
 def pooled(predictions: Sequence[Prediction], kind: str) -> dict[str, dict[str, Any]]:
@@ -50,9 +61,9 @@ def pooled(predictions: Sequence[Prediction], kind: str) -> dict[str, dict[str, 
     return found
 
 
-def metrics_document(prediction: Prediction) -> dict[str, Any]:
-    """The content of metrics.json: role -> kind -> fit_percent, rmse, unit."""
-    by_kind = {kind: pooled([prediction], kind) for kind in KINDS}
+def metrics_document(predictions: Sequence[Prediction]) -> dict[str, Any]:
+    """The scores of metrics.json: role -> kind -> fit_percent, rmse, unit."""
+    by_kind = {kind: pooled(predictions, kind) for kind in KINDS}
     return {role: {kind: by_kind[kind][role] for kind in KINDS} for role in by_kind["window"]}
 
 
@@ -121,14 +132,20 @@ def fit_document(
         "noise": {role: {"sd": number(sd), "unit": units.get(role)} for role, sd in fit.noise.items()},
         "profiles": {
             p.name: {
-                "unit": p.unit, "ci95": [number(p.low), number(p.high)], "limit": number(p.limit),
-                "values": p.values.tolist(), "deviance": p.deviance.tolist(), "words": p.sentence,
+                "unit": p.unit,
+                "ci95": [number(p.low), number(p.high)],
+                "limit": number(p.limit),
+                "value": p.value,
+                "fit_ci95": [number(end) for end in p.linear],
+                "values": p.values.tolist(),
+                "deviance": p.deviance.tolist(),
+                "words": p.sentence,
             }
             for p in profiles
         },
         "certificate_sound": bool(fit.certificate.sound),
         "seconds": number(fit.seconds),
-    }  # fmt: skip
+    }
 
 
 def number(value: float) -> float | None:
@@ -136,31 +153,10 @@ def number(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
 
 
-def score_rows(scores: Mapping[str, Mapping[str, Any]]) -> list[tuple[str, str, str]]:
-    """Role, fit and rmse in words, one row a channel."""
-    rows = []
-    for role, score in scores.items():
-        percent, rmse, unit = score["fit_percent"], score["rmse"], score["unit"]
-        factor, shown = friendly(unit)
-        rows.append((
-            role,
-            "–" if percent is None else f"{percent:.2f} %",
-            "–" if rmse is None else f"{rmse * factor:.3g} {shown}".rstrip(),
-        ))  # fmt: skip
-    return rows
-
-
-def friendly(unit: str) -> tuple[float, str]:
-    """Factor from an SI unit to the one people read: millimetres and bar."""
-    return {"m": (1e3, "mm"), "Pa": (1e-5, "bar"), "m/s": (1e3, "mm/s"), "1": (1.0, "")}.get(
-        unit, (1.0, unit)
-    )
-
-
 def _over_all(predictions: Sequence[Prediction], role: str, kind: str) -> tuple[float, float]:
     errors = spread = count = 0.0
     for one in predictions:
-        error = residual(one, role, kind)
+        error = residual(one.frame, role, kind)
         known = np.isfinite(error)
         if not known.any():
             continue

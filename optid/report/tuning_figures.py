@@ -14,8 +14,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from optid.core.model import Array
-from optid.report.figures import ALARM, FREE, INK, QUIET, STYLE, WINDOW, axis_name, svg
-from optid.report.scores import friendly
+from optid.core.quantity import friendly
+from optid.report.figures import ALARM, FREE, INK, QUIET, STYLE, WINDOW, axis_name
+from optid.report.interactive import interactive
 from optid.tuning.bench_search import few_episodes
 from optid.tuning.margins import Frequencies, loop_response
 from optid.tuning.score import Response, by_size
@@ -74,7 +75,7 @@ def responses(
         bottom.set_xlabel("time (s)")
         top.legend(loc="lower left", ncols=4, bbox_to_anchor=(0, 1.0), borderaxespad=0.2)
         figure.align_ylabels()
-        return svg(figure)
+        return interactive(figure)
 
 
 def _window(axis: Any, factor: float, tuning: Tuning, episode: int, bench: bool) -> None:
@@ -124,7 +125,7 @@ def loop(tuning: Tuning) -> str:
         right.set_ylim(max(1e-3, float(np.abs(S).min())), 3.0 * margins.maximum_sensitivity)
         right.set_xlabel("frequency (Hz)")
         right.legend(loc="lower right")
-        return svg(figure)
+        return interactive(figure)
 
 
 def over_sizes(tuning: Tuning, rivals: Sequence[Scored], unit: str) -> str:
@@ -149,7 +150,7 @@ def over_sizes(tuning: Tuning, rivals: Sequence[Scored], unit: str) -> str:
         axes.set_xlabel(axis_name("step", shown))
         axes.set_ylabel("ITAE over size (s²)")
         axes.legend(loc="upper right")
-        return svg(figure)
+        return interactive(figure)
 
 
 def _few(tuning: Tuning) -> tuple[Task, int]:
@@ -196,7 +197,7 @@ def landscape(tuning: Tuning, pairs: Sequence[tuple[str, str]]) -> str:
             axis.set_xlabel(across if turned[0] > 0.0 else f"−{across}")
             axis.set_ylabel(up if turned[1] > 0.0 else f"−{up}")
         figure.colorbar(image, ax=list(axes), label="cost, decades above the best", shrink=0.9)
-        return svg(figure)
+        return interactive(figure)
 
 
 def _valley(axis: Any, x: Array, y: Array, decades: Array) -> Any:

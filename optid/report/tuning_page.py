@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 from typing import Any
 
-import jinja2
 from markupsafe import Markup
 
+from optid.core.quantity import quantity
 from optid.report import tuning_figures as figures
-from optid.report.scores import friendly
+from optid.report.shell import render
 from optid.tuning.files import units
 from optid.tuning.posing import Posed
 from optid.tuning.score import Response, by_size
@@ -24,12 +23,22 @@ _RIVALS = (
 )  # drawn beside the tuned response, where they are bounded
 DRAWN = 2  # of the largest steps; and the smallest one
 _NAMES = {
-    "kp": "proportional", "ki": "integral", "kd": "derivative", "derivative_filter": "derivative filter",
-    "setpoint_weight": "set-point weight", "derivative_weight": "derivative weight",
-}  # fmt: skip
+    "kp": "proportional",
+    "ki": "integral",
+    "kd": "derivative",
+    "derivative_filter": "derivative filter",
+    "setpoint_weight": "set-point weight",
+    "derivative_weight": "derivative weight",
+}
 
 
-def tuning_page(tuning: Tuning, posed: Posed, source: str, structure: Structure = STRUCTURES["pid2"]) -> str:
+def tuning_page(
+    tuning: Tuning,
+    posed: Posed,
+    source: str,
+    structure: Structure = STRUCTURES["pid2"],
+    folder: str = "out/tune",
+) -> str:
     """The report of `optid tune`.
 
     Args:
@@ -37,29 +46,44 @@ def tuning_page(tuning: Tuning, posed: Posed, source: str, structure: Structure 
         posed: what was asked and assumed.
         source: name of the model's file.
         structure: of the controller.
+        folder: where the gains are to lie, for the command to type next.
     """
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(Path(__file__).parent), autoescape=True, trim_blocks=True,
-        lstrip_blocks=True, undefined=jinja2.StrictUndefined,
-    )  # fmt: skip
     named = units(posed.command_unit, posed.output_unit)
-    return environment.get_template("tuning.html.j2").render(
-        title=f"PID gains for {source}", model=str(posed.model), lead=_lead(tuning, posed, named["itae"]),
-        assumed=posed.assumed, remarks=tuning.remarks,
-        structure=structure.words, judged_on=posed.judged_on, drive=_drive(tuning, posed, structure),
-        sizes=_sizes(tuning, posed), hunting_limit=_length(tuning.task.hunting, posed),
+    return render(
+        "tuning.html.j2",
+        title=f"PID gains for {source}",
+        model=str(posed.model),
+        lead=_lead(tuning, posed, named["itae"]),
+        assumed=posed.assumed,
+        remarks=tuning.remarks,
+        structure=structure.words,
+        judged_on=posed.judged_on,
+        drive=_drive(tuning, posed, structure),
+        sizes=_sizes(tuning, posed),
+        hunting_limit=_length(tuning.task.hunting, posed),
         sizes_figure=_sizes_figure(tuning, posed),
         gains=[
-            (label, name, f"{getattr(tuning.gains, name):.6g}", "" if named[name] == "1" else named[name],
-             "searched" if name in tuning.within.free else "fixed")
+            (
+                label,
+                name,
+                f"{getattr(tuning.gains, name):.6g}",
+                "" if named[name] == "1" else named[name],
+                "searched" if name in tuning.within.free else "fixed",
+            )
             for name, label in _NAMES.items()
         ],
-        episodes=_episodes(tuning, posed), margins=_margins(tuning), loop_figure=Markup(figures.loop(tuning)),
+        episodes=_episodes(tuning, posed),
+        margins=_margins(tuning),
+        loop_figure=Markup(figures.loop(tuning)),
         rows=[_row(one, posed.bench is not None) for one in _everyone(tuning)],
-        bench=posed.bench is not None, unit=named["itae"],
-        landscape=_landscape(tuning), certificate=tuning.certificate, limits=_limits(tuning),
+        bench=posed.bench is not None,
+        unit=named["itae"],
+        landscape=_landscape(tuning),
+        certificate=tuning.certificate,
+        limits=_limits(tuning),
         unknowns=_unknowns(tuning, posed),
-    )  # fmt: skip
+        next_command=f"optid live RIG --driver simulated --gains {folder}/pid.json --out out/live",
+    )
 
 
 def _everyone(tuning: Tuning) -> list[Scored]:
@@ -107,8 +131,7 @@ def _drive(tuning: Tuning, posed: Posed, structure: Structure) -> list[tuple[str
 
 def _length(value: float, posed: Posed) -> str:
     """In the unit that a reader likes; empty where it is infinite."""
-    factor, unit = friendly(posed.output_unit)
-    return f"{factor * value:.3g} {unit}" if math.isfinite(value) else ""
+    return quantity(value, posed.output_unit) if math.isfinite(value) else ""
 
 
 def _judged(tuning: Tuning) -> tuple[Response, ...]:
@@ -179,15 +202,24 @@ def _row(one: Scored, bench: bool) -> dict[str, str]:
         return f"{value:.4g}" if math.isfinite(value) else "∞"
 
     if one.gains is None or one.margins is None:
-        return {"name": one.name.replace("_", " "), "model": "–", "bench": "–", "ms": "–", "gains": "–",
-                "state": "", "note": one.note}  # fmt: skip
+        return {
+            "name": one.name.replace("_", " "),
+            "model": "–",
+            "bench": "–",
+            "ms": "–",
+            "gains": "–",
+            "state": "",
+            "note": one.note,
+        }
     return {
-        "name": one.name.replace("_", " "), "model": number(one.total("itae")),
+        "name": one.name.replace("_", " "),
+        "model": number(one.total("itae")),
         "bench": number(one.total("itae", True)) if bench else "",
         "ms": number(one.margins.maximum_sensitivity) if one.stable else "–",
         "gains": f"{one.gains.kp:.4g}, {one.gains.ki:.4g}, {one.gains.kd:.4g}",
-        "state": "" if one.stable else "unstable", "note": one.note,
-    }  # fmt: skip
+        "state": "" if one.stable else "unstable",
+        "note": one.note,
+    }
 
 
 def _landscape(tuning: Tuning) -> Markup | None:

@@ -37,9 +37,10 @@ def find_plant(name: str, base: Path) -> Plant:
     file, colon, function = name.rpartition(":")
     if not colon or not file.endswith(".py"):
         raise RigError(
-            f'no built-in plant "{name}"', expected='a built-in name or "path/to/file.py:function"',
+            f'no built-in plant "{name}"',
+            expected='a built-in name or "path/to/file.py:function"',
             hint=nearest(name, BUILT_IN),
-        )  # fmt: skip
+        )
     return _function(load_file(named_file(file, base)), function, name)
 
 
@@ -50,9 +51,10 @@ def _function(module: ModuleType, function: str, name: str) -> Plant:
     plant = getattr(module, function)
     if not callable(plant) or isinstance(plant, type):
         raise RigError(
-            f'"{name}": "{function}" is of type {type(plant).__name__}' if not isinstance(plant, type) else
-            f'"{name}": "{function}" is a class',
+            f'"{name}": "{function}" is of type {type(plant).__name__}'
+            if not isinstance(plant, type)
+            else f'"{name}": "{function}" is a class',
             expected="a function plant(sheet, *, option=default)",
-        )  # fmt: skip
+        )
     found: Plant = plant
     return found

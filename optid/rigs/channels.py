@@ -45,9 +45,11 @@ def read_channels(
         )
     if not any(role in found for role in outputs):
         raise RigError(
-            "no channel is an output of the model", where=where, field="channels",
+            "no channel is an output of the model",
+            where=where,
+            field="channels",
             expected=f"at least one of {', '.join(outputs)}",
-        )  # fmt: skip
+        )
     _one_role_each(found, where)
     commands = {port.role for port in model.recorded}
     return {role: replace(channel, held=role in commands) for role, channel in found.items()}
@@ -91,9 +93,11 @@ def _channel(
     scaled = model_unit == "1" and (recorded != "1" or "full_scale" in entry)
     if scaled and "full_scale" not in entry:
         raise RigError(
-            f'"{unit}" where the model wants a share of full scale', where=where, field=f"{field}.full_scale",
+            f'"{unit}" where the model wants a share of full scale',
+            where=where,
+            field=f"{field}.full_scale",
             expected=f'full_scale = "5 {unit}", the value at full command',
-        )  # fmt: skip
+        )
     model_unit = model_unit or recorded
     si_unit = recorded if scaled else model_unit
     rule = conversion(unit, si_unit, atmospheric=atmospheric, where=where, field=f"{field}.unit")
@@ -111,7 +115,10 @@ def _channel(
     full = size("full_scale", difference=False) if "full_scale" in entry else None
     per_unit = full if scaled and full is not None else 1.0
     return ChannelMap(
-        role, column, unit, model_unit,
+        role,
+        column,
+        unit,
+        model_unit,
         # Dividing last keeps a command of exactly full scale at exactly 1.
         factor=rule.factor / per_unit,
         shift=(rule.offset - offset) / per_unit,
@@ -119,7 +126,7 @@ def _channel(
         full_scale=None if full is None else (full - offset) / per_unit,
         per_unit=per_unit,
         recorded_unit=recorded if scaled else model_unit,
-    )  # fmt: skip
+    )
 
 
 def _one_role_each(channels: dict[str, ChannelMap], where: Path) -> None:
@@ -128,7 +135,9 @@ def _one_role_each(channels: dict[str, ChannelMap], where: Path) -> None:
     for role, channel in channels.items():
         if channel.column and channel.column in taken:
             raise RigError(
-                f'column "{channel.column}" is already the {taken[channel.column]}', where=where,
-                field=f"channels.{role}", expected="a column of its own",
-            )  # fmt: skip
+                f'column "{channel.column}" is already the {taken[channel.column]}',
+                where=where,
+                field=f"channels.{role}",
+                expected="a column of its own",
+            )
         taken[channel.column] = role

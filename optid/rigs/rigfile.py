@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from optid.core.document import read_bounded
-from optid.core.loading import blame
+from optid.core.loading import blame, outside_allowed
 from optid.core.model import Model
 from optid.core.parameter import Parameter
 from optid.core.recording import ChannelMap
@@ -49,18 +49,29 @@ class Freed:
 class Rig:
     """A rig file, understood.
 
-    Attributes:
-        name: the rig's.
-        model_name: the plant as the file names it.
-        options: choices of the plant the file states.
-        effects: missing physics inserted into the plant, from `[effects.NAME]`.
-        model: the plant's equations with them.
-        parameters: SI values of those the file states, an effect's as "effect.parameter";
-            `model.vector(rig.parameters)` adds the defaults.
-        freed: what a fit may move.
-        channels: role -> how a recording's column is read; "time" is among them.
-        path: the file.
-        source: its text.
+    Attributes
+    ----------
+    name : str
+        the rig's.
+    model_name : str
+        the plant as the file names it.
+    options : Mapping[str, object]
+        choices of the plant the file states.
+    effects : tuple[Effect, ...]
+        missing physics inserted into the plant, from `[effects.NAME]`.
+    model : Model
+        the plant's equations with them.
+    parameters : Mapping[str, float]
+        SI values of those the file states, an effect's as "effect.parameter";
+        `model.vector(rig.parameters)` adds the defaults.
+    freed : tuple[Freed, ...]
+        what a fit may move.
+    channels : Mapping[str, ChannelMap]
+        role -> how a recording's column is read; "time" is among them.
+    path : Path
+        the file.
+    source : str
+        its text.
     """
 
     name: str
@@ -78,12 +89,32 @@ class Rig:
 def read_rig(path: str | Path) -> Rig:
     """Read a rig file and build its model.
 
-    Raises:
-        RigError: cannot be read, is no TOML, or says something that cannot be; names file and field, what was
-            found and what was expected.
+    Raises
+    ------
+    RigError
+        cannot be read, is no TOML, or says something that cannot be; names file and field, what was
+        found and what was expected.
     """
     path = Path(path)
     return _parse(_text(path), path)
+
+
+def rig_of_text(source: str, path: str | Path) -> Rig:
+    """A rig from the text of its file, as a job left it: its values may contradict each other.
+
+    Parameters
+    ----------
+    source : str
+        the text.
+    path : str | Path
+        what errors name, and where a user's own files are looked for.
+
+    Raises
+    ------
+    RigError
+        as `read_rig`.
+    """
+    return _parse(source, Path(path), constrained=False)
 
 
 def write_rig(rig: Rig, path: str | Path, parameters: Mapping[str, float] | None = None) -> None:
@@ -92,23 +123,53 @@ def write_rig(rig: Rig, path: str | Path, parameters: Mapping[str, float] | None
     The file appears whole or not at all, and reads back to the same values within 1e-12. Where it goes to another
     folder, copies of the user's own plant and effect files go with it.
 
-    Args:
-        rig: as read.
-        path: file to write; its folder must exist.
-        parameters: SI values by name; the others stay as they stand. A parameter the file did not state is
-            added in its SI unit.
+    Parameters
+    ----------
+    rig : Rig
+        as read.
+    path : str | Path
+        file to write; its folder must exist.
+    parameters : Mapping[str, float] | None
+        SI values by name; the others stay as they stand. A parameter the file did not state is
+        added in its SI unit.
 
-    Raises:
-        RigError: an unknown name, a value outside its bounds, or a place that cannot be written.
+    Raises
+    ------
+    RigError
+        an unknown name, a value outside its bounds, or a place that cannot be written.
     """
+    path = Path(path)
+    _replace(path, _rewritten(rig, path, path.parent, parameters or {}))
+
+
+def rig_text(rig: Rig, parameters: Mapping[str, float] | None = None) -> str:
+    """The text of a rig file with new values, for the folder in which it stands; nothing is written.
+
+    Parameters
+    ----------
+    rig : Rig
+        as read.
+    parameters : Mapping[str, float] | None
+        as in `write_rig`.
+
+    Raises
+    ------
+    RigError
+        an unknown name, or a value outside its bounds.
+    """
+    with outside_allowed():  # effects of the user's own were run already, wherever they lie
+        return _rewritten(rig, rig.path, None, parameters or {})
+
+
+def _rewritten(rig: Rig, path: Path, folder: Path | None, new: Mapping[str, float]) -> str:
+    """The text with new values, as seen from a folder; from its own where that is absent, and nothing is copied."""
     import tomlkit
 
-    path, new = Path(path), dict(parameters or {})
     for name in new:
         if name not in _by_name(rig.model):
             raise RigError(f'unknown parameter "{name}"', where=path, hint=nearest(name, _by_name(rig.model)))
     document = tomlkit.parse(rig.source)
-    keys = _carry(rig, document, path.parent)
+    keys = _carry(rig, document, folder)
     plant: Any = document.setdefault("parameters", tomlkit.table())
     values = {**rig.parameters, **new}
     air = values.get(ATMOSPHERE, _default(rig.model, ATMOSPHERE))
@@ -139,7 +200,7 @@ def write_rig(rig: Rig, path: str | Path, parameters: Mapping[str, float] | None
             1e-12 * abs(value), 1e-300
         ):  # subnormals have no twelve digits
             raise RigError(f"{value!r} does not read back", where=path, field=f"parameters.{name}")
-    _replace(path, written)
+    return written
 
 
 def _text(path: Path) -> str:
@@ -202,13 +263,19 @@ def _model(name: str, options: Table, effects: tuple[Effect, ...], path: Path) -
 def with_effects(rig: Rig, effects: Iterable[Effect], values: Mapping[str, float] | None = None) -> Rig:
     """The rig with more effects in its plant, their parameters free.
 
-    Args:
-        rig: as read.
-        effects: to insert after those it has.
-        values: SI values of all parameters to change, an effect's as "effect.parameter"; defaults (no effect) else.
+    Parameters
+    ----------
+    rig : Rig
+        as read.
+    effects : Iterable[Effect]
+        to insert after those it has.
+    values : Mapping[str, float] | None
+        SI values of all parameters to change, an effect's as "effect.parameter"; defaults (no effect) else.
 
-    Raises:
-        RigError: the plant does not offer a site of theirs.
+    Raises
+    ------
+    RigError
+        the plant does not offer a site of theirs.
     """
     new = tuple(effects)
     every = (*rig.effects, *new)
@@ -249,9 +316,11 @@ def _effect_parameters(
         found[name] = value
     if effect.entire and (absent := [name for name in known if name not in found]):
         raise RigError(
-            f"no value for {', '.join(absent)}", where=path, field=f"effects.{key}",
+            f"no value for {', '.join(absent)}",
+            where=path,
+            field=f"effects.{key}",
             expected="all numbers of the law, as they were written",
-        )  # fmt: skip
+        )
     return effect.qualified(found)
 
 
@@ -279,9 +348,11 @@ def _parameters(table: Table, model: Model, path: Path) -> dict[str, float]:
     if absent:
         extra = [name for name, parameter in known.items() if name not in table and name not in absent]
         raise RigError(
-            f"no value for {', '.join(absent)}", where=path, field="parameters",
+            f"no value for {', '.join(absent)}",
+            where=path,
+            field="parameters",
             hint=f"with defaults, so optional: {', '.join(extra)}" if extra else None,
-        )  # fmt: skip
+        )
     return {name: values[name] for name in table}
 
 
@@ -289,9 +360,11 @@ def _within(parameter: Parameter, value: float, entry: object, path: Path, at: s
     low, high = parameter.bounds
     if not low <= value <= high:
         raise RigError(
-            f"{shown(entry)} is outside what is physical", where=path, field=at,
+            f"{shown(entry)} is outside what is physical",
+            where=path,
+            field=at,
             expected=span(low, high, parameter.unit),
-        )  # fmt: skip
+        )
 
 
 def _freed(table: Table, model: Model, values: dict[str, float], path: Path) -> tuple[Freed, ...]:
@@ -321,17 +394,21 @@ def _freed_one(parameter: Parameter, entry: object, values: dict[str, float], pa
     least, most = parameter.bounds
     if low < least or high > most:
         raise RigError(
-            f"{shown(pair)} reaches beyond what is physical", where=path, field=f"{at}.bounds",
+            f"{shown(pair)} reaches beyond what is physical",
+            where=path,
+            field=f"{at}.bounds",
             expected=f"bounds within {span(least, most, unit)}",
-        )  # fmt: skip
+        )
     start = values.get(name, parameter.default)
     if start is not None and not low <= start <= high:
         nearest_bound = min(max(start, low), high)
         if abs(start - nearest_bound) > _ON_BOUND * abs(nearest_bound):
             raise RigError(
-                f"its start {start:g}{one} lies outside the bounds", where=path, field=at,
+                f"its start {start:g}{one} lies outside the bounds",
+                where=path,
+                field=at,
                 expected=span(low, high, unit),
-            )  # fmt: skip
+            )
         values[name] = nearest_bound
     sd = to_si(entry["sd"], unit, difference=True, where=path, field=f"{at}.sd") if "sd" in entry else None
     if sd is not None and sd <= 0:
@@ -339,9 +416,11 @@ def _freed_one(parameter: Parameter, entry: object, values: dict[str, float], pa
     return Freed(name, low, high, sd)
 
 
-def _carry(rig: Rig, document: Any, folder: Path) -> dict[str, str]:
+def _carry(rig: Rig, document: Any, folder: Path | None) -> dict[str, str]:
     """Let a rig's document name the user's own files as they are seen from its new folder; keys of such effects."""
     plant, own = plant_file(rig.model_name, rig.path.parent), effect_files(rig.effects)
+    if folder is None:
+        return {name: f"{file.path.as_posix()}:{name}" for name, file in own.items()}
     names = carried([*([plant] if plant else []), *own.values()], folder)
     if plant is not None:
         document["model"] = f"{names[plant.path]}:{rig.model_name.rpartition(':')[2]}"

@@ -51,8 +51,13 @@ class Bench:
         return self.judged(gains, settings, criterion, command_size)[0]
 
     def judged(
-        self, gains: Array, settings: Settings, criterion: Criterion, command_size: float, bar: Array | None = None
-    ) -> tuple[Array, Array]:  # fmt: skip
+        self,
+        gains: Array,
+        settings: Settings,
+        criterion: Criterion,
+        command_size: float,
+        bar: Array | None = None,
+    ) -> tuple[Array, Array]:
         """Of gains (n, GAINS): their costs, the weighted sum over the episodes, and their largest hunting, each (n,).
 
         Args:
@@ -110,9 +115,14 @@ class PhysicalBench(Bench):
     """
 
     def __init__(
-        self, rig: Rig, episodes: tuple[Episode, ...], output: str = "position", noise: float = 0.0,
-        variants: tuple[Mapping[str, float], ...] = (), tolerance: float = TOLERANCE,
-    ) -> None:  # fmt: skip
+        self,
+        rig: Rig,
+        episodes: tuple[Episode, ...],
+        output: str = "position",
+        noise: float = 0.0,
+        variants: tuple[Mapping[str, float], ...] = (),
+        tolerance: float = TOLERANCE,
+    ) -> None:
         recorded = [port.role for port in rig.model.recorded]
         roles = [port.role for port in rig.model.outputs]
         if len(recorded) != 1:
@@ -133,19 +143,31 @@ class PhysicalBench(Bench):
         self._per_unit = rig.channels[recorded[0]].per_unit
         self._scales = tolerance * np.asarray(rig.model.scales, dtype=float)
         # What each input of the model is fed: the command so many samples ago, or -1 the interval, -2 the clock.
-        self._feeds = np.array([
-            {INTERVAL: -1, CLOCK: -2}.get(port.role, port.ago) for port in rig.model.inputs
-        ], dtype=np.int64)  # fmt: skip
+        self._feeds = np.array(
+            [{INTERVAL: -1, CLOCK: -2}.get(port.role, port.ago) for port in rig.model.inputs], dtype=np.int64
+        )
 
     def _run(self, vector: Array, settings: Settings, episode: Episode) -> tuple[Array, Array]:
         n = episode.reference.size
         y, u = np.full(n, np.nan), np.full(n, np.nan)
         variant = min(episode.variant, len(self._parameters) - 1)
         machine_code(self.rig.model).run(
-            _closed, vector, settings.sample_time, self._starts[variant], self._parameters[variant], self._feeds,
-            1.0 / self._per_unit, self._scales, episode.reference, episode.load, episode.noise,
-            len(self.rig.model.outputs), self._column, y, u,
-        )  # fmt: skip
+            _closed,
+            vector,
+            settings.sample_time,
+            self._starts[variant],
+            self._parameters[variant],
+            self._feeds,
+            1.0 / self._per_unit,
+            self._scales,
+            episode.reference,
+            episode.load,
+            episode.noise,
+            len(self.rig.model.outputs),
+            self._column,
+            y,
+            u,
+        )
         return y, u
 
 
@@ -160,9 +182,22 @@ def _noisier(episode: Episode, number: int, noise: float, every: tuple[Episode, 
 
 @compiled
 def _closed(
-    code: Any, s: Any, T: Any, start: Any, p: Any, feeds: Any, share: Any, tolerance: Any, reference: Any, load: Any,
-    noise: Any, outputs: Any, column: Any, y: Any, u: Any,
-) -> None:  # fmt: skip
+    code: Any,
+    s: Any,
+    T: Any,
+    start: Any,
+    p: Any,
+    feeds: Any,
+    share: Any,
+    tolerance: Any,
+    reference: Any,
+    load: Any,
+    noise: Any,
+    outputs: Any,
+    column: Any,
+    y: Any,
+    u: Any,
+) -> None:
     """One episode: sample, control, hold; distances from the output at the start."""
     x, held, k = start.copy(), np.zeros(feeds.size), np.empty(start.size + 1)
     c, out, m = np.empty(code.hoisted), np.empty(outputs + 1), np.zeros(MEMORY)

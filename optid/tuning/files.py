@@ -86,11 +86,20 @@ def units(command: str, output: str) -> dict[str, str]:
     integral = f"{command}/({output} s)" if output != "1" else f"{command}/s" if command != "1" else "1/s"
     derivative = "s" if per == "1" else f"{command} s/{output}" if output != "1" else f"{command} s"
     return {
-        "kp": per, "ki": "1/s" if per == "1" else integral, "kd": derivative, "derivative_filter": "s",
-        "setpoint_weight": "1", "derivative_weight": "1", "limits": command, "rate": f"{command}/s",
-        "sample_time": "s", "itae": f"{output} s^2", "iae": f"{output} s", "itse": f"{output}^2 s^2",
+        "kp": per,
+        "ki": "1/s" if per == "1" else integral,
+        "kd": derivative,
+        "derivative_filter": "s",
+        "setpoint_weight": "1",
+        "derivative_weight": "1",
+        "limits": command,
+        "rate": f"{command}/s",
+        "sample_time": "s",
+        "itae": f"{output} s^2",
+        "iae": f"{output} s",
+        "itse": f"{output}^2 s^2",
         "ise": f"{output}^2 s",
-    }  # fmt: skip
+    }
 
 
 def _gains(gains: Gains) -> dict[str, float]:
@@ -167,7 +176,15 @@ def load(path: Path) -> Controller:
     Raises:
         InputError: no such file, no JSON, another schema, or a field that is missing or wrong.
     """
-    content = read_document(path, SCHEMA, "a file of `optid tune`")
+    return controller_of(read_document(path, SCHEMA, "a file of `optid tune`"), path)
+
+
+def controller_of(content: Any, path: Path) -> Controller:
+    """The controller of a parsed pid.json; `path` is named in errors.
+
+    Raises:
+        InputError: a field that is missing or wrong.
+    """
 
     def bound(name: str, open_end: float) -> float:
         value = limits[name] if name in LIMITS else limits.get(name)

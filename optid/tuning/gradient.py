@@ -51,8 +51,9 @@ def sample(task: Task, free: tuple[str, ...], plant: int = 0) -> ca.Function:
     error = ca.fabs(e[0] - y)
     parts = x[order + MEMORY :] + ca.vertcat(
         e[2] * (error**2 if task.criterion.measure.power == 2 else error),
-        ca.fabs(u - before) / task.command_size, 0.0,
-    )  # fmt: skip
+        ca.fabs(u - before) / task.command_size,
+        0.0,
+    )
     parts[2] = ca.fmax(x[-1], (y - e[0]) * e[3])
     drive = u + e[1]
     drive = drive - ca.fmin(ca.fmax(drive, float(dead[0])), float(dead[1]))

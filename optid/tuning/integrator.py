@@ -42,9 +42,12 @@ def with_integrator(plant: Plant, model: Armax, choice: Integrator) -> tuple[Pla
     if choice is Integrator.AUTO and not spoken:
         return plant, ""
     why = (
-        "a model that grows by itself is an integrator whose estimate is off" if off > 0.0
-        else f"within {SURE:g} standard errors of 1" if abs(off) <= SURE * sd else "as asked (--integrator yes)"
-    )  # fmt: skip
+        "a model that grows by itself is an integrator whose estimate is off"
+        if off > 0.0
+        else f"within {SURE:g} standard errors of 1"
+        if abs(off) <= SURE * sd
+        else "as asked (--integrator yes)"
+    )
     said = f"The pole at {at:.7g} is carried as an exact integrator: {why} (--integrator no leaves it)."
     return replace(plant, a=_moved(plant.a, at), remarks=_without_drift(plant)), said
 

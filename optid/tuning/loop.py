@@ -58,10 +58,11 @@ class Course:
         own = float(self.settings[memory_layout.SAMPLE_TIME - GAINS])
         if times != {own}:
             raise InputError(
-                f"{own:g} s, the model's is {next(iter(times)):g} s", field="sample_time",
+                f"{own:g} s, the model's is {next(iter(times)):g} s",
+                field="sample_time",
                 expected="a controller that runs at the model's sample time",
                 hint="identify the model at the rate the controller will run at",
-            )  # fmt: skip
+            )
         order = max(plant.a.size for plant in self.plants)
         stack = {
             "A": _padded([plant.a for plant in self.plants], order),
@@ -140,7 +141,7 @@ def _padded(rows: Sequence[Array], size: int) -> Array:
 @compiled
 def _batch(
     gains: Any, settings: Any, arrays: Any, square: Any, size: Any, first: Any, last: Any, out: Any
-) -> None:  # fmt: skip
+) -> None:
     """Candidates first..last-1; the lanes left over at the end repeat the last one."""
     A, B, Z, R, D, W, rise, N, rest_from = arrays
     s = np.empty((GAINS + settings.size, LANES))
@@ -172,9 +173,19 @@ def _batch(
 
 @compiled
 def _lanes(
-    s: Any, a: Any, b: Any, dead: Any, episode: Any, rest: Any, square: Any, m: Any, z: Any, parts: Any, low: Any,
+    s: Any,
+    a: Any,
+    b: Any,
+    dead: Any,
+    episode: Any,
+    rest: Any,
+    square: Any,
+    m: Any,
+    z: Any,
+    parts: Any,
+    low: Any,
     high: Any,
-) -> None:  # fmt: skip
+) -> None:
     """One episode of one plant: z is the plant's memory in transposed direct form, one sample ahead."""
     reference, load, weight, rise, noise = episode
     order = a.size

@@ -59,9 +59,11 @@ class Required:
 
     def __post_init__(self) -> None:
         for name, least, most in (
-            ("maximum_sensitivity", 1.0, math.inf), ("gain_margin", 1.0, math.inf),
-            ("phase_margin", 0.0, 180.0), ("delay_margin", 0.0, math.inf),
-        ):  # fmt: skip
+            ("maximum_sensitivity", 1.0, math.inf),
+            ("gain_margin", 1.0, math.inf),
+            ("phase_margin", 0.0, 180.0),
+            ("delay_margin", 0.0, math.inf),
+        ):
             value = getattr(self, name)
             if value is not None and not least < value < most:
                 more = f" and less than {most:g}" if math.isfinite(most) else ""
@@ -71,17 +73,23 @@ class Required:
     def bounds(self) -> Array:
         """As `excess` takes them, shape (FIELDS,); infinite or 0 where nothing is asked."""
         ms, gain, phase, delay = (
-            self.maximum_sensitivity, self.gain_margin, self.phase_margin, self.delay_margin
-        )  # fmt: skip
+            self.maximum_sensitivity,
+            self.gain_margin,
+            self.phase_margin,
+            self.delay_margin,
+        )
         return np.array([1.0, ms or math.inf, gain or 0.0, phase or 0.0, delay or 0.0])
 
     def kept(self, margins: Margins) -> bool:
         """By these margins."""
         b = self.bounds
         return bool(
-            margins.stable and margins.maximum_sensitivity <= b[MS] and margins.gain_margin >= b[GAIN]
-            and margins.phase_margin >= b[PHASE] and margins.delay_margin >= b[DELAY]
-        )  # fmt: skip
+            margins.stable
+            and margins.maximum_sensitivity <= b[MS]
+            and margins.gain_margin >= b[GAIN]
+            and margins.phase_margin >= b[PHASE]
+            and margins.delay_margin >= b[DELAY]
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,9 +147,14 @@ def margins(plant: Plant, gains: Array) -> Margins:
     if found[STABLE] < 1.0:
         return Margins(False, math.inf, 0.0, 0.0, 0.0, 0.0, float(found[FIELDS + 1]))
     return Margins(
-        True, float(found[MS]), float(found[GAIN]), float(found[FIELDS]), float(found[PHASE]),
-        float(found[DELAY]), float(found[FIELDS + 1]),
-    )  # fmt: skip
+        True,
+        float(found[MS]),
+        float(found[GAIN]),
+        float(found[FIELDS]),
+        float(found[PHASE]),
+        float(found[DELAY]),
+        float(found[FIELDS + 1]),
+    )
 
 
 def look(plant: Plant, grid: Frequencies, gains: Array) -> Array:

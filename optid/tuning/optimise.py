@@ -152,9 +152,13 @@ def _keeping(task: Task, within: Box, rng: np.random.Generator) -> Array:
 
 
 def _closer(
-    task: Task, within: Box, best: Evolved, rng: np.random.Generator, gradient: Gradient | None,
+    task: Task,
+    within: Box,
+    best: Evolved,
+    rng: np.random.Generator,
+    gradient: Gradient | None,
     generations: int = GENERATIONS,
-) -> list[Evolved]:  # fmt: skip
+) -> list[Evolved]:
     """Populations around the best end, for as long as they still gain: along a narrow ridge a polish stops early."""
     found: list[Evolved] = []
     for _ in range(ROUNDS):
@@ -225,6 +229,4 @@ def _refusal(task: Task, fitness: float) -> str:
     if asked and fitness > REFUSED:
         miss = 100 * (fitness / REFUSED - 1)
         return f"no gains keep {' and '.join(asked)}; the best ones miss by {miss:.2g} %: ask for less"
-    return (
-        "every stabilising loop leaves the numbers in the simulation: the limits are too tight for this model"
-    )
+    return "every stabilising loop diverges in simulation (NaN or infinite): the limits are too tight for this model"

@@ -98,9 +98,11 @@ def plant_of(model: Armax, input: int = 0, where: object = None) -> Plant:
     largest = float(np.max(np.abs(b), initial=0.0))
     if abs(float(b.sum())) <= NEGLIGIBLE * b.size * largest:
         raise InputError(
-            "zero gain: the output does not answer to a lasting command", where=where, field="b",
+            "zero gain: the output does not answer to a lasting command",
+            where=where,
+            field="b",
             hint="identify from a recording in which the command moves the output",
-        )  # fmt: skip
+        )
     order = max(len(model.a) - 1, delay - 1 + b.size)
     a = np.pad(np.array(model.a[1:]), (0, order - (len(model.a) - 1)))
     taps = np.pad(np.r_[np.zeros(delay - 1), b], (0, order - (delay - 1 + b.size)))
@@ -157,19 +159,27 @@ def scenarios(model: Armax, count: int, rng: np.random.Generator, input: int = 0
         return (nominal,)
     if model.covariance is None:
         raise InputError(
-            "null", field="covariance", expected="the covariance of the coefficients",
+            "null",
+            field="covariance",
+            expected="the covariance of the coefficients",
             hint="identify anew, or tune for the model alone",
-        )  # fmt: skip
+        )
     if not model.determined:
         raise InputError(
-            "infinite", field="covariance", expected="coefficients that the data determine",
+            "infinite",
+            field="covariance",
+            expected="coefficients that the data determine",
             hint="identify from a recording that excites the axis (armax.json says what is missing), or tune for the "
             "model alone",
-        )  # fmt: skip
+        )
     spread = np.array(model.covariance)
     values, vectors = np.linalg.eigh((spread + spread.T) / 2)
     root = vectors * np.sqrt(np.clip(values, 0.0, None))
     draws = model.theta + rng.standard_normal((count - 1, len(root))) @ root.T
-    return (nominal, *(
-        plant_of(from_theta(theta, model.orders, model.sample_time, model.noise_variance), input) for theta in draws
-    ))  # fmt: skip
+    return (
+        nominal,
+        *(
+            plant_of(from_theta(theta, model.orders, model.sample_time, model.noise_variance), input)
+            for theta in draws
+        ),
+    )

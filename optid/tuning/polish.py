@@ -69,9 +69,15 @@ def _quadratic(task: Task, within: Box, point: Array, gradient: Gradient | None)
     keep(point)
     minimize: Any = optimize.minimize  # its stubs know no function that returns its gradient, too
     found = minimize(
-        cost, point, jac=True, method="SLSQP", bounds=[(0.0, 1.0)] * len(within.free), constraints=constraints,
-        callback=keep, options={"maxiter": STEPS, "ftol": 1e-9},
-    )  # fmt: skip
+        cost,
+        point,
+        jac=True,
+        method="SLSQP",
+        bounds=[(0.0, 1.0)] * len(within.free),
+        constraints=constraints,
+        callback=keep,
+        options={"maxiter": STEPS, "ftol": 1e-9},
+    )
     keep(found.x)
     return min(seen, key=lambda one: one[0])[1]
 
@@ -118,7 +124,9 @@ def _simplex(task: Task, within: Box, point: Array, _: Gradient | None) -> Array
 
     start = np.vstack([point, point + 0.02 * np.where(point < 0.5, 1.0, -1.0) * np.eye(len(point))])
     found = minimize(
-        fitness, point, method="Nelder-Mead",
+        fitness,
+        point,
+        method="Nelder-Mead",
         options={"maxfev": SIMPLEX, "initial_simplex": start, "xatol": 1e-5, "fatol": 1e-12},
-    )  # fmt: skip
+    )
     return np.clip(found.x, 0.0, 1.0)

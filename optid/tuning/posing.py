@@ -200,9 +200,16 @@ def pose(
         )
     hunting = hunting_limit(max(map(abs, sizes)), noise) if sizes else math.inf
     task = Task(
-        plants, judges.episodes, settings, wishes.criterion, required, wishes.over, judges.judge,
-        judges.judge is not None, hunting,
-    )  # fmt: skip
+        plants,
+        judges.episodes,
+        settings,
+        wishes.criterion,
+        required,
+        wishes.over,
+        judges.judge,
+        judges.judge is not None,
+        hunting,
+    )
     said = (*assumed, *judges.said)
     return Posed(task, model, command_unit, output_unit, judges.bench, said, judges.words)
 
@@ -248,9 +255,11 @@ def _with_rig(
 
 
 def _said_of_rig(variants: int, sure: bool, noise: float) -> str:
-    sets = f"{variants} parameter sets beside it from its fit's intervals" if sure else (
-        f"{variants} parameter sets around it, as no fit.json lies beside the rig file (optid fit)"
-    )  # fmt: skip
+    sets = (
+        f"{variants} parameter sets beside it from its fit's intervals"
+        if sure
+        else (f"{variants} parameter sets around it, as no fit.json lies beside the rig file (optid fit)")
+    )
     return (
         "The rig's model judges performance, the identified one the margins; "
         f"{sets if variants else 'no other parameters'}; sensor noise {noise:.3g} (sd)."
@@ -317,10 +326,12 @@ def _refuse_out_of_reach(plant: Plant, wishes: Wishes, settings: Settings, unit:
             far = max(abs(plant.static_gain * limit) for limit in (settings.low, settings.high))
             raise InputError(
                 f"{size:g} {unit} is out of reach: static gain {plant.static_gain:.3g} times the limit "
-                f"({settings.low:g} to {settings.high:g}) holds {far:.3g} {unit} at most", where=name, field="setpoint",
+                f"({settings.low:g} to {settings.high:g}) holds {far:.3g} {unit} at most",
+                where=name,
+                field="setpoint",
                 expected="a set-point that a constant command within the limits can hold",
                 hint="ask for less, or widen --limits",
-            )  # fmt: skip
+            )
 
 
 def _settings(wishes: Wishes, plant: Plant, limits: tuple[float, float], where: Path) -> Settings:
@@ -328,16 +339,25 @@ def _settings(wishes: Wishes, plant: Plant, limits: tuple[float, float], where: 
     T = plant.sample_time if wishes.sample_time is None else wishes.sample_time
     if not math.isclose(T, plant.sample_time, rel_tol=1e-9):
         raise InputError(
-            f"{T:g} s, and the model was identified at {plant.sample_time:g} s", where=where,
-            field="sample_time", expected="the model's own",
+            f"{T:g} s, and the model was identified at {plant.sample_time:g} s",
+            where=where,
+            field="sample_time",
+            expected="the model's own",
             hint="identify from a recording at the controller's rate",
-        )  # fmt: skip
+        )
     back = wishes.anti_windup is AntiWindup.BACK_CALCULATION
     tracking = max(0.5 * ultimate(plant).period, plant.sample_time) if back else 0.0
     return Settings(
-        plant.sample_time, *limits, math.inf if wishes.rate is None else wishes.rate,
-        -wishes.deadband[0], wishes.deadband[1], wishes.deadband[2], wishes.resolution, wishes.anti_windup, tracking,
-    )  # fmt: skip
+        plant.sample_time,
+        *limits,
+        math.inf if wishes.rate is None else wishes.rate,
+        -wishes.deadband[0],
+        wishes.deadband[1],
+        wishes.deadband[2],
+        wishes.resolution,
+        wishes.anti_windup,
+        tracking,
+    )
 
 
 def _limits(wishes: Wishes, unit: str, rig: Rig | None) -> tuple[float, float, list[str]]:
@@ -371,7 +391,7 @@ def _samples(wishes: Wishes, plant: Plant) -> int:
 
 def _usual_step(
     plant: Plant, unit: str, settings: Settings, samples: int, rig: Rig | None
-) -> tuple[float, str]:  # fmt: skip
+) -> tuple[float, str]:
     stroke = math.inf if rig is None else rig.parameters.get("stroke", math.inf)
     if unit == "m" and math.isfinite(stroke):
         size = float(f"{STROKE_SHARE * stroke:.2g}")

@@ -18,9 +18,13 @@ from optid.tuning.ultimate import Ultimate
 Fitness = Callable[[Array, Array | None], Array]
 
 PLACES = {
-    "kp": KP, "ki": KI, "kd": KD, "derivative_filter": DERIVATIVE_FILTER, "setpoint_weight": SETPOINT_WEIGHT,
+    "kp": KP,
+    "ki": KI,
+    "kd": KD,
+    "derivative_filter": DERIVATIVE_FILTER,
+    "setpoint_weight": SETPOINT_WEIGHT,
     "derivative_weight": DERIVATIVE_WEIGHT,
-}  # fmt: skip
+}
 SIGNED = ("kp", "ki", "kd")
 LINEAR, LOGARITHMIC = 1e-3, 7.0  # bends of a scale; the latter is logarithmic over about three decades
 POPULATION, MORE, GENERATIONS = 28, 8, 60  # the second one for each gain beyond three
@@ -100,9 +104,13 @@ def box(free: tuple[str, ...], fixed: Gains, scale: Ultimate) -> Box:
         raise InputError(f"{', '.join(free) or 'none'}", field="free", expected="each gain to move, once")
     Ku, Tu = abs(scale.gain), scale.period
     high = {
-        "kp": 20.0 * Ku, "ki": 30.0 * Ku / Tu, "kd": 10.0 * Ku * Tu, "derivative_filter": 0.5 * Tu,
-        "setpoint_weight": 1.5, "derivative_weight": 1.0,
-    }  # fmt: skip
+        "kp": 20.0 * Ku,
+        "ki": 30.0 * Ku / Tu,
+        "kd": 10.0 * Ku * Tu,
+        "derivative_filter": 0.5 * Tu,
+        "setpoint_weight": 1.5,
+        "derivative_weight": 1.0,
+    }
     bend = np.array([LINEAR if name.endswith("weight") else LOGARITHMIC for name in free])
     return Box(
         free, np.array([high[name] for name in free]), bend, fixed.vector, math.copysign(1.0, scale.gain)
@@ -138,10 +146,14 @@ def slices(within: Box, count: int) -> list[tuple[Array, Array]]:
 
 
 def evolve(
-    fitness: Fitness, part: tuple[Array, Array], rng: np.random.Generator, seeds: Array | None = None,
-    generations: int = GENERATIONS, population: int = POPULATION,
+    fitness: Fitness,
+    part: tuple[Array, Array],
+    rng: np.random.Generator,
+    seeds: Array | None = None,
+    generations: int = GENERATIONS,
+    population: int = POPULATION,
     over: Callable[[], bool] = lambda: False,
-) -> Evolved:  # fmt: skip
+) -> Evolved:
     """Differential evolution (Storn and Price 1997), each trial drawn some way towards the best one so far.
 
     Args:

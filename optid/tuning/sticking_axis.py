@@ -106,7 +106,7 @@ class StickingAxis(Bench):
 @compiled
 def _stuck_and_slid(
     s: Any, physics: Any, dead: Any, steps: Any, delay: Any, episode: Any, y: Any, u: Any
-) -> None:  # fmt: skip
+) -> None:
     """One episode; friction is implicit, so that a speed within its reach is exactly 0."""
     reference, load, noise = episode
     k, stiffness, viscous, dry, h = physics

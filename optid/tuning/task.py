@@ -63,9 +63,10 @@ class Task:
         rest = min(max(0.0, self.settings.low), self.settings.high)
         if rest != 0.0:
             raise InputError(
-                f"{self.settings.low:g} to {self.settings.high:g}", field="limits",
+                f"{self.settings.low:g} to {self.settings.high:g}",
+                field="limits",
                 expected="a range around 0, the command at which the model rests",
-            )  # fmt: skip
+            )
         self.course  # noqa: B018  # complains now, not in the middle of a search
 
     @property

@@ -177,10 +177,18 @@ def tune(
         aware = Baseline("identified_model_alone", alone, "tuned for the identified model alone")
     found = score(task, Baseline("tuned", gains, "this tuning"), bench)
     return Tuning(
-        gains, task.settings, task, found, tuple(score(task, one, bench) for one in others),
-        None if unaware is None else score(task, unaware, bench), score(task, aware, bench),
-        _certificate(task, gains, search), scale, within, _remarks(task, found),
-    )  # fmt: skip
+        gains,
+        task.settings,
+        task,
+        found,
+        tuple(score(task, one, bench) for one in others),
+        None if unaware is None else score(task, unaware, bench),
+        score(task, aware, bench),
+        _certificate(task, gains, search),
+        scale,
+        within,
+        _remarks(task, found),
+    )
 
 
 def _others(task: Task, scale: Ultimate, within: Box, gains: Gains, effort: Effort) -> list[Baseline]:

@@ -19,5 +19,14 @@ from studies.independent_rig.recording import recording, unit_noise
 from studies.independent_rig.rig import Controller, Rig, Run, Sensors, balanced
 
 __all__ = [
-    "Controller", "Rig", "Run", "Sensors", "balanced", "orifice", "recording", "replay", "simulate", "unit_noise",
-]  # fmt: skip
+    "Controller",
+    "Rig",
+    "Run",
+    "Sensors",
+    "balanced",
+    "orifice",
+    "recording",
+    "replay",
+    "simulate",
+    "unit_noise",
+]

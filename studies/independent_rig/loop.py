@@ -35,8 +35,14 @@ from studies.independent_rig.valve import target
 
 BASE_STATES = 4
 BEYOND = (
-    "wall_heat", "reservoir", "silencer", "valve_order", "sensor_order", "load_share", "creep",
-)  # fmt: skip
+    "wall_heat",
+    "reservoir",
+    "silencer",
+    "valve_order",
+    "sensor_order",
+    "load_share",
+    "creep",
+)
 
 
 @njit(cache=True)
@@ -124,16 +130,28 @@ def simulate(
     noise = sensors.position_noise * unit_noise(n, sensors.colour, rng)
     out, command, signals = np.empty((n, COUNT)), np.empty(n), np.empty((n, 2))
     gains = (
-        controller.kp, controller.ki, controller.kd, controller.filter_time, controller.limit,
-        controller.quantum, sensors.quantum,
-    )  # fmt: skip
+        controller.kp,
+        controller.ki,
+        controller.kd,
+        controller.filter_time,
+        controller.limit,
+        controller.quantum,
+        sensors.quantum,
+    )
     y = state(rig, balanced(rig) if start is None else start)
     clock = _clock(rig, dt, step, sensors.skew)
     reference = np.asarray(reference, float)
     closed_loop(packed(rig), gains, reference, noise, clock, y, _work(rig), out, command, signals)
     return Run(
-        np.arange(n) * dt, command, reference, *out[:, :4].T, out[:, WAY] == 0.0, signals[:, 1], signals[:, 0], out
-    )  # fmt: skip
+        np.arange(n) * dt,
+        command,
+        reference,
+        *out[:, :4].T,
+        out[:, WAY] == 0.0,
+        signals[:, 1],
+        signals[:, 0],
+        out,
+    )
 
 
 def replay(

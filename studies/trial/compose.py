@@ -38,9 +38,7 @@ def compose(seed: int, count: int, kinds: Sequence[str] = KINDS) -> list[Case]:
         hidden += [(kind, effects) for effects in DRAWS[kind](int(number), rng)]
     order = rng.permutation(len(hidden))
     width = max(3, len(str(count)))
-    return [
-        conditions(f"case-{n + 1:0{width}d}", *hidden[k], n % 2 == 1, rng) for n, k in enumerate(order)
-    ]  # fmt: skip
+    return [conditions(f"case-{n + 1:0{width}d}", *hidden[k], n % 2 == 1, rng) for n, k in enumerate(order)]
 
 
 def nothing(number: int, rng: np.random.Generator) -> list[tuple[Hidden, ...]]:
@@ -112,6 +110,16 @@ def conditions(
     variant = {"presliding": rng.uniform(2e-6, 6e-6)} if bristles else {}
     style = str(rng.choice(list(STYLES)))
     return Case(
-        name, kind, int(rng.integers(2**62)), base, hidden, with_pressures, noise, sensors, controller, reach, style,
+        name,
+        kind,
+        int(rng.integers(2**62)),
+        base,
+        hidden,
+        with_pressures,
+        noise,
+        sensors,
+        controller,
+        reach,
+        style,
         variant,
-    )  # fmt: skip
+    )

@@ -17,9 +17,11 @@ from studies.trial.record import DT, SECONDS, TRAIN, Recorded, record, write
 from studies.trial.seal import seal
 
 SHOWN = {
-    "viscous": "viscous_friction_N_s_per_m", "coulomb": "coulomb_friction_N",
-    "discharge": "discharge_coefficient", "residual_length": "residual_length_m",
-}  # fmt: skip
+    "viscous": "viscous_friction_N_s_per_m",
+    "coulomb": "coulomb_friction_N",
+    "discharge": "discharge_coefficient",
+    "residual_length": "residual_length_m",
+}
 
 
 @dataclass(frozen=True)

@@ -13,9 +13,11 @@ Pairs = frozenset[frozenset[str]]
 LEAKS = ("cross_leakage", "ambient_leakage")
 NOISE = 1.2  # times the oracle's error: what a diagnosis takes for the noise
 BASE = {
-    "viscous": "viscous_friction", "coulomb": "coulomb_friction",
-    "discharge": "discharge_coefficient", "residual_length": "residual_length",
-}  # fmt: skip
+    "viscous": "viscous_friction",
+    "coulomb": "coulomb_friction",
+    "discharge": "discharge_coefficient",
+    "residual_length": "residual_length",
+}
 
 
 @dataclass(frozen=True)

@@ -68,9 +68,11 @@ def periodic_disturbance(d: Draw) -> Hidden:
     """A shaking force with a little third harmonic."""
     frequency, force = d.between(0.8, 15.0), d.sized(2.0, 25.0)
     fields = {
-        "shake": force, "shake_frequency": frequency, "shake_phase": d.evenly(0.0, 6.28),
+        "shake": force,
+        "shake_frequency": frequency,
+        "shake_phase": d.evenly(0.0, 6.28),
         "shake_third": d.evenly(0.0, 0.25),
-    }  # fmt: skip
+    }
     return Hidden("periodic_disturbance", "force", d.size, fields, {"frequency": frequency})
 
 
@@ -235,10 +237,34 @@ def presliding(d: Draw) -> Hidden:
 NAMED: dict[str, Make] = {
     make.__name__: make
     for make in (
-        stribeck_friction, asymmetric_friction, constant_force, position_dependent_friction, spring_load,
-        quadratic_drag, periodic_disturbance, friction_drift, end_cushioning, compliant_load, cross_leakage,
-        ambient_leakage, heat_transfer, critical_pressure_ratio, supply_droop, exhaust_restriction,
-        valve_deadband, valve_offset, valve_lag, input_delay, valve_hysteresis, valve_saturation, valve_underlap,
-        sensor_backlash, sensor_lag, sensor_nonlinearity, sensor_drift, clock_drift, presliding,
+        stribeck_friction,
+        asymmetric_friction,
+        constant_force,
+        position_dependent_friction,
+        spring_load,
+        quadratic_drag,
+        periodic_disturbance,
+        friction_drift,
+        end_cushioning,
+        compliant_load,
+        cross_leakage,
+        ambient_leakage,
+        heat_transfer,
+        critical_pressure_ratio,
+        supply_droop,
+        exhaust_restriction,
+        valve_deadband,
+        valve_offset,
+        valve_lag,
+        input_delay,
+        valve_hysteresis,
+        valve_saturation,
+        valve_underlap,
+        sensor_backlash,
+        sensor_lag,
+        sensor_nonlinearity,
+        sensor_drift,
+        clock_drift,
+        presliding,
     )
-}  # fmt: skip
+}

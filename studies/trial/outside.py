@@ -70,7 +70,15 @@ def wiper_bounce(d: Draw) -> Hidden:
 OUTSIDE: dict[str, Make] = {
     make.__name__: make
     for make in (
-        supply_pulsation, flow_force, spool_stiction, cogging, relief_leak, tube_creep, dwell_friction, side_load,
-        sensor_crosstalk, wiper_bounce,
+        supply_pulsation,
+        flow_force,
+        spool_stiction,
+        cogging,
+        relief_leak,
+        tube_creep,
+        dwell_friction,
+        side_load,
+        sensor_crosstalk,
+        wiper_bounce,
     )
-}  # fmt: skip
+}

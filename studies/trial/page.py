@@ -17,9 +17,12 @@ from studies.trial.running import METHODS, ROOT
 from studies.trial.seal import unseal
 
 BASELINES = {
-    "diagnose": "optid diagnose", "exhaustive": "every effect refitted, BIC", "sparse": "sparse regression",
-    "neural": "neural residual", "armax": "ARMAX",
-}  # fmt: skip
+    "diagnose": "optid diagnose",
+    "exhaustive": "every effect refitted, BIC",
+    "sparse": "sparse regression",
+    "neural": "neural residual",
+    "armax": "ARMAX",
+}
 FIRST = "single effect, first name right, "
 COLUMNS = {
     "first name right": (FIRST + "position only", FIRST + "with pressures"),
@@ -41,9 +44,12 @@ def page(folder: Path, key: str, real: Sequence[Path] = ()) -> str:
     answers = unseal(folder / "answers.sealed", key, manifest["answers_sha256"])["cases"]
     board = json.loads((folder / "scores/diagnose.json").read_text())
     environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(Path(__file__).parent), autoescape=True, trim_blocks=True,
-        lstrip_blocks=True, undefined=jinja2.StrictUndefined,
-    )  # fmt: skip
+        loader=jinja2.FileSystemLoader(Path(__file__).parent),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=jinja2.StrictUndefined,
+    )
     return environment.get_template("page.html.j2").render(
         style=Markup((ROOT / "optid/report/style.css").read_text()),
         cases=board["cases"],

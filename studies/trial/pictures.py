@@ -14,11 +14,20 @@ from matplotlib.figure import Figure
 
 INK, ACCENT, WARM, QUIET, ALARM = "#2b2f36", "#0a7e8c", "#c8743a", "#9aa3ad", "#b3372f"
 STYLE: Any = {
-    "font.family": "sans-serif", "font.size": 8.5, "axes.edgecolor": "#c9ced4", "axes.labelcolor": "#4a525c",
-    "axes.spines.top": False, "axes.spines.right": False, "axes.linewidth": 0.8, "axes.axisbelow": True,
-    "xtick.color": "#6b747e", "ytick.color": INK, "legend.frameon": False, "svg.fonttype": "path",
+    "font.family": "sans-serif",
+    "font.size": 8.5,
+    "axes.edgecolor": "#c9ced4",
+    "axes.labelcolor": "#4a525c",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.linewidth": 0.8,
+    "axes.axisbelow": True,
+    "xtick.color": "#6b747e",
+    "ytick.color": INK,
+    "legend.frameon": False,
+    "svg.fonttype": "path",
     "svg.hashsalt": "trial",
-}  # fmt: skip
+}
 
 
 def _svg(figure: Figure) -> str:
@@ -85,8 +94,15 @@ def confusion(table: Mapping[str, Mapping[str, int]]) -> str:
     rows = list(table)
     columns = sorted({name for said in table.values() for name in said}, key=lambda n: (n not in rows, n))
     counts = np.array([[table[row].get(column, 0) for column in columns] for row in rows], dtype=float)
-    right = np.array([[row.removesuffix(" (outside)") == c or ("(outside)" in row and c == "unexplained")
-                       for c in columns] for row in rows])  # fmt: skip
+    right = np.array(
+        [
+            [
+                row.removesuffix(" (outside)") == c or ("(outside)" in row and c == "unexplained")
+                for c in columns
+            ]
+            for row in rows
+        ]
+    )
     with mpl.rc_context({**STYLE, "axes.spines.left": False, "axes.spines.bottom": False}):
         figure = Figure(figsize=(9.2, 1.9 + 0.21 * len(rows)), layout="constrained")
         axes = figure.subplots()

@@ -89,9 +89,15 @@ def _one(
     case, out = folder / name, folder / name / method
     recordings = [str(case / f"{r}.csv") for r in TRAIN]
     call = [
-        sys.executable, *METHODS[method], str(case / "rig.toml"), *recordings,
-        "--holdout", str(case / f"{HELD_OUT}.csv"), "--out", str(out),
-    ]  # fmt: skip
+        sys.executable,
+        *METHODS[method],
+        str(case / "rig.toml"),
+        *recordings,
+        "--holdout",
+        str(case / f"{HELD_OUT}.csv"),
+        "--out",
+        str(out),
+    ]
     mine = cores.get()
     try:
         ran = timed(call, limit, environment, mine)

@@ -20,8 +20,12 @@ def divide(x: float, y: float) -> float:
 
 
 BUILT_IN = {
-    "ABS": abs, "SQRT": math.sqrt, "DINT_TO_LREAL": float, "LREAL_TO_DINT": round, "DIV": lambda a, b: a // b,
-}  # fmt: skip
+    "ABS": abs,
+    "SQRT": math.sqrt,
+    "DINT_TO_LREAL": float,
+    "LREAL_TO_DINT": round,
+    "DIV": lambda a, b: a // b,
+}
 
 
 def expression(text: str) -> str:

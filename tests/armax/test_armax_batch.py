@@ -31,9 +31,11 @@ def test_gradient_is_casadi_s(truth, simulated):
     function = ca.Function("f", [theta], [residuals, ca.jacobian(residuals, theta)])
     expected_e, expected_J = (np.array(x) for x in function(truth.theta * 1.01))
     model = Armax(
-        a=(1.0, *(truth.theta[:4] * 1.01)), b=(tuple(truth.theta[4:7] * 1.01),),
-        c=(1.0, *(truth.theta[7:] * 1.01)), nk=(11,),
-    )  # fmt: skip
+        a=(1.0, *(truth.theta[:4] * 1.01)),
+        b=(tuple(truth.theta[4:7] * 1.01),),
+        c=(1.0, *(truth.theta[7:] * 1.01)),
+        nk=(11,),
+    )
     found_e, Psi = residuals_of(model, y, u)
     assert found_e == pytest.approx(expected_e.ravel(), abs=1e-10)
     assert -Psi == pytest.approx(expected_J, abs=1e-9)

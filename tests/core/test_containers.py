@@ -74,19 +74,40 @@ SHAPES = {
     "a wide matrix beside": ({"t": T, "u": U, "x": X, "acc": np.zeros((3, N))}, PLAIN),
     "struct": ({"log": {"t": T, "u": U, "x": X}}, Maps("log.t", "log.u", "log.x")),
     "structure with time": (
-        {"out": {"time": T[:, None], "signals": np.array([(U[:, None], "u"), (X[:, None], "x")],
-             dtype=[("values", object), ("label", object)])}},
-        Maps("out.time", "out.signals(1).values", "out.signals(2).values")),
+        {
+            "out": {
+                "time": T[:, None],
+                "signals": np.array(
+                    [(U[:, None], "u"), (X[:, None], "x")], dtype=[("values", object), ("label", object)]
+                ),
+            }
+        },
+        Maps("out.time", "out.signals(1).values", "out.signals(2).values"),
+    ),
     "by Simulink's labels": (
-        {"out": {"time": T[:, None], "signals": np.array([(U[:, None], "cmd"), (X[:, None], "pos")],
-             dtype=[("values", object), ("label", object)])}}, Maps("out.time", "cmd", "pos")),
+        {
+            "out": {
+                "time": T[:, None],
+                "signals": np.array(
+                    [(U[:, None], "cmd"), (X[:, None], "pos")], dtype=[("values", object), ("label", object)]
+                ),
+            }
+        },
+        Maps("out.time", "cmd", "pos"),
+    ),
     "one sample a page": ({"t": T, "u": U, "x": X.reshape(1, 1, N)}, PLAIN),
     "cells": ({"t": T, "c": CELLS}, Maps("t", "c{1}", "c{2}")),
     "small types": ({"t": T, "u": U, "x": X, "n": np.arange(N, dtype=np.int16), "flag": U > 0}, PLAIN),
     "dSPACE": (
-        {"rec": {"X": {"Name": "time", "Data": T}, "Y": np.array([("Model/u", U), ("Model/x", X)],
-             dtype=[("Name", object), ("Data", object)])}}, Maps("rec.X.Data", "Model/u", "Model/x")),
-}  # fmt: skip
+        {
+            "rec": {
+                "X": {"Name": "time", "Data": T},
+                "Y": np.array([("Model/u", U), ("Model/x", X)], dtype=[("Name", object), ("Data", object)]),
+            }
+        },
+        Maps("rec.X.Data", "Model/u", "Model/x"),
+    ),
+}
 
 
 @pytest.mark.parametrize("name", SHAPES)
@@ -215,13 +236,21 @@ def tdms(path, *groups):
 
     noon = np.datetime64("2024-05-02T12:00:00")
     with nptdms.TdmsWriter(str(path)) as file:
-        file.write_segment([
-            nptdms.ChannelObject(group, name, values, {
-                "wf_increment": step, "wf_start_time": noon + np.timedelta64(late, "us"),
-                "wf_start_offset": 0.0,
-            })
-            for group, name, values, step, late in groups
-        ])  # fmt: skip
+        file.write_segment(
+            [
+                nptdms.ChannelObject(
+                    group,
+                    name,
+                    values,
+                    {
+                        "wf_increment": step,
+                        "wf_start_time": noon + np.timedelta64(late, "us"),
+                        "wf_start_offset": 0.0,
+                    },
+                )
+                for group, name, values, step, late in groups
+            ]
+        )
     return path
 
 

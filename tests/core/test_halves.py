@@ -26,7 +26,7 @@ def cart(s, *, late=True):
     x, v = s.state("x", "m", 0.1, spread=0.05), s.state("v", "m/s", 1.0, spread=0.1)
     u = s.input("command", "1", idle=0.0)
     if late:
-        u = s.switched(s.param(SHARE), s.past("command", 1), u)
+        u = s.switch_within_hold(s.param(SHARE), s.past("command", 1), u)
     s.rate(x, v)
     s.rate(v, 20.0 * u + 10.0 * abs(u) - s.param(DRAG) * v)
     s.output("position", "m", x)
@@ -98,13 +98,29 @@ def test_windows_taken_together_switch_each():
 
     def terms(first, last):
         found = (
-            np.empty((5, 2)), np.empty((5, 2, machine.width)), np.empty((5, machine.directions, machine.width)),
-            np.empty((5, machine.width)), np.empty((5, 2)),
-        )  # fmt: skip
+            np.empty((5, 2)),
+            np.empty((5, 2, machine.width)),
+            np.empty((5, machine.directions, machine.width)),
+            np.empty((5, machine.width)),
+            np.empty((5, 2)),
+        )
         machine.run(
-            normal_equations, first, last, begins, counts, closed, np.zeros((5, 2)), p, q.dt, q.inputs, q.measured,
-            weight, np.inf, 1e-12 * model.scales, *found,
-        )  # fmt: skip
+            normal_equations,
+            first,
+            last,
+            begins,
+            counts,
+            closed,
+            np.zeros((5, 2)),
+            p,
+            q.dt,
+            q.inputs,
+            q.measured,
+            weight,
+            np.inf,
+            1e-12 * model.scales,
+            *found,
+        )
         return [part[first:last] for part in found]
 
     together, alone = terms(0, 5), [terms(w, w + 1) for w in range(5)]

@@ -12,20 +12,50 @@ from optid.core.parameter import Parameter
 from optid.core.sheet import build
 
 OF_ONE = {
-    "exp": ca.exp, "log": lambda a: ca.log(a * a), "log1p": lambda a: ca.log1p(a * a), "expm1": ca.expm1,
-    "sqrt": lambda a: ca.sqrt(a * a + 1), "sin": ca.sin, "cos": ca.cos, "tan": ca.tan, "atan": ca.atan,
-    "asin": lambda a: ca.asin(a / 9), "acos": lambda a: ca.acos(a / 9), "sinh": ca.sinh, "cosh": ca.cosh,
-    "tanh": ca.tanh, "erf": ca.erf, "fabs": ca.fabs, "sign": ca.sign, "floor": ca.floor, "ceil": ca.ceil,
-    "inverse": lambda a: 1 / a, "twice": lambda a: a + a, "square": lambda a: a * a, "negative": lambda a: -a,
-    "power": lambda a: (a * a) ** 1.7, "not": lambda a: ca.logic_not(a > 0.5),
-}  # fmt: skip
+    "exp": ca.exp,
+    "log": lambda a: ca.log(a * a),
+    "log1p": lambda a: ca.log1p(a * a),
+    "expm1": ca.expm1,
+    "sqrt": lambda a: ca.sqrt(a * a + 1),
+    "sin": ca.sin,
+    "cos": ca.cos,
+    "tan": ca.tan,
+    "atan": ca.atan,
+    "asin": lambda a: ca.asin(a / 9),
+    "acos": lambda a: ca.acos(a / 9),
+    "sinh": ca.sinh,
+    "cosh": ca.cosh,
+    "tanh": ca.tanh,
+    "erf": ca.erf,
+    "fabs": ca.fabs,
+    "sign": ca.sign,
+    "floor": ca.floor,
+    "ceil": ca.ceil,
+    "inverse": lambda a: 1 / a,
+    "twice": lambda a: a + a,
+    "square": lambda a: a * a,
+    "negative": lambda a: -a,
+    "power": lambda a: (a * a) ** 1.7,
+    "not": lambda a: ca.logic_not(a > 0.5),
+}
 OF_TWO = {
-    "plus": lambda a, b: a + b, "minus": lambda a, b: a - b, "times": lambda a, b: a * b, "over": lambda a, b: a / b,
-    "pow": lambda a, b: (a * a) ** b, "atan2": ca.atan2, "fmod": ca.fmod, "fmin": ca.fmin, "fmax": ca.fmax,
-    "below": lambda a, b: a < b, "at most": lambda a, b: a <= b, "equal": lambda a, b: ca.eq(a, b),
-    "unequal": lambda a, b: ca.ne(a, b), "and": lambda a, b: ca.logic_and(a > 0, b > 0),
-    "or": lambda a, b: ca.logic_or(a > 0, b > 0), "either": lambda a, b: ca.if_else(a > b, a * b, a - b),
-}  # fmt: skip
+    "plus": lambda a, b: a + b,
+    "minus": lambda a, b: a - b,
+    "times": lambda a, b: a * b,
+    "over": lambda a, b: a / b,
+    "pow": lambda a, b: (a * a) ** b,
+    "atan2": ca.atan2,
+    "fmod": ca.fmod,
+    "fmin": ca.fmin,
+    "fmax": ca.fmax,
+    "below": lambda a, b: a < b,
+    "at most": lambda a, b: a <= b,
+    "equal": lambda a, b: ca.eq(a, b),
+    "unequal": lambda a, b: ca.ne(a, b),
+    "and": lambda a, b: ca.logic_and(a > 0, b > 0),
+    "or": lambda a, b: ca.logic_or(a > 0, b > 0),
+    "either": lambda a, b: ca.if_else(a > b, a * b, a - b),
+}
 ONE = Parameter("one", "1", 1.0, "a number", "a test", bounds=(-10.0, 10.0))
 OTHER = Parameter("other", "1", 1.0, "a number", "a test", bounds=(-10.0, 10.0))
 POINTS = [(1.3, 0.7), (-1.3, 0.7), (0.4, -2.2), (-2.5, -2.5), (3.0, 3.0), (0.2, 1e-9)]

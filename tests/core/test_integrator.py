@@ -37,8 +37,12 @@ def test_position_agrees_with_radau(friction):
     for k in range(n - 1):
         right = solve_ivp(
             lambda _, z, held=u[k]: np.array(model.rates(z, held, p)).ravel(),
-            (0, 1e-3), x, method="Radau", rtol=1e-10, atol=1e-10 * model.scales,
-        )  # fmt: skip
+            (0, 1e-3),
+            x,
+            method="Radau",
+            rtol=1e-10,
+            atol=1e-10 * model.scales,
+        )
         x = right.y[:, -1]
         exact.append(x)
     error = np.abs(run.states[0] - exact)
@@ -71,9 +75,26 @@ def test_slopes_of_a_window_are_those_of_its_end():
         H, g, cost = np.empty((1, nx + 2, machine.width)), np.empty((1, machine.width)), np.empty((1, 2))
         none = np.full((n, len(model.outputs)), np.nan)
         machine.run(
-            normal_equations, 0, 1, np.array([0]), np.array([n - 1]), np.array([True]), x0[None], q, dt, u, none,
-            np.ones_like(none), np.inf, 1e-9 * scales, end, slope, H, g, cost,
-        )  # fmt: skip
+            normal_equations,
+            0,
+            1,
+            np.array([0]),
+            np.array([n - 1]),
+            np.array([True]),
+            x0[None],
+            q,
+            dt,
+            u,
+            none,
+            np.ones_like(none),
+            np.inf,
+            1e-9 * scales,
+            end,
+            slope,
+            H,
+            g,
+            cost,
+        )
         return end[0], slope[0]
 
     _, slope = window(start, p)

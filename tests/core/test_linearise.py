@@ -20,8 +20,12 @@ TABLE_1 = dict(read_rig(Path(__file__).parents[2] / "data" / "table1.toml").para
 STUDY = {**TABLE_1, "supply_pressure": 6e5, "residual_length": 0.01}
 TANKS = {"upper_outlet": 0.05, "lower_inlet": 0.04, "lower_outlet": 0.06, "pump_gain": 0.03}
 EMPS = {
-    "mass": 100.0, "drive_gain": 35.0, "viscous_friction": 200.0, "coulomb_friction": 20.0, "force_offset": -3.0
-}  # fmt: skip
+    "mass": 100.0,
+    "drive_gain": 35.0,
+    "viscous_friction": 200.0,
+    "coulomb_friction": 20.0,
+    "force_offset": -3.0,
+}
 
 
 def test_the_mid_stroke_mode_is_the_known_one():

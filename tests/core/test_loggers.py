@@ -21,9 +21,10 @@ class Maps:
 
         clock = ChannelMap("time", "", "s", "s", rate=rate) if time is None else one("time", time, "s")
         self.channels = {
-            "time": clock, "command": one("command", command, "V", held=True),
+            "time": clock,
+            "command": one("command", command, "V", held=True),
             "position": one("position", position, "m"),
-        }  # fmt: skip
+        }
 
 
 def written(tmp_path, name, content, encoding="utf-8"):

@@ -36,13 +36,29 @@ def terms(setting, dt, first, last, huber=np.inf, X0=None):
     X0 = starts if X0 is None else X0
     w, nx, nd = len(BEGINS), len(model.states), machine.directions
     found = (
-        np.full((w, nx), np.nan), np.full((w, nx, machine.width), np.nan), np.full((w, nd, machine.width), np.nan),
-        np.full((w, machine.width), np.nan), np.full((w, 2), np.nan),
-    )  # fmt: skip
+        np.full((w, nx), np.nan),
+        np.full((w, nx, machine.width), np.nan),
+        np.full((w, nd, machine.width), np.nan),
+        np.full((w, machine.width), np.nan),
+        np.full((w, 2), np.nan),
+    )
     machine.run(
-        normal_equations, first, last, BEGINS, COUNTS, CLOSED, X0, p, dt, U, Y, weight, huber, 1e-11 * model.scales,
+        normal_equations,
+        first,
+        last,
+        BEGINS,
+        COUNTS,
+        CLOSED,
+        X0,
+        p,
+        dt,
+        U,
+        Y,
+        weight,
+        huber,
+        1e-11 * model.scales,
         *found,
-    )  # fmt: skip
+    )
     end, slope, H, g, cost = (part[first:last] for part in found)
     return dict(zip(NAMES, (end, slope[..., :nd], H[..., :nd], g[..., :nd], cost), strict=True))
 

@@ -25,9 +25,13 @@ def axis():
 def exact(model, p, x, u, h):
     rates = model.rates
     found = solve_ivp(
-        lambda _, y: np.array(rates(y, u, p)).ravel(), (0.0, h), x, method="Radau", rtol=1e-11,
+        lambda _, y: np.array(rates(y, u, p)).ravel(),
+        (0.0, h),
+        x,
+        method="Radau",
+        rtol=1e-11,
         atol=1e-13 * model.scales,
-    )  # fmt: skip
+    )
     return found.y[:, -1]
 
 

@@ -29,10 +29,10 @@ class More:
 
     def apply(self, site, nominal, near, sheet):
         if site == "sensor.x":
-            return nominal + sheet.noted("seen")
+            return nominal + sheet.recall("seen")
         z = sheet.state("z", "m", 1.0)
         sheet.rate(z, near["v"] - z)
-        sheet.note("seen", z)
+        sheet.store("seen", z)
         return nominal + sheet.param(EXTRA) * ca.tanh(near["v"]) + 0 * sheet.plant_param("drag")
 
 

@@ -89,7 +89,12 @@ def test_a_model_from_the_cache_runs_as_one_compiled_afresh(folder, monkeypatch)
 def test_what_is_asked_of_a_model_is_kept_apart(folder):
     """The same equations with other slopes, or for other loops, are other code."""
     model = read_rig(DATA / "table1.toml").model
-    for asked in (lambda: compiled(model), lambda: compiled(model, (0,)), lambda: compiled(model, (1,)),
-                  lambda: compiled_runs(model), lambda: compiled_lanes(model)):  # fmt: skip
+    for asked in (
+        lambda: compiled(model),
+        lambda: compiled(model, (0,)),
+        lambda: compiled(model, (1,)),
+        lambda: compiled_runs(model),
+        lambda: compiled_lanes(model),
+    ):
         asked()
     assert len(list(folder.iterdir())) == 5

@@ -14,11 +14,13 @@ def record(rate: float, noise: float = 0.0, seconds: float = 2.0) -> Recording:
     position = 0.05 * np.sin(2 * np.pi * 1.5 * time) + noise * rng.standard_normal(len(time))
     command = np.sign(np.sin(2 * np.pi * 0.7 * time)) * 0.3 + 0.1 * rng.standard_normal(len(time))
     return Recording(
-        "fast", time, {
+        "fast",
+        time,
+        {
             "command": Channel("command", "u", "1", command),
             "position": Channel("position", "x", "m", position, sd=noise or None),
         },
-    )  # fmt: skip
+    )
 
 
 @pytest.mark.parametrize("rate", [2000.0, 5000.0, 10000.0])

@@ -11,10 +11,23 @@ from optid.core.units import conversion, si_unit_of, to_si
 from optid.errors import RigError
 
 PAIRS = [
-    ("bar", "Pa"), ("kPa", "Pa"), ("psi", "Pa"), ("bar_gauge", "Pa"), ("mm", "m"), ("inch", "m"),
-    ("N/(mm/s)", "N s/m"), ("g", "kg"), ("ms", "s"), ("kHz", "Hz"), ("mV", "V"), ("J/(kg K)", "J/(kg K)"),
-    ("N/m**1.5", "N/m**1.5"), ("degC", "K"), ("%", "1"), ("1", "1"),
-]  # fmt: skip
+    ("bar", "Pa"),
+    ("kPa", "Pa"),
+    ("psi", "Pa"),
+    ("bar_gauge", "Pa"),
+    ("mm", "m"),
+    ("inch", "m"),
+    ("N/(mm/s)", "N s/m"),
+    ("g", "kg"),
+    ("ms", "s"),
+    ("kHz", "Hz"),
+    ("mV", "V"),
+    ("J/(kg K)", "J/(kg K)"),
+    ("N/m**1.5", "N/m**1.5"),
+    ("degC", "K"),
+    ("%", "1"),
+    ("1", "1"),
+]
 
 
 @pytest.mark.parametrize(

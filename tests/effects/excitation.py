@@ -13,9 +13,18 @@ DT = 1.0 / RATE
 N = RATE * SECONDS
 # (seconds, m): moves there within that time, then holds for 0.25 s; the last two run into both cushions at full speed.
 MOVES = (
-    (1.0, 0.012), (0.6, -0.02), (0.3, 0.07), (0.3, -0.06), (0.15, 0.03), (1.2, 0.034), (0.4, 0.1), (0.5, -0.1),
-    (0.15, 0.0), (0.25, 0.128), (0.4, -0.128),
-)  # fmt: skip
+    (1.0, 0.012),
+    (0.6, -0.02),
+    (0.3, 0.07),
+    (0.3, -0.06),
+    (0.15, 0.03),
+    (1.2, 0.034),
+    (0.4, 0.1),
+    (0.5, -0.1),
+    (0.15, 0.0),
+    (0.25, 0.128),
+    (0.4, -0.128),
+)
 GAIN, BINARY, HOLD = 25.0, 0.02, 10  # 1/m, share of full command, samples
 
 

@@ -23,10 +23,14 @@ PLANTS = {
 }
 # Usual ranges of what the plants' states do, SI.
 RANGES = {
-    "position": (-0.125, 0.125), "velocity": (-1.0, 1.0), "bristle": (-1.0, 1.0),
-    "pressure_a": (1.2e5, 6.9e5), "pressure_b": (1.2e5, 6.9e5),
-    "upper_level": (0.0, 16.0), "lower_level": (0.0, 9.9),
-}  # fmt: skip
+    "position": (-0.125, 0.125),
+    "velocity": (-1.0, 1.0),
+    "bristle": (-1.0, 1.0),
+    "pressure_a": (1.2e5, 6.9e5),
+    "pressure_b": (1.2e5, 6.9e5),
+    "upper_level": (0.0, 16.0),
+    "lower_level": (0.0, 9.9),
+}
 FULL = {"servo-pneumatic": 1.0, "emps": 10.0, "cascaded-tanks": 10.0}
 SAMPLE = {"servo-pneumatic": 1e-3, "emps": 1e-3, "cascaded-tanks": 4.0}
 

@@ -14,16 +14,39 @@ from tests.effects.plants import DATA, PLANTS, grown
 
 # The names that rig files and diagnoses rely on.
 PROMISED = {
-    "stribeck_friction", "asymmetric_friction", "constant_force", "position_dependent_friction",
-    "spring_load", "quadratic_drag", "periodic_disturbance", "friction_drift", "end_cushioning",
-    "compliant_load", "cross_leakage", "ambient_leakage", "heat_transfer", "critical_pressure_ratio",
-    "supply_droop", "exhaust_restriction", "valve_deadband", "valve_offset", "valve_lag", "input_delay",
-    "valve_hysteresis", "valve_saturation", "valve_underlap", "sensor_backlash", "sensor_lag",
-    "sensor_nonlinearity", "sensor_drift", "presliding",
-}  # fmt: skip
+    "stribeck_friction",
+    "asymmetric_friction",
+    "constant_force",
+    "position_dependent_friction",
+    "spring_load",
+    "quadratic_drag",
+    "periodic_disturbance",
+    "friction_drift",
+    "end_cushioning",
+    "compliant_load",
+    "cross_leakage",
+    "ambient_leakage",
+    "heat_transfer",
+    "critical_pressure_ratio",
+    "supply_droop",
+    "exhaust_restriction",
+    "valve_deadband",
+    "valve_offset",
+    "valve_lag",
+    "input_delay",
+    "valve_hysteresis",
+    "valve_saturation",
+    "valve_underlap",
+    "sensor_backlash",
+    "sensor_lag",
+    "sensor_nonlinearity",
+    "sensor_drift",
+    "presliding",
+}
 EFFECTS = [
-    *grown("servo-pneumatic").effects, *(e for e in grown("cascaded-tanks").effects if not e.name.endswith(".outlet")),
-]  # fmt: skip
+    *grown("servo-pneumatic").effects,
+    *(e for e in grown("cascaded-tanks").effects if not e.name.endswith(".outlet")),
+]
 
 
 def test_every_promised_name_is_there_and_acts_on_the_axis():

@@ -11,9 +11,11 @@ from tests.effects.plants import PLANTS, grown
 # Those that any site can carry at one site of each plant: of a command, of a sensor.
 PLACES = ("@drive.command", "@sensor.level")
 EVERY = [
-    (name, effect.name) for name in PLANTS for effect in grown(name).effects
+    (name, effect.name)
+    for name in PLANTS
+    for effect in grown(name).effects
     if "@" not in effect.name or effect.name.endswith(PLACES)
-]  # fmt: skip
+]
 STIFFEST = 1e4  # 1/s
 
 

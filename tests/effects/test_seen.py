@@ -31,9 +31,14 @@ def signatures(record, only=None):
     start = np.tile(np.array(model.start(P[0])[0]).ravel(), (len(first), 1))
     start[:, plant.shared[0]] = X[first]
     y = simulate(
-        model, np.repeat(P, len(first), axis=0), np.tile(start, (len(P), 1)), np.full(N, DT), inputs_of(model, u),
-        first=np.tile(first, len(P)), intervals=WINDOW,
-    ).outputs.reshape(len(P), -1, len(model.outputs))  # fmt: skip
+        model,
+        np.repeat(P, len(first), axis=0),
+        np.tile(start, (len(P), 1)),
+        np.full(N, DT),
+        inputs_of(model, u),
+        first=np.tile(first, len(P)),
+        intervals=WINDOW,
+    ).outputs.reshape(len(P), -1, len(model.outputs))
     change = np.sqrt(np.square((y[1:] - y[0]) / NOISE).sum(axis=1))
     return {name: own for (name, _), own in zip(points, change, strict=True)}
 

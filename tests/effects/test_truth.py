@@ -150,9 +150,12 @@ def test_a_valves_memory_comes_before_its_lag_and_its_stops():
     for names in itertools.permutations(("valve_hysteresis", "valve_lag", "valve_saturation")):
         model, parameters = ordered(*names)
         values = {
-            "valve_hysteresis.width": 0.05, "valve_lag.time_constant": 5e-3, "valve_saturation.loss": 1.0,
-            "valve_saturation.limit": 0.3, "valve_saturation.skew": 0.0,
-        }  # fmt: skip
+            "valve_hysteresis.width": 0.05,
+            "valve_lag.time_constant": 5e-3,
+            "valve_saturation.loss": 1.0,
+            "valve_saturation.limit": 0.3,
+            "valve_saturation.skew": 0.0,
+        }
         p = model.vector({**parameters, **values})
         start = np.array(model.start(p)[0]).ravel()
         states = simulate(model, p, start, np.full(120, DT), np.full((120, 1), 0.8)).states[0]
@@ -773,9 +776,12 @@ def test_friction_drifts_by_itself_or_by_its_logarithm(settling):
             lost = []
             for r in (0.0, rate):
                 p = plant.vector(
-                    {"friction_drift.rate": r, "friction_drift.settling_time": settling,
-                     "friction_drift.straightness": straightness}
-                )  # fmt: skip
+                    {
+                        "friction_drift.rate": r,
+                        "friction_drift.settling_time": settling,
+                        "friction_drift.straightness": straightness,
+                    }
+                )
                 u = np.zeros(len(plant.model.inputs))
                 u[clock] = t
                 lost.append(float(plant.model.rates(x, u, p)[names.index("velocity")]))

@@ -41,11 +41,14 @@ def test_where_nothing_is_alike_what_was_not_testable_comes_in(tmp_path):
         ("[]", "schema"),
         ('{"schema": "optid.fit/1"}', "optid.diagnosis/1"),
         ('{"schema": "optid.diagnosis/1"}', "findings"),
-        ('{"schema": "optid.diagnosis/1", "findings": [{"effect": 3, "indistinguishable_from": []}], '
-         '"not_testable": []}', "no text"),
+        (
+            '{"schema": "optid.diagnosis/1", "findings": [{"effect": 3, "indistinguishable_from": []}], '
+            '"not_testable": []}',
+            "no text",
+        ),
         ('{"schema": "optid.diagnosis/1", "findings": [], "not_testable": []}', "nothing open"),
     ],
-)  # fmt: skip
+)
 def test_no_diagnosis_is_refused(tmp_path, text, said):
     path = tmp_path / "diagnosis.json"
     if text is not None:

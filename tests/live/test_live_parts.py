@@ -151,9 +151,11 @@ def test_gains(bench):
 def test_a_tuned_controller_comes_whole_within_the_sessions_limits(bench, tmp_path):
     settings, file = live_settings(bench), tmp_path / "pid.json"
     document = {
-        "schema": "optid.pid/1", "gains": {"kp": 3.0, "setpoint_weight": 0.5}, "sample_time": 1e-3,
+        "schema": "optid.pid/1",
+        "gains": {"kp": 3.0, "setpoint_weight": 0.5},
+        "sample_time": 1e-3,
         "limits": {"low": -4.0, "high": 9.0, "rate": None, "resolution": 0.01},
-    }  # fmt: skip
+    }
     file.write_text(json.dumps(document))
     gains, own = read_gains(str(file), settings)
     assert gains == Gains(3.0, setpoint_weight=0.5)

@@ -30,13 +30,25 @@ def session(bench):
     """What a page needs of a session, without one."""
     orders, gains = [], Gains(20.0)
     made = SimpleNamespace(
-        plan=SimpleNamespace(driver="simulated", choices=Choices(gains)), rig_name="bench", gains=gains,
-        settings=live_settings(bench), wiring=wiring_of(bench), events=Events(), end=None, parted=False,
-        diagnosis="", busy=False, applicable=False, tuning=SimpleNamespace(review=None),
-        signals=Ring(1000, len(SIGNALS)), slow=Ring(50, len(slow_columns(4))), orders=orders,
-        stop=lambda why: orders.append(why), tune=lambda: orders.append("tune"),
+        plan=SimpleNamespace(driver="simulated", choices=Choices(gains)),
+        rig_name="bench",
+        gains=gains,
+        settings=live_settings(bench),
+        wiring=wiring_of(bench),
+        events=Events(),
+        end=None,
+        parted=False,
+        diagnosis="",
+        busy=False,
+        applicable=False,
+        tuning=SimpleNamespace(review=None),
+        signals=Ring(1000, len(SIGNALS)),
+        slow=Ring(50, len(slow_columns(4))),
+        orders=orders,
+        stop=lambda why: orders.append(why),
+        tune=lambda: orders.append("tune"),
         apply=lambda: orders.append("apply"),
-    )  # fmt: skip
+    )
     yield made
     made.signals.close()
     made.slow.close()
@@ -194,8 +206,21 @@ def browser():
 @pytest.fixture
 def live(tmp_path, patient):
     """The command with a page, and its address."""
-    call = [sys.executable, "-m", "optid.cli", "live", str(patient), "--out", str(tmp_path / "out"),
-            "--rate", "250", "--gains", "kp=8", "--page", "--fast"]  # fmt: skip
+    call = [
+        sys.executable,
+        "-m",
+        "optid.cli",
+        "live",
+        str(patient),
+        "--out",
+        str(tmp_path / "out"),
+        "--rate",
+        "250",
+        "--gains",
+        "kp=8",
+        "--page",
+        "--fast",
+    ]
     with subprocess.Popen(call, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as process:
         line = process.stdout.readline()
         assert line.startswith("the page: "), line + process.stdout.read()

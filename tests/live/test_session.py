@@ -44,7 +44,7 @@ def test_the_whole_command(tmp_path):
     assert len(record) == 4000
     report = (out / "report.html").read_text()
     assert "The step at 2.00 s" in report
-    assert report.count("<svg") == 2
+    assert report.count('<div class="figure"') == 2
 
 
 def wait_for(session, there):

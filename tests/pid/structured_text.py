@@ -12,9 +12,13 @@ TOKEN = re.compile(
     r"\(\*.*?\*\)|[A-Za-z_]\w*|\d+\.\d+(?:E[-+]?\d+)?|\d+|:=|<>|<=|>=|[-+*/()<>=;:.,]|\s+", re.DOTALL
 )
 BUILT_IN = {
-    "SEL": lambda g, a, b: b if g else a, "MIN": min, "MAX": max, "ABS": abs,
-    "LREAL_TRUNC_LINT": math.trunc, "LINT_TO_LREAL": float,
-}  # fmt: skip
+    "SEL": lambda g, a, b: b if g else a,
+    "MIN": min,
+    "MAX": max,
+    "ABS": abs,
+    "LREAL_TRUNC_LINT": math.trunc,
+    "LINT_TO_LREAL": float,
+}
 LEVELS = (("OR",), ("AND",), ("=", "<>"), ("<", ">", "<=", ">="), ("+", "-"), ("*", "/"))
 
 
@@ -194,10 +198,19 @@ class Program:
         _, sign, left, right = node
         a, b = self.evaluate(left, scope), self.evaluate(right, scope)
         return {
-            "+": lambda: a + b, "-": lambda: a - b, "*": lambda: a * b, "/": lambda: a / b, "<": lambda: a < b,
-            ">": lambda: a > b, "<=": lambda: a <= b, ">=": lambda: a >= b, "=": lambda: a == b, "<>": lambda: a != b,
-            "AND": lambda: a and b, "OR": lambda: a or b,
-        }[sign]()  # fmt: skip
+            "+": lambda: a + b,
+            "-": lambda: a - b,
+            "*": lambda: a * b,
+            "/": lambda: a / b,
+            "<": lambda: a < b,
+            ">": lambda: a > b,
+            "<=": lambda: a <= b,
+            ">=": lambda: a >= b,
+            "=": lambda: a == b,
+            "<>": lambda: a != b,
+            "AND": lambda: a and b,
+            "OR": lambda: a or b,
+        }[sign]()
 
 
 class Instance:

@@ -85,14 +85,19 @@ def test_a_missing_sample_is_the_last_one_again():
 @pytest.mark.parametrize(
     ("bad", "field"),
     [
-        ({"low": 5, "high": -5}, "limits"), ({"rate": 0.0}, "rate"), ({"rate": -1.0}, "rate"),
-        ({"sample_time": 0.0}, "sample_time"), ({"sample_time": math.nan}, "sample_time"),
-        ({"low": -5, "high": 5, "resolution": 20.0}, "resolution"), ({"resolution": -1.0}, "resolution"),
-        ({"deadband_low": 0.1}, "deadband"), ({"deadband_high": 0.1}, "deadband_onset"),
+        ({"low": 5, "high": -5}, "limits"),
+        ({"rate": 0.0}, "rate"),
+        ({"rate": -1.0}, "rate"),
+        ({"sample_time": 0.0}, "sample_time"),
+        ({"sample_time": math.nan}, "sample_time"),
+        ({"low": -5, "high": 5, "resolution": 20.0}, "resolution"),
+        ({"resolution": -1.0}, "resolution"),
+        ({"deadband_low": 0.1}, "deadband"),
+        ({"deadband_high": 0.1}, "deadband_onset"),
         ({"resolution": 0.1, "rate": 1.0}, "rate"),
         ({"anti_windup": AntiWindup.BACK_CALCULATION}, "tracking_time"),
     ],
-)  # fmt: skip
+)
 def test_contradictions_are_refused(bad, field):
     with pytest.raises(InputError) as error:
         Settings(**{"sample_time": T, **bad})

@@ -91,9 +91,12 @@ def test_c(case, compiled_c):
     out, pointer = np.empty(SAMPLES), ctypes.POINTER(ctypes.c_double)
     run = compiled_c(Controller(gains, settings), Controller(OTHER, settings))
     run(
-        setpoint.ctypes.data_as(pointer), measured.ctypes.data_as(pointer), ctypes.c_double(0.4),
-        ctypes.c_long(SAMPLES), out.ctypes.data_as(pointer),
-    )  # fmt: skip
+        setpoint.ctypes.data_as(pointer),
+        measured.ctypes.data_as(pointer),
+        ctypes.c_double(0.4),
+        ctypes.c_long(SAMPLES),
+        out.ctypes.data_as(pointer),
+    )
     np.testing.assert_array_equal(out, reference(gains, settings, setpoint, measured))
 
 
@@ -105,9 +108,16 @@ def test_structured_text(case):
     wanted = Instance(Program(structured_text(Controller(OTHER, settings), "axis")), "axis").scope["s"]
     assert block(enable=False, standing=0.4) == 0.4
     out = [
-        block(enable=True, setpoint=float(r), measured=float(y), standing=0.4, wanted=wanted, apply=n == SAMPLES // 2)
+        block(
+            enable=True,
+            setpoint=float(r),
+            measured=float(y),
+            standing=0.4,
+            wanted=wanted,
+            apply=n == SAMPLES // 2,
+        )
         for n, (r, y) in enumerate(zip(setpoint, measured, strict=True))
-    ]  # fmt: skip
+    ]
     np.testing.assert_array_equal(out, reference(gains, settings, setpoint, measured))
 
 

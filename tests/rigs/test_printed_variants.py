@@ -11,11 +11,24 @@ from optid.core.sheet import build
 from optid.rigs.servo_pneumatic import servo_pneumatic
 
 TABLE_1 = {
-    "supply_pressure": 7e5, "exhaust_pressure": 1e5, "atmospheric_pressure": 1e5, "supply_temperature": 293.0,
-    "chamber_temperature": 293.0, "specific_heat_ratio": 1.4, "gas_constant": 287.0, "port_width": 6.2e-3,
-    "spool_travel": 4e-3, "bore_diameter": 42e-3, "rod_diameter": 16e-3, "stroke": 0.26, "residual_length": 0.01,
-    "payload_mass": 1.9, "discharge_coefficient": 0.8, "viscous_friction": 78.0, "coulomb_friction": 83.0,
-}  # fmt: skip
+    "supply_pressure": 7e5,
+    "exhaust_pressure": 1e5,
+    "atmospheric_pressure": 1e5,
+    "supply_temperature": 293.0,
+    "chamber_temperature": 293.0,
+    "specific_heat_ratio": 1.4,
+    "gas_constant": 287.0,
+    "port_width": 6.2e-3,
+    "spool_travel": 4e-3,
+    "bore_diameter": 42e-3,
+    "rod_diameter": 16e-3,
+    "stroke": 0.26,
+    "residual_length": 0.01,
+    "payload_mass": 1.9,
+    "discharge_coefficient": 0.8,
+    "viscous_friction": 78.0,
+    "coulomb_friction": 83.0,
+}
 A_A, A_ROD = math.pi / 4 * 0.042**2, math.pi / 4 * 0.016**2
 C_0 = 0.040418  # paper/notes: for air
 

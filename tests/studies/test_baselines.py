@@ -38,8 +38,13 @@ def pushed(tmp_path_factory):
 def task(pushed):
     recordings = [str(pushed / f"{name}.csv") for name in RECORDINGS]
     arguments = [
-        str(pushed / "rig.toml"), *recordings, "--holdout", str(pushed / "mixed.csv"), "--out", str(pushed / "out")
-    ]  # fmt: skip
+        str(pushed / "rig.toml"),
+        *recordings,
+        "--holdout",
+        str(pushed / "mixed.csv"),
+        "--out",
+        str(pushed / "out"),
+    ]
     return asked(arguments)
 
 

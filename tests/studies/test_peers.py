@@ -5,7 +5,8 @@ import pytest
 
 from optid.core.sheet import build
 from optid.rigs.servo_pneumatic import servo_pneumatic
-from studies.peers import axis, fit_c, fit_scipy, record
+from studies.benchmark_fit import rig_and_recording
+from studies.peers import axis, fit_c, fit_casadi, fit_scipy, record
 
 needs_gcc = pytest.mark.skipif(not fit_c.available(), reason="needs gcc")
 
@@ -74,3 +75,12 @@ def test_scipy_reaches_the_same_minimum(short):
 def test_c_leaves_denormal_numbers_alone(short):
     fit_c.fit(short.guess, short.start_state, short.share, short.position, short.dt, most=2)
     assert np.nextafter(0.0, 1.0) * 1.0 > 0.0
+
+
+@needs_gcc
+def test_casadi_and_ipopt_find_the_truth_from_the_same_start(short):
+    rig, _ = rig_and_recording(short)
+    found = fit_casadi.fit(rig, short.start_state, short.share, short.position, short.dt)
+    assert found.outcome == "Solve_Succeeded"
+    for name in axis.FREE:
+        assert found.parameters[name] == pytest.approx(axis.TRUE[name], rel=0.02)

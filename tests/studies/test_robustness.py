@@ -44,13 +44,14 @@ def test_start_values_are_wrong_within_their_bounds():
 @pytest.mark.parametrize(
     ("rig", "names", "verdict", "result"),
     [
-        ("sound", [], "consistent", "right"), ("sound", [], "unexplained", "silent"),
+        ("sound", [], "consistent", "right"),
+        ("sound", [], "unexplained", "silent"),
         ("sound", ["valve_lag"], "missing-physics", "wrong name"),
         ("leaking", ["ambient_leakage"], "missing-physics", "right"),
         ("leaking", ["ambient_leakage", "valve_lag"], "missing-physics", "wrong name"),
         ("leaking", [], "consistent", "silent"),
     ],
-)  # fmt: skip
+)
 def test_a_row_tells_right_from_silent_and_wrong(rig, names, verdict, result, monkeypatch):
     findings = [SimpleNamespace(effect=SimpleNamespace(name=name)) for name in names]
     said = SimpleNamespace(

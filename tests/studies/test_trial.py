@@ -352,9 +352,9 @@ def test_intervals_of_clopper_and_pearson():
     assert Rate("", 20, 20).interval[1] == 1.0
 
 
-def test_the_readme_shows_the_boards_as_they_are(capsys, monkeypatch):
+def test_the_studies_readme_shows_the_boards_as_they_are(capsys, monkeypatch):
     root = Path(concealed.__file__).parents[1]
-    readme = (root / "README.md").read_text()
+    readme = (root / "studies" / "README.md").read_text()
     shown = re.search(r"\| figure \| asked \|(.*)\|\n", readme).group(1)
     files = [
         root / "studies" / ("concealed.json" if name == "concealed" else f"concealed_{name}.json")
@@ -405,8 +405,12 @@ def test_from_draw_to_board(tmp_path, monkeypatch, capsys):
     everything = b"".join(p.read_bytes() for p in folder.rglob("*") if p.is_file())
     assert key.encode() not in everything
     assert sorted(p.name for p in (folder / "case-001").iterdir()) == [
-        "mixed.csv", "multisine.csv", "ramps.csv", "rig.toml", "steps.csv"
-    ]  # fmt: skip
+        "mixed.csv",
+        "multisine.csv",
+        "ramps.csv",
+        "rig.toml",
+        "steps.csv",
+    ]
     for name in ("case-001", "case-002"):
         place = folder / name / "diagnose"
         place.mkdir()

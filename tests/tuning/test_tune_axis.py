@@ -126,11 +126,14 @@ def test_candidates_that_are_beaten_are_not_run_to_the_end():
 @pytest.mark.parametrize(
     ("pole", "sd", "choice", "exact"),
     [
-        (1.0002, 0.0, Integrator.AUTO, True), (1.0002, 0.0, Integrator.NO, False),
-        (0.9996, 0.0, Integrator.AUTO, False), (0.9996, 2e-4, Integrator.AUTO, True),
-        (0.9996, 0.0, Integrator.YES, True), (0.99, 0.0, Integrator.YES, False),
+        (1.0002, 0.0, Integrator.AUTO, True),
+        (1.0002, 0.0, Integrator.NO, False),
+        (0.9996, 0.0, Integrator.AUTO, False),
+        (0.9996, 2e-4, Integrator.AUTO, True),
+        (0.9996, 0.0, Integrator.YES, True),
+        (0.99, 0.0, Integrator.YES, False),
     ],
-)  # fmt: skip
+)
 def test_an_integrator_is_carried_exactly(pole, sd, choice, exact):
     a = np.poly([pole, 0.9])
     covariance = None
@@ -205,12 +208,13 @@ def test_what_a_fit_knows_of_its_parameters(tmp_path):
     rough = parameter_sets(rig, np.random.default_rng(0))
     assert not fitted(rig) and set(rough[0]) == {freed.name for freed in rig.freed}
     document = {
-        "schema": "optid.fit/1", "noise": {"position": {"sd": 4e-5}},
+        "schema": "optid.fit/1",
+        "noise": {"position": {"sd": 4e-5}},
         "parameters": {
             "coulomb_friction": {"value": 83.0, "unit": "N", "ci95": [83.0 - 1.96, None]},
             "viscous_friction": {"value": 50.0, "unit": "N s/m", "ci95": [40.0, 60.0]},
         },
-    }  # fmt: skip
+    }
     (tmp_path / "fit.json").write_text(json.dumps(document))
     draws = parameter_sets(rig, np.random.default_rng(0), 400)
     # The other one is of another fit: the rig file holds 78.

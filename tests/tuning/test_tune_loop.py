@@ -31,8 +31,10 @@ def plainly(model, gains, settings, episode):
     y, u = [], []
     for n in range(episode.reference.size):
         past_y = [y[n - i] if n >= i else 0.0 for i in range(1, len(model.a))]
-        driven = [u[n - k] + episode.load[n - k] if n >= k else 0.0
-                  for k in range(model.nk[0], model.nk[0] + len(model.b[0]))]  # fmt: skip
+        driven = [
+            u[n - k] + episode.load[n - k] if n >= k else 0.0
+            for k in range(model.nk[0], model.nk[0] + len(model.b[0]))
+        ]
         y.append(-np.dot(model.a[1:], past_y) + np.dot(model.b[0], driven))
         u.append(controller.step(float(episode.reference[n]), y[n]))
     return np.array(y), np.array(u)

@@ -51,9 +51,16 @@ def test_the_start_does_not_matter(task, tuned):
 
 def test_lower_than_every_baseline(tuned):
     assert {one.name for one in tuned.baselines} == {
-        "ziegler_nichols", "ziegler_nichols_ultimate", "cohen_coon", "amigo", "simc", "python_control", "nelder_mead",
-        "paper", "paper_per_cm",
-    }  # fmt: skip
+        "ziegler_nichols",
+        "ziegler_nichols_ultimate",
+        "cohen_coon",
+        "amigo",
+        "simc",
+        "python_control",
+        "nelder_mead",
+        "paper",
+        "paper_per_cm",
+    }
     for one in tuned.baselines:
         assert tuned.found.total("itae") <= one.total("itae") * (1 + 1e-9), one.name
     by_name = {one.name: one for one in tuned.baselines}

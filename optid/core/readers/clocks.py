@@ -86,9 +86,11 @@ def refuse_bursts(time: Array, field: str, path: Path) -> None:
     raise RecordingError(
         f"the stamps come in bursts, {short:.3g} to {long:.3g} s apart, while on the whole a sample was taken every "
         f"{slope:.4g} s: they tell when samples arrived, not when they were taken",
-        where=path, field=field, expected="times of the samples",
+        where=path,
+        field=field,
+        expected="times of the samples",
         hint=f'state rate = "{1 / slope:.4g} Hz" instead of a time column',
-    )  # fmt: skip
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,9 +135,11 @@ def aligned(signals: Mapping[str, Timed], path: Path) -> Aligned:
     axis = times[lead][kept]
     if len(axis) < 2:
         raise RecordingError(
-            "the channels were not recorded at the same time", where=path,
-            expected="channels whose clocks overlap", hint=_spans(times),
-        )  # fmt: skip
+            "the channels were not recorded at the same time",
+            where=path,
+            expected="channels whose clocks overlap",
+            hint=_spans(times),
+        )
     values = {}
     for role, one in signals.items():
         if role == lead or (

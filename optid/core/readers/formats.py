@@ -2,27 +2,46 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import hashlib
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
+from optid.core.readers.content import file_bytes, unzipped
 from optid.core.readers.limits import Budget
-from optid.core.readers.table import Table
+from optid.core.readers.table import FORMATS, Table
 from optid.errors import RecordingError
 
-FORMATS = "CSV, Parquet, MATLAB .mat, HDF5 or TDMS"
 Reader = Callable[[bytes, Path, tuple[str, ...], Budget], Table]
 
 _CSV = "export it as CSV"
 # First bytes of formats that are not read -> what it is, and what to do.
 _FOREIGN: tuple[tuple[bytes, str, str], ...] = (
-    (b"MDF     ", "an MDF measurement file (ASAM, Vector, ETAS)",
-     "export it as .mat, CSV or Parquet: in Python asammdf.MDF(file).export('parquet', out), single_time_base=True"),
-    (b"UnFinMF ", "an MDF measurement file that was never finished", "open and save it in the program that wrote it"),
-    (b"LOGG", "a Vector BLF bus log", "export the decoded signals as CSV or MDF in CANoe, CANalyzer or CANape"),
+    (
+        b"MDF     ",
+        "an MDF measurement file (ASAM, Vector, ETAS)",
+        "export it as .mat, CSV or Parquet: in Python asammdf.MDF(file).export('parquet', out), single_time_base=True",
+    ),
+    (
+        b"UnFinMF ",
+        "an MDF measurement file that was never finished",
+        "open and save it in the program that wrote it",
+    ),
+    (
+        b"LOGG",
+        "a Vector BLF bus log",
+        "export the decoded signals as CSV or MDF in CANoe, CANalyzer or CANape",
+    ),
     (b"#ROSBAG V", "a ROS 1 bag", "write one topic as a table: rostopic echo -b FILE -p /topic > run.csv"),
-    (b"\x89MCAP0\r\n", "an MCAP file (ROS 2, Foxglove)", "export the topics as CSV, for instance in PlotJuggler"),
-    (b"SQLite format 3", "an SQLite database (a ROS 2 bag .db3, or a logger's)",
-     "export the topics as CSV, for instance in PlotJuggler"),
+    (
+        b"\x89MCAP0\r\n",
+        "an MCAP file (ROS 2, Foxglove)",
+        "export the topics as CSV, for instance in PlotJuggler",
+    ),
+    (
+        b"SQLite format 3",
+        "an SQLite database (a ROS 2 bag .db3, or a logger's)",
+        "export the topics as CSV, for instance in PlotJuggler",
+    ),
     (b"\x93NUMPY", "a NumPy .npy file", "save the columns as CSV or .mat (scipy.io.savemat)"),
     (b"ARROW1", "an Arrow or Feather file", "save it as Parquet: pandas.read_feather(file).to_parquet(out)"),
     (b"\xd0\xcf\x11\xe0", "an old Excel workbook (.xls)", "save the sheet as CSV"),
@@ -43,10 +62,20 @@ _FOREIGN: tuple[tuple[bytes, str, str], ...] = (
     (b"\xf0\xf0:WFM", "a Tektronix waveform (.wfm)", "save it as CSV on the oscilloscope"),
     (b"%PDF", "a PDF document", _CSV),
     (b"\x89PNG", "a picture", _CSV),
-    (b"\x80\x04", "a Python pickle, which is not opened because it can run code", "save it as Parquet or CSV"),
-    (b"\x80\x05", "a Python pickle, which is not opened because it can run code", "save it as Parquet or CSV"),
-    (b"<!DOCTYPE", "a web page", _CSV), (b"<html", "a web page", _CSV), (b"<?xml", "an XML document", _CSV),
-)  # fmt: skip
+    (
+        b"\x80\x04",
+        "a Python pickle, which is not opened because it can run code",
+        "save it as Parquet or CSV",
+    ),
+    (
+        b"\x80\x05",
+        "a Python pickle, which is not opened because it can run code",
+        "save it as Parquet or CSV",
+    ),
+    (b"<!DOCTYPE", "a web page", _CSV),
+    (b"<html", "a web page", _CSV),
+    (b"<?xml", "an XML document", _CSV),
+)
 _SUFFIXES = {
     ".dxd": ("a Dewesoft file", "export it as CSV, .mat or HDF5 in DewesoftX"),
     ".d7d": ("a Dewesoft file", "export it as CSV, .mat or HDF5 in DewesoftX"),
@@ -64,6 +93,25 @@ _INSIDE = (
     (b".npy", "a NumPy .npz archive", "save the columns as CSV or .mat (scipy.io.savemat)"),
     (b"simulink/", "a Simulink model (.slx)", "save the logged signals: save('run.mat', 't', 'u', 'x')"),
 )
+
+
+def read_table(path: Path, wanted: Iterable[str]) -> tuple[Table, str]:
+    """Read the columns asked for; a file's first bytes tell its format, or else its suffix.
+
+    Returns:
+        The table and the sha256 of the file's bytes.
+
+    Raises:
+        RecordingError: missing, not a file, empty, truncated, larger unpacked than it can be, or of no format known.
+    """
+    data = file_bytes(path)
+    digest = hashlib.sha256(data).hexdigest()
+    budget, name = Budget(len(data), path), path.name.lower()
+    if data[:2] == b"\x1f\x8b" or name.endswith(".gz"):
+        data, name = unzipped(data, budget, path), name.removesuffix(".gz")
+    reader, held = reader_of(data, name, path), [data]
+    del data  # the reader may let go of it once it has what it needs
+    return reader(held.pop(), path, tuple(dict.fromkeys(wanted)), budget), digest
 
 
 def reader_of(data: bytes, name: str, path: Path) -> Reader:

@@ -165,9 +165,10 @@ def _first_row(
     """The first line at or after `start` that is a row of data in every column found."""
     places = sorted({k for indices in found.values() for k in indices})
     full = [
-        i for i in range(start, min(start + 20 * _ABOVE, len(lines)))
+        i
+        for i in range(start, min(start + 20 * _ABOVE, len(lines)))
         if lines[i].strip() and not lines[i].lstrip().startswith(("#", "%", "//"))
-    ][: _ABOVE + _FOLLOWING + 1]  # fmt: skip
+    ][: _ABOVE + _FOLLOWING + 1]
     rows = [is_row(split(lines[i], delimiter), places, len(cells)) for i in full]
     for k, i in enumerate(full[: _ABOVE + 1]):
         # A number among the facts of the channels ("SampleTime 1") is no row: others follow a row, or it begins as one.

@@ -35,9 +35,10 @@ class Budget:
         if count > self.left:
             raise RecordingError(
                 f"{what} would take {count / 1e6:.6g} MB, far more than a file of this size holds",
-                where=self.path, expected="a file that is not damaged",
+                where=self.path,
+                expected="a file that is not damaged",
                 hint="if it is sound, save it again without compression or fill values",
-            )  # fmt: skip
+            )
         self.left -= count
 
     def inflate(self, data: bytes | memoryview, what: str, window: int = zlib.MAX_WBITS) -> bytes:

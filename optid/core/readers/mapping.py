@@ -11,10 +11,11 @@ import numpy as np
 
 from optid.core.readers.cells import Unreadable, is_missing, is_stamp, numbers
 from optid.core.readers.clocks import Timed, aligned, contradicted, refuse_bursts, unwrapped
+from optid.core.readers.formats import read_table
 from optid.core.readers.limits import shown
 from optid.core.readers.repair import held_between, repaired
 from optid.core.readers.stamps import MISSING, seconds_of
-from optid.core.readers.table import Clock, Column, Raw, Table, offered, read_table
+from optid.core.readers.table import Clock, Column, Raw, Table, offered
 from optid.core.recording import Array, Channel, ChannelMap, Provenance, Recording, frozen
 from optid.errors import RecordingError
 
@@ -37,28 +38,60 @@ def read_recording(path: str | Path, rig: Mapped) -> Recording:
 
     Only the mapped columns are read; whatever else a file holds may be anything.
 
-    Args:
-        path: CSV and other text tables, Parquet, .mat, HDF5 or TDMS, possibly gzipped.
-        rig: anything with `channels`; its time may be a column or a rate (the first sample is then at 0 s).
+    Parameters
+    ----------
+    path : str | Path
+        CSV and other text tables, Parquet, .mat, HDF5 or TDMS, possibly gzipped.
+    rig : Mapped
+        anything with `channels`; its time may be a column or a rate (the first sample is then at 0 s).
 
-    Returns:
+    Returns
+    -------
+    Recording
         The recording, named by its file name. Positions are recorded minus the rig's offset; a command with a
         full scale is divided by it. What was put right is told in `provenance`.
 
-    Raises:
-        RecordingError: the file cannot be read; a column is missing, empty, or holds text or an infinite
-            value; the times do not increase, or contradict the rate that the rig states.
+    Raises
+    ------
+    RecordingError
+        the file cannot be read; a column is missing, empty, or holds text or an infinite
+        value; the times do not increase, or contradict the rate that the rig states.
     """
     path = Path(path)
+    table, digest = read_table(path, wanted_columns(rig))
+    return recording_of(table, rig, path, digest)
+
+
+def wanted_columns(rig: Mapped) -> list[str]:
+    """Names of the columns that a rig maps."""
     maps = rig.channels
     wanted = [maps["time"].column, *(channel.column for role, channel in maps.items() if role != "time")]
-    table, digest = read_table(path, [column for column in wanted if column])
+    return [column for column in wanted if column]
+
+
+def recording_of(table: Table, rig: Mapped, path: Path, digest: str | None = None) -> Recording:
+    """The recording that a table holds, as `read_recording`.
+
+    Parameters
+    ----------
+    table : Table
+        the columns that the rig maps.
+    rig : Mapped
+        anything with `channels`.
+    path : Path
+        of the file, or the name of what is in memory.
+    digest : str | None
+        of the file; without one the recording has no provenance.
+    """
+    maps = rig.channels
     _check_columns(table, maps, path)
     found = _on_one_clock(table, maps, path)
     held = {role: channel.held for role, channel in maps.items()}
     values, between = held_between(found.time, found.values, held)
     values, repairs = repaired(values, held)
     channels = {role: _channel(values[role], maps[role]) for role in values}
+    if digest is None:
+        return Recording(path.name, found.time, channels)
     columns = {role: channel.column for role, channel in maps.items()}
     notes = (*table.notes, *found.notes, *between)
     source = Provenance(path, digest, table.reader, columns, len(found.time), notes, repairs)
@@ -80,9 +113,11 @@ def _check_columns(table: Table, maps: Mapping[str, ChannelMap], path: Path) -> 
         why = table.left_out.get(name)
         message = f'column "{name}" {why}' if why else f'no column "{name}"'
         if table.about:
-            message = f"this is {table.about}: {message}" if table.about.startswith(("a ", "an ")) else (
-                f"{message} ({table.about})"
-            )  # fmt: skip
+            message = (
+                f"this is {table.about}: {message}"
+                if table.about.startswith(("a ", "an "))
+                else (f"{message} ({table.about})")
+            )
         hint = None if why else offered(name, table.names)
         if role == "time" and not why:
             rate = _rate_of(table)
@@ -147,9 +182,11 @@ def _refuse_contradiction(stated: float, clocks: Mapping[str, Clock], path: Path
         role, rate = next((role, rate) for role, rate in rates.items() if rate is not None)
         raise RecordingError(
             f"by the file's own clock {role} has {rate:.6g} samples a second, the rig file states {stated:.6g} Hz",
-            where=path, field="rate", expected=f'rate = "{rate:.6g} Hz"',
+            where=path,
+            field="rate",
+            expected=f'rate = "{rate:.6g} Hz"',
             hint="or save the file with the right clock",
-        )  # fmt: skip
+        )
 
 
 def _in_rows(
@@ -164,9 +201,11 @@ def _in_rows(
         if len(one) != rows:
             other = f'"{time.column}"' if raw is not None else "another channel"
             raise RecordingError(
-                f'column "{maps[role].column}" has {len(one)} values where {other} has {rows}', where=path,
-                field=role, expected="channels of one length, or a clock for each",
-            )  # fmt: skip
+                f'column "{maps[role].column}" has {len(one)} values where {other} has {rows}',
+                where=path,
+                field=role,
+                expected="channels of one length, or a clock for each",
+            )
     if rows < 2:
         raise RecordingError("fewer than two rows of data", where=path)
     if raw is None:
@@ -178,9 +217,13 @@ def _in_rows(
 
 
 def _by_time(
-    raw: tuple[Array, float, float, tuple[str, ...]], values: dict[str, Array], table: Table, time: ChannelMap,
-    notes: tuple[str, ...], path: Path,
-) -> _Rows:  # fmt: skip
+    raw: tuple[Array, float, float, tuple[str, ...]],
+    values: dict[str, Array],
+    table: Table,
+    time: ChannelMap,
+    notes: tuple[str, ...],
+    path: Path,
+) -> _Rows:
     """Rows in their order, without those that hold no value, by times that increase."""
     times, factor, zero, more = raw
     notes += more
@@ -225,9 +268,10 @@ def _refuse_disorder(times: Array, place: Callable[[int], str], field: str, path
     before, here = times[row - 1], times[row]
     what = f"repeats {here:.10g}" if here == before else f"goes back from {before:.10g} to {here:.10g}"
     hint = (
-        'if the times are rounded, state rate = "... Hz" instead' if here == before
+        'if the times are rounded, state rate = "... Hz" instead'
+        if here == before
         else "if two recordings follow each other, or a clock began anew, cut the file there"
-    )  # fmt: skip
+    )
     raise RecordingError(
         f"{place(row)} {what}", where=path, field=field, expected="times that increase", hint=hint
     )
@@ -269,9 +313,11 @@ def _stamped(values: Raw, table: Table, time: ChannelMap, path: Path) -> tuple[A
             ns, dated = seconds_of(values)
         except Unreadable as error:
             raise RecordingError(
-                f'{table.place(error.row)} holds "{shown(error.found)}"', where=path,
-                field=f'column "{time.column}"', expected="a time such as 10:00:00.001 or a number",
-            ) from None  # fmt: skip
+                f'{table.place(error.row)} holds "{shown(error.found)}"',
+                where=path,
+                field=f'column "{time.column}"',
+                expected="a time such as 10:00:00.001 or a number",
+            ) from None
     else:
         ns, dated = values.astype(f"{values.dtype.kind}8[ns]").astype(np.int64), values.dtype.kind == "M"
     known = ns != MISSING
@@ -313,9 +359,11 @@ def _numbers(table: Table, channel: ChannelMap, path: Path) -> Array:
             values = numbers(values.astype(object), False)
         except Unreadable as error:
             raise RecordingError(
-                f'{table.place(error.row)} holds "{shown(error.found)}"', where=path, field=field,
+                f'{table.place(error.row)} holds "{shown(error.found)}"',
+                where=path,
+                field=field,
                 expected=f"a number in {channel.unit}",
-            ) from None  # fmt: skip
+            ) from None
     values = values.astype(np.float64, copy=False)
     infinite = np.isinf(values)
     if infinite.any():

@@ -64,8 +64,15 @@ class Rows:
         if single:  # a blank line is a missing sample
             body = re.sub(rb"(?m)^[ \t\r]*$", b"nan", body.rstrip())
             counts, _ = _counts(body, layout.delimiter)
-        found = cls(body, encoding, 1 if single else _usual(counts), int(counts.max(initial=1)), notes,
-                    layout.first, dropped)  # fmt: skip
+        found = cls(
+            body,
+            encoding,
+            1 if single else _usual(counts),
+            int(counts.max(initial=1)),
+            notes,
+            layout.first,
+            dropped,
+        )
         found._check(counts, layout, path)
         return found
 
@@ -114,9 +121,13 @@ class Rows:
         if layout.header is not None and layout.delimiter != " " and self.width > named + 1:
             commas = layout.delimiter == "," and self.width == 2 * named
             raise RecordingError(
-                f"line {layout.first + 1} has {self.width} fields", where=path, expected=f"{named}, as in the header",
-                hint="if these are decimal commas, export with semicolons between the columns" if commas else None,
-            )  # fmt: skip
+                f"line {layout.first + 1} has {self.width} fields",
+                where=path,
+                expected=f"{named}, as in the header",
+                hint="if these are decimal commas, export with semicolons between the columns"
+                if commas
+                else None,
+            )
         short = counts <= max(layout.places)
         # One cell more is a delimiter at the end of the line; any other surplus moves what stands behind it.
         long = counts > self.width + (layout.delimiter != " ")
@@ -131,10 +142,11 @@ class Rows:
         last = row == len(counts) - 1
         mixed = layout.delimiter == "," and count == 2 * self.width and self.decimal_comma(layout)
         raise RecordingError(
-            f"line {line + 1} has {count} {'field' if count == 1 else 'fields'}", where=path,
+            f"line {line + 1} has {count} {'field' if count == 1 else 'fields'}",
+            where=path,
             expected=f"{len(layout.names) if count > self.width else self.width}, as in the header",
             hint="the file may be truncated" if last else "export with semicolons" if mixed else None,
-        )  # fmt: skip
+        )
 
     def _open_ended(self, rows: Integers, layout: Layout) -> Iterator[int]:
         """Those of these rows that do not end in a delimiter."""

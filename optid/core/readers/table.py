@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import difflib
-import hashlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from optid.core.readers.limits import LONGEST_NAME, NAMES, Budget, shown
+from optid.core.readers.limits import LONGEST_NAME, NAMES, shown
 
 Raw = NDArray[Any]
+FORMATS = "CSV, Parquet, MATLAB .mat, HDF5 or TDMS"
 EXTRA = 'run pip install "optid[formats]"'
 
 
@@ -74,28 +73,6 @@ class Table:
     left_out: Mapping[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     place: Callable[[int], str] = by_row
-
-
-def read_table(path: Path, wanted: Iterable[str]) -> tuple[Table, str]:
-    """Read the columns asked for; a file's first bytes tell its format, or else its suffix.
-
-    Returns:
-        The table and the sha256 of the file's bytes.
-
-    Raises:
-        RecordingError: missing, not a file, empty, truncated, larger unpacked than it can be, or of no format known.
-    """
-    from optid.core.readers.content import file_bytes, unzipped
-    from optid.core.readers.formats import reader_of
-
-    data = file_bytes(path)
-    digest = hashlib.sha256(data).hexdigest()
-    budget, name = Budget(len(data), path), path.name.lower()
-    if data[:2] == b"\x1f\x8b" or name.endswith(".gz"):
-        data, name = unzipped(data, budget, path), name.removesuffix(".gz")
-    reader, held = reader_of(data, name, path), [data]
-    del data  # the reader may let go of it once it has what it needs
-    return reader(held.pop(), path, tuple(dict.fromkeys(wanted)), budget), digest
 
 
 def offered(name: str, names: Iterable[str]) -> str:

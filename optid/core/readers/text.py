@@ -19,11 +19,10 @@ import numpy as np
 
 from optid.core.readers import loggers
 from optid.core.readers.cells import MISSING, Unreadable, is_missing, is_stamp, numbers
-from optid.core.readers.formats import FORMATS
 from optid.core.readers.layout import Layout, find_layout, has_decimal_comma, split, unit_in
 from optid.core.readers.limits import LONGEST_LINE, Budget, shown
 from optid.core.readers.rows import Rows
-from optid.core.readers.table import Column, Raw, Table
+from optid.core.readers.table import FORMATS, Column, Raw, Table
 from optid.errors import RecordingError
 
 if TYPE_CHECKING:
@@ -112,18 +111,20 @@ def _no_table(lines: Sequence[str], path: Path) -> RecordingError:
         return RecordingError(f"only a header (line {bare[0] + 1})", where=path, expected="rows of numbers")
     place = f"line {bare[-1] + 1}" if len(bare) < _HEAD_LINES else "the file"
     return RecordingError(
-        f"no rows of numbers as far as {place}", where=path,
+        f"no rows of numbers as far as {place}",
+        where=path,
         expected="a header line that names the columns, and rows of numbers below it",
-    )  # fmt: skip
+    )
 
 
 def _nothing_found(layout: Layout, about: str, path: Path) -> Table:
     if layout.header is None:
         raise RecordingError(
-            f"line {layout.first + 1} holds numbers only, so no column has a name", where=path,
+            f"line {layout.first + 1} holds numbers only, so no column has a name",
+            where=path,
             expected="a header line",
             hint='write the names first, such as "t,u,x", or map columns by their place: "column 1"',
-        )  # fmt: skip
+        )
     about = (
         about
         or f"its table seems to begin in line {layout.first + 1} with the names in line {layout.header + 1}"
@@ -142,11 +143,19 @@ def _frame(rows: Rows, layout: Layout, encoding: str, path: Path) -> pd.DataFram
         frame = pd.read_csv(
             io.BytesIO(rows.body),
             sep=r"\s+" if layout.delimiter == " " else layout.delimiter,
-            header=None, names=range(rows.widest), usecols=places, index_col=False,
+            header=None,
+            names=range(rows.widest),
+            usecols=places,
+            index_col=False,
             decimal="," if has_decimal_comma(sample, places) else ".",
-            na_values=list(MISSING), keep_default_na=True, skipinitialspace=True,
-            skip_blank_lines=not blank, encoding=encoding, encoding_errors="replace", low_memory=rows.long,
-        )  # fmt: skip
+            na_values=list(MISSING),
+            keep_default_na=True,
+            skipinitialspace=True,
+            skip_blank_lines=not blank,
+            encoding=encoding,
+            encoding_errors="replace",
+            low_memory=rows.long,
+        )
     except (ValueError, OverflowError) as error:  # pandas raises ParserError, a ValueError
         reason = " ".join(str(error).split())[:160]
         raise RecordingError(f"the table cannot be read ({reason})", where=path) from None
@@ -174,9 +183,12 @@ def _column(series: pd.Series[Any], rows: Rows, layout: Layout, k: int, path: Pa
             return Column(cells, unit=unit)  # told when its unit is known
         raise RecordingError(
             f'{rows.place(error.row)} holds "{shown(error.found)}", which may be grouped thousands or a decimal point, '
-            "as other columns have decimal commas", where=path, field=f'column "{shown(layout.names[k])}"',
-            expected="one decimal sign", hint="export without grouping",
-        ) from None  # fmt: skip
+            "as other columns have decimal commas",
+            where=path,
+            field=f'column "{shown(layout.names[k])}"',
+            expected="one decimal sign",
+            hint="export without grouping",
+        ) from None
 
 
 def _unit(layout: Layout, k: int) -> str:
@@ -201,9 +213,11 @@ def _chosen(
     line = f"line {layout.header + 1}: " if layout.header is not None else ""
     places = " or ".join(f'"column {k + 1}"' for k in indices)
     raise RecordingError(
-        f'{line}the column "{shown(name)}" stands twice', where=path, expected="unique names",
+        f'{line}the column "{shown(name)}" stands twice',
+        where=path,
+        expected="unique names",
         hint=f"map it by its place: {places}",
-    )  # fmt: skip
+    )
 
 
 def _same(a: Raw, b: Raw) -> bool:

@@ -57,15 +57,15 @@ def only_matlab(kind: str, name: str) -> Sealed:
     lines = {
         "timeseries": f"t = {name}.Time; x = {name}.Data; save('run.mat', 't', 'x', '-v7')",
         "timetable": f"s = table2struct(timetable2table({name}), 'ToScalar', true); "
-                     "save('run.mat', '-struct', 's', '-v7')",
+        "save('run.mat', '-struct', 's', '-v7')",
         "table": f"s = table2struct({name}, 'ToScalar', true); save('run.mat', '-struct', 's', '-v7')",
-        "Simulink.SimulationData.Dataset":
-            f"x = {name}{{1}}.Values.Data; t = {name}{{1}}.Values.Time; save('run.mat', 't', 'x', '-v7')",
+        "Simulink.SimulationData.Dataset": f"x = {name}{{1}}.Values.Data; "
+        f"t = {name}{{1}}.Values.Time; save('run.mat', 't', 'x', '-v7')",
         "Simulink.SimulationOutput": f"logs = {name}.logsout; x = logs{{1}}.Values.Data; t = logs{{1}}.Values.Time; "
-                                     "save('run.mat', 't', 'x', '-v7')",
+        "save('run.mat', 't', 'x', '-v7')",
         "datetime": f"t = seconds({name} - {name}(1)); save('run.mat', 't', '-append')",
         "duration": f"t = seconds({name}); save('run.mat', 't', '-append')",
-    }  # fmt: skip
+    }
     article = "an" if kind[:1] in "aeiouAEIOU" else "a"
     cure = lines.get(kind, f"s = struct({name}); save('run.mat', '-struct', 's', '-v7')")
     return Sealed(f"is {article} {shown(kind)} object, which only MATLAB can open", f"there: {cure}")

@@ -12,13 +12,23 @@ from optid.core.sheet import Sheet
 from optid.effects.effect import Effect
 
 DRY = Parameter(
-    "dry_asymmetry", "1", 0.1, "(dry friction forwards - backwards) over their sum",
-    "physics catalogue A.1: 2 to 20 %", 0.0, (-0.95, 0.95),
-)  # fmt: skip
+    "dry_asymmetry",
+    "1",
+    0.1,
+    "(dry friction forwards - backwards) over their sum",
+    "physics catalogue A.1: 2 to 20 %",
+    0.0,
+    (-0.95, 0.95),
+)
 VISCOUS = Parameter(
-    "viscous_asymmetry", "1", 0.1, "(viscous friction forwards - backwards) over their sum",
-    "EMPS benchmark, separate fit: 18 %", 0.0, (-0.95, 0.95),
-)  # fmt: skip
+    "viscous_asymmetry",
+    "1",
+    0.1,
+    "(viscous friction forwards - backwards) over their sum",
+    "EMPS benchmark, separate fit: 18 %",
+    0.0,
+    (-0.95, 0.95),
+)
 
 
 class AsymmetricFriction(Effect):

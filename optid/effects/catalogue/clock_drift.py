@@ -13,14 +13,24 @@ from optid.effects.effect import Effect
 from optid.effects.late import command_ago
 
 RATE = Parameter(
-    "rate", "1", 1e-3, "share by which the position's clock gains on the command's; below 0 it loses",
-    "crystals differ by 1e-5 to 2e-4, timers of a program by 1e-4 to 1e-2", 0.0, (-1e-2, 1e-2),
-)  # fmt: skip
+    "rate",
+    "1",
+    1e-3,
+    "share by which the position's clock gains on the command's; below 0 it loses",
+    "crystals differ by 1e-5 to 2e-4, timers of a program by 1e-4 to 1e-2",
+    0.0,
+    (-1e-2, 1e-2),
+)
 
 OTHERS = Parameter(
-    "others", "1", 0.5, "share of the position's lateness that all other channels have, too", "one card or several",
-    1.0, (0.0, 1.0),
-)  # fmt: skip
+    "others",
+    "1",
+    0.5,
+    "share of the position's lateness that all other channels have, too",
+    "one card or several",
+    1.0,
+    (0.0, 1.0),
+)
 # s: keeps the equations from becoming stiff at the null; over that long any speed is about constant.
 SHORTEST = 1e-3
 # m: what a piston moves in the time by which clocks come to differ, and its sd where a record begins. Speeds instead of
@@ -43,9 +53,13 @@ class ClockDrift(Effect):
     parameters = (RATE, OTHERS)
     strength = {"rate": 5e-5}
     usual = (
-        {"rate": 3e-4, "others": 1.0}, {"rate": 2e-3, "others": 1.0}, {"rate": 3e-4, "others": 0.0},
-        {"rate": 2e-3, "others": 0.0}, {"rate": -3e-4, "others": 1.0}, {"rate": -2e-3, "others": 1.0},
-    )  # fmt: skip
+        {"rate": 3e-4, "others": 1.0},
+        {"rate": 2e-3, "others": 1.0},
+        {"rate": 3e-4, "others": 0.0},
+        {"rate": 2e-3, "others": 0.0},
+        {"rate": -3e-4, "others": 1.0},
+        {"rate": -2e-3, "others": 1.0},
+    )
     law = "shown at t is the position of t - r t"
     says = (
         "position and command are sampled by clocks that differ by {rate}: the position comes ever later, or earlier, "

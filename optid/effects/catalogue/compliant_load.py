@@ -11,17 +11,34 @@ from optid.core.sheet import Sheet
 from optid.effects.effect import Effect
 
 SHARE = Parameter(
-    "load_share", "1", 0.4, "share of the moving mass that is behind the elastic coupling",
-    "nothing to nearly all", 0.0, (0.0, 0.9),
-)  # fmt: skip
+    "load_share",
+    "1",
+    0.4,
+    "share of the moving mass that is behind the elastic coupling",
+    "nothing to nearly all",
+    0.0,
+    (0.0, 0.9),
+)
 FREQUENCY = Parameter(
-    "frequency", "Hz", 30.0, "natural frequency of the load on its coupling, the piston held",
-    "physics catalogue A.1: 10 to 100 Hz", 30.0, (2.0, 120.0), logarithmic=True,
-)  # fmt: skip
+    "frequency",
+    "Hz",
+    30.0,
+    "natural frequency of the load on its coupling, the piston held",
+    "physics catalogue A.1: 10 to 100 Hz",
+    30.0,
+    (2.0, 120.0),
+    logarithmic=True,
+)
 DAMPING = Parameter(
-    "damping_ratio", "1", 0.1, "damping ratio of the load on its coupling", "bolted joints 0.01, rubber 0.2",
-    0.1, (5e-3, 0.5), logarithmic=True,
-)  # fmt: skip
+    "damping_ratio",
+    "1",
+    0.1,
+    "damping ratio of the load on its coupling",
+    "bolted joints 0.01, rubber 0.2",
+    0.1,
+    (5e-3, 0.5),
+    logarithmic=True,
+)
 
 
 class CompliantLoad(Effect):

@@ -12,13 +12,23 @@ from optid.core.sheet import Sheet
 from optid.effects.effect import Effect
 
 SHIFT = Parameter(
-    "shift", "1", 0.1, "critical pressure ratio of the valve less that of an ideal nozzle (0.528 for air)",
-    "physics catalogue A.2: valves have 0.15 to 0.5", 0.0, (-0.5, 0.3),
-)  # fmt: skip
+    "shift",
+    "1",
+    0.1,
+    "critical pressure ratio of the valve less that of an ideal nozzle (0.528 for air)",
+    "physics catalogue A.2: valves have 0.15 to 0.5",
+    0.0,
+    (-0.5, 0.3),
+)
 INDEX = Parameter(
-    "subsonic_index", "1", 0.05, "power m of the subsonic branch; an ideal nozzle's is close to 0.5",
-    "ISO 6358-1:2013: 0.5 where nothing else is known", 0.5, (0.3, 0.8),
-)  # fmt: skip
+    "subsonic_index",
+    "1",
+    0.05,
+    "power m of the subsonic branch; an ideal nozzle's is close to 0.5",
+    "ISO 6358-1:2013: 0.5 where nothing else is known",
+    0.5,
+    (0.3, 0.8),
+)
 CLOSED = 1e-4  # of 1 - q^2: the power's slope stays finite where nothing flows,
 CHOKED = 1e-12  # of q^2: and where all flows
 # By how much q of an ideal nozzle exceeds the ellipse's at the same flow, over q (1 - q): a parabola in q by least

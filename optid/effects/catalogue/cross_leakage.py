@@ -11,9 +11,14 @@ from optid.effects.effect import Effect
 from optid.effects.gap import LAMINAR, laminar_flux
 
 AREA = Parameter(
-    "area", "m**2", 1e-7, "flow area between the chambers", "physics catalogue A.3: 0 to 0.5 mm2, new below 0.005",
-    0.0, (0.0, 5e-6),
-)  # fmt: skip
+    "area",
+    "m**2",
+    1e-7,
+    "flow area between the chambers",
+    "physics catalogue A.3: 0 to 0.5 mm2, new below 0.005",
+    0.0,
+    (0.0, 5e-6),
+)
 
 
 class CrossLeakage(Effect):

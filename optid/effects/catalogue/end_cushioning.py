@@ -13,29 +13,60 @@ from optid.core.smooth import soft_power
 from optid.effects.effect import Effect
 
 THROTTLING = Parameter(
-    "throttling", "1", 20.0, "flow area of the fully open valve over that of the cushion's needle",
-    "physics catalogue A.3: needles of 0.1 to 2 mm2 behind a port of 25 mm2", 0.0, (0.0, 1e3),
-)  # fmt: skip
+    "throttling",
+    "1",
+    20.0,
+    "flow area of the fully open valve over that of the cushion's needle",
+    "physics catalogue A.3: needles of 0.1 to 2 mm2 behind a port of 25 mm2",
+    0.0,
+    (0.0, 1e3),
+)
 LENGTH = Parameter(
-    "length", "m", 0.02, "distance from either end of the stroke at which the cushion begins",
-    "physics catalogue A.3: 10 to 25 mm", 0.02, (2e-3, 0.1),
-)  # fmt: skip
+    "length",
+    "m",
+    0.02,
+    "distance from either end of the stroke at which the cushion begins",
+    "physics catalogue A.3: 10 to 25 mm",
+    0.02,
+    (2e-3, 0.1),
+)
 SIDE = Parameter(
-    "side", "1", 1.0, "which end's needle throttles: 0 both alike, 1 only the one at the far end, -1 only the other",
-    "each end has a needle of its own", 0.0, (-1.0, 1.0),
-)  # fmt: skip
+    "side",
+    "1",
+    1.0,
+    "which end's needle throttles: 0 both alike, 1 only the one at the far end, -1 only the other",
+    "each end has a needle of its own",
+    0.0,
+    (-1.0, 1.0),
+)
 TAPER = Parameter(
-    "taper", "1", 5.0, "by how many times its least the needle's area has grown where the cushion begins",
-    "spears are turned conical so that they enter gently", 0.0, (0.0, 100.0),
-)  # fmt: skip
+    "taper",
+    "1",
+    5.0,
+    "by how many times its least the needle's area has grown where the cushion begins",
+    "spears are turned conical so that they enter gently",
+    0.0,
+    (0.0, 100.0),
+)
 POWER = Parameter(
-    "taper_power", "1", 0.5, "power of the distance with which it grows: 1 a cone, 2 a rounded spear",
-    "either is turned", 1.0, (0.5, 3.0),
-)  # fmt: skip
+    "taper_power",
+    "1",
+    0.5,
+    "power of the distance with which it grows: 1 a cone, 2 a rounded spear",
+    "either is turned",
+    1.0,
+    (0.5, 3.0),
+)
 ENTRY = Parameter(
-    "entry", "m", 1e-3, "way over which the spear closes the bore", "its chamfer: a sharp edge to a few millimetres",
-    2e-3, (1e-4, 5e-3), logarithmic=True,
-)  # fmt: skip
+    "entry",
+    "m",
+    1e-3,
+    "way over which the spear closes the bore",
+    "its chamfer: a sharp edge to a few millimetres",
+    2e-3,
+    (1e-4, 5e-3),
+    logarithmic=True,
+)
 SHUT = 1e-3  # of the length: nearer the end the power is a line
 
 

@@ -12,22 +12,43 @@ from optid.core.sheet import Sheet
 from optid.effects.effect import Effect
 
 BACK = Parameter(
-    "back_pressure", "Pa", 1e5, "absolute pressure that drives 10 g/s (500 l/min) through what restricts, choked",
+    "back_pressure",
+    "Pa",
+    1e5,
+    "absolute pressure that drives 10 g/s (500 l/min) through what restricts, choked",
     # A clogged silencer lets a few g/s through at most: carried on to 10 g/s its pressure is many bar.
-    "physics catalogue A.3: 0 to 1 bar above ambient at the flows of the axis", 0.0, (0.0, 5e6),
-)  # fmt: skip
+    "physics catalogue A.3: 0 to 1 bar above ambient at the flows of the axis",
+    0.0,
+    (0.0, 5e6),
+)
 CRITICAL = Parameter(
-    "critical_ratio", "1", 0.1, "critical pressure ratio b of what restricts", "ISO 6358-1: 0.2 for a long silencer",
-    0.5, (0.1, 0.55),
-)  # fmt: skip
+    "critical_ratio",
+    "1",
+    0.1,
+    "critical pressure ratio b of what restricts",
+    "ISO 6358-1: 0.2 for a long silencer",
+    0.5,
+    (0.1, 0.55),
+)
 MANIFOLD = Parameter(
-    "manifold", "m**3", 3e-5, "volume between the valve's edges and what restricts", "a pipe of 0.1 to 1 m",
-    3e-5, (1e-6, 1e-3), logarithmic=True,
-)  # fmt: skip
+    "manifold",
+    "m**3",
+    3e-5,
+    "volume between the valve's edges and what restricts",
+    "a pipe of 0.1 to 1 m",
+    3e-5,
+    (1e-6, 1e-3),
+    logarithmic=True,
+)
 LAMINAR = Parameter(
-    "laminar_share", "1", 0.2, "share of the rise that grows with the flow itself, as through a porous body",
-    "sintered silencers; an orifice has none", 0.0, (0.0, 1.0),
-)  # fmt: skip
+    "laminar_share",
+    "1",
+    0.2,
+    "share of the rise that grows with the flow itself, as through a porous body",
+    "sintered silencers; an orifice has none",
+    0.0,
+    (0.0, 1.0),
+)
 FLOW, LAG = 0.01, 1e-3  # kg/s; s: in which the manifold fills at least
 WARM = 84e3  # J/kg: R T of air in a workshop
 
@@ -67,17 +88,17 @@ class ExhaustRestriction(Effect):
             pressure, slope = behind(leaving, resistance, sheet.param(CRITICAL), nominal)
             pressure = (1 - share) * pressure + share * (nominal + resistance * ca.fmax(leaving, 0))
             slope = (1 - share) * slope + share * resistance
-            sheet.note("leaving", leaving)
-            sheet.note("slope", slope)
-            sheet.note("area", near["area"])
+            sheet.store("leaving", leaving)
+            sheet.store("slope", slope)
+            sheet.store("area", near["area"])
             return pressure
         if site == "flow.chamber_a":
-            sheet.note("into_a", near["exhaust"])
+            sheet.store("into_a", near["exhaust"])
         else:
-            into = ca.if_else(near["spool"] > 0, near["exhaust"], sheet.noted("into_a"))
-            leaving = sheet.noted("leaving")
-            lag = LAG + sheet.param(MANIFOLD) / WARM * sheet.noted("slope")
-            sheet.rate(leaving, (-sheet.noted("area") * into - leaving) / lag)
+            into = ca.if_else(near["spool"] > 0, near["exhaust"], sheet.recall("into_a"))
+            leaving = sheet.recall("leaving")
+            lag = LAG + sheet.param(MANIFOLD) / WARM * sheet.recall("slope")
+            sheet.rate(leaving, (-sheet.recall("area") * into - leaving) / lag)
         return nominal
 
 

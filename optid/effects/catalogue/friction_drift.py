@@ -12,17 +12,33 @@ from optid.core.sheet import Sheet
 from optid.effects.effect import Effect
 
 RATE = Parameter(
-    "rate", "1/s", 0.01, "relative change of dry friction per second at the start of a recording",
-    "physics catalogue A.1: 5 to 40 % within a recording", 0.0, (-1.0, 1.0),
-)  # fmt: skip
+    "rate",
+    "1/s",
+    0.01,
+    "relative change of dry friction per second at the start of a recording",
+    "physics catalogue A.1: 5 to 40 % within a recording",
+    0.0,
+    (-1.0, 1.0),
+)
 SETTLING = Parameter(
-    "settling_time", "s", 10.0, "time constant with which it settles; long for a steady drift",
-    "warming up takes minutes, a film of oil seconds", 60.0, (0.5, 1e4), logarithmic=True,
-)  # fmt: skip
+    "settling_time",
+    "s",
+    10.0,
+    "time constant with which it settles; long for a steady drift",
+    "warming up takes minutes, a film of oil seconds",
+    60.0,
+    (0.5, 1e4),
+    logarithmic=True,
+)
 STRAIGHTNESS = Parameter(
-    "straightness", "1", 0.5, "1: friction itself changes at the rate and settles; towards 0: its logarithm does",
-    "a seal's friction falls about in proportion to its warming, a film's viscosity exponentially", 0.5, (0.05, 1.0),
-)  # fmt: skip
+    "straightness",
+    "1",
+    0.5,
+    "1: friction itself changes at the rate and settles; towards 0: its logarithm does",
+    "a seal's friction falls about in proportion to its warming, a film's viscosity exponentially",
+    0.5,
+    (0.05, 1.0),
+)
 LEAST = 0.05  # of what friction was, where it would fall to nothing
 MOST = 2.0  # largest change, as a logarithm: keeps long recordings within a factor of 7
 

@@ -13,13 +13,24 @@ from optid.core.sheet import Sheet
 from optid.effects.effect import Effect
 
 COEFFICIENT = Parameter(
-    "heat_transfer_coefficient", "W/(m**2 K)", 50.0, "heat flow per wall area and temperature difference",
-    "physics catalogue A.3: 20 to 200 W/(m2 K)", 0.0, (0.0, 2e3),
-)  # fmt: skip
+    "heat_transfer_coefficient",
+    "W/(m**2 K)",
+    50.0,
+    "heat flow per wall area and temperature difference",
+    "physics catalogue A.3: 20 to 200 W/(m2 K)",
+    0.0,
+    (0.0, 2e3),
+)
 B_OVER_A = Parameter(
-    "b_over_a", "1", 0.5, "coefficient of chamber B over that of A: the rod is a wall there, and air moves otherwise",
-    "a rod of half the bore: 73 % more wall than a circle of equal area", 1.0, (0.3, 3.0), logarithmic=True,
-)  # fmt: skip
+    "b_over_a",
+    "1",
+    0.5,
+    "coefficient of chamber B over that of A: the rod is a wall there, and air moves otherwise",
+    "a rod of half the bore: 73 % more wall than a circle of equal area",
+    1.0,
+    (0.3, 3.0),
+    logarithmic=True,
+)
 STILL = 1.0  # W/(m2 K): less than still air; temperatures feel at least about this, so that they forget their start
 
 

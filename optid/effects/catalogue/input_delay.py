@@ -12,9 +12,14 @@ from optid.effects.effect import Effect
 from optid.effects.late import command_ago
 
 DELAY = Parameter(
-    "delay", "s", 4e-3, "time from the command to its effect", "physics catalogue A.2: 0.5 to 10 ms",
-    0.0, (0.0, 0.1),
-)  # fmt: skip
+    "delay",
+    "s",
+    4e-3,
+    "time from the command to its effect",
+    "physics catalogue A.2: 0.5 to 10 ms",
+    0.0,
+    (0.0, 0.1),
+)
 
 
 class InputDelay(Effect):

@@ -13,14 +13,25 @@ from optid.effects.effect import Effect
 
 TANKS = "Schoukens, Mattsson, Wigren and Noel, cascaded tanks benchmark, 2016: the upper tank overflows"
 SPILLED = Parameter(
-    "spilled", "1", 0.5, "share that runs over of what would raise the full store further; 1 when it holds no more",
-    TANKS, 0.0, (0.0, 1.0),
-)  # fmt: skip
+    "spilled",
+    "1",
+    0.5,
+    "share that runs over of what would raise the full store further; 1 when it holds no more",
+    TANKS,
+    0.0,
+    (0.0, 1.0),
+)
 RIM = Parameter("rim", "1", 5.0, "level of the rim, in the SI unit of the levels", TANKS, 9.0, (0.0, 1e3))
 HEAD = Parameter(
-    "head", "1", 0.3, "rise above the rim at which that share is reached, in the SI unit of the levels",
-    "a weir needs some head", 0.3, (0.03, 100.0), logarithmic=True,
-)  # fmt: skip
+    "head",
+    "1",
+    0.3,
+    "rise above the rim at which that share is reached, in the SI unit of the levels",
+    "a weir needs some head",
+    0.3,
+    (0.03, 100.0),
+    logarithmic=True,
+)
 CAUGHT = Parameter(
     "caught",
     "1",

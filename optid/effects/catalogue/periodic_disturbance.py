@@ -18,27 +18,48 @@ AMPLITUDE = Parameter(
     "amplitude", "N", 3.0, "amplitude of the force", "physics catalogue A.1: 1 to 30 N", 0.0, (0.0, 1e3)
 )
 FREQUENCY = Parameter(
-    "frequency", "Hz", 3.0, "frequency of the force", "physics catalogue A.1: 0.2 to 30 Hz", 3.0, (0.05, 200.0),
+    "frequency",
+    "Hz",
+    3.0,
+    "frequency of the force",
+    "physics catalogue A.1: 0.2 to 30 Hz",
+    3.0,
+    (0.05, 200.0),
     logarithmic=True,
-)  # fmt: skip
+)
 
 
 PHASE = Parameter(
-    "phase", "1", 1.0, "mean phase at the start of a recording, rad; every recording has its own around it", "any",
-    0.0, (-7.0, 7.0),
-)  # fmt: skip
+    "phase",
+    "1",
+    1.0,
+    "mean phase at the start of a recording, rad; every recording has its own around it",
+    "any",
+    0.0,
+    (-7.0, 7.0),
+)
 THIRD = {
     name: Parameter(
-        f"third_{name}", "1", 0.1, f"third harmonic in {words} with the swing, as a share of the amplitude",
-        "a vane or a slack drive pushes harder for a part of the turn", 0.0, (-0.5, 0.5),
+        f"third_{name}",
+        "1",
+        0.1,
+        f"third harmonic in {words} with the swing, as a share of the amplitude",
+        "a vane or a slack drive pushes harder for a part of the turn",
+        0.0,
+        (-0.5, 0.5),
     )
     for name, words in (("in_phase", "phase"), ("across", "quadrature"))
-}  # fmt: skip
+}
 SCATTER = Parameter(
-    "scatter", "1", 0.3, "by how much recordings differ in the quadratures, sd as a share of the amplitude",
-    "1 where recordings begin at any time, next to nothing where force and recording begin together", 1.0,
-    (0.002, 1.0), fitted=False,
-)  # fmt: skip
+    "scatter",
+    "1",
+    0.3,
+    "by how much recordings differ in the quadratures, sd as a share of the amplitude",
+    "1 where recordings begin at any time, next to nothing where force and recording begin together",
+    1.0,
+    (0.002, 1.0),
+    fitted=False,
+)
 ALIKE = 0.3  # scatter up to which recordings have their phase in common
 PURE = {"third_in_phase": 0.0, "third_across": 0.0, "scatter": 1.0}  # as it is first looked for
 TINY = 1e-9
@@ -91,8 +112,9 @@ class PeriodicDisturbance(Effect):
         best = sorted(lines, key=lambda i: -clear[i])[:LOUDEST]
         return [
             {"amplitude": 4.0, "frequency": float(f[i]), "phase": quarter * math.pi / 2, **PURE}
-            for i in best for quarter in (-1, 0, 1, 2)
-        ]  # fmt: skip
+            for i in best
+            for quarter in (-1, 0, 1, 2)
+        ]
 
     def centred(self, values: Mapping[str, float], shown: Mapping[str, Array]) -> Mapping[str, float]:
         """Amplitude and phase of the recordings' mean force, or their mean amplitude where phases differ.

@@ -12,9 +12,14 @@ from optid.core.sheet import Sheet
 from optid.effects.effect import Effect
 
 RISE = Parameter(
-    "rise", "1", 0.3, "dry friction added at the place, as a share of that far from it",
-    "physics catalogue A.1: 5 to 50 %", 0.0, (-0.95, 10.0),
-)  # fmt: skip
+    "rise",
+    "1",
+    0.3,
+    "dry friction added at the place, as a share of that far from it",
+    "physics catalogue A.1: 5 to 50 %",
+    0.0,
+    (-0.95, 10.0),
+)
 PLACE = Parameter(
     "place",
     "m",
@@ -25,20 +30,37 @@ PLACE = Parameter(
     (-1.0, 1.0),
 )
 WIDTH = Parameter(
-    "width", "m", 0.03, "distance over which the change dies away", "physics catalogue A.1: 5 to 40 mm, or the stroke",
-    0.03, (3e-3, 2.0), logarithmic=True,
-)  # fmt: skip
+    "width",
+    "m",
+    0.03,
+    "distance over which the change dies away",
+    "physics catalogue A.1: 5 to 40 mm, or the stroke",
+    0.03,
+    (3e-3, 2.0),
+    logarithmic=True,
+)
 ENDING = Parameter(
-    "ending", "1", 3.0, "how the change ends: 2 as an arch with an edge, 50 as a bell without any",
-    "a patch has an end, a guide out of true has none", 50.0, (2.0, 50.0), logarithmic=True,
-)  # fmt: skip
+    "ending",
+    "1",
+    3.0,
+    "how the change ends: 2 as an arch with an edge, 50 as a bell without any",
+    "a patch has an end, a guide out of true has none",
+    50.0,
+    (2.0, 50.0),
+    logarithmic=True,
+)
 SLOPES = {
     name: Parameter(
-        name, "1/m", 1.0, f"dry friction added per metre {words} the place, as a share of that near it",
-        "guides that are not parallel: 5 to 50 % over half a stroke", 0.0, (-15.0, 15.0),
+        name,
+        "1/m",
+        1.0,
+        f"dry friction added per metre {words} the place, as a share of that near it",
+        "guides that are not parallel: 5 to 50 % over half a stroke",
+        0.0,
+        (-15.0, 15.0),
     )
     for name, words in (("slope_ahead", "ahead of"), ("slope_behind", "behind"))
-}  # fmt: skip
+}
 # Looked for as nearly a bell: a patch with an edge pulls nothing from afar.
 SHAPE = {"ending": 20.0, **dict.fromkeys(SLOPES, 0.0)}
 BASE = 1e-9  # of a power: nothing beyond the edge, and slopes that stay finite there
@@ -62,14 +84,20 @@ class PositionDependentFriction(Effect):
         {"rise": rise, "place": place, "width": width, **SHAPE}
         for rise in (0.3, -0.2)
         for place, width in (
-            (-0.08, 0.025), (-0.04, 0.025), (0.0, 0.025), (0.04, 0.025), (0.08, 0.025),
-            (0.0, 0.08), (-0.1, 0.1), (0.1, 0.1),
+            (-0.08, 0.025),
+            (-0.04, 0.025),
+            (0.0, 0.025),
+            (0.04, 0.025),
+            (0.08, 0.025),
+            (0.0, 0.08),
+            (-0.1, 0.1),
+            (0.1, 0.1),
         )
     ) + tuple(
         {"rise": 0.0, "place": place, "width": 0.03, **SHAPE, slope: much}
         for slope, place in zip(SLOPES, (-0.03, 0.03), strict=True)
         for much in (3.0, -2.0)
-    )  # fmt: skip
+    )
     law = "dry friction is F_r (1 + r max(1 - ((x - x_0) / w)^2 / n, 0)^n + s max(x - x_0, 0) + t max(x_0 - x, 0))"
     says = (
         "dry friction changes along the stroke by {rise} around {place}, over {width} to either side (ending {ending}: "

@@ -14,22 +14,42 @@ from optid.effects.effect import Effect
 from optid.effects.parallel import shares
 
 DISTANCE = Parameter(
-    "distance", "m", 1e-4, "mean elastic motion before dry friction slips, where longer than presliding_length",
-    "physics catalogue A.1: 0.1 to 8 mm for rubber seals", 0.0, (0.0, 8e-3),
-)  # fmt: skip
+    "distance",
+    "m",
+    1e-4,
+    "mean elastic motion before dry friction slips, where longer than presliding_length",
+    "physics catalogue A.1: 0.1 to 8 mm for rubber seals",
+    0.0,
+    (0.0, 8e-3),
+)
 SPREAD = Parameter(
-    "spread", "1", 0.3, "how much earlier the first part of the seal slips and how much later the last, as a share of "
-    "the distance", "lips and backs of seals let go one after the other (Iwan, J. Applied Mechanics 33, 1966)",
-    0.0, (0.0, 0.95),
-)  # fmt: skip
+    "spread",
+    "1",
+    0.3,
+    "how much earlier the first part of the seal slips and how much later the last, as a share of "
+    "the distance",
+    "lips and backs of seals let go one after the other (Iwan, J. Applied Mechanics 33, 1966)",
+    0.0,
+    (0.0, 0.95),
+)
 DAMPING = Parameter(
-    "micro_damping", "N s/m", 200.0, "damping of that elastic motion", "physics catalogue A.1: 50 to 1000 N s/m",
-    200.0, (0.0, 3e3),
-)  # fmt: skip
+    "micro_damping",
+    "N s/m",
+    200.0,
+    "damping of that elastic motion",
+    "physics catalogue A.1: 50 to 1000 N s/m",
+    200.0,
+    (0.0, 3e3),
+)
 BEND = Parameter(
-    "bend", "1", 0.05, "how much longer the last part holds than an even spread has it, as a share of the distance",
-    "lengths are positive, so that their distribution leans to the long ones", 0.0, (0.0, 0.5),
-)  # fmt: skip
+    "bend",
+    "1",
+    0.05,
+    "how much longer the last part holds than an even spread has it, as a share of the distance",
+    "lengths are positive, so that their distribution leans to the long ones",
+    0.0,
+    (0.0, 0.5),
+)
 CATCH = 3e-4  # s: in which a part that slips lets its deflection follow; the force is exact at any value
 
 
@@ -75,12 +95,12 @@ class Presliding(Effect):
             self._bend(nominal, near, sheet)
             return nominal
         if site == "force.coulomb":
-            sheet.note("level", nominal)
+            sheet.store("level", nominal)
             return nominal
         return (
             nominal
-            + sheet.noted("level") * sheet.noted("apart")
-            + sheet.param(DAMPING) * sheet.noted("speed")
+            + sheet.recall("level") * sheet.recall("apart")
+            + sheet.param(DAMPING) * sheet.recall("speed")
         )
 
     def _bend(self, length: Any, near: Mapping[str, Any], sheet: Sheet) -> None:
@@ -97,5 +117,5 @@ class Presliding(Effect):
             mean = mean + (deflection - beyond) / own / len(parts)
             speed = speed + ca.if_else(beyond == 0, v, 0) / len(parts)
         counts = ca.fmin(1, distance / length)  # shorter ones than the plant's own count the less
-        sheet.note("apart", (mean - near["z"]) * counts)
-        sheet.note("speed", speed * counts)
+        sheet.store("apart", (mean - near["z"]) * counts)
+        sheet.store("speed", speed * counts)

@@ -10,9 +10,14 @@ from optid.core.sheet import Sheet
 from optid.effects.effect import Effect
 
 SLOPE = Parameter(
-    "per_pressure", "N/Pa", 4e-5, "dry friction per gauge pressure of each chamber",
-    "physics catalogue A.1: 0 to 10 N/bar", 0.0, (0.0, 1e-3),
-)  # fmt: skip
+    "per_pressure",
+    "N/Pa",
+    4e-5,
+    "dry friction per gauge pressure of each chamber",
+    "physics catalogue A.1: 0 to 10 N/bar",
+    0.0,
+    (0.0, 1e-3),
+)
 
 
 class PressureDependentFriction(Effect):
@@ -36,7 +41,7 @@ class PressureDependentFriction(Effect):
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
         """The level of dry friction, N; at the chambers the pressure is only taken note of."""
         if site != "force.coulomb":
-            sheet.note(site, near["P"])
+            sheet.store(site, near["P"])
             return nominal
-        total = sheet.noted("flow.pressure_rate_a") + sheet.noted("flow.pressure_rate_b")
+        total = sheet.recall("flow.pressure_rate_a") + sheet.recall("flow.pressure_rate_b")
         return nominal + sheet.param(SLOPE) * (total - 2 * sheet.plant_param("atmospheric_pressure"))

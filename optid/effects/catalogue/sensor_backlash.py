@@ -13,9 +13,14 @@ from optid.core.smooth import dead_zone
 from optid.effects.effect import Effect
 
 PLAY = Parameter(
-    "play", "m", 1e-4, "half the clearance: the sensor trails by this either way",
-    "physics catalogue A.4: 0.02 to 0.3 mm", 0.0, (0.0, 5e-3),
-)  # fmt: skip
+    "play",
+    "m",
+    1e-4,
+    "half the clearance: the sensor trails by this either way",
+    "physics catalogue A.4: 0.02 to 0.3 mm",
+    0.0,
+    (0.0, 5e-3),
+)
 # s: in which the flanks' contact catches up; a reversal is short by what the axis brakes in that time: 1 um at 10 m/s2.
 CATCH = 3e-4
 
@@ -44,5 +49,5 @@ class SensorBacklash(Effect):
         ahead = sheet.state("ahead", "m", 1e-4, spread=1e-3)
         beyond = dead_zone(ahead, play)
         sheet.rate(ahead, near["v"] - beyond / CATCH)
-        sheet.hand_on("v", near["v"] * (ca.fabs(ahead) >= play))
+        sheet.override_signal("v", near["v"] * (ca.fabs(ahead) >= play))
         return nominal - (ahead - beyond)

@@ -12,13 +12,24 @@ from optid.core.sheet import Sheet
 from optid.effects.effect import Effect
 
 RATE = Parameter(
-    "rate", "m/s", 3e-5, "speed at which the zero moves at the start of a recording",
-    "physics catalogue A.4: 0.1 to 1 mm within a recording", 0.0, (-1e-2, 1e-2),
-)  # fmt: skip
+    "rate",
+    "m/s",
+    3e-5,
+    "speed at which the zero moves at the start of a recording",
+    "physics catalogue A.4: 0.1 to 1 mm within a recording",
+    0.0,
+    (-1e-2, 1e-2),
+)
 SETTLING = Parameter(
-    "settling_time", "s", 10.0, "time constant with which it settles; long for a steady drift",
-    "an amplifier warms up in seconds to minutes", 60.0, (0.5, 1e4), logarithmic=True,
-)  # fmt: skip
+    "settling_time",
+    "s",
+    10.0,
+    "time constant with which it settles; long for a steady drift",
+    "an amplifier warms up in seconds to minutes",
+    60.0,
+    (0.5, 1e4),
+    logarithmic=True,
+)
 
 
 class SensorDrift(Effect):

@@ -10,9 +10,14 @@ from optid.core.sheet import Sheet
 from optid.effects.effect import Effect
 
 ERROR = Parameter(
-    "gain_error", "1", 0.01, "shown distance over true distance, less 1", "physics catalogue A.4: 0.2 to 3 %",
-    0.0, (-0.5, 0.5),
-)  # fmt: skip
+    "gain_error",
+    "1",
+    0.01,
+    "shown distance over true distance, less 1",
+    "physics catalogue A.4: 0.2 to 3 %",
+    0.0,
+    (-0.5, 0.5),
+)
 
 
 class SensorGain(Effect):

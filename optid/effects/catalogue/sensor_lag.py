@@ -10,13 +10,23 @@ from optid.core.sheet import Sheet
 from optid.effects.effect import Effect
 
 TIME = Parameter(
-    "time_constant", "s", 3e-3, "time constant of the sensor's filter", "physics catalogue A.4: 0.5 to 10 ms",
-    0.0, (0.0, 0.1),
-)  # fmt: skip
+    "time_constant",
+    "s",
+    3e-3,
+    "time constant of the sensor's filter",
+    "physics catalogue A.4: 0.5 to 10 ms",
+    0.0,
+    (0.0, 0.1),
+)
 SECOND = Parameter(
-    "second", "1", 0.5, "time constant of a second lag behind the first, as a share of it", "filters of second order",
-    0.0, (0.0, 1.0),
-)  # fmt: skip
+    "second",
+    "1",
+    0.5,
+    "time constant of a second lag behind the first, as a share of it",
+    "filters of second order",
+    0.0,
+    (0.0, 1.0),
+)
 FLOOR = 5e-4  # s: keeps the equations from becoming stiff at the null
 
 
@@ -34,9 +44,10 @@ class SensorLag(Effect):
     parameters = (TIME, SECOND)
     strength = {"time_constant": 4e-4}
     usual = (
-        {"time_constant": 2e-3, "second": 0.0}, {"time_constant": 8e-3, "second": 0.0},
+        {"time_constant": 2e-3, "second": 0.0},
+        {"time_constant": 8e-3, "second": 0.0},
         {"time_constant": 4e-3, "second": 1.0},
-    )  # fmt: skip
+    )
     law = "t y' + y = x, and again with a share of t"
     says = (
         "the position sensor lags with a time constant of {time_constant}, and once more with {second} of it"
@@ -60,5 +71,5 @@ class SensorLag(Effect):
             passed, share = ahead / (time + floor), time / (time + floor)
             sheet.rate(ahead, rate - passed)
             shown, speed, rate = shown - share * ahead, speed - share * (rate - passed), passed
-        sheet.hand_on("v", speed)
+        sheet.override_signal("v", speed)
         return shown

@@ -18,9 +18,14 @@ BOW = Parameter(
     "bow", "m", 3e-4, "error at mid-stroke of the even part, nothing at both ends", SIZE, 0.0, WITHIN
 )
 CURL = Parameter(
-    "curl", "m", 3e-4, "error a quarter of the stroke beyond mid-stroke of the odd part, nothing at both ends", SIZE,
-    0.0, WITHIN,
-)  # fmt: skip
+    "curl",
+    "m",
+    3e-4,
+    "error a quarter of the stroke beyond mid-stroke of the odd part, nothing at both ends",
+    SIZE,
+    0.0,
+    WITHIN,
+)
 ZERO = Parameter("zero", "m", 1e-3, "error everywhere: what the even part has at the ends", SIZE, 0.0, WITHIN)
 SLOPE = Parameter(
     "slope", "m", 1e-3, "error at the far end of one that grows with the way", SIZE, 0.0, WITHIN
@@ -55,8 +60,9 @@ class SensorNonlinearity(Effect):
     strength = SMALLEST
     usual = tuple(
         dict.fromkeys(SMALLEST, 0.0) | {name: sign * TRIED * least}
-        for name, least in SMALLEST.items() for sign in (1, -1)
-    )  # fmt: skip
+        for name, least in SMALLEST.items()
+        for sign in (1, -1)
+    )
     law = "shown position is x + zero + slope 2 x / L + sum of bow_k cos((2 k - 1) pi x / L) + curl_k sin(2 k pi x / L)"
     says = (
         "the position sensor is bent: it errs by {bow} at mid-stroke and by {curl} a quarter of the stroke beyond, in "

@@ -12,21 +12,41 @@ from optid.core.sheet import Sheet
 from optid.effects.effect import Effect
 
 STIFFNESS = Parameter(
-    "stiffness", "N/m", 100.0, "stiffness of the spring", "physics catalogue A.1: 20 to 1000 N/m; the air's is 1e4",
-    0.0, (0.0, 5e4),
-)  # fmt: skip
+    "stiffness",
+    "N/m",
+    100.0,
+    "stiffness of the spring",
+    "physics catalogue A.1: 20 to 1000 N/m; the air's is 1e4",
+    0.0,
+    (0.0, 5e4),
+)
 RELAXED = Parameter(
-    "relaxed_position", "m", 0.05, "position at which it does not pull, from mid-stroke",
-    "within the stroke, or beyond it for a preload", 0.0, (-2.0, 2.0),
-)  # fmt: skip
+    "relaxed_position",
+    "m",
+    0.05,
+    "position at which it does not pull, from mid-stroke",
+    "within the stroke, or beyond it for a preload",
+    0.0,
+    (-2.0, 2.0),
+)
 HARDENING = Parameter(
-    "hardening", "1", 0.5, "share by which it pulls harder than Hooke's law has it, 0.1 m from where it does not pull",
-    "Duffing's cubic term; a cable chain or bellows stiffens as it is drawn out", 0.0, (0.0, 10.0),
-)  # fmt: skip
+    "hardening",
+    "1",
+    0.5,
+    "share by which it pulls harder than Hooke's law has it, 0.1 m from where it does not pull",
+    "Duffing's cubic term; a cable chain or bellows stiffens as it is drawn out",
+    0.0,
+    (0.0, 10.0),
+)
 STEEPENING = Parameter(
-    "steepening", "1", 0.03, "the same share of what grows with the fourth power of the distance",
-    "what comes to an end pulls ever harder: a chain drawn straight, bellows drawn out", 0.0, (0.0, 0.1),
-)  # fmt: skip
+    "steepening",
+    "1",
+    0.03,
+    "the same share of what grows with the fourth power of the distance",
+    "what comes to an end pulls ever harder: a chain drawn straight, bellows drawn out",
+    0.0,
+    (0.0, 0.1),
+)
 FAR = 0.1  # m
 FARTHEST = 4.0  # square of the distance in FAR: beyond, it grows with the cube again, or it would be stiffer than steel
 

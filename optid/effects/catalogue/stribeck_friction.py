@@ -12,21 +12,42 @@ from optid.core.sheet import Sheet
 from optid.effects.effect import Effect
 
 RATIO = Parameter(
-    "breakaway_ratio", "1", 0.3, "dry friction at rest over dry friction in motion",
-    "physics catalogue A.1: 5 to 60 N on top of 80 N", 1.0, (1.0, 5.0),
-)  # fmt: skip
+    "breakaway_ratio",
+    "1",
+    0.3,
+    "dry friction at rest over dry friction in motion",
+    "physics catalogue A.1: 5 to 60 N on top of 80 N",
+    1.0,
+    (1.0, 5.0),
+)
 SPEED = Parameter(
-    "stribeck_speed", "m/s", 0.02, "speed over which the excess dies away",
-    "physics catalogue A.1: 5 to 50 mm/s", 0.02, (1e-3, 0.3), logarithmic=True,
-)  # fmt: skip
+    "stribeck_speed",
+    "m/s",
+    0.02,
+    "speed over which the excess dies away",
+    "physics catalogue A.1: 5 to 50 mm/s",
+    0.02,
+    (1e-3, 0.3),
+    logarithmic=True,
+)
 EXPONENT = Parameter(
-    "exponent", "1", 1.0, "exponent of the curve over which it dies away: 1 at once, 2 after a shoulder",
-    "physics catalogue A.1: 1 to 2", 1.5, (0.5, 3.0),
-)  # fmt: skip
+    "exponent",
+    "1",
+    1.0,
+    "exponent of the curve over which it dies away: 1 at once, 2 after a shoulder",
+    "physics catalogue A.1: 1 to 2",
+    1.5,
+    (0.5, 3.0),
+)
 TAIL = Parameter(
-    "tail", "1", 1.0, "how far the excess reaches to higher speeds: 0 dies away as an exponential, 1 as a power",
-    "Hess and Soom, J. Tribology 112, 1990: 1 / (1 + (v/v_s)^2)", 0.1, (0.01, 2.0),
-)  # fmt: skip
+    "tail",
+    "1",
+    1.0,
+    "how far the excess reaches to higher speeds: 0 dies away as an exponential, 1 as a power",
+    "Hess and Soom, J. Tribology 112, 1990: 1 / (1 + (v/v_s)^2)",
+    0.1,
+    (0.01, 2.0),
+)
 REST = 1e-3  # of the Stribeck speed: below, the curve is a parabola, whose slopes are finite
 
 

@@ -13,22 +13,43 @@ from optid.core.smooth import soft_power
 from optid.effects.effect import Effect
 
 DROOP = Parameter(
-    "droop", "Pa", 2e4, "by which the supply would sag at a steady flow of 10 g/s (500 l/min) if it did not choke",
+    "droop",
+    "Pa",
+    2e4,
+    "by which the supply would sag at a steady flow of 10 g/s (500 l/min) if it did not choke",
     # A narrow line behind a small axis passes a few g/s: carried on to 10 g/s its droop is many bar.
-    "physics catalogue A.3: 0.1 to 1.5 bar at a full flow of 28 g/s", 0.0, (0.0, 2e6),
-)  # fmt: skip
+    "physics catalogue A.3: 0.1 to 1.5 bar at a full flow of 28 g/s",
+    0.0,
+    (0.0, 2e6),
+)
 RECOVERY = Parameter(
-    "recovery_time", "s", 0.05, "time constant with which the supply sags and recovers, at a flow of 10 g/s",
-    "physics catalogue A.3: 20 to 300 ms", 0.05, (5e-4, 2.0), logarithmic=True,
-)  # fmt: skip
+    "recovery_time",
+    "s",
+    0.05,
+    "time constant with which the supply sags and recovers, at a flow of 10 g/s",
+    "physics catalogue A.3: 20 to 300 ms",
+    0.05,
+    (5e-4, 2.0),
+    logarithmic=True,
+)
 EXPONENT = Parameter(
-    "exponent", "1", 1.0, "power of the flow with which it sags, far from choking", "a regulator has 1, an orifice 2",
-    1.0, (1.0, 2.0),
-)  # fmt: skip
+    "exponent",
+    "1",
+    1.0,
+    "power of the flow with which it sags, far from choking",
+    "a regulator has 1, an orifice 2",
+    1.0,
+    (1.0, 2.0),
+)
 CRITICAL = Parameter(
-    "critical_ratio", "1", 0.1, "pressure ratio over the line at which that passes no more",
-    "ISO 6358-1: 0.528 for a nozzle, less for what is long", 0.5, (0.1, 0.6),
-)  # fmt: skip
+    "critical_ratio",
+    "1",
+    0.1,
+    "pressure ratio over the line at which that passes no more",
+    "ISO 6358-1: 0.528 for a nozzle, less for what is long",
+    0.5,
+    (0.1, 0.6),
+)
 FLOW = 0.01  # kg/s
 SMALL = 1e-3  # flow over FLOW below which the power law is a line
 LAG = 2.2e-3  # s: in which it sags at least; less would make the plant stiff
@@ -49,8 +70,9 @@ class SupplyDroop(Effect):
     strength = {"droop": 2e3}
     usual = tuple(
         {"droop": droop, "recovery_time": time, "exponent": k, "critical_ratio": 0.5}
-        for droop, k in ((1e5, 1.0), (2e4, 1.0), (2e5, 2.0)) for time in (0.01, 0.05, 0.25)
-    )  # fmt: skip
+        for droop, k in ((1e5, 1.0), (2e4, 1.0), (2e5, 2.0))
+        for time in (0.01, 0.05, 0.25)
+    )
     law = "P_s falls by droop (m / 10 g/s)^k, by more as the line chokes, behind the volume between line and valve"
     says = (
         "the supply pressure would sag by {droop} at a flow of 10 g/s if its line did not choke (power {exponent} of "
@@ -72,20 +94,22 @@ class SupplyDroop(Effect):
         """Supply pressure at the valve, Pa; at the chambers the flow, kg/s, is only taken note of."""
         if site == "flow.supply":
             drawn = sheet.state("flow", "kg/s", 5e-3, spread=5e-3)
-            sheet.note("drawn", drawn)
-            sheet.note("area", near["area"])
+            sheet.store("drawn", drawn)
+            sheet.store("area", near["area"])
             exponent = sheet.param(EXPONENT)
             sag = sheet.param(DROOP) * soft_power(ca.fmax(drawn, 0) / FLOW, exponent, SMALL)
             most = (1 - sheet.param(CRITICAL)) * nominal
             passed = ca.fmin(sag, most)
             choked = most / ca.fmax(sag, most) * (1 - passed / (2 * most))
-            sheet.note("delivered", drawn * ca.exp(ca.log(choked) / exponent))
+            sheet.store("delivered", drawn * ca.exp(ca.log(choked) / exponent))
             return ca.fmax(nominal - sag, LEAST * nominal)
         if site == "flow.chamber_a":
-            sheet.note("into_a", near["supply"])
+            sheet.store("into_a", near["supply"])
         else:
-            flow = sheet.noted("area") * ca.if_else(near["spool"] > 0, sheet.noted("into_a"), near["supply"])
-            drawn = sheet.noted("drawn")
+            flow = sheet.recall("area") * ca.if_else(
+                near["spool"] > 0, sheet.recall("into_a"), near["supply"]
+            )
+            drawn = sheet.recall("drawn")
             slope = ((drawn / FLOW) ** 2 + SMALL**2) ** ((sheet.param(EXPONENT) - 1) / 2)
-            sheet.rate(drawn, (flow - sheet.noted("delivered")) / (LAG + sheet.param(RECOVERY) * slope))
+            sheet.rate(drawn, (flow - sheet.recall("delivered")) / (LAG + sheet.param(RECOVERY) * slope))
         return nominal

@@ -12,9 +12,14 @@ from optid.core.sheet import Sheet
 from optid.effects.effect import Effect
 
 LOSS = Parameter(
-    "loss", "1", 0.3, "share of the fully open valve's flow area that tubes and fittings in series take",
-    "physics catalogue A.2: tubes of 4 to 20 mm2 behind a port of 25 mm2", 0.0, (0.0, 0.97),
-)  # fmt: skip
+    "loss",
+    "1",
+    0.3,
+    "share of the fully open valve's flow area that tubes and fittings in series take",
+    "physics catalogue A.2: tubes of 4 to 20 mm2 behind a port of 25 mm2",
+    0.0,
+    (0.0, 0.97),
+)
 
 
 class TubeRestriction(Effect):

@@ -12,9 +12,14 @@ from optid.core.sheet import Sheet
 from optid.effects.effect import Effect
 
 DIFFERENCE = Parameter(
-    "gain_difference", "1", 0.05, "(opening towards A - towards B) over their sum, for equal commands",
-    "physics catalogue A.2: 2 to 15 %", 0.0, (-0.8, 0.8),
-)  # fmt: skip
+    "gain_difference",
+    "1",
+    0.05,
+    "(opening towards A - towards B) over their sum, for equal commands",
+    "physics catalogue A.2: 2 to 15 %",
+    0.0,
+    (-0.8, 0.8),
+)
 
 
 class ValveAsymmetry(Effect):

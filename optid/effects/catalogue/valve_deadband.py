@@ -13,17 +13,32 @@ from optid.effects.edges import ALIKE, EDGES, SAID, edge
 from optid.effects.effect import Effect
 
 WIDTH = Parameter(
-    "width", "1", 0.01, "half the dead zone, as a share of full command", "physics catalogue A.2: 0.2 to 5 %",
-    0.0, (0.0, 0.5),
-)  # fmt: skip
+    "width",
+    "1",
+    0.01,
+    "half the dead zone, as a share of full command",
+    "physics catalogue A.2: 0.2 to 5 %",
+    0.0,
+    (0.0, 0.5),
+)
 ROUNDING = Parameter(
-    "rounding", "1", 0.1, "way over which an edge opens gradually, as a share of the width",
-    "corners wear round", 0.0, (0.0, 2.0),
-)  # fmt: skip
+    "rounding",
+    "1",
+    0.1,
+    "way over which an edge opens gradually, as a share of the width",
+    "corners wear round",
+    0.0,
+    (0.0, 2.0),
+)
 TAIL = Parameter(
-    "rounding_tail", "1", 0.5, "how an edge ends to open gradually: 0 at once, as an arc does, 1 ever less",
-    "corners wear round, in many ways", 0.0, (0.0, 1.0),
-)  # fmt: skip
+    "rounding_tail",
+    "1",
+    0.5,
+    "how an edge ends to open gradually: 0 at once, as an arc does, 1 ever less",
+    "corners wear round, in many ways",
+    0.0,
+    (0.0, 1.0),
+)
 NONE = 1e-18  # m: no rounding
 
 

@@ -12,18 +12,33 @@ from optid.effects.effect import Effect
 from optid.effects.parallel import shares
 
 WIDTH = Parameter(
-    "width", "1", 5e-3, "half the hysteresis, as a share of full command", "physics catalogue A.2: 0.1 to 3 %",
-    0.0, (0.0, 0.3),
-)  # fmt: skip
+    "width",
+    "1",
+    5e-3,
+    "half the hysteresis, as a share of full command",
+    "physics catalogue A.2: 0.1 to 3 %",
+    0.0,
+    (0.0, 0.3),
+)
 SPREAD = Parameter(
-    "spread", "1", 0.3, "share by which the widest part of the hysteresis exceeds the mean, the narrowest falls short",
+    "spread",
+    "1",
+    0.3,
+    "share by which the widest part of the hysteresis exceeds the mean, the narrowest falls short",
     # Inner loops of a solenoid's iron are narrower than the outer one.
-    "Prandtl and Ishlinskii's plays in parallel, six of them", 0.0, (0.0, 1.0),
-)  # fmt: skip
+    "Prandtl and Ishlinskii's plays in parallel, six of them",
+    0.0,
+    (0.0, 1.0),
+)
 BEND = Parameter(
-    "bend", "1", 0.05, "how much wider the widest part is than an even spread has it, as a share of the mean",
-    "widths are positive, so that their distribution leans to the wide ones", 0.0, (0.0, 0.5),
-)  # fmt: skip
+    "bend",
+    "1",
+    0.05,
+    "how much wider the widest part is than an even spread has it, as a share of the mean",
+    "widths are positive, so that their distribution leans to the wide ones",
+    0.0,
+    (0.0, 0.5),
+)
 CATCH = 3e-4  # s: in which the spool's memory follows; what it shows is exact while it moves, at any value
 
 

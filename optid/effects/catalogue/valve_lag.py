@@ -12,17 +12,34 @@ from optid.core.sheet import Sheet
 from optid.effects.effect import Effect
 
 TIME = Parameter(
-    "time_constant", "s", 5e-3, "1 / natural frequency of the spool", "physics catalogue A.2: 40 to 150 Hz, 1 to 15 ms",
-    0.0, (0.0, 0.05),
-)  # fmt: skip
+    "time_constant",
+    "s",
+    5e-3,
+    "1 / natural frequency of the spool",
+    "physics catalogue A.2: 40 to 150 Hz, 1 to 15 ms",
+    0.0,
+    (0.0, 0.05),
+)
 DAMPING = Parameter(
-    "damping_ratio", "1", 0.8, "damping ratio of the spool; large ones make a first-order lag",
-    "physics catalogue A.2: 0.5 to 1", 0.8, (0.2, 3.0), logarithmic=True,
-)  # fmt: skip
+    "damping_ratio",
+    "1",
+    0.8,
+    "damping ratio of the spool; large ones make a first-order lag",
+    "physics catalogue A.2: 0.5 to 1",
+    0.8,
+    (0.2, 3.0),
+    logarithmic=True,
+)
 LINEAR = Parameter(
-    "linear_range", "1", 0.3, "how far behind its command the spool's speed still grows, a share of full command; 2: "
-    "always", "physics catalogue A.2: spools reach 0.1 to 2 m/s", 2.0, (0.02, 2.0), logarithmic=True,
-)  # fmt: skip
+    "linear_range",
+    "1",
+    0.3,
+    "how far behind its command the spool's speed still grows, a share of full command; 2: always",
+    "physics catalogue A.2: spools reach 0.1 to 2 m/s",
+    2.0,
+    (0.02, 2.0),
+    logarithmic=True,
+)
 FLOOR = 3e-4  # s: keeps the equations from becoming stiff at the null
 
 

@@ -10,9 +10,14 @@ from optid.core.sheet import Sheet
 from optid.effects.effect import Effect
 
 OFFSET = Parameter(
-    "offset", "1", 0.01, "where the spool stands at zero command, as a share of full command",
-    "physics catalogue A.2: 0.1 to 3 %", 0.0, (-0.5, 0.5),
-)  # fmt: skip
+    "offset",
+    "1",
+    0.01,
+    "where the spool stands at zero command, as a share of full command",
+    "physics catalogue A.2: 0.1 to 3 %",
+    0.0,
+    (-0.5, 0.5),
+)
 
 
 class ValveOffset(Effect):

@@ -12,9 +12,14 @@ from optid.core.sheet import Sheet
 from optid.effects.effect import Effect
 
 TIME = Parameter(
-    "full_travel_time", "s", 0.01, "time in which the spool at its fastest travels from the middle to full command",
-    "physics catalogue A.2: 0.1 to 2 m/s over 4 mm", 0.0, (0.0, 0.2),
-)  # fmt: skip
+    "full_travel_time",
+    "s",
+    0.01,
+    "time in which the spool at its fastest travels from the middle to full command",
+    "physics catalogue A.2: 0.1 to 2 m/s over 4 mm",
+    0.0,
+    (0.0, 0.2),
+)
 QUICK = 5e-4  # s: in which it follows a small command that is held; a small change is followed at once
 
 

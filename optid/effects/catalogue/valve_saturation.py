@@ -11,17 +11,32 @@ from optid.core.smooth import dead_zone
 from optid.effects.effect import Effect
 
 LOSS = Parameter(
-    "loss", "1", 0.5, "share lost of what the command exceeds the limit by; 1 is a hard stop",
-    "nothing lost to everything", 0.0, (0.0, 1.0),
-)  # fmt: skip
+    "loss",
+    "1",
+    0.5,
+    "share lost of what the command exceeds the limit by; 1 is a hard stop",
+    "nothing lost to everything",
+    0.0,
+    (0.0, 1.0),
+)
 LIMIT = Parameter(
-    "limit", "1", 0.5, "share of full command from which on the spool falls behind",
-    "physics catalogue A.2: 60 to 100 %", 0.7, (0.02, 1.5),
-)  # fmt: skip
+    "limit",
+    "1",
+    0.5,
+    "share of full command from which on the spool falls behind",
+    "physics catalogue A.2: 60 to 100 %",
+    0.7,
+    (0.02, 1.5),
+)
 SKEW = Parameter(
-    "skew", "1", 0.05, "share by which the limit lies further out one way and further in the other",
-    "each end of the spool's travel has its own stop", 0.0, (-0.5, 0.5),
-)  # fmt: skip
+    "skew",
+    "1",
+    0.05,
+    "share by which the limit lies further out one way and further in the other",
+    "each end of the spool's travel has its own stop",
+    0.0,
+    (-0.5, 0.5),
+)
 
 
 class ValveSaturation(Effect):

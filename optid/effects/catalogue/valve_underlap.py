@@ -13,20 +13,35 @@ from optid.effects.edges import ALIKE, EDGES, SAID, edge
 from optid.effects.effect import Effect
 
 WIDTH = Parameter(
-    "width", "1", 5e-3, "spool's way from the middle at which the other edge closes, as a share of full command",
-    "physics catalogue A.2: 0 to 0.1 mm of 4 mm", 0.0, (0.0, 0.3),
-)  # fmt: skip
+    "width",
+    "1",
+    5e-3,
+    "spool's way from the middle at which the other edge closes, as a share of full command",
+    "physics catalogue A.2: 0 to 0.1 mm of 4 mm",
+    0.0,
+    (0.0, 0.3),
+)
 
 AREA = Parameter(
-    "null_leakage", "m**2", 1e-7, "flow area that every edge has beside its opening, by worn corners",
-    "physics catalogue A.2: 0 to 0.5 mm2", 0.0, (0.0, 5e-6),
-)  # fmt: skip
+    "null_leakage",
+    "m**2",
+    1e-7,
+    "flow area that every edge has beside its opening, by worn corners",
+    "physics catalogue A.2: 0 to 0.5 mm2",
+    0.0,
+    (0.0, 5e-6),
+)
 
 FADING = Parameter(
-    "leak_fading", "1", 0.5, "whether an edge leaks as much when it is open (0) or as a radial clearance does, which "
-    "counts ever less in the opening's diagonal (1)", "geometry of a worn corner, and of a spool with clearance", 0.0,
+    "leak_fading",
+    "1",
+    0.5,
+    "whether an edge leaks as much when it is open (0) or as a radial clearance does, which "
+    "counts ever less in the opening's diagonal (1)",
+    "geometry of a worn corner, and of a spool with clearance",
+    0.0,
     (0.0, 1.0),
-)  # fmt: skip
+)
 NONE = 1e-24  # m2: no leak
 
 

@@ -21,9 +21,14 @@ LOSS = Parameter(
     (0.0, 1.0),
 )
 LIMIT = Parameter(
-    "limit", "1", 1.0, "size of the signal from which on it falls behind, in its SI unit", "within its range", 1.0,
+    "limit",
+    "1",
+    1.0,
+    "size of the signal from which on it falls behind, in its SI unit",
+    "within its range",
+    1.0,
     (0.0, math.inf),
-)  # fmt: skip
+)
 
 
 class Saturation(Anywhere):

@@ -48,9 +48,11 @@ class Cards:
             reading, writing = self._task(module), self._task(module)
             for line in inputs:
                 reading.ai_channels.add_ai_voltage_chan(
-                    line.channel, min_val=line.low, max_val=line.high,
+                    line.channel,
+                    min_val=line.low,
+                    max_val=line.high,
                     terminal_config=module.constants.TerminalConfiguration[line.terminal],
-                )  # fmt: skip
+                )
             writing.ao_channels.add_ao_voltage_chan(
                 command.channel, min_val=command.low, max_val=command.high
             )

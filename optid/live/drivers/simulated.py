@@ -43,11 +43,16 @@ class Simulated:
             raise RigError(f"no output {', '.join(missing)}", where=rig.path, field="model")
         self._pick = [names.index(c.role) for c in wiring.measured]
         first, (low, high) = self._twin.outputs(), settings.limits.stroke
-        self._sd: Array = np.array([
-            c.sd if c.sd is not None else
-            NOISE * (high - low) if j == 0 and math.isfinite(high - low) else NOISE * abs(first[k])
-            for j, (c, k) in enumerate(zip(wiring.measured, self._pick, strict=True))
-        ])  # fmt: skip
+        self._sd: Array = np.array(
+            [
+                c.sd
+                if c.sd is not None
+                else NOISE * (high - low)
+                if j == 0 and math.isfinite(high - low)
+                else NOISE * abs(first[k])
+                for j, (c, k) in enumerate(zip(wiring.measured, self._pick, strict=True))
+            ]
+        )
         self._command, self._time = wiring.command.factor * wiring.put(settings.limits.safe), 0.0
 
     def read(self, time: float) -> Sequence[float]:
@@ -74,7 +79,7 @@ class Simulated:
         while time - self._time > 1e-9:
             span = min(time - self._time, 1e-3)
             if not self._twin.advance(self._command, span):
-                raise SolveError("the simulated rig left the numbers")
+                raise SolveError("the simulated rig diverged (NaN or infinite)")
             self._time += span
 
 

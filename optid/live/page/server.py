@@ -21,8 +21,12 @@ from optid.live.page.view import hello, news
 from optid.live.session import Session
 
 HERE = Path(__file__).parent
-FILES = {"/": ("page.html", "text/html"), "/page.js": ("page.js", "text/javascript"),
-         "/chart.js": ("chart.js", "text/javascript"), "/page.css": ("page.css", "text/css")}  # fmt: skip
+FILES = {
+    "/": ("page.html", "text/html"),
+    "/page.js": ("page.js", "text/javascript"),
+    "/chart.js": ("chart.js", "text/javascript"),
+    "/page.css": ("page.css", "text/css"),
+}
 PACE = 0.1  # s between two messages to a reader
 DRAWN = 250.0  # rows a second that a reader gets at most
 POLL = 0.05  # s between looks at the session
@@ -31,8 +35,10 @@ READERS = 8  # at a time
 LAST_WORD = 2.0  # s for readers to fetch how it ended
 HEADERS = {
     "Content-Security-Policy": "default-src 'self'; img-src data:; frame-ancestors 'none'",
-    "Cache-Control": "no-store", "Referrer-Policy": "no-referrer", "X-Content-Type-Options": "nosniff",
-}  # fmt: skip
+    "Cache-Control": "no-store",
+    "Referrer-Policy": "no-referrer",
+    "X-Content-Type-Options": "nosniff",
+}
 
 
 class Page:

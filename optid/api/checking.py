@@ -1,0 +1,134 @@
+"""`optid.check`: are the data fit for identification, and what can they tell?"""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from optid.api.document import place_of, stamp
+from optid.api.inputs import Progress, given, rig_of, silent
+from optid.core.recording import Recording
+from optid.estimation.identifiability import identifiability
+from optid.quality.verdict import Verdict, verdict
+from optid.report.check_document import Read, check_document
+from optid.report.scores import number
+from optid.results.check import CheckResult
+from optid.rigs.rigfile import Rig
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from optid.api.inputs import Recordings
+
+
+def check(
+    rig: str | Path | Rig,
+    recordings: Recordings,
+    *,
+    rate: float | None = None,
+    progress: Progress = silent,
+) -> CheckResult:
+    """Look at recordings before any fit.
+
+    Parameters
+    ----------
+    rig : str | Path | Rig
+        a rig file, or what `read_rig` made of one.
+    recordings : Recordings
+        a path, a DataFrame, a Recording, or a list of them.
+    rate : float | None
+        Hz to bring faster recordings down to; what the axis's fastest pole asks for when absent.
+    progress : Progress
+        called with the share done and a few words.
+
+    Returns
+    -------
+    CheckResult
+        Remarks on each recording, and what the data tell of the parameters to fit.
+
+    Raises
+    ------
+    InputError
+        an input is wrong; names file, field and what was expected.
+    """
+    understood = rig_of(rig)
+    data, _ = given(understood, recordings, rate=rate)
+    read = [(one.recording, one.remarks) for one in data]
+    grave = any(remark.severity == "error" for one in data for remark in one.remarks)
+    told = None
+    if understood.freed and not grave:
+        progress(0.2, "examining what the data can tell")
+        told = what_they_tell(understood, [one.recording for one in data])
+    paths = [place_of(one.recording) for one in data]
+    found = verdict(
+        read,
+        told["without_influence"] if told else [],
+        [parameter.name for parameter in understood.freed],
+        shlex.join([str(understood.path), *paths]),
+    )
+    return result_of(understood, read, found, told)
+
+
+def result_of(rig: Rig, read: Read, found: Verdict, told: Mapping[str, Any] | None) -> CheckResult:
+    """A check as a result.
+
+    Parameters
+    ----------
+    rig : Rig
+        as read.
+    read : Read
+        recordings with their remarks.
+    found : Verdict
+        the verdict on them.
+    told : Mapping[str, Any] | None
+        what they tell of the parameters; ``None`` where it was not asked.
+    """
+    data = [recording for recording, _ in read]
+    document = {
+        **stamp(CheckResult.SCHEMA, "check", rig, data),
+        **check_document(rig, read, found, told),
+        "about": {
+            "rig": rig.name,
+            "rig_file": str(rig.path),
+            "plant": rig.model_name,
+            "units": _units(data),
+        },
+    }
+    return CheckResult(document, {"signals": _signals(data)})
+
+
+def what_they_tell(rig: Rig, recordings: list[Recording]) -> dict[str, Any]:
+    """What the data tell of the parameters to fit, at the rig file's values and before any fit."""
+    ties = identifiability(rig, recordings)
+    freed = {parameter.name for parameter in rig.freed}
+    sd, leader = ties.weakest
+    alone = f"each has an effect of its own; the weakest direction is {leader}, known to {sd:.1%}"
+    return {
+        "parameters": len(ties.mute),
+        "rank": int(ties.rank),
+        "condition": number(float(ties.condition)),
+        "without_influence": [name for name in ties.idle if name in freed],
+        "sentences": list(ties.sentences) or [alone],
+    }
+
+
+def _units(data: list[Recording]) -> dict[str, str]:
+    return {role: channel.recorded_unit for one in data for role, channel in one.channels.items()}
+
+
+def _signals(recordings: list[Recording]) -> pd.DataFrame:
+    import pandas as pd
+
+    parts = [
+        pd.DataFrame(
+            {
+                "recording": one.name,
+                "time": one.time,
+                **{role: channel.recorded for role, channel in one.channels.items()},
+            }
+        )
+        for one in recordings
+    ]
+    return pd.concat(parts, ignore_index=True)

@@ -1,0 +1,129 @@
+"""From what a user has at hand, paths, frames or recordings, one or many, to a rig and recordings with remarks."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from optid.core.readers import read_recording as read_file
+from optid.core.recording import Experiments, Recording
+from optid.core.thinning import brought_down
+from optid.errors import InputError, NotIdentifiable
+from optid.quality.quality import quality
+from optid.quality.remark import Remark
+from optid.rigs.rigfile import Rig, read_rig
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    Data = str | Path | Recording | pd.DataFrame
+
+    Recordings = Data | Sequence[Data] | Experiments
+
+Progress = Callable[[float, str], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Given:
+    """A recording and the remarks of its check."""
+
+    recording: Recording
+    remarks: tuple[Remark, ...]
+
+
+def rig_of(rig: str | Path | Rig) -> Rig:
+    """A rig, read where a path is given."""
+    return rig if isinstance(rig, Rig) else read_rig(rig)
+
+
+def recordings_of(rig: Rig, data: Recordings, name: str = "recordings") -> list[Recording]:
+    """Recordings, read or mapped as the rig file says.
+
+    Raises
+    ------
+    InputError
+        something else than paths, frames and recordings; an empty list.
+    RecordingError
+        as `read_recording`.
+    """
+    several: list[Any] = list(data) if isinstance(data, (list, tuple, Experiments)) else [data]
+    if not several:
+        raise InputError(
+            "none is given", field=name, expected="a path, a DataFrame, a Recording, or a list of them"
+        )
+    return [_recording(rig, one, name, number) for number, one in enumerate(several, 1)]
+
+
+def given(
+    rig: Rig, train: Recordings, holdout: Recordings = (), rate: float | None = None
+) -> tuple[list[Given], list[Given]]:
+    """The recordings with their remarks: the first ones, and those held out. None may come twice.
+
+    Remarks are on what was recorded; recordings faster than the axis needs are then brought down.
+
+    Parameters
+    ----------
+    rig : Rig
+        as read.
+    train : Recordings
+        the first ones.
+    holdout : Recordings
+        those held out.
+    rate : float | None
+        Hz to bring faster ones down to; what the fastest pole that shows asks for when absent.
+
+    Raises
+    ------
+    RecordingError
+        the same samples twice.
+    """
+    if rate is not None and not (math.isfinite(rate) and rate > 0.0):
+        raise InputError(f"{rate}", field="rate", expected="samples a second, more than 0")
+    first = recordings_of(rig, train)
+    held = [] if _is_nothing(holdout) else recordings_of(rig, holdout, "holdout")
+    every = [
+        Given(brought_down(rig.model, rig.parameters, one, rate), quality(one, rig.model, rig.parameters))
+        for one in Experiments.of([*first, *held])
+    ]
+    return every[: len(first)], every[len(first) :]
+
+
+def refuse_unfit(data: Sequence[Given]) -> None:
+    """Data that the check calls unfit are not worked on.
+
+    Raises
+    ------
+    NotIdentifiable
+        names the recording and the gravest remark.
+    """
+    for one in data:
+        for remark in one.remarks:
+            if remark.severity == "error":
+                raise NotIdentifiable(
+                    f"{one.recording.name}: {remark.message} (nothing was fitted or written)"
+                )
+
+
+def silent(share: float, words: str) -> None:
+    """No progress is shown."""
+
+
+def _is_nothing(data: Recordings) -> bool:
+    return data is None or (isinstance(data, (list, tuple)) and not data)
+
+
+def _recording(rig: Rig, data: Data, field: str, number: int) -> Recording:
+    if isinstance(data, Recording):
+        return data
+    if isinstance(data, (str, Path)):
+        return read_file(data, rig)
+    if hasattr(data, "columns") and hasattr(data, "iloc"):
+        return Recording.from_frame(data, rig, name=f"{field}[{number - 1}]")
+    raise InputError(
+        f"a {type(data).__name__}",
+        field=field,
+        expected="a path, a DataFrame, a Recording, or a list of them",
+    )

@@ -1,0 +1,157 @@
+"""`optid.tune`: PID gains for an identified model."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from optid.api.document import version
+from optid.api.inputs import Progress, rig_of, silent
+from optid.armax.files import ArmaxFile
+from optid.armax.files import load as load_models
+from optid.errors import SolveError
+from optid.report.tuning_page import tuning_page
+from optid.results.identification import IdentificationResult
+from optid.results.tuning import TuningResult
+from optid.rigs.rigfile import Rig
+from optid.tuning.bench_search import Effort
+from optid.tuning.criterion import Criterion
+from optid.tuning.files import document
+from optid.tuning.margins import Required
+from optid.tuning.measure import Measure
+from optid.tuning.optimise import Options
+from optid.tuning.posing import Wishes, pose
+from optid.tuning.structures import structure_of
+from optid.tuning.tuning import Tuning
+from optid.tuning.tuning import tune as optimise
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+def tune(
+    model: str | Path | ArmaxFile | IdentificationResult,
+    *,
+    rig: str | Path | Rig | None = None,
+    setpoints: Sequence[float] = (),
+    limits: tuple[float, float] | None = None,
+    rate: float | None = None,
+    cost: str = "itae",
+    sensitivity: float | None = None,
+    structure: str | None = None,
+    free: Sequence[str] | None = None,
+    starts: int = 4,
+    seed: int = 0,
+    progress: Progress = silent,
+) -> TuningResult:
+    """Find PID gains by optimising the closed loop itself, under the actuator's limits.
+
+    Parameters
+    ----------
+    model : str | Path | ArmaxFile | IdentificationResult
+        an armax.json, what `identify` returned, or what `from_control` made of a system.
+    rig : str | Path | Rig | None
+        physical model of the axis: tuned for and tried on as well.
+    setpoints : Sequence[float]
+        sizes of steps from rest, the output's SI unit; one that suits the model when absent.
+    limits : tuple[float, float] | None
+        low and high of the command, its SI unit.
+    rate : float | None
+        largest change of the command per second.
+    cost : str
+        "itae", "iae", "itse" or "ise".
+    sensitivity : float | None
+        maximum sensitivity Ms, at most; infinite for any; when absent, as usual for what the gains
+        are judged on.
+    structure : str | None
+        "pid", "pid2", "pd", "pi", "p" or "p-pi"; one that suits when absent.
+    free : Sequence[str] | None
+        names of the gains that may move; the structure's when absent.
+    starts : int
+        independent searches.
+    seed : int
+        of everything random.
+    progress : Progress
+        called with the share done and a few words.
+
+    Raises
+    ------
+    InputError
+        the model or a wish is wrong.
+    SolveError
+        nothing keeps what is required, or nothing stabilises the model.
+    """
+    contents, source = _contents(model)
+    low, high = limits or (None, None)
+    wishes = Wishes(
+        setpoints=tuple(setpoints),
+        low=low,
+        high=high,
+        rate=rate,
+        criterion=Criterion(Measure[cost.upper()]),
+        required=Required(sensitivity if sensitivity is not None and math.isfinite(sensitivity) else None),
+        usual_sensitivity=sensitivity is None,
+    )
+    rng = np.random.default_rng(seed)
+    posed = pose(contents, source, wishes, rng, None if rig is None else rig_of(rig), rig is not None)
+    chosen = structure_of(structure or ("pid" if posed.task.bench_alone else "pid2"))
+    moved = chosen.free if free is None else tuple(free)
+    options = Options(moved, starts=starts, cascade=chosen.cascade, effort=Effort(progress))
+    try:
+        found = optimise(posed.task, rng, options, posed.bench)
+    except SolveError:
+        if sensitivity is not None:
+            raise
+        posed = posed.without_sensitivity()
+        found = optimise(posed.task, rng, options, posed.bench)
+    content = {
+        **document(found, posed.command_unit, posed.output_unit, posed.judged_on, chosen),
+        "version": version(),
+        "command": "tune",
+        "inputs": {str(source): _digest(source)},
+    }
+    tables = {"responses": _responses(found), "loop": _plant(found)}
+    return TuningResult(content, tables, {"report.html": tuning_page(found, posed, source.name, chosen)})
+
+
+def _digest(source: Path) -> str | None:
+    return hashlib.sha256(source.read_bytes()).hexdigest() if source.is_file() else None
+
+
+def _contents(model: Any) -> tuple[ArmaxFile, Path]:
+    if isinstance(model, IdentificationResult):
+        return model.contents, Path(model.FILE)
+    if isinstance(model, ArmaxFile):
+        return model, Path("model")
+    return load_models(Path(model)), Path(model)
+
+
+def _responses(found: Tuning) -> pd.DataFrame:
+    import pandas as pd
+
+    dt = found.settings.sample_time
+    parts = [
+        pd.DataFrame(
+            {
+                "episode": run.episode.name,
+                "time": dt * np.arange(len(run.output)),
+                "reference": run.episode.reference,
+                "output": run.output,
+                "command": run.command,
+            }
+        )
+        for run in found.found.responses
+    ]
+    return pd.concat(parts, ignore_index=True)
+
+
+def _plant(found: Tuning) -> pd.DataFrame:
+    import pandas as pd
+
+    plant = found.task.plant
+    return pd.DataFrame({"numerator": np.r_[0.0, plant.b], "denominator": np.r_[1.0, plant.a]})

@@ -1,0 +1,38 @@
+"""The shell of every page: one file that stands alone, with the library that its figures need inside."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import jinja2
+
+from optid.core.quantity import plain, quantity, typeset, unit_name
+from optid.report.interactive import library
+
+
+def render(template: str, title: str, **context: Any) -> str:
+    """A page.
+
+    Args:
+        template: file beside this one that extends `shell.html.j2`.
+        title: of the page.
+        **context: what the template asks for; `next_command`, where given, stands at the end as what to type next.
+            Figures come as `optid.report.interactive.interactive` makes them.
+    """
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(Path(__file__).parent),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=jinja2.StrictUndefined,
+    )
+    environment.filters |= {
+        "words": lambda name: name.replace("_", " "),
+        "typeset": typeset,
+        "unit": unit_name,
+        "plain": plain,
+    }
+    environment.globals |= {"library": library, "quantity": quantity}
+    context.setdefault("next_command", "")
+    return environment.get_template(template).render(title=title, **context)

@@ -1,0 +1,70 @@
+"""What a look at recordings finds before any fit."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+from optid.core.quantity import typeset
+from optid.results.result import Result
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+class CheckResult(Result):
+    """Are the data fit for identification, and what can they tell of the parameters?
+
+    `tables["signals"]` holds the recordings: recording, time (s) and a column for each channel, SI.
+    """
+
+    FILE: ClassVar[str] = "check.json"
+    SCHEMA: ClassVar[str] = "optid.check/1"
+
+    @property
+    def fit_for_identification(self) -> bool:
+        """No recording has a remark that is an error, and each parameter to fit has influence."""
+        return "fit" in self.document["fit_for"]
+
+    def summary(self) -> str:
+        """Each recording with its remarks, what the data tell of the parameters, and what they are fit for."""
+        lines = []
+        for one in self.document["recordings"]:
+            size = f"{one['samples']} samples, {one['duration']:.4g} s at {one['rate']:.5g} Hz"
+            lines.append(f"{one['name']}: {size}, {', '.join(one['channels'])}")
+            lines += [f"  {remark['severity']:8}{typeset(remark['message'])}" for remark in one["remarks"]]
+            lines += [f"  {'note':8}{note}" for note in one["notes"]]
+            lines += [f"  {'lag':8}{lag['words']}" for lag in one.get("lags", ())]
+        return "\n".join([*lines, *self.identifiability, str(self.document["summary"])])
+
+    @property
+    def identifiability(self) -> list[str]:
+        """What the data tell of the parameters, in lines; none where it was not asked."""
+        told = self.document["identifiability"]
+        if told is None:
+            return []
+        known = f"rank {told['rank']} of {told['parameters']}"
+        if told["condition"] is not None:
+            known += f", condition number of the sensitivities {told['condition']:.2g}"
+        head = f"what these data tell of {told['parameters']} parameters, at the rig file's values and before any fit:"
+        idle = told["without_influence"]
+        missing = [f"  without influence: {', '.join(idle)}; a fit would be refused"] if idle else []
+        return [head, f"  {known}", *missing, *(f"  {sentence}" for sentence in told["sentences"])]
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row a remark: recording, severity, channel, kind, message, from and to (s)."""
+        import pandas as pd
+
+        columns = ("recording", "severity", "channel", "kind", "message", "from", "to")
+        rows = [
+            (
+                one["name"],
+                r["severity"],
+                r["channel"],
+                r["kind"],
+                r["message"],
+                *(r["interval"] or (None, None)),
+            )
+            for one in self.document["recordings"]
+            for r in one["remarks"]
+        ]
+        return pd.DataFrame(rows, columns=list(columns))

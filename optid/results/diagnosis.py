@@ -1,0 +1,117 @@
+"""What a rig's model leaves out, in the form of diagnosis.json."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from optid.core.quantity import typeset
+from optid.diagnosis.answers import Verdict
+from optid.results.with_rig import ResultWithRig
+from optid.results.words import score_rows, table
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["DiagnosisResult", "Finding", "Verdict"]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that is missing.
+
+    Attributes
+    ----------
+    effect : str | None
+        its name; ``None`` where nothing of the catalogue explains the mismatch.
+    site : str
+        "valve", "flow", "force", "sensor", or a site of the plant's own.
+    parameters : Mapping[str, Any]
+        name -> value, unit, ci95, SI.
+    where : Mapping[str, Any]
+        channels that show it, intervals (recording, from, to; s) and ranges of the states.
+    evidence : Mapping[str, Any]
+        p_value and holdout_fit_gain of the test on the recordings held out; delta_bic of those fitted to.
+    indistinguishable_from : tuple[str, ...]
+        names of effects that explain the recordings as well.
+    suspected : tuple[tuple[str, str], ...]
+        (effect, why): what it could be, where nothing is proven.
+    sentence : str
+        what an engineer would say.
+    """
+
+    effect: str | None
+    site: str
+    parameters: Mapping[str, Any]
+    where: Mapping[str, Any]
+    evidence: Mapping[str, Any]
+    indistinguishable_from: tuple[str, ...]
+    sentence: str
+    suspected: tuple[tuple[str, str], ...] = ()
+
+
+class DiagnosisResult(ResultWithRig):
+    """What physics the model leaves out, where, how sure, and what it gains on recordings held out.
+
+    `tables["holdout"]`: one row a sample of the recordings held out: recording, time (s), and for each measured channel
+    NAME, NAME_before and NAME_after: windows of the model as it came and of the improved one, SI. Of finding k there
+    may be `tables["map k"]` (mismatch over time), `tables["state k NAME"]` (over a signal) and `tables["signal k"]`
+    (what is missing, sample by sample, with the law found). `tables["rivals"]`, one row a rival:
+    round, effect, error_over_noise, loss and why. `files["rig.toml"]`: the improved rig file.
+    """
+
+    FILE: ClassVar[str] = "diagnosis.json"
+    SCHEMA: ClassVar[str] = "optid.diagnosis/1"
+
+    @property
+    def verdict(self) -> Verdict:
+        """The answer in a word."""
+        return Verdict(self.document["verdict"])
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What is missing, strongest first."""
+        return tuple(
+            Finding(
+                f["effect"],
+                f["site"],
+                f["parameters"],
+                f["where"],
+                f["evidence"],
+                tuple(f["indistinguishable_from"]),
+                f.get("sentence", ""),
+                tuple((one["effect"], one["why"]) for one in f.get("suspected", ())),
+            )
+            for f in self.document["findings"]
+        )
+
+    @property
+    def baseline(self) -> Mapping[str, Any]:
+        """Parameters and hold-out scores of the fitted model as it came."""
+        return dict(self.document["baseline"])
+
+    @property
+    def improved(self) -> Mapping[str, Any]:
+        """The same of the model with what was found."""
+        return dict(self.document["improved"])
+
+    def summary(self) -> str:
+        """The verdict, why, and the error before and after on the recordings held out."""
+        lines = [f"{self.verdict.value}: {typeset(self.document['summary'])}"]
+        for title, part in (("held out, before", self.baseline), ("held out, after", self.improved)):
+            if part["holdout"]:
+                lines += table((title, "fit", "rmse"), score_rows(part["holdout"]))
+        return "\n".join(lines)
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row a parameter of a finding: effect, site, parameter, value, low, high, unit (SI), p_value."""
+        import pandas as pd
+
+        rows = [
+            (f.effect, f.site, name, q["value"], *q["ci95"], q["unit"], f.evidence.get("p_value"))
+            for f in self.findings
+            for name, q in (f.parameters or {"": {"value": None, "ci95": (None, None), "unit": ""}}).items()
+        ]
+        columns = ("effect", "site", "parameter", "value", "low", "high", "unit", "p_value")
+        return pd.DataFrame(rows, columns=list(columns))
