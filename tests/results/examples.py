@@ -1,6 +1,7 @@
 """One result of every kind: real where that takes seconds, else what a diagnosis or a plan writes, in small."""
 
 from dataclasses import replace
+from functools import cache
 from json import loads
 from pathlib import Path
 
@@ -195,13 +196,17 @@ def plan():
     return PlanResult(document, {"experiment": table}, {"experiment.csv": "t,u\r\n0,1\r\n"})
 
 
+# Made once a process: results do not change.
 MAKERS = {
-    CheckResult: check,
-    SimulationResult: simulation,
-    FitResult: fit,
-    ProfileResult: profile,
-    DiagnosisResult: diagnosis,
-    IdentificationResult: identification,
-    TuningResult: tuning,
-    PlanResult: plan,
+    kind: cache(make)
+    for kind, make in {
+        CheckResult: check,
+        SimulationResult: simulation,
+        FitResult: fit,
+        ProfileResult: profile,
+        DiagnosisResult: diagnosis,
+        IdentificationResult: identification,
+        TuningResult: tuning,
+        PlanResult: plan,
+    }.items()
 }

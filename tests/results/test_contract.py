@@ -2,6 +2,7 @@
 
 import inspect
 import json
+import re
 
 import pandas as pd
 import pytest
@@ -15,17 +16,9 @@ from tests.results.examples import MAKERS
 KINDS = pytest.mark.parametrize("kind", RESULTS, ids=lambda kind: kind.__name__)
 
 
-@pytest.fixture(scope="module")
-def made():
-    """Results by kind, each made when it is first asked for."""
-    return {}
-
-
 @pytest.fixture
-def result(made, kind):
-    if kind not in made:
-        made[kind] = MAKERS[kind]()
-    return made[kind]
+def result(kind):
+    return MAKERS[kind]()
 
 
 @KINDS
@@ -94,7 +87,9 @@ def test_public_docstrings():
         value = getattr(optid, name)
         if callable(value) and value.__module__.startswith("optid.api"):
             said = inspect.getdoc(value)
-            assert all(f"{parameter}:" in said for parameter in inspect.signature(value).parameters), name
+            for parameter in inspect.signature(value).parameters:
+                assert re.search(rf"^{parameter} : .+\n    \S", said, re.MULTILINE), (name, parameter)
+            assert "\nRaises\n------\n" in said, name
 
 
 @pytest.mark.parametrize(
