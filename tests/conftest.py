@@ -4,6 +4,8 @@ from pathlib import Path
 
 import pytest
 
+from optid.core.cache import kernels_folder
+
 
 @pytest.fixture
 def shared() -> Path:
@@ -12,3 +14,15 @@ def shared() -> Path:
     if not folder.is_dir():
         pytest.skip(f"the recordings in {folder} are absent: they are not part of the project")
     return folder
+
+
+@pytest.fixture
+def own_cache(tmp_path_factory, monkeypatch) -> Path:
+    """A cache of the test's own, but for machine code: to compile that again would take most of its time."""
+    compiled, home = kernels_folder(), tmp_path_factory.mktemp("cache")
+    if compiled is not None:
+        compiled.mkdir(parents=True, exist_ok=True)
+        (home / "optid").mkdir()
+        (home / "optid" / "kernels").symlink_to(compiled, target_is_directory=True)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(home))
+    return home

@@ -38,8 +38,7 @@ def sound(tmp_path):
 
 
 @pytest.fixture(autouse=True)
-def own_cache(tmp_path_factory, monkeypatch):
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+def without_traceback(own_cache, monkeypatch):
     monkeypatch.delenv("OPTID_TRACEBACK", raising=False)
 
 

@@ -98,3 +98,15 @@ def test_a_wrong_call_is_one_line_and_leaves_nothing(bench, arguments, said, mon
     assert len(done.stderr.strip().splitlines()) == 1
     assert said in done.stderr
     assert not (bench / "new").exists()
+
+
+def test_a_recording_to_validate_on_is_read_and_told(bench, tmp_path):
+    """It counts among those fitted to; one that is held out as well is refused."""
+    call = ("diagnose", bench / "trolley.toml", bench / "one.csv", "--holdout", bench / "held.csv")
+    done = optid(*call, "--validate", bench / "two.csv", "--out", tmp_path / "out")
+    assert done.returncode == 0, done.stderr
+    about = json.loads((tmp_path / "out" / "diagnosis.json").read_text())["about"]
+    assert [path.rsplit("/")[-1] for path in about["training"]] == ["one.csv", "two.csv"]
+    twice = optid(*call, "--validate", bench / "held.csv", "--out", tmp_path / "twice")
+    assert twice.returncode == 2
+    assert "held.csv" in twice.stderr

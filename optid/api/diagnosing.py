@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from optid.api.document import stamp
-from optid.api.inputs import Progress, given, refuse_unfit, rig_of, silent
+from optid.api.inputs import Progress, given, is_nothing, refuse_unfit, rig_of, silent
 from optid.core.budget import Budget
+from optid.core.recording import Experiments
 from optid.diagnosis.pipeline import diagnose as find
 from optid.effects.effect import Effect
 from optid.effects.library import from_file
@@ -31,6 +32,7 @@ def diagnose(
     recordings: Recordings,
     holdout: Recordings,
     *,
+    validation: Recordings = (),
     effects: Sequence[str | Path | Effect] = (),
     time_limit: float = TIME_LIMIT,
     deadline: float = math.inf,
@@ -49,6 +51,9 @@ def diagnose(
         to fit to: a path, a DataFrame, a Recording, or a list of them.
     holdout : Recordings
         to judge on; the fits never see them.
+    validation : Recordings
+        others to fit to, on which alone the search judges whether an effect is needed; when absent it judges on every
+        recording of the first ones by parameters fitted to the others.
     effects : Sequence[str | Path | Effect]
         of the user's own beside the catalogue: objects, or files that hold some.
     time_limit : float
@@ -80,21 +85,24 @@ def diagnose(
     """
     understood = rig_of(rig)
     train, held = given(understood, recordings, holdout, rate)
-    refuse_unfit([*train, *held])
+    judging = [] if is_nothing(validation) else given(understood, validation, rate=rate)[0]
+    refuse_unfit([*train, *judging, *held])
+    Experiments.of([one.recording for one in (*train, *judging, *held)])
     own: list[Effect] = []
     for effect in effects:
         own += from_file(Path(effect)) if isinstance(effect, (str, Path)) else [effect]
     found = find(
         understood,
-        [one.recording for one in train],
+        [one.recording for one in (*train, *judging)],
         [one.recording for one in held],
         own=own,
+        validation=[one.recording.name for one in judging],
         generator=np.random.default_rng(seed),
         progress=progress,
         budget=Budget(time_limit, deadline),
         checkpoint=checkpoint,
     )
-    return _result(understood, train, held, found)
+    return _result(understood, [*train, *judging], held, found)
 
 
 def _result(rig: Rig, train: Sequence[Given], held: Sequence[Given], found: Diagnosis) -> DiagnosisResult:

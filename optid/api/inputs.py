@@ -83,7 +83,7 @@ def given(
     if rate is not None and not (math.isfinite(rate) and rate > 0.0):
         raise InputError(f"{rate}", field="rate", expected="samples a second, more than 0")
     first = recordings_of(rig, train)
-    held = [] if _is_nothing(holdout) else recordings_of(rig, holdout, "holdout")
+    held = [] if is_nothing(holdout) else recordings_of(rig, holdout, "holdout")
     every = [
         Given(brought_down(rig.model, rig.parameters, one, rate), quality(one, rig.model, rig.parameters))
         for one in Experiments.of([*first, *held])
@@ -111,7 +111,8 @@ def silent(share: float, words: str) -> None:
     """No progress is shown."""
 
 
-def _is_nothing(data: Recordings) -> bool:
+def is_nothing(data: Recordings) -> bool:
+    """No recording was given."""
     return data is None or (isinstance(data, (list, tuple)) and not data)
 
 

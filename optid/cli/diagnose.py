@@ -27,6 +27,12 @@ TIME_LIMIT = 800.0  # s: where much is missing, the second of two effects was fo
 @click.argument("recordings", metavar="RECORDING...", nargs=-1, required=True)
 @click.option("--holdout", multiple=True, required=True, metavar="REC", help="Judge on it; may be repeated.")
 @click.option(
+    "--validate",
+    multiple=True,
+    metavar="REC",
+    help="Judge the search on it alone, not on each RECORDING in turn; may be repeated.",
+)
+@click.option(
     "--effects", multiple=True, metavar="FILE.py", help="Effects of your own, to take part in everything."
 )
 @click.option("--seed", default=0, type=click.IntRange(min=0), help="Of the resampling; 0 by default.")
@@ -54,6 +60,7 @@ def diagnose(
     rig: str,
     recordings: tuple[str, ...],
     holdout: tuple[str, ...],
+    validate: tuple[str, ...],
     effects: tuple[str, ...],
     seed: int,
     time_limit: float,
@@ -71,6 +78,7 @@ def diagnose(
             rig,
             recordings,
             holdout,
+            validation=validate,
             effects=effects,
             seed=seed,
             time_limit=time_limit,

@@ -52,6 +52,15 @@ def fit_base(problem: DiagnosisProblem) -> tuple[FittedModel, DiagnosisProblem]:
     return FittedModel((), problem.rig, fit), problem
 
 
+def with_open_variance(problem: DiagnosisProblem, model: FittedModel) -> DiagnosisProblem:
+    """The problem with what windows must err by anyway where the parameters are."""
+    if problem.open_variance is not None:
+        return problem
+    q = problem.question(problem.rig)
+    noise = quiet_noise(q, model.fit.level)
+    return replace(problem, open_variance=open_variance(q, model.p, noise, problem.window))
+
+
 def search_starts(q: Question, p: Array) -> list[Array]:
     """The parameters with every alternative start that the plant states for those that are free, each once."""
     sets = [q.model.parameters[i].starts for i in q.free]

@@ -82,7 +82,17 @@ def key_of(problem: DiagnosisProblem) -> str:
     freed = [(f.name, f.low, f.high, f.sd) for f in problem.rig.freed]
     own = [effect.name for effect in problem.own]
     digest.update(
-        repr((problem.rig.model_name, values, freed, own, problem.criteria, problem.options)).encode()
+        repr(
+            (
+                problem.rig.model_name,
+                values,
+                freed,
+                own,
+                problem.validation,
+                problem.criteria,
+                problem.options,
+            )
+        ).encode()
     )
     for one in problem.train:
         digest.update(one.name.encode() + one.time.tobytes())

@@ -36,10 +36,11 @@ class SearchOptions:
     """How much a search does; it never changes what counts as proof.
 
     Attributes:
+        rate: samples a second at most, over which is searched; what was found is fitted and tested on all.
         short: share of a window over which effects are first fitted: short enough for parameters that are far off.
         race: legs of the race of proposals, which the best branch of each effect begins from each start: steps, how
             many go on, and how many of one effect; over the recording that lacks most, the last leg over all.
-        entrants: branches that a race begins with.
+        entrants: effects that a race begins with from each start.
         contenders: proposals that are fitted in full in a round.
         turns, steps: of a full fit by multi-step prediction errors.
         validation_steps: of a fit without one recording.
@@ -49,14 +50,15 @@ class SearchOptions:
         search_share: of the budget, that the search may spend; what was found is then tested and told.
     """
 
+    rate: float = 500.0
     short: float = 0.2
-    race: tuple[tuple[int, int, int], ...] = ((1, 8, 1), (2, 4, 1), (3, 4, 1))
+    race: tuple[tuple[int, int, int], ...] = ((2, 4, 1), (3, 4, 1))
     contenders: int = 3
     turns: int = 4
     steps: int = 4
     validation_steps: int = 2
-    surrogate_race: tuple[tuple[int, int, int], ...] = ((1, 10, 1), (3, 5, 1), (4, 2, 1))
-    entrants: int = 24
+    surrogate_race: tuple[tuple[int, int, int], ...] = ((3, 5, 1), (4, 2, 1))
+    entrants: int = 10
     bent: float = 4.0
     near: float = 3.0
     search_share: float = 0.7

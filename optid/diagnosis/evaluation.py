@@ -62,13 +62,15 @@ class Evaluation:
     scores: Mapping[str, Score]
     expected: Array
 
-    def error_over_noise(self, noise: Mapping[str, float]) -> float:
+    def error_over_noise(self, noise: Mapping[str, float], outputs: Sequence[int] | None = None) -> float:
         """The largest ratio of windows' errors to what noise and pasts leave open, root mean square, over the channels.
 
-        Not finite where no window was predicted, or the simulation diverged in one.
+        Not finite where no window was predicted, or the simulation diverged in one. `outputs` counts only these.
         """
         ratios = []
         for j, role in enumerate(self.scores):
+            if outputs is not None and j not in outputs:
+                continue
             floor = np.hypot(noise.get(role, 0.0), self.expected[:, j])
             measured = np.isfinite(self.measured[:, j]) & np.isfinite(self.expected[:, j])
             off = (self.measured[:, j] - self.windows[:, j])[measured & (floor > 0.0)]

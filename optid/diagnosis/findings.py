@@ -34,18 +34,31 @@ from optid.estimation.result import Estimate
 NOTHING = 0.01  # of the smallest size worth a name: what is below it is told in words
 
 
-def named_findings(s: Stages, parameters: Sequence[Estimate]) -> tuple[Finding, ...]:
-    """One of every named effect, the strongest first."""
-    found = [_named(s, effect, parameters) for effect in s.best.effects]
-    return tuple(sorted(found, key=lambda f: -f.train_gain))
+def named_findings(
+    s: Stages, parameters: Sequence[Estimate], suspects: Sequence[Suspicion]
+) -> tuple[Finding, ...]:
+    """One of every proven name, the strongest first, and then of what is suspected beside them."""
+    doubts = {one.effect: one for one in suspects}
+    found = [_named(s, effect, parameters) for effect in s.best.effects if effect.name not in doubts]
+    open_ones = [
+        _suspected(s, effect, doubts[effect.name]) for effect in s.best.effects if effect.name in doubts
+    ]
+    return (*sorted(found, key=lambda f: -f.train_gain), *open_ones)
+
+
+def own_estimates(effect: Effect, parameters: Sequence[Estimate]) -> tuple[Estimate, ...]:
+    """An effect's parameters by own name."""
+    prefix = f"{effect.name}."
+    return tuple(
+        replace(e, name=e.name.removeprefix(prefix)) for e in parameters if e.name.startswith(prefix)
+    )
 
 
 def _named(s: Stages, effect: Effect, parameters: Sequence[Estimate]) -> Finding:
     s.problem.report(0.97, f"where and when {effect.name} acts")
     where, best = _region_of(s, effect), s.best
     ranges = informative_ranges(where.states, tuple(n for n in effect.depends_on if n in where.states))
-    prefix = f"{effect.name}."
-    own = tuple(replace(e, name=e.name.removeprefix(prefix)) for e in parameters if e.name.startswith(prefix))
+    own = own_estimates(effect, parameters)
     _, errors = s.path.without[effect.name]
     gain = float(errors.windows.sum() - s.path.validated.windows.sum())
     bic = 2.0 * gain - len(effect.fitted) * math.log(len(s.path.validated.windows))
@@ -86,8 +99,14 @@ def _signal(s: Stages, effect: Effect) -> tuple[UnknownInput | None, Array | Non
     for site in effect.sites:
         law = effect_signal_at(s.base, s.best, site)
         if law is not None and np.isfinite(law).all() and np.ptp(law) > 0.0:
-            return locate_at(s.path.base, s.problem, site), law
+            found = locate_at(s.path.base, s.search, site)
+            return None if found is None else _at_all_samples(s, found), law
     return None, None
+
+
+def _at_all_samples(s: Stages, found: UnknownInput) -> UnknownInput:
+    """A signal found at the rate of the search, at every sample."""
+    return found.at_samples_of(s.base.answer.question.problem, s.path.base.question.problem)
 
 
 def _indistinguishable(
@@ -121,7 +140,7 @@ def unexplained_findings(s: Stages, suspects: tuple[Suspicion, ...]) -> tuple[Fi
         by_name = {effect.name: effect for effect in s.best.effects}
         return tuple(_suspected(s, by_name[one.effect], one) for one in suspects if one.effect in by_name)
     described = s.best.effects[0] if s.best.effects and not s.names else None
-    first = s.surrogate.at(described.sites[0] if described is not None else "")
+    first = _at_all_samples(s, s.surrogate.at(described.sites[0] if described is not None else ""))
     where = _mismatch_region(s, first, described)
     words, evidence, law = _where_it_lies(s.surrogate, first), Evidence(1.0, 0.0, 0.0), None
     followed: tuple[str, ...] = ()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 from optid.core.model import Array
@@ -69,3 +69,12 @@ def fit_model(
         p = fit_multistep(question, p, o.short * problem.window, turns=2, steps=o.steps).p
     fit = fit_multistep(question, p, problem.window, turns=o.turns, steps=o.steps, level=level)
     return FittedModel(tuple(effects), rig, fit)
+
+
+def refit(model: FittedModel, problem: DiagnosisProblem) -> FittedModel:
+    """A model that a search found, from there by the recordings of a problem at their full rate; else as it is."""
+    rig = replace(model.rig, channels=problem.rig.channels)
+    q = problem.question(rig)
+    if len(q.problem.time) == len(model.question.problem.time):
+        return model
+    return fit_model(problem, model.effects, rig, q, model.p, level=model.fit.level)

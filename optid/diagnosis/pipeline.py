@@ -15,7 +15,7 @@ import numpy as np
 from optid.core.budget import UNLIMITED, Budget
 from optid.core.recording import Recording
 from optid.diagnosis.alternatives import compare_alternatives
-from optid.diagnosis.base_fit import fit_base, relax_bounds
+from optid.diagnosis.base_fit import fit_base, relax_bounds, with_open_variance
 from optid.diagnosis.checkpoint import (
     Checkpoint,
     base_document,
@@ -25,10 +25,10 @@ from optid.diagnosis.checkpoint import (
     path_from,
 )
 from optid.diagnosis.criteria import Criteria, SearchOptions
-from optid.diagnosis.fitted import FittedModel
+from optid.diagnosis.fitted import FittedModel, refit
 from optid.diagnosis.localisation.unknown_input import locate
 from optid.diagnosis.problem import DiagnosisProblem, measurement_noise, prepare
-from optid.diagnosis.refinement import refine
+from optid.diagnosis.refinement import refine, with_information
 from optid.diagnosis.result import Diagnosis
 from optid.diagnosis.selection import SelectionPath, nothing_selected, select, without_each
 from optid.diagnosis.stages import Stages
@@ -46,6 +46,7 @@ def diagnose(
     holdout: Sequence[Recording],
     *,
     own: Sequence[Effect] = (),
+    validation: Sequence[str] = (),
     generator: np.random.Generator,
     progress: Callable[[float, str], None] | None = None,
     budget: Budget = UNLIMITED,
@@ -60,6 +61,8 @@ def diagnose(
         recordings: to fit and to select on; what is sampled faster than a kilohertz is averaged down to it first.
         holdout: to test on, once.
         own: effects of the user's, beside the catalogue.
+        validation: names of the recordings to fit on whose windows alone the selection is judged, by parameters that
+            were fitted to the others; every recording in turn if absent.
         generator: of resampling.
         progress: called with the share done and a few words.
         budget: processor time and deadline of the whole.
@@ -87,34 +90,52 @@ def diagnose(
         measurement_noise(rig, train),
         generator,
         tuple(own),
+        _numbers(validation, train),
         criteria,
         options,
         budget=budget.share(options.search_share),
         report=report,
     )
     kept = Checkpoint(checkpoint, key_of(problem))
-    base, problem = _base_fit(problem, kept)
-    wide = relax_bounds(base, problem)
-    path = nothing_selected(base, problem) if wide else _selection(base, problem, kept)
-    path, alternatives = compare_alternatives(path, problem)
+    base, search = _base_fit(problem.at_search_rate(), kept)
+    wide = relax_bounds(base, search)
+    path = nothing_selected(base, search) if wide else _selection(base, search, kept)
+    path, alternatives = compare_alternatives(path, search)
     surrogate = None
-    if wide is None and not is_sufficient(path, problem):
+    if wide is None and not is_sufficient(path, search):
         report(0.85, "locating the mismatch with an unknown input")
-        if sites := locate(path.base, problem):
-            surrogate = find_surrogate(path, sites, problem)
-    problem = replace(problem, budget=budget)
+        if sites := locate(path.base, search):
+            surrogate = find_surrogate(path, sites, search)
     report(0.92, "likeliest parameters and intervals")
-    plain = refine(path.base, problem)
+    problem = replace(with_open_variance(problem, path.base), budget=budget)
     answer = wide or answer_of(path, surrogate)
-    best = plain if answer is path.base else refine(answer, problem)
+    fitted = refit(path.base, problem)
+    best = refine(fitted if answer is path.base else refit(answer, problem), problem)
+    plain = best if answer is path.base else with_information(fitted)
     report(0.96, "testing on the recordings held out")
-    test = test_on_holdout(
-        plain, best, without_each(path, answer), path.strongest, sealed, problem.noise, criteria
-    )
+    rivals = {
+        name: refit(one, problem) if one.effects else one for name, one in without_each(path, answer).items()
+    }
+    strongest = None if path.strongest is None or best is not plain else refit(path.strongest, problem)
+    test = test_on_holdout(plain, best, rivals, strongest, sealed, problem.noise, criteria)
     names = tuple(one.name for one in sealed)
     kept.clear()
     wider = wide is not None
-    return conclude(Stages(problem, path, alternatives, surrogate, plain, best, test, names, wider))
+    return conclude(Stages(problem, search, path, alternatives, surrogate, plain, best, test, names, wider))
+
+
+def _numbers(names: Sequence[str], train: Sequence[Recording]) -> tuple[int, ...]:
+    """Which of the recordings to fit have these names."""
+    known = [one.name for one in train]
+    if unknown := [name for name in names if name not in known]:
+        raise InputError(
+            f'no recording "{unknown[0]}" among those to fit', where="--validate", expected=" or ".join(known)
+        )
+    if names and set(known) == set(names):
+        raise InputError(
+            "every recording to fit is one to validate on", where="--validate", expected="others to fit"
+        )
+    return tuple(k for k, name in enumerate(known) if name in names)
 
 
 def _base_fit(problem: DiagnosisProblem, kept: Checkpoint) -> tuple[FittedModel, DiagnosisProblem]:

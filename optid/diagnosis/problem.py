@@ -11,7 +11,7 @@ import numpy as np
 from optid.core.budget import UNLIMITED, Budget
 from optid.core.model import Array, Model
 from optid.core.recording import Recording
-from optid.core.thinning import thinned
+from optid.core.thinning import FASTEST, thinned
 from optid.diagnosis.criteria import Criteria, SearchOptions
 from optid.effects.effect import Effect
 from optid.estimation.likelihood import WHOLE
@@ -34,6 +34,7 @@ class DiagnosisProblem:
         train: recordings to fit.
         noise: role -> sd of the measurement, SI.
         own: the user's effects, beside the catalogue.
+        validation: numbers of the recordings whose windows alone judge the selection; every one's in turn if empty.
         criteria, options: see there.
         open_variance: of windows' errors beside the noise if nothing is missing, (samples, outputs); see `Question`.
         budget: of the search.
@@ -46,6 +47,7 @@ class DiagnosisProblem:
     noise: dict[str, float]
     generator: np.random.Generator
     own: tuple[Effect, ...] = ()
+    validation: tuple[int, ...] = ()
     criteria: Criteria = field(default_factory=Criteria)
     options: SearchOptions = field(default_factory=SearchOptions)
     open_variance: Array | None = None
@@ -63,6 +65,14 @@ class DiagnosisProblem:
         """The model as it came, whose states alone carry process noise."""
         return self.rig.model
 
+    def at_search_rate(self) -> DiagnosisProblem:
+        """The same with recordings brought down to the rate of the search; itself where they are no faster."""
+        rig, train = prepare(self.rig, self.train, self.options.rate)
+        if all(one is before for one, before in zip(train, self.train, strict=True)):
+            return self
+        noise = measurement_noise(rig, train)
+        return replace(self, rig=rig, train=train, noise=noise, open_variance=None, _questions={})
+
     def question(self, rig: Rig) -> Question:
         """What the recordings are asked of a rig."""
         if rig not in self._questions:
@@ -70,10 +80,12 @@ class DiagnosisProblem:
         return replace(self._questions[rig], open_variance=self.open_variance, budget=self.budget)
 
 
-def prepare(rig: Rig, recordings: Sequence[Recording]) -> tuple[Rig, tuple[Recording, ...]]:
-    """A rig and recordings of at most a kilohertz; the stated noise is that of a sample, not of an average."""
+def prepare(
+    rig: Rig, recordings: Sequence[Recording], rate: float = FASTEST
+) -> tuple[Rig, tuple[Recording, ...]]:
+    """A rig and recordings of at most so many samples a second; a stated noise is that of a sample, not an average."""
     commands = [port.role for port in rig.model.recorded]
-    thin = tuple(thinned(one, commands) for one in recordings)
+    thin = tuple(thinned(one, commands, rate) for one in recordings)
     if any(one is not before for one, before in zip(thin, recordings, strict=True)):
         rig = replace(rig, channels={role: replace(c, sd=None) for role, c in rig.channels.items()})
     return rig, thin

@@ -1,8 +1,9 @@
 """Which effects could it be: every branch of every effect by one simulation, then a race by multi-step errors.
 
 A simulation of an effect at its usual size, with the gains of the model's quiet filter held, shows what it would change
-in the windows' errors. How much of these the effect in any strength and all other parameters explain linearly ranks
-the branches (a score test with a line search); the best race on by Gauss-Newton steps, under gains of their own.
+in the windows' errors. How much of these the effect in any strength and all other parameters explain linearly chooses
+a branch of each effect (a score test with a line search); a simulation says how much of that holds. The best race on by
+Gauss-Newton steps, under gains of their own.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import TypeVar
 
 import numpy as np
 from scipy.optimize import lsq_linear
@@ -31,6 +33,7 @@ LITTLE = 0.1  # of a way, by which its slope is taken
 FARTHEST = 3.0  # times the usual size: how far along a branch its strength is followed
 ROUNDS = 2  # of reweighting in a linear fit
 LOST = 30.0  # sd: a change beyond it counts as so much
+SHARES = (0.0, 0.1, 0.25, 0.5, 0.75, 1.0)  # of a linear step, that are tried at once
 FEWEST = 0.02  # share of the usual size below which a branch says nothing
 
 
@@ -72,19 +75,41 @@ class Proposals:
 
 
 @dataclass(frozen=True, eq=False)
-class _Branch:
-    """A proposal before the race, and how visible its effect is."""
+class _Led:
+    """Where a linear say leads: an effect's parameters, the loss that it promises, and a step of the others.
 
-    proposal: Proposal | None
+    The step is in typical sizes, (free,).
+    """
+
+    effect: Effect
+    question: Question
+    p: Array
+    loss: float
+    step: Array
+
+
+@dataclass(frozen=True, eq=False)
+class _Branch:
+    """A branch before it was tried, and how visible its effect is."""
+
+    led: _Led | None
     effect: Effect
     visible: float
 
 
+Tried = TypeVar("Tried", Proposal, _Led)
+
+
 @dataclass(frozen=True, eq=False)
 class _Origin:
-    """Where branches begin: parameters by name, the filter there, and the windows' errors with their slopes."""
+    """Where branches begin: parameters by name, the filter there, and the windows' errors with their slopes.
+
+    `free` are the names of the fitted parameters, `typical` their sizes.
+    """
 
     values: Mapping[str, float]
+    free: tuple[str, ...]
+    typical: Array
     held: Filtered
     errors: Array
     slopes: Array  # (rows, free)
@@ -128,7 +153,8 @@ def propose(
         branches = [one for some in found for one in some]
         for one in branches:
             visible[one.effect.name] = max(visible[one.effect.name], one.visible)
-        running += keep_best([one.proposal for one in branches if one.proposal is not None], len(branches), 1)
+        led = keep_best([one.led for one in branches if one.led is not None], len(branches), 1)
+        running += together(partial(_tried, origin, current, first, looks), led)
     running = keep_best(running, o.entrants, len(starts) + 1)
     for leg, (steps, most, alike) in enumerate(race):
         if problem.budget.is_over:
@@ -141,9 +167,9 @@ def propose(
     return Proposals(tuple(keep_best(running, len(running), 1)), visible)
 
 
-def keep_best(running: Sequence[Proposal], most: int, alike: int) -> list[Proposal]:
+def keep_best(running: Sequence[Tried], most: int, alike: int) -> list[Tried]:
     """Those that leave least, so many of one effect at most."""
-    kept: list[Proposal] = []
+    kept: list[Tried] = []
     for one in sorted(running, key=lambda one: one.loss):
         if len(kept) < most and math.isfinite(one.loss) and sum(k.effect is one.effect for k in kept) < alike:
             kept.append(one)
@@ -172,7 +198,9 @@ def _origin(q: Question, p: Array, only: Sequence[int], looks: Booleans, per_win
     here, *others = innovations(q, P, q.model, held, only, looks)
     values = dict(zip((one.name for one in q.model.parameters), p.tolist(), strict=True))
     room = ((q.low - p[free]) / q.typical, (q.high - p[free]) / q.typical)
-    return _Origin(values, held, here, ((np.array(others) - here) / steps[:, None]).T, per_window, room)
+    names = tuple(q.model.parameters[i].name for i in free)
+    slopes = ((np.array(others) - here) / steps[:, None]).T
+    return _Origin(values, names, q.typical, held, here, slopes, per_window, room)
 
 
 def _branches(
@@ -195,7 +223,8 @@ def _branches(
     for point, z in zip(points, seen, strict=True):
         change = z - origin.errors
         visible = _visible(origin, change) / effect.size(point)
-        (strength,), loss = _explained(origin, change[:, None], 0.0)
+        step, loss = _explained(origin, change[:, None], 0.0)
+        strength = step[-1]
         if strength < FEWEST:
             found.append(_Branch(None, effect, visible))
             continue
@@ -204,7 +233,7 @@ def _branches(
             for name, value in point.items()
         }
         p = q.at({**origin.values, **effect.qualified(scaled)})
-        found.append(_Branch(Proposal(effect, q, p, loss, origin.loss), effect, visible))
+        found.append(_Branch(_Led(effect, q, p, loss, step[:-1]), effect, visible))
     return found
 
 
@@ -220,13 +249,30 @@ def _from_ways(
         _visible(origin, LITTLE * one) / max(effect.size(turn), 1e-12)
         for one, turn in zip(changes.T, turns, strict=True)
     )
-    strengths, loss = _explained(origin, changes, -FARTHEST)
-    own = dict(null)
-    for strength, way in zip(strengths, effect.ways, strict=True):
+    step, loss = _explained(origin, changes, -FARTHEST)
+    own, count = dict(null), len(origin.free)
+    for strength, way in zip(step[count:], effect.ways, strict=True):
         for name, by in way.items():
             own[name] += strength * by
     p = q.at({**origin.values, **effect.qualified(own)})
-    return _Branch(Proposal(effect, q, p, loss, origin.loss), effect, visible)
+    return _Branch(_Led(effect, q, p, loss, step[:count]), effect, visible)
+
+
+def _tried(
+    origin: _Origin, current: FittedModel, only: Sequence[int], looks: Booleans, led: _Led
+) -> Proposal:
+    """A branch with the parameters moved, by as much of what a linear say promises as one simulation confirms."""
+    q, steps = led.question, led.step * origin.typical
+    moves = [
+        {name: origin.values[name] + share * by for name, by in zip(origin.free, steps, strict=True)}
+        for share in SHARES
+    ]
+    own = {one.name: float(led.p[i]) for i, one in enumerate(q.model.parameters)}
+    P = np.array([q.at({**own, **move}) for move in moves])
+    seen = innovations(q, P, current.question.model, origin.held, only, looks)
+    losses = 0.5 * huber(seen).sum(axis=1)
+    best = int(np.argmin(losses))
+    return Proposal(led.effect, q, P[best], float(losses[best]), origin.loss)
 
 
 def _missed(current: FittedModel) -> tuple[list[Array], float]:
@@ -237,11 +283,14 @@ def _missed(current: FittedModel) -> tuple[list[Array], float]:
 
 
 def _explained(origin: _Origin, changes: Array, least: float) -> tuple[Array, float]:
-    """Shares of changes (rows, some), and the loss, where they and parameters within bounds explain most linearly."""
+    """Where parameters within bounds and shares of changes (rows, some) explain most linearly, and the loss there.
+
+    Returns the parameters' steps in typical sizes and then the shares, (free + some,).
+    """
     slopes, z, some = np.column_stack([origin.slopes, changes]), origin.errors, changes.shape[1]
     low = np.append(origin.room[0], np.full(some, least))
     high = np.append(origin.room[1], np.full(some, FARTHEST))
-    strengths, best = np.zeros(some), math.inf
+    taken, best = np.zeros(slopes.shape[1]), math.inf
     for _ in range(ROUNDS):
         weight = np.minimum(1.0, FAR / np.maximum(np.abs(z), 1e-12))
         normal = (slopes.T * weight) @ slopes
@@ -258,8 +307,8 @@ def _explained(origin: _Origin, changes: Array, least: float) -> tuple[Array, fl
         z = origin.errors + slopes @ step
         loss = 0.5 * float(huber(z).sum())
         if loss < best:
-            strengths, best = step[-some:], loss
-    return strengths, best
+            taken, best = step, loss
+    return taken, best
 
 
 def _visible(origin: _Origin, change: Array) -> float:

@@ -58,6 +58,18 @@ def likely_noise(q: Question, p: Array) -> Noise:
     return Noise(q.measurement, q.groups, levels)
 
 
+def with_information(model: FittedModel) -> RefinedModel:
+    """A model where multi-step prediction errors put it, with the filter and the information there.
+
+    Raises:
+        SolveError: the model cannot be simulated there.
+    """
+    q = model.question
+    here = Place(q, model.p, likely_noise(q, model.p))
+    here.glance()
+    return RefinedModel(model.effects, model.rig, here.answer(False), np.zeros(len(q.free)))
+
+
 def refine(model: FittedModel, problem: DiagnosisProblem) -> RefinedModel:
     """From where multi-step prediction errors put a model to its likeliest parameters.
 
@@ -65,13 +77,9 @@ def refine(model: FittedModel, problem: DiagnosisProblem) -> RefinedModel:
     noise, and its parameters may predict far worse over a window than the same law can: then those that predict are
     taken, and how far the two are apart is in the intervals.
     """
-    q = model.question
-    noise = likely_noise(q, model.p)
-    here = Place(q, model.p, noise)
-    here.glance()
-    led = here.answer(False)
+    q, led = model.question, with_information(model).answer
     with contextlib.suppress(SolveError):
-        likely = maximise(q, model.p, noise.levels, polish=False, rough=NEARBY, near=led)
+        likely = maximise(q, model.p, led.noise.levels, polish=False, rough=NEARBY, near=led)
         loss = multistep_loss(q, likely.p, problem.window, model.fit.level)
         free = list(q.free)
         if loss <= (1.0 + problem.criteria.smallest_share) * model.fit.loss:

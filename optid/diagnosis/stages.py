@@ -19,7 +19,7 @@ class Stages:
     """Everything that a verdict rests on.
 
     Attributes:
-        problem: the recordings to fit.
+        problem: the recordings to fit; `search` holds them at the rate of the search.
         path: how the selection went; `alternatives` are look-alikes in the place of its names.
         surrogate: what describes a mismatch that the names do not explain.
         base, best: the model as it came, and the one that stands for the answer.
@@ -28,6 +28,7 @@ class Stages:
     """
 
     problem: DiagnosisProblem
+    search: DiagnosisProblem
     path: SelectionPath
     alternatives: Mapping[str, tuple[Alternative, ...]]
     surrogate: Surrogate | None

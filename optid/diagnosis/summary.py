@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from optid.estimation.result import Score
+from optid.estimation.result import Estimate, Score
 
 if TYPE_CHECKING:
     from optid.diagnosis.result import Diagnosis, Finding
@@ -33,14 +33,19 @@ def summarise(d: Diagnosis) -> str:
     words = [ANSWERS[d.verdict.value](d).strip()]
     if d.path.ended_early:
         words.append("The search ended before everything was tried: it may take longer with --time-limit.")
-    bent = [
-        e.name.replace("_", " ")
-        for e in d.base_parameters
-        if e.at_bound and e.name in {f.name for f in d.base.rig.freed}
-    ]
-    if bent and d.verdict.value != "parameters":
+    if (bent := _at_bound(d, d.base_parameters)) and d.verdict.value != "parameters":
         words.append(f"The base fit stands at a bound of the rig file: {', '.join(bent)}.")
+    if d.best is not d.base and (bent := _at_bound(d, d.best_parameters)):
+        words.append(
+            f"With what was found, a parameter of the rig still stands at its bound: {', '.join(bent)}."
+        )
     return " ".join(words)
+
+
+def _at_bound(d: Diagnosis, estimates: Sequence[Estimate]) -> list[str]:
+    """The rig's own parameters that a fit left at a bound."""
+    own = {f.name for f in d.base.rig.freed}
+    return [e.name.replace("_", " ") for e in estimates if e.at_bound and e.name in own]
 
 
 def _consistent(d: Diagnosis) -> str:

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -63,14 +64,17 @@ class Validated:
 
 
 def cross_validate(model: FittedModel, problem: DiagnosisProblem) -> Validated:
-    """A fitted model's errors over whole windows, each recording's by parameters fitted to the others."""
+    """A fitted model's errors over whole windows, each recording's by parameters fitted to the others.
+
+    Where recordings are named for it, theirs alone, by parameters fitted to all others.
+    """
     q = model.question
     looks = window_starts(q.problem, problem.window)
     known = np.isfinite(model.fit.filtered.innovations[0])
     recording = np.repeat(q.problem.recording, q.problem.counts + 1)
-    fold = _folds(recording, q.problem.time)
+    fold = _folds(recording, q.problem.time, problem.validation)
     z = np.full(known.shape, np.nan)
-    for number in np.unique(fold):
+    for number in np.unique(fold[fold >= 0]):
         here = fold == number
         only = _segments(q.problem, ~here)
         p = model.p
@@ -91,8 +95,10 @@ def cross_validate(model: FittedModel, problem: DiagnosisProblem) -> Validated:
     return Validated(squares[np.isfinite(squares).any(axis=1)])
 
 
-def _folds(recording: Integers, time: Array) -> Integers:
-    """The fold of each sample: its recording, or the part of the only one that it lies in."""
+def _folds(recording: Integers, time: Array, validation: Sequence[int]) -> Integers:
+    """The fold of each sample: its recording, or the part of the only one that it lies in; -1 where none judges."""
+    if validation:
+        return np.where(np.isin(recording, validation), 0, -1)
     if len(np.unique(recording)) > 1:
         return recording
     share = (time - time.min()) / max(float(np.ptp(time)), 1e-300)

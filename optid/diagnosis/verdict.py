@@ -6,9 +6,10 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
+from optid.diagnosis.agreement import disagreement
 from optid.diagnosis.alternatives import Alternative
 from optid.diagnosis.evaluation import Evaluation
-from optid.diagnosis.findings import named_findings, unexplained_findings
+from optid.diagnosis.findings import named_findings, own_estimates, unexplained_findings
 from optid.diagnosis.intervals import intervals
 from optid.diagnosis.problem import DiagnosisProblem
 from optid.diagnosis.result import Diagnosis, Finding, Suspicion, Verdict
@@ -16,6 +17,7 @@ from optid.diagnosis.selection import SelectionPath
 from optid.diagnosis.stages import Stages
 from optid.diagnosis.summary import quantity, summarise
 from optid.effects.library import admitted
+from optid.estimation.result import Estimate
 
 VISIBLE = 5.0  # sd by which windows' errors must change for an effect to be found for sure
 
@@ -37,13 +39,13 @@ def largest_rest(problem: DiagnosisProblem) -> float:
 
 def conclude(s: Stages) -> Diagnosis:
     """The answer of all stages."""
-    suspects = _suspects(s)
-    verdict = _verdict(s, suspects)
     base_parameters = intervals(s.base, _birge(s, s.test.base))
     best_parameters = base_parameters if s.best is s.base else intervals(s.best, _birge(s, s.test.best))
+    suspects = _suspects(s, best_parameters)
+    verdict = _verdict(s, suspects)
     findings: tuple[Finding, ...] = ()
     if verdict is Verdict.MISSING_PHYSICS:
-        findings = named_findings(s, best_parameters)
+        findings = named_findings(s, best_parameters, suspects)
     elif verdict is Verdict.UNEXPLAINED:
         findings = unexplained_findings(s, suspects or _fallen_short(s))
     diagnosis = Diagnosis(
@@ -74,7 +76,8 @@ def _verdict(s: Stages, suspects: Sequence[Suspicion]) -> Verdict:
         return Verdict.PARAMETERS if at_noise and s.test.p_value <= c.level else Verdict.UNEXPLAINED
     if s.names:
         held = at_noise or _share(s) >= 1.0 - largest_rest(s.problem)
-        return Verdict.MISSING_PHYSICS if held and not suspects else Verdict.UNEXPLAINED
+        proven = len(suspects) < len(s.best.effects)
+        return Verdict.MISSING_PHYSICS if held and proven else Verdict.UNEXPLAINED
     silent = not s.best.effects and s.surrogate is None
     return Verdict.CONSISTENT if silent and at_noise else Verdict.UNEXPLAINED
 
@@ -90,16 +93,16 @@ def _birge(s: Stages, evaluation: Evaluation) -> float:
     return ratio if math.isfinite(ratio) and ratio > s.problem.criteria.error_over_noise else 1.0
 
 
-def _suspects(s: Stages) -> tuple[Suspicion, ...]:
-    """Names of the best model that the hold-out does not confirm, each with why."""
+def _suspects(s: Stages, estimates: Sequence[Estimate]) -> tuple[Suspicion, ...]:
+    """Names of the best model for which not all evidence speaks, each with why."""
     found = []
     for effect in s.best.effects if s.names else ():
-        evidence = s.test.names[effect.name]
-        if not evidence.p_value <= s.test.level:
-            why = f"the hold-out does not confirm it (p = {evidence.p_value:.2g})"
+        evidence, own = s.test.names[effect.name], own_estimates(effect, estimates)
+        why = disagreement(
+            effect, own, evidence, s.test.base, s.test.best, s.problem.noise, s.problem.criteria
+        )
+        if why:
             found.append(Suspicion(effect.name, why))
-        elif not evidence.error_gain > 0.0:
-            found.append(Suspicion(effect.name, "no output of the hold-out is predicted better"))
     return tuple(found)
 
 

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from optid.core.budget import Budget
+from optid.core.recording import Recording
+from optid.diagnosis import testing
 from optid.diagnosis.pipeline import diagnose
 from optid.diagnosis.result import Verdict
 from optid.errors import InputError
@@ -125,21 +127,54 @@ def test_a_hold_out_of_a_few_samples_is_refused_before_work(tmp_path):
     assert "held.csv" in str(raised.value)
 
 
+class Sealed(Recording):
+    """A recording that raises when any of its samples is read while it is sealed."""
+
+    sealed = False
+
+    def __getattribute__(self, name):
+        if name in ("time", "channels") and type(self).sealed:
+            raise AssertionError("a stage before the test read the hold-out")
+        return super().__getattribute__(name)
+
+
 def test_no_stage_before_the_test_reads_the_hold_out(tmp_path, monkeypatch):
-    """Its samples may be anything until the test is called: the answer up to there is the same."""
-    seen = []
+    """After the gate has looked at its form it is sealed, until the test opens it."""
+    opened = []
 
-    def stopped(base, best, without, strongest, holdout, noise, criteria):
-        seen.append([best.answer.p, [effect.name for effect in best.effects]])
-        raise KeyboardInterrupt
+    def progress(share, words):
+        Sealed.sealed = not words.startswith("testing")
 
-    monkeypatch.setattr("optid.diagnosis.pipeline.test_on_holdout", stopped)
-    for held in (recording(3, "held.csv", dead_band), recording(9, "held.csv", lambda u: 0.1 * u)):
-        with pytest.raises(KeyboardInterrupt):
-            asked(tmp_path, dead_band, held=[held])
-    (p, names), (other, same) = seen
-    assert names == same == ["dead_zone@drive.command"]
-    assert np.array_equal(p, other)
+    def told(*given):
+        opened.append(Sealed.sealed)
+        return testing.test_on_holdout(*given)
+
+    monkeypatch.setattr("optid.diagnosis.pipeline.test_on_holdout", told)
+    held = recording(3, "held.csv", dead_band)
+    try:
+        found = asked(
+            tmp_path, dead_band, held=[Sealed(held.name, held.time, held.channels)], progress=progress
+        )
+        assert opened == [False]
+        Sealed.sealed = True
+        with pytest.raises(AssertionError, match="read the hold-out"):
+            found.problem.train[0].time + Sealed(held.name, held.time, held.channels).time
+    finally:
+        Sealed.sealed = False
+    assert found.verdict is Verdict.MISSING_PHYSICS
+
+
+def test_selection_may_be_judged_on_a_recording_of_its_own(tmp_path):
+    """One whose validation recording shows no dead band is not told of one, though the others show it."""
+    train = [recording(seed, f"run{seed}.csv", dead_band) for seed in (1, 2)]
+    other = recording(4, "other.csv")
+    held = [recording(3, "held.csv", dead_band)]
+    found = diagnose(
+        rig(tmp_path), [*train, other], held, generator=np.random.default_rng(0), validation=("other.csv",)
+    )
+    assert found.verdict is not Verdict.MISSING_PHYSICS
+    with pytest.raises(InputError, match=r"run9\.csv.*run1\.csv"):
+        diagnose(rig(tmp_path), train, held, generator=np.random.default_rng(0), validation=("run9.csv",))
 
 
 def test_a_name_that_the_hold_out_contradicts_is_a_suspicion(tmp_path):

@@ -61,8 +61,7 @@ def test_is_refused_where_there_is_no_valley(tmp_path):
     assert math.isinf(gain.high) and math.isfinite(gain.low)  # nothing is known beyond the bound
 
 
-def test_on_the_command_line(tmp_path, monkeypatch):
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+def test_on_the_command_line(tmp_path, own_cache):
     rig(tmp_path)
     data = recording(np.random.default_rng(4), seconds=2.0)
     table = {"t": data.time, "u": data["command"].values, "x": data["position"].values}

@@ -24,6 +24,7 @@ from optid.diagnosis.problem import DiagnosisProblem
 from optid.errors import SolveError
 from optid.estimation.likelihood import Filtered, Noise, deviance, run_filter, run_steered, start_of
 from optid.estimation.place import Question
+from optid.estimation.problem import Problem
 from optid.estimation.scoring import likeliest
 from optid.estimation.steering import steered_fit
 from optid.rigs.rigfile import with_effects
@@ -76,6 +77,18 @@ class UnknownInput:
     def only(self, site: str) -> Self:
         """The same of one of its sites."""
         return replace(self, sites=(site,), signals=self.signals[:, [self.sites.index(site)]])
+
+    def at_samples_of(self, problem: Problem, own: Problem) -> Self:
+        """The same signals at the samples of another problem of the same recordings; they were found in `own`."""
+        if len(problem.time) == len(own.time):
+            return self
+        there, here = (np.repeat(one.recording, one.counts + 1) for one in (problem, own))
+        signals = np.empty((len(problem.time), len(self.sites)))
+        for number in np.unique(there):
+            to, of = there == number, here == number
+            for k in range(len(self.sites)):
+                signals[to, k] = np.interp(problem.time[to], own.time[of], self.signals[of, k])
+        return replace(self, signals=signals)
 
 
 def locate(model: FittedModel, problem: DiagnosisProblem) -> list[UnknownInput]:

@@ -1,0 +1,67 @@
+"""Does all evidence for a name agree? The test on the hold-out, the interval of its size, and every output."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from optid.diagnosis.criteria import Criteria
+from optid.diagnosis.evaluation import Evaluation
+from optid.diagnosis.summary import quantity
+from optid.diagnosis.testing import Evidence
+from optid.effects.effect import Effect
+from optid.estimation.result import Estimate
+
+
+def disagreement(
+    effect: Effect,
+    estimates: Sequence[Estimate],
+    evidence: Evidence,
+    before: Evaluation,
+    after: Evaluation,
+    noise: Mapping[str, float],
+    criteria: Criteria,
+) -> str:
+    """Why a name is not proven; empty if everything speaks for it.
+
+    Args:
+        effect: that was selected.
+        estimates: its parameters by own name, with intervals, SI.
+        evidence: of the hold-out, against the model without it.
+        before, after: the model as it came and the one with all names, on the hold-out.
+        noise: role -> sd of the measurement, SI.
+        criteria: what counts as proof.
+    """
+    if not evidence.p_value <= criteria.level:
+        return f"the hold-out does not confirm it (p = {evidence.p_value:.2g})"
+    if not evidence.error_gain > 0.0:
+        return "no output of the hold-out is predicted better"
+    return _no_size(effect, estimates) or _worse_output(before, after, noise, criteria)
+
+
+def _no_size(effect: Effect, estimates: Sequence[Estimate]) -> str:
+    """An effect of no size lies within the intervals of all parameters that say how strong it is."""
+    null = effect.at_null()
+    sizes = [one for one in estimates if one.name in effect.strength]
+    if not sizes or any(not one.low <= null[one.name] <= one.high for one in sizes):
+        return ""
+    told = ", ".join(
+        f"{one.name.replace('_', ' ')} {quantity(one.low, one.unit)} to {quantity(one.high, one.unit)}"
+        for one in sizes
+    )
+    return f"its interval holds none of it ({told})"
+
+
+def _worse_output(
+    before: Evaluation, after: Evaluation, noise: Mapping[str, float], criteria: Criteria
+) -> str:
+    """An output that is predicted worse than by the model as it came, and worse than to the noise."""
+    for j, (role, score) in enumerate(after.scores.items()):
+        floor = noise.get(role, 0.0)
+        at_noise = after.error_over_noise({role: floor}, (j,)) <= criteria.error_over_noise
+        first = before.scores[role].rmse
+        if not at_noise and score.rmse > (1.0 + criteria.smallest_gain) * first:
+            return (
+                f"{role.replace('_', ' ')} is predicted worse with it: windows err by "
+                f"{quantity(score.rmse, score.unit)} instead of {quantity(first, score.unit)}"
+            )
+    return ""
