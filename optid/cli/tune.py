@@ -166,7 +166,7 @@ def tune(model: str, out: str, **choices: Any) -> None:
     from optid.report.tuning_page import tuning_page
 
     with waiting("reporting"):
-        page = tuning_page(result, posed, Path(model).name, structure, out)
+        page = tuning_page(result, posed, Path(model).name, structure, out, choices["rig"] or "RIG")
 
     files = {"report.html": page, **(_exported(result) if choices["export"] else {})}
 

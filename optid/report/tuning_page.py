@@ -38,6 +38,7 @@ def tuning_page(
     source: str,
     structure: Structure = STRUCTURES["pid2"],
     folder: str = "out/tune",
+    rig: str = "RIG",
 ) -> str:
     """The report of `optid tune`.
 
@@ -46,7 +47,7 @@ def tuning_page(
         posed: what was asked and assumed.
         source: name of the model's file.
         structure: of the controller.
-        folder: where the gains are to lie, for the command to type next.
+        folder: where the gains are to lie, for the command to type next; `rig` is that command's rig file.
     """
     named = units(posed.command_unit, posed.output_unit)
     return render(
@@ -82,7 +83,7 @@ def tuning_page(
         certificate=tuning.certificate,
         limits=_limits(tuning),
         unknowns=_unknowns(tuning, posed),
-        next_command=f"optid live RIG --driver simulated --gains {folder}/pid.json --out out/live",
+        next_command=f"optid live {rig} --driver simulated --gains {folder}/pid.json --out out/live",
     )
 
 
