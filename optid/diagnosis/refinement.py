@@ -18,13 +18,7 @@ from optid.estimation.place import Answer, Place, Question
 from optid.estimation.scoring import likeliest, maximise, middling
 from optid.rigs.rigfile import Rig
 
-LEVELS = (
-    0.0,
-    -1.25,
-    -2.5,
-    -3.75,
-    -5.0,
-)  # log: by how much less process noise than a middling one may suit a model
+LEVELS = np.linspace(0.0, -5.0, 5)  # log: by how much less process noise than a middling one may suit a model
 
 
 @dataclass(frozen=True, eq=False)
