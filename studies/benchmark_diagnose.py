@@ -30,8 +30,9 @@ from optid.effects.effect import Effect  # noqa: E402
 from optid.effects.library import admitted  # noqa: E402
 from optid.errors import SolveError  # noqa: E402
 from optid.estimation.likelihood import WHOLE  # noqa: E402
+from optid.estimation.place import Answer, Question  # noqa: E402
 from optid.estimation.problem import pose  # noqa: E402
-from optid.estimation.scoring import maximise, question_of  # noqa: E402
+from optid.estimation.scoring import maximise, middling, point_at, question_of  # noqa: E402
 from optid.rigs.rigfile import Rig, read_rig, with_effects  # noqa: E402
 from studies.independent_rig import recording, simulate  # noqa: E402
 from studies.make_recording import WORN  # noqa: E402
@@ -77,7 +78,7 @@ def exhaustive(rig: Rig, train: Sequence[Recording], held: Sequence[Recording], 
     """Every effect refitted from every usual size; one round, so that a second effect is not even looked for."""
     start = time.perf_counter()
     question = question_of(rig, pose(rig.model, train, WHOLE))
-    base = maximise(question, rig.model.vector(rig.parameters)).p
+    base = _likeliest(question, rig.model.vector(rig.parameters)).p
     scores: dict[str, float] = {}
     effects = admitted(rig.model)
     for effect in effects[::every]:
@@ -99,10 +100,14 @@ def _refit(
     p = model.vector(grown.parameters)
     p[[model.index(parameter.name) for parameter in rig.model.parameters]] = p0
     try:
-        answer = maximise(question_of(grown, pose(model, train, WHOLE), rig.model), p)
+        answer = _likeliest(question_of(grown, pose(model, train, WHOLE), rig.model), p)
     except SolveError:  # from this size the simulation diverges
         return math.inf
     return float(evaluate(answer.question, answer.p, answer.noise, held).deviance.sum())
+
+
+def _likeliest(question: Question, p: np.ndarray) -> Answer:
+    return maximise(point_at(question, p, middling(question)))
 
 
 def main() -> None:

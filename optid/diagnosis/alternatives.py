@@ -9,7 +9,7 @@ from functools import partial
 
 from optid.core.threads import together
 from optid.diagnosis.fitted import FittedModel, fit_model
-from optid.diagnosis.problem import DiagnosisProblem
+from optid.diagnosis.problem import DiagnosisProblem, Stage
 from optid.diagnosis.proposals import Proposal, propose
 from optid.diagnosis.selection import SelectionPath
 from optid.diagnosis.validation import Validated, cross_validate, p_value
@@ -39,7 +39,7 @@ def compare_alternatives(
     """Every effect against its look-alikes in its place; one that predicts better takes it."""
     found: dict[str, tuple[Alternative, ...]] = {}
     for effect in path.best.effects:
-        problem.report(0.88, f"what else could stand in the place of {effect.name}")
+        problem.report(Stage.ALTERNATIVES, f"what else could stand in the place of {effect.name}")
         alone = len(path.best.effects) == 1
         others = _met_alone(path, effect, problem) if alone else _in_place(path, effect, problem)
         better = min(others, key=lambda one: one.validated.windows.sum(), default=None)

@@ -10,7 +10,7 @@ from optid.core.model import Array
 from optid.core.threads import together
 from optid.diagnosis.evaluation import open_variance
 from optid.diagnosis.fitted import FittedModel, fit_model
-from optid.diagnosis.problem import DiagnosisProblem
+from optid.diagnosis.problem import DiagnosisProblem, Stage
 from optid.diagnosis.validation import cross_validate
 from optid.errors import SolveError
 from optid.estimation.multistep import MultistepFit, fit_multistep, quiet_noise
@@ -24,7 +24,7 @@ def fit_base(problem: DiagnosisProblem) -> tuple[FittedModel, DiagnosisProblem]:
     Raises:
         SolveError: the model cannot be simulated at any start.
     """
-    problem.report(0.02, "fitting the base model")
+    problem.report(Stage.BASE_FIT, "fitting the base model")
     q, o = problem.question(problem.rig), problem.options
     starts = search_starts(q, q.model.vector(problem.rig.parameters))
 

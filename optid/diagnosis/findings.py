@@ -21,6 +21,7 @@ from optid.diagnosis.localisation.region import (
     running_rms,
 )
 from optid.diagnosis.localisation.unknown_input import UnknownInput, locate_at
+from optid.diagnosis.problem import Stage
 from optid.diagnosis.refinement import RefinedModel
 from optid.diagnosis.result import Finding, Suspicion
 from optid.diagnosis.stages import Stages
@@ -55,7 +56,7 @@ def own_estimates(effect: Effect, parameters: Sequence[Estimate]) -> tuple[Estim
 
 
 def _named(s: Stages, effect: Effect, parameters: Sequence[Estimate]) -> Finding:
-    s.problem.report(0.97, f"where and when {effect.name} acts")
+    s.problem.report(Stage.VERDICT, f"where and when {effect.name} acts")
     where, best = _region_of(s, effect), s.best
     ranges = informative_ranges(where.states, tuple(n for n in effect.depends_on if n in where.states))
     own = own_estimates(effect, parameters)

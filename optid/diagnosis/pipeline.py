@@ -27,7 +27,7 @@ from optid.diagnosis.checkpoint import (
 from optid.diagnosis.criteria import Criteria, SearchOptions
 from optid.diagnosis.fitted import FittedModel, refit
 from optid.diagnosis.localisation.unknown_input import locate
-from optid.diagnosis.problem import DiagnosisProblem, measurement_noise, prepare
+from optid.diagnosis.problem import DiagnosisProblem, Stage, measurement_noise, prepare
 from optid.diagnosis.refinement import refine, with_information
 from optid.diagnosis.result import Diagnosis
 from optid.diagnosis.selection import SelectionPath, nothing_selected, select, without_each
@@ -75,7 +75,11 @@ def diagnose(
         SolveError: the model cannot be simulated at the rig file's values.
     """
     criteria, options = criteria or Criteria(), options or SearchOptions()
-    report = progress or (lambda share, words: None)
+
+    def report(stage: Stage, words: str) -> None:
+        if progress is not None:
+            progress(stage.share, words)
+
     if not rig.freed:
         raise InputError("nothing to fit", where=rig.path, field="[fit]", expected="at least one parameter")
     if not holdout:
@@ -103,16 +107,16 @@ def diagnose(
     path, alternatives = compare_alternatives(path, search)
     surrogate = None
     if wide is None and not is_sufficient(path, search):
-        report(0.85, "locating the mismatch with an unknown input")
+        report(Stage.LOCALISATION, "locating the mismatch with an unknown input")
         if sites := locate(path.base, search):
             surrogate = find_surrogate(path, sites, search)
-    report(0.92, "likeliest parameters and intervals")
+    report(Stage.REFINEMENT, "likeliest parameters and intervals")
     problem = replace(with_open_variance(problem, path.base), budget=budget)
     answer = wide or answer_of(path, surrogate)
     fitted = refit(path.base, problem)
     best = refine(fitted if answer is path.base else refit(answer, problem), problem)
     plain = best if answer is path.base else with_information(fitted)
-    report(0.96, "testing on the recordings held out")
+    report(Stage.TEST, "testing on the recordings held out")
     rivals = {
         name: refit(one, problem) if one.effects else one for name, one in without_each(path, answer).items()
     }

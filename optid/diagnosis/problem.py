@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from enum import Enum, auto
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -22,7 +23,27 @@ from optid.estimation.scoring import question_of
 from optid.quality.noise import colour, noise_sd
 from optid.rigs.rigfile import Rig, with_effects
 
-Report = Callable[[float, str], None]
+
+class Stage(Enum):
+    """The stages of a diagnosis, in their order."""
+
+    BASE_FIT = auto()
+    SELECTION = auto()
+    BACKWARD = auto()
+    ALTERNATIVES = auto()
+    LOCALISATION = auto()
+    SURROGATE = auto()
+    REFINEMENT = auto()
+    TEST = auto()
+    VERDICT = auto()
+
+    @property
+    def share(self) -> float:
+        """Of the stages, that are done when this one begins."""
+        return (self.value - 1) / len(Stage)
+
+
+Report = Callable[[Stage, str], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +73,7 @@ class DiagnosisProblem:
     options: SearchOptions = field(default_factory=SearchOptions)
     open_variance: Array | None = None
     budget: Budget = UNLIMITED
-    report: Report = lambda share, words: None
+    report: Report = lambda stage, words: None
     _questions: dict[Rig, Question] = field(default_factory=dict)
 
     @cached_property

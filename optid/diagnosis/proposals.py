@@ -18,6 +18,7 @@ import numpy as np
 from scipy.optimize import lsq_linear
 
 from optid.core.model import Array
+from optid.core.rows import LANES
 from optid.core.threads import together
 from optid.diagnosis.fitted import FittedModel
 from optid.diagnosis.problem import DiagnosisProblem, with_effect
@@ -33,7 +34,7 @@ LITTLE = 0.1  # of a way, by which its slope is taken
 FARTHEST = 3.0  # times the usual size: how far along a branch its strength is followed
 ROUNDS = 2  # of reweighting in a linear fit
 LOST = 30.0  # sd: a change beyond it counts as so much
-SHARES = (0.0, 0.1, 0.25, 0.5, 0.75, 1.0)  # of a linear step, that are tried at once
+SHARES = np.linspace(0.0, 1.0, LANES)  # of a linear step, that are tried at once
 FEWEST = 0.02  # share of the usual size below which a branch says nothing
 
 
@@ -53,11 +54,6 @@ class Proposal:
     p: Array
     loss: float
     alone: float
-
-    @property
-    def explains(self) -> float:
-        """Share of the loss that is gone."""
-        return 1.0 - self.loss / self.alone if self.alone > 0.0 else 0.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,16 +15,10 @@ from optid.errors import SolveError
 from optid.estimation.likelihood import Noise
 from optid.estimation.multistep import multistep_loss
 from optid.estimation.place import Answer, Place, Question
-from optid.estimation.scoring import NEARBY, likeliest, maximise, middling
+from optid.estimation.scoring import likeliest, maximise, middling
 from optid.rigs.rigfile import Rig
 
-LEVELS = (
-    0.0,
-    -1.25,
-    -2.5,
-    -3.75,
-    -5.0,
-)  # log: by how much less process noise than a middling one may suit a model
+LEVELS = np.linspace(0.0, -5.0, 5)  # log: by how much less process noise than a middling one may suit a model
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,10 +58,9 @@ def with_information(model: FittedModel) -> RefinedModel:
     Raises:
         SolveError: the model cannot be simulated there.
     """
-    q = model.question
-    here = Place(q, model.p, likely_noise(q, model.p))
-    here.glance()
-    return RefinedModel(model.effects, model.rig, here.answer(False), np.zeros(len(q.free)))
+    return RefinedModel(
+        model.effects, model.rig, _point(model).answer(False), np.zeros(len(model.question.free))
+    )
 
 
 def refine(model: FittedModel, problem: DiagnosisProblem) -> RefinedModel:
@@ -77,12 +70,19 @@ def refine(model: FittedModel, problem: DiagnosisProblem) -> RefinedModel:
     noise, and its parameters may predict far worse over a window than the same law can: then those that predict are
     taken, and how far the two are apart is in the intervals.
     """
-    q, led = model.question, with_information(model).answer
+    q, here = model.question, _point(model)
+    led, shift = here.answer(False), np.zeros(len(model.question.free))
     with contextlib.suppress(SolveError):
-        likely = maximise(q, model.p, led.noise.levels, polish=False, rough=NEARBY, near=led)
+        likely = maximise(here)
         loss = multistep_loss(q, likely.p, problem.window, model.fit.level)
-        free = list(q.free)
         if loss <= (1.0 + problem.criteria.smallest_share) * model.fit.loss:
-            return RefinedModel(model.effects, model.rig, likely, np.zeros(len(free)))
-        return RefinedModel(model.effects, model.rig, led, np.abs(likely.p - led.p)[free])
-    return RefinedModel(model.effects, model.rig, led, np.zeros(len(q.free)))
+            return RefinedModel(model.effects, model.rig, likely, shift)
+        shift = np.abs(likely.p - led.p)[list(q.free)]
+    return RefinedModel(model.effects, model.rig, led, shift)
+
+
+def _point(model: FittedModel) -> Place:
+    q = model.question
+    here = Place(q, model.p, likely_noise(q, model.p))
+    here.glance()
+    return here

@@ -10,7 +10,7 @@ from functools import partial
 from optid.core.model import Array
 from optid.core.threads import together
 from optid.diagnosis.fitted import FittedModel, fit_model
-from optid.diagnosis.problem import DiagnosisProblem
+from optid.diagnosis.problem import DiagnosisProblem, Stage
 from optid.diagnosis.proposals import Proposal, Proposals, propose
 from optid.diagnosis.validation import Validated, cross_validate, rejection_reason
 from optid.effects.effect import Effect
@@ -94,7 +94,7 @@ def select(base: FittedModel, problem: DiagnosisProblem) -> SelectionPath:
             depth and validated.error_over_noise <= problem.criteria.error_over_noise
         ):
             break
-        problem.report(0.1 + 0.2 * depth, f"round {depth + 1}: which effects could it be")
+        problem.report(Stage.SELECTION, f"round {depth + 1}: which effects could it be")
         bent = not depth and validated.error_over_noise > problem.options.bent
         one = _round(current, first, validated, problem, [nominal] if bent else [])
         rounds.append(one)
@@ -146,7 +146,7 @@ def _round(
     proposals = propose(current, effects, problem, starts)
     o, least = problem.options, min((one.loss for one in proposals.ranked), default=0.0)
     few = [one for one in proposals.ranked[: o.contenders] if one.loss <= o.near * least]
-    problem.report(0.3, f"fitting {', '.join(one.effect.name for one in few)}")
+    problem.report(Stage.SELECTION, f"fitting {', '.join(one.effect.name for one in few)}")
     fitted = together(partial(contend, current, first, before, problem, len(effects)), few)
     contenders = sorted(
         (one for one in fitted if one is not None),
@@ -191,7 +191,7 @@ def _backward(path: SelectionPath, problem: DiagnosisProblem) -> SelectionPath:
     while best.effects:
         without, idle = {}, []
         for effect in best.effects:
-            problem.report(0.75, f"whether {effect.name} is needed")
+            problem.report(Stage.BACKWARD, f"whether {effect.name} is needed")
             less = without_effect(best, effect, problem)
             errors = cross_validate(less, problem)
             if not less.effects and path.first.windows.sum() < errors.windows.sum():
@@ -225,7 +225,7 @@ def _first_swapped(path: SelectionPath, problem: DiagnosisProblem) -> SelectionP
     """The first effect was chosen while it was alone: it has to hold its place against the catalogue."""
     name = path.best.effects[0].name
     less, errors = path.without[name]
-    problem.report(0.85, f"whether something else does better than {name}")
+    problem.report(Stage.BACKWARD, f"whether something else does better than {name}")
     one = _round(less, path.first, errors, problem, [], but=name)
     if one.taken is None or not one.taken.validated.windows.sum() < path.validated.windows.sum():
         return path

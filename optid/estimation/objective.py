@@ -56,18 +56,6 @@ def freed_with_rest(rig: Rig, *, contact: bool = False) -> tuple[Freed, ...]:
     return tuple(freed)
 
 
-def stiffest(model: Model, free: Iterable[int], low: Array) -> Array:
-    """Lower bounds of free parameters, (free,), SI, with a contact that may be as short as its law allows.
-
-    What a contact gives too much is taken off the friction at rest.
-    """
-    low = low.copy()
-    for k, parameter in enumerate(model.parameters[i] for i in free):
-        if parameter.name == CONTACT_LENGTH and low[k] == LEAST[CONTACT_LENGTH]:  # else the rig file's own
-            low[k] = parameter.bounds[0]
-    return low
-
-
 def window_length(model: Model, recordings: Iterable[Recording]) -> float:
     """Seconds between nodes: `WINDOW`, or 25 samples where sampling is slow."""
     slowest = max(recording.interval for recording in recordings)

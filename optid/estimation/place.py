@@ -147,29 +147,6 @@ class Place:
         levels = np.clip(self.noise.levels + np.clip(step[nf:], -1.5, 1.5), *LEVELS)
         return Place(self.q, p, replace(self.noise, levels=levels))
 
-    def begin(self, near: Answer | None) -> None:
-        """Take over the slopes of a like model's answer, and take only those that it does not have."""
-        if near is None:
-            return
-        names = [near.question.model.parameters[i].name for i in near.question.free]
-        mine = [self.q.model.parameters[i].name for i in self.q.free]
-        if near.question.groups != self.q.groups or not set(names) & set(mine):
-            return
-        nf, count = len(mine), len(mine) + len(self.q.groups)
-        known = {name: k for k, name in enumerate(names)}
-        given = [known.get(name, -1) for name in mine] + list(range(len(names), len(names) + count - nf))
-        old, taken = near.slopes, [k for k, j in enumerate(given) if j >= 0]
-        e, v = np.zeros((*old.innovations.shape[:2], count)), np.zeros((*old.innovations.shape[:2], count))
-        source = [j for j in given if j >= 0]
-        scale = np.ones(count)
-        scale[:nf] = [
-            1.0 if j < 0 else size / near.question.typical[j]
-            for size, j in zip(self.q.typical, given[:nf], strict=True)
-        ]
-        e[..., taken], v[..., taken] = old.innovations[..., source], old.variances[..., source]
-        self.slopes = Slopes(e * scale, v * scale)
-        self.differentiate([k for k, j in enumerate(given) if j < 0])
-
     def glance(self) -> None:
         """Take the slopes as far as held gains show them, for a tenth of the price: those of levels by filters.
 

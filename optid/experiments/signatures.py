@@ -18,7 +18,7 @@ from optid.effects.effect import Effect
 from optid.estimation.likelihood import FAR, WHOLE, run_steered
 from optid.estimation.place import Answer
 from optid.estimation.problem import pose
-from optid.estimation.scoring import maximise, question_of
+from optid.estimation.scoring import point_at, question_of
 from optid.rigs.rigfile import Rig, with_effects
 
 # Log level of process noise of a model that is nearly right, in usual sizes per sqrt(s). With a tenth of it models
@@ -66,7 +66,9 @@ def grams(rig: Rig, rivals: Sequence[Effect], recordings: Sequence[Recording], s
     """
     question = question_of(rig, pose(rig.model, recordings, WHOLE))
     levels = np.full(len(question.groups), QUIET)
-    answer = maximise(question, rig.model.vector(rig.parameters), levels, iterations=0, polish=False)
+    here = point_at(question, rig.model.vector(rig.parameters), levels)
+    here.glance()
+    answer = here.answer(False)
     view = _View(answer, skip)
     columns, worth, forms, count = [view.slopes], [], [], view.slopes.shape[1]
     for effect in rivals:

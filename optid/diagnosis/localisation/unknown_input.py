@@ -30,7 +30,7 @@ from optid.estimation.steering import steered_fit
 from optid.rigs.rigfile import with_effects
 
 LOUD = 100.0  # times what shows: a walk's usual step by the square root of a second, the middle of its levels
-STEPS = (-9.0, -7.5, -6.0, -5.0, -4.0, -3.0, -2.0, -1.0, 0.0, 1.0, 2.0)  # log levels at which it is tried
+STEPS = np.arange(-9.0, 3.0)  # log levels at which it is tried
 TURNS, GAUSS_NEWTON = 2, 3  # times that gains are taken anew, and steps of each
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from optid.core.threads import together
 from optid.diagnosis.fitted import FittedModel
 from optid.diagnosis.localisation.unknown_input import UnknownInput
-from optid.diagnosis.problem import DiagnosisProblem, with_effect
+from optid.diagnosis.problem import DiagnosisProblem, Stage, with_effect
 from optid.diagnosis.proposals import Proposal, propose
 from optid.diagnosis.selection import Contender, SelectionPath, contend
 from optid.diagnosis.surrogate.library import (
@@ -72,7 +72,7 @@ def find_surrogate(
     """
     base, first = path.base, path.first
     likely = (sites[0], *_rivalling(sites, problem))
-    problem.report(0.9, "what describes the mismatch")
+    problem.report(Stage.SURROGATE, "what describes the mismatch")
     forms = _forms(base, likely)
     led = list(propose(base, forms, problem, race=problem.options.surrogate_race).ranked)
     tried = len(forms)
