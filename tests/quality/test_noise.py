@@ -106,3 +106,30 @@ def test_noise_with_a_long_memory_is_told_from_white():
 
 def test_a_resting_quantised_signal_has_no_colour():
     assert colour(np.round(MOTION / 1e-3) * 1e-3) == 0.0
+
+
+def resonance(period):
+    """Two neighbouring sinusoids that beat, as a lightly damped axis does: about `period` samples a cycle, sd 1."""
+    k = np.arange(4000)
+    return np.sin(2 * np.pi * k / period) + np.sin(2 * np.pi * k / (1.07 * period))
+
+
+@pytest.mark.parametrize("period", [9, 18, 36])
+@pytest.mark.parametrize("sd", [1e-4, 1e-2])
+def test_a_resonance_is_not_taken_for_noise(period, sd):
+    """Neither curves over 48 samples nor differences follow what swings every nine of them."""
+    values = resonance(period) + np.random.default_rng(6).normal(0, sd, 4000)
+    assert quietest(values) == (0.0, 0.0)
+    assert 0.9 * sd < noise_sd(values) < 1.15 * sd
+
+
+def test_a_swing_without_noise_has_next_to_none():
+    assert noise_sd(resonance(9)) < 1e-9
+    assert noise_sd(resonance(36)) < 1e-9
+
+
+def test_outliers_do_not_hide_how_little_noise_a_resonance_has():
+    rng = np.random.default_rng(7)
+    values = resonance(36) + rng.normal(0, 1e-3, 4000)
+    values[rng.integers(0, 4000, 8)] += 0.3
+    assert noise_sd(values) < 5e-3  # the differences' size
