@@ -6,7 +6,7 @@ interval that holds its null, or p is above the level of the test.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -49,14 +49,21 @@ def score(row: Row, answer: Answer) -> str:
 
 
 def _matches(pattern: Pattern, answer: Answer) -> bool:
-    told = set(answer.named or answer.suspected)
-    if answer.verdict not in pattern.verdicts or not pattern.names <= told:
+    told = answer.named or answer.suspected
+    if answer.verdict not in pattern.verdicts or not all(_among(name, told) for name in pattern.names):
         return False
-    if "*" not in pattern.beside and not told <= pattern.names | pattern.beside:
-        return False
+    if "*" not in pattern.beside:
+        allowed = pattern.names | pattern.beside
+        if any(name not in allowed and name.partition("@")[0] not in allowed for name in told):
+            return False
     return all(
         name in answer.values and pattern.within(name, *answer.values[name]) for name in pattern.values
     )
+
+
+def _among(name: str, told: Collection[str]) -> bool:
+    """Is it told, at any site where the table states none?"""
+    return any(name in (one, one.partition("@")[0]) for one in told)
 
 
 def diagnosed(document: Mapping[str, Any]) -> Answer:
