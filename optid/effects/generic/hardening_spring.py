@@ -20,8 +20,9 @@ class HardeningSpring(Anywhere):
 
     kind = "hardening_spring"
     parameters = (HARDENING,)
-    strength = {"hardening": 0.01}
-    usual = ({"hardening": 0.2}, {"hardening": -0.1})
+    # At three times its usual size, where signals peak, that is one percent.
+    strength = {"hardening": 0.001}
+    usual = ({"hardening": 0.15}, {"hardening": 0.02}, {"hardening": -0.02})
     law = "the spring's force is s (1 + h (s / size)^2), s as Hooke's law has it"
     says = "the spring pulls {hardening} harder than Hooke's law has it where its signal has its usual size"
     needs = "small and large deflections"
