@@ -17,12 +17,12 @@ import subprocess
 import sys
 from pathlib import Path
 
-ROOT = Path(__file__).parents[1]
-sys.path.insert(0, str(ROOT))
+sys.path.insert(0, str(Path(__file__).parents[1]))
 from studies.field.page import write_board
 from studies.field.table import Row, read_table
 from studies.real_recordings import CASES, RECORDINGS
 
+ROOT = Path(__file__).parents[1]
 DEFAULT_LIMIT = 240.0  # s of the process's own time
 
 

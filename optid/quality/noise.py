@@ -57,6 +57,29 @@ def noise_sd(values: Array) -> float:
     return max(seen, quiet, least, beside)
 
 
+def thinned_noise(sd: float, before: Array, after: Array) -> float:
+    """What is left of a signal's noise when it is brought down to fewer samples.
+
+    It falls as what is seen of it falls, so that one that was stated is still believed. Rounding does not average out
+    where the signal keeps to one level of its grid for as long as is averaged: a sweep over m levels leaves an m-th.
+
+    Args:
+        sd: of the noise before, in the unit of the values.
+        before: values, (samples,), NaN where missing.
+        after: the same with fewer samples.
+    """
+    count = max(round(len(before) / max(len(after), 1)), 1)
+    seen, left = noise_sd(before), noise_sd(after)
+    rest = sd * min(left / seen, 1.0) if seen > 0.0 else sd
+    step = grid(before)
+    whole = before[: len(before) // count * count].reshape(-1, count)
+    whole = whole[np.isfinite(whole).all(axis=1)]
+    if step == 0.0 or not len(whole):
+        return rest
+    levels = 1.0 + np.ptp(whole, axis=1) / step
+    return max(rest, step / math.sqrt(12) * float(np.sqrt(np.mean(levels**-2.0))))
+
+
 def scatter(values: Array, step: float = 0.0, fast: bool = False) -> float:
     """What `noise_sd` sees in the differences alone; `step` is the grid, 0 for none.
 

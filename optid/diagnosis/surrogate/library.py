@@ -37,6 +37,7 @@ SAME = 0.99  # correlation of two signals of which one is enough
 # what pushes.
 FASTEST, FINEST, TRACK = 30.0, 100.0, 300.0
 LENGTHS = ("m", "rad")
+ONE = 1.0  # period within what was recorded, that a wave has at least while it is fitted
 SCALED = 0.2  # share that a height of 1 scales by
 TURN = 0.05  # of the speed's root mean square: where a curve that turns with its sign has turned
 AT_REST = 0.01  # the same: where what ages does so
@@ -147,7 +148,8 @@ def waves(at: Linearisation, site: str) -> list[tuple[Wave, dict[str, float], fl
             followed[state.name] = (values, most / max(high - low, 1e-12))
     found = []
     for name, (along, fastest) in followed.items():
-        for plain in fitting(base.rig, [Wave(site, name, size=size)]):
+        fewest = ONE / max(float(np.ptp(along)), 1e-12)
+        for plain in fitting(base.rig, [Wave(site, name, repeats=fewest, size=size, fewest=fewest)]):
             line = strongest_sinusoid(at, plain, along, fastest)
             if line is None or not line.height > 0.0:
                 continue
