@@ -71,9 +71,9 @@ def _covariance(answer: Answer, fixed: Booleans) -> Array:
     known = np.isfinite(e) & np.isfinite(slopes).all(axis=-1)
     z = e[known] / np.sqrt(v[known])
     weight = np.minimum(1.0, FAR / np.maximum(np.abs(z), 1e-12))
-    information = answer.information.copy()
-    information[np.flatnonzero(fixed)] = information[:, np.flatnonzero(fixed)] = 0.0
-    inverse = _inverse(information)
+    moved = np.append(~fixed, np.ones(len(answer.information) - nf, dtype=np.bool_))
+    inverse = np.zeros_like(answer.information)
+    inverse[np.ix_(moved, moved)] = _inverse(answer.information[np.ix_(moved, moved)])
     scores = slopes[known] / np.sqrt(v[known])[:, None] * (weight * z)[:, None]
     scores += 0.5 * answer.slopes.variances[known] * (1.0 - weight * z**2)[:, None]
     rows = np.nonzero(known)[0]
