@@ -59,6 +59,9 @@ class ChannelMap:
         samples per second, for a time without a column.
     held : bool
         it holds from each sample to the next, as a command does.
+    linear : bool | None
+        an input that goes on straight from each sample to the next instead, as what was measured does; None where the
+        rig file leaves that open.
     """
 
     role: str
@@ -73,6 +76,7 @@ class ChannelMap:
     recorded_unit: str = "1"
     rate: float | None = None
     held: bool = False
+    linear: bool | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -419,6 +423,17 @@ def frozen(values: Array) -> Array:
         array = array.copy()
         array.flags.writeable = False
     return array
+
+
+def midpoints(values: Array) -> Array:
+    """What an input that goes on straight from sample to sample is on the mean until the next one.
+
+    Held from sample to sample, the mean does to a slower plant what the straight line does: both have the same
+    impulse, and what they differ by is of second order in the sampling time. A value held is half a sample late.
+    """
+    return np.append(
+        np.where(np.isfinite(values[1:]), (values[:-1] + values[1:]) / 2, values[:-1]), values[-1:]
+    )
 
 
 def held(values: Array) -> Array:

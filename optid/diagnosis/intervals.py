@@ -15,6 +15,7 @@ from optid.diagnosis.refinement import RefinedModel
 from optid.estimation.likelihood import FAR
 from optid.estimation.place import Answer
 from optid.estimation.prediction import horizon
+from optid.estimation.problem import Booleans
 from optid.estimation.result import Estimate
 
 BLOCK = 0.5  # of a window: innovations within it count as one
@@ -25,9 +26,11 @@ def intervals(model: RefinedModel, ratio: float = 1.0) -> tuple[Estimate, ...]:
     """Every free parameter with its interval, SI; `ratio` is of what the model misses by to what it should (Birge)."""
     answer = model.answer
     q, theta = answer.question, answer.p[list(answer.question.free)]
-    sd = np.sqrt(np.maximum(np.diag(_covariance(answer)), 0.0)) * q.typical
     span = np.where(np.isfinite(q.high - q.low), q.high - q.low, np.abs(theta) + q.typical)
     bound = (theta - q.low <= 1e-9 * span) | (q.high - theta <= 1e-9 * span)
+    # A bound that holds a parameter takes its freedom from the others, too.
+    own, others = (np.diag(_covariance(answer, fixed)) for fixed in (np.zeros_like(bound), bound))
+    sd = np.sqrt(np.maximum(np.where(bound, own, others), 0.0)) * q.typical
     half = np.maximum(max(ratio, 1.0) * stats.norm.ppf(0.975) * sd, _resolution(model)) + model.shift
     found = []
     for k, i in enumerate(q.free):
@@ -60,15 +63,17 @@ def _resolution(model: RefinedModel) -> Array:
     return least
 
 
-def _covariance(answer: Answer) -> Array:
-    """Of the free parameters in typical sizes, (free, free)."""
+def _covariance(answer: Answer, fixed: Booleans) -> Array:
+    """Of the free parameters in typical sizes, (free, free), where some of them, (free,), are known."""
     q, f, nf = answer.question, answer.filtered, len(answer.question.free)
     e, v = f.innovations[0], f.variances[0]
     slopes = answer.slopes.innovations
     known = np.isfinite(e) & np.isfinite(slopes).all(axis=-1)
     z = e[known] / np.sqrt(v[known])
     weight = np.minimum(1.0, FAR / np.maximum(np.abs(z), 1e-12))
-    inverse = _inverse(answer.information)
+    moved = np.append(~fixed, np.ones(len(answer.information) - nf, dtype=np.bool_))
+    inverse = np.zeros_like(answer.information)
+    inverse[np.ix_(moved, moved)] = _inverse(answer.information[np.ix_(moved, moved)])
     scores = slopes[known] / np.sqrt(v[known])[:, None] * (weight * z)[:, None]
     scores += 0.5 * answer.slopes.variances[known] * (1.0 - weight * z**2)[:, None]
     rows = np.nonzero(known)[0]

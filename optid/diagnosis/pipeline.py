@@ -16,6 +16,7 @@ from optid.core.budget import UNLIMITED, Budget
 from optid.core.recording import Recording
 from optid.diagnosis.alternatives import compare_alternatives
 from optid.diagnosis.base_fit import fit_base, relax_bounds, with_open_variance
+from optid.diagnosis.between_samples import inputs_that_go_on, straight_inputs, straightened
 from optid.diagnosis.checkpoint import (
     Checkpoint,
     base_document,
@@ -102,6 +103,9 @@ def diagnose(
     )
     kept = Checkpoint(checkpoint, key_of(problem))
     base, search = _base_fit(problem.at_search_rate(), kept)
+    if roles := inputs_that_go_on(base, search):
+        problem, sealed = straightened(problem, roles), straight_inputs(sealed, roles)
+        base, search = fit_base(problem.at_search_rate())
     wide = relax_bounds(base, search)
     path = nothing_selected(base, search) if wide else _selection(base, search, kept)
     path, alternatives = compare_alternatives(path, search)

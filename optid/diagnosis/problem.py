@@ -20,7 +20,7 @@ from optid.estimation.place import Question
 from optid.estimation.prediction import horizon
 from optid.estimation.problem import pose
 from optid.estimation.scoring import question_of
-from optid.quality.noise import colour, noise_sd
+from optid.quality.noise import colour, grid, noise_sd, thinned_noise
 from optid.rigs.rigfile import Rig, with_effects
 
 
@@ -104,12 +104,27 @@ class DiagnosisProblem:
 def prepare(
     rig: Rig, recordings: Sequence[Recording], rate: float = FASTEST
 ) -> tuple[Rig, tuple[Recording, ...]]:
-    """A rig and recordings of at most so many samples a second; a stated noise is that of a sample, not an average."""
+    """A rig and recordings of at most so many samples a second; a stated noise is that of a sample, not an average.
+
+    What is left of one that was stated, or of rounding, stands in the rig's channels then.
+    """
     commands = [port.role for port in rig.model.recorded]
     thin = tuple(thinned(one, commands, rate) for one in recordings)
     if any(one is not before for one, before in zip(thin, recordings, strict=True)):
-        rig = replace(rig, channels={role: replace(c, sd=None) for role, c in rig.channels.items()})
+        left = {role: _noise_left(role, c.sd, recordings, thin) for role, c in rig.channels.items()}
+        rig = replace(rig, channels={role: replace(c, sd=left[role]) for role, c in rig.channels.items()})
     return rig, thin
+
+
+def _noise_left(
+    role: str, stated: float | None, before: Sequence[Recording], after: Sequence[Recording]
+) -> float | None:
+    """Sd of a channel that is brought down, if it was stated or the channel is rounded; else the samples tell it."""
+    pairs = [(a[role].values, b[role].values) for a, b in zip(before, after, strict=True) if role in a]
+    if not pairs or (stated is None and not all(grid(values) > 0.0 for values, _ in pairs)):
+        return None
+    left = [thinned_noise(stated or noise_sd(values), values, slow) for values, slow in pairs]
+    return float(np.sqrt(np.mean(np.square(left)))) or None
 
 
 def measurement_noise(rig: Rig, recordings: Sequence[Recording]) -> dict[str, float]:

@@ -35,6 +35,7 @@ FARTHEST = 3.0  # times the usual size: how far along a branch its strength is f
 ROUNDS = 2  # of reweighting in a linear fit
 LOST = 30.0  # sd: a change beyond it counts as so much
 SHARES = np.linspace(0.0, 1.0, LANES)  # of a linear step, that are tried at once
+SHORT = 5000  # samples of all recordings up to which a look at the catalogue takes them all
 FEWEST = 0.02  # share of the usual size below which a branch says nothing
 
 
@@ -136,7 +137,7 @@ def propose(
     """
     o, q = problem.options, current.question
     race = race or o.race
-    first = worst_recording(current, problem)
+    first = worst_recordings(current, problem)
     looks = window_starts(q.problem, o.short * problem.window)
     per_window = max(o.short * problem.window / float(np.median(q.problem.dt)), 1.0)
     running: list[Proposal] = []
@@ -170,6 +171,18 @@ def keep_best(running: Sequence[Tried], most: int, alike: int) -> list[Tried]:
         if len(kept) < most and math.isfinite(one.loss) and sum(k.effect is one.effect for k in kept) < alike:
             kept.append(one)
     return kept
+
+
+def worst_recordings(current: FittedModel, problem: DiagnosisProblem) -> list[int]:
+    """The segments of the recording in which most is missing, and of all others where these are short.
+
+    What differs from recording to recording, as friction does under another pressure, shows in no single one: there the
+    rig's own parameters make up for it.
+    """
+    q = current.question
+    if len(q.problem.time) <= SHORT:
+        return list(range(len(q.problem.counts)))
+    return worst_recording(current, problem)
 
 
 def worst_recording(current: FittedModel, problem: DiagnosisProblem) -> list[int]:

@@ -15,8 +15,10 @@ import contextlib
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import stats
 
 from optid.core.model import Array
@@ -33,6 +35,8 @@ from optid.estimation.steering import innovations, steered_fit
 LARGEST = 700.0  # gain beyond which a p-value is told as that of so much, the least number there is
 FOLDS = 4  # of a single recording, one after the other
 GAUSSIAN = 3.18  # 1 / (4 P(Z >= sqrt 2)): the least factor that holds for every sum
+FLIPPED = (1e-3, 0.25)  # bounds on a p-value between which the signs are flipped at random as well
+DRAWS = 20_000  # of them
 CARRIED = 4  # no window counts more than the fourth largest: one must not carry a verdict, nor ruin it
 
 
@@ -154,7 +158,26 @@ def flipped_signs(gains: Array) -> float:
     if not total > 0.0 or not size > 0.0:
         return 1.0
     t = total / size
-    return min(math.exp(-0.5 * t**2), GAUSSIAN * float(stats.norm.sf(t)))
+    bound = min(math.exp(-0.5 * t**2), GAUSSIAN * float(stats.norm.sf(t)))
+    low, high = FLIPPED
+    return min(bound, _flips(np.abs(bounded), total)) if low < bound < high else bound
+
+
+def _flips(sizes: Array, total: float) -> float:
+    """Share of random signs with which sizes come to the total or more; the one that was seen counts (valid p-value).
+
+    Of the same hypothesis as the bound, which it never exceeds but for chance (Pitman 1937; Phipson and Smyth 2010).
+    """
+    scaled = (sizes / sizes.max()).astype(np.float32)
+    reached = _signs(len(sizes)) @ scaled >= total / sizes.max() * (1.0 - 1e-5)
+    return (1.0 + float(np.count_nonzero(reached))) / (1.0 + DRAWS)
+
+
+@lru_cache(maxsize=4)
+def _signs(count: int) -> NDArray[np.float32]:
+    """Random signs, (DRAWS, count)."""
+    drawn = np.random.default_rng(0).integers(0, 2, (DRAWS, count), dtype=np.int8)
+    return (2.0 * drawn - 1.0).astype(np.float32)
 
 
 def error_gain(before: Validated, after: Validated) -> float:

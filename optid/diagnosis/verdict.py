@@ -6,6 +6,8 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from optid.diagnosis.agreement import disagreement
 from optid.diagnosis.alternatives import Alternative
 from optid.diagnosis.evaluation import Evaluation
@@ -88,8 +90,13 @@ def _share(s: Stages) -> float:
 
 
 def _birge(s: Stages, evaluation: Evaluation) -> float:
-    """By how much a model misses more than it should; 1 where it is at the noise."""
-    ratio = evaluation.error_over_noise(s.problem.noise)
+    """By how much a model misses more than it should; 1 where it is at the noise.
+
+    Birge's ratio is of residuals to the variances that an interval was computed with. Those are the filter's, whose
+    process noise stands for what the law misses: windows' errors over the measurement's noise would count that twice.
+    """
+    squares = np.nanmean(np.asarray(evaluation.innovations) ** 2, axis=0)
+    ratio = min(evaluation.error_over_noise(s.problem.noise), math.sqrt(float(np.nanmax(squares))))
     return ratio if math.isfinite(ratio) and ratio > s.problem.criteria.error_over_noise else 1.0
 
 

@@ -41,6 +41,11 @@ class Anywhere(Effect):
         self.strength = self._grown(self.strength, size)
         self.usual = tuple(self._grown(point, size) for point in self.usual)
 
+    @classmethod
+    def suits(cls, place: str) -> bool:
+        """May a site of this name carry it? Any, unless a kind says otherwise."""
+        return True
+
     @property
     def site(self) -> str:
         """Where it acts, in full."""

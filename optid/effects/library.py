@@ -116,7 +116,7 @@ def admitted(model: Model, own: Iterable[Effect] = ()) -> tuple[Effect, ...]:
     free = [
         (site, size) for site, size in zip(model.sites, model.sizes, strict=True) if size and site not in used
     ]
-    fitting += [kind(site, size) for site, size in free for kind in anywhere().values()]
+    fitting += [kind(site, size) for site, size in free for kind in anywhere().values() if kind.suits(site)]
     taken = set(model.effects)
     return tuple(e for e in fitting if e.name not in taken and taken.isdisjoint(e.excludes))
 

@@ -14,6 +14,7 @@ from optid.effects.description import LEAST, OWN, POSITIVE, TIMES, Description, 
 
 TIME = "time"
 KNOTS = tuple(0.25 * k for k in range(11))  # in usual magnitudes of what a wave changes with
+LEAST_REPEATS = 1e-9  # by the SI unit, of one that a rig file holds
 SPREAD = 1.0  # of the height: by how much a recording's quadratures may differ from the mean phase's
 
 
@@ -30,6 +31,7 @@ class Wave(Description):
         repeats: periods by the SI unit of what it follows where a search begins.
         size: what a height of 1 adds, in the SI unit of the site.
         magnitude: usual one of what it changes with, SI.
+        fewest: periods by the same unit that it has at least; one within what was recorded, or it is no wave.
 
     Source: Fourier; for unknown phases as states, Franklin, Powell and Workman, Digital Control of Dynamic Systems,
     section 8.5.2.
@@ -39,9 +41,16 @@ class Wave(Description):
     needs = "several of its periods"
 
     def __init__(
-        self, site: str, signal: str, *, repeats: float = 1.0, size: float = 1.0, magnitude: float = 1.0
+        self,
+        site: str,
+        signal: str,
+        *,
+        repeats: float = 1.0,
+        size: float = 1.0,
+        magnitude: float = 1.0,
+        fewest: float = LEAST_REPEATS,
     ) -> None:
-        super().__init__(site, signal, magnitude=magnitude, repeats=repeats, size=size)
+        super().__init__(site, signal, magnitude=magnitude, repeats=repeats, size=size, fewest=fewest)
         along = self.along
         heights = {f"height_{k + 1}": f"amplitude at {knot:g} times that" for k, knot in enumerate(KNOTS)}
         self._heights = tuple(
@@ -59,7 +68,7 @@ class Wave(Description):
                 f"periods by the SI unit of {along}",
                 OWN,
                 repeats,
-                (1e-9, 1e9),
+                (fewest, 1e9),
                 logarithmic=True,
             ),
             Parameter(

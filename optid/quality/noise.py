@@ -16,8 +16,16 @@ _NORMAL_MEDIAN = 0.6744897501960817  # median of |z| of a standard normal
 _STRETCH, _BEND = 48, 5  # samples, degree of the curve
 _QUIET = 0.2  # share of stretches counted as quiet
 _COLOURS = np.linspace(0.0, 0.95, 20)
+_MEMORY = 8  # samples from which the next one is foretold
+_ANNIHILATED = (
+    8  # degree of the filter that takes out motion: four resonances, or cubic motion and two of them
+)
+_PER_WEIGHT = 20  # samples for each of its weights, and in each half
 _WHITE = 0.1  # four standard deviations of what 8 s of white noise at 1 kHz seem to have
 _MOTION = 0.93  # what remembers for longer is motion that the curves did not follow
+_FORETOLD = (
+    0.5  # of the variance: what is foretold by more is motion; noise of any of the colours is by a quarter
+)
 _HIDDEN = 0.25  # of a step: more noise than that rattles between levels at rest, too
 _MANY = 500  # differences in fast motion: fewer are mostly impacts
 _FEWEST_LEVELS = 6  # with fewer values any set looks like a grid
@@ -31,7 +39,8 @@ def noise_sd(values: Array) -> float:
     that rests between two levels of its grid shows no noise at all, yet its error is that of rounding, so the
     result is never below grid/sqrt(12); what noise there is beside the rounding shows where it moves by a step of the
     grid or more from sample to sample. Filtered noise hides from differences; the quietest stretches show it, see
-    `quietest`.
+    `quietest`. Where even these show motion, an axis that swings within few samples leaves as much in differences:
+    then the filter that suits this motion counts, if it leaves less, see `annihilated`.
 
     Args:
         values: shape (samples,), evenly spaced, NaN where missing.
@@ -42,7 +51,33 @@ def noise_sd(values: Array) -> float:
     step = grid(values)
     least = step / math.sqrt(12)
     beside = min(scatter(values, step, fast=True), math.hypot(least, _HIDDEN * step))
-    return max(scatter(values, step), quietest(values)[0], least, beside)
+    seen, quiet = scatter(values, step), quietest(values)[0]
+    if quiet == 0.0:
+        seen = min(seen, annihilated(values))
+    return max(seen, quiet, least, beside)
+
+
+def thinned_noise(sd: float, before: Array, after: Array) -> float:
+    """What is left of a signal's noise when it is brought down to fewer samples.
+
+    It falls as what is seen of it falls, so that one that was stated is still believed. Rounding does not average out
+    where the signal keeps to one level of its grid for as long as is averaged: a sweep over m levels leaves an m-th.
+
+    Args:
+        sd: of the noise before, in the unit of the values.
+        before: values, (samples,), NaN where missing.
+        after: the same with fewer samples.
+    """
+    count = max(round(len(before) / max(len(after), 1)), 1)
+    seen, left = noise_sd(before), noise_sd(after)
+    rest = sd * min(left / seen, 1.0) if seen > 0.0 else sd
+    step = grid(before)
+    whole = before[: len(before) // count * count].reshape(-1, count)
+    whole = whole[np.isfinite(whole).all(axis=1)]
+    if step == 0.0 or not len(whole):
+        return rest
+    levels = 1.0 + np.ptp(whole, axis=1) / step
+    return max(rest, step / math.sqrt(12) * float(np.sqrt(np.mean(levels**-2.0))))
 
 
 def scatter(values: Array, step: float = 0.0, fast: bool = False) -> float:
@@ -65,24 +100,51 @@ def scatter(values: Array, step: float = 0.0, fast: bool = False) -> float:
     return math.sqrt(variance / math.comb(2 * _ORDER, _ORDER))
 
 
+def annihilated(values: Array) -> float:
+    """What the filter that suits the motion best leaves of it and of white noise.
+
+    Of all filters of unit norm that one leaves least, which is the eigenvector of the smallest eigenvalue of the
+    lagged covariance (Pisarenko 1973: for sinusoids in white noise that eigenvalue is the noise's variance). Every
+    such filter leaves white noise as it is, so that each is an upper bound. It is found in either half and applied to
+    the other, so that it fits no noise; the median of the sizes stands firm against outliers.
+
+    Returns:
+        The standard deviation; infinite where too few samples are whole.
+    """
+    lagged = np.lib.stride_tricks.sliding_window_view(values, min(_ANNIHILATED + 1, len(values)))
+    lagged = lagged[np.isfinite(lagged).all(axis=1)]
+    half = len(lagged) // 2
+    if half < _PER_WEIGHT * (_ANNIHILATED + 1):
+        return math.inf
+    lagged = lagged - lagged.mean()
+    left = []
+    for fit, use in ((lagged[:half], lagged[half:]), (lagged[half:], lagged[:half])):
+        left.append(np.abs(use @ np.linalg.eigh(fit.T @ fit)[1][:, 0]))
+    return float(np.median(np.concatenate(left))) / _NORMAL_MEDIAN
+
+
 def quietest(values: Array) -> tuple[float, float]:
     """Standard deviation and colour of the noise, from the stretches where hardly anything moves.
 
     A smooth curve is taken out of every stretch; those left with the least are compared with what stretches of noise
-    of known colour are left with, of which the same share is kept. What the curves leave of a fast axis at 1 kHz is
-    a few micrometres at most.
+    of known colour are left with, of which the same share is kept. Noise can be foretold from its own past in part
+    only; what is foretold by more than `_FORETOLD` is mostly motion that the curves did not follow, such as a
+    resonance that swings within a stretch, and says nothing of noise.
 
     Returns:
         The standard deviation, and the correlation from sample to sample of a first-order noise, 0 where it cannot
-        be told from white noise or is motion; both 0 where fewer than ten stretches of `_STRETCH` samples are whole.
+        be told from white noise; both 0 where it is motion, or fewer than ten stretches of `_STRETCH` samples are
+        whole.
     """
     count = len(values) // _STRETCH
     stretches = values[: count * _STRETCH].reshape(count, _STRETCH)
     stretches = stretches[np.isfinite(stretches).all(axis=1)]
     if len(stretches) < 10:
         return 0.0, 0.0
-    correlation, power = _left(stretches)
+    correlation, power, surprise = _left(stretches)
     known = _known_noise()
+    if surprise < 1.0 - _FORETOLD:
+        return 0.0, 0.0
     colour = float(np.interp(correlation, known[:, 0], _COLOURS))
     if not _WHITE < colour < _MOTION:
         colour = 0.0
@@ -98,8 +160,9 @@ def colour(values: Array) -> float:
     return found if sd > 0.5 * noise_sd(values) else 0.0
 
 
-def _left(stretches: Array) -> tuple[float, float]:
-    """What curves leave of the quietest stretches: its correlation from sample to sample, and its mean square sum."""
+def _left(stretches: Array) -> tuple[float, float, float]:
+    """What curves leave of the quietest stretches: its correlation from sample to sample, its mean square sum, and the
+    share of its variance that its own past does not foretell."""
     curves, _ = np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, _STRETCH), _BEND + 1))
     # Around the stretch's mean: the curves would lose what a value far from zero has behind its ninth digit.
     centred = stretches - stretches.mean(axis=1, keepdims=True)
@@ -108,12 +171,25 @@ def _left(stretches: Array) -> tuple[float, float]:
     quiet = sums <= np.quantile(sums, _QUIET)
     power = float(sums[quiet].mean())
     neighbours = float((left[quiet, 1:] * left[quiet, :-1]).sum())
-    return (neighbours / float(sums[quiet].sum()) if power > 0.0 else 0.0), power
+    if power <= 0.0:
+        return 0.0, 0.0, 1.0
+    return neighbours / float(sums[quiet].sum()), power, _surprise(left[quiet])
+
+
+def _surprise(left: Array) -> float:
+    """Share of the variance of stretches that `_MEMORY` samples before do not foretell, by least squares."""
+    lagged = np.lib.stride_tricks.sliding_window_view(left, _MEMORY + 1, axis=1).reshape(-1, _MEMORY + 1)
+    past, present = lagged[:, :-1], lagged[:, -1]
+    weights = np.linalg.lstsq(past, present, rcond=None)[0]
+    variance = float(present @ present)
+    freedom = max(1.0 - _MEMORY / len(present), 0.1)
+    missed = present - past @ weights
+    return float(missed @ missed) / variance / freedom if variance > 0.0 else 1.0
 
 
 @functools.cache
 def _known_noise() -> Array:
-    """What `_left` gives for noise of unit variance and each of `_COLOURS`, (colours, 2)."""
+    """What `_left` gives for noise of unit variance and each of `_COLOURS`, (colours, 3)."""
     white = np.random.default_rng(0).normal(size=(4000, _STRETCH))
     rows = []
     for c in _COLOURS:

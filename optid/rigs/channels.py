@@ -12,7 +12,8 @@ from optid.errors import RigError
 from optid.rigs.fields import Table, known_keys, subtable, text
 
 REFERENCE = "reference"  # kept in a recording though no model uses it
-_KEYS = ("column", "unit", "full_scale", "offset", "sd")
+_KEYS = ("column", "unit", "full_scale", "offset", "sd", "between")
+_BETWEEN = {"held": False, "linear": True}  # what an input does between its samples
 _EXAMPLE = '{ column = "x", unit = "mm" }'
 _TIME = 'time = { column = "t", unit = "s" } or rate = "1000 Hz"'
 
@@ -52,6 +53,12 @@ def read_channels(
         )
     _one_role_each(found, where)
     commands = {port.role for port in model.recorded}
+    for role in (
+        role for role, channel in found.items() if role not in commands and channel.linear is not None
+    ):
+        raise RigError(
+            "it is no input", where=where, field=f"channels.{role}.between", expected="no such key"
+        )
     return {role: replace(channel, held=role in commands) for role, channel in found.items()}
 
 
@@ -123,10 +130,21 @@ def _channel(
         factor=rule.factor / per_unit,
         shift=(rule.offset - offset) / per_unit,
         sd=size("sd") / per_unit if "sd" in entry else None,
+        linear=_linear(entry, where, field),
         full_scale=None if full is None else (full - offset) / per_unit,
         per_unit=per_unit,
         recorded_unit=recorded if scaled else model_unit,
     )
+
+
+def _linear(entry: Table, where: Path, field: str) -> bool | None:
+    """Does it go on straight between its samples? None where that is not stated."""
+    if "between" not in entry:
+        return None
+    stated = text(entry, "between", where, f"{field}.between", 'between = "linear"')
+    if stated not in _BETWEEN:
+        raise RigError(f'"{stated}"', where=where, field=f"{field}.between", expected='"held" or "linear"')
+    return _BETWEEN[stated]
 
 
 def _one_role_each(channels: dict[str, ChannelMap], where: Path) -> None:

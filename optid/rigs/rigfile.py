@@ -117,6 +117,13 @@ def rig_of_text(source: str, path: str | Path) -> Rig:
     return _parse(source, Path(path), constrained=False)
 
 
+def _write_inputs(document: Any, rig: Rig) -> None:
+    """Say which inputs go on straight between their samples."""
+    for role, channel in rig.channels.items():
+        if channel.linear:
+            document["channels"][role]["between"] = "linear"
+
+
 def write_rig(rig: Rig, path: str | Path, parameters: Mapping[str, float] | None = None) -> None:
     """Write a rig file with new values, keeping its comments, units and layout.
 
@@ -191,6 +198,7 @@ def _rewritten(rig: Rig, path: Path, folder: Path | None, new: Mapping[str, floa
         if value != stated.get(name) or gauge:
             table[own] = _written(float(value), old, known[name].unit, air)
     _rewrite_gauge_bounds(document, rig, air)
+    _write_inputs(document, rig)
     written = tomlkit.dumps(document)
     again = _parse(
         written, path, constrained=False

@@ -33,3 +33,11 @@ def test_nothing_gained_is_no_proof():
     same = np.full(15, 0.5)
     assert p_value(same, same, at_noise=True) == 1.0
     assert p_value(same, 2.0 * same, at_noise=True) == 1.0
+
+
+def test_a_gain_in_a_third_of_few_windows_shows_though_others_lose_a_little():
+    """Friction that is wrong in one direction only: the bound alone would ask for twice as long a recording."""
+    gains = np.array([-0.5] * 16 + [18.6, 33.5, 33.8, 24.7, 21.2, 33.6, 33.8, 21.9, 3.0])
+    assert 2.0 * flipped_signs(gains) < 0.01
+    exact = flipped_signs(np.full(9, 1.0))
+    assert exact == pytest.approx(2.0**-9, rel=0.4)

@@ -72,3 +72,11 @@ def test_a_rig_file_states_all_of_its_numbers(tmp_path):
     (tmp_path / "cut.toml").write_text("".join(line for line in lines if "phase" not in line))
     with pytest.raises(RigError, match="no value for phase"):
         read_rig(tmp_path / "cut.toml")
+
+
+def test_while_it_is_fitted_a_wave_has_a_period_within_what_was_recorded():
+    """One of 1e-9 Hz with a height of 1e7 is a slope, and says nothing of what repeats."""
+    bounds = {q.name: q.bounds for q in Wave("force.external", "time", repeats=0.1, fewest=0.1).parameters}
+    assert bounds["repeats"][0] == 0.1
+    swelling = Wave("force.external", "time", repeats=0.1, fewest=0.1).swelling("velocity", 1.0)
+    assert {q.name: q.bounds for q in swelling.sized(0.3, 1.0).parameters}["repeats"][0] == 0.1

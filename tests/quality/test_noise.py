@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from optid.quality.noise import colour, grid, noise_sd, quietest
+from optid.quality.noise import colour, grid, noise_sd, quietest, thinned_noise
 
 T = np.arange(8000) * 1e-3
 MOTION = 0.1 * np.sin(2 * np.pi * 1.3 * T) + 0.02 * np.sin(2 * np.pi * 9 * T)
@@ -106,3 +106,51 @@ def test_noise_with_a_long_memory_is_told_from_white():
 
 def test_a_resting_quantised_signal_has_no_colour():
     assert colour(np.round(MOTION / 1e-3) * 1e-3) == 0.0
+
+
+def resonance(period):
+    """Two neighbouring sinusoids that beat, as a lightly damped axis does: about `period` samples a cycle, sd 1."""
+    k = np.arange(4000)
+    return np.sin(2 * np.pi * k / period) + np.sin(2 * np.pi * k / (1.07 * period))
+
+
+@pytest.mark.parametrize("period", [9, 18, 36])
+@pytest.mark.parametrize("sd", [1e-4, 1e-2])
+def test_a_resonance_is_not_taken_for_noise(period, sd):
+    """Neither curves over 48 samples nor differences follow what swings every nine of them."""
+    values = resonance(period) + np.random.default_rng(6).normal(0, sd, 4000)
+    assert quietest(values) == (0.0, 0.0)
+    assert 0.9 * sd < noise_sd(values) < 1.15 * sd
+
+
+def test_a_swing_without_noise_has_next_to_none():
+    assert noise_sd(resonance(9)) < 1e-9
+    assert noise_sd(resonance(36)) < 1e-9
+
+
+def test_outliers_do_not_hide_how_little_noise_a_resonance_has():
+    rng = np.random.default_rng(7)
+    values = resonance(36) + rng.normal(0, 1e-3, 4000)
+    values[rng.integers(0, 4000, 8)] += 0.3
+    assert noise_sd(values) < 5e-3  # the differences' size
+
+
+def test_a_stated_noise_falls_with_what_is_seen_of_it():
+    rng = np.random.default_rng(8)
+    values = MOTION + rng.normal(0, 3e-5, T.size)
+    averaged = values.reshape(-1, 4).mean(axis=1)
+    assert thinned_noise(5e-5, values, averaged) == pytest.approx(2.5e-5, rel=0.1)
+
+
+@pytest.mark.parametrize(("steps", "least", "most"), [(0.1, 0.8, 1.2), (8.0, 0.1, 0.5)])
+def test_rounding_averages_out_only_where_the_signal_moves_over_its_grid(steps, least, most):
+    """So many steps over what is averaged at most; an encoder that rests within a step errs by it as before."""
+    step, count = 25e-6, 10
+    k = np.arange(20000)
+    true = 300.0 * step * np.sin(k * steps / count / 300.0) + 0.1 * step * np.sin(0.37 * k)
+    values = np.round(true / step) * step
+    averaged, mean = values.reshape(-1, count).mean(axis=1), true.reshape(-1, count).mean(axis=1)
+    found = thinned_noise(noise_sd(values), values, averaged)
+    assert least < found / (step / math.sqrt(12)) < most
+    assert float(np.sqrt(np.mean((averaged - mean) ** 2))) < 1.2 * found
+    assert steps > 1.0 or noise_sd(averaged) < 0.5 * found  # where the samples alone do not show it

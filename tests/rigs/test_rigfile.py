@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from malformed import RIG
 
+from optid.core.readers import read_recording
 from optid.errors import RigError
 from optid.rigs import BUILT_IN, find_plant
 from optid.rigs.rigfile import Freed, read_rig, write_rig
@@ -204,3 +205,23 @@ def test_any_values_in_any_units_read_back(tmp_path_factory, units, values):
     np.testing.assert_allclose([again.parameters[name] for name in wanted], list(wanted.values()), rtol=1e-12)
     assert again.freed == rig.freed
     assert again.channels == rig.channels
+
+
+def test_an_input_may_go_on_straight_between_its_samples(tmp_path):
+    (tmp_path / "plants").mkdir()
+    (tmp_path / "plants" / "axis.py").write_text(AXIS)
+    file = tmp_path / "run.csv"
+    file.write_text("u,y\n" + "\n".join(f"{k * k},{k}" for k in range(20)))
+    held = save(tmp_path, AXIS_RIG)
+    stated = AXIS_RIG.replace('unit = "mV" }', 'unit = "mV", between = "linear" }')
+    straight = save(tmp_path, stated)
+    u = read_recording(file, held)["u"].values
+    assert read_recording(file, straight)["u"].values == pytest.approx([*((u[:-1] + u[1:]) / 2), u[-1]])
+    write_rig(straight, tmp_path / "again.toml", {"tau": 0.03})
+    assert read_rig(tmp_path / "again.toml").channels["u"].linear
+    for wrong in (
+        stated.replace('"linear"', '"spline"'),
+        AXIS_RIG.replace('unit = "mm" }', 'unit = "mm", between = "held" }'),
+    ):
+        with pytest.raises(RigError, match="between"):
+            save(tmp_path, wrong)

@@ -16,7 +16,7 @@ from optid.core.readers.limits import shown
 from optid.core.readers.repair import held_between, repaired
 from optid.core.readers.stamps import MISSING, seconds_of
 from optid.core.readers.table import Clock, Column, Raw, Table, offered
-from optid.core.recording import Array, Channel, ChannelMap, Provenance, Recording, frozen
+from optid.core.recording import Array, Channel, ChannelMap, Provenance, Recording, frozen, midpoints
 from optid.errors import RecordingError
 
 _EPOCH = 1e7  # s: later times count from 1970 or a boot long ago, and are told from their first sample on
@@ -379,11 +379,12 @@ def _numbers(table: Table, channel: ChannelMap, path: Path) -> Array:
 
 
 def _channel(values: Array, channel: ChannelMap) -> Channel:
+    values = channel.factor * values + channel.shift
     return Channel(
         role=channel.role,
         column=channel.column,
         unit=channel.model_unit,
-        values=frozen(channel.factor * values + channel.shift),
+        values=frozen(midpoints(values) if channel.linear else values),
         sd=channel.sd,
         full_scale=channel.full_scale,
         per_unit=channel.per_unit,

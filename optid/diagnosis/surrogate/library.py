@@ -20,7 +20,7 @@ from optid.diagnosis.localisation.unknown_input import UnknownInput, push
 from optid.diagnosis.problem import with_effect
 from optid.diagnosis.surrogate.sinusoid import Linearisation, strongest_sinusoid
 from optid.effects.ageing import Ageing
-from optid.effects.curve import BENDS, Curve, Scaling
+from optid.effects.curve import BENDS, HEIGHTS, Curve, Scaling
 from optid.effects.description import AND, Description
 from optid.effects.effect import Effect
 from optid.effects.relaxation import Relaxation
@@ -37,6 +37,8 @@ SAME = 0.99  # correlation of two signals of which one is enough
 # what pushes.
 FASTEST, FINEST, TRACK = 30.0, 100.0, 300.0
 LENGTHS = ("m", "rad")
+VISITED = 0.02  # of an even share: samples between two knots of a curve, at least
+ONE = 1.0  # period within what was recorded, that a wave has at least while it is fitted
 SCALED = 0.2  # share that a height of 1 scales by
 TURN = 0.05  # of the speed's root mean square: where a curve that turns with its sign has turned
 AT_REST = 0.01  # the same: where what ages does so
@@ -53,9 +55,7 @@ def curves(base: FittedModel, located: UnknownInput) -> Sequence[Curve]:
     size = float(np.nanstd(located.signal))
     if not size > 0.0:
         return []
-    followed = {
-        name: values for name, values in _moving(base).items() if np.nanmin(values) < np.nanmax(values)
-    }
+    followed = {name: values for name, values in _moving(base).items() if _filled(values)}
     turns = {"": 0.0, **_slow(base, TURN)}
     pairs = [(name, speed) for speed in turns for name in followed if name != speed]
 
@@ -97,7 +97,7 @@ def shared(base: FittedModel, located: UnknownInput) -> list[Description]:
     for name, values in known.items():
         low, high = _ends(values)
         if low < high:
-            if len(located.sites) > 1:  # at a single one a curve says as much
+            if len(located.sites) > 1 and _filled(values):  # at a single one a curve says as much
                 found.append(Scaling(site, name, low=low, high=high, size=SCALED))
             scale, start = float(np.nanstd(values)), float(np.nanmean(values))
             found.append(Relaxation(site, name, size=size, scale=scale, start=start))
@@ -112,8 +112,8 @@ def levels(base: FittedModel) -> list[Description]:
     found: list[Description] = []
     for site in base.rig.model.scalable:
         for name, values in _signals(base, (site,)).items():
-            low, high = _ends(values)
-            if low < high:
+            if _filled(values):
+                low, high = _ends(values)
                 found.append(Scaling(site, name, low=low, high=high, size=SCALED))
         found += [Ageing(site, name, size=SCALED, slow=slow) for name, slow in _slow(base, AT_REST).items()]
     return found
@@ -147,7 +147,8 @@ def waves(at: Linearisation, site: str) -> list[tuple[Wave, dict[str, float], fl
             followed[state.name] = (values, most / max(high - low, 1e-12))
     found = []
     for name, (along, fastest) in followed.items():
-        for plain in fitting(base.rig, [Wave(site, name, size=size)]):
+        fewest = ONE / max(float(np.ptp(along)), 1e-12)
+        for plain in fitting(base.rig, [Wave(site, name, repeats=fewest, size=size, fewest=fewest)]):
             line = strongest_sinusoid(at, plain, along, fastest)
             if line is None or not line.height > 0.0:
                 continue
@@ -203,6 +204,17 @@ class _Reading(Instrument):
         """The site's own signal as it came."""
         sheet.output(f"{self.name}_{self.sites.index(site)}", "1", near[self.along])
         return nominal
+
+
+def _filled(values: Array) -> bool:
+    """A signal was between all knots of a curve over it: where none was, as between set points, a curve says anything.
+
+    One that passes from end to end is at least a share of its time between any two neighbours.
+    """
+    known = values[np.isfinite(values)]
+    if not len(known) or not np.ptp(known) > 0.0:
+        return False
+    return bool((np.histogram(known, HEIGHTS - 3)[0] >= VISITED * len(known) / (HEIGHTS - 3)).all())
 
 
 def _ends(values: Array) -> tuple[float, float]:

@@ -1,0 +1,42 @@
+"""Gears and guides that rub harder the more is driven through them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import casadi as ca
+
+from optid.core.parameter import Parameter
+from optid.core.sheet import Sheet
+from optid.effects.effect import Effect
+
+SHARE = Parameter(
+    "share", "1", 0.1, "dry friction per force or torque that is driven through the contact",
+    "gear stages lose 1 to 10 % each, worms and screws up to half", 0.0, (0.0, 2.0),
+)  # fmt: skip
+SMOOTH = 1e-3  # of the site's usual size: where the magnitude has no corner
+
+
+class LoadDependentFriction(Effect):
+    """F_r + k |F_drive|: the level of dry friction with what the teeth are pressed together by."""
+
+    name = "load_dependent_friction"
+    sites = ("force.coulomb",)
+    equation = "11"
+    parameters = (SHARE,)
+    strength = {"share": 0.01}
+    usual = ({"share": 0.1},)
+    law = "dry friction is F_r + k |F_drive|"
+    says = "dry friction grows with what is driven through the contact, by {share} of it"
+    depends_on = ("velocity",)
+    needs = "motion under loads that differ widely"
+    ahead_of = ("asymmetric_friction", "friction_drift", "position_dependent_friction", "presliding")
+    look_alikes = ("stribeck_friction", "quadratic_drag", "position_dependent_friction")
+    experiment = "the same motion with two weights on the arm"
+    source = "Dohring, Lee and Newman, American Control Conference 1993; friction of loaded gears"
+
+    def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
+        """The level of dry friction, N or N m; the plant names what drives the contact "drive"."""
+        small = SMOOTH * near["size"]
+        return nominal + sheet.param(SHARE) * (ca.sqrt(near["drive"] ** 2 + small**2) - small)

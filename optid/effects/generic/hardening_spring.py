@@ -1,0 +1,39 @@
+"""A spring that pulls harder, or less, the farther it is drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from optid.core.parameter import Parameter
+from optid.core.sheet import Sheet
+from optid.effects.anywhere import Anywhere
+
+HARDENING = Parameter(
+    "hardening", "1", 0.3, "share by which it pulls harder than Hooke's law has it, at the site's usual size",
+    "a beam drawn taut, a stop of rubber; less than nothing for one that gives way", 0.0, (-0.3, 10.0),
+)  # fmt: skip
+
+
+class HardeningSpring(Anywhere):
+    """s (1 + h (s / size)^2), Duffing's cubic law, of a spring's force or of the length that stands for it."""
+
+    kind = "hardening_spring"
+    parameters = (HARDENING,)
+    # At three times its usual size, where signals peak, that is one percent.
+    strength = {"hardening": 0.001}
+    usual = ({"hardening": 0.15}, {"hardening": 0.02}, {"hardening": -0.02})
+    law = "the spring's force is s (1 + h (s / size)^2), s as Hooke's law has it"
+    says = "the spring pulls {hardening} harder than Hooke's law has it where its signal has its usual size"
+    needs = "small and large deflections"
+    experiment = "a slow sweep through the resonance at two amplitudes: it bends towards higher frequencies"
+    source = "Duffing's oscillator, as in Wigren and Schoukens, European Control Conference 2013"
+
+    @classmethod
+    def suits(cls, place: str) -> bool:
+        """A site that the plant calls a spring's: "force.spring", "spring.force"."""
+        return "spring" in place.split(".")
+
+    def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
+        """The force with its cube."""
+        return nominal * (1 + self.own(HARDENING, near, sheet) * (nominal / near["size"]) ** 2)

@@ -1,0 +1,1 @@
+"""The field board: real recordings, what engineers accept of each, and how an answer is scored."""

@@ -1,0 +1,50 @@
+"""Intervals where a parameter stands at a bound: what it cannot do, the others need not make up for."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from optid.diagnosis.intervals import intervals
+
+
+def refined(values, low, high):
+    """A line a + b t in white noise, of two parameters that are hard to tell apart."""
+    t = np.linspace(1.0, 1.2, 200)
+    slopes = np.stack([np.ones_like(t), t], axis=1)[:, None, :]
+    parameters = [SimpleNamespace(name=name, unit="1") for name in "ab"]
+    model = SimpleNamespace(parameters=parameters)
+    problem = SimpleNamespace(
+        recording=np.array([0]), counts=np.array([199]), time=np.arange(200) * 0.1, dt=np.full(199, 0.1)
+    )
+    question = SimpleNamespace(
+        free=(0, 1),
+        typical=np.ones(2),
+        low=np.array(low),
+        high=np.array(high),
+        prior=np.full(2, np.nan),
+        prior_sd=np.full(2, np.inf),
+        model=model,
+        problem=problem,
+    )
+    noise = np.random.default_rng(0).standard_normal((1, 200, 1))
+    answer = SimpleNamespace(
+        question=question,
+        p=np.array(values),
+        information=slopes[:, 0].T @ slopes[:, 0],
+        filtered=SimpleNamespace(innovations=noise, variances=np.ones((1, 200, 1))),
+        slopes=SimpleNamespace(innovations=-slopes, variances=np.zeros_like(slopes)),
+    )
+    return SimpleNamespace(answer=answer, effects=(), shift=np.zeros(2))
+
+
+def half(estimate):
+    return (estimate.high - estimate.low) / 2
+
+
+def test_a_bound_that_holds_a_parameter_takes_its_freedom_from_the_other():
+    free, _ = intervals(refined([0.0, 0.5], [-1e6, -1e6], [1e6, 1e6]))
+    held, at = intervals(refined([0.0, 0.5], [-1e6, 0.5], [1e6, 1e6]))
+    assert half(free) > 10.0 * half(held)
+    assert half(held) == pytest.approx(1.96 / np.sqrt(200), rel=0.6)  # as if the other were known
+    assert at.low == 0.5 and at.high > 0.6  # the one at its bound is as unsure as ever
