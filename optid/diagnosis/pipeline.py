@@ -104,7 +104,7 @@ def diagnose(
     kept = Checkpoint(checkpoint, key_of(problem))
     base, search = _base_fit(problem.at_search_rate(), kept)
     if roles := inputs_that_go_on(base, search):
-        problem, sealed = straightened(problem, roles), straight_inputs(sealed, roles)
+        problem = straightened(problem, roles)
         base, search = fit_base(problem.at_search_rate())
     wide = relax_bounds(base, search)
     path = nothing_selected(base, search) if wide else _selection(base, search, kept)
@@ -125,7 +125,8 @@ def diagnose(
         name: refit(one, problem) if one.effects else one for name, one in without_each(path, answer).items()
     }
     strongest = None if path.strongest is None or best is not plain else refit(path.strongest, problem)
-    test = test_on_holdout(plain, best, rivals, strongest, sealed, problem.noise, criteria)
+    opened = straight_inputs(sealed, roles)
+    test = test_on_holdout(plain, best, rivals, strongest, opened, problem.noise, criteria)
     names = tuple(one.name for one in sealed)
     kept.clear()
     wider = wide is not None

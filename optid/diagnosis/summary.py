@@ -11,9 +11,12 @@ if TYPE_CHECKING:
     from optid.diagnosis.result import Diagnosis, Finding
 
 _FRIENDLY = {
-    "m": (1e3, "mm"), "m/s": (1e3, "mm/s"), "Pa": (1e-5, "bar"), "m**2": (1e6, "mm2"),
+    "m": (1e3, "mm"),
+    "m/s": (1e3, "mm/s"),
+    "Pa": (1e-5, "bar"),
+    "m**2": (1e6, "mm2"),
     "1": (1.0, ""),
-}  # fmt: skip
+}
 
 
 def quantity(value: float, unit: str) -> str:

@@ -234,15 +234,29 @@ def _result(
             low, high = (-math.inf, inner) if below else (inner, math.inf)
         estimates.append(
             Estimate(
-                parameter.name, parameter.unit, float(theta[k]), float(low), float(high), float(p0[i]),
-                bool(bound[k]), not bool(ties.mute[k]),
+                parameter.name,
+                parameter.unit,
+                float(theta[k]),
+                float(low),
+                float(high),
+                float(p0[i]),
+                bool(bound[k]),
+                not bool(ties.mute[k]),
             )
-        )  # fmt: skip
+        )
     values = {q_.name: float(v) for q_, v in zip(o.model.parameters, p, strict=True)}
     return Fit(
-        best.outcome, tuple(estimates), values, cov, _noise(o, terms, at, q), q, at.X, ties.sentences,
-        _certificate(o, terms, q), time.monotonic() - began,
-    )  # fmt: skip
+        best.outcome,
+        tuple(estimates),
+        values,
+        cov,
+        _noise(o, terms, at, q),
+        q,
+        at.X,
+        ties.sentences,
+        _certificate(o, terms, q),
+        time.monotonic() - began,
+    )
 
 
 def _one_sided(o: Objective, best: Solution, bound: Booleans, mute: Booleans) -> Array:

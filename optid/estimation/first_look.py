@@ -97,10 +97,13 @@ def first_look(model: Model, problem: Problem, cut: Problem, p: Array, noise: No
     )
     begins = np.array([one.row for one in begun], dtype=np.int64)
     pieces = replace(
-        problem, begins=begins, counts=np.array(counts, dtype=np.int64),
-        closed=np.ones(len(begins), dtype=np.bool_), linked=np.zeros(len(begins), dtype=np.bool_),
+        problem,
+        begins=begins,
+        counts=np.array(counts, dtype=np.int64),
+        closed=np.ones(len(begins), dtype=np.bool_),
+        linked=np.zeros(len(begins), dtype=np.bool_),
         recording=problem.recording[np.searchsorted(problem.begins, begins, side="right") - 1],
-    )  # fmt: skip
+    )
     return Known(pieces, start)
 
 
@@ -170,10 +173,17 @@ def _part(problem: Problem, begin: int, end: int) -> Problem:
     measured = problem.measured[rows].copy()
     measured[-1] = np.nan
     return replace(
-        problem, time=problem.time[rows], dt=problem.dt[rows], inputs=problem.inputs[rows], measured=measured,
-        begins=np.zeros(1, dtype=np.int64), counts=np.array([end - begin], dtype=np.int64),
-        closed=np.ones(1, dtype=np.bool_), linked=np.zeros(1, dtype=np.bool_), recording=np.zeros(1, dtype=np.int64),
-    )  # fmt: skip
+        problem,
+        time=problem.time[rows],
+        dt=problem.dt[rows],
+        inputs=problem.inputs[rows],
+        measured=measured,
+        begins=np.zeros(1, dtype=np.int64),
+        counts=np.array([end - begin], dtype=np.int64),
+        closed=np.ones(1, dtype=np.bool_),
+        linked=np.zeros(1, dtype=np.bool_),
+        recording=np.zeros(1, dtype=np.int64),
+    )
 
 
 def _tried(model: Model, p: Array, mean: Array, sd: Array, hidden: Booleans) -> tuple[_Tried, ...]:

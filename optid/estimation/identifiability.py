@@ -85,9 +85,13 @@ def find_ties(o: Objective, at: Point, t: Terms, q: Array, held: Any) -> Ties:
             )
     leader = names[int(np.abs(vectors[:, 0]).argmax())]
     return Ties(
-        idle, mute & ~np.asarray(held), tuple(sentences), int((sizes <= MUTE).sum()),
-        float(sizes[0] / sizes[-1]), (float(sizes[0]), leader),
-    )  # fmt: skip
+        idle,
+        mute & ~np.asarray(held),
+        tuple(sentences),
+        int((sizes <= MUTE).sum()),
+        float(sizes[0] / sizes[-1]),
+        (float(sizes[0]), leader),
+    )
 
 
 def examine(o: Objective, at: Point) -> tuple[Ties, Terms]:

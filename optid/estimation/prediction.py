@@ -116,9 +116,10 @@ def _from_first_measured(model: Model, recording: Recording) -> Recording:
     cut = recording.taken(np.arange(first, len(recording))) if 0 < first < len(recording) - 1 else recording
     if not measured.any() or not cut.segments():
         raise RecordingError(
-            "no stretch of it has both a command and a measured output", where=recording.name,
+            "no stretch of it has both a command and a measured output",
+            where=recording.name,
             expected="at least two samples in a row",
-        )  # fmt: skip
+        )
     return cut
 
 
@@ -173,10 +174,16 @@ def _segment(o: Objective, head: int, stop: int) -> Objective:
     first, last = int(b.begins[head]), int(b.begins[stop - 1] + b.counts[stop - 1]) + 1
     rows, pick = slice(first, last), slice(head, stop)
     part = Problem(
-        b.time[rows], np.ascontiguousarray(b.dt[rows]), np.ascontiguousarray(b.inputs[rows]),
-        np.ascontiguousarray(b.measured[rows]), b.begins[pick] - first, b.counts[pick], b.closed[pick],
-        b.linked[pick], b.recording[pick],
-    )  # fmt: skip
+        b.time[rows],
+        np.ascontiguousarray(b.dt[rows]),
+        np.ascontiguousarray(b.inputs[rows]),
+        np.ascontiguousarray(b.measured[rows]),
+        b.begins[pick] - first,
+        b.counts[pick],
+        b.closed[pick],
+        b.linked[pick],
+        b.recording[pick],
+    )
     return replace(o, problem=part, weight=np.ascontiguousarray(o.weight[rows]))
 
 

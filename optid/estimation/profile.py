@@ -147,10 +147,18 @@ def profile(
     deviance = (cost - terms.cost) * (curved / sd) ** 2
     estimate, at = fit.parameters[k], len(down)
     return Profile(
-        name, estimate.unit, middle[0], values, deviance, limit,
-        -_crossing(-values[at::-1], deviance[at::-1], limit), _crossing(values[at:], deviance[at:], limit),
-        (estimate.low, estimate.high), _others(o, k, rows), estimate.value,
-    )  # fmt: skip
+        name,
+        estimate.unit,
+        middle[0],
+        values,
+        deviance,
+        limit,
+        -_crossing(-values[at::-1], deviance[at::-1], limit),
+        _crossing(values[at:], deviance[at:], limit),
+        (estimate.low, estimate.high),
+        _others(o, k, rows),
+        estimate.value,
+    )
 
 
 def fitted(rig: Rig, name: str) -> int:

@@ -28,10 +28,11 @@ def placed(name, effects, usual=True):
     plant = Grown(name, build(PLANTS[name][0]), improved.model, chosen, {})
     X, U = plant.states(rng, COUNT), plant.inputs(rng, COUNT)
     answer = SimpleNamespace(
-        p=improved.model.vector(improved.parameters), filtered=SimpleNamespace(states=[X]),
+        p=improved.model.vector(improved.parameters),
+        filtered=SimpleNamespace(states=[X]),
         question=SimpleNamespace(problem=SimpleNamespace(inputs=U)),
         noise=SimpleNamespace(measurement=np.ones(len(improved.model.outputs))),
-    )  # fmt: skip
+    )
     return RefinedModel((), rig, None, None), RefinedModel(chosen, improved, answer, None)
 
 

@@ -65,9 +65,15 @@ def axis(tmp_path_factory):
     rig = read_rig(path)
     model = rig.model
     truth = {
-        "viscous_friction": 70.0, "coulomb_friction": 80.0, "discharge_coefficient": 0.75, "residual_length": 0.01,
-        "presliding_length": 2e-6, "presliding_shape": 1.0, "bristle_damping": 3e-4, "bristle_fading": 0.05,
-    }  # fmt: skip
+        "viscous_friction": 70.0,
+        "coulomb_friction": 80.0,
+        "discharge_coefficient": 0.75,
+        "residual_length": 0.01,
+        "presliding_length": 2e-6,
+        "presliding_shape": 1.0,
+        "bristle_damping": 3e-4,
+        "bristle_fading": 0.05,
+    }
     noise = Noise(np.array([case.sensors.position_noise**2, 1.0, 1.0]), ((1,), (2, 3)), np.log([1e-5, 1e-4]))
     steps = [Recording("steps", run.t, channels)]
     problem, cut = pose(model, steps, WHOLE), pose(model, steps, 0.5)
@@ -123,9 +129,13 @@ def test_a_record_that_begins_at_rest_is_found_at_rest_and_one_cut_from_a_motion
     moving = int(np.argmax(np.abs(run.velocity[:400])))
     rows = slice(moving, None)
     late = replace(
-        problem, time=problem.time[rows] - problem.time[moving], dt=problem.dt[rows], inputs=problem.inputs[rows],
-        measured=problem.measured[rows], counts=problem.counts - moving,
-    )  # fmt: skip
+        problem,
+        time=problem.time[rows] - problem.time[moving],
+        dt=problem.dt[rows],
+        inputs=problem.inputs[rows],
+        measured=problem.measured[rows],
+        counts=problem.counts - moving,
+    )
     thrown = first_look(model, late, replace(cut, begins=cut.begins - np.array([0, moving])), p, noise).start
     assert abs(thrown.mean[0, 0, 1] - run.velocity[moving]) < 2.0 * sd_of(thrown)[0, 0, 1]
 

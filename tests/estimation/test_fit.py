@@ -171,8 +171,10 @@ def optid_fit(folder, out, environment):
     arguments = ("fit", folder / "cart.toml", folder / "cart.csv", "--starts", "5", "--out", folder / out)
     return subprocess.Popen(
         [sys.executable, "-m", "optid.cli", *map(str, arguments)],
-        env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-    )  # fmt: skip
+        env=environment,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
 
 
 def fitted(folder, out):

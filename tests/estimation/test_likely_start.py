@@ -74,9 +74,15 @@ def test_on_a_linear_plant_a_look_ends_where_a_kalman_filter_does(samples, proce
     mean, covariance, normal = carried(o, [likely])
     Q, R = o.noise.spectrum(3)[None], o.noise.measurement[None]
     exact = run_filter(
-        o.model, o.problem, o.p[None], Q, R, keep=True, covariances=True,
+        o.model,
+        o.problem,
+        o.p[None],
+        Q,
+        R,
+        keep=True,
+        covariances=True,
         start=Start.apart(o.known.mean[None, None], o.known.sd[None, None]),
-    )  # fmt: skip
+    )
     sd = np.sqrt(np.diagonal(exact.covariances[0, -1]))
     assert normal
     assert (np.abs(mean - exact.states[0, -1]) < 0.1 * sd).all()

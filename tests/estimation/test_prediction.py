@@ -56,9 +56,13 @@ def test_a_gap_starts_anew(cart):
     data = recording(rng, seconds=4.0)
     keep = np.r_[0:400, 600:800]
     holed = type(data)(
-        "gap.csv", data.time[keep],
-        {role: type(c)(c.role, c.column, c.unit, c.values[keep], sd=c.sd) for role, c in data.channels.items()},
-    )  # fmt: skip
+        "gap.csv",
+        data.time[keep],
+        {
+            role: type(c)(c.role, c.column, c.unit, c.values[keep], sd=c.sd)
+            for role, c in data.channels.items()
+        },
+    )
     known = predict(cart, holed).frame["position_window"].notna().to_numpy()
     assert known[WINDOW : 400 - 1].all()
     assert not known[400 : 400 + WINDOW - 2].any()

@@ -12,9 +12,14 @@ from optid.core.sheet import Sheet
 from optid.effects.effect import Effect
 
 SHARE = Parameter(
-    "share", "1", 0.1, "dry friction per force or torque that is driven through the contact",
-    "gear stages lose 1 to 10 % each, worms and screws up to half", 0.0, (0.0, 2.0),
-)  # fmt: skip
+    "share",
+    "1",
+    0.1,
+    "dry friction per force or torque that is driven through the contact",
+    "gear stages lose 1 to 10 % each, worms and screws up to half",
+    0.0,
+    (0.0, 2.0),
+)
 SMOOTH = 1e-3  # of the site's usual size: where the magnitude has no corner
 
 

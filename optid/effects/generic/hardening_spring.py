@@ -10,9 +10,14 @@ from optid.core.sheet import Sheet
 from optid.effects.anywhere import Anywhere
 
 HARDENING = Parameter(
-    "hardening", "1", 0.3, "share by which it pulls harder than Hooke's law has it, at the site's usual size",
-    "a beam drawn taut, a stop of rubber; less than nothing for one that gives way", 0.0, (-0.3, 10.0),
-)  # fmt: skip
+    "hardening",
+    "1",
+    0.3,
+    "share by which it pulls harder than Hooke's law has it, at the site's usual size",
+    "a beam drawn taut, a stop of rubber; less than nothing for one that gives way",
+    0.0,
+    (-0.3, 10.0),
+)
 
 
 class HardeningSpring(Anywhere):
