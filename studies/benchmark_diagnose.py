@@ -29,10 +29,10 @@ from optid.diagnosis.pipeline import diagnose  # noqa: E402
 from optid.effects.effect import Effect  # noqa: E402
 from optid.effects.library import admitted  # noqa: E402
 from optid.errors import SolveError  # noqa: E402
+from optid.estimation.fisher_scoring import default_process_noise, likelihood_problem, maximise, point_at  # noqa: E402
 from optid.estimation.likelihood import WHOLE  # noqa: E402
-from optid.estimation.place import Answer, Question  # noqa: E402
-from optid.estimation.problem import pose  # noqa: E402
-from optid.estimation.scoring import maximise, middling, point_at, question_of  # noqa: E402
+from optid.estimation.likelihood_point import LikelihoodFit, LikelihoodProblem  # noqa: E402
+from optid.estimation.problem import build_problem  # noqa: E402
 from optid.rigs.rigfile import Rig, read_rig, with_effects  # noqa: E402
 from studies.independent_rig import recording, simulate  # noqa: E402
 from studies.make_recording import WORN  # noqa: E402
@@ -77,7 +77,7 @@ def screened(rig: Rig, train: Sequence[Recording], held: Sequence[Recording]) ->
 def exhaustive(rig: Rig, train: Sequence[Recording], held: Sequence[Recording], every: int) -> Timed:
     """Every effect refitted from every usual size; one round, so that a second effect is not even looked for."""
     start = time.perf_counter()
-    question = question_of(rig, pose(rig.model, train, WHOLE))
+    question = likelihood_problem(rig, build_problem(rig.model, train, WHOLE))
     base = _likeliest(question, rig.model.vector(rig.parameters)).p
     scores: dict[str, float] = {}
     effects = admitted(rig.model)
@@ -100,14 +100,14 @@ def _refit(
     p = model.vector(grown.parameters)
     p[[model.index(parameter.name) for parameter in rig.model.parameters]] = p0
     try:
-        answer = _likeliest(question_of(grown, pose(model, train, WHOLE), rig.model), p)
+        answer = _likeliest(likelihood_problem(grown, build_problem(model, train, WHOLE), rig.model), p)
     except SolveError:  # from this size the simulation diverges
         return math.inf
-    return float(evaluate(answer.question, answer.p, answer.noise, held).deviance.sum())
+    return float(evaluate(answer.likelihood_problem, answer.p, answer.noise, held).deviance.sum())
 
 
-def _likeliest(question: Question, p: np.ndarray) -> Answer:
-    return maximise(point_at(question, p, middling(question)))
+def _likeliest(question: LikelihoodProblem, p: np.ndarray) -> LikelihoodFit:
+    return maximise(point_at(question, p, default_process_noise(question)))
 
 
 def main() -> None:

@@ -26,12 +26,12 @@ import pandas as pd
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from optid.core import kernel, threads
-from optid.core.compiled import compiled_runs, object_code
-from optid.core.emit import source
+from optid.core.jit import compiled_runs, object_code
+from optid.core.llvm_codegen import source
 from optid.core.readers import read_recording
 from optid.core.simulation import TOLERANCE, simulate
 from optid.core.threads import WORKERS
-from optid.estimation.batch import FitOptions, fit
+from optid.estimation.multiple_shooting import FitOptions, fit
 from optid.rigs.rigfile import Rig, read_rig
 from studies.peers import axis, fit_c, fit_casadi, fit_scipy
 from studies.peers.record import NOISE, Record, benchmark_record

@@ -21,7 +21,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from optid.core.readers import read_recording
 from optid.core.recording import Recording
 from optid.core.simulation import simulate
-from optid.estimation.batch import FitOptions, fit
+from optid.estimation.multiple_shooting import FitOptions, fit
 from optid.estimation.result import Fit, Score
 from optid.rigs.rigfile import Rig, read_rig
 from studies.emps_inverse_dynamics import PUBLISHED, PUBLISHED_SEPARATE, RECORDINGS, inverse_dynamics, read

@@ -47,7 +47,7 @@ def repeat(number: int, seconds: float, colour: float) -> Rows:
     """Record, fit, and say for every known parameter where truth and interval lie."""
     from optid.core.readers import read_recording
     from optid.errors import NotIdentifiable
-    from optid.estimation.batch import fit
+    from optid.estimation.multiple_shooting import fit
     from optid.rigs.rigfile import read_rig
     from studies.independent_rig import Rig, Sensors, recording, simulate
     from studies.references import mixed

@@ -33,7 +33,7 @@ from optid.armax.survey import Plan, survey
 from optid.armax.table2 import Table2
 from optid.core.readers import read_recording
 from optid.core.recording import Recording
-from optid.estimation.batch import fit
+from optid.estimation.multiple_shooting import fit
 from optid.estimation.prediction import predict as predict_physically
 from optid.rigs.rigfile import Rig, read_rig
 from studies.independent_rig import recording, simulate

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optid.core.readers import read_recording
-from optid.estimation.batch import fit
+from optid.estimation.multiple_shooting import fit
 from optid.rigs.rigfile import Rig, read_rig
 
 Array = NDArray[np.float64]

@@ -30,7 +30,7 @@ import pandas as pd
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from optid.armax import Armax
 from optid.core.readers import read_recording
-from optid.estimation.batch import fit
+from optid.estimation.multiple_shooting import fit
 from optid.pid.controller import Controller, Gains, Settings
 from optid.rigs.rigfile import Rig, read_rig, write_rig
 from optid.tuning.bench import PhysicalBench

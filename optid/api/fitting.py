@@ -15,8 +15,8 @@ from optid.api.exhibit import Exhibit, about, input_table, prediction_table
 from optid.api.inputs import Given, Progress, given, refuse_unfit, rig_of, silent
 from optid.api.unknowns import about_data, about_fit
 from optid.errors import NotIdentifiable
-from optid.estimation.batch import FitOptions
-from optid.estimation.batch import fit as estimate
+from optid.estimation.multiple_shooting import FitOptions
+from optid.estimation.multiple_shooting import fit as estimate
 from optid.estimation.prediction import predict
 from optid.estimation.profile import Profile, fitted
 from optid.estimation.profile import profile as follow

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from optid.core.decimation import brought_down
 from optid.core.readers import read_recording as read_file
 from optid.core.recording import Experiments, Recording
-from optid.core.thinning import brought_down
 from optid.errors import InputError, NotIdentifiable
 from optid.quality.quality import quality
 from optid.quality.remark import Remark

@@ -25,7 +25,7 @@ from optid.tuning.files import document
 from optid.tuning.margins import Required
 from optid.tuning.measure import Measure
 from optid.tuning.optimise import Options
-from optid.tuning.posing import Wishes, pose
+from optid.tuning.posing import Wishes, build_problem
 from optid.tuning.structures import structure_of
 from optid.tuning.tuning import Tuning
 from optid.tuning.tuning import tune as optimise
@@ -98,7 +98,9 @@ def tune(
         usual_sensitivity=sensitivity is None,
     )
     rng = np.random.default_rng(seed)
-    posed = pose(contents, source, wishes, rng, None if rig is None else rig_of(rig), rig is not None)
+    posed = build_problem(
+        contents, source, wishes, rng, None if rig is None else rig_of(rig), rig is not None
+    )
     chosen = structure_of(structure or ("pid" if posed.task.bench_alone else "pid2"))
     moved = chosen.free if free is None else tuple(free)
     options = Options(moved, starts=starts, cascade=chosen.cascade, effort=Effort(progress))

@@ -7,7 +7,7 @@ from typing import TypeVar
 
 import numba
 
-from optid.core.compiling import kept
+from optid.core.jit_cache import kept
 
 Kernel = TypeVar("Kernel", bound=Callable[..., object])
 _OPTIONS = {"error_model": "numpy", "nogil": True}

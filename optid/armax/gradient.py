@@ -15,7 +15,7 @@ import numpy as np
 from optid.armax.regression import BLOCK, reflect
 from optid.armax.signals import Mask, Signals, usable
 from optid.armax.structure import Orders
-from optid.core.compiling import kept
+from optid.core.jit_cache import kept
 from optid.core.model import Array
 
 Lags = tuple[Array, Array]

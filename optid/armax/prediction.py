@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from optid.armax.model import Armax
 from optid.armax.signals import signals
-from optid.core.compiling import kept
+from optid.core.jit_cache import kept
 from optid.core.model import Array
 from optid.errors import InputError, RecordingError
 

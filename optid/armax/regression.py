@@ -9,7 +9,7 @@ import numpy as np
 
 from optid.armax.signals import Mask, Signals, usable
 from optid.armax.structure import Orders
-from optid.core.compiling import kept
+from optid.core.jit_cache import kept
 from optid.core.model import Array
 
 BLOCK = 256  # rows

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from optid.armax.signals import Signals
+from optid.core.decimation import at_samples_of
 from optid.core.model import Array
 from optid.core.recording import Recording
-from optid.core.thinning import at_samples_of
 from optid.errors import InputError, nearest
 
 LONGEST_GAP = 1000  # samples kept of a gap: after any longer one the recursion begins anew all the same

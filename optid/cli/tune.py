@@ -139,7 +139,7 @@ def tune(model: str, out: str, **choices: Any) -> None:
     from optid.rigs.rigfile import read_rig
     from optid.tuning.bench_search import Effort
     from optid.tuning.files import document
-    from optid.tuning.posing import pose
+    from optid.tuning.posing import build_problem
     from optid.tuning.structures import structure_of
     from optid.tuning.tuning import tune as tuned
 
@@ -147,7 +147,7 @@ def tune(model: str, out: str, **choices: Any) -> None:
     rig = None if choices["rig"] is None else read_rig(choices["rig"])
     rng = np.random.default_rng(choices["seed"])
     wishes = _wishes(choices, contents)
-    posed = pose(contents, Path(model), wishes, rng, rig, not choices["check_only"])
+    posed = build_problem(contents, Path(model), wishes, rng, rig, not choices["check_only"])
     structure = structure_of(choices["structure"] or ("pid" if posed.task.bench_alone else "pid2"))
     present = _present(choices["present"])
     patience = _Patience(choices["time_limit"], choices["deadline"])

@@ -1,7 +1,7 @@
 """Compiled loops over samples and windows, the same for every model.
 
 numba compiles this file once per version. What differs between models, the equations and the step of the
-integrator, is machine code made by `optid.core.compiled` from `optid.core.emit` and called here by its address.
+integrator, is machine code made by `optid.core.jit` from `optid.core.llvm_codegen` and called here by its address.
 
 Integrator: an embedded Runge-Kutta pair, restarted at every sample because the held command jumps there, with
 step control on the states. Sensitivities are the exact derivative of the same steps. Several states at once, as the
@@ -19,7 +19,7 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from optid.core.compiling import kept
+from optid.core.jit_cache import kept
 
 # IEEE division instead of Python's check for zero, fused multiply-add allowed; NaN and infinity stay what they are.
 compiled = kept(nogil=True, error_model="numpy", fastmath={"contract", "nsz", "arcp"})
@@ -32,7 +32,7 @@ MOST_EXPLICIT = 10_000  # ten times what friction at its stiffest needs in a hol
 
 
 class Code(NamedTuple):
-    """Addresses of a model's functions, see `optid.core.emit.source`, 0 for none, and the length of its c."""
+    """Addresses of a model's functions, see `optid.core.llvm_codegen.source`, 0 for none, and the length of its c."""
 
     constants: int
     half: int

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optid.core import kernel
-from optid.core.compiled import compiled_runs
+from optid.core.jit import compiled_runs
 from optid.core.model import Array, Model
-from optid.core.threads import spread
+from optid.core.threads import parallel_for
 
 # Local error of a step as a share of each state's usual size: positions within 0.01 micrometre of Radau (tests).
 TOLERANCE = 2e-8
@@ -90,7 +90,7 @@ def simulate(
     machine, sizes = compiled_runs(model), tolerance * model.scales
     dt, inputs = np.ascontiguousarray(dt, dtype=float), np.ascontiguousarray(inputs, dtype=float)
     given = (starts, counts, X0, P, dt, inputs, sizes, X, Y)
-    spread(runs, lambda a, b: machine.run(kernel.simulate, a, b, *given))
+    parallel_for(runs, lambda a, b: machine.run(kernel.simulate, a, b, *given))
     return Runs(X, Y)
 
 
@@ -118,5 +118,5 @@ def carry(
     given = (windows.begins, windows.counts, windows.closed, np.ascontiguousarray(known), X0, P)
     found = (windows.dt, windows.inputs, tolerance * model.scales, X, Y, ends)
     machine = compiled_runs(model)
-    spread(len(P), lambda a, b: machine.run(kernel.carry, a, b, *given, *found))
+    parallel_for(len(P), lambda a, b: machine.run(kernel.carry, a, b, *given, *found))
     return Carried(X, ends, Y)

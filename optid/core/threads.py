@@ -37,7 +37,7 @@ def limit(cores: int | None) -> None:
     _searches.cache_clear()
 
 
-def spread(count: int, work: Callable[[int, int], None], grain: int = 1) -> None:
+def parallel_for(count: int, work: Callable[[int, int], None], grain: int = 1) -> None:
     """Run ``work(first, last)``, which calls a kernel, over 0..count in as many threads as there are cores.
 
     `first` is a multiple of `grain`.
@@ -51,7 +51,7 @@ def spread(count: int, work: Callable[[int, int], None], grain: int = 1) -> None
         future.result()
 
 
-def together(work: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
+def parallel_map(work: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
     """``work(item)`` of each, in their order, as many at a time as there are cores.
 
     A search runs few simulations at once, and between them it thinks: two searches side by side leave no core idle.

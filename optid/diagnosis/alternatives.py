@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 
-from optid.core.threads import together
+from optid.core.threads import parallel_map
 from optid.diagnosis.fitted import FittedModel, fit_model
 from optid.diagnosis.problem import DiagnosisProblem, Stage
 from optid.diagnosis.proposals import Proposal, propose
@@ -90,10 +90,10 @@ def _in_place(path: SelectionPath, effect: Effect, problem: DiagnosisProblem) ->
     if not others or problem.budget.is_over:
         return []
     # From where the named model stands, and from where the one without it does.
-    index = less.question.model.parameters
-    stands = less.question.model.vector({q.name: path.best.values[q.name] for q in index})
+    index = less.likelihood_problem.model.parameters
+    stands = less.likelihood_problem.model.vector({q.name: path.best.values[q.name] for q in index})
     proposals = propose(less, others, problem, [stands])
-    fitted = together(partial(_fitted, path, less.effects, problem), proposals.ranked)
+    fitted = parallel_map(partial(_fitted, path, less.effects, problem), proposals.ranked)
     return [one for one in fitted if one is not None]
 
 
@@ -101,7 +101,9 @@ def _fitted(
     path: SelectionPath, rest: tuple[Effect, ...], problem: DiagnosisProblem, one: Proposal
 ) -> Alternative | None:
     with contextlib.suppress(SolveError):
-        model = fit_model(problem, (*rest, one.effect), one.question.rig, one.question, one.p)
+        model = fit_model(
+            problem, (*rest, one.effect), one.likelihood_problem.rig, one.likelihood_problem, one.p
+        )
         if one.effect.size(model.own_values(one.effect)) < 1.0:
             return None
         validated = cross_validate(model, problem)

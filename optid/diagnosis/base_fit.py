@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 
 from optid.core.model import Array
-from optid.core.threads import together
+from optid.core.threads import parallel_map
 from optid.diagnosis.evaluation import open_variance
 from optid.diagnosis.fitted import FittedModel, fit_model
 from optid.diagnosis.problem import DiagnosisProblem, Stage
 from optid.diagnosis.validation import cross_validate
 from optid.errors import SolveError
+from optid.estimation.likelihood_point import LikelihoodProblem
 from optid.estimation.multistep import MultistepFit, fit_multistep, quiet_noise
-from optid.estimation.place import Question
 from optid.rigs.rigfile import Freed
 
 
@@ -25,7 +25,7 @@ def fit_base(problem: DiagnosisProblem) -> tuple[FittedModel, DiagnosisProblem]:
         SolveError: the model cannot be simulated at any start.
     """
     problem.report(Stage.BASE_FIT, "fitting the base model")
-    q, o = problem.question(problem.rig), problem.options
+    q, o = problem.likelihood_problem(problem.rig), problem.options
     starts = search_starts(q, q.model.vector(problem.rig.parameters))
 
     def short(p: Array) -> MultistepFit | SolveError:
@@ -34,20 +34,22 @@ def fit_base(problem: DiagnosisProblem) -> tuple[FittedModel, DiagnosisProblem]:
         except SolveError as error:
             return error
 
-    fits = together(short, starts)
+    fits = parallel_map(short, starts)
     near = [one for one in fits if isinstance(one, MultistepFit)]
     if not near:
         raise next(one for one in fits if isinstance(one, SolveError))
     best = min(near, key=lambda one: one.loss)
     problem = replace(problem, open_variance=open_variance(q, best.p, quiet_noise(q), problem.window))
-    q = problem.question(problem.rig)
+    q = problem.likelihood_problem(problem.rig)
     near = [one for one in near if one.loss <= o.near * best.loss]
-    whole = together(lambda one: fit_multistep(q, one.p, problem.window, turns=o.turns, steps=o.steps), near)
+    whole = parallel_map(
+        lambda one: fit_multistep(q, one.p, problem.window, turns=o.turns, steps=o.steps), near
+    )
     best = min(whole, key=lambda one: one.loss)
     # What windows must err by depends on where the axis rests: once more where the parameters are.
     noise = quiet_noise(q, best.level)
     problem = replace(problem, open_variance=open_variance(q, best.p, noise, problem.window))
-    q = problem.question(problem.rig)
+    q = problem.likelihood_problem(problem.rig)
     fit = fit_multistep(q, best.p, problem.window, turns=o.turns, steps=o.steps, level=best.level)
     return FittedModel((), problem.rig, fit), problem
 
@@ -56,12 +58,12 @@ def with_open_variance(problem: DiagnosisProblem, model: FittedModel) -> Diagnos
     """The problem with what windows must err by anyway where the parameters are."""
     if problem.open_variance is not None:
         return problem
-    q = problem.question(problem.rig)
+    q = problem.likelihood_problem(problem.rig)
     noise = quiet_noise(q, model.fit.level)
     return replace(problem, open_variance=open_variance(q, model.p, noise, problem.window))
 
 
-def search_starts(q: Question, p: Array) -> list[Array]:
+def search_starts(q: LikelihoodProblem, p: Array) -> list[Array]:
     """The parameters with every alternative start that the plant states for those that are free, each once."""
     sets = [q.model.parameters[i].starts for i in q.free]
     count = max((len(one) for one in sets), default=0)
@@ -89,7 +91,7 @@ def relax_bounds(base: FittedModel, problem: DiagnosisProblem) -> FittedModel | 
         replace(f, low=own[f.name][0], high=own[f.name][1]) if f.name in edge else f for f in rig.freed
     )
     wide = replace(rig, freed=freed)
-    model = fit_model(problem, (), wide, problem.question(wide), base.p, short=True)
+    model = fit_model(problem, (), wide, problem.likelihood_problem(wide), base.p, short=True)
     return (
         model
         if cross_validate(model, problem).error_over_noise <= problem.criteria.error_over_noise

@@ -35,7 +35,7 @@ def inputs_that_go_on(base: FittedModel, search: DiagnosisProblem) -> tuple[str,
     if not roles:
         return ()
     other = straightened(search, roles)
-    q = other.question(other.rig)
+    q = other.likelihood_problem(other.rig)
     with contextlib.suppress(SolveError):
         fit = fit_multistep(q, base.p, other.window, turns=TURNS, steps=STEPS, level=base.fit.level)
         held = cross_validate(base, search)

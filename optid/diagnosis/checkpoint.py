@@ -180,7 +180,7 @@ class _Reader:
         if key not in self._models:
             effects = tuple(self.effects[name] for name in document["effects"])
             rig = with_effects(self.problem.rig, effects, {}) if effects else self.problem.rig
-            q = self.problem.question(rig)
+            q = self.problem.likelihood_problem(rig)
             p: Array = np.array(document["p"])
             fit = multistep_at(q, p, self.problem.window, document["level"])
             self._models[key] = FittedModel(effects, rig, fit)
@@ -191,7 +191,9 @@ class _Reader:
         ranked = []
         for name, p, loss, alone in document["ranked"]:
             rig = with_effects(current.rig, (self.effects[name],), {})
-            ranked.append(Proposal(self.effects[name], self.problem.question(rig), np.array(p), loss, alone))
+            ranked.append(
+                Proposal(self.effects[name], self.problem.likelihood_problem(rig), np.array(p), loss, alone)
+            )
         contenders = tuple(
             Contender(self.effects[c["effect"]], self.model(c["model"]), _errors_from(c["errors"]), c["why"])
             for c in document["contenders"]

@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from optid.core.filter import REACH2
+from optid.core.ddf2 import REACH2
 from optid.core.model import Array, Model
 from optid.core.recording import Recording
 from optid.core.simulation import simulate
-from optid.estimation.first_look import Known, first_look
+from optid.estimation.initial_gaussian_sum import Known, first_look
 from optid.estimation.likelihood import (
     QUIET,
     WHOLE,
@@ -21,13 +21,13 @@ from optid.estimation.likelihood import (
     Start,
     deviance,
     run_filter,
-    run_steered,
+    run_fixed_gain_filter,
     start_of,
 )
+from optid.estimation.likelihood_point import LikelihoodProblem
 from optid.estimation.multistep import window_starts
-from optid.estimation.place import Question
-from optid.estimation.prediction import horizon
-from optid.estimation.problem import Booleans, Integers, Problem, pose
+from optid.estimation.prediction import window_seconds
+from optid.estimation.problem import Booleans, Integers, Problem, build_problem
 from optid.estimation.result import Score
 
 NUMERICAL = (
@@ -89,7 +89,7 @@ class Evaluation:
         return share
 
 
-def open_variance(q: Question, p: Array, noise: Noise, length: float) -> Array:
+def open_variance(q: LikelihoodProblem, p: Array, noise: Noise, length: float) -> Array:
     """Variance by which windows must err beside the noise, (samples, outputs); 0 where unknown."""
     whole = q.problem
     cut = cut_into(whole, length)
@@ -133,11 +133,11 @@ def _blocks(owner: Integers, time: Array, length: float) -> Integers:
     return np.unique(np.stack([owner, window]), axis=1, return_inverse=True)[1].ravel()
 
 
-def evaluate(q: Question, p: Array, noise: Noise, recordings: Sequence[Recording]) -> Evaluation:
+def evaluate(q: LikelihoodProblem, p: Array, noise: Noise, recordings: Sequence[Recording]) -> Evaluation:
     """Filter recordings with fixed parameters and predict their windows, each from what was read before it."""
     model = q.model
-    length = max(horizon(recording.interval) for recording in recordings)
-    problem, cut = pose(model, recordings, WHOLE), pose(model, recordings, length)
+    length = max(window_seconds(recording.interval) for recording in recordings)
+    problem, cut = build_problem(model, recordings, WHOLE), build_problem(model, recordings, length)
     known = first_look(model, problem, cut, p, noise)
     Q, R = noise.spectrum(len(model.states))[None], noise.measurement[None]
     f = run_filter(model, known.pieces, p[None], Q, R, keep=True, start=known.start)
@@ -169,12 +169,12 @@ def evaluate(q: Question, p: Array, noise: Noise, recordings: Sequence[Recording
     )
 
 
-def _setting_errors(q: Question, p: Array, problem: Problem, f: Filtered, length: float) -> Array:
+def _setting_errors(q: LikelihoodProblem, p: Array, problem: Problem, f: Filtered, length: float) -> Array:
     """The largest change of windows, by output, where a numerical setting is off by two or a law within its leeway."""
     sets = np.concatenate([numerical_settings(q, p), _within_leeway(q, p)])
     own = range(len(q.model.states))
-    E = run_steered(
-        q.model, problem, np.concatenate([p[None], sets]), f, own, looks=window_starts(problem, length)
+    E = run_fixed_gain_filter(
+        q.model, problem, np.concatenate([p[None], sets]), f, own, resets=window_starts(problem, length)
     )
     if len(E) < 2:
         return np.zeros(E.shape[1:])
@@ -184,7 +184,7 @@ def _setting_errors(q: Question, p: Array, problem: Problem, f: Filtered, length
     return np.stack([changes[k, :, j] for j, k in enumerate(most)], axis=1)
 
 
-def numerical_settings(q: Question, p: Array) -> Array:
+def numerical_settings(q: LikelihoodProblem, p: Array) -> Array:
     """The fitted parameters with each numerical setting that is not fitted halved, and then doubled, (2 n, all)."""
     sets = []
     for i, parameter in enumerate(q.model.parameters):
@@ -195,7 +195,7 @@ def numerical_settings(q: Question, p: Array) -> Array:
     return np.array(sets).reshape(len(sets), len(p))
 
 
-def _within_leeway(q: Question, p: Array) -> Array:
+def _within_leeway(q: LikelihoodProblem, p: Array) -> Array:
     """The fitted parameters with each that has a leeway moved by it, but to its half or double at most, (2 n, all)."""
     sets = []
     for i, parameter in enumerate(q.model.parameters):

@@ -83,12 +83,12 @@ def _named(s: Stages, effect: Effect, parameters: Sequence[Estimate]) -> Finding
 
 def _region_of(s: Stages, effect: Effect) -> Region:
     """Where and when one effect of the best model acts."""
-    mismatch = contribution(s.best.answer, _at_null(s.best, effect))
-    return region(s.best.answer, mismatch, effect_activity(s.base, s.best, effect), s.problem.train)
+    mismatch = contribution(s.best.fit, _at_null(s.best, effect))
+    return region(s.best.fit, mismatch, effect_activity(s.base, s.best, effect), s.problem.train)
 
 
 def _at_null(best: RefinedModel, effect: Effect) -> np.ndarray:
-    p = best.answer.p.copy()
+    p = best.fit.p.copy()
     for name, null in effect.qualified(effect.at_null()).items():
         if name.removeprefix(f"{effect.name}.") in effect.strength:
             p[best.rig.model.index(name)] = null
@@ -107,7 +107,7 @@ def _signal(s: Stages, effect: Effect) -> tuple[UnknownInput | None, Array | Non
 
 def _at_all_samples(s: Stages, found: UnknownInput) -> UnknownInput:
     """A signal found at the rate of the search, at every sample."""
-    return found.at_samples_of(s.base.answer.question.problem, s.path.base.question.problem)
+    return found.at_samples_of(s.base.fit.likelihood_problem.problem, s.path.base.likelihood_problem.problem)
 
 
 def _indistinguishable(
@@ -172,12 +172,12 @@ def unexplained_findings(s: Stages, suspects: tuple[Suspicion, ...]) -> tuple[Fi
 
 def _mismatch_region(s: Stages, first: UnknownInput, described: Effect | None) -> Region:
     """When and where something without a name acts: by what describes it, or else by the unknown input."""
-    answer, signal = s.base.answer, first.signal / max(float(np.nanstd(first.signal)), 1e-300)
+    answer, signal = s.base.fit, first.signal / max(float(np.nanstd(first.signal)), 1e-300)
     centred = signal - np.nanmedian(signal)
     spread = np.repeat(centred[:, None], len(s.base.rig.model.outputs), axis=1)
     measured = np.isfinite(answer.filtered.innovations[0])
     if described is None:
-        activity = by_usual_size(running_rms(centred, answer.question.problem))
+        activity = by_usual_size(running_rms(centred, answer.likelihood_problem.problem))
     else:
         activity = effect_activity(s.base, s.best, described)
     return region(answer, np.where(measured, spread, np.nan), activity, s.problem.train)

@@ -9,8 +9,8 @@ from functools import cached_property
 from optid.core.model import Array
 from optid.diagnosis.problem import DiagnosisProblem
 from optid.effects.effect import Effect
+from optid.estimation.likelihood_point import LikelihoodProblem
 from optid.estimation.multistep import QUIET, MultistepFit, fit_multistep
-from optid.estimation.place import Question
 from optid.rigs.rigfile import Rig
 
 
@@ -29,9 +29,9 @@ class FittedModel:
     fit: MultistepFit
 
     @property
-    def question(self) -> Question:
+    def likelihood_problem(self) -> LikelihoodProblem:
         """What it was fitted to."""
-        return self.fit.question
+        return self.fit.likelihood_problem
 
     @property
     def p(self) -> Array:
@@ -41,7 +41,7 @@ class FittedModel:
     @cached_property
     def values(self) -> dict[str, float]:
         """All parameters by name, SI."""
-        names = (q.name for q in self.question.model.parameters)
+        names = (q.name for q in self.likelihood_problem.model.parameters)
         return dict(zip(names, self.p.tolist(), strict=True))
 
     def own_values(self, effect: Effect) -> dict[str, float]:
@@ -53,7 +53,7 @@ def fit_model(
     problem: DiagnosisProblem,
     effects: Sequence[Effect],
     rig: Rig,
-    question: Question,
+    likelihood_problem: LikelihoodProblem,
     p: Array,
     *,
     short: bool = False,
@@ -66,15 +66,15 @@ def fit_model(
     """
     o = problem.options
     if short:
-        p = fit_multistep(question, p, o.short * problem.window, turns=2, steps=o.steps).p
-    fit = fit_multistep(question, p, problem.window, turns=o.turns, steps=o.steps, level=level)
+        p = fit_multistep(likelihood_problem, p, o.short * problem.window, turns=2, steps=o.steps).p
+    fit = fit_multistep(likelihood_problem, p, problem.window, turns=o.turns, steps=o.steps, level=level)
     return FittedModel(tuple(effects), rig, fit)
 
 
 def refit(model: FittedModel, problem: DiagnosisProblem) -> FittedModel:
     """A model that a search found, from there by the recordings of a problem at their full rate; else as it is."""
     rig = replace(model.rig, channels=problem.rig.channels)
-    q = problem.question(rig)
-    if len(q.problem.time) == len(model.question.problem.time):
+    q = problem.likelihood_problem(rig)
+    if len(q.problem.time) == len(model.likelihood_problem.problem.time):
         return model
     return fit_model(problem, model.effects, rig, q, model.p, level=model.fit.level)

@@ -13,8 +13,8 @@ from scipy import stats
 from optid.core.model import Array
 from optid.diagnosis.refinement import RefinedModel
 from optid.estimation.likelihood import FAR
-from optid.estimation.place import Answer
-from optid.estimation.prediction import horizon
+from optid.estimation.likelihood_point import LikelihoodFit
+from optid.estimation.prediction import window_seconds
 from optid.estimation.problem import Booleans
 from optid.estimation.result import Estimate
 
@@ -24,8 +24,8 @@ KNOWN = 1e3  # typical sizes: a parameter whose sd is more than so many is not i
 
 def intervals(model: RefinedModel, ratio: float = 1.0) -> tuple[Estimate, ...]:
     """Every free parameter with its interval, SI; `ratio` is of what the model misses by to what it should (Birge)."""
-    answer = model.answer
-    q, theta = answer.question, answer.p[list(answer.question.free)]
+    answer = model.fit
+    q, theta = answer.likelihood_problem, answer.p[list(answer.likelihood_problem.free)]
     span = np.where(np.isfinite(q.high - q.low), q.high - q.low, np.abs(theta) + q.typical)
     bound = (theta - q.low <= 1e-9 * span) | (q.high - theta <= 1e-9 * span)
     # A bound that holds a parameter takes its freedom from the others, too.
@@ -54,7 +54,7 @@ def intervals(model: RefinedModel, ratio: float = 1.0) -> tuple[Estimate, ...]:
 
 def _resolution(model: RefinedModel) -> Array:
     """Least half-widths of times that laws resolve by samples, (free,), SI."""
-    q = model.answer.question
+    q = model.fit.likelihood_problem
     names = {q.model.parameters[i].name: k for k, i in enumerate(q.free)}
     least = np.zeros(len(q.free))
     for effect in model.effects:
@@ -63,9 +63,9 @@ def _resolution(model: RefinedModel) -> Array:
     return least
 
 
-def _covariance(answer: Answer, fixed: Booleans) -> Array:
+def _covariance(answer: LikelihoodFit, fixed: Booleans) -> Array:
     """Of the free parameters in typical sizes, (free, free), where some of them, (free,), are known."""
-    q, f, nf = answer.question, answer.filtered, len(answer.question.free)
+    q, f, nf = answer.likelihood_problem, answer.filtered, len(answer.likelihood_problem.free)
     e, v = f.innovations[0], f.variances[0]
     slopes = answer.slopes.innovations
     known = np.isfinite(e) & np.isfinite(slopes).all(axis=-1)
@@ -78,7 +78,7 @@ def _covariance(answer: Answer, fixed: Booleans) -> Array:
     scores += 0.5 * answer.slopes.variances[known] * (1.0 - weight * z**2)[:, None]
     rows = np.nonzero(known)[0]
     owner = np.repeat(q.problem.recording, q.problem.counts + 1)[rows]
-    length = BLOCK * horizon(float(np.median(q.problem.dt)))
+    length = BLOCK * window_seconds(float(np.median(q.problem.dt)))
     blocks = np.stack([owner, np.floor(q.problem.time[rows] / length)])
     where = np.unique(blocks, axis=1, return_inverse=True)[1].ravel()
     summed = np.zeros((int(where.max()) + 1, scores.shape[1]))

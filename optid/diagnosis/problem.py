@@ -10,16 +10,16 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from optid.core.budget import UNLIMITED, Budget
+from optid.core.decimation import FASTEST, decimated
 from optid.core.model import Array, Model
 from optid.core.recording import Recording
-from optid.core.thinning import FASTEST, thinned
 from optid.diagnosis.criteria import Criteria, SearchOptions
 from optid.effects.effect import Effect
+from optid.estimation.fisher_scoring import likelihood_problem
 from optid.estimation.likelihood import WHOLE
-from optid.estimation.place import Question
-from optid.estimation.prediction import horizon
-from optid.estimation.problem import pose
-from optid.estimation.scoring import question_of
+from optid.estimation.likelihood_point import LikelihoodProblem
+from optid.estimation.prediction import window_seconds
+from optid.estimation.problem import build_problem
 from optid.quality.noise import colour, grid, noise_sd, thinned_noise
 from optid.rigs.rigfile import Rig, with_effects
 
@@ -57,7 +57,7 @@ class DiagnosisProblem:
         own: the user's effects, beside the catalogue.
         validation: numbers of the recordings whose windows alone judge the selection; every one's in turn if empty.
         criteria, options: see there.
-        open_variance: of windows' errors beside the noise if nothing is missing, (samples, outputs); see `Question`.
+        open_variance: of windows' errors beside the noise if nothing is missing, (samples, outputs).
         budget: of the search.
         generator: of resampling.
         report: is told what is being done.
@@ -74,12 +74,12 @@ class DiagnosisProblem:
     open_variance: Array | None = None
     budget: Budget = UNLIMITED
     report: Report = lambda stage, words: None
-    _questions: dict[Rig, Question] = field(default_factory=dict)
+    _questions: dict[Rig, LikelihoodProblem] = field(default_factory=dict)
 
     @cached_property
     def window(self) -> float:
         """Length of a window, s."""
-        return max(horizon(recording.interval) for recording in self.train)
+        return max(window_seconds(recording.interval) for recording in self.train)
 
     @property
     def plain(self) -> Model:
@@ -94,10 +94,12 @@ class DiagnosisProblem:
         noise = measurement_noise(rig, train)
         return replace(self, rig=rig, train=train, noise=noise, open_variance=None, _questions={})
 
-    def question(self, rig: Rig) -> Question:
+    def likelihood_problem(self, rig: Rig) -> LikelihoodProblem:
         """What the recordings are asked of a rig."""
         if rig not in self._questions:
-            self._questions[rig] = question_of(rig, pose(rig.model, self.train, WHOLE), self.plain)
+            self._questions[rig] = likelihood_problem(
+                rig, build_problem(rig.model, self.train, WHOLE), self.plain
+            )
         return replace(self._questions[rig], open_variance=self.open_variance, budget=self.budget)
 
 
@@ -109,7 +111,7 @@ def prepare(
     What is left of one that was stated, or of rounding, stands in the rig's channels then.
     """
     commands = [port.role for port in rig.model.recorded]
-    thin = tuple(thinned(one, commands, rate) for one in recordings)
+    thin = tuple(decimated(one, commands, rate) for one in recordings)
     if any(one is not before for one, before in zip(thin, recordings, strict=True)):
         left = {role: _noise_left(role, c.sd, recordings, thin) for role, c in rig.channels.items()}
         rig = replace(rig, channels={role: replace(c, sd=left[role]) for role, c in rig.channels.items()})

@@ -17,18 +17,18 @@ from typing import TypeVar
 import numpy as np
 from scipy.optimize import lsq_linear
 
+from optid.core.llvm_simd import LANES
 from optid.core.model import Array
-from optid.core.rows import LANES
-from optid.core.threads import together
+from optid.core.threads import parallel_map
 from optid.diagnosis.fitted import FittedModel
 from optid.diagnosis.problem import DiagnosisProblem, with_effect
 from optid.effects.effect import Effect
 from optid.errors import SolveError
+from optid.estimation.fixed_gain import fixed_gain_fit, innovations
 from optid.estimation.likelihood import FAR, Filtered, huber
+from optid.estimation.likelihood_point import NUDGES, LikelihoodProblem
 from optid.estimation.multistep import quiet_filter, window_starts
-from optid.estimation.place import NUDGES, Question
 from optid.estimation.problem import Booleans
-from optid.estimation.steering import innovations, steered_fit
 
 LITTLE = 0.1  # of a way, by which its slope is taken
 FARTHEST = 3.0  # times the usual size: how far along a branch its strength is followed
@@ -45,13 +45,13 @@ class Proposal:
 
     Attributes:
         effect: to come to the model.
-        question: of the model with it.
+        likelihood_problem: of the model with it.
         p: all parameters.
         loss: Huber's, of windows' errors; `alone` that of the model without it, over the same data.
     """
 
     effect: Effect
-    question: Question
+    likelihood_problem: LikelihoodProblem
     p: Array
     loss: float
     alone: float
@@ -79,7 +79,7 @@ class _Led:
     """
 
     effect: Effect
-    question: Question
+    likelihood_problem: LikelihoodProblem
     p: Array
     loss: float
     step: Array
@@ -135,30 +135,32 @@ def propose(
         starts: parameter vectors of the current model beside its own from which branches begin.
         race: legs of the race, those of the problem's options if absent.
     """
-    o, q = problem.options, current.question
+    o, q = problem.options, current.likelihood_problem
     race = race or o.race
     first = worst_recordings(current, problem)
-    looks = window_starts(q.problem, o.short * problem.window)
+    resets = window_starts(q.problem, o.short * problem.window)
     per_window = max(o.short * problem.window / float(np.median(q.problem.dt)), 1.0)
     running: list[Proposal] = []
     visible = {effect.name: 0.0 for effect in effects}
     for p in (current.p, *starts):
-        origin = _origin(q, p, first, looks, per_window)
+        origin = _origin(q, p, first, resets, per_window)
         if origin is None:
             continue
-        found = together(partial(_branches, current, problem, origin, first, looks), effects)
+        found = parallel_map(partial(_branches, current, problem, origin, first, resets), effects)
         branches = [one for some in found for one in some]
         for one in branches:
             visible[one.effect.name] = max(visible[one.effect.name], one.visible)
         led = keep_best([one.led for one in branches if one.led is not None], len(branches), 1)
-        running += together(partial(_tried, origin, current, first, looks), led)
+        running += parallel_map(partial(_tried, origin, current, first, resets), led)
     running = keep_best(running, o.entrants, len(starts) + 1)
     for leg, (steps, most, alike) in enumerate(race):
         if problem.budget.is_over:
             break
         over = first if leg < len(race) - 1 else None
-        running = keep_best(together(partial(_advance, problem, steps, over, looks), running), most, alike)
-    (z,) = innovations(q, current.p[None], q.model, current.fit.filtered, looks=looks)
+        running = keep_best(
+            parallel_map(partial(_advance, problem, steps, over, resets), running), most, alike
+        )
+    (z,) = innovations(q, current.p[None], q.model, current.fit.filtered, resets=resets)
     alone = 0.5 * float(huber(z).sum())
     running = [replace(one, alone=alone) for one in running]
     return Proposals(tuple(keep_best(running, len(running), 1)), visible)
@@ -179,7 +181,7 @@ def worst_recordings(current: FittedModel, problem: DiagnosisProblem) -> list[in
     What differs from recording to recording, as friction does under another pressure, shows in no single one: there the
     rig's own parameters make up for it.
     """
-    q = current.question
+    q = current.likelihood_problem
     if len(q.problem.time) <= SHORT:
         return list(range(len(q.problem.counts)))
     return worst_recording(current, problem)
@@ -187,16 +189,18 @@ def worst_recordings(current: FittedModel, problem: DiagnosisProblem) -> list[in
 
 def worst_recording(current: FittedModel, problem: DiagnosisProblem) -> list[int]:
     """The segments of the recording in which most is missing."""
-    q = current.question
-    looks = window_starts(q.problem, problem.window)
-    (z,) = innovations(q, current.p[None], q.model, current.fit.filtered, looks=looks)
+    q = current.likelihood_problem
+    resets = window_starts(q.problem, problem.window)
+    (z,) = innovations(q, current.p[None], q.model, current.fit.filtered, resets=resets)
     rows = np.nonzero(np.isfinite(current.fit.filtered.innovations[0]))[0]
     owner = np.repeat(q.problem.recording, q.problem.counts + 1)[rows]
     loss = np.bincount(owner, weights=huber(z))
     return np.flatnonzero(q.problem.recording == int(np.argmax(loss))).tolist()
 
 
-def _origin(q: Question, p: Array, only: Sequence[int], looks: Booleans, per_window: float) -> _Origin | None:
+def _origin(
+    q: LikelihoodProblem, p: Array, only: Sequence[int], resets: Booleans, per_window: float
+) -> _Origin | None:
     held = quiet_filter(q, p, only)
     if held is None:
         return None
@@ -204,7 +208,7 @@ def _origin(q: Question, p: Array, only: Sequence[int], looks: Booleans, per_win
     P = np.tile(p, (len(free) + 1, 1))
     steps = np.where(p[free] + NUDGES[1] * q.typical > q.high, -NUDGES[1], NUDGES[1])
     P[range(1, len(P)), free] += steps * q.typical
-    here, *others = innovations(q, P, q.model, held, only, looks)
+    here, *others = innovations(q, P, q.model, held, only, resets)
     values = dict(zip((one.name for one in q.model.parameters), p.tolist(), strict=True))
     room = ((q.low - p[free]) / q.typical, (q.high - p[free]) / q.typical)
     names = tuple(q.model.parameters[i].name for i in free)
@@ -217,17 +221,17 @@ def _branches(
     problem: DiagnosisProblem,
     origin: _Origin,
     only: Sequence[int],
-    looks: Booleans,
+    resets: Booleans,
     effect: Effect,
 ) -> list[_Branch]:
     """Every branch of an effect, in the strength in which it explains most."""
-    q = problem.question(with_effect(current.rig, effect))
+    q = problem.likelihood_problem(with_effect(current.rig, effect))
     null = effect.at_null()
     if effect.ways:
-        return [_from_ways(current, origin, only, looks, effect, q)]
+        return [_from_ways(current, origin, only, resets, effect, q)]
     points = [{**null, **one} for one in effect.tries(*_missed(current))]
     P = np.array([q.at({**origin.values, **effect.qualified(point)}) for point in points])
-    seen = innovations(q, P, current.question.model, origin.held, only, looks)
+    seen = innovations(q, P, current.likelihood_problem.model, origin.held, only, resets)
     found = []
     for point, z in zip(points, seen, strict=True):
         change = z - origin.errors
@@ -247,13 +251,19 @@ def _branches(
 
 
 def _from_ways(
-    current: FittedModel, origin: _Origin, only: Sequence[int], looks: Booleans, effect: Effect, q: Question
+    current: FittedModel,
+    origin: _Origin,
+    only: Sequence[int],
+    resets: Booleans,
+    effect: Effect,
+    q: LikelihoodProblem,
 ) -> _Branch:
     """An effect that begins at its null, along all of its ways at once."""
     null = effect.at_null()
     turns = [{**null, **{name: null[name] + LITTLE * by for name, by in way.items()}} for way in effect.ways]
     P = np.array([q.at({**origin.values, **effect.qualified(turn)}) for turn in turns])
-    changes = (innovations(q, P, current.question.model, origin.held, only, looks) - origin.errors).T / LITTLE
+    seen = innovations(q, P, current.likelihood_problem.model, origin.held, only, resets)
+    changes = (seen - origin.errors).T / LITTLE
     visible = max(
         _visible(origin, LITTLE * one) / max(effect.size(turn), 1e-12)
         for one, turn in zip(changes.T, turns, strict=True)
@@ -268,17 +278,17 @@ def _from_ways(
 
 
 def _tried(
-    origin: _Origin, current: FittedModel, only: Sequence[int], looks: Booleans, led: _Led
+    origin: _Origin, current: FittedModel, only: Sequence[int], resets: Booleans, led: _Led
 ) -> Proposal:
     """A branch with the parameters moved, by as much of what a linear say promises as one simulation confirms."""
-    q, steps = led.question, led.step * origin.typical
+    q, steps = led.likelihood_problem, led.step * origin.typical
     moves = [
         {name: origin.values[name] + share * by for name, by in zip(origin.free, steps, strict=True)}
         for share in SHARES
     ]
     own = {one.name: float(led.p[i]) for i, one in enumerate(q.model.parameters)}
     P = np.array([q.at({**own, **move}) for move in moves])
-    seen = innovations(q, P, current.question.model, origin.held, only, looks)
+    seen = innovations(q, P, current.likelihood_problem.model, origin.held, only, resets)
     losses = 0.5 * huber(seen).sum(axis=1)
     best = int(np.argmin(losses))
     return Proposal(led.effect, q, P[best], float(losses[best]), origin.loss)
@@ -286,7 +296,7 @@ def _tried(
 
 def _missed(current: FittedModel) -> tuple[list[Array], float]:
     """What the quiet filter's predictions of the first output miss in every stretch of data, and the sampling time."""
-    problem, missed = current.question.problem, current.fit.filtered.innovations[0][:, 0]
+    problem, missed = current.likelihood_problem.problem, current.fit.filtered.innovations[0][:, 0]
     stretches = zip(problem.begins, problem.counts, strict=True)
     return [missed[first : first + count + 1] for first, count in stretches], float(np.median(problem.dt))
 
@@ -330,17 +340,17 @@ def _visible(origin: _Origin, change: Array) -> float:
 
 
 def _advance(
-    problem: DiagnosisProblem, steps: int, only: Sequence[int] | None, looks: Booleans, one: Proposal
+    problem: DiagnosisProblem, steps: int, only: Sequence[int] | None, resets: Booleans, one: Proposal
 ) -> Proposal:
     """The same some steps further under gains of its own; lost where the simulation diverges."""
     if problem.budget.is_over:
         return replace(one, loss=math.inf)
-    q = one.question
+    q = one.likelihood_problem
     held = quiet_filter(q, one.p, only)
     if held is None:
         return replace(one, loss=math.inf)
     try:
-        fit = steered_fit(q, one.p, q.model, held, steps, only, looks)
+        fit = fixed_gain_fit(q, one.p, q.model, held, steps, only, resets)
     except SolveError:
         return replace(one, loss=math.inf)
     return replace(one, p=fit.p, loss=fit.loss)

@@ -12,10 +12,10 @@ from optid.diagnosis.fitted import FittedModel
 from optid.diagnosis.problem import DiagnosisProblem
 from optid.effects.effect import Effect
 from optid.errors import SolveError
+from optid.estimation.fisher_scoring import default_process_noise, maximise, successive_halving
 from optid.estimation.likelihood import Noise
+from optid.estimation.likelihood_point import LikelihoodFit, LikelihoodPoint, LikelihoodProblem
 from optid.estimation.multistep import multistep_loss
-from optid.estimation.place import Answer, Place, Question
-from optid.estimation.scoring import likeliest, maximise, middling
 from optid.rigs.rigfile import Rig
 
 LEVELS = np.linspace(0.0, -5.0, 5)  # log: by how much less process noise than a middling one may suit a model
@@ -27,28 +27,28 @@ class RefinedModel:
 
     Attributes:
         effects: beyond the rig file's; `rig` holds them.
-        answer: parameters, process noise, filter and information there.
+        fit: parameters, process noise, filter and information there.
         shift: how far the likeliest parameters are from those taken, (free,), SI.
     """
 
     effects: tuple[Effect, ...]
     rig: Rig
-    answer: Answer
+    fit: LikelihoodFit
     shift: Array
 
     def own_values(self, effect: Effect) -> dict[str, float]:
         """An effect's parameters by own name, SI."""
         index = self.rig.model.index
-        return {q.name: float(self.answer.p[index(f"{effect.name}.{q.name}")]) for q in effect.parameters}
+        return {q.name: float(self.fit.p[index(f"{effect.name}.{q.name}")]) for q in effect.parameters}
 
 
-def likely_noise(q: Question, p: Array) -> Noise:
+def likely_noise(q: LikelihoodProblem, p: Array) -> Noise:
     """Process noise at which fixed parameters are likeliest.
 
     Raises:
         SolveError: the model cannot be simulated there.
     """
-    _, levels = likeliest(q, [(p, middling(q) + by) for by in LEVELS])
+    _, levels = successive_halving(q, [(p, default_process_noise(q) + by) for by in LEVELS])
     return Noise(q.measurement, q.groups, levels)
 
 
@@ -59,7 +59,7 @@ def with_information(model: FittedModel) -> RefinedModel:
         SolveError: the model cannot be simulated there.
     """
     return RefinedModel(
-        model.effects, model.rig, _point(model).answer(False), np.zeros(len(model.question.free))
+        model.effects, model.rig, _point(model).as_fit(False), np.zeros(len(model.likelihood_problem.free))
     )
 
 
@@ -70,8 +70,8 @@ def refine(model: FittedModel, problem: DiagnosisProblem) -> RefinedModel:
     noise, and its parameters may predict far worse over a window than the same law can: then those that predict are
     taken, and how far the two are apart is in the intervals.
     """
-    q, here = model.question, _point(model)
-    led, shift = here.answer(False), np.zeros(len(model.question.free))
+    q, here = model.likelihood_problem, _point(model)
+    led, shift = here.as_fit(False), np.zeros(len(model.likelihood_problem.free))
     with contextlib.suppress(SolveError):
         likely = maximise(here)
         loss = multistep_loss(q, likely.p, problem.window, model.fit.level)
@@ -81,8 +81,8 @@ def refine(model: FittedModel, problem: DiagnosisProblem) -> RefinedModel:
     return RefinedModel(model.effects, model.rig, led, shift)
 
 
-def _point(model: FittedModel) -> Place:
-    q = model.question
-    here = Place(q, model.p, likely_noise(q, model.p))
-    here.glance()
+def _point(model: FittedModel) -> LikelihoodPoint:
+    q = model.likelihood_problem
+    here = LikelihoodPoint(q, model.p, likely_noise(q, model.p))
+    here.fixed_gain_jacobian()
     return here

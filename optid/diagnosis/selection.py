@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from functools import partial
 
 from optid.core.model import Array
-from optid.core.threads import together
+from optid.core.threads import parallel_map
 from optid.diagnosis.fitted import FittedModel, fit_model
 from optid.diagnosis.problem import DiagnosisProblem, Stage
 from optid.diagnosis.proposals import Proposal, Proposals, propose
@@ -88,7 +88,7 @@ def select(base: FittedModel, problem: DiagnosisProblem) -> SelectionPath:
     """Add effects while windows that had no part in the fit confirm them, and drop those that turn out idle."""
     first = cross_validate(base, problem)
     current, validated, rounds = base, first, []
-    nominal = base.question.model.vector(base.rig.parameters)
+    nominal = base.likelihood_problem.model.vector(base.rig.parameters)
     for depth in range(problem.criteria.most_effects):
         if problem.budget.is_over or (
             depth and validated.error_over_noise <= problem.criteria.error_over_noise
@@ -147,7 +147,7 @@ def _round(
     o, least = problem.options, min((one.loss for one in proposals.ranked), default=0.0)
     few = [one for one in proposals.ranked[: o.contenders] if one.loss <= o.near * least]
     problem.report(Stage.SELECTION, f"fitting {', '.join(one.effect.name for one in few)}")
-    fitted = together(partial(contend, current, first, before, problem, len(effects)), few)
+    fitted = parallel_map(partial(contend, current, first, before, problem, len(effects)), few)
     contenders = sorted(
         (one for one in fitted if one is not None),
         key=lambda one: (bool(one.why), one.validated.windows.sum()),
@@ -167,7 +167,9 @@ def contend(
     """A proposal fitted in full and validated; ``None`` where the simulation diverges."""
     with contextlib.suppress(SolveError):
         effects, level = (*current.effects, one.effect), current.fit.level
-        model = fit_model(problem, effects, one.question.rig, one.question, one.p, level=level)
+        model = fit_model(
+            problem, effects, one.likelihood_problem.rig, one.likelihood_problem, one.p, level=level
+        )
         validated = cross_validate(model, problem)
         size = one.effect.size(model.own_values(one.effect))
         why = rejection_reason(one.effect, size, first, before, validated, problem.criteria, tried)
@@ -179,7 +181,7 @@ def without_effect(model: FittedModel, effect: Effect, problem: DiagnosisProblem
     """The model without one of its effects, fitted from where the one with it stands."""
     rest = tuple(one for one in model.effects if one is not effect)
     rig = with_effects(problem.rig, rest, {}) if rest else problem.rig
-    q = problem.question(rig)
+    q = problem.likelihood_problem(rig)
     p = q.model.vector({q.name: model.values[q.name] for q in q.model.parameters})
     return fit_model(problem, rest, rig, q, p)
 

@@ -22,7 +22,7 @@ from optid.diagnosis.residual_tests import ResidualTests, residual_tests
 from optid.diagnosis.validation import p_value
 from optid.errors import InputError
 from optid.estimation.likelihood import huber
-from optid.estimation.prediction import horizon
+from optid.estimation.prediction import window_seconds
 
 
 @dataclass(frozen=True)
@@ -75,10 +75,12 @@ def gate(
         for role in commands:
             known &= np.isfinite(one[role].values)
         measured = [np.isfinite(one[role].values) & known for role in outputs if role in one]
-        most = max((float(m.sum()) for m in measured), default=0.0) * one.interval / horizon(one.interval)
+        most = (
+            max((float(m.sum()) for m in measured), default=0.0) * one.interval / window_seconds(one.interval)
+        )
         if most < criteria.fewest_windows:
             raise InputError(
-                f"only {most:.1f} windows of {horizon(one.interval):g} s have a command and a measured output",
+                f"only {most:.1f} windows of {window_seconds(one.interval):g} s have a command and a measured output",
                 where=one.name,
                 expected=f"at least {criteria.fewest_windows}: shorter recordings can neither be fitted nor tested on",
             )
@@ -108,15 +110,14 @@ def test_on_holdout(
     ratio = after.error_over_noise(noise)
     names = {}
     for name, less in without.items():
-        same = not less.effects
-        there = (
-            before if same else evaluate(less.question, less.p, likely_noise(less.question, less.p), holdout)
-        )
+        there, q = before, less.likelihood_problem
+        if less.effects:
+            there = evaluate(q, less.p, likely_noise(q, less.p), holdout)
         names[name] = compare(there, after, noise, criteria)
     if best is not base:
         p = compare(before, after, noise, criteria).p_value
     elif strongest is not None:
-        q = strongest.question
+        q = strongest.likelihood_problem
         other = evaluate(q, strongest.p, likely_noise(q, strongest.p), holdout)
         p = compare(before, other, noise, criteria).p_value
     else:
@@ -126,7 +127,7 @@ def test_on_holdout(
 
 
 def _evaluated(model: RefinedModel, recordings: Sequence[Recording]) -> Evaluation:
-    return evaluate(model.answer.question, model.answer.p, model.answer.noise, recordings)
+    return evaluate(model.fit.likelihood_problem, model.fit.p, model.fit.noise, recordings)
 
 
 def compare(

@@ -27,10 +27,10 @@ from optid.diagnosis.fitted import FittedModel
 from optid.diagnosis.problem import DiagnosisProblem
 from optid.effects.effect import Effect
 from optid.errors import SolveError
+from optid.estimation.fixed_gain import fixed_gain_fit, innovations
 from optid.estimation.likelihood import huber
 from optid.estimation.multistep import window_starts
 from optid.estimation.problem import Booleans, Integers, Problem
-from optid.estimation.steering import innovations, steered_fit
 
 LARGEST = 700.0  # gain beyond which a p-value is told as that of so much, the least number there is
 FOLDS = 4  # of a single recording, one after the other
@@ -72,8 +72,8 @@ def cross_validate(model: FittedModel, problem: DiagnosisProblem) -> Validated:
 
     Where recordings are named for it, theirs alone, by parameters fitted to all others.
     """
-    q = model.question
-    looks = window_starts(q.problem, problem.window)
+    q = model.likelihood_problem
+    resets = window_starts(q.problem, problem.window)
     known = np.isfinite(model.fit.filtered.innovations[0])
     recording = np.repeat(q.problem.recording, q.problem.counts + 1)
     fold = _folds(recording, q.problem.time, problem.validation)
@@ -84,9 +84,9 @@ def cross_validate(model: FittedModel, problem: DiagnosisProblem) -> Validated:
         p = model.p
         with contextlib.suppress(SolveError):
             steps = problem.options.validation_steps
-            p = steered_fit(q, p, q.model, model.fit.filtered, steps, only, looks, ~here).p
+            p = fixed_gain_fit(q, p, q.model, model.fit.filtered, steps, only, resets, ~here).p
         (seen,) = innovations(
-            q, p[None], q.model, model.fit.filtered, _segments(q.problem, here), looks, here
+            q, p[None], q.model, model.fit.filtered, _segments(q.problem, here), resets, here
         )
         z[known & here[:, None]] = seen
     # Nothing was read before a recording's first window: it says nothing of a prediction.

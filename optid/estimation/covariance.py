@@ -19,10 +19,10 @@ import numpy as np
 from scipy import special
 from scipy.fft import next_fast_len, rfft
 
-from optid.core.compiled import compiled
+from optid.core.jit import compiled
 from optid.core.kernel import trace
 from optid.core.model import Array
-from optid.core.threads import spread
+from optid.core.threads import parallel_for
 from optid.estimation.problem import Problem
 from optid.estimation.smoother import Objective, Point, System, Terms, settled_system, solve_schur
 
@@ -68,7 +68,7 @@ def _influence(o: Objective, at: Point, s: System, held: np.ndarray) -> tuple[Ar
     X, Y, G = np.full((n, nx), np.nan), np.full((n, ny), np.nan), np.zeros((n, ny, machine.width))
     sizes = o.tolerance * o.model.scales
     arguments = (b.begins, b.counts, b.closed, at.X, at.p, b.dt, b.inputs, sizes, X, Y, G)
-    spread(len(b.begins), lambda i, j: machine.run(trace, i, j, *arguments))
+    parallel_for(len(b.begins), lambda i, j: machine.run(trace, i, j, *arguments))
     # From slopes along a window's start and along theta to those along theta with the states eliminated, in one.
     eliminated = -o.model.scales[:, None] * s.Z.reshape(len(b.begins), nx, -1)
     along = np.broadcast_to(np.diag(o.typical * ~held), (len(b.begins), len(o.free), len(o.free)))

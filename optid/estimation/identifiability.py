@@ -10,10 +10,10 @@ import numpy as np
 
 from optid.core.model import Array
 from optid.core.recording import Recording
-from optid.estimation.objective import NUISANCE, freed_with_rest, objective_of, window_length
-from optid.estimation.problem import pose
+from optid.estimation.initial_trajectory import guess
+from optid.estimation.objective import NUISANCE, objective_of, window_length, with_nuisance_parameters
+from optid.estimation.problem import build_problem
 from optid.estimation.smoother import Objective, Point, Terms, descend, evaluate, settled_system
-from optid.estimation.start import guess
 from optid.rigs.rigfile import Rig
 
 LOOSE = 0.03  # process noise of the examination, as a share of each state's usual size
@@ -22,7 +22,7 @@ MUTE = 1.0  # relative standard deviation beyond which the data say nothing of a
 
 
 @dataclass(frozen=True, eq=False)
-class Ties:
+class Collinearity:
     """What the data can tell apart.
 
     Attributes:
@@ -54,7 +54,7 @@ def information(o: Objective, at: Point, t: Terms, q: Array) -> Array:
     return np.asarray(s.schur * np.outer(size, size))
 
 
-def find_ties(o: Objective, at: Point, t: Terms, q: Array, held: Any) -> Ties:
+def find_ties(o: Objective, at: Point, t: Terms, q: Array, held: Any) -> Collinearity:
     """Say which parameters cannot be told apart.
 
     A direction of log-parameters whose standard deviation exceeds `MUTE` (100 %) is undetermined; those that
@@ -84,7 +84,7 @@ def find_ties(o: Objective, at: Point, t: Terms, q: Array, held: Any) -> Ties:
                 f"{_scaling(together, vector[members])} hardly shows in these data: the factor is known to {sd:.0%}"
             )
     leader = names[int(np.abs(vectors[:, 0]).argmax())]
-    return Ties(
+    return Collinearity(
         idle,
         mute & ~np.asarray(held),
         tuple(sentences),
@@ -94,7 +94,7 @@ def find_ties(o: Objective, at: Point, t: Terms, q: Array, held: Any) -> Ties:
     )
 
 
-def examine(o: Objective, at: Point) -> tuple[Ties, Terms]:
+def examine(o: Objective, at: Point) -> tuple[Collinearity, Terms]:
     """What the data can say of the free parameters, before any fit; and the linearisation at the start.
 
     Only the states are estimated, with much process noise, so that wrong values do not matter yet.
@@ -108,14 +108,14 @@ def examine(o: Objective, at: Point) -> tuple[Ties, Terms]:
     return find_ties(o, at, terms, q, np.zeros(len(o.free), dtype=bool)), start
 
 
-def identifiability(rig: Rig, recordings: Sequence[Recording]) -> Ties:
+def identifiability(rig: Rig, recordings: Sequence[Recording]) -> Collinearity:
     """What a fit would find that it can tell apart, before it starts.
 
     Raises:
         SolveError: the model cannot be simulated at the rig's values.
     """
-    problem = pose(rig.model, recordings, window_length(rig.model, recordings))
-    objective, p = objective_of(rig, freed_with_rest(rig), problem)
+    problem = build_problem(rig.model, recordings, window_length(rig.model, recordings))
+    objective, p = objective_of(rig, with_nuisance_parameters(rig), problem)
     return examine(objective, Point(guess(rig.model, problem, p), p))[0]
 
 

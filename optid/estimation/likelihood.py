@@ -15,11 +15,11 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
-from optid.core import filter as kernel
-from optid.core.compiled import compiled_lanes
+from optid.core import ddf2 as kernel
+from optid.core.jit import compiled_lanes
+from optid.core.llvm_simd import LANES
 from optid.core.model import Array, Model
-from optid.core.rows import LANES
-from optid.core.threads import spread
+from optid.core.threads import parallel_for
 from optid.estimation.problem import Booleans, Integers, Problem
 
 TOLERANCE = 1e-5  # local error of the integration as a share of each state's usual size,
@@ -151,7 +151,7 @@ def run_filter(
     noise = np.sqrt(Q * float(np.median(problem.dt))) * model.scales
     tolerance = np.ascontiguousarray(np.maximum(_tolerance(model), BESIDE * noise))
     found = (problem.measured, linear, tolerance, model.scales, keep, E, V, X, K, S)
-    spread(len(of_set), lambda a, b: machine.run(kernel.filtered, a, b, *given, *found))
+    parallel_for(len(of_set), lambda a, b: machine.run(kernel.filtered, a, b, *given, *found))
     return Filtered(E, V, X, K, S, tolerance)
 
 
@@ -163,7 +163,7 @@ def linear_outputs(model: Model) -> Booleans:
     return np.array([not ca.depends_on(slopes[o, :], ca.vertcat(x, u)) for o in range(len(model.outputs))])
 
 
-def run_steered(
+def run_fixed_gain_filter(
     model: Model,
     problem: Problem,
     P: Array,
@@ -172,7 +172,7 @@ def run_steered(
     *,
     start: Array | None = None,
     only: Sequence[int] | None = None,
-    looks: Booleans | None = None,
+    resets: Booleans | None = None,
 ) -> Array:
     """Innovations (sets, samples, outputs) of models that are corrected with a filter's gains instead of their own.
 
@@ -184,12 +184,12 @@ def run_steered(
         common: see `model`.
         start: states where every segment begins, (sets, states); what the model itself says of them if absent.
         only: these segments, all if absent; NaN in the others.
-        looks: samples up to which the past is known, (samples,): what comes after one is predicted from there up to
+        resets: samples up to which the past is known, (samples,): what comes after one is predicted from there up to
             the next, instead of from sample to sample.
     """
     sets = len(P)
     segments = np.array(range(len(problem.begins)) if only is None else only)
-    looks = np.ones(len(problem.time), dtype=np.bool_) if looks is None else looks
+    resets = np.ones(len(problem.time), dtype=np.bool_) if resets is None else resets
     M0 = np.ascontiguousarray(_starts(model, P)[0] if start is None else start)
     E = np.full((sets, len(problem.time), len(model.outputs)), np.nan)
     first_set, of_segment = _runs(-(-sets // LANES), segments)
@@ -197,8 +197,8 @@ def run_steered(
     tolerance = _tolerance(model)
     tolerance[places] = guide.tolerance[0]
     given = (LANES * first_set, of_segment, problem.begins, problem.counts, M0, P, guide.gains[0], places)
-    data = (problem.dt, problem.inputs, problem.measured, tolerance, looks, E)
-    spread(len(first_set), lambda a, b: machine.run(kernel.steered, a, b, *given, *data))
+    data = (problem.dt, problem.inputs, problem.measured, tolerance, resets, E)
+    parallel_for(len(first_set), lambda a, b: machine.run(kernel.fixed_gain, a, b, *given, *data))
     return E
 
 

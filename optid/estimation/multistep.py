@@ -16,11 +16,11 @@ import numpy as np
 
 from optid.core.model import Array
 from optid.errors import SolveError
+from optid.estimation.fisher_scoring import default_process_noise
+from optid.estimation.fixed_gain import fixed_gain_fit, innovations
 from optid.estimation.likelihood import Filtered, Noise, deviance, huber, run_filter
-from optid.estimation.place import LEVELS, Question
+from optid.estimation.likelihood_point import LEVELS, LikelihoodProblem
 from optid.estimation.problem import Booleans, Problem
-from optid.estimation.scoring import middling
-from optid.estimation.steering import innovations, steered_fit
 
 # Log of the share of a middling process noise that a quiet filter has: so little that what is missing is not taken for
 # it, and enough to hold the states of a wrong model to the data. A model that lacks little is better off with less.
@@ -33,27 +33,27 @@ class MultistepFit:
     """Where a fit by multi-step prediction errors ended.
 
     Attributes:
-        question: model, recordings and free parameters.
+        likelihood_problem: model, recordings and free parameters.
         p: the whole parameter vector.
         filtered: the quiet filter there, whose variances are those that windows' errors should have.
         loss: Huber's, of the windows' errors in sd.
         level: of the filter's process noise, as a log of its share of a middling one.
     """
 
-    question: Question
+    likelihood_problem: LikelihoodProblem
     p: Array
     filtered: Filtered
     loss: float
     level: float
 
 
-def quiet_noise(q: Question, level: float = QUIET) -> Noise:
+def quiet_noise(q: LikelihoodProblem, level: float = QUIET) -> Noise:
     """Measurement noise, and process noise that takes over nothing."""
-    return Noise(q.measurement, q.groups, np.maximum(middling(q) + level, LEVELS[0]))
+    return Noise(q.measurement, q.groups, np.maximum(default_process_noise(q) + level, LEVELS[0]))
 
 
 def quiet_filter(
-    q: Question, p: Array, only: Sequence[int] | None = None, level: float = QUIET
+    q: LikelihoodProblem, p: Array, only: Sequence[int] | None = None, level: float = QUIET
 ) -> Filtered | None:
     """A filter with quiet noise over all segments or `only` some; ``None`` where the simulation diverges."""
     noise = quiet_noise(q, level)
@@ -76,7 +76,7 @@ def window_starts(problem: Problem, seconds: float) -> Booleans:
 
 
 def fit_multistep(
-    q: Question,
+    q: LikelihoodProblem,
     p: Array,
     seconds: float,
     *,
@@ -88,7 +88,7 @@ def fit_multistep(
     """Parameters by windows of so many seconds, with gains taken anew at every turn, from a start.
 
     Args:
-        q: the question.
+        q: the likelihood problem.
         p: start, (parameters,).
         seconds: length of a window.
         turns: times at most that gains are taken anew.
@@ -108,7 +108,7 @@ def fit_multistep(
             break
         there = None
         with contextlib.suppress(SolveError):
-            moved = steered_fit(q, best.p, q.model, best.filtered, steps, only, starts).p
+            moved = fixed_gain_fit(q, best.p, q.model, best.filtered, steps, only, starts).p
             both = [_stands(q, moved, only, starts, best.level + by) for by in (0.0, STEP)]
             there = min((one for one in both if one is not None), key=lambda one: one.loss, default=None)
         if there is None or not there.loss < best.loss:
@@ -121,7 +121,7 @@ def fit_multistep(
 
 
 def _stands(
-    q: Question, p: Array, only: Sequence[int] | None, starts: Booleans, level: float = QUIET
+    q: LikelihoodProblem, p: Array, only: Sequence[int] | None, starts: Booleans, level: float = QUIET
 ) -> MultistepFit | None:
     """What windows miss at some parameters under the gains of their own filter."""
     f = quiet_filter(q, p, only, level)
@@ -131,7 +131,7 @@ def _stands(
     return MultistepFit(q, p, f, 0.5 * float(huber(z).sum()), level)
 
 
-def multistep_at(q: Question, p: Array, seconds: float, level: float = QUIET) -> MultistepFit:
+def multistep_at(q: LikelihoodProblem, p: Array, seconds: float, level: float = QUIET) -> MultistepFit:
     """Parameters as they are, with the filter and the loss there.
 
     Raises:
@@ -143,7 +143,7 @@ def multistep_at(q: Question, p: Array, seconds: float, level: float = QUIET) ->
     return there
 
 
-def multistep_loss(q: Question, p: Array, seconds: float, level: float = QUIET) -> float:
+def multistep_loss(q: LikelihoodProblem, p: Array, seconds: float, level: float = QUIET) -> float:
     """Huber's loss of windows' errors, in sd; infinite where the simulation diverges."""
     there = _stands(q, p, None, window_starts(q.problem, seconds), level)
     return math.inf if there is None else there.loss

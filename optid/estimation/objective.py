@@ -36,7 +36,7 @@ LEAST = {CONTACT_LENGTH: 2e-6, "bristle_fading": 2e-3}
 MOST = {CONTACT_LENGTH: 6e-5, "bristle_damping": 2e-2, "bristle_fading": 0.5}
 
 
-def freed_with_rest(rig: Rig, *, contact: bool = False) -> tuple[Freed, ...]:
+def with_nuisance_parameters(rig: Rig, *, contact: bool = False) -> tuple[Freed, ...]:
     """What the fit moves: the rig's [fit] table, and friction at rest where the file does not state it.
 
     With `contact` also how the elastic motion before sliding is damped.

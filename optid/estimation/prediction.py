@@ -12,11 +12,11 @@ from optid.core.model import Array, Model
 from optid.core.recording import Recording
 from optid.core.simulation import simulate
 from optid.errors import RecordingError, SolveError
+from optid.estimation.initial_trajectory import guess, measured_states
 from optid.estimation.objective import objective_of
-from optid.estimation.problem import Problem, pose
+from optid.estimation.problem import Problem, build_problem
 from optid.estimation.result import Score
 from optid.estimation.smoother import Objective, Point, Terms, descend
-from optid.estimation.start import guess, measured_states
 from optid.rigs.rigfile import Rig
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ class Prediction:
     notes: tuple[str, ...] = ()
 
 
-def horizon(interval: float) -> float:
+def window_seconds(interval: float) -> float:
     """Length of a window, s, of a recording with a sample every `interval` seconds."""
     return max(HORIZON, FEWEST * interval)
 
@@ -79,8 +79,8 @@ def predict(
 
     model = rig.model
     p = model.vector(dict(values) if values is not None else rig.parameters)
-    length = horizon(recording.interval)
-    problem = pose(model, [_from_first_measured(model, recording)], length)
+    length = window_seconds(recording.interval)
+    problem = build_problem(model, [_from_first_measured(model, recording)], length)
     objective, _ = objective_of(rig, (), problem)
     q = PROCESS_NOISE * model.scales if process_noise is None else np.asarray(process_noise)
     free_run, windows, begins = _predict(objective, p, q)

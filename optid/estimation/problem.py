@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from optid.core.model import CLOCK, INTERVAL, Array, Model
 from optid.core.recording import Recording, held
 from optid.errors import RecordingError
-from optid.estimation.start import measured_states
+from optid.estimation.initial_trajectory import measured_states
 
 Integers = NDArray[np.int64]
 Booleans = NDArray[np.bool_]
@@ -47,7 +47,7 @@ class Problem:
     recording: Integers
 
 
-def pose(model: Model, recordings: Sequence[Recording], window: float) -> Problem:
+def build_problem(model: Model, recordings: Sequence[Recording], window: float) -> Problem:
     """Cut recordings into windows of about `window` seconds.
 
     Raises:

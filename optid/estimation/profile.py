@@ -22,9 +22,9 @@ from scipy.interpolate import PchipInterpolator
 from optid.core.model import Array
 from optid.core.recording import Recording
 from optid.errors import InputError, NotIdentifiable, SolveError, nearest
-from optid.estimation.batch import FitOptions
-from optid.estimation.objective import freed_with_rest, objective_of, window_length
-from optid.estimation.problem import pose
+from optid.estimation.multiple_shooting import FitOptions
+from optid.estimation.objective import objective_of, window_length, with_nuisance_parameters
+from optid.estimation.problem import build_problem
 from optid.estimation.result import Fit
 from optid.estimation.smoother import Objective, Point, Terms, descend, settled_system, solve_schur
 from optid.rigs.rigfile import Rig
@@ -131,8 +131,8 @@ def profile(
         NotIdentifiable: the parameter stands at its bound, or the data do not determine it: there is no valley.
     """
     k, recordings, options = _place(rig, fit, name), list(recordings), options or FitOptions()
-    problem = pose(rig.model, recordings, options.window or window_length(rig.model, recordings))
-    o, _ = objective_of(rig, freed_with_rest(rig), problem, options.huber)
+    problem = build_problem(rig.model, recordings, options.window or window_length(rig.model, recordings))
+    o, _ = objective_of(rig, with_nuisance_parameters(rig), problem, options.huber)
     o, q = replace(o, tolerance=SMOOTH), fit.process_noise
     best, terms, _ = descend(
         o, Point(fit.states, rig.model.vector(fit.values)), q, iterations=40, precision=PRECISION / 100
@@ -162,12 +162,12 @@ def profile(
 
 
 def fitted(rig: Rig, name: str) -> int:
-    """Place of a parameter among those a fit of the rig moves.
+    """LikelihoodPoint of a parameter among those a fit of the rig moves.
 
     Raises:
         InputError: it is not among them; names the nearest one.
     """
-    names = [freed.name for freed in freed_with_rest(rig)]
+    names = [freed.name for freed in with_nuisance_parameters(rig)]
     if name not in names:
         raise InputError(f'"{name}" is not fitted', where=rig.path, field="[fit]", hint=nearest(name, names))
     return names.index(name)

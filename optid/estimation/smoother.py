@@ -15,11 +15,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import LinAlgError, cho_solve, cho_solve_banded, cholesky_banded
 
-from optid.core.compiled import compiled
+from optid.core.gauss_newton_kernels import normal_equations
+from optid.core.jit import compiled
+from optid.core.llvm_simd import LANES
 from optid.core.model import Array, Model
-from optid.core.normal import normal_equations
-from optid.core.rows import LANES
-from optid.core.threads import spread
+from optid.core.threads import parallel_for
 from optid.errors import SolveError
 from optid.estimation.problem import Booleans, Problem
 
@@ -99,7 +99,7 @@ def evaluate(o: Objective, at: Point, q: Array) -> Terms:
     H, g, misfit = np.empty((w, nd, room)), np.empty((w, room)), np.empty((w, 2))
     given = (b.begins, b.counts, b.closed, at.X, at.p, b.dt, b.inputs, b.measured, o.weight, o.huber)
     found = (o.tolerance * o.model.scales, end, slope, H, g, misfit)
-    spread(w, lambda i, j: machine.run(normal_equations, i, j, *given, *found), LANES)
+    parallel_for(w, lambda i, j: machine.run(normal_equations, i, j, *given, *found), LANES)
     defect = np.zeros((w, nx))
     defect[:-1] = (at.X[1:] - end[:-1]) * b.linked[:-1, None]
     terms = Terms(end, slope[:, :, :nd], H[:, :, :nd], g[:, :nd], misfit, defect, math.nan)

@@ -15,10 +15,10 @@ import numpy as np
 from optid.core.model import Array
 from optid.core.recording import Recording
 from optid.effects.effect import Effect
-from optid.estimation.likelihood import FAR, WHOLE, run_steered
-from optid.estimation.place import Answer
-from optid.estimation.problem import pose
-from optid.estimation.scoring import point_at, question_of
+from optid.estimation.fisher_scoring import likelihood_problem, point_at
+from optid.estimation.likelihood import FAR, WHOLE, run_fixed_gain_filter
+from optid.estimation.likelihood_point import LikelihoodFit
+from optid.estimation.problem import build_problem
 from optid.rigs.rigfile import Rig, with_effects
 
 # Log level of process noise of a model that is nearly right, in usual sizes per sqrt(s). With a tenth of it models
@@ -64,11 +64,11 @@ def grams(rig: Rig, rivals: Sequence[Effect], recordings: Sequence[Recording], s
     Raises:
         SolveError: the model cannot be simulated along them.
     """
-    question = question_of(rig, pose(rig.model, recordings, WHOLE))
+    question = likelihood_problem(rig, build_problem(rig.model, recordings, WHOLE))
     levels = np.full(len(question.groups), QUIET)
     here = point_at(question, rig.model.vector(rig.parameters), levels)
-    here.glance()
-    answer = here.answer(False)
+    here.fixed_gain_jacobian()
+    answer = here.as_fit(False)
     view = _View(answer, skip)
     columns, worth, forms, count = [view.slopes], [], [], view.slopes.shape[1]
     for effect in rivals:
@@ -113,11 +113,11 @@ def _points(effect: Effect) -> tuple[list[dict[str, float]], list[dict[str, floa
 class _View:
     """The base model's innovations: which are known, their scale, and the slopes by its parameters."""
 
-    def __init__(self, answer: Answer, skip: int) -> None:
-        f, q = answer.filtered, answer.question
+    def __init__(self, answer: LikelihoodFit, skip: int) -> None:
+        f, q = answer.filtered, answer.likelihood_problem
         self._answer = answer
         own = range(len(q.model.states))
-        self._base = run_steered(q.model, q.problem, answer.p[None], f, own)[0]
+        self._base = run_fixed_gain_filter(q.model, q.problem, answer.p[None], f, own)[0]
         slopes = answer.slopes.innovations[..., : len(q.free)]
         self._known = (
             np.isfinite(f.innovations[0]) & np.isfinite(self._base) & np.isfinite(slopes).all(axis=-1)
@@ -135,7 +135,7 @@ class _View:
         """Columns by point, each per smallest size worth a name, (rows, points)."""
         if not points:
             return np.empty((len(self.owner), 0))
-        plain = self._answer.question
+        plain = self._answer.likelihood_problem
         rig = with_effects(plain.rig, (effect,), {})
         model = rig.model
         P = np.empty((len(points), len(model.parameters)))
@@ -145,6 +145,8 @@ class _View:
                 row[model.index(name)] = value
         names = [state.name for state in model.states]
         common = [names.index(state.name) for state in plain.model.states]
-        E = run_steered(model, pose(model, recordings, WHOLE), P, self._answer.filtered, common)
+        E = run_fixed_gain_filter(
+            model, build_problem(model, recordings, WHOLE), P, self._answer.filtered, common
+        )
         found = (E - self._base)[:, self._known] * self._scale
         return np.asarray(found.T / [effect.size(point) for point in points])

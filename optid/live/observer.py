@@ -8,8 +8,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from optid.core.compiled import compiled
-from optid.core.compiling import kept
+from optid.core.jit import compiled
+from optid.core.jit_cache import kept
 from optid.core.kernel import advance, at, call
 from optid.core.kernel import compiled as compiled_loop
 from optid.core.model import Array, Model

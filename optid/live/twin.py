@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from optid.core.compiled import compiled
+from optid.core.jit import compiled
 from optid.core.kernel import advance, at, call
 from optid.core.kernel import compiled as compiled_loop
 from optid.core.model import CLOCK, INTERVAL, Array, Model

@@ -21,7 +21,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from optid.core.compiling import kept
+from optid.core.jit_cache import kept
 
 Array = NDArray[np.float64]
 

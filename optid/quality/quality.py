@@ -6,9 +6,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from optid.core.decimation import FASTEST, decimated
 from optid.core.model import Model
 from optid.core.recording import Recording
-from optid.core.thinning import FASTEST, thinned
 from optid.quality.faults import jumps, outliers, repaired
 from optid.quality.feedback import feedback, single_line, tied
 from optid.quality.motion import anticipation, one_sided, polarity, still, travel
@@ -64,7 +64,7 @@ def _remarks(
     positions = tuple(port.role for port in model.outputs if port.unit == "m" and port.role in outputs)
     angular = tuple(port.role for port in model.outputs if port.unit in _ANGLES and port.role in outputs)
     # How an axis moves shows as well at a kilohertz; what its sensors do shows in their own samples only.
-    slow = thinned(recording, inputs, FASTEST)
+    slow = decimated(recording, inputs, FASTEST)
     return [
         *sampling(recording, outputs),
         *still(slow, inputs, outputs),

@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from optid.core.compiled import compiled as machine_code
+from optid.core.jit import compiled as machine_code
 from optid.core.kernel import advance, at, call
 from optid.core.model import CLOCK, INTERVAL, Array
-from optid.core.threads import spread
+from optid.core.threads import parallel_for
 from optid.errors import InputError
 from optid.pid.controller import Gains, Settings
 from optid.pid.law import GAINS, LAST_COMMAND, MEMORY, law
@@ -43,7 +43,7 @@ class Bench:
                     self._episodes[e], *self._run(vector, settings, self._episodes[e]), settings.sample_time
                 )
 
-        spread(len(self._episodes), run)
+        parallel_for(len(self._episodes), run)
         return tuple(found[e] for e in range(len(self._episodes)))
 
     def costs(self, gains: Array, settings: Settings, criterion: Criterion, command_size: float) -> Array:
@@ -82,7 +82,7 @@ class Bench:
                     cost[i] += episode.weight * criterion.of(one, T, command_size)
                     hunting[i] = max(hunting[i], one.hunting)
 
-        spread(len(gains) * len(self._episodes), run)
+        parallel_for(len(gains) * len(self._episodes), run)
         return cost, hunting
 
     def only(self, chosen: Sequence[int]) -> Bench:

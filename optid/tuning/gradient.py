@@ -15,8 +15,8 @@ import casadi as ca
 import numpy as np
 from llvmlite import ir
 
-from optid.core.compiled import machine_code
 from optid.core.instructions import FORMS, REAL, number
+from optid.core.jit import machine_code
 from optid.core.kernel import at, call
 from optid.core.model import Array
 from optid.pid.law import GAINS, LAST_COMMAND, MEMORY, PER_STEP, RESOLUTION

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from optid.core.model import Array
-from optid.core.threads import spread
+from optid.core.threads import parallel_for
 from optid.errors import InputError
 from optid.pid import law as memory_layout
 from optid.pid.law import GAINS, MEMORY, law
@@ -93,7 +93,7 @@ class Course:
             start, stop = LANES * first, min(LANES * last, len(gains))
             _batch(gains, self.settings, self.arrays, square, size, start, stop, out)
 
-        spread(-(-len(gains) // LANES), run)
+        parallel_for(-(-len(gains) // LANES), run)
         return out
 
     def costs(self, gains: Array) -> Array:

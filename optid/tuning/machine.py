@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TypeVar
 
-from optid.core.compiling import kept
+from optid.core.jit_cache import kept
 
 Kernel = TypeVar("Kernel", bound=Callable[..., object])
 # No fused or reordered arithmetic: what is optimised is to the last bit what the exported controller computes.

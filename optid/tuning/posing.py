@@ -141,7 +141,7 @@ def model_of(contents: ArmaxFile, order: int | None, where: Path) -> Armax:
     return found[order]
 
 
-def pose(
+def build_problem(
     contents: ArmaxFile,
     where: Path,
     wishes: Wishes,

@@ -16,11 +16,11 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[2]))  # finds the studies beside it from any folder
 
-from optid.core.thinning import thinned
+from optid.core.decimation import decimated
 from optid.effects.effect import Effect
 from optid.effects.library import admitted
 from optid.errors import NotIdentifiable, OptidError
-from optid.estimation.batch import FitOptions, fit
+from optid.estimation.multiple_shooting import FitOptions, fit
 from optid.estimation.prediction import predict
 from optid.estimation.result import Fit
 from optid.rigs.rigfile import Rig, with_effects
@@ -33,7 +33,7 @@ RATE = 250.0  # Hz
 def slower(task: Task) -> Task:
     """The same with recordings to fit of `RATE`, whose noise is not the rig file's; what is held out stays."""
     commands = [port.role for port in task.rig.model.recorded]
-    train = tuple(thinned(one, commands, RATE) for one in task.train)
+    train = tuple(decimated(one, commands, RATE) for one in task.train)
     channels = {role: replace(channel, sd=None) for role, channel in task.rig.channels.items()}
     return replace(task, rig=replace(task.rig, channels=channels), train=train)
 

@@ -22,7 +22,7 @@ sys.path.insert(0, str(Path(__file__).parents[2]))  # finds the studies beside i
 from optid.core.model import Array
 from optid.core.sheet import Sheet
 from optid.effects.effect import Effect
-from optid.estimation.batch import FitOptions, fit
+from optid.estimation.multiple_shooting import FitOptions, fit
 from optid.estimation.result import Fit
 from optid.rigs.rigfile import Rig, with_effects
 from studies.baselines.equation import motion_of

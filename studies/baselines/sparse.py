@@ -15,7 +15,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[2]))  # finds the studies beside it from any folder
 
 from optid.core.model import Array
-from optid.estimation.batch import FitOptions, fit
+from optid.estimation.multiple_shooting import FitOptions, fit
 from optid.estimation.result import Fit
 from studies.baselines.equation import Motion, motion_of
 from studies.baselines.task import Said, Task, asked, deliver, finding, parameters, window_rmse

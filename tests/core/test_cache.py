@@ -8,14 +8,15 @@ import sys
 import numpy as np
 import pytest
 
-from optid.core import cache, compiling
+from optid.core import cache
+from optid.core import jit_cache as compiling
 
 PROGRAM = """
 import json, sys
 from optid.core import cache
 told = []
 cache.first_compile(lambda: told.append(1))
-from optid.core.compiling import kept
+from optid.core.jit_cache import kept
 
 @kept()
 def twice(x):

@@ -3,17 +3,17 @@
 import numpy as np
 import pytest
 
-from optid.core.compiled import compiled
+from optid.core.gauss_newton_kernels import normal_equations
+from optid.core.jit import compiled
 from optid.core.kernel import trace
 from optid.core.linearise import linearise
-from optid.core.normal import normal_equations
+from optid.core.llvm_simd import LANES
 from optid.core.parameter import Parameter
 from optid.core.recording import Channel, Recording
-from optid.core.rows import LANES
 from optid.core.sheet import build
 from optid.core.simulation import simulate
-from optid.estimation.likelihood import WHOLE, run_filter, run_steered
-from optid.estimation.problem import pose
+from optid.estimation.likelihood import WHOLE, run_filter, run_fixed_gain_filter
+from optid.estimation.problem import build_problem
 from optid.live.twin import Twin
 
 SHARE = Parameter("share", "1", 0.3, "of a hold that the former command lasts", "test", 0.3, (0.0, 1.0))
@@ -54,8 +54,8 @@ def both(seed=1, shown=None):
     fine = np.r_[np.zeros(3), np.repeat(u, FINER)][: N * FINER]
     models = build(cart), build(cart, late=False)
     problems = (
-        pose(models[0], [recorded(u, DT, shown)], WHOLE),
-        pose(models[1], [recorded(fine, DT / FINER, shown)], WHOLE),
+        build_problem(models[0], [recorded(u, DT, shown)], WHOLE),
+        build_problem(models[1], [recorded(fine, DT / FINER, shown)], WHOLE),
     )
     return models, problems
 
@@ -139,10 +139,12 @@ def test_filters_switch_inside_holds():
     # Sets side by side, each of them in lanes of its own.
     shares = np.linspace(0.0, 1.0, LANES + 1)
     P = np.array([late.vector({"share": share}) for share in (0.3, *shares)])
-    E = run_steered(late, coarse, P, f, range(2))
+    E = run_fixed_gain_filter(late, coarse, P, f, range(2))
     assert E[0] == pytest.approx(f.innovations[0], rel=1e-5, abs=1e-7)
     for row, p in zip(E[1:], P[1:], strict=True):
-        assert row == pytest.approx(run_steered(late, coarse, p[None], f, range(2))[0], rel=1e-4, abs=1e-6)
+        assert row == pytest.approx(
+            run_fixed_gain_filter(late, coarse, p[None], f, range(2))[0], rel=1e-4, abs=1e-6
+        )
 
 
 def test_a_twin_switches_inside_holds():
@@ -164,10 +166,10 @@ def test_a_linearisation_takes_the_mean_of_a_hold():
 def test_before_a_record_the_command_was_idle_unless_the_record_begins_in_motion(speed, before):
     rng, time = np.random.default_rng(4), DT * np.arange(N)
     shown = speed * time + (0.5 * 8.0 * time**2 if speed == 0.0 else 0.0) + 1e-4 * rng.normal(size=N)
-    q = pose(build(cart), [recorded(np.ones(N), DT, shown)], WHOLE)
+    q = build_problem(build(cart), [recorded(np.ones(N), DT, shown)], WHOLE)
     assert q.inputs[0].tolist() == [1.0, before]
 
 
 def test_a_record_too_short_to_tell_begins_idle():
     one = recorded(np.ones(N), DT, np.arange(N) * 1.0)
-    assert pose(build(cart), [one.taken(np.arange(8))], WHOLE).inputs[0, 1] == 0.0
+    assert build_problem(build(cart), [one.taken(np.arange(8))], WHOLE).inputs[0, 1] == 0.0

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from numba import njit
 
-from optid.core.compiled import compiled
 from optid.core.instructions import FORMS
+from optid.core.jit import compiled
 from optid.core.kernel import at, call
 from optid.core.parameter import Parameter
 from optid.core.sheet import build

@@ -8,9 +8,9 @@ import pytest
 from numba import njit
 from scipy.integrate import solve_ivp
 
-from optid.core.compiled import compiled, compiled_runs
+from optid.core.gauss_newton_kernels import normal_equations
+from optid.core.jit import compiled, compiled_runs
 from optid.core.kernel import at, call
-from optid.core.normal import normal_equations
 from optid.core.sheet import build
 from optid.core.simulation import simulate
 from optid.rigs.rigfile import read_rig

@@ -6,15 +6,15 @@ import pytest
 from llvmlite import ir
 from numba import njit
 
-from optid.core.compiled import compiled_lanes, machine_code
 from optid.core.instructions import FORMS, REAL
+from optid.core.jit import compiled_lanes, machine_code
 from optid.core.kernel import at, call
+from optid.core.llvm_simd import LANES
 from optid.core.recording import Channel, Recording
 from optid.core.rosenbrock import rosenbrock
-from optid.core.rows import LANES
 from optid.core.sheet import build
 from optid.estimation.likelihood import WHOLE, run_filter
-from optid.estimation.problem import pose
+from optid.estimation.problem import build_problem
 from optid.rigs.rigfile import read_rig
 from optid.rigs.servo_pneumatic import servo_pneumatic
 from tests.core.test_integrator import DATA
@@ -150,7 +150,7 @@ def test_equations_that_need_ever_smaller_steps_are_given_up():
         "command": Channel("command", "u", "1", np.zeros(30)),
         "position": Channel("position", "x", "m", np.full(30, np.nan)),
     }
-    problem = pose(model, [Recording("run.csv", time, channels)], WHOLE)
+    problem = build_problem(model, [Recording("run.csv", time, channels)], WHOLE)
     seen = run_filter(
         model, problem, model.vector({})[None], np.zeros((1, 1)), np.ones((1, 1)), keep=True
     )  # no process noise, no measurement

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from optid.core.compiled import compiled
-from optid.core.normal import normal_equations
-from optid.core.rows import LANES
+from optid.core.gauss_newton_kernels import normal_equations
+from optid.core.jit import compiled
+from optid.core.llvm_simd import LANES
 from optid.core.sheet import build
-from optid.core.threads import spread
+from optid.core.threads import parallel_for
 from optid.rigs.rigfile import read_rig
 from optid.rigs.servo_pneumatic import servo_pneumatic
 from tests.core.test_integrator import DATA
@@ -104,6 +104,6 @@ def test_a_window_that_fails_spoils_no_other(setting):
 
 def test_threads_share_whole_groups():
     seen = []
-    spread(11, lambda first, last: seen.append((first, last)), LANES)
+    parallel_for(11, lambda first, last: seen.append((first, last)), LANES)
     assert sorted(k for first, last in seen for k in range(first, last)) == list(range(11))
     assert all(first % LANES == 0 for first, _ in seen)

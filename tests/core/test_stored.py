@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from optid.core import cache
-from optid.core import compiled as module
-from optid.core.compiled import compiled, compiled_lanes, compiled_runs
+from optid.core import jit as module
+from optid.core.jit import compiled, compiled_lanes, compiled_runs
 from optid.core.simulation import simulate
 from optid.rigs.rigfile import read_rig
 

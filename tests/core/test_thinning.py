@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from optid.core.decimation import at_samples_of, decimated
 from optid.core.recording import Channel, Recording
-from optid.core.thinning import at_samples_of, thinned
 
 
 def record(rate: float, noise: float = 0.0, seconds: float = 2.0) -> Recording:
@@ -25,7 +25,7 @@ def record(rate: float, noise: float = 0.0, seconds: float = 2.0) -> Recording:
 
 @pytest.mark.parametrize("rate", [2000.0, 5000.0, 10000.0])
 def test_the_motion_stays_and_the_noise_falls(rate):
-    slow, clean = thinned(record(rate, 3e-5), ["command"]), thinned(record(rate), ["command"])
+    slow, clean = decimated(record(rate, 3e-5), ["command"]), decimated(record(rate), ["command"])
     count = rate / 1000.0
     assert slow.rate == pytest.approx(1000.0)
     exact = 0.05 * np.sin(2 * np.pi * 1.5 * clean.time)
@@ -43,7 +43,7 @@ def test_what_is_missing_shifts_nothing():
     values[500:507] = np.nan  # most of one block, at one side of its middle
     values[1000] = np.nan
     channels = {**fast.channels, "position": replace(fast["position"], values=values)}
-    slow = thinned(replace(fast, channels=channels), ["command"])
+    slow = decimated(replace(fast, channels=channels), ["command"])
     known = np.isfinite(slow["position"].values)
     assert not known[50]
     assert known[100]
@@ -53,19 +53,19 @@ def test_what_is_missing_shifts_nothing():
 
 def test_slow_recordings_stay_as_they_are_and_gaps_are_kept():
     slow = record(1000.0)
-    assert thinned(slow, ["command"]) is slow
+    assert decimated(slow, ["command"]) is slow
     fast = record(10000.0)
     keep = np.r_[0:500, 700 : len(fast)]
     channels = {k: replace(c, values=c.values[keep]) for k, c in fast.channels.items()}
     gappy = replace(fast, time=fast.time[keep], channels=channels)
-    slow = thinned(gappy, ["command"])
+    slow = decimated(gappy, ["command"])
     assert slow.rate == pytest.approx(1000.0)
     np.testing.assert_allclose(slow.gaps(), [(0.049, 0.07)])
     exact = 0.05 * np.sin(2 * np.pi * 1.5 * slow.time)
     assert slow["position"].values == pytest.approx(exact, abs=4e-7)
     keep = np.flatnonzero(np.random.default_rng(0).random(len(fast)) < 0.5)
     torn = fast.taken(keep)
-    assert thinned(torn, ["command"]) is torn
+    assert decimated(torn, ["command"]) is torn
 
 
 def test_nothing_is_folded_into_the_band():
@@ -73,7 +73,7 @@ def test_nothing_is_folded_into_the_band():
     fast = record(250_000.0, seconds=0.2)
     tone = 0.01 * np.sin(2 * np.pi * 900.0 * fast.time)
     channels = {**fast.channels, "position": replace(fast["position"], values=fast["position"].values + tone)}
-    slow = thinned(replace(fast, channels=channels), ["command"])
+    slow = decimated(replace(fast, channels=channels), ["command"])
     exact = 0.05 * np.sin(2 * np.pi * 1.5 * slow.time)
     assert np.abs(slow["position"].values - exact)[5:-5].max() < 1e-4
 

@@ -5,7 +5,7 @@ import threading
 import pytest
 
 from optid.core import threads
-from optid.core.threads import spread, together
+from optid.core.threads import parallel_for, parallel_map
 
 
 @pytest.fixture(params=[1, 2, 3])
@@ -23,35 +23,35 @@ def cores(request, monkeypatch):
 @pytest.mark.parametrize("count", [0, 1, 7, 64])
 def test_a_spread_covers_all_once(cores, count, grain):
     seen = []
-    spread(count, lambda first, last: seen.append((first, last)), grain)
+    parallel_for(count, lambda first, last: seen.append((first, last)), grain)
     assert sorted(i for first, last in seen for i in range(first, last)) == list(range(count))
     assert all(first % grain == 0 for first, _ in seen)
 
 
 def test_results_come_in_the_order_of_what_was_asked(cores):
-    assert together(lambda x: x * x, range(20)) == [x * x for x in range(20)]
+    assert parallel_map(lambda x: x * x, range(20)) == [x * x for x in range(20)]
 
 
 def test_as_many_work_at_a_time_as_there_are_cores(cores):
     """They would wait for each other in vain if they came one after the other."""
     meeting = threading.Barrier(cores)
-    assert together(lambda _: meeting.wait(timeout=10.0) >= 0, range(cores)) == [True] * cores
+    assert parallel_map(lambda _: meeting.wait(timeout=10.0) >= 0, range(cores)) == [True] * cores
 
 
 def test_the_first_that_fails_says_so(cores):
     with pytest.raises(ZeroDivisionError):
-        together(lambda x: 1 / x, [2, 1, 0, 3])
+        parallel_map(lambda x: 1 / x, [2, 1, 0, 3])
 
 
 def test_what_works_together_may_call_for_more_of_it(cores):
     """More than there are threads, so that they would all wait for one that none of them can begin."""
 
     def outer(x):
-        spread(8, lambda first, last: None)
-        return sum(together(lambda y: x * y, range(5)))
+        parallel_for(8, lambda first, last: None)
+        return sum(parallel_map(lambda y: x * y, range(5)))
 
     done = []
-    thread = threading.Thread(target=lambda: done.extend(together(outer, range(8))), daemon=True)
+    thread = threading.Thread(target=lambda: done.extend(parallel_map(outer, range(8))), daemon=True)
     thread.start()
     thread.join(timeout=10.0)
     assert done == [10 * x for x in range(8)]

@@ -17,7 +17,7 @@ def refined(values, low, high):
     problem = SimpleNamespace(
         recording=np.array([0]), counts=np.array([199]), time=np.arange(200) * 0.1, dt=np.full(199, 0.1)
     )
-    question = SimpleNamespace(
+    likelihood_problem = SimpleNamespace(
         free=(0, 1),
         typical=np.ones(2),
         low=np.array(low),
@@ -29,7 +29,7 @@ def refined(values, low, high):
     )
     noise = np.random.default_rng(0).standard_normal((1, 200, 1))
     answer = SimpleNamespace(
-        question=question,
+        likelihood_problem=likelihood_problem,
         p=np.array(values),
         information=slopes[:, 0].T @ slopes[:, 0],
         filtered=SimpleNamespace(innovations=noise, variances=np.ones((1, 200, 1))),

@@ -30,7 +30,7 @@ def placed(name, effects, usual=True):
     answer = SimpleNamespace(
         p=improved.model.vector(improved.parameters),
         filtered=SimpleNamespace(states=[X]),
-        question=SimpleNamespace(problem=SimpleNamespace(inputs=U)),
+        likelihood_problem=SimpleNamespace(problem=SimpleNamespace(inputs=U)),
         noise=SimpleNamespace(measurement=np.ones(len(improved.model.outputs))),
     )
     return RefinedModel((), rig, None, None), RefinedModel(chosen, improved, answer, None)
@@ -38,7 +38,7 @@ def placed(name, effects, usual=True):
 
 def state(best, name):
     names = [state.name for state in best.rig.model.states]
-    return best.answer.filtered.states[0][:, names.index(name)]
+    return best.fit.filtered.states[0][:, names.index(name)]
 
 
 @pytest.mark.parametrize(("name", "effect"), EVERY)
@@ -55,9 +55,9 @@ def test_an_effect_is_at_work_and_at_its_null_it_is_not(name, effect):
 @pytest.mark.parametrize(("name", "effect"), EVERY)
 def test_beside_a_bypass_the_plant_is_the_plain_one(name, effect):
     base, best = placed(name, (effect,))
-    plain, answer = base.rig.model, best.answer
+    plain, answer = base.rig.model, best.fit
     own, ports = Grown(name, plain, best.rig.model, best.effects, {}).shared
-    X, U = answer.filtered.states[0], answer.question.problem.inputs
+    X, U = answer.filtered.states[0], answer.likelihood_problem.problem.inputs
     p = plain.vector(base.rig.parameters)
     changed = []
     for full, without, rows, by in (

@@ -30,5 +30,5 @@ def test_a_curve_is_drawn_over_what_was_visited_without_gaps(values, expected):
 def test_short_recordings_are_all_looked_at():
     """Friction that differs from recording to recording shows in no single one."""
     problem = SimpleNamespace(time=np.zeros(SHORT), counts=np.array([10, 20, 30]))
-    current = SimpleNamespace(question=SimpleNamespace(problem=problem))
+    current = SimpleNamespace(likelihood_problem=SimpleNamespace(problem=problem))
     assert worst_recordings(current, None) == [0, 1, 2]

@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from optid.core.compiled import compiled
+from optid.core.jit import compiled
 from optid.core.rosenbrock import moved
 from optid.core.simulation import simulate
 from tests.core.test_integrator import rates

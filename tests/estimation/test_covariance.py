@@ -7,10 +7,10 @@ import pytest
 from scipy.linalg import solve_toeplitz
 
 from optid.estimation.covariance import HIGHEST_ORDER, autoregression, covariance
-from optid.estimation.objective import freed_with_rest, objective_of
-from optid.estimation.problem import pose
+from optid.estimation.initial_trajectory import guess
+from optid.estimation.objective import objective_of, with_nuisance_parameters
+from optid.estimation.problem import build_problem
 from optid.estimation.smoother import Point, descend
-from optid.estimation.start import guess
 from tests.estimation.cart import recording, rig
 
 
@@ -40,8 +40,8 @@ def test_nothing_left_has_no_spectrum():
 def test_white_residuals_give_the_interval_of_least_squares(tmp_path):
     """Against one information matrix of parameters and start states alone, from the windows' slopes chained."""
     cart, data = rig(tmp_path), [recording(np.random.default_rng(k), name=f"{k}.csv") for k in range(3)]
-    problem = pose(cart.model, data, 0.5)
-    o, p = objective_of(cart, freed_with_rest(cart), problem)
+    problem = build_problem(cart.model, data, 0.5)
+    o, p = objective_of(cart, with_nuisance_parameters(cart), problem)
     q = 1e-4 * o.model.scales
     at, terms, _ = descend(
         replace(o, tolerance=1e-9), Point(guess(cart.model, problem, p), p), q, iterations=50, precision=1e-10

@@ -13,7 +13,7 @@ import pandas as pd
 import pytest
 
 from optid.errors import InputError, NotIdentifiable
-from optid.estimation.batch import FitOptions, fit
+from optid.estimation.multiple_shooting import FitOptions, fit
 from optid.estimation.result import Outcome
 from tests.estimation.cart import FREE, RATE, SD, TRUTH, moved, record, recording, rig
 

@@ -7,7 +7,7 @@ import pytest
 
 from optid.core.readers import read_recording
 from optid.core.units import to_si
-from optid.estimation.batch import fit
+from optid.estimation.multiple_shooting import fit
 from optid.estimation.objective import LEAST
 from optid.estimation.prediction import predict
 from optid.estimation.result import Outcome

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from optid.errors import SolveError
+from optid.estimation.fisher_scoring import likelihood_problem
 from optid.estimation.likelihood import WHOLE
 from optid.estimation.multistep import (
     QUIET,
@@ -15,8 +16,7 @@ from optid.estimation.multistep import (
     quiet_filter,
     window_starts,
 )
-from optid.estimation.problem import pose
-from optid.estimation.scoring import question_of
+from optid.estimation.problem import build_problem
 from tests.estimation.cart import TRUTH, recording, rig
 
 SECONDS = 0.5
@@ -25,8 +25,8 @@ SECONDS = 0.5
 @pytest.fixture(scope="module")
 def asked(tmp_path_factory):
     cart = rig(tmp_path_factory.mktemp("cart"))
-    problem = pose(cart.model, [recording(np.random.default_rng(seed)) for seed in (1, 2)], WHOLE)
-    return question_of(cart, problem), cart.model.vector(cart.parameters)
+    problem = build_problem(cart.model, [recording(np.random.default_rng(seed)) for seed in (1, 2)], WHOLE)
+    return likelihood_problem(cart, problem), cart.model.vector(cart.parameters)
 
 
 def values(q, p):

@@ -10,7 +10,7 @@ from click.testing import CliRunner
 
 from optid.cli import cli
 from optid.errors import InputError, NotIdentifiable
-from optid.estimation.batch import FitOptions, fit
+from optid.estimation.multiple_shooting import FitOptions, fit
 from optid.estimation.profile import profile
 from tests.estimation.cart import TRUTH, recording, rig
 

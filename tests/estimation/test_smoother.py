@@ -5,16 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from optid.estimation.objective import freed_with_rest, objective_of
-from optid.estimation.problem import pose
+from optid.estimation.initial_trajectory import guess
+from optid.estimation.objective import objective_of, with_nuisance_parameters
+from optid.estimation.problem import build_problem
 from optid.estimation.smoother import Point, descend, evaluate, priced
-from optid.estimation.start import guess
 from tests.estimation.cart import TRUTH, moved, record, recording, rig
 
 
 def posed(cart, data):
-    problem = pose(cart.model, data, 0.5)
-    o, p = objective_of(cart, freed_with_rest(cart), problem)
+    problem = build_problem(cart.model, data, 0.5)
+    o, p = objective_of(cart, with_nuisance_parameters(cart), problem)
     return replace(o, tolerance=1e-10), Point(guess(cart.model, problem, p), p)
 
 

@@ -56,8 +56,8 @@ def effect_activity(base: RefinedModel, best: RefinedModel, effect: Effect) -> A
     taken = Taken(effect.sites)
     around = [(taken, one, Bypass(taken)) if one is effect else (one,) for one in best.effects]
     rig = with_effects(base.rig, (part for parts in around for part in parts), {})
-    answer, own, model = best.answer, best.rig.model, rig.model
-    X, U = answer.filtered.states[0], answer.question.problem.inputs
+    answer, own, model = best.fit, best.rig.model, rig.model
+    X, U = answer.filtered.states[0], answer.likelihood_problem.problem.inputs
     states, names = [s.name for s in own.states], [s.name for s in model.states]
     order = [states.index(name) for name in names]
     p = model.vector_from(own, answer.p, rig.parameters)

@@ -41,11 +41,11 @@ def effect_signal_at(base: RefinedModel, best: RefinedModel, site: str) -> Array
         rig = with_effects(base.rig, (Probe("before", site), *best.effects, Probe("after", site)), {})
     except InputError:  # declared twice
         return None
-    model, own, answer = rig.model, best.rig.model, best.answer
+    model, own, answer = rig.model, best.rig.model, best.fit
     p = model.vector_from(own, answer.p, rig.parameters)
     names = [state.name for state in own.states]
     X = answer.filtered.states[0][:, [names.index(state.name) for state in model.states]]
-    U = answer.question.problem.inputs
+    U = answer.likelihood_problem.problem.inputs
     roles = [port.role for port in model.outputs]
     shown = np.array(model.sensors.map(len(X))(X.T, U.T, p))
     return np.asarray(shown[roles.index("after")] - shown[roles.index("before")])

@@ -9,9 +9,9 @@ import numpy as np
 
 from optid.core.model import Array
 from optid.core.recording import Recording
-from optid.estimation.likelihood import run_steered
-from optid.estimation.place import Answer
-from optid.estimation.prediction import horizon
+from optid.estimation.likelihood import run_fixed_gain_filter
+from optid.estimation.likelihood_point import LikelihoodFit
+from optid.estimation.prediction import window_seconds
 from optid.estimation.problem import Booleans, Integers, Problem
 
 SLOT = 0.2  # of a window: resolution of the map over time; 0.1 s where sampling is fast
@@ -57,15 +57,15 @@ class Region:
     slot: float
 
 
-def contribution(answer: Answer, without: Array) -> Array:
+def contribution(answer: LikelihoodFit, without: Array) -> Array:
     """What a part of a model does to the scaled innovations, (samples, outputs): against the parameters `without`."""
-    q, f = answer.question, answer.filtered
+    q, f = answer.likelihood_problem, answer.filtered
     own = range(len(q.model.states))
-    both = run_steered(q.model, q.problem, np.stack([answer.p, without]), f, own)
+    both = run_fixed_gain_filter(q.model, q.problem, np.stack([answer.p, without]), f, own)
     return np.asarray((both[1] - both[0]) / np.sqrt(f.variances[0]))
 
 
-def region(answer: Answer, mismatch: Array, done: Array, recordings: tuple[Recording, ...]) -> Region:
+def region(answer: LikelihoodFit, mismatch: Array, done: Array, recordings: tuple[Recording, ...]) -> Region:
     """When something is at work, and between which values of the states its mismatch lies.
 
     Args:
@@ -74,9 +74,9 @@ def region(answer: Answer, mismatch: Array, done: Array, recordings: tuple[Recor
         done: what it does at each sample, by its usual size, (samples,).
         recordings: to fit.
     """
-    problem = answer.question.problem
+    problem = answer.likelihood_problem.problem
     by_output = np.nansum(np.where(np.isfinite(mismatch), mismatch, 0.0) ** 2, axis=0)
-    outputs = answer.question.model.outputs
+    outputs = answer.likelihood_problem.model.outputs
     channels = tuple(
         port.role
         for port, e in zip(outputs, by_output, strict=True)
@@ -86,7 +86,7 @@ def region(answer: Answer, mismatch: Array, done: Array, recordings: tuple[Recor
     owner = np.repeat(problem.recording, problem.counts + 1)
     signals = _signals(answer, owner)
     states = {name: _range(values, energy, unit) for name, (values, unit) in signals.items()}
-    window = horizon(float(np.median(problem.dt)))
+    window = window_seconds(float(np.median(problem.dt)))
     intervals = _intervals(done > WORKS, owner, problem.time, recordings, GAP * window)
     return Region(channels, intervals, states, energy, signals, owner, problem.time, SLOT * window)
 
@@ -98,8 +98,8 @@ def informative_ranges(states: Mapping[str, Range], always: tuple[str, ...]) -> 
     return {name: states[name] for name in always if name in states} | dict(sharp)
 
 
-def _signals(answer: Answer, owner: Integers) -> dict[str, tuple[Array, str]]:
-    q, X = answer.question, answer.filtered.states[0]
+def _signals(answer: LikelihoodFit, owner: Integers) -> dict[str, tuple[Array, str]]:
+    q, X = answer.likelihood_problem, answer.filtered.states[0]
     found: dict[str, tuple[Array, str]] = {}
     for i, state in enumerate(q.model.states):
         if state.unit != "1" and "." not in state.name:
@@ -170,7 +170,7 @@ def by_usual_size(*sizes: Array) -> Array:
 def running_rms(signal: Array, problem: Problem) -> Array:
     """The root mean square of an estimated signal over a slot around each sample, of its recording: it is noisy."""
     step = float(np.median(problem.dt))
-    box = np.ones(max(round(SLOT * horizon(step) / step), 1))
+    box = np.ones(max(round(SLOT * window_seconds(step) / step), 1))
     power = np.where(np.isfinite(signal), signal, 0.0) ** 2
     owner = np.repeat(problem.recording, problem.counts + 1)
     for number in np.unique(owner):

@@ -17,16 +17,16 @@ import numpy as np
 
 from optid.core.model import Array
 from optid.core.sheet import Sheet
-from optid.core.threads import together
+from optid.core.threads import parallel_map
 from optid.diagnosis.fitted import FittedModel
 from optid.diagnosis.localisation.instrument import Instrument
 from optid.diagnosis.problem import DiagnosisProblem
 from optid.errors import SolveError
-from optid.estimation.likelihood import Filtered, Noise, deviance, run_filter, run_steered, start_of
-from optid.estimation.place import Question
+from optid.estimation.fisher_scoring import successive_halving
+from optid.estimation.fixed_gain import fixed_gain_fit
+from optid.estimation.likelihood import Filtered, Noise, deviance, run_filter, run_fixed_gain_filter, start_of
+from optid.estimation.likelihood_point import LikelihoodProblem
 from optid.estimation.problem import Problem
-from optid.estimation.scoring import likeliest
-from optid.estimation.steering import steered_fit
 from optid.rigs.rigfile import with_effects
 
 LOUD = 100.0  # times what shows: a walk's usual step by the square root of a second, the middle of its levels
@@ -93,7 +93,7 @@ class UnknownInput:
 
 def locate(model: FittedModel, problem: DiagnosisProblem) -> list[UnknownInput]:
     """Every place where the plant says that something may be missing, with an unknown input, the best first."""
-    found = together(lambda sites: locate_at(model, problem, *sites), places(model))
+    found = parallel_map(lambda sites: locate_at(model, problem, *sites), places(model))
     return sorted((one for one in found if one is not None), key=lambda one: -one.gain)
 
 
@@ -118,13 +118,13 @@ def locate_at(model: FittedModel, problem: DiagnosisProblem, *sites: str) -> Unk
     rig = with_effects(model.rig, (Disturbance(sites, "1", LOUD * scale),), {})
     own = [state.name for state in rig.model.states]
     walks = tuple(own.index(f"unknown.signal_{k}") for k in range(len(sites)))
-    q = replace(problem.question(rig), groups=(walks,))
-    p = q.model.vector_from(model.question.model, model.p, rig.parameters)
+    q = replace(problem.likelihood_problem(rig), groups=(walks,))
+    p = q.model.vector_from(model.likelihood_problem.model, model.p, rig.parameters)
     try:
         for _ in range(TURNS):
-            p, levels = likeliest(q, [(p, np.full(len(q.groups), level)) for level in STEPS])
+            p, levels = successive_halving(q, [(p, np.full(len(q.groups), level)) for level in STEPS])
             f = _filtered(q, p, levels)
-            p = steered_fit(q, p, q.model, f, GAUSS_NEWTON).p
+            p = fixed_gain_fit(q, p, q.model, f, GAUSS_NEWTON).p
         f = _filtered(q, p, levels)
     except SolveError:
         return None  # with an unknown input there the simulation diverges
@@ -134,7 +134,7 @@ def locate_at(model: FittedModel, problem: DiagnosisProblem, *sites: str) -> Unk
     return UnknownInput(sites, _noiseless(model) - float(each.sum()), f.states[0][:, list(walks)], each)
 
 
-def _filtered(q: Question, p: Array, levels: Array) -> Filtered:
+def _filtered(q: LikelihoodProblem, p: Array, levels: Array) -> Filtered:
     noise = Noise(q.measurement, q.groups, levels)
     Q = noise.spectrum(len(q.model.states))[None]
     return run_filter(q.model, q.problem, p[None], Q, noise.measurement[None], keep=True)
@@ -142,7 +142,7 @@ def _filtered(q: Question, p: Array, levels: Array) -> Filtered:
 
 def _noiseless(model: FittedModel) -> float:
     """-2 log likelihood of a model with no process noise; of the quiet filter's innovations where it diverges."""
-    q = model.question
+    q = model.likelihood_problem
     Q = Noise(q.measurement, (), np.zeros(0)).spectrum(len(q.model.states))[None]
     f = run_filter(q.model, q.problem, model.p[None], Q, q.measurement[None])
     score = float(deviance(f.innovations[0], f.variances[0]).sum())
@@ -165,14 +165,14 @@ def push(fitted: FittedModel, problem: DiagnosisProblem, site: str) -> float | N
     common = [names.index(state.name) for state in plain.states]
     unknown = np.array([[float(name == "unknown.signal_0") for name in names]])
     begun = start_of(model, p[None], 1).mean[0]
-    data = fitted.question.problem
-    sd = np.sqrt(fitted.question.measurement)
+    data = fitted.likelihood_problem.problem
+    sd = np.sqrt(fitted.likelihood_problem.measurement)
     size, seen = 1e-9, 0.0
     usual = plain.sizes[plain.sites.index(site)] / LOUD or None
     for _ in range(17):
         start = begun + size * unknown
-        moved = run_steered(model, data, p[None], held, common, start=start)[0]
-        still = run_steered(model, data, p[None], held, common)[0]
+        moved = run_fixed_gain_filter(model, data, p[None], held, common, start=start)[0]
+        still = run_fixed_gain_filter(model, data, p[None], held, common)[0]
         with np.errstate(invalid="ignore"):  # both may have left the numbers
             change = (moved - still) / sd
         if not np.isfinite(change[np.isfinite(held.innovations[0])]).all():

@@ -137,8 +137,8 @@ def waves(at: Linearisation, site: str) -> list[tuple[Wave, dict[str, float], fl
     if size is None:
         return []
     # Four samples a period at least.
-    fastest = min(FASTEST, 0.25 / float(np.median(base.question.problem.dt)))
-    followed = {TIME: (base.question.problem.time, fastest)}
+    fastest = min(FASTEST, 0.25 / float(np.median(base.likelihood_problem.problem.dt)))
+    followed = {TIME: (base.likelihood_problem.problem.time, fastest)}
     for k, state in enumerate(base.rig.model.states):
         if state.unit in LENGTHS and "." not in state.name:
             values = base.fit.filtered.states[0][:, k]
@@ -175,7 +175,7 @@ def _moving(base: FittedModel) -> dict[str, Array]:
     }
     for column, port in enumerate(model.inputs):
         if port in model.recorded:
-            found[port.role] = base.question.problem.inputs[:, column]
+            found[port.role] = base.likelihood_problem.problem.inputs[:, column]
     return found
 
 
@@ -187,7 +187,7 @@ def _known(base: FittedModel, sites: tuple[str, ...]) -> dict[str, Array]:
     for name in sorted(set.intersection(*names)):
         full = with_effects(base.rig, (_Reading(sites, name),), {}).model
         rows = [k for k, port in enumerate(full.outputs) if port.role.startswith("reading_")]
-        X, U = states, base.question.problem.inputs
+        X, U = states, base.likelihood_problem.problem.inputs
         values = np.array(full.sensors.map(len(X))(X.T, U.T, base.p))[rows].T
         if np.ptp(values) > 0.0 and not _resembles(values, found.values()):
             found[name] = values

@@ -9,7 +9,7 @@ from functools import partial
 
 import numpy as np
 
-from optid.core.threads import together
+from optid.core.threads import parallel_map
 from optid.diagnosis.fitted import FittedModel
 from optid.diagnosis.localisation.unknown_input import UnknownInput
 from optid.diagnosis.problem import DiagnosisProblem, Stage, with_effect
@@ -120,7 +120,7 @@ def _waves(base: FittedModel, likely: Sequence[UnknownInput], problem: Diagnosis
     sites = dict.fromkeys(site for one in likely for site in one.sites)
     heard = [one for site in sites if not problem.budget.is_over for one in waves(at, site)]
     for wave, values, _ in sorted(heard, key=lambda one: -one[2])[:1]:
-        q = problem.question(with_effect(base.rig, wave))
+        q = problem.likelihood_problem(with_effect(base.rig, wave))
         p = q.at({**base.values, **wave.qualified(values)})
         found.append(Proposal(wave, q, p, math.inf, math.inf))
     return found
@@ -129,7 +129,7 @@ def _waves(base: FittedModel, likely: Sequence[UnknownInput], problem: Diagnosis
 def _best(
     base: FittedModel, first: Validated, led: Sequence[Proposal], problem: DiagnosisProblem, tried: int
 ) -> Contender | None:
-    fitted = together(partial(contend, base, first, first, problem, tried), led)
+    fitted = parallel_map(partial(contend, base, first, first, problem, tried), led)
     good = [one for one in fitted if one is not None and not one.why]
     return min(good, key=_loss, default=None)
 

@@ -19,10 +19,10 @@ from optid.diagnosis.fitted import FittedModel
 from optid.diagnosis.problem import DiagnosisProblem, with_effect
 from optid.diagnosis.proposals import worst_recording
 from optid.effects.wave import TIME, Wave
+from optid.estimation.fixed_gain import innovations
 from optid.estimation.likelihood import FAR
-from optid.estimation.place import NUDGES
+from optid.estimation.likelihood_point import NUDGES
 from optid.estimation.problem import Booleans, Integers
-from optid.estimation.steering import innovations
 
 FINE = 2  # steps of the grid to a line's width
 SLOWEST = 2.0  # periods within the range, at least
@@ -62,7 +62,7 @@ class Linearisation:
     @classmethod
     def of(cls, model: FittedModel, problem: DiagnosisProblem) -> Self:
         """At the model's parameters."""
-        q, free = model.question, list(model.question.free)
+        q, free = model.likelihood_problem, list(model.likelihood_problem.free)
         P = np.tile(model.p, (len(free) + 1, 1))
         steps = np.where(model.p[free] + NUDGES[1] * q.typical > q.high, -NUDGES[1], NUDGES[1])
         P[range(1, len(P)), free] += steps * q.typical
@@ -84,7 +84,7 @@ def strongest_sinusoid(
         fastest: periods by the unit of that, at most.
         repeats: so many periods by the unit alone, instead of a search.
     """
-    problem = at.model.question.problem
+    problem = at.model.likelihood_problem.problem
     seen = _seen(at)
     span = max(float(np.ptp(along[seen.rows[seen.owner == one]])) for one in np.unique(seen.owner))
     if not span > 0.0:
@@ -110,7 +110,7 @@ class _Seen(NamedTuple):
 
 def _seen(at: Linearisation, only: Sequence[int] | None = None) -> _Seen:
     """In all segments, or in some."""
-    problem = at.model.question.problem
+    problem = at.model.likelihood_problem.problem
     rows = np.nonzero(np.isfinite(at.model.fit.filtered.innovations[0]))[0]
     segment = np.repeat(np.arange(len(problem.counts)), problem.counts + 1)[rows]
     among = np.ones(len(rows), dtype=np.bool_) if only is None else np.isin(segment, only)
@@ -132,7 +132,7 @@ def _explained(at: Linearisation, wave: Wave, some: Array, only: Sequence[int] |
     The free parameters have their linear say first; innovations that are far off count as Huber has it.
     """
     model = at.model
-    q = at.problem.question(with_effect(model.rig, wave))
+    q = at.problem.likelihood_problem(with_effect(model.rig, wave))
     points = [
         {**wave.of_height(height), "repeats": float(repeats), "phase": phase}
         for height, repeats, phase in [
@@ -141,7 +141,7 @@ def _explained(at: Linearisation, wave: Wave, some: Array, only: Sequence[int] |
         ]
     ]
     P = np.array([q.at({**model.values, **wave.qualified(point)}) for point in points])
-    here, *there = innovations(q, P, model.question.model, model.fit.filtered, only)
+    here, *there = innovations(q, P, model.likelihood_problem.model, model.fit.filtered, only)
     seen = _seen(at, only)
     pieces = [np.flatnonzero(seen.owner == one) for one in np.unique(seen.owner)]
     if wave.along != TIME:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from optid.core.kernel import advance, at, call, compiled, put
-from optid.core.rows import LANES
+from optid.core.llvm_simd import LANES
 
 EQUAL = (
     1e-9  # relative difference up to which two samplings are the same: what rounding leaves of time stamps

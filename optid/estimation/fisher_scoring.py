@@ -15,11 +15,11 @@ import numpy as np
 
 from optid.core.model import Array, Model
 from optid.errors import SolveError
+from optid.estimation.fixed_gain import damped_step
 from optid.estimation.likelihood import Noise, deviance, noisy_states, run_filter
-from optid.estimation.objective import freed_with_rest, objective_of
-from optid.estimation.place import LEVELS, Answer, Place, Question
+from optid.estimation.likelihood_point import LEVELS, LikelihoodFit, LikelihoodPoint, LikelihoodProblem
+from optid.estimation.objective import objective_of, with_nuisance_parameters
 from optid.estimation.problem import Problem
-from optid.estimation.steering import damped_step
 from optid.rigs.rigfile import Rig
 
 MIDDLING = 3e-3  # of their usual sizes: what process noise moves states by from sample to sample where a search begins
@@ -29,15 +29,15 @@ TRIALS = (2, 5)  # of a step on carried and on fresh derivatives, with more and 
 KEPT = 0.25  # of what a step promised: less, and carried derivatives are taken anew
 
 
-def question_of(
+def likelihood_problem(
     rig: Rig, problem: Problem, plain: Model | None = None, misfit: Mapping[str, float] | None = None
-) -> Question:
+) -> LikelihoodProblem:
     """What the recordings are asked of everything that the rig frees; effects' states carry no process noise.
 
     With `misfit`, by role, the model is asked for a simulation: no state carries any, and it counts as the
     measurement's noise.
     """
-    o, _ = objective_of(rig, freed_with_rest(rig, contact=True), problem)
+    o, _ = objective_of(rig, with_nuisance_parameters(rig, contact=True), problem)
     names = None if plain is None else [state.name for state in plain.states]
     typical = [
         rig.model.parameters[i].typical if "." in rig.model.parameters[i].name else size
@@ -48,24 +48,24 @@ def question_of(
         groups = ()
         for j, port in enumerate(rig.model.outputs):
             measurement[j] = misfit.get(port.role, math.sqrt(measurement[j])) ** 2
-    return Question(
+    return LikelihoodProblem(
         rig, problem, o.free, o.low, o.high, np.array(typical), o.prior, o.prior_sd, groups, measurement
     )
 
 
-def point_at(q: Question, p: Array, levels: Array) -> Place:
+def point_at(q: LikelihoodProblem, p: Array, levels: Array) -> LikelihoodPoint:
     """The point of a search at these parameters, within their bounds, and levels of process noise.
 
     Raises:
         SolveError: the model cannot be simulated there.
     """
-    here = Place(q, np.clip(p, *_bounds(q, p)), Noise(q.measurement, q.groups, levels))
+    here = LikelihoodPoint(q, np.clip(p, *_bounds(q, p)), Noise(q.measurement, q.groups, levels))
     if not math.isfinite(here.score):
         raise SolveError("the simulation diverged at the start values; check them and their units")
     return here
 
 
-def maximise(here: Place, *, iterations: int = 30, rough: float = NEARBY) -> Answer:
+def maximise(here: LikelihoodPoint, *, iterations: int = 30, rough: float = NEARBY) -> LikelihoodFit:
     """From a start to the likeliest parameters and levels of process noise, by Levenberg-Marquardt steps.
 
     Derivatives are taken where it ends, so that the information is that of the place.
@@ -78,14 +78,14 @@ def maximise(here: Place, *, iterations: int = 30, rough: float = NEARBY) -> Ans
     here, settled = _descend(here, iterations, rough)
     if not here.fresh or here.glanced:
         here.differentiate()
-    return here.answer(settled)
+    return here.as_fit(settled)
 
 
-def _descend(here: Place, iterations: int, rough: float) -> tuple[Place, bool]:
+def _descend(here: LikelihoodPoint, iterations: int, rough: float) -> tuple[LikelihoodPoint, bool]:
     """Where steps lead, and whether the last one gained too little to go on."""
     first, damping = here.score, 1e-3
     if here.slopes is None:
-        here.glance()
+        here.fixed_gain_jacobian()
     for _ in range(iterations):
         if here.q.over:
             return here, False
@@ -97,25 +97,25 @@ def _descend(here: Place, iterations: int, rough: float) -> tuple[Place, bool]:
             if here.fresh:  # fixed gains do not show the way: whole filters do
                 here.differentiate()
             else:
-                here.glance()
+                here.fixed_gain_jacobian()
             continue
         gain, here = here.score - there.score, there
         if gain < enough:
             return here, True
         if gain < KEPT * promised:
-            here.glance()
+            here.fixed_gain_jacobian()
             damping = 1e-3
         damping /= 10.0
     return here, False
 
 
-def middling(q: Question) -> Array:
+def default_process_noise(q: LikelihoodProblem) -> Array:
     """Log levels of process noise to begin with: by the sample, so that slow plants and fast ones begin alike."""
     level = math.log(MIDDLING / math.sqrt(float(np.median(q.problem.dt))))
     return np.full(len(q.groups), min(max(level, LEVELS[0]), LEVELS[1]))
 
 
-def likeliest(q: Question, starts: Sequence[tuple[Array, Array]]) -> tuple[Array, Array]:
+def successive_halving(q: LikelihoodProblem, starts: Sequence[tuple[Array, Array]]) -> tuple[Array, Array]:
     """The likeliest of some starts, each a parameter vector and levels of process noise.
 
     Raises:
@@ -125,7 +125,7 @@ def likeliest(q: Question, starts: Sequence[tuple[Array, Array]]) -> tuple[Array
     return pairs[_race(q, np.array([p for p, _ in pairs]), np.array([levels for _, levels in pairs]))]
 
 
-def _race(q: Question, P: Array, levels: Array) -> int:
+def _race(q: LikelihoodProblem, P: Array, levels: Array) -> int:
     """The likeliest of parameters (sets, parameters) and levels (sets, groups); priors do not count.
 
     All run over the longest segment of the data, the better half of them over the next, and so on.
@@ -152,16 +152,16 @@ def _race(q: Question, P: Array, levels: Array) -> int:
     return int(ahead[0])
 
 
-def _better(here: Place, damping: float) -> tuple[Place | None, float]:
+def _better(here: LikelihoodPoint, damping: float) -> tuple[LikelihoodPoint | None, float]:
     """The first of a few ever more damped steps that lowers the score, and what it, or the first one, promised."""
     most = 0.0
     for trial in range(TRIALS[here.fresh]):
-        gradient, information = here.expanded()
+        gradient, information = here.gradient_and_fisher()
         there = here.moved(_step(here, gradient, information, damping))
         step = there.coordinates - here.coordinates
         promised = -float(step @ (2.0 * gradient + information @ step))
         if math.isfinite(there.score):  # where a model leaves the numbers a step shows nothing
-            slopes = here.carried(there, information)
+            slopes = here.broyden_update(there, information)
             if there.score < here.score:
                 there.slopes = slopes
                 return there, promised
@@ -172,13 +172,13 @@ def _better(here: Place, damping: float) -> tuple[Place | None, float]:
     return None, most
 
 
-def _bounds(q: Question, p: Array) -> tuple[Array, Array]:
+def _bounds(q: LikelihoodProblem, p: Array) -> tuple[Array, Array]:
     low, high = np.full(len(p), -math.inf), np.full(len(p), math.inf)
     low[list(q.free)], high[list(q.free)] = q.low, q.high
     return low, high
 
 
-def _step(here: Place, gradient: Array, information: Array, damping: float) -> Array:
+def _step(here: LikelihoodPoint, gradient: Array, information: Array, damping: float) -> Array:
     """The damped scoring step; parameters that would leave their bounds stay."""
     q, levels = here.q, here.noise.levels
     free = np.full(len(levels), math.inf)  # levels are clipped where they are used

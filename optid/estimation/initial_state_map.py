@@ -15,7 +15,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from optid.core.model import Array, Model
-from optid.estimation.likelihood import QUIET, Filtered, Noise, Start, deviance, run_filter, run_steered
+from optid.estimation.likelihood import (
+    QUIET,
+    Filtered,
+    Noise,
+    Start,
+    deviance,
+    run_filter,
+    run_fixed_gain_filter,
+)
 from optid.estimation.problem import Integers, Problem
 
 STEPS, TRIALS = 25, 5  # of Levenberg and Marquardt, and dampings of each
@@ -25,7 +33,7 @@ STEEP = 4.0  # a normal distribution's cost rises by 1 in one sd: where it rises
 
 
 @dataclass(frozen=True, eq=False)
-class Beforehand:
+class StatePrior:
     """What is known of the states where a record begins before anything is read.
 
     Attributes:
@@ -43,7 +51,7 @@ class Beforehand:
 
 
 @dataclass(frozen=True, eq=False)
-class Opening:
+class InitialSegment:
     """The beginning of one segment, and what is asked of it.
 
     Attributes:
@@ -56,7 +64,7 @@ class Opening:
     p: Array
     noise: Noise
     problem: Problem
-    known: Beforehand
+    known: StatePrior
 
     @property
     def last(self) -> int:
@@ -96,7 +104,7 @@ class Likely:
         return self.cost - 2.0 * float(np.linalg.slogdet(self.root)[1])
 
 
-def likely_start(opening: Opening, z: Array) -> Likely:
+def likely_start(opening: InitialSegment, z: Array) -> Likely:
     """From a start to the likeliest one near it, both in sd off the mean beforehand."""
     place = _Place(opening)
     cost, f = place.cost(z[None])
@@ -120,7 +128,7 @@ def likely_start(opening: Opening, z: Array) -> Likely:
     return Likely(z, here, vectors / np.sqrt(values), end)
 
 
-def nearest(opening: Opening, Z: Array, count: int) -> Array:
+def nearest(opening: InitialSegment, Z: Array, count: int) -> Array:
     """Of starts (sets, moved) those that come nearest to the readings, as held gains show it, the nearest first."""
     if not Z.size:  # nothing moves
         return Z
@@ -130,7 +138,7 @@ def nearest(opening: Opening, Z: Array, count: int) -> Array:
     return Z[np.argsort(np.where(np.isfinite(cost), cost, np.inf), kind="stable")[:count]]
 
 
-def carried(opening: Opening, found: Sequence[Likely]) -> tuple[Array, Array, bool]:
+def carried(opening: InitialSegment, found: Sequence[Likely]) -> tuple[Array, Array, bool]:
     """Mean and covariance of the states where a look ends, and whether they are those of a normal distribution.
 
     They are where the cost rises in no direction far more than the covariance of the best start found says. It does
@@ -162,7 +170,7 @@ def carried(opening: Opening, found: Sequence[Likely]) -> tuple[Array, Array, bo
 class _Place:
     """Filters of an opening that begin at points of the states that move."""
 
-    def __init__(self, opening: Opening) -> None:
+    def __init__(self, opening: InitialSegment) -> None:
         self._opening = opening
         self._sd, moved = opening.known.sd.copy(), opening.known.moved
         self._sd[moved] = QUIET * opening.model.scales[moved]
@@ -184,7 +192,7 @@ class _Place:
         return f.states[:, self._opening.last]
 
     def slopes(self, z: Array, f: Filtered) -> tuple[Array, Array]:
-        """Slopes of the scaled innovations by z, (readings, moved), and those innovations, with held gains."""
+        """Jacobians of the scaled innovations by z, (readings, moved), and those innovations, with held gains."""
         scaled = self.scaled(np.concatenate([z[None], z + NUDGE * np.eye(len(z))]), f)
         r = scaled[:, np.isfinite(scaled).all(axis=0)]
         return np.asarray((r[1:] - r[0]).T / NUDGE), np.asarray(r[0])
@@ -193,5 +201,5 @@ class _Place:
         """Innovations (sets, samples, outputs), in sd, of models begun at points with the gains of the first filter."""
         o, held = self._opening, replace(f, gains=f.gains[:1])
         P = np.tile(o.p, (len(Z), 1))
-        E = run_steered(o.model, o.problem, P, held, range(len(o.known.mean)), start=self.means(Z))
+        E = run_fixed_gain_filter(o.model, o.problem, P, held, range(len(o.known.mean)), start=self.means(Z))
         return np.asarray(E / np.sqrt(f.variances[:1]))

@@ -10,7 +10,7 @@ import numpy as np
 
 from optid.core.budget import UNLIMITED, Budget
 from optid.core.model import Array, Model
-from optid.estimation.likelihood import FAR, Filtered, Noise, deviance, run_filter, run_steered
+from optid.estimation.likelihood import FAR, Filtered, Noise, deviance, run_filter, run_fixed_gain_filter
 from optid.estimation.problem import Problem
 from optid.rigs.rigfile import Rig
 
@@ -22,7 +22,7 @@ LEVELS = (math.log(1e-5), math.log(10.0))  # bounds of that log
 
 
 @dataclass(frozen=True, eq=False)
-class Question:
+class LikelihoodProblem:
     """What is asked of the data.
 
     Attributes:
@@ -69,7 +69,7 @@ class Question:
 
 
 @dataclass(frozen=True, eq=False)
-class Slopes:
+class Jacobians:
     """Derivatives by free parameters in typical sizes and then by log levels, (samples, outputs, free + levels).
 
     Attributes:
@@ -82,7 +82,7 @@ class Slopes:
 
 
 @dataclass(frozen=True, eq=False)
-class Answer:
+class LikelihoodFit:
     """The likeliest parameters and process noise.
 
     Attributes:
@@ -95,21 +95,21 @@ class Answer:
         settled: the iteration converged, on derivatives taken where it ended.
     """
 
-    question: Question
+    likelihood_problem: LikelihoodProblem
     p: Array
     noise: Noise
     filtered: Filtered
     score: float
-    slopes: Slopes
+    slopes: Jacobians
     information: Array
     settled: bool
 
 
-class Place:
+class LikelihoodPoint:
     """A point of the search with its filter run; derivatives are taken there or carried there.
 
     Args:
-        q: the question.
+        q: the likelihood problem.
         p: the whole parameter vector.
         noise: of measurement and states.
 
@@ -121,7 +121,7 @@ class Place:
         glanced: they were taken at a glance.
     """
 
-    def __init__(self, q: Question, p: Array, noise: Noise) -> None:
+    def __init__(self, q: LikelihoodProblem, p: Array, noise: Noise) -> None:
         self.q, self.p, self.noise = q, p, noise
         nx = len(q.model.states)
         Q = noise.spectrum(nx)[None]
@@ -130,7 +130,7 @@ class Place:
         prior = float((((theta - q.prior) / q.prior_sd) ** 2).sum())
         total = float(deviance(self.filtered.innovations[0], self.filtered.variances[0]).sum()) + prior
         self.score = total if math.isfinite(total) else math.inf
-        self.slopes: Slopes | None = None
+        self.slopes: Jacobians | None = None
         self.fresh = self.glanced = False
 
     @property
@@ -138,16 +138,16 @@ class Place:
         """Free parameters in typical sizes, then log levels."""
         return np.concatenate([self.p[list(self.q.free)] / self.q.typical, self.noise.levels])
 
-    def moved(self, step: Array) -> Place:
+    def moved(self, step: Array) -> LikelihoodPoint:
         """Where a step of the coordinates leads, within the bounds."""
         nf = len(self.q.free)
         p = self.p.copy()
         theta = p[list(self.q.free)] + step[:nf] * self.q.typical
         p[list(self.q.free)] = np.clip(theta, self.q.low, self.q.high)
         levels = np.clip(self.noise.levels + np.clip(step[nf:], -1.5, 1.5), *LEVELS)
-        return Place(self.q, p, replace(self.noise, levels=levels))
+        return LikelihoodPoint(self.q, p, replace(self.noise, levels=levels))
 
-    def glance(self) -> None:
+    def fixed_gain_jacobian(self) -> None:
         """Take the slopes as far as held gains show them, for a tenth of the price: those of levels by filters.
 
         What parameters do to the gains and to the variances is left out.
@@ -159,14 +159,14 @@ class Place:
         nudges = np.where(theta + nudges > q.high / q.typical, -nudges, nudges)
         P = np.tile(self.p, (nf + 1, 1))
         P[range(1, nf + 1), list(q.free)] += nudges * q.typical
-        E = run_steered(q.model, q.problem, P, self.filtered, own)
+        E = run_fixed_gain_filter(q.model, q.problem, P, self.filtered, own)
         lost = np.asarray(~np.isfinite(E[:, np.isfinite(e)]).all(axis=1))
         if lost[0]:
             self.differentiate()
             return
         with np.errstate(invalid="ignore"):
             slopes = np.moveaxis((E[1:] - E[0]) / nudges[:, None, None], 0, -1)
-        self.slopes = Slopes(np.zeros((*e.shape, count)), np.zeros((*e.shape, count)))
+        self.slopes = Jacobians(np.zeros((*e.shape, count)), np.zeros((*e.shape, count)))
         self.slopes.innovations[..., :nf] = slopes
         self.differentiate([*np.flatnonzero(lost[1:]).tolist(), *range(nf, count)])
         self.fresh = self.glanced = True
@@ -194,7 +194,7 @@ class Place:
         de = np.moveaxis((other.innovations - e) / nudges[:, None, None], 0, -1)
         dv = np.moveaxis((np.log(other.variances) - np.log(v)) / nudges[:, None, None], 0, -1)
         if columns is None or self.slopes is None:
-            self.slopes, self.fresh, self.glanced = Slopes(de, dv), True, False
+            self.slopes, self.fresh, self.glanced = Jacobians(de, dv), True, False
         else:
             self.slopes.innovations[..., chosen] = de
             self.slopes.variances[..., chosen] = dv
@@ -204,11 +204,11 @@ class Place:
         nf, ng = len(self.q.free), len(self.q.groups)
         if self.slopes is None:
             return np.concatenate([np.full(nf, NUDGES[1]), np.full(ng, NUDGE_LEVEL)])
-        size = np.sqrt(np.diag(self.expanded()[1])[:nf])
+        size = np.sqrt(np.diag(self.gradient_and_fisher()[1])[:nf])
         known = np.clip(REACH / np.maximum(size, 1e-12), NUDGES[0], NUDGES[2])
         return np.concatenate([known, np.full(ng, NUDGE_LEVEL)])
 
-    def carried(self, there: Place, information: Array) -> Slopes:
+    def broyden_update(self, there: LikelihoodPoint, information: Array) -> Jacobians:
         """Broyden's update of the slopes by what a step showed, in the metric in which all parameters count alike.
 
         A step of less than a conditional standard deviation shows the integrator's error rather than slopes.
@@ -220,17 +220,17 @@ class Place:
         if not length > 1.0:
             return self.slopes
         old, new = self.filtered, there.filtered
-        # Slopes may have left the numbers here and there: `expanded` passes those over.
+        # Jacobians may have left the numbers here and there: gradient_and_fisher passes those over.
         with np.errstate(invalid="ignore"):
             missed_e = new.innovations[0] - old.innovations[0] - self.slopes.innovations @ s
             missed_v = np.log(new.variances[0] / old.variances[0]) - self.slopes.variances @ s
             update = along / length
-            return Slopes(
+            return Jacobians(
                 self.slopes.innovations + missed_e[..., None] * update,
                 self.slopes.variances + missed_v[..., None] * update,
             )
 
-    def expanded(self) -> tuple[Array, Array]:
+    def gradient_and_fisher(self) -> tuple[Array, Array]:
         """Gradient of half the score and Fisher's information, in typical sizes and log levels."""
         if self.slopes is None:
             self.differentiate()
@@ -249,10 +249,10 @@ class Place:
         information[range(nf), range(nf)] += prior
         return gradient, information
 
-    def answer(self, settled: bool) -> Answer:
+    def as_fit(self, settled: bool) -> LikelihoodFit:
         """What was found here."""
-        _, information = self.expanded()
+        _, information = self.gradient_and_fisher()
         assert self.slopes is not None
-        return Answer(
+        return LikelihoodFit(
             self.q, self.p, self.noise, self.filtered, self.score, self.slopes, information, settled
         )

@@ -8,8 +8,8 @@ from optid.core.parameter import Parameter
 from optid.core.recording import Channel, Recording
 from optid.core.sheet import build
 from optid.estimation import likelihood
-from optid.estimation.likelihood import BESIDE, TOLERANCE, WHOLE, deviance, run_filter, run_steered
-from optid.estimation.problem import pose
+from optid.estimation.likelihood import BESIDE, TOLERANCE, WHOLE, deviance, run_filter, run_fixed_gain_filter
+from optid.estimation.problem import build_problem
 
 STIFFNESS = Parameter("stiffness", "N/m", 40.0, "spring", "test", 40.0, (0.0, 1e4))
 DAMPING = Parameter("damping", "N s/m", 1.5, "damper", "test", 1.5, (0.0, 1e3))
@@ -71,7 +71,7 @@ def kalman(y, u, dt, Q, R):
 
 def test_a_linear_plant_is_filtered_as_by_kalman():
     model, data = build(spring), recording()
-    problem = pose(model, [data], WHOLE)
+    problem = build_problem(model, [data], WHOLE)
     Q, R = np.array([1e-4, 1e-2]), np.array([4e-4, 4e-4])  # Q in squared scales a second
     f = run_filter(model, problem, model.vector({})[None], Q[None], R[None], keep=True, covariances=True)
     E, V, X, S = kalman(problem.measured, problem.inputs[:, 0], 0.01, Q * model.scales**2, R)
@@ -85,17 +85,17 @@ def test_a_linear_plant_is_filtered_as_by_kalman():
 
 def test_steered_with_its_own_gains_a_linear_model_repeats_the_filter():
     model, data = build(spring), recording()
-    problem = pose(model, [data], WHOLE)
+    problem = build_problem(model, [data], WHOLE)
     p = model.vector({})[None]
     f = run_filter(model, problem, p, np.array([[1e-4, 1e-2]]), np.array([[4e-4, 4e-4]]), keep=True)
-    E = run_steered(model, problem, p, f, range(2))
+    E = run_fixed_gain_filter(model, problem, p, f, range(2))
     known = np.isfinite(f.innovations)
     assert np.abs(E - f.innovations)[known].max() < 2e-5
 
 
 def test_points_see_in_a_linear_output_what_its_slopes_say(monkeypatch):
     model, data = build(spring), recording()
-    problem = pose(model, [data], WHOLE)
+    problem = build_problem(model, [data], WHOLE)
     p, Q, R = model.vector({})[None], np.array([[1e-4, 1e-2]]), np.array([[4e-4, 4e-4]])
     slopes = run_filter(model, problem, p, Q, R, keep=True)
     monkeypatch.setattr(likelihood, "linear_outputs", lambda model: np.zeros(2, dtype=bool))
@@ -123,7 +123,7 @@ def test_an_output_is_linear_where_its_slopes_know_parameters_alone():
 
 def test_many_sets_and_segments_equal_single_ones():
     model = build(spring)
-    problem = pose(model, [recording(seed=1), recording(seed=2)], WHOLE)
+    problem = build_problem(model, [recording(seed=1), recording(seed=2)], WHOLE)
     P = np.tile(model.vector({}), (3, 1))
     P[:, 0] *= [0.8, 1.0, 1.3]
     Q, R = np.tile([[1e-4, 1e-2]], (3, 1)), np.tile([[4e-4, 4e-4]], (3, 1))
@@ -136,7 +136,7 @@ def test_many_sets_and_segments_equal_single_ones():
 
 def test_segments_left_out_stay_empty():
     model = build(spring)
-    problem = pose(model, [recording(), recording(seed=3)], WHOLE)
+    problem = build_problem(model, [recording(), recording(seed=3)], WHOLE)
     p, Q, R = model.vector({})[None], np.array([[1e-4, 1e-2]]), np.array([[4e-4, 4e-4]])
     both = run_filter(model, problem, p, Q, R).innovations[0]
     second = run_filter(model, problem, p, Q, R, only=[1]).innovations[0]
@@ -147,7 +147,7 @@ def test_segments_left_out_stay_empty():
 
 def test_the_integration_is_as_fine_as_process_noise_asks():
     model, data = build(spring), recording()
-    problem = pose(model, [data], WHOLE)
+    problem = build_problem(model, [data], WHOLE)
     p, R = np.tile(model.vector({}), (2, 1)), np.full((2, 2), 4e-4)
     f = run_filter(model, problem, p, np.array([[1e-10, 1e-10], [1e-10, 1.0]]), R)
     assert np.allclose(f.tolerance[0], TOLERANCE * model.scales)
@@ -165,6 +165,6 @@ def test_a_run_that_leaves_the_numbers_has_no_likelihood():
         s.output("mixture", "m", x)
 
     model = build(bomb)
-    problem = pose(model, [recording()], WHOLE)
+    problem = build_problem(model, [recording()], WHOLE)
     f = run_filter(model, problem, model.vector({})[None], np.array([[1e-4]]), np.array([[4e-4, 4e-4]]))
     assert not np.isfinite(deviance(f.innovations[0], f.variances[0]).sum())

@@ -10,16 +10,16 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from optid.core import compiled as module
+from optid.core import jit as module
 from optid.core import simulation
-from optid.core.compiled import compiled, compiled_lanes, compiled_runs
+from optid.core.jit import compiled, compiled_lanes, compiled_runs
 from optid.core.parameter import Parameter
 from optid.core.recording import Channel, Recording
 from optid.core.sheet import build
 from optid.core.simulation import simulate
 from optid.estimation import likelihood
-from optid.estimation.likelihood import run_filter, run_steered
-from optid.estimation.problem import pose
+from optid.estimation.likelihood import run_filter, run_fixed_gain_filter
+from optid.estimation.problem import build_problem
 from tests.core.test_simulation import decay
 
 
@@ -77,10 +77,10 @@ def filtered(model):
     channels = {
         role: Channel(role, role, unit, np.sin(time)) for role, unit in (("push", "1"), ("position", "m"))
     }
-    problem = pose(model, [Recording("sine", time, channels)], 10.0)
+    problem = build_problem(model, [Recording("sine", time, channels)], 10.0)
     p, Q, R = np.array([[3.0]]), np.array([[1e-4]]), np.array([[1e-4]])
     f = run_filter(model, problem, p, Q, R, keep=True)
-    return f.innovations[0, -1, 0], run_steered(model, problem, p, f, [0])[0, -1, 0]
+    return f.innovations[0, -1, 0], run_fixed_gain_filter(model, problem, p, f, [0])[0, -1, 0]
 
 
 @pytest.mark.parametrize(
@@ -88,7 +88,7 @@ def filtered(model):
     [
         (simulated, compiled_runs, simulation.kernel, "simulate"),
         (filtered, compiled_lanes, likelihood.kernel, "filtered"),
-        (filtered, compiled_lanes, likelihood.kernel, "steered"),
+        (filtered, compiled_lanes, likelihood.kernel, "fixed_gain"),
     ],
 )
 def test_code_stays_while_it_runs_though_the_cache_lets_it_go(asked, cache, module, name, monkeypatch):

@@ -8,9 +8,9 @@ import pytest
 
 from optid.core.recording import Channel, Recording
 from optid.core.sheet import build
+from optid.estimation.initial_state_map import InitialSegment, StatePrior, carried, likely_start, nearest
 from optid.estimation.likelihood import WHOLE, Noise, Start, run_filter, start_of
-from optid.estimation.likely_start import Beforehand, Opening, carried, likely_start, nearest
-from optid.estimation.problem import pose
+from optid.estimation.problem import build_problem
 
 SD, DT, SPREAD = 1e-4, 1e-3, 1.5
 QUIETEST = Noise(np.array([SD**2]), ((1,),), np.log([1e-6]))
@@ -43,12 +43,12 @@ def opening(plant, x, noise, moved, push=0.0):
         "command": Channel("command", "u", "1", np.full(len(x), push)),
         "position": Channel("position", "x", "m", x, sd=SD),
     }
-    problem = pose(model, [Recording("a", DT * np.arange(len(x)), channels)], WHOLE)
+    problem = build_problem(model, [Recording("a", DT * np.arange(len(x)), channels)], WHOLE)
     problem.measured[-1] = np.nan
     p = model.vector({})
     start = start_of(model, p[None], 1)
     sd = np.sqrt(np.diagonal(start.covariance[0, 0]))
-    return Opening(model, p, noise, problem, Beforehand(start.mean[0, 0], sd, np.array(moved)))
+    return InitialSegment(model, p, noise, problem, StatePrior(start.mean[0, 0], sd, np.array(moved)))
 
 
 def decayed(samples, process_noise):
@@ -107,7 +107,7 @@ def test_what_does_not_move_is_left_to_the_filter(linear):
 def test_what_is_known_to_rest_begins_at_rest(linear):
     """A speed that is known leaves the load to explain the path."""
     sd = np.array([linear.known.sd[0], 1e-6, SPREAD])
-    rests = replace(linear, known=Beforehand(np.zeros(3), sd, np.array([2])))
+    rests = replace(linear, known=StatePrior(np.zeros(3), sd, np.array([2])))
     moving, still = likely_start(linear, np.zeros(2)), likely_start(rests, np.zeros(1))
     assert still.cost > moving.cost + 100.0
     assert np.abs(still.z - moving.z[1:]) > 10.0 * np.linalg.norm(moving.root[1])

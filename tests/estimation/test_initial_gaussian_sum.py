@@ -9,9 +9,9 @@ from scipy import stats
 
 from optid.core.recording import Channel, Recording
 from optid.core.sheet import build
-from optid.estimation.first_look import NARROW, PARTS, Known, _spread, first_look
+from optid.estimation.initial_gaussian_sum import NARROW, PARTS, Known, _spread, first_look
 from optid.estimation.likelihood import WHOLE, Noise, deviance, run_filter, start_of
-from optid.estimation.problem import pose
+from optid.estimation.problem import build_problem
 from optid.rigs.rigfile import read_rig
 from studies.independent_rig import Controller, Sensors
 from studies.trial.case import Case
@@ -76,7 +76,7 @@ def axis(tmp_path_factory):
     }
     noise = Noise(np.array([case.sensors.position_noise**2, 1.0, 1.0]), ((1,), (2, 3)), np.log([1e-5, 1e-4]))
     steps = [Recording("steps", run.t, channels)]
-    problem, cut = pose(model, steps, WHOLE), pose(model, steps, 0.5)
+    problem, cut = build_problem(model, steps, WHOLE), build_problem(model, steps, 0.5)
     return model, problem, cut, model.vector({**rig.parameters, **truth}), noise, run
 
 
@@ -146,7 +146,8 @@ def run_pressures(axis):
 
 
 def looked_at(model, recordings, p, seconds):
-    return first_look(model, pose(model, recordings, WHOLE), pose(model, recordings, seconds), p, NOISE)
+    whole, cut = (build_problem(model, recordings, span) for span in (WHOLE, seconds))
+    return first_look(model, whole, cut, p, NOISE)
 
 
 def test_a_record_that_tells_nothing_begins_as_the_model_says():
@@ -190,7 +191,7 @@ def test_a_later_window_tells_what_the_first_one_did_not():
 def test_what_is_read_where_a_window_ends_is_not_yet_known():
     model, p = build(latch), build(latch).vector({})
     run = recording(-3.0, push=2.0, seconds=1.0)
-    problem, cut = pose(model, [run], WHOLE), pose(model, [run], 0.25)
+    problem, cut = build_problem(model, [run], WHOLE), build_problem(model, [run], 0.25)
     known = first_look(model, problem, cut, p, NOISE)
     end = known.pieces.begins[1]
     problem.measured[end] += 1.0
@@ -241,7 +242,7 @@ def test_pieces_hold_every_sample_once(axis):
 
 
 def test_no_more_windows_are_looked_at_than_may_be(monkeypatch):
-    monkeypatch.setattr("optid.estimation.first_look.LOOKS", 2)
+    monkeypatch.setattr("optid.estimation.initial_gaussian_sum.LOOKS", 2)
     model = build(latch)
     run = recording(0.5, push=np.where(np.arange(1000) < 500, 0.0, 3.0))
     assert len(looked_at(model, [run], model.vector({}), 0.25).pieces.begins) == 1
@@ -252,7 +253,7 @@ def test_only_the_longest_segments_are_begun_anew(monkeypatch):
     runs = [recording(-3.0, push=2.0, seconds=seconds, name=str(seconds)) for seconds in (0.6, 1.2, 1.2)]
     all_of_them = looked_at(model, runs, p, 0.25).pieces
     assert (np.bincount(all_of_them.recording)[1:] > 1).all()
-    monkeypatch.setattr("optid.estimation.first_look.LONGEST", 1)
+    monkeypatch.setattr("optid.estimation.initial_gaussian_sum.LONGEST", 1)
     few = looked_at(model, runs, p, 0.25).pieces
     assert few.recording.tolist() == [0, 1, 1, 2]
 

@@ -16,15 +16,15 @@ from scipy import special
 from optid.core.model import Array
 from optid.core.recording import Recording
 from optid.errors import InputError, NotIdentifiable, SolveError
-from optid.estimation.annealing import TIGHT, Pace, Solution, anneal, tightened
 from optid.estimation.checkpoint import Checkpoint, Kept
 from optid.estimation.covariance import covariance
-from optid.estimation.identifiability import Ties, examine, find_ties
-from optid.estimation.objective import LEAST, freed_with_rest, objective_of, window_length
-from optid.estimation.problem import Booleans, pose
+from optid.estimation.identifiability import Collinearity, examine, find_ties
+from optid.estimation.initial_trajectory import guess
+from optid.estimation.noise_continuation import TIGHT, Pace, Solution, anneal, tightened
+from optid.estimation.objective import LEAST, objective_of, window_length, with_nuisance_parameters
+from optid.estimation.problem import Booleans, build_problem
 from optid.estimation.result import Certificate, Estimate, Fit, Outcome
 from optid.estimation.smoother import Objective, Point, Terms, Watch, settled_system
-from optid.estimation.start import guess
 from optid.rigs.rigfile import Rig
 
 
@@ -108,11 +108,11 @@ def fit(
     """
     run = _Run(options or FitOptions(), time.monotonic(), progress)
     options = run.options
-    freed = freed_with_rest(rig)
+    freed = with_nuisance_parameters(rig)
     if not rig.freed:
         raise InputError("nothing to fit", where=rig.path, field="[fit]", expected="at least one parameter")
     recordings = list(recordings)
-    problem = pose(rig.model, recordings, options.window or window_length(rig.model, recordings))
+    problem = build_problem(rig.model, recordings, options.window or window_length(rig.model, recordings))
     objective, p = objective_of(rig, freed, problem, options.huber)
     first = Point(guess(rig.model, problem, p), p)
     ties, linear = examine(objective, first)
@@ -150,7 +150,7 @@ def _best_of_starts(o: Objective, first: Point, linear: Terms, run: _Run) -> Sol
     return best
 
 
-def _refuse_idle(rig: Rig, ties: Ties) -> None:
+def _refuse_idle(rig: Rig, ties: Collinearity) -> None:
     """A parameter the rig file frees and the data do not move is an error, never a silent fit."""
     stated = {f.name for f in rig.freed}
     idle = [name for name in ties.idle if name in stated]
@@ -210,7 +210,7 @@ def _result(
     theta = at.p[list(o.free)]
     span = np.where(np.isfinite(o.high - o.low), o.high - o.low, np.abs(theta) + o.typical)
     bound = (theta - o.low <= 1e-9 * span) | (o.high - theta <= 1e-9 * span)
-    ties: Ties = find_ties(o, at, terms, q, bound)
+    ties: Collinearity = find_ties(o, at, terms, q, bound)
     _refuse_idle(rig, ties)
     fixed = bound | np.asarray(ties.mute)
     cov = covariance(o, at, terms, q, fixed)

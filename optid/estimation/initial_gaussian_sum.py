@@ -24,9 +24,16 @@ import numpy as np
 from scipy import stats
 
 from optid.core.model import Array, Model
-from optid.core.threads import together
+from optid.core.threads import parallel_map
+from optid.estimation.initial_state_map import (
+    InitialSegment,
+    Likely,
+    StatePrior,
+    carried,
+    likely_start,
+    nearest,
+)
 from optid.estimation.likelihood import QUIET, Noise, Start, deviance, run_filter, start_of
-from optid.estimation.likely_start import Beforehand, Likely, Opening, carried, likely_start, nearest
 from optid.estimation.problem import Booleans, Problem
 
 PARTS = 32
@@ -59,7 +66,7 @@ class _Tried(NamedTuple):
 
     mean: Array
     sd: Array
-    whole: Beforehand
+    whole: StatePrior
     odds: float
 
 
@@ -124,7 +131,7 @@ class _Look:
         ways = [(one.whole, one.whole.z(one.mean)) for one in (first, *others)]
         for end in ends[:anew]:
             part = _part(problem, begin, end)
-            likely = sorted(together(partial(self._likely, part), ways), key=lambda one: one[0].evidence)
+            likely = sorted(parallel_map(partial(self._likely, part), ways), key=lambda one: one[0].evidence)
             best, whole = likely[0]
             opening = self._opening(part, whole)
             mean, covariance, normal = carried(opening, [one for one, _ in likely])
@@ -138,7 +145,7 @@ class _Look:
             ways = [*on, *((whole, z) for z in about)]
         return found
 
-    def _likely(self, part: Problem, way: tuple[Beforehand, Array]) -> tuple[Likely, Beforehand]:
+    def _likely(self, part: Problem, way: tuple[StatePrior, Array]) -> tuple[Likely, StatePrior]:
         """The likeliest start near one, and what that was of."""
         known, z = way
         return likely_start(self._opening(part, known), z), known
@@ -163,8 +170,8 @@ class _Look:
         Q, R = self.noise.spectrum(len(self.model.states)), self.noise.measurement
         return tuple(np.tile(a, (sets, 1)) for a in (self.p, Q, R))
 
-    def _opening(self, part: Problem, known: Beforehand) -> Opening:
-        return Opening(self.model, self.p, self.noise, part, known)
+    def _opening(self, part: Problem, known: StatePrior) -> InitialSegment:
+        return InitialSegment(self.model, self.p, self.noise, part, known)
 
 
 def _part(problem: Problem, begin: int, end: int) -> Problem:
@@ -194,7 +201,7 @@ def _tried(model: Model, p: Array, mean: Array, sd: Array, hidden: Booleans) -> 
     found = []
     for still in (False, True) if speeds.any() else (False,):
         rests = speeds & still
-        known = Beforehand(
+        known = StatePrior(
             np.where(rests, 0.0, mean),
             np.where(rests, QUIET * model.scales, sd),
             np.flatnonzero(hidden & ~rests),

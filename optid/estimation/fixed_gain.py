@@ -14,8 +14,8 @@ import numpy as np
 
 from optid.core.model import Array, Model
 from optid.errors import SolveError
-from optid.estimation.likelihood import FAR, Filtered, huber, run_steered
-from optid.estimation.place import NUDGES, REACH, Question
+from optid.estimation.likelihood import FAR, Filtered, huber, run_fixed_gain_filter
+from optid.estimation.likelihood_point import NUDGES, REACH, LikelihoodProblem
 from optid.estimation.problem import Booleans
 
 TOLERANCE = 1e-3  # of the loss, that a step must gain for the search to go on
@@ -28,7 +28,7 @@ FLOOR = 1e-3
 LOST = 1e3  # sd: an innovation of a model that has left the numbers
 
 
-class Steered(NamedTuple):
+class FixedGainFit(NamedTuple):
     """Where a search under held gains ended: the whole parameter vector, and Huber's loss of the innovations there."""
 
     p: Array
@@ -36,23 +36,23 @@ class Steered(NamedTuple):
 
 
 def innovations(
-    q: Question,
+    q: LikelihoodProblem,
     P: Array,
     plain: Model,
     guide: Filtered,
     only: Sequence[int] | None = None,
-    looks: Booleans | None = None,
+    resets: Booleans | None = None,
     among: Booleans | None = None,
 ) -> Array:
     """Innovations of parameter sets under held gains, in sd of the guide's, (sets, measured).
 
     Args:
-        q: the question.
+        q: the likelihood problem.
         P: (sets, parameters).
-        plain: model of the guide, whose states are among the question's.
+        plain: model of the guide, whose states are among the likelihood problem's.
         guide: whose gains and variances hold, with gains kept.
         only: what was measured in these segments, in all if absent.
-        looks: samples from which the others are predicted, (samples,); all if absent.
+        resets: samples from which the others are predicted, (samples,); all if absent.
         among: samples that count, (samples,); all if absent.
     """
     names = [state.name for state in q.model.states]
@@ -63,34 +63,34 @@ def innovations(
     if among is not None:
         known = known & among[:, None]
     common = [names.index(state.name) for state in plain.states]
-    E = run_steered(q.model, q.problem, P, guide, common, only=only, looks=looks)
+    E = run_fixed_gain_filter(q.model, q.problem, P, guide, common, only=only, resets=resets)
     scaled = E[:, known] / np.sqrt(guide.variances[0][known])
     return np.asarray(np.nan_to_num(scaled, nan=LOST, posinf=LOST, neginf=-LOST))
 
 
-def steered_fit(
-    q: Question,
+def fixed_gain_fit(
+    q: LikelihoodProblem,
     p: Array,
     plain: Model,
     guide: Filtered,
     steps: int,
     only: Sequence[int] | None = None,
-    looks: Booleans | None = None,
+    resets: Booleans | None = None,
     among: Booleans | None = None,
-) -> Steered:
+) -> FixedGainFit:
     """The parameters under which innovations are least, from a start, by Levenberg-Marquardt steps.
 
     Several dampings are tried at once: they cost one simulation's time together, and no step is lost by having reached
     too far.
 
     Args:
-        q: the question.
+        q: the likelihood problem.
         p: start, (parameters,).
-        plain: model of the guide, whose states are among the question's.
+        plain: model of the guide, whose states are among the likelihood problem's.
         guide: whose gains and variances hold, with gains kept.
         steps: at most.
         only: these segments count, all if absent.
-        looks, among: as for `innovations`.
+        resets, among: as for `innovations`.
 
     Raises:
         SolveError: the model cannot be simulated at the start.
@@ -102,7 +102,7 @@ def steered_fit(
         P = np.tile(p, (len(X), 1))
         P[:, free] = np.clip(X * q.typical, q.low, q.high)
         prior = (X * q.typical - q.prior) / q.prior_sd
-        return np.concatenate([innovations(q, P, plain, guide, only, looks, among), prior], axis=1)
+        return np.concatenate([innovations(q, P, plain, guide, only, resets, among), prior], axis=1)
 
     x = np.clip(p[free] / q.typical, low, high)
     (z,) = residuals(x[None])
@@ -131,7 +131,7 @@ def steered_fit(
             break
     found = p.copy()
     found[free] = np.clip(x * q.typical, q.low, q.high)
-    return Steered(found, loss)
+    return FixedGainFit(found, loss)
 
 
 def damped_step(

@@ -56,7 +56,7 @@ def brought_down(
     if recording.rate < 2 * (rate or FASTEST) * (1 - 1e-6):
         return recording
     chosen = Rate(rate, "as asked for") if rate else needed_rate(model, parameters, recording)
-    slow = thinned(recording, commands, chosen.hz)
+    slow = decimated(recording, commands, chosen.hz)
     if slow is recording or slow.provenance is None:
         return slow
     note = (
@@ -88,7 +88,7 @@ def needed_rate(model: Model, parameters: Mapping[str, float], recording: Record
 def _fastest_poles(model: Model, parameters: Mapping[str, float], recording: Recording) -> list[float]:
     """rad/s, at points of the motion."""
     p = model.vector(dict(parameters))
-    coarse = thinned(recording, [port.role for port in model.recorded])
+    coarse = decimated(recording, [port.role for port in model.recorded])
     dt = np.diff(coarse.time, append=coarse.time[-1] + coarse.interval)
     columns = []
     for port in model.inputs:
@@ -130,7 +130,7 @@ def _fastest(A: Array, B: Array, C: Array, scales: Array) -> float:
     return float(np.abs(poles[shows]).max()) if shows.any() else math.nan
 
 
-def thinned(recording: Recording, commands: Iterable[str], fastest: float = FASTEST) -> Recording:
+def decimated(recording: Recording, commands: Iterable[str], fastest: float = FASTEST) -> Recording:
     """A recording of at most about `fastest` samples a second; slower ones come back as they are.
 
     Measured channels pass a low-pass without delay whose band ends below half the new rate, so that nothing is

@@ -16,9 +16,21 @@ from llvmlite import ir
 from numba.core import cgutils
 
 from optid.core.instructions import FORMS, REAL, Value, add, div, intrinsic, mul, number
+from optid.core.llvm_simd import (
+    LANES,
+    PLACE,
+    SEVERAL,
+    combine,
+    index,
+    largest,
+    load,
+    row_at,
+    size,
+    splat,
+    store,
+)
 from optid.core.model import Model
 from optid.core.rosenbrock import moved, rosenbrock, symbols
-from optid.core.rows import LANES, PLACE, SEVERAL, combine, index, largest, load, row_at, size, splat, store
 
 # Dormand and Prince (1980), table 2: stages, and fifth minus fourth order weights.
 A = (

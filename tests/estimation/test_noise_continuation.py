@@ -4,21 +4,21 @@ import numpy as np
 import pytest
 
 from optid.errors import SolveError
-from optid.estimation import annealing
-from optid.estimation.annealing import LEVELS, RUNG, TIGHT, Pace, Solution, anneal
-from optid.estimation.objective import freed_with_rest, objective_of
-from optid.estimation.problem import pose
+from optid.estimation import noise_continuation as annealing
+from optid.estimation.initial_trajectory import guess
+from optid.estimation.noise_continuation import LEVELS, RUNG, TIGHT, Pace, Solution, anneal
+from optid.estimation.objective import objective_of, with_nuisance_parameters
+from optid.estimation.problem import build_problem
 from optid.estimation.result import Outcome
 from optid.estimation.smoother import Point
-from optid.estimation.start import guess
 from tests.estimation.cart import RATE, SD, moved, record, rig
 
 PACE = Pace(lambda stage, share: lambda iteration, cost, p: False, lambda: False, lambda at: None)
 
 
 def posed(cart, data):
-    problem = pose(cart.model, data, 0.1)
-    o, p = objective_of(cart, freed_with_rest(cart), problem)
+    problem = build_problem(cart.model, data, 0.1)
+    o, p = objective_of(cart, with_nuisance_parameters(cart), problem)
     return o, Point(guess(cart.model, problem, p), p)
 
 

@@ -13,7 +13,7 @@ import math
 import numpy as np
 
 from optid.core.kernel import advance_many, at, call, compiled, put
-from optid.core.rows import LANES
+from optid.core.llvm_simd import LANES
 
 REACH2 = 3.0  # h^2 of the divided differences: the kurtosis of a normal distribution
 PIVOT = 1e-14  # of a covariance, as a share of its largest variance: below it a direction counts as known
@@ -275,8 +275,8 @@ def _correct(m, C, shared, innovation, variance):
 
 
 @compiled
-def steered(
-    code, first, last, of_set, of_segment, starts, counts, M0, P, K, common, dt, U, Y, tolerance, looks, E
+def fixed_gain(
+    code, first, last, of_set, of_segment, starts, counts, M0, P, K, common, dt, U, Y, tolerance, resets, E
 ):
     """Innovations with the gains of another filter run: x moves by the model and by K (y - h(x)).
 
@@ -289,7 +289,7 @@ def steered(
         K: gains of the plain model's filter, (samples, outputs, plain states).
         common: index of each plain state among the model's own.
         tolerance: local error of the integration, (states,).
-        looks: samples at which what is predicted begins anew, (samples,).
+        resets: samples at which what is predicted begins anew, (samples,).
         E: receives innovations, (sets, samples, outputs); infinite after a failure.
     Others as for `filtered`.
     """
@@ -302,14 +302,14 @@ def steered(
         begin, count = starts[of_segment[r]], counts[of_segment[r]]
         for lane in range(LANES):
             sets[lane] = min(of_set[r] + lane, len(P) - 1)
-        if not _steered(code, sets, begin, count, M0, P, K, common, dt, U, Y, tolerance, looks, E, room):
+        if not _fixed_gain(code, sets, begin, count, M0, P, K, common, dt, U, Y, tolerance, resets, E, room):
             for s in range(of_set[r], min(of_set[r] + LANES, len(P))):
                 sets[:] = s
-                _steered(code, sets, begin, count, M0, P, K, common, dt, U, Y, tolerance, looks, E, room)
+                _fixed_gain(code, sets, begin, count, M0, P, K, common, dt, U, Y, tolerance, resets, E, room)
 
 
 @compiled
-def _steered(code, sets, begin, count, M0, P, K, common, dt, U, Y, tolerance, looks, E, room):
+def _fixed_gain(code, sets, begin, count, M0, P, K, common, dt, U, Y, tolerance, resets, E, room):
     c, cs, us, xs, ahead, x, y = room
     nx, none = len(x), at(x, 0)
     for lane in range(LANES):
@@ -321,7 +321,7 @@ def _steered(code, sets, begin, count, M0, P, K, common, dt, U, Y, tolerance, lo
     h = alone = dt[begin]
     for n in range(begin, begin + count + 1):
         u = at(U, n * U.shape[1])
-        if looks[n]:
+        if resets[n]:
             for i in range(nx):
                 put(xs[i], ahead[i])
         for o in range(Y.shape[1]):
@@ -336,7 +336,7 @@ def _steered(code, sets, begin, count, M0, P, K, common, dt, U, Y, tolerance, lo
                     E[s, n, o] = Y[n, o] - y[o]
                     for i in range(len(common)):
                         xs[common[i], lane] += K[n, o, i] * E[s, n, o]
-                    if not looks[n]:
+                    if not resets[n]:
                         for i in range(nx):
                             x[i] = ahead[i, lane]
                         call(code.sensors, (at(x, 0), none, u, at(c, lane * c.shape[1]), at(y, 0), none))
@@ -348,7 +348,7 @@ def _steered(code, sets, begin, count, M0, P, K, common, dt, U, Y, tolerance, lo
         h = advance_many(
             code.many_step, code.many_half, at(xs, 0), at(us, 0), at(cs, 0), at(tolerance, 0), dt[n], h
         )
-        if not looks[n + 1]:
+        if not resets[n + 1]:
             alone = advance_many(
                 code.many_step,
                 code.many_half,

@@ -13,7 +13,7 @@ import llvmlite.binding as llvm
 
 from optid.core import kernel
 from optid.core.cache import sources, stored
-from optid.core.emit import source, source_of_lanes, source_of_runs, width
+from optid.core.llvm_codegen import source, source_of_lanes, source_of_runs, width
 from optid.core.model import Model
 
 _COMPILING = threading.Lock()
@@ -38,7 +38,7 @@ class Compiled:
         """Call a kernel with this code, which stays in memory until it is done; the addresses alone would not hold it.
 
         Args:
-            function: one of `optid.core.kernel`, `optid.core.filter` or `optid.core.normal`.
+            function: one of `optid.core.kernel`, `optid.core.ddf2` or `optid.core.gauss_newton_kernels`.
             arguments: its own, after the code.
         """
         function(self.code, *arguments)

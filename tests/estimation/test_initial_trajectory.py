@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from optid.estimation.problem import pose
-from optid.estimation.start import guess, measured_states
+from optid.estimation.initial_trajectory import guess, measured_states
+from optid.estimation.problem import build_problem
 from tests.estimation.cart import RATE, TRUTH, record, rig
 
 STEPS = 100  # samples for which the push is held: nodes at half a second stand at its jumps
@@ -16,7 +16,7 @@ def parabola(n, begin=0.0):
 
 
 def guessed(cart, data, window=0.5):
-    problem = pose(cart.model, data, window)
+    problem = build_problem(cart.model, data, window)
     return problem, guess(cart.model, problem, cart.model.vector(cart.parameters))
 
 
