@@ -1,10 +1,19 @@
-"""Fixtures for every test."""
+"""Fixtures for every test, and what only the full run does."""
 
+import os
 from pathlib import Path
 
 import pytest
 
 from optid.core.cache import kernels_folder
+
+
+def pytest_collection_modifyitems(items):
+    """Leave out what takes minutes, saying so."""
+    if os.environ.get("OPTID_FULL") != "1":
+        for item in items:
+            if item.get_closest_marker("full"):
+                item.add_marker(pytest.mark.skip(reason="minutes: OPTID_FULL=1, as .ci/full has it"))
 
 
 @pytest.fixture

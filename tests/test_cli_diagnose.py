@@ -103,7 +103,7 @@ def test_a_wrong_call_is_one_line_and_leaves_nothing(bench, arguments, said, mon
 def test_a_recording_to_validate_on_is_read_and_told(bench, tmp_path):
     """It counts among those fitted to; one that is held out as well is refused."""
     call = ("diagnose", bench / "trolley.toml", bench / "one.csv", "--holdout", bench / "held.csv")
-    done = optid(*call, "--validate", bench / "two.csv", "--out", tmp_path / "out")
+    done = optid(*call, "--validate", bench / "two.csv", "--time-limit", 0.1, "--out", tmp_path / "out")
     assert done.returncode == 0, done.stderr
     about = json.loads((tmp_path / "out" / "diagnosis.json").read_text())["about"]
     assert [path.rsplit("/")[-1] for path in about["training"]] == ["one.csv", "two.csv"]

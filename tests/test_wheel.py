@@ -9,7 +9,6 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-FULL = os.environ.get("OPTID_FULL") == "1"  # .ci/full: every command, some minutes
 
 
 @pytest.fixture(scope="module")
@@ -80,7 +79,7 @@ def test_the_example_is_written_and_checked(installed, example):
     assert (example / "sim" / "report.html").is_file()
 
 
-@pytest.mark.skipif(not FULL, reason="minutes: OPTID_FULL=1, as .ci/full has it")
+@pytest.mark.full
 def test_every_command_runs_on_the_example(installed, example):
     rig, holdout = "start/bench.toml", "start/worn_holdout.csv"
     calls = [

@@ -31,6 +31,11 @@ def quantity(value: float, unit: str) -> str:
     return f"{value * factor:.3g} {shown}".rstrip()
 
 
+def p_told(p: float) -> str:
+    """A p-value as people read it."""
+    return "p < 1e-6" if p < 1e-6 else f"p = {p:.2g}"
+
+
 def summarise(d: Diagnosis) -> str:
     """Where, what, how sure, how much better, and what is not known."""
     words = [ANSWERS[d.verdict.value](d).strip()]
@@ -55,7 +60,7 @@ def _consistent(d: Diagnosis) -> str:
     return (
         f"The fitted model is good to the noise: held out, its {_span(d)} windows err by "
         f"{_errors(d.test.base.scores)}; the noise is {_floor(d)}. "
-        f"No effect of the catalogue improves it (p = {d.test.p_value:.2g}). {_blind(d)}"
+        f"No effect of the catalogue improves it ({p_told(d.test.p_value)}). {_blind(d)}"
     )
 
 
@@ -116,16 +121,23 @@ def _span(d: Diagnosis) -> str:
 
 def _floor(d: Diagnosis) -> str:
     units = {port.role: port.unit for port in d.best.rig.model.outputs}
-    return ", ".join(f"{role} {quantity(sd, units[role])}" for role, sd in d.noise.items())
+    return _by_role({role: quantity(sd, units[role]) for role, sd in d.noise.items()})
 
 
 def _errors(scores: Mapping[str, Score]) -> str:
-    return ", ".join(f"{role} {quantity(s.rmse, s.unit)}" for role, s in scores.items())
+    return _by_role({role: quantity(s.rmse, s.unit) for role, s in scores.items()})
+
+
+def _by_role(told: Mapping[str, str]) -> str:
+    """What is told of every output, or of the only one."""
+    if len(told) == 1:
+        return next(iter(told.values()))
+    return ", ".join(f"{role.replace('_', ' ')} {words}" for role, words in told.items())
 
 
 def _sentence(d: Diagnosis, f: Finding) -> str:
     name = "Not explained" if f.effect is None else f.effect.name.replace("_", " ").capitalize()
-    sure = "" if f.effect is None else f" (p = {f.evidence.p_value:.2g} on the hold-out)"
+    sure = "" if f.effect is None else f" ({p_told(f.evidence.p_value)} on the hold-out)"
     where = ""
     for signal in f.shown[:1]:
         r = f.region.states[signal]

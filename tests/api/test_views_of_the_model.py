@@ -136,6 +136,7 @@ def test_an_fmu_of_what_it_cannot_hold_is_refused(rig, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.full
 def test_the_example_on_casadi_reaches_its_stroke(tmp_path):
     from studies.casadi_stroke import STROKE, replay, smooth_rig, solve
 

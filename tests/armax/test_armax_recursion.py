@@ -129,6 +129,7 @@ def test_many_inputs_step(simulated):
     assert np.array_equal(whole.state, single.state)
 
 
+@pytest.mark.full
 def test_tailored_kernels_give_the_same_bits(simulated):
     system = Armax(a=(1.0, -1.2, 0.5), b=((1.0, 0.4),), c=(1.0, 0.4, 0.1), nk=(1,), noise_variance=0.04)
     y, u = simulated(system, 600, 3, switch=0.3)

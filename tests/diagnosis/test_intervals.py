@@ -35,7 +35,7 @@ def refined(values, low, high):
         filtered=SimpleNamespace(innovations=noise, variances=np.ones((1, 200, 1))),
         slopes=SimpleNamespace(innovations=-slopes, variances=np.zeros_like(slopes)),
     )
-    return SimpleNamespace(answer=answer, effects=(), shift=np.zeros(2))
+    return SimpleNamespace(fit=answer, effects=(), shift=np.zeros(2))
 
 
 def half(estimate):

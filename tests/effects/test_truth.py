@@ -427,6 +427,7 @@ def test_a_tight_spot_may_have_an_edge():
             assert force == pytest.approx(-full * 0.5 * expected(z), abs=0.006 * full * 0.5)
 
 
+@pytest.mark.full
 def test_a_seal_that_slips_part_by_part_remembers_an_inner_reversal():
     """Friction of parts drawn to and fro, beside elements that are elastic until they slip (Iwan's, written anew)."""
     plant, distance, step = grown(AXIS, "presliding"), 2e-4, 1e-4

@@ -243,6 +243,7 @@ def until(page, expression):
     raise AssertionError(f"not in five minutes: {expression}; {page.inner_text('#events')}")
 
 
+@pytest.mark.full
 def test_the_whole_page_by_keyboard_and_a_stop_under_load(browser, live):
     page = browser.new_page(viewport={"width": 1200, "height": 900})
     complaints = []

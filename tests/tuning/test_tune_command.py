@@ -232,6 +232,7 @@ def test_a_sensitivity_nobody_asked_for_stops_nothing(tmp_path):
     assert asked.exit_code == 1 and "no gains keep" in asked.output
 
 
+@pytest.mark.full
 def test_a_model_in_other_units_gets_a_step_of_its_own(tmp_path):
     """Static gain 200: half of the command's range asks for a step of hundreds."""
     model = Armax((1.0, -0.98), ((4.0,),), nk=(1,), sample_time=0.1)
