@@ -157,9 +157,9 @@ def propose(
         if problem.budget.is_over:
             break
         over = first if leg < len(race) - 1 else None
-        running = keep_best(
-            parallel_map(partial(_advance, problem, steps, over, resets), running), most, alike
-        )
+        advanced = parallel_map(partial(_advance, problem, steps, over, resets), running)
+        # The first goes on: under gains of its own a law may need more than a leg to be where a linear say had it.
+        running = [*advanced[:1], *keep_best(advanced[1:], most - 1, alike)]
     (z,) = innovations(q, current.p[None], q.model, current.fit.filtered, resets=resets)
     alone = 0.5 * float(huber(z).sum())
     running = [replace(one, alone=alone) for one in running]

@@ -17,6 +17,7 @@ T = np.arange(3000) * 1e-2
         (np.sin(T), True),
         (np.where(T < 15, T, 15.0), True),  # it stops at an end
         (np.random.default_rng(0).normal(size=3000).clip(-2, 2), True),
+        (np.sin(T) ** 15, True),  # a speed is seldom near its extremes, but it is there
         (np.repeat([1.0, 3.0, 7.0], 1000) + 0.01 * np.sin(T), False),  # three set points
         (np.where(T < 15, np.sin(T), 8.0 + np.sin(T)), False),
         (np.ones(3000), False),

@@ -37,7 +37,6 @@ SAME = 0.99  # correlation of two signals of which one is enough
 # what pushes.
 FASTEST, FINEST, TRACK = 30.0, 100.0, 300.0
 LENGTHS = ("m", "rad")
-VISITED = 0.02  # of an even share: samples between two knots of a curve, at least
 ONE = 1.0  # period within what was recorded, that a wave has at least while it is fitted
 SCALED = 0.2  # share that a height of 1 scales by
 TURN = 0.05  # of the speed's root mean square: where a curve that turns with its sign has turned
@@ -55,7 +54,8 @@ def curves(base: FittedModel, located: UnknownInput) -> Sequence[Curve]:
     size = float(np.nanstd(located.signal))
     if not size > 0.0:
         return []
-    followed = {name: values for name, values in _moving(base).items() if _filled(values)}
+    moving = _moving(base)
+    followed = {name: values for name, values in moving.items() if _filled(values)}
     turns = {"": 0.0, **_slow(base, TURN)}
     pairs = [(name, speed) for speed in turns for name in followed if name != speed]
 
@@ -67,7 +67,7 @@ def curves(base: FittedModel, located: UnknownInput) -> Sequence[Curve]:
             2.0 * (followed[name] - low) / (high - low) - 1.0, BENDS - 1
         )
         if speed:
-            columns = columns * np.tanh(followed[speed] / turns[speed])[:, None]
+            columns = columns * np.tanh(moving[speed] / turns[speed])[:, None]
         columns = np.column_stack([columns, np.ones(len(columns))])
         signal = np.nan_to_num(located.signal)
         return float(np.sum((signal - columns @ np.linalg.lstsq(columns, signal, rcond=1e-9)[0]) ** 2))
@@ -207,14 +207,11 @@ class _Reading(Instrument):
 
 
 def _filled(values: Array) -> bool:
-    """A signal was between all knots of a curve over it: where none was, as between set points, a curve says anything.
-
-    One that passes from end to end is at least a share of its time between any two neighbours.
-    """
+    """A signal was between all knots of a curve over it: where none was, as between set points, a curve says anything."""
     known = values[np.isfinite(values)]
     if not len(known) or not np.ptp(known) > 0.0:
         return False
-    return bool((np.histogram(known, HEIGHTS - 3)[0] >= VISITED * len(known) / (HEIGHTS - 3)).all())
+    return bool((np.histogram(known, HEIGHTS - 3)[0] > 0).all())
 
 
 def _ends(values: Array) -> tuple[float, float]:
