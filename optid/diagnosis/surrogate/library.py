@@ -207,7 +207,7 @@ class _Reading(Instrument):
 
 
 def _filled(values: Array) -> bool:
-    """A signal was between all knots of a curve over it: where none was, as between set points, a curve says anything."""
+    """A signal was between all knots of a curve over it; where none was, as between set points, that says anything."""
     known = values[np.isfinite(values)]
     if not len(known) or not np.ptp(known) > 0.0:
         return False
