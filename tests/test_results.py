@@ -191,7 +191,8 @@ def test_what_a_killed_run_left_goes_with_the_next(sound, tmp_path, quick):
 
 
 SLEEPER = """
-import sys, time
+import signal, sys, time
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background ignores it
 import optid.estimation.prediction
 optid.estimation.prediction.predict = lambda *_: (print("at work", flush=True), time.sleep(60))
 from optid.cli import main
