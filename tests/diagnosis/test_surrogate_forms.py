@@ -1,12 +1,12 @@
-"""Which forms are worth a fit: a curve over what was visited without gaps, and a look at all that is short."""
+"""Which forms are worth a fit: a curve over what was visited without gaps."""
 
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from optid.diagnosis.proposals import SHORT, worst_recordings
-from optid.diagnosis.surrogate.library import _filled
+from optid.diagnosis.surrogate import library
+from optid.diagnosis.surrogate.library import _filled, curves
 
 T = np.arange(3000) * 1e-2
 
@@ -28,8 +28,12 @@ def test_a_curve_is_drawn_over_what_was_visited_without_gaps(values, expected):
     assert _filled(values) is expected
 
 
-def test_short_recordings_are_all_looked_at():
-    """Friction that differs from recording to recording shows in no single one."""
-    problem = SimpleNamespace(time=np.zeros(SHORT), counts=np.array([10, 20, 30]))
-    current = SimpleNamespace(likelihood_problem=SimpleNamespace(problem=problem))
-    assert worst_recordings(current, None) == [0, 1, 2]
+def test_a_curve_may_turn_with_a_speed_over_which_none_is_drawn(monkeypatch):
+    """Between set points of the speed a curve over it says anything, but its sign still turns one over position."""
+    speed = np.repeat([-1.0, 1.0, -3.0], 1000)
+    moving = {"position": np.sin(T), "velocity": speed}
+    monkeypatch.setattr(library, "_moving", lambda base: moving)
+    monkeypatch.setattr(library, "_slow", lambda base, share: {"velocity": 0.1})
+    located = SimpleNamespace(site="force.external", signal=np.sign(speed) * np.sin(T))
+    (best, *_) = curves(None, located)
+    assert "velocity" in best.name and "position" in best.name

@@ -1,0 +1,52 @@
+"""Proposals: what is looked at, and what a race keeps."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+
+from optid.diagnosis import proposals
+from optid.diagnosis.base_fit import fit_base
+from optid.diagnosis.proposals import SHORT, propose, worst_recordings
+from optid.effects.library import admitted
+from tests.diagnosis.trolley import problem_of, recording
+
+
+def dead_band(u):
+    return np.sign(u) * np.maximum(np.abs(u) - 0.2, 0.0)
+
+
+def test_short_recordings_are_all_looked_at():
+    """Friction that differs from recording to recording shows in no single one."""
+    problem = SimpleNamespace(time=np.zeros(SHORT), counts=np.array([10, 20, 30]))
+    current = SimpleNamespace(likelihood_problem=SimpleNamespace(problem=problem))
+    assert worst_recordings(current, None) == [0, 1, 2]
+
+
+def test_what_a_linear_step_led_to_goes_on_though_its_own_gains_set_it_back(tmp_path, monkeypatch):
+    """The first of a race is ranked at the end of all legs, not at that of the first."""
+    asked = problem_of(tmp_path, [recording(seed, f"{seed}.csv", dead_band) for seed in (1, 2)])
+    base, asked = fit_base(asked)
+    effects, race = admitted(base.rig.model), ((1, 2, 1), (1, 2, 1))
+    entered, advance = [], proposals._advance
+
+    def noted(*given):
+        entered.append(given[-1])
+        return advance(*given)
+
+    monkeypatch.setattr(proposals, "_advance", noted)
+    propose(base, effects, asked, race=race)
+    first = min(entered[: len(entered) - 2], key=lambda one: one.loss).effect
+    legs = []
+
+    def set_back(*given):
+        found = advance(*given)
+        if given[-1].effect is first:
+            legs.append(found.loss)
+            return replace(found, loss=1e9 * found.loss) if len(legs) == 1 else found
+        return found
+
+    monkeypatch.setattr(proposals, "_advance", set_back)
+    ranked = propose(base, effects, asked, race=race).ranked
+    assert len(legs) == len(race)
+    assert first in [one.effect for one in ranked]
