@@ -157,7 +157,9 @@ def _errors_from(rows: list[list[float | None]]) -> Validated:
 def _round(one: Round) -> dict[str, Any]:
     return {
         "model": _model(one.model),
-        "ranked": [[p.effect.name, p.p.tolist(), p.loss, p.alone] for p in one.proposals.ranked],
+        "ranked": [
+            [p.effect.name, p.start.tolist(), p.p.tolist(), p.loss, p.alone] for p in one.proposals.ranked
+        ],
         "visible": dict(one.proposals.visible),
         "contenders": [
             {"effect": c.effect.name, "model": _model(c.model), "errors": _errors(c.validated), "why": c.why}
@@ -189,11 +191,9 @@ class _Reader:
     def round(self, document: Mapping[str, Any]) -> Round:
         current = self.model(document["model"])
         ranked = []
-        for name, p, loss, alone in document["ranked"]:
-            rig = with_effects(current.rig, (self.effects[name],), {})
-            ranked.append(
-                Proposal(self.effects[name], self.problem.likelihood_problem(rig), np.array(p), loss, alone)
-            )
+        for name, start, p, loss, alone in document["ranked"]:
+            q = self.problem.likelihood_problem(with_effects(current.rig, (self.effects[name],), {}))
+            ranked.append(Proposal(self.effects[name], q, np.array(start), np.array(p), loss, alone))
         contenders = tuple(
             Contender(self.effects[c["effect"]], self.model(c["model"]), _errors_from(c["errors"]), c["why"])
             for c in document["contenders"]

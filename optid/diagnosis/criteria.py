@@ -40,7 +40,6 @@ class SearchOptions:
         short: share of a window over which effects are first fitted: short enough for parameters that are far off.
         race: legs of the race of proposals, which the best branch of each effect begins from each start: steps, how
             many go on, and how many of one effect; over the recording that lacks most, the last leg over all.
-        entrants: effects that a race begins with from each start.
         contenders: proposals that are fitted in full in a round.
         turns, steps: of a full fit by multi-step prediction errors.
         validation_steps: of a fit without one recording.
@@ -58,7 +57,6 @@ class SearchOptions:
     steps: int = 4
     validation_steps: int = 2
     surrogate_race: tuple[tuple[int, int, int], ...] = ((3, 5, 1), (4, 2, 1))
-    entrants: int = 10
     bent: float = 4.0
     near: float = 3.0
     search_share: float = 0.7

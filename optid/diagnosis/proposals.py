@@ -46,12 +46,14 @@ class Proposal:
     Attributes:
         effect: to come to the model.
         likelihood_problem: of the model with it.
-        p: all parameters.
+        start: all parameters where a linear step had them; under gains of its own a race may lead them astray.
+        p: all parameters where the race ended.
         loss: Huber's, of windows' errors; `alone` that of the model without it, over the same data.
     """
 
     effect: Effect
     likelihood_problem: LikelihoodProblem
+    start: Array
     p: Array
     loss: float
     alone: float
@@ -150,9 +152,9 @@ def propose(
         branches = [one for some in found for one in some]
         for one in branches:
             visible[one.effect.name] = max(visible[one.effect.name], one.visible)
+        # All of them race: far from the truth a linear say holds for none, and a right law may stand in the middle.
         led = keep_best([one.led for one in branches if one.led is not None], len(branches), 1)
         running += parallel_map(partial(_tried, origin, current, first, resets), led)
-    running = keep_best(running, o.entrants, len(starts) + 1)
     for leg, (steps, most, alike) in enumerate(race):
         if problem.budget.is_over:
             break
@@ -291,7 +293,7 @@ def _tried(
     seen = innovations(q, P, current.likelihood_problem.model, origin.held, only, resets)
     losses = 0.5 * huber(seen).sum(axis=1)
     best = int(np.argmin(losses))
-    return Proposal(led.effect, q, P[best], float(losses[best]), origin.loss)
+    return Proposal(led.effect, q, P[best], P[best], float(losses[best]), origin.loss)
 
 
 def _missed(current: FittedModel) -> tuple[list[Array], float]:

@@ -7,6 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 
+import numpy as np
+
 from optid.core.model import Array
 from optid.core.threads import parallel_map
 from optid.diagnosis.fitted import FittedModel, fit_model
@@ -166,10 +168,10 @@ def contend(
 ) -> Contender | None:
     """A proposal fitted in full and validated; ``None`` where the simulation diverges."""
     with contextlib.suppress(SolveError):
-        effects, level = (*current.effects, one.effect), current.fit.level
-        model = fit_model(
-            problem, effects, one.likelihood_problem.rig, one.likelihood_problem, one.p, level=level
-        )
+        effects, q = (*current.effects, one.effect), one.likelihood_problem
+        starts = [one.p] if np.array_equal(one.p, one.start) else [one.p, one.start]
+        fits = [fit_model(problem, effects, q.rig, q, p, level=current.fit.level) for p in starts]
+        model = min(fits, key=lambda each: each.fit.loss)
         validated = cross_validate(model, problem)
         size = one.effect.size(model.own_values(one.effect))
         why = rejection_reason(one.effect, size, first, before, validated, problem.criteria, tried)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,6 +26,9 @@ from optid.estimation.problem import Booleans, Problem
 # it, and enough to hold the states of a wrong model to the data. A model that lacks little is better off with less.
 QUIET, STEP = -2.0, -1.0
 SETTLED = 5e-3  # of the loss: a turn that gains less is the last
+# Of the loss: beyond the turns asked for a fit goes on while each takes so much, MOST at most. Under stick-slip a fit
+# may cross a plain for some turns before it falls to its optimum.
+FALLING, MOST = 0.1, 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,33 +94,37 @@ def fit_multistep(
         q: the likelihood problem.
         p: start, (parameters,).
         seconds: length of a window.
-        turns: times at most that gains are taken anew.
+        turns: times that gains are taken anew; more while the loss falls fast.
         steps: of Gauss-Newton under the gains of a turn, at most.
         only: these segments count, all if absent.
-        level: of the filter's process noise at the start; it falls as long as that predicts better.
+        level: of the filter's process noise at the start, or the usual one if that predicts better; it falls as long
+            as that predicts better.
 
     Raises:
         SolveError: the model cannot be simulated at the start.
     """
     starts = window_starts(q.problem, seconds)
-    best = _stands(q, p, only, starts, level)
+    best = _best_of(_stands(q, p, only, starts, by) for by in {level, QUIET})
     if best is None:
         raise SolveError("the simulation diverged at the start values; check them and their units")
-    for _ in range(turns):
+    for turn in range(1, MOST + 1):
         if q.budget.is_over:
             break
         there = None
         with contextlib.suppress(SolveError):
             moved = fixed_gain_fit(q, best.p, q.model, best.filtered, steps, only, starts).p
-            both = [_stands(q, moved, only, starts, best.level + by) for by in (0.0, STEP)]
-            there = min((one for one in both if one is not None), key=lambda one: one.loss, default=None)
+            there = _best_of(_stands(q, moved, only, starts, best.level + by) for by in (0.0, STEP))
         if there is None or not there.loss < best.loss:
             break
-        small = best.loss - there.loss < SETTLED * best.loss
+        gain = 1.0 - there.loss / best.loss
         best = there
-        if small:
+        if gain < (SETTLED if turn < turns else FALLING):
             break
     return best
+
+
+def _best_of(fits: Iterable[MultistepFit | None]) -> MultistepFit | None:
+    return min((one for one in fits if one is not None), key=lambda one: one.loss, default=None)
 
 
 def _stands(
