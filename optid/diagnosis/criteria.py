@@ -40,6 +40,7 @@ class SearchOptions:
         short: share of a window over which effects are first fitted: short enough for parameters that are far off.
         race: legs of the race of proposals, which the best branch of each effect begins from each start: steps, how
             many go on, and how many of one effect; over the recording that lacks most, the last leg over all.
+        entrants: branches that race beside a model that is good to the noise; all of them elsewhere.
         contenders: proposals that are fitted in full in a round.
         turns, steps: of a full fit by multi-step prediction errors.
         validation_steps: of a fit without one recording.
@@ -52,6 +53,7 @@ class SearchOptions:
     rate: float = 500.0
     short: float = 0.2
     race: tuple[tuple[int, int, int], ...] = ((2, 4, 1), (3, 4, 1))
+    entrants: int = 10
     contenders: int = 3
     turns: int = 4
     steps: int = 4

@@ -27,7 +27,7 @@ from optid.errors import SolveError
 from optid.estimation.fixed_gain import fixed_gain_fit, innovations
 from optid.estimation.likelihood import FAR, Filtered, huber
 from optid.estimation.likelihood_point import NUDGES, LikelihoodProblem
-from optid.estimation.multistep import quiet_filter, window_starts
+from optid.estimation.multistep import QUIET, quiet_filter, window_starts
 from optid.estimation.problem import Booleans
 
 LITTLE = 0.1  # of a way, by which its slope is taken
@@ -127,6 +127,8 @@ def propose(
     problem: DiagnosisProblem,
     starts: Sequence[Array] = (),
     race: Sequence[tuple[int, int, int]] = (),
+    entrants: int | None = None,
+    level: float = QUIET,
 ) -> Proposals:
     """Effects, the most promising first.
 
@@ -136,6 +138,9 @@ def propose(
         problem: the recordings.
         starts: parameter vectors of the current model beside its own from which branches begin.
         race: legs of the race, those of the problem's options if absent.
+        entrants: branches at most that race from each start; all if absent. Far from the truth a linear step holds for
+            none, and a right law may stand in the middle.
+        level: of process noise of the filters under whose gains they race.
     """
     o, q = problem.options, current.likelihood_problem
     race = race or o.race
@@ -145,21 +150,21 @@ def propose(
     running: list[Proposal] = []
     visible = {effect.name: 0.0 for effect in effects}
     for p in (current.p, *starts):
-        origin = _origin(q, p, first, resets, per_window)
+        origin = _origin(q, p, first, resets, per_window, level)
         if origin is None:
             continue
         found = parallel_map(partial(_branches, current, problem, origin, first, resets), effects)
         branches = [one for some in found for one in some]
         for one in branches:
             visible[one.effect.name] = max(visible[one.effect.name], one.visible)
-        # All of them race: far from the truth a linear say holds for none, and a right law may stand in the middle.
         led = keep_best([one.led for one in branches if one.led is not None], len(branches), 1)
         running += parallel_map(partial(_tried, origin, current, first, resets), led)
+    running = keep_best(running, entrants or len(running), len(starts) + 1)
     for leg, (steps, most, alike) in enumerate(race):
         if problem.budget.is_over:
             break
         over = first if leg < len(race) - 1 else None
-        advanced = parallel_map(partial(_advance, problem, steps, over, resets), running)
+        advanced = parallel_map(partial(_advance, problem, steps, over, resets, level), running)
         # The first goes on: under gains of its own a law may need more than a leg to be where a linear say had it.
         running = [*advanced[:1], *keep_best(advanced[1:], most - 1, alike)]
     (z,) = innovations(q, current.p[None], q.model, current.fit.filtered, resets=resets)
@@ -201,9 +206,14 @@ def worst_recording(current: FittedModel, problem: DiagnosisProblem) -> list[int
 
 
 def _origin(
-    q: LikelihoodProblem, p: Array, only: Sequence[int], resets: Booleans, per_window: float
+    q: LikelihoodProblem,
+    p: Array,
+    only: Sequence[int],
+    resets: Booleans,
+    per_window: float,
+    level: float,
 ) -> _Origin | None:
-    held = quiet_filter(q, p, only)
+    held = quiet_filter(q, p, only, level)
     if held is None:
         return None
     free = list(q.free)
@@ -342,13 +352,18 @@ def _visible(origin: _Origin, change: Array) -> float:
 
 
 def _advance(
-    problem: DiagnosisProblem, steps: int, only: Sequence[int] | None, resets: Booleans, one: Proposal
+    problem: DiagnosisProblem,
+    steps: int,
+    only: Sequence[int] | None,
+    resets: Booleans,
+    level: float,
+    one: Proposal,
 ) -> Proposal:
     """The same some steps further under gains of its own; lost where the simulation diverges."""
     if problem.budget.is_over:
         return replace(one, loss=math.inf)
     q = one.likelihood_problem
-    held = quiet_filter(q, one.p, only)
+    held = quiet_filter(q, one.p, only, level)
     if held is None:
         return replace(one, loss=math.inf)
     try:

@@ -18,6 +18,7 @@ from optid.diagnosis.validation import Validated, cross_validate, rejection_reas
 from optid.effects.effect import Effect
 from optid.effects.library import admitted
 from optid.errors import SolveError
+from optid.estimation.multistep import QUIET
 from optid.rigs.rigfile import with_effects
 
 RESTART = 0.95  # of windows' errors: a model that another start leaves no more of goes on from there
@@ -90,15 +91,14 @@ def select(base: FittedModel, problem: DiagnosisProblem) -> SelectionPath:
     """Add effects while windows that had no part in the fit confirm them, and drop those that turn out idle."""
     first = cross_validate(base, problem)
     current, validated, rounds = base, first, []
-    nominal = base.likelihood_problem.model.vector(base.rig.parameters)
     for depth in range(problem.criteria.most_effects):
         if problem.budget.is_over or (
             depth and validated.error_over_noise <= problem.criteria.error_over_noise
         ):
             break
         problem.report(Stage.SELECTION, f"round {depth + 1}: which effects could it be")
-        bent = not depth and validated.error_over_noise > problem.options.bent
-        one = _round(current, first, validated, problem, [nominal] if bent else [])
+        bent = validated.error_over_noise > problem.options.bent
+        one = _round(current, first, validated, problem, [_as_stated(current, problem)] if bent else [])
         rounds.append(one)
         better = None if one.taken else _restarted(current, validated, one, problem)
         if better is not None:
@@ -117,6 +117,13 @@ def select(base: FittedModel, problem: DiagnosisProblem) -> SelectionPath:
     if len(path.best.effects) > 1 and not problem.budget.is_over:
         path = _first_swapped(path, problem)
     return path
+
+
+def _as_stated(model: FittedModel, problem: DiagnosisProblem) -> Array:
+    """The rig's own parameters as its file states them, those of the effects as they were fitted."""
+    names = [one.name for one in problem.plain.parameters]
+    stated = dict(zip(names, problem.plain.vector(problem.rig.parameters).tolist(), strict=True))
+    return model.likelihood_problem.at({**model.values, **stated})
 
 
 def _restarted(
@@ -145,9 +152,16 @@ def _round(
     but: str = "",
 ) -> Round:
     effects = [one for one in admitted(current.rig.model, problem.own) if one.name != but]
-    proposals = propose(current, effects, problem, starts)
+    near = before.error_over_noise <= problem.criteria.error_over_noise
+    # Beside a model that is good to the noise a linear step tells, and its own quiet filter; elsewhere neither does.
+    entrants, level = (problem.options.entrants, current.fit.level) if near else (None, QUIET)
+    proposals = propose(current, effects, problem, starts, entrants=entrants, level=level)
     o, least = problem.options, min((one.loss for one in proposals.ranked), default=0.0)
     few = [one for one in proposals.ranked[: o.contenders] if one.loss <= o.near * least]
+    # A loss goes with the square of the error: who took half the smallest gain's share in the race does not reach it in
+    # full. The first is fitted anyway, as the test asks whether it gains anything.
+    most = 1.0 - problem.criteria.smallest_gain
+    few = [one for k, one in enumerate(few) if k == 0 or one.loss <= most * one.alone]
     problem.report(Stage.SELECTION, f"fitting {', '.join(one.effect.name for one in few)}")
     fitted = parallel_map(partial(contend, current, first, before, problem, len(effects)), few)
     contenders = sorted(
