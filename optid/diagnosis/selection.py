@@ -183,14 +183,17 @@ def contend(
     """A proposal fitted in full and validated; ``None`` where the simulation diverges."""
     with contextlib.suppress(SolveError):
         effects, q = (*current.effects, one.effect), one.likelihood_problem
-        starts = [one.p] if np.array_equal(one.p, one.start) else [one.p, one.start]
-        fits = [fit_model(problem, effects, q.rig, q, p, level=current.fit.level) for p in starts]
+        fits = [fit_model(problem, effects, q.rig, q, p, level=current.fit.level) for p in _starts(one)]
         model = min(fits, key=lambda each: each.fit.loss)
         validated = cross_validate(model, problem)
         size = one.effect.size(model.own_values(one.effect))
         why = rejection_reason(one.effect, size, first, before, validated, problem.criteria, tried)
         return Contender(one.effect, model, validated, why)
     return None
+
+
+def _starts(one: Proposal) -> list[Array]:
+    return [one.p] if np.array_equal(one.p, one.start) else [one.p, one.start]
 
 
 def without_effect(model: FittedModel, effect: Effect, problem: DiagnosisProblem) -> FittedModel:

@@ -1,12 +1,12 @@
 """Is a model with more in it better? Cross-validated errors of windows, and tests with a stated error rate.
 
-Each recording's windows are predicted with parameters fitted to the others. A window counts once, as its errors last
-all through it. Two tests look at what windows gain. Flipped signs know nothing of the noise, and see an effect that
-shows in many windows: a sum of bounded gains with random signs exceeds t times its standard deviation with a
-probability of exp(-t^2/2) at most (Hoeffding, J. Amer. Statist. Assoc. 58, 1963), and of GAUSSIAN times the normal's
-(Bentkus and Dzindzalieta, Bernoulli 21, 2015). The likelihood ratio on data that had
-no part in the fit (universal inference: Wasserman, Ramdas and Balakrishnan, PNAS 117, 2020) sees one that shows in a
-window or two, where the noise is known and reached.
+The windows of some blocks of each recording are predicted with parameters fitted to all others. A window counts once,
+as its errors last all through it. Two tests look at what windows gain. Flipped signs know nothing of the noise, and see
+an effect that shows in many windows: a sum of bounded gains with random signs exceeds t times its standard deviation
+with a probability of exp(-t^2/2) at most (Hoeffding, J. Amer. Statist. Assoc. 58, 1963), and of GAUSSIAN times the
+normal's (Bentkus and Dzindzalieta, Bernoulli 21, 2015). The likelihood ratio on data that had no part in the fit
+(universal inference: Wasserman, Ramdas and Balakrishnan, PNAS 117, 2020) sees one that shows in a window or two, where
+the noise is known and reached.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from optid.estimation.multistep import window_starts
 from optid.estimation.problem import Booleans, Integers, Problem
 
 LARGEST = 700.0  # gain beyond which a p-value is told as that of so much, the least number there is
-FOLDS = 4  # of a single recording, one after the other
+FOLDS, BLOCKS = 3, 2  # of the recordings, and blocks of each recording in a fold
 GAUSSIAN = 3.18  # 1 / (4 P(Z >= sqrt 2)): the least factor that holds for every sum
 FLIPPED = (1e-3, 0.25)  # bounds on a p-value between which the signs are flipped at random as well
 DRAWS = 20_000  # of them
@@ -68,7 +68,7 @@ class Validated:
 
 
 def cross_validate(model: FittedModel, problem: DiagnosisProblem) -> Validated:
-    """A fitted model's errors over whole windows, each recording's by parameters fitted to the others.
+    """A fitted model's errors over whole windows, each fold's by parameters fitted to the others.
 
     Where recordings are named for it, theirs alone, by parameters fitted to all others.
     """
@@ -100,13 +100,18 @@ def cross_validate(model: FittedModel, problem: DiagnosisProblem) -> Validated:
 
 
 def _folds(recording: Integers, time: Array, validation: Sequence[int]) -> Integers:
-    """The fold of each sample: its recording, or the part of the only one that it lies in; -1 where none judges."""
+    """The fold of each sample, by the block of its recording that it lies in; -1 where none judges.
+
+    Every fold has blocks of every recording: an effect may act in one of them only, and then no other could teach it.
+    """
     if validation:
         return np.where(np.isin(recording, validation), 0, -1)
-    if len(np.unique(recording)) > 1:
-        return recording
-    share = (time - time.min()) / max(float(np.ptp(time)), 1e-300)
-    return np.asarray(np.minimum((FOLDS * share).astype(np.int64), FOLDS - 1))
+    fold = np.empty(len(time), dtype=np.int64)
+    for one in np.unique(recording):
+        here = recording == one
+        share = (time[here] - time[here].min()) / max(float(np.ptp(time[here])), 1e-300)
+        fold[here] = np.minimum((FOLDS * BLOCKS * share).astype(np.int64), FOLDS * BLOCKS - 1) % FOLDS
+    return fold
 
 
 def _segments(problem: Problem, among: Booleans) -> list[int]:
