@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from optid.diagnosis.validation import flipped_signs, p_value
+from optid.diagnosis.validation import _folds, flipped_signs, p_value
 
 DRAWS = 4000
 
@@ -41,3 +41,16 @@ def test_a_gain_in_a_third_of_few_windows_shows_though_others_lose_a_little():
     assert 2.0 * flipped_signs(gains) < 0.01
     exact = flipped_signs(np.full(9, 1.0))
     assert exact == pytest.approx(2.0**-9, rel=0.4)
+
+
+def test_every_fold_leaves_some_of_every_recording_to_learn_from():
+    """An effect may act in one recording only: parameters fitted to the others know nothing of it."""
+    recording, time = (
+        np.repeat([0, 1, 2], [600, 300, 900]),
+        np.concatenate([np.arange(n) for n in (600, 300, 900)]),
+    )
+    fold = _folds(recording, time.astype(float), ())
+    for one in np.unique(fold):
+        for each in np.unique(recording):
+            assert 0.2 < np.mean(fold[recording == each] == one) < 0.5
+    assert set(_folds(recording, time.astype(float), (2,))[recording != 2]) == {-1}

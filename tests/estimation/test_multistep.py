@@ -40,6 +40,13 @@ def test_it_finds_the_truth_from_a_start_far_off(asked):
     assert found.loss < 0.1 * multistep_loss(q, p, SECONDS)
 
 
+def test_it_goes_on_beyond_its_turns_while_the_loss_falls_fast(asked):
+    """Short steps are far from the optimum after the one turn that was asked for."""
+    q, p = asked
+    found, best = (fit_multistep(q, p, SECONDS, turns=n, steps=k) for n, k in ((1, 1), (8, 6)))
+    assert found.loss < 1.3 * best.loss
+
+
 def test_its_loss_is_that_of_the_parameters_it_gives(asked):
     q, p = asked
     found = fit_multistep(q, p, SECONDS, turns=2, steps=4)

@@ -1,0 +1,239 @@
+"""What each part of the diagnosis' search gains: every case with it and without it, in pairs.
+
+    python studies/concealed.py draw --count 30 --seed S --open --out DIR
+    python studies/ablation.py run DIR [--only race,restart] [--cases 30]
+    python studies/ablation.py table DIR
+
+A row a case and variant is written as it ends, to DIR/ablation.jsonl, and `run` goes on where it was stopped. `table`
+sets each variant beside the search as it is: how many cases lose their right answer and how many win one, with the
+95 % interval of the difference (Newcombe, Statist. Med. 17, 1998, method 10), and the ratio of processor seconds.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+from unittest.mock import patch
+
+import numpy as np
+from scipy.stats import norm
+
+sys.path.insert(0, str(Path(__file__).parents[1]))  # finds the studies beside it from any folder
+
+from optid.core.budget import Budget
+from optid.core.readers import read_recording
+from optid.diagnosis import pipeline, proposals, selection
+from optid.diagnosis.criteria import SearchOptions
+from optid.diagnosis.result import Diagnosis
+from optid.estimation import multistep
+from optid.rigs.rigfile import read_rig
+from studies.trial.record import HELD_OUT, TRAIN
+from studies.trial.running import cases_of
+
+AS_IS = "as it is"
+Patches = Mapping[tuple[Any, str], Any]
+
+
+@dataclass(frozen=True)
+class Variant:
+    """A search without something.
+
+    Attributes:
+        words: what is left out or set otherwise.
+        options: fields of `SearchOptions` that differ.
+        patches: (module, name): what stands there instead.
+    """
+
+    words: str
+    options: Mapping[str, Any] = field(default_factory=dict)
+    patches: Patches = field(default_factory=dict)
+
+
+def _never(*_: Any, **__: Any) -> None:
+    return None
+
+
+def _path_as_it_is(path: Any, *_: Any) -> Any:
+    return path
+
+
+def _ten_entrants(*given: Any, **named: Any) -> Any:
+    return proposals.propose(*given, **{**named, "entrants": 10})
+
+
+VARIANTS = {
+    AS_IS: Variant("nothing"),
+    "race": Variant("the linear step alone ranks effects", {"race": ()}),
+    "one leg": Variant("one leg of the race instead of two", {"race": ((2, 4, 1),)}),
+    "all branches": Variant(
+        "10 branches race, wherever the base stands", {}, {(selection, "propose"): _ten_entrants}
+    ),
+    "contenders": Variant("one effect a round is fitted in full", {"contenders": 1}),
+    "short windows": Variant("effects are first fitted by whole windows", {"short": 1.0}),
+    "stated start": Variant("no second start at the stated parameters", {"bent": np.inf}),
+    "linear start": Variant(
+        "contenders go from the race's end alone", {}, {(selection, "_starts"): lambda one: [one.p]}
+    ),
+    "falling": Variant("a fit ends after its turns, falling or not", {}, {(multistep, "FALLING"): np.inf}),
+    "restart": Variant("a round is not repeated from a better base", {}, {(selection, "_restarted"): _never}),
+    "first swapped": Variant(
+        "the first effect keeps its place", {}, {(selection, "_first_swapped"): _path_as_it_is}
+    ),
+    "alternatives": Variant(
+        "look-alikes are not tried in place",
+        {},
+        {(pipeline, "compare_alternatives"): lambda path, _: (path, {})},
+    ),
+    "bounds": Variant("bounds of the rig file are never lifted", {}, {(pipeline, "relax_bounds"): _never}),
+    "straight inputs": Variant(
+        "inputs are held between samples", {}, {(pipeline, "inputs_that_go_on"): lambda *_: ()}
+    ),
+    "validation steps": Variant("folds are not fitted anew", {"validation_steps": 0}),
+    "rate": Variant("the search goes over all samples", {"rate": 1e9}),
+    "near": Variant("other starts and effects are fitted whatever they leave", {"near": np.inf}),
+}
+
+
+@dataclass(frozen=True)
+class Row:
+    """One case by one variant."""
+
+    case: str
+    variant: str
+    kind: str
+    effects: tuple[str, ...]
+    named: tuple[str, ...]
+    verdict: str
+    right: bool
+    wrong_name: bool
+    error: float
+    seconds: float
+
+
+@contextmanager
+def without(variant: Variant) -> Iterator[SearchOptions]:
+    """The options of a variant, with its patches in place."""
+    with ExitStack() as stack:
+        for (module, name), instead in variant.patches.items():
+            stack.enter_context(patch.object(module, name, instead))
+        yield replace(SearchOptions(), **variant.options)
+
+
+def judged(case: Path, name: str, result: Diagnosis, seconds: float) -> Row:
+    """A case's answer beside the truth; look-alikes that are told with a name count for it."""
+    answer = json.loads((case / "answer.json").read_text())
+    effects, kind = tuple(answer["effects"]), answer["kind"]
+    told = {f.effect.name: {f.effect.name, *f.indistinguishable} for f in result.findings if f.effect}
+    inside = kind in ("single", "pair")
+    wrong = any(not inside or not alike & set(effects) for alike in told.values())
+    if inside and effects:
+        right = not wrong and len(told) == len(effects)
+    else:
+        right = not told and (result.verdict.value == "unexplained") == (kind == "outside" and bool(effects))
+    error = float(result.test.error_over_noise)
+    return Row(
+        case.name, name, kind, effects, tuple(told), result.verdict.value, right, wrong, error, seconds
+    )
+
+
+def diagnosed(case: Path, name: str, limit: float) -> Row:
+    """Diagnose a case by a variant."""
+    rig = read_rig(case / "rig.toml")
+    train = [read_recording(case / f"{one}.csv", rig) for one in TRAIN]
+    held = [read_recording(case / f"{HELD_OUT}.csv", rig)]
+    began = time.process_time()
+    with without(VARIANTS[name]) as options:
+        generator = np.random.default_rng(0)
+        result = pipeline.diagnose(
+            rig, train, held, generator=generator, budget=Budget(limit), options=options
+        )
+    return judged(case, name, result, round(time.process_time() - began, 1))
+
+
+def rows_of(folder: Path) -> list[dict[str, Any]]:
+    """What ran."""
+    file = folder / "ablation.jsonl"
+    return [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
+
+
+def run(folder: Path, names: list[str], cases: int, limit: float, say: Callable[[str], None]) -> None:
+    """Every case by every variant, the search as it is first; what ran is not run again."""
+    done = {(row["case"], row["variant"]) for row in rows_of(folder)}
+    for case in cases_of(folder)[:cases]:
+        for name in [AS_IS, *(name for name in names if name != AS_IS)]:
+            if (case, name) not in done:
+                row = diagnosed(folder / case, name, limit)
+                with (folder / "ablation.jsonl").open("a") as file:
+                    file.write(json.dumps(asdict(row)) + "\n")
+                say(f"{case} {name}: {'right' if row.right else 'not right'}, {row.seconds:.0f} s")
+
+
+def difference(both: int, lost: int, won: int, neither: int) -> tuple[float, float, float]:
+    """Share of right answers with a part less that without it, of paired cases, with its 95 % interval."""
+    n, z = both + lost + won + neither, float(norm.ppf(0.975))
+    p1, p2 = (both + lost) / n, (both + won) / n
+
+    def wilson(p: float) -> tuple[float, float]:
+        middle, half = p + z**2 / (2 * n), z * np.sqrt(p * (1 - p) / n + z**2 / (4 * n**2))
+        return (middle - half) / (1 + z**2 / n), (middle + half) / (1 + z**2 / n)
+
+    (l1, u1), (l2, u2) = wilson(p1), wilson(p2)
+    product = (both + lost) * (won + neither) * (both + won) * (lost + neither)
+    phi = (both * neither - lost * won) / np.sqrt(product) if product else 0.0
+    low = np.sqrt((p1 - l1) ** 2 - 2 * phi * (p1 - l1) * (u2 - p2) + (u2 - p2) ** 2)
+    high = np.sqrt((u1 - p1) ** 2 - 2 * phi * (u1 - p1) * (p2 - l2) + (p2 - l2) ** 2)
+    return p1 - p2, p1 - p2 - float(low), p1 - p2 + float(high)
+
+
+def table(folder: Path) -> str:
+    """Variants beside the search as it is, in Markdown."""
+    rows = {(row["case"], row["variant"]): row for row in rows_of(folder)}
+    heads = "without", "cases", "right", "lost", "won", "gain of the part (95 %)", "wrong names", "seconds"
+    lines = [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
+    for name, variant in VARIANTS.items():
+        its = {case: row for (case, who), row in rows.items() if who == name}
+        pairs = [(rows[case, AS_IS], row) for case, row in its.items() if (case, AS_IS) in rows]
+        if not pairs:
+            continue
+        met = [(a["right"], b["right"]) for a, b in pairs]
+        both, lost, won, neither = (met.count((x, y)) for x in (True, False) for y in (True, False))
+        gain, low, high = difference(both, lost, won, neither)
+        ratio = float(np.exp(np.mean([np.log(b["seconds"] / a["seconds"]) for a, b in pairs])))
+        wrong = sum(b["wrong_name"] for _, b in pairs)
+        lines.append(
+            f"| {variant.words} | {len(pairs)} | {both + won} | {lost} | {won} | "
+            f"{100 * gain:+.0f} % ({100 * low:+.0f} to {100 * high:+.0f}) | {wrong} | x {ratio:.2f} |"
+        )
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Run or tell."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    commands = parser.add_subparsers(dest="command", required=True)
+    for name in ("run", "table"):
+        one = commands.add_parser(name)
+        one.add_argument("folder", type=Path, help="an open draw")
+    one = commands.choices["run"]
+    one.add_argument("--only", help=f"variants, of {', '.join(VARIANTS)}; all if absent")
+    one.add_argument("--cases", type=int, default=30)
+    one.add_argument("--limit", type=float, default=300.0, help="processor seconds a case may take")
+    asked = parser.parse_args()
+    if asked.command == "table":
+        print(table(asked.folder))
+        return
+    names = list(VARIANTS) if asked.only is None else asked.only.split(",")
+    if unknown := [name for name in names if name not in VARIANTS]:
+        sys.exit(f"--only: {', '.join(unknown)} is none of {', '.join(VARIANTS)}")
+    run(asked.folder, names, asked.cases, asked.limit, lambda words: print(words, flush=True))
+
+
+if __name__ == "__main__":
+    main()
