@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from optid.diagnosis.criteria import Criteria
 from optid.diagnosis.evaluation import Evaluation
 from optid.diagnosis.summary import quantity
-from optid.diagnosis.testing import Evidence
+from optid.diagnosis.testing import Evidence, worse_output
 from optid.effects.effect import Effect
 from optid.estimation.result import Estimate
 
@@ -35,7 +35,7 @@ def disagreement(
         return f"the hold-out does not confirm it (p = {evidence.p_value:.2g})"
     if not evidence.error_gain > 0.0:
         return "no output of the hold-out is predicted better"
-    return _no_size(effect, estimates) or _worse_output(before, after, noise, criteria)
+    return _no_size(effect, estimates) or worse_output(before, after, noise, criteria)
 
 
 def _no_size(effect: Effect, estimates: Sequence[Estimate]) -> str:
@@ -49,19 +49,3 @@ def _no_size(effect: Effect, estimates: Sequence[Estimate]) -> str:
         for one in sizes
     )
     return f"its interval holds none of it ({told})"
-
-
-def _worse_output(
-    before: Evaluation, after: Evaluation, noise: Mapping[str, float], criteria: Criteria
-) -> str:
-    """An output that is predicted worse than by the model as it came, and worse than to the noise."""
-    for j, (role, score) in enumerate(after.scores.items()):
-        floor = noise.get(role, 0.0)
-        at_noise = after.error_over_noise({role: floor}, (j,)) <= criteria.error_over_noise
-        first = before.scores[role].rmse
-        if not at_noise and score.rmse > (1.0 + criteria.smallest_gain) * first:
-            return (
-                f"{role.replace('_', ' ')} is predicted worse with it: windows err by "
-                f"{quantity(score.rmse, score.unit)} instead of {quantity(first, score.unit)}"
-            )
-    return ""

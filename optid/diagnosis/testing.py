@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from optid.diagnosis.evaluation import Evaluation, evaluate
 from optid.diagnosis.fitted import FittedModel
 from optid.diagnosis.refinement import RefinedModel, likely_noise
 from optid.diagnosis.residual_tests import ResidualTests, residual_tests
+from optid.diagnosis.summary import quantity
 from optid.diagnosis.validation import p_value
 from optid.errors import InputError
 from optid.estimation.likelihood import huber
@@ -49,8 +50,9 @@ class HoldoutTest:
         p_value: is anything missing at all: of the hypothesis that the best model that the search met gains nothing.
         error_over_noise: of the best model's windows.
         names: evidence for every effect of the best model, by its name.
-        residuals: tests of what the best model leaves.
+        residuals, base_residuals: tests of what the best model and the base leave.
         level: error rate of each test.
+        refuted: the best model predicts no better than the base, or an output worse.
     """
 
     base: Evaluation
@@ -59,7 +61,14 @@ class HoldoutTest:
     error_over_noise: float
     names: Mapping[str, Evidence]
     residuals: ResidualTests
+    base_residuals: ResidualTests
     level: float
+    refuted: bool
+
+    def of_base(self, noise: Mapping[str, float]) -> HoldoutTest:
+        """The test with the base in the place of a best model that was refuted."""
+        ratio = self.base.error_over_noise(noise)
+        return replace(self, best=self.base, error_over_noise=ratio, residuals=self.base_residuals)
 
 
 def gate(
@@ -107,23 +116,38 @@ def test_on_holdout(
     """
     before = _evaluated(base, holdout)
     after = before if best is base else _evaluated(best, holdout)
-    ratio = after.error_over_noise(noise)
+    challenger = after
+    if best is base and strongest is not None:
+        q = strongest.likelihood_problem
+        challenger = evaluate(q, strongest.p, likely_noise(q, strongest.p), holdout)
+    p = 1.0 if challenger is before else compare(before, challenger, noise, criteria).p_value
     names = {}
     for name, less in without.items():
         there, q = before, less.likelihood_problem
         if less.effects:
             there = evaluate(q, less.p, likely_noise(q, less.p), holdout)
         names[name] = compare(there, after, noise, criteria)
-    if best is not base:
-        p = compare(before, after, noise, criteria).p_value
-    elif strongest is not None:
-        q = strongest.likelihood_problem
-        other = evaluate(q, strongest.p, likely_noise(q, strongest.p), holdout)
-        p = compare(before, other, noise, criteria).p_value
-    else:
-        p = 1.0
-    residuals = residual_tests(after, best.rig.model, holdout)
-    return HoldoutTest(before, after, p, ratio, names, residuals, criteria.level)
+    base_residuals = residual_tests(before, base.rig.model, holdout)
+    residuals = base_residuals if best is base else residual_tests(after, best.rig.model, holdout)
+    refuted = best is not base and (p > criteria.level or bool(worse_output(before, after, noise, criteria)))
+    ratio = after.error_over_noise(noise)
+    return HoldoutTest(before, after, p, ratio, names, residuals, base_residuals, criteria.level, refuted)
+
+
+def worse_output(
+    before: Evaluation, after: Evaluation, noise: Mapping[str, float], criteria: Criteria
+) -> str:
+    """An output that is predicted worse than by the model as it came, and worse than to the noise; "" if none is."""
+    for j, (role, score) in enumerate(after.scores.items()):
+        floor = noise.get(role, 0.0)
+        at_noise = after.error_over_noise({role: floor}, (j,)) <= criteria.error_over_noise
+        first = before.scores[role].rmse
+        if not at_noise and score.rmse > (1.0 + criteria.smallest_gain) * first:
+            return (
+                f"{role.replace('_', ' ')} is predicted worse with it: windows err by "
+                f"{quantity(score.rmse, score.unit)} instead of {quantity(first, score.unit)}"
+            )
+    return ""
 
 
 def _evaluated(model: RefinedModel, recordings: Sequence[Recording]) -> Evaluation:

@@ -41,6 +41,9 @@ def largest_rest(problem: DiagnosisProblem) -> float:
 
 def conclude(s: Stages) -> Diagnosis:
     """The answer of all stages."""
+    if s.test.refuted and not s.names and not s.wide:
+        # What has no name is kept only for what it predicts.
+        s = replace(s, best=s.base, test=s.test.of_base(s.problem.noise))
     base_parameters = intervals(s.base, _birge(s, s.test.base))
     best_parameters = base_parameters if s.best is s.base else intervals(s.best, _birge(s, s.test.best))
     suspects = _suspects(s, best_parameters)
@@ -50,6 +53,11 @@ def conclude(s: Stages) -> Diagnosis:
         findings = named_findings(s, best_parameters, suspects)
     elif verdict is Verdict.UNEXPLAINED:
         findings = unexplained_findings(s, suspects or _fallen_short(s))
+        if s.test.refuted and s.names:
+            s, best_parameters = (
+                replace(s, best=s.base, test=s.test.of_base(s.problem.noise)),
+                base_parameters,
+            )
     diagnosis = Diagnosis(
         verdict=verdict,
         summary="",

@@ -189,6 +189,22 @@ def test_a_name_that_the_hold_out_contradicts_is_a_suspicion(tmp_path):
     assert [f["effect"] for f in document["findings"]] == [None] * len(found.findings)
 
 
+def test_what_predicts_worse_than_the_model_as_it_came_is_not_handed_on(tmp_path):
+    """A push that pulses with time has no name here; on the recording held out it pulls instead."""
+
+    def pulses(sign):
+        return lambda t, x, v: sign * np.sign(v) * abs(np.sin(2.0 * np.pi * t))
+
+    train = [recording(seed, f"run{seed}.csv", beside=pulses(1.0)) for seed in (1, 2)]
+    held = [recording(3, "held.csv", beside=pulses(-1.0))]
+    found = diagnose(rig(tmp_path), train, held, generator=np.random.default_rng(0))
+    assert found.verdict is Verdict.UNEXPLAINED
+    assert found.test.refuted
+    assert found.best is found.base
+    assert found.test.best is found.test.base
+    assert "With what describes it" not in found.summary
+
+
 def test_a_budget_that_is_over_ends_with_what_there_is_and_says_so(tmp_path):
     found = asked(tmp_path, dead_band, budget=Budget(time_limit=1e-3))
     assert found.verdict in (Verdict.UNEXPLAINED, Verdict.MISSING_PHYSICS)
