@@ -23,8 +23,8 @@ from scipy.signal import lfilter
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from optid.armax import Armax, Orders
-from optid.armax.audit import pole_errors, static_gain_error
 from optid.armax.batch import fit_batch
+from optid.armax.profile import Intervals, profile_intervals, wald_intervals
 from optid.armax.signals import Signals
 from optid.armax.trend import find_trend
 
@@ -59,15 +59,16 @@ def main() -> None:
 
 def tell(name: str, table: pd.DataFrame) -> None:
     """The share of intervals that hold the truth, with the margin of its own that the count leaves."""
-    for what, held, of in (
-        ("poles", table["poles_held"].sum(), table["poles"].sum()),
-        ("static gain", table["gain_held"].sum(), len(table)),
-    ):
-        share = held / of
-        margin = TWO_SIDED * np.sqrt(share * (1 - share) / of)
-        print(
-            f"{name}, {what}: {100 * share:.1f} % of {of} intervals hold the truth (± {100 * margin:.1f})"
-        )
+    for kind in ("profile", "delta"):
+        shares = []
+        for held, of in (
+            (table[f"poles_{kind}"].sum(), table["poles"].sum()),
+            (table[f"gain_{kind}"].sum(), len(table)),
+        ):
+            share = held / of
+            margin = TWO_SIDED * np.sqrt(share * (1 - share) / of)
+            shares.append(f"{100 * share:.1f} % of {of} (± {100 * margin:.1f})")
+        print(f"{name}, {kind}: poles {shares[0]}, static gain {shares[1]}")
 
 
 def drawn(rng: np.random.Generator) -> tuple[Armax, str]:
@@ -98,23 +99,29 @@ def covered(rng: np.random.Generator, samples: int, trended: bool) -> dict[str, 
     orders = Orders.of(truth.orders.na, truth.orders.na, truth.orders.na, truth.nk[0])
     trend = find_trend([record], orders)
     model = fit_batch([record], orders, trend=trend).model
-    poles, true_poles = np.roots(model.a).astype(complex), np.roots(truth.a).astype(complex)
-    hits = []
-    for pole, sd in zip(poles, pole_errors(model, poles), strict=True):
-        nearest = true_poles[int(np.argmin(np.abs(true_poles - pole)))]
-        hits.append(bool(abs(abs(pole) - abs(nearest)) <= TWO_SIDED * sd))
-    gain, true_gain = (sum(m.b[0]) / sum(m.a) for m in (model, truth))
-    error = static_gain_error(model)
-    return {
+    row: dict[str, object] = {
         "order": truth.orders.na,
         "noise": noise,
         "trend": rise,
         "slope": trend.name,
-        "poles": len(hits),
-        "poles_held": sum(hits),
-        "gain_held": bool(abs(gain - true_gain) <= TWO_SIDED * error),
-        "gain_miss": (gain - true_gain) / error,
+        "poles": truth.orders.na,
     }
+    for kind, intervals in (
+        ("profile", profile_intervals([record], model, trend)),
+        ("delta", wald_intervals(model)),
+    ):
+        row[f"poles_{kind}"], row[f"gain_{kind}"] = hits(model, truth, intervals)
+    return row
+
+
+def hits(model: Armax, truth: Armax, intervals: Intervals) -> tuple[int, bool]:
+    """How many of the poles' intervals, and whether the static gain's, hold the truth."""
+    poles, true_poles = np.roots(model.a).astype(complex), np.roots(truth.a).astype(complex)
+    held = 0
+    for pole, (low, high) in zip(poles, intervals.poles, strict=True):
+        held += bool(low <= abs(true_poles[int(np.argmin(np.abs(true_poles - pole)))]) <= high)
+    low, high = intervals.static_gains[0]
+    return held, bool(low <= sum(truth.b[0]) / sum(truth.a) <= high)
 
 
 if __name__ == "__main__":
