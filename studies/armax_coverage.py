@@ -6,7 +6,8 @@ Each draw is a stable system of order 1 to 3, real poles or a complex pair, with
 polynomial of its own or, in every third draw, a sensor's noise (C = A); a random binary input around an operating
 point; an output with an offset. Every second draw has a trend too, from one that nobody sees to one that dwarfs the
 response. It is identified with the true orders by the offline fit; whether a slope is estimated along is left to the
-recording, as on the command line. Counted are the moduli of the poles (paired with the nearest true one) and the static gain.
+recording, as on the command line. Counted are the moduli of the poles (paired with the nearest true one) and the
+static gain, by profile likelihood, as `armax.json` has them, and by the delta method.
 
 With `--out` every draw is kept as a row, and a call goes on where the last one ended.
 """

@@ -28,8 +28,9 @@ from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from optid.armax.model import Armax
+from optid.armax.plan import Plan
 from optid.armax.prediction import predict
-from optid.armax.survey import Plan, survey
+from optid.armax.survey import survey
 from optid.armax.table2 import Table2
 from optid.core.readers import read_recording
 from optid.core.recording import Recording

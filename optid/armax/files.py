@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from optid.armax.audit import pole_errors, static_gain_error
 from optid.armax.model import Armax
 from optid.armax.offline import names
+from optid.armax.profile import Interval, Intervals, wald_intervals
 from optid.armax.survey import Survey
-from optid.armax.words import TWO_SIDED, Finding
+from optid.armax.words import Finding
 from optid.core.document import finite, known, read_document, whole
 from optid.errors import InputError
 
@@ -24,10 +24,11 @@ MOST = 1000  # coefficients of a polynomial
 
 @dataclass(frozen=True)
 class SavedModel:
-    """A model and what its audit found."""
+    """A model, what its audit found, and its intervals where they are better known than from its covariance."""
 
     model: Armax
     audit: tuple[Finding, ...] = ()
+    intervals: Intervals | None = None
 
 
 @dataclass(frozen=True)
@@ -58,7 +59,7 @@ class ArmaxFile:
 
 def from_survey(survey: Survey) -> ArmaxFile:
     """What of a survey goes into armax.json."""
-    models = tuple(SavedModel(c.model, c.audit.findings) for c in survey.candidates)
+    models = tuple(SavedModel(c.model, c.audit.findings, c.intervals) for c in survey.candidates)
     units = survey.input_unit, survey.table2.unit
     return ArmaxFile(survey.input, survey.output, survey.recommended, models, survey.words, *units)
 
@@ -128,6 +129,7 @@ def _list(document: dict[str, Any], field: str) -> list[Any]:
 
 def _model_out(saved: SavedModel) -> dict[str, Any]:
     model, o = saved.model, saved.model.orders
+    intervals = saved.intervals or wald_intervals(model)
     single = o.inputs == 1
     return {
         "na": o.na,
@@ -146,8 +148,8 @@ def _model_out(saved: SavedModel) -> dict[str, Any]:
         "not_determined": [
             name for name, sd in zip(names(o), model.standard_errors, strict=True) if math.isinf(sd)
         ],
-        "static_gain": [_gain_out(model, i) for i in range(o.inputs)],
-        "poles": _poles_out(model),
+        "static_gain": [_gain_out(model, i, intervals.static_gains[i]) for i in range(o.inputs)],
+        "poles": _poles_out(model, intervals),
         "audit": [{"name": f.name, "grave": f.grave, "text": f.text} for f in saved.audit],
     }
 
@@ -163,26 +165,32 @@ def _number(x: float) -> float | None:
     return x if math.isfinite(x) else None
 
 
-def _gain_out(model: Armax, input: int) -> dict[str, Any]:
+def _gain_out(model: Armax, input: int, interval: Interval) -> dict[str, Any]:
     """Value and 95 % interval of B(1)/A(1); null for an integrator's, or where the data leave it open."""
     at_one = math.fsum(model.a)
     value = math.fsum(model.b[input]) / at_one if abs(at_one) > 1e-12 else math.inf
-    margin = TWO_SIDED * static_gain_error(model, input)
-    interval = [value - margin, value + margin] if math.isfinite(value + margin) else None
-    return {"value": _number(value), "ci95": interval}
+    return {"value": _number(value), "ci95": _interval_out(interval)}
 
 
-def _poles_out(model: Armax) -> list[dict[str, Any]]:
+def _poles_out(model: Armax, intervals: Intervals) -> list[dict[str, Any]]:
     """In z, with the 95 % interval of each one's modulus."""
     poles = np.roots(np.array(model.a)).astype(complex)
-    out = []
-    for pole, sd in zip(poles, pole_errors(model, poles), strict=True):
-        modulus, margin = abs(pole), TWO_SIDED * sd
-        interval = [modulus - margin, modulus + margin] if math.isfinite(margin) else None
-        out.append(
-            {"real": float(pole.real), "imag": float(pole.imag), "modulus": float(modulus), "ci95": interval}
-        )
-    return out
+    return [
+        {
+            "real": float(pole.real),
+            "imag": float(pole.imag),
+            "modulus": float(abs(pole)),
+            "ci95": _interval_out(interval),
+        }
+        for pole, interval in zip(poles, intervals.poles, strict=True)
+    ]
+
+
+def _interval_out(interval: Interval) -> list[float | None] | None:
+    """Null for an open side, and for an interval that is open on both or unknown."""
+    if not any(math.isfinite(end) for end in interval):
+        return None
+    return [_number(float(end)) for end in interval]
 
 
 def _model_in(entry: dict[str, Any], field: str, where: object) -> SavedModel:

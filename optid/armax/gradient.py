@@ -193,10 +193,11 @@ def _opening_information(
     Psi = np.empty((last - start, n))
     part, before = e[start:last].copy(), e[first - nc : first][::-1]
     _gradient(record.y[start:last], record.u[start:last], keep[start:last], theta, *_shape(orders), part, Psi)
-    of = -_carried(theta[orders.c_block], last - first)
+    of: Array = -_carried(theta[orders.c_block], last - first)
     rows = np.column_stack([of, Psi[first - start :], e[first:last]])
     own = np.column_stack([-np.eye(nc), np.zeros((nc, n)), before])
-    return np.asarray(np.linalg.qr(np.concatenate([rows, own]), mode="r")[nc:, nc:])
+    R: Array = np.asarray(np.linalg.qr(np.concatenate([rows, own]), mode="r"))
+    return R[nc:, nc:]
 
 
 def _carried(c: Array, samples: int) -> Array:

@@ -142,7 +142,7 @@ class Profile:
         """The profile of a problem's best parameters."""
         R, _, size = equilibrated(problem.information(theta))
         weight = np.linalg.inv(R.T @ R + 1e-10 * np.eye(size.size))
-        return cls(problem, theta, problem.loss(theta), (weight, size))
+        return cls(problem, theta, problem.loss(theta), (np.asarray(weight), size))
 
     def gain(self, input: int, first: Interval) -> Interval:
         """How far a static gain may lie, from a first guess of its interval."""

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 
 TWO_SIDED = 1.96
+LOPSIDED = 0.1  # share of an interval's width by which its sides may differ and still be told as a margin
 NEAR_ONE = 0.01  # a pole so near to 1 that is cancelled describes an offset or a drift
 SURE = 3.0  # standard errors within which a pole may be an integrator's
 SLOW = 1e-3  # a pole so little outside 1 needs a thousand samples to grow by e
@@ -130,11 +131,23 @@ def _static_gain(audit: Audit) -> Finding:
         return _finding("static_gain_unknown", True, text)
     if not audit.stable:
         return _finding("static_gain", False, f"{said}, formally, as it is unstable.")
-    margin = "" if math.isnan(error) else f" ± {TWO_SIDED * error:.2g} (95 %)"
-    if TWO_SIDED * error > abs(gain):
+    low, high = audit.static_gain_interval
+    margin = "" if math.isnan(error) else f" {_interval(gain, low, high)} (95 %)"
+    if low <= 0.0 <= high:
         text = f"The static gain is not known from these data: {gain:.4g}{margin}."
         return _finding("static_gain_unknown", True, text)
     return _finding("static_gain", False, f"{said}{margin}.")
+
+
+def _interval(value: float, low: float, high: float) -> str:
+    """As a margin where both sides are about equal, else as limits with two digits more than their width."""
+    down, up = value - low, high - value
+    if math.isfinite(up + down) and abs(up - down) <= LOPSIDED * (up + down):
+        return f"± {(up + down) / 2:.2g}"
+    digits = 4
+    if math.isfinite(up + down) and up + down > 0.0:
+        digits = min(max(math.ceil(math.log10(max(abs(low), abs(high)) / (up + down))) + 2, 3), 8)
+    return f"between {low:.{digits}g} and {high:.{digits}g}"
 
 
 def _significant(value: float, error: float) -> str:

@@ -16,8 +16,9 @@ if TYPE_CHECKING:
     from optid.armax.forgetting import Forgetting
     from optid.armax.identifier import Identifier
     from optid.armax.loop import Gains
+    from optid.armax.plan import Plan
     from optid.armax.resample import Sampled
-    from optid.armax.survey import Plan, Survey
+    from optid.armax.survey import Survey
 
 MODEL_C, IDENTIFIER_C = "armax_model.h", "armax_identifier.h"
 TOLD = (
@@ -61,7 +62,10 @@ def _gains(context: click.Context, option: click.Parameter, value: str | None) -
     help="One model of this structure alone, in the place of --orders.",
 )
 @click.option(
-    "--nb", callback=one_for_each_input(1), metavar="N[,N]", help="Numbers of B, for each input; na by default."
+    "--nb",
+    callback=one_for_each_input(1),
+    metavar="N[,N]",
+    help="Numbers of B, for each input; na by default.",
 )
 @click.option(
     "--nc",
@@ -70,7 +74,10 @@ def _gains(context: click.Context, option: click.Parameter, value: str | None) -
     help="Numbers of C; na by default, 0 makes an ARX model.",
 )
 @click.option(
-    "--delay", callback=one_for_each_input(0), metavar="NK[,NK]", help="Samples, for each input; chosen if absent."
+    "--delay",
+    callback=one_for_each_input(0),
+    metavar="NK[,NK]",
+    help="Samples, for each input; chosen if absent.",
 )
 @click.option(
     "--method",
@@ -157,7 +164,7 @@ def _plan(
     gains: Gains | None,
 ) -> Plan:
     """The survey's plan from the options."""
-    from optid.armax.survey import Estimator, Plan
+    from optid.armax.plan import Estimator, Plan
     from optid.armax.trend import Trend
 
     def one(each: tuple[int, ...] | None) -> int | tuple[int, ...] | None:

@@ -9,13 +9,14 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
+from optid.armax.candidate import Candidate
 from optid.armax.frequency import measured_response
 from optid.armax.model import Armax
 from optid.armax.offline import names
 from optid.armax.physical import physical_poles
 from optid.armax.prediction import innovations
 from optid.armax.resample import Sampled
-from optid.armax.survey import Candidate, Survey
+from optid.armax.survey import Survey
 from optid.armax.table2 import CAPTIONS, Table2
 from optid.armax.words import number
 from optid.core.quantity import friendly

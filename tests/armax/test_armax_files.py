@@ -22,8 +22,9 @@ from optid.armax import (
 )
 from optid.armax.export_c import model_header, write_header
 from optid.armax.files import ArmaxFile, SavedModel, from_survey, load, save, to_json
+from optid.armax.plan import Plan
 from optid.armax.prediction import innovations, predict
-from optid.armax.survey import Plan, survey
+from optid.armax.survey import survey
 from optid.armax.table2 import CAPTIONS, Entry, table2
 from optid.errors import InputError
 

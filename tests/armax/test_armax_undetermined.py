@@ -14,9 +14,10 @@ from optid.armax.audit import audit
 from optid.armax.batch import fit_batch
 from optid.armax.files import from_survey, load, save
 from optid.armax.identifiability import Reason, excitation, follows_output, rounding
+from optid.armax.plan import Plan
 from optid.armax.prediction import innovations, predict, simulate
 from optid.armax.signals import signals
-from optid.armax.survey import Plan, survey
+from optid.armax.survey import survey
 from optid.armax.trend import Trend, find_trend
 from optid.errors import InputError
 from optid.tuning.plant import scenarios

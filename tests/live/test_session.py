@@ -38,7 +38,20 @@ def run(*arguments):
 
 def test_the_whole_command(tmp_path):
     out = tmp_path / "out"
-    asked = "--na 3 --nb 2 --nc 1 --delay 2 --method rls --forgetting directional:0.999".split()
+    asked = [
+        "--na",
+        "3",
+        "--nb",
+        "2",
+        "--nc",
+        "1",
+        "--delay",
+        "2",
+        "--method",
+        "rls",
+        "--forgetting",
+        "directional:0.999",
+    ]
     result = run(BENCH, "--out", out, "--fast", "--seconds", 4, *asked)
     assert result.exit_code == 0, result.output
     document = json.loads((out / "live.json").read_text())
