@@ -11,6 +11,7 @@ whole: `information` reduces it to a triangle while it is computed.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -22,7 +23,8 @@ from optid.armax.structure import Orders
 from optid.core.jit_cache import kept
 from optid.core.model import Array
 
-REACH = 1000  # samples into which residuals from before a run are followed
+REACH = 1000  # samples into which residuals from before a run are followed at most
+NOTHING = 1e-8  # share of such a residual that counts as nothing
 SHORTEST = 10  # times nc: a run shorter than that starts from zero residuals
 MOST_OPENINGS = 20  # of a recording, those of its longest runs
 
@@ -140,8 +142,9 @@ class Problem:
         work, parts = np.zeros((n + 1, n + 1 + BLOCK)), []
         for record, keep, opened in self._each():
             e, _ = _from_openings(record, keep, opened, self.orders, theta)
-            counted = keep.copy()
-            for first, last in opened:
+            counted, reach = keep.copy(), _reach(theta[self.orders.c_block])
+            for first, end in opened:
+                last = min(end, first + reach)
                 counted[first:last] = False
                 parts.append(_opening_information(record, keep, (first, last), self.orders, theta, e))
             _information(record.y, record.u, keep, counted, theta, *_shape(self.orders), e, work)
@@ -168,8 +171,9 @@ def _from_openings(
     record: Signals, keep: Mask, opened: Sequence[tuple[int, int]], orders: Orders, theta: Array
 ) -> tuple[Array, float]:
     """e with the residuals before each opening estimated, shape (N,), and the sum of all squares."""
-    e, nc, total = np.zeros(record.y.size), orders.nc, 0.0
-    for first, last in opened:
+    e, nc, total, reach = np.zeros(record.y.size), orders.nc, 0.0, _reach(theta[orders.c_block])
+    for first, end in opened:
+        last = min(end, first + reach)
         G = _carried(theta[orders.c_block], last - first)
         local, at, shape = np.zeros(last - first + nc), slice(first - nc, last), _shape(orders)
         start = max(0, first - nc - orders.reach)
@@ -198,6 +202,14 @@ def _opening_information(
     own = np.column_stack([-np.eye(nc), np.zeros((nc, n)), before])
     R: Array = np.asarray(np.linalg.qr(np.concatenate([rows, own]), mode="r"))
     return R[nc:, nc:]
+
+
+def _reach(c: Array) -> int:
+    """Samples into which residuals from before are followed: until nothing is left of them."""
+    largest = float(np.max(np.abs(np.roots(np.concatenate([[1.0], c]))), initial=0.0)) if c.size else 0.0
+    if not 0.0 < largest < 1.0:
+        return REACH if largest else SHORTEST
+    return int(min(max(math.log(NOTHING) / math.log(largest), SHORTEST), REACH))
 
 
 def _carried(c: Array, samples: int) -> Array:
