@@ -167,7 +167,7 @@ def audit(
         if intervals is None
         else intervals.static_gains[input],
         first=first,
-        static_share=float((first / peak) ** 2 / energy) if peak > 0 else 1.0,
+        static_share=float((first / peak) ** 2 / energy) if peak > 0 else 0.0,
         settles=settles,
         time_constants=tuple(float(-1.0 / math.log(r)) for r in inside),
         residuals=tests,

@@ -9,7 +9,7 @@ import numpy as np
 from optid.armax.audit import Audit, audit
 from optid.armax.batch import SEARCHED, BatchFit, fit_batch, informed
 from optid.armax.forgetting import Constant
-from optid.armax.identifiability import EXCITED, OpenDirection, excitation, follows_output
+from optid.armax.identifiability import EXCITED, OpenDirection, excitation, follows_output, loop_share
 from optid.armax.identifier import Method, Settings
 from optid.armax.model import Armax, from_theta
 from optid.armax.offline import Identification, identify, names
@@ -21,7 +21,14 @@ from optid.armax.regression import hannan_rissanen
 from optid.armax.signals import Signals
 from optid.armax.structure import Orders
 from optid.armax.trend import Frame, Trend
-from optid.armax.words import Finding, excitation_finding, feedback_finding, open_findings, trend_finding
+from optid.armax.words import (
+    Finding,
+    excitation_finding,
+    feedback_finding,
+    open_findings,
+    trend_finding,
+    weak_feedback_finding,
+)
 from optid.core.model import Array
 
 HEAD = 4  # the recursion begins from a regression over one sample in so many, the first ones
@@ -194,10 +201,18 @@ def _full_names(orders: Orders, trend: Trend) -> list[str]:
 
 
 def feedback_findings(record: Signals, plan: Plan) -> list[Finding]:
-    """Inputs that earlier outputs determine."""
+    """Inputs that earlier outputs determine, wholly or nearly."""
     listed = [role.strip().replace("_", " ") for role in plan.input.split(",")]
+
+    def name(i: int) -> str:
+        return f"the {listed[i]}" if i < len(listed) else f"input {i + 1}"
+
     found = follows_output(record)
-    return [feedback_finding(f"the {listed[i]}" if i < len(listed) else f"input {i + 1}") for i in found]
+    nearly = [(i, share) for i, share in loop_share(record) if i not in found]
+    return [
+        *(feedback_finding(name(i)) for i in found),
+        *(weak_feedback_finding(name(i), share) for i, share in nearly),
+    ]
 
 
 def _excited(record: Signals, plan: Plan, orders: Orders) -> list[Finding]:
