@@ -115,6 +115,10 @@ def profile_intervals(records: Sequence[Signals], model: Armax, trend: Trend) ->
     return Intervals(tuple(every), tuple(gains))
 
 
+class _Replaced(Exception):
+    """Another pole went to the place."""
+
+
 class _Spent(Exception):
     """As much has been computed as intervals may cost."""
 
@@ -171,7 +175,8 @@ class Profile:
         """How far a pole's modulus may lie, from a first guess of its interval.
 
         Along the real axis through zero if the pole is real. Two real poles may become a pair on the way, and a pair
-        two real ones: a modulus is within the interval if any of them fits.
+        two real ones: a modulus is within the interval if any of them fits. Where another pole would go there instead,
+        the first guess stays.
         """
         half = (first[1] - first[0]) / 2
         sign = -1.0 if pole.real < 0.0 else 1.0
@@ -179,19 +184,32 @@ class Profile:
         ends = []
         for side in (-1.0, 1.0):
             walk = _Walk(self)
+
+            def root(x: float, walk: _Walk = walk) -> float:
+                now = walk.to(self._kinds(x, pole, sign))
+                if now <= LIMIT and self._another_is_nearer(walk.last, abs(x), pole):
+                    raise _Replaced
+                return now
+
+            step = side * min(half, 0.5)
             bound = side * OUTERMOST if not pole.imag or side > 0 else 0.0
-            ends.append(
-                _end(
-                    lambda x, walk=walk: walk.to(self._kinds(x, pole, sign)),  # type: ignore[misc]
-                    start,
-                    side * min(half, 0.5),
-                    bound,
-                )
-            )
+            try:
+                ends.append(_end(root, start, step, bound))
+            except _Replaced:
+                ends.append(max(start + step, 0.0) if pole.imag else start + step)
         low, high = min(ends), max(ends)
         if low < 0.0 < high:
             return 0.0, max(-low, high)
         return min(abs(low), abs(high)), max(abs(low), abs(high))
+
+    def _another_is_nearer(self, theta: Array, modulus: float, pole: complex) -> bool:
+        """Whether it was not this pole that went to the place: a pole too many goes anywhere and proves nothing."""
+        roots = np.roots(np.concatenate([[1.0], theta[: self.problem.orders.na]])).astype(complex)
+        distance = np.abs(roots.real + 1j * np.abs(roots.imag) - (pole.real + 1j * abs(pole.imag)))
+        there = np.abs(np.abs(roots) - modulus) < 1e-3
+        if not there.any() or there.all():
+            return False
+        return bool(np.min(distance[~there]) < np.min(distance[there]))
 
     def _kinds(self, x: float, pole: complex, sign: float) -> list[tuple[Constraint, float]]:
         """A real pole there, or a pair of that modulus; what the pole is now comes first."""
@@ -291,18 +309,18 @@ class _Walk:
     """Places one after another, each searched from the one before and from the best one."""
 
     def __init__(self, profile: Profile) -> None:
-        self._profile, self._last = profile, profile.theta
+        self._profile, self.last = profile, profile.theta
 
     def to(self, kinds: Sequence[tuple[Constraint, float]]) -> float:
         """Root of the growth under the first constraint that chance allows, else under the best one."""
         best = math.inf
         for constraint, angle in kinds:
-            for theta in (self._last, self._profile.theta):
+            for theta in (self.last, self._profile.theta):
                 place = self._profile.nearest(constraint, Place(theta, angle, 0.0))
                 if place.growth < best:
                     best, found = place.growth, place.theta
                 if best <= LIMIT**2:
-                    self._last = found
+                    self.last = found
                     return math.sqrt(max(best, 0.0))
         return math.sqrt(max(best, 0.0))
 
