@@ -14,12 +14,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from optid.armax.gradient import Problem, residuals_and_gradient
+from optid.armax.gradient import Problem, residuals_from_openings
 from optid.armax.identifiability import OpenDirection, open_directions, rounding
 from optid.armax.identifier import Identifier, Method, Settings
 from optid.armax.model import Armax
 from optid.armax.regression import hannan_rissanen, least_squares
-from optid.armax.signals import Signals, check_orders, signals, usable
+from optid.armax.signals import Signals, check_orders, signals
 from optid.armax.stability import roots_inside, stabilise
 from optid.armax.structure import Orders
 from optid.armax.trend import Frame, Trend
@@ -85,7 +85,7 @@ def residuals_of(model: Armax, y: ArrayLike, u: ArrayLike | None) -> tuple[Array
         full = Orders(o.na, (*o.nb, 1, 1), o.nc, (*o.nk, 0, 0))
         at = o.parameters - o.nc
         theta = np.concatenate([theta[:at], [model.constant, model.slope], theta[at:]])
-    return residuals_and_gradient(record, usable(record, full), full, theta)
+    return residuals_from_openings(record, full, theta)
 
 
 def fit_batch(

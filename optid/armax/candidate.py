@@ -100,7 +100,7 @@ def identify_candidate(
         alone=alike is not None and record.y.size > SEARCHED,
     )
     taught = _teach(record, orders, sample_time, plan, trend)
-    e: Array = innovations(taught.model, record.y, record.u)
+    e: Array = innovations(taught.model, record.y, record.u, estimated_start=True)
     with np.errstate(over="ignore"):
         loss = float(np.nanmean(e**2))
     if plan.estimator is Estimator.PEM:

@@ -142,7 +142,7 @@ class Problem:
         work, parts = np.zeros((n + 1, n + 1 + BLOCK)), []
         for record, keep, opened in self._each():
             e, _ = _from_openings(record, keep, opened, self.orders, theta)
-            counted, reach = keep.copy(), _reach(theta[self.orders.c_block])
+            counted, reach = keep.copy(), decay(theta[self.orders.c_block])
             for first, end in opened:
                 last = min(end, first + reach)
                 counted[first:last] = False
@@ -171,10 +171,10 @@ def _from_openings(
     record: Signals, keep: Mask, opened: Sequence[tuple[int, int]], orders: Orders, theta: Array
 ) -> tuple[Array, float]:
     """e with the residuals before each opening estimated, shape (N,), and the sum of all squares."""
-    e, nc, total, reach = np.zeros(record.y.size), orders.nc, 0.0, _reach(theta[orders.c_block])
+    e, nc, total, reach = np.zeros(record.y.size), orders.nc, 0.0, decay(theta[orders.c_block])
     for first, end in opened:
         last = min(end, first + reach)
-        G = _carried(theta[orders.c_block], last - first)
+        G = carried(theta[orders.c_block], last - first)
         local, at, shape = np.zeros(last - first + nc), slice(first - nc, last), _shape(orders)
         start = max(0, first - nc - orders.reach)
         part = np.zeros(last - start)
@@ -197,14 +197,14 @@ def _opening_information(
     Psi = np.empty((last - start, n))
     part, before = e[start:last].copy(), e[first - nc : first][::-1]
     _gradient(record.y[start:last], record.u[start:last], keep[start:last], theta, *_shape(orders), part, Psi)
-    of: Array = -_carried(theta[orders.c_block], last - first)
+    of: Array = -carried(theta[orders.c_block], last - first)
     rows = np.column_stack([of, Psi[first - start :], e[first:last]])
     own = np.column_stack([-np.eye(nc), np.zeros((nc, n)), before])
     R: Array = np.asarray(np.linalg.qr(np.concatenate([rows, own]), mode="r"))
     return R[nc:, nc:]
 
 
-def _reach(c: Array) -> int:
+def decay(c: Array) -> int:
     """Samples into which residuals from before are followed: until nothing is left of them."""
     largest = float(np.max(np.abs(np.roots(np.concatenate([[1.0], c]))), initial=0.0)) if c.size else 0.0
     if not 0.0 < largest < 1.0:
@@ -212,7 +212,7 @@ def _reach(c: Array) -> int:
     return int(min(max(math.log(NOTHING) / math.log(largest), SHORTEST), REACH))
 
 
-def _carried(c: Array, samples: int) -> Array:
+def carried(c: Array, samples: int) -> Array:
     """de(t)/de(-1 - j) from the residuals before t = 0 on, shape (samples, nc)."""
     from scipy.signal import lfilter
 
@@ -223,11 +223,21 @@ def _carried(c: Array, samples: int) -> Array:
 
 
 def residuals_and_gradient(record: Signals, keep: Mask, orders: Orders, theta: Array) -> tuple[Array, Array]:
-    """e, shape (N,), and psi, shape (N, n), of one record; zero where `keep` is false."""
+    """e, shape (N,), and psi, shape (N, n), of one record, from residuals of zero; zero where `keep` is false."""
     e, _ = _squares(record, keep, orders, theta)
     Psi = np.empty((record.y.size, theta.size))
     _gradient(record.y, record.u, keep, theta, *_shape(orders), e, Psi)
     return e, Psi
+
+
+def residuals_from_openings(record: Signals, orders: Orders, theta: Array) -> tuple[Array, Array]:
+    """The same with the residuals before each opening estimated, as a fit sees them."""
+    keep = usable(record, orders)
+    keep[: orders.nc] = False
+    e, _ = _from_openings(record, keep, openings(keep, orders.nc), orders, theta)
+    Psi = np.empty((record.y.size, theta.size))
+    _gradient(record.y, record.u, keep, theta, *_shape(orders), e, Psi)
+    return np.where(keep, e, 0.0), Psi
 
 
 def _squares(record: Signals, keep: Mask, orders: Orders, theta: Array) -> tuple[Array, float]:

@@ -83,7 +83,7 @@ class Entry:
         if self.guesses is not None:
             return self.guesses[int(held_out)]
         model = self.held_out if held_out else self.model
-        return None if model is None else predict(model, record.y, record.u, self.steps)
+        return None if model is None else predict(model, record.y, record.u, self.steps, estimated_start=True)
 
 
 @dataclass(frozen=True)

@@ -45,7 +45,7 @@ def armax_page(found: Survey, sampled: Sampled, source: Source, folder: str = "o
     table = found.table2.in_unit(unit or "1", factor)
     model, name = found.chosen.model, sampled.output.replace("_", " ")
     groups = [[pair for pair in table.traces if pair[1] == 1], _horizons(table)]
-    e = innovations(model, sampled.signals.y, sampled.signals.u)
+    e = innovations(model, sampled.signals.y, sampled.signals.u, estimated_start=True)
     poles, taken = physical_poles(source.rig, source.recording, sampled.output, model)
     models = [candidate.model for candidate in found.candidates]
     return render(
