@@ -100,6 +100,8 @@ def figure_2() -> Figure:
         (7.85, "$P_e$", False),
     ):
         ends = ((x, 2.5), (x, 3.9)) if up else ((x, 0.6), (x, 1.5))
+        if name == "$P_e$":  # exhaust leaves
+            ends = ends[::-1]
         arrow(axes, *ends, text="", colour=AIR)
         axes.text(x + 0.12, 3.1 if up else 0.8, name, fontsize=9, color=AIR)
     axes.text(3.55, 2.75, "$\\dot m_a$: eqs. 1, 3, 5", fontsize=7.5)
