@@ -2,10 +2,10 @@
 
 e = (A y - B u) / C, and psi(t) = -de(t)/dtheta = phi(t) / C(q) (Ljung, System Identification, 2nd ed. 1999,
 sec. 10.3). The nc residuals before a recording are noise like the others: they are estimated along, their squares
-counting with the rest (unconditional least squares: Box, Jenkins and Reinsel, Time Series Analysis, 3rd ed. 1994,
-sec. 7.1.4). Taken as zero instead, slow roots of C carry the error far into the recording, and A and B bend to it:
-poles then missed their 95 % intervals in one of four sensor-noise recordings (`studies/armax_coverage.py`). So it goes
-after long gaps; after short ones the residuals start from zero. A long recording's gradient is never held as a
+counting with the rest, and the determinant with them, as the exact likelihood has it (Box, Jenkins and Reinsel, Time
+Series Analysis, 3rd ed. 1994, sec. 7.1.4). Taken as zero, slow roots of C carry the error far into the recording, and
+A and B bend to it: one of four poles then missed its 95 % interval where the noise was the sensor's (`studies/armax_coverage.py`). So it
+goes after long gaps; after short ones the residuals start from zero. A long recording's gradient is never held as a
 whole: `information` reduces it to a triangle while it is computed.
 """
 
@@ -130,8 +130,17 @@ class Problem:
         return cls(tuple(records), keeps, orders, count, tuple(openings(keep, orders.nc) for keep in keeps))
 
     def loss(self, theta: Array) -> float:
-        """Mean squared residual."""
-        return sum(_from_openings(*each, self.orders, theta)[1] for each in self._each()) / self.count
+        """Mean squared residual, times what the residuals before the recordings make of it in the likelihood."""
+        total = sum(_from_openings(*each, self.orders, theta)[1] for each in self._each())
+        return total / self.count * self._of_openings(theta)
+
+    def _of_openings(self, theta: Array) -> float:
+        """exp(log det / count) of what is learnt of the residuals before the recordings."""
+        spent = _log_determinant(theta[self.orders.c_block], self._lengths())
+        return math.exp(min(spent / self.count, 100.0)) if spent == spent else math.inf
+
+    def _lengths(self) -> list[int]:
+        return [end - first for opened in self.openings for first, end in opened]
 
     def information(self, theta: Array) -> Array:
         """Triangle R of [Psi, e] over all records, shape (n + 1, n + 1): R'R holds Psi'Psi, Psi'e and e'e.
@@ -149,7 +158,27 @@ class Problem:
                 parts.append(_opening_information(record, keep, (first, last), self.orders, theta, e))
             _information(record.y, record.u, keep, counted, theta, *_shape(self.orders), e, work)
         R = np.triu(work[:, : n + 1].T)
-        return np.asarray(np.linalg.qr(np.concatenate([R, *parts]), mode="r")) if parts else R
+        if not parts:
+            return R
+        R = np.asarray(np.linalg.qr(np.concatenate([R, *parts]), mode="r"))
+        return self._with_determinant(R, theta)
+
+    def _with_determinant(self, R: Array, theta: Array) -> Array:
+        """The triangle whose gradient is that of `loss`: the determinant pulls, too, where C forgets slowly."""
+        n, block, lengths = theta.size, self.orders.c_block, self._lengths()
+        total, slope = float(np.sum(R[:, n] ** 2)), np.zeros(n)
+        c = theta[block]
+        for k, step in enumerate(1e-6 * np.eye(c.size)):
+            ends = [_log_determinant(c + sign * step, lengths) for sign in (1.0, -1.0)]
+            slope[block.start + k] = (ends[0] - ends[1]) / 2e-6
+        if not np.all(np.isfinite(slope)):
+            return R
+        out = math.sqrt(self._of_openings(theta)) * R
+        pull = np.linalg.lstsq(R[:n, :n].T, total / self.count / 2.0 * slope, rcond=1e-12)[0]
+        out[:n, n] -= math.sqrt(self._of_openings(theta)) * pull
+        left = total * self._of_openings(theta) - float(np.sum(out[:n, n] ** 2))
+        out[n, n] = math.sqrt(max(left, 0.0))
+        return out
 
     def _each(self) -> list[tuple[Signals, Mask, tuple[tuple[int, int], ...]]]:
         return list(zip(self.records, self.keeps, self.openings, strict=True))
@@ -202,6 +231,19 @@ def _opening_information(
     own = np.column_stack([-np.eye(nc), np.zeros((nc, n)), before])
     R: Array = np.asarray(np.linalg.qr(np.concatenate([rows, own]), mode="r"))
     return R[nc:, nc:]
+
+
+def _log_determinant(c: Array, lengths: Sequence[int]) -> float:
+    """Sum over the openings of log det(I + G'G): what the likelihood of a moving average pays for its beginnings."""
+    if not lengths or not c.size:
+        return 0.0
+    reach = decay(c)
+    sizes = [min(length, reach) for length in lengths]
+    G = carried(c, max(sizes))
+    if not np.all(np.isfinite(G)):
+        return math.nan
+    each = {size: np.linalg.slogdet(np.eye(c.size) + G[:size].T @ G[:size])[1] for size in set(sizes)}
+    return float(sum(each[size] for size in sizes))
 
 
 def decay(c: Array) -> int:
