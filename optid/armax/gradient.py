@@ -4,9 +4,9 @@ e = (A y - B u) / C, and psi(t) = -de(t)/dtheta = phi(t) / C(q) (Ljung, System I
 sec. 10.3). The nc residuals before a recording are noise like the others: they are estimated along, their squares
 counting with the rest, and the determinant with them, as the exact likelihood has it (Box, Jenkins and Reinsel, Time
 Series Analysis, 3rd ed. 1994, sec. 7.1.4). Taken as zero, slow roots of C carry the error far into the recording, and
-A and B bend to it: one of four poles then missed its 95 % interval where the noise was the sensor's (`studies/armax_coverage.py`). So it
-goes after long gaps; after short ones the residuals start from zero. A long recording's gradient is never held as a
-whole: `information` reduces it to a triangle while it is computed.
+A and B bend to it: one of four poles then missed its 95 % interval where the noise was the sensor's
+(`studies/armax_coverage.py`). So it goes after long gaps; after short ones the residuals start from zero. A long
+recording's gradient is never held as a whole: `information` reduces it to a triangle while it is computed.
 """
 
 from __future__ import annotations
