@@ -73,7 +73,7 @@ def armax_page(found: Survey, sampled: Sampled, source: Source, folder: str = "o
         poles=poles,
         taken=taken,
         number=number,
-        z_map=Markup(responses.pole_zero_map([(c.order, c.audit) for c in found.candidates], poles)),
+        z_map=Markup(responses.pole_zero_map(found.candidates, poles)),
         steps=[
             Markup(responses.steps(models, _per(unit, sampled, i), factor, i))
             for i in range(len(sampled.inputs))
