@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +28,7 @@ class SavedModel:
 
     model: Armax
     audit: tuple[Finding, ...] = ()
-    intervals: Intervals | None = None
+    intervals: Intervals | None = field(default=None, compare=False)
 
 
 @dataclass(frozen=True)
@@ -188,9 +188,8 @@ def _poles_out(model: Armax, intervals: Intervals) -> list[dict[str, Any]]:
 
 def _interval_out(interval: Interval) -> list[float | None] | None:
     """Null for an open side, and for an interval that is open on both or unknown."""
-    if not any(math.isfinite(end) for end in interval):
-        return None
-    return [_number(float(end)) for end in interval]
+    low, high = (_number(float(end)) for end in interval)
+    return None if low is None and high is None else [low, high]
 
 
 def _model_in(entry: dict[str, Any], field: str, where: object) -> SavedModel:
@@ -227,7 +226,22 @@ def _model_in(entry: dict[str, Any], field: str, where: object) -> SavedModel:
     findings = tuple(
         Finding(str(f["name"]), bool(f["grave"]), str(f["text"])) for f in entry.get("audit", [])
     )
-    return SavedModel(model, findings)
+    return SavedModel(model, findings, _intervals_in(entry))
+
+
+def _intervals_in(entry: dict[str, Any]) -> Intervals | None:
+    """As written; None where a file says nothing of them."""
+
+    def interval(said: list[float | None] | None) -> Interval:
+        low, high = (None, None) if said is None else said
+        return -math.inf if low is None else float(low), math.inf if high is None else float(high)
+
+    if "poles" not in entry or "static_gain" not in entry:
+        return None
+    return Intervals(
+        tuple(interval(pole.get("ci95")) for pole in entry["poles"]),
+        tuple(interval(gain.get("ci95")) for gain in entry["static_gain"]),
+    )
 
 
 def _covariance_in(rows: list[list[float | None]]) -> tuple[tuple[float, ...], ...]:

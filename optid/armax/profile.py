@@ -48,8 +48,8 @@ class Intervals:
     """95 % intervals.
 
     Attributes:
-        poles: of each pole's modulus, in the order of `numpy.roots(a)`; NaN where unknown.
-        static_gains: of each input's; infinite where the data leave that side open, NaN where there is none.
+        poles: of each pole's modulus, in the order of `numpy.roots(a)`; infinite where the data leave a side open.
+        static_gains: of each input's; the same.
     """
 
     poles: tuple[Interval, ...]
@@ -356,6 +356,8 @@ def _free(rows: Array) -> Array:
 
 
 def _around(value: float, sd: float) -> Interval:
+    if not math.isfinite(value) or not math.isfinite(sd):
+        return -math.inf, math.inf
     return value - LIMIT * sd, value + LIMIT * sd
 
 

@@ -66,6 +66,7 @@ def test_json_loads_again_bit_for_bit(result, tmp_path):
     save(tmp_path / "armax.json", contents)
     again = load(tmp_path / "armax.json")
     assert again == contents
+    assert [saved.intervals for saved in again.models] == [c.intervals for c in found.candidates]
     assert to_json(again) == (tmp_path / "armax.json").read_text(encoding="utf-8")
     document = json.loads(to_json(contents))
     assert document["schema"] == "optid.armax/1"
