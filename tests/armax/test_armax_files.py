@@ -115,7 +115,7 @@ def test_table2_holds_what_its_captions_say(result):
     frame = table.frame()
     assert list(frame.columns) == list(CAPTIONS)
     row = frame[(frame.steps == 5) & (frame.signal == "error")].iloc[0]
-    e = predict(SYSTEM, y, u, 5) - y
+    e = predict(SYSTEM, y, u, 5, estimated_start=True) - y
     e = e[np.isfinite(e)]
     assert row.square_error == pytest.approx(0.5 * np.sum(e**2))
     assert row.mean_square_error == pytest.approx(np.mean(e**2))
