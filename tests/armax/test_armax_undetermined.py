@@ -171,9 +171,9 @@ def test_a_pole_that_a_root_of_c_cancels_is_seen():
 
 
 def test_intervals_hold_the_truth_as_often_as_they_say():
-    """Among 20 draws with offsets and trends 95 % intervals hold poles and static gain in a binomial's 99.9 % range."""
+    """Among 12 draws with offsets and trends 95 % intervals hold poles and static gain in a binomial's 99.9 % range."""
     from studies.armax_coverage import covered
 
-    rows = [covered(np.random.default_rng([5, k]), 600, bool(k % 2)) for k in range(20)]
-    assert sum(row["gain_profile"] for row in rows) >= 15
-    assert sum(row["poles_profile"] for row in rows) >= 0.85 * sum(row["poles"] for row in rows)
+    rows = [covered(np.random.default_rng([5, k]), 600, bool(k % 2)) for k in range(12)]
+    assert sum(row["gain_profile"] for row in rows) >= 8
+    assert sum(row["poles_profile"] for row in rows) >= 0.8 * sum(row["poles"] for row in rows)
