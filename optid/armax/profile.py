@@ -176,40 +176,50 @@ class Profile:
 
         Along the real axis through zero if the pole is real. Two real poles may become a pair on the way, and a pair
         two real ones: a modulus is within the interval if any of them fits. Where another pole would go there instead,
-        the first guess stays.
+        it ends at the first guess or at what was reached.
         """
         half = (first[1] - first[0]) / 2
         sign = -1.0 if pole.real < 0.0 else 1.0
+        sign_of = 1.0 if pole.imag else sign
         start = abs(pole) if pole.imag else pole.real
         ends = []
         for side in (-1.0, 1.0):
-            walk = _Walk(self)
+            walk, step = _Walk(self), side * min(half, 0.5)
+            reached = [start + step]
 
-            def root(x: float, walk: _Walk = walk) -> float:
+            def root(x: float, walk: _Walk = walk, reached: list[float] = reached) -> float:
                 now = walk.to(self._kinds(x, pole, sign))
-                if now <= LIMIT and self._another_is_nearer(walk.last, abs(x), pole):
-                    raise _Replaced
+                if now <= LIMIT:
+                    other = self._nearer(walk.last, abs(x), pole)
+                    if other is not None:
+                        reached.append(other.real if not (pole.imag or other.imag) else sign_of * abs(other))
+                        raise _Replaced
+                    reached.append(x)
                 return now
 
-            step = side * min(half, 0.5)
             bound = side * OUTERMOST if not pole.imag or side > 0 else 0.0
             try:
                 ends.append(_end(root, start, step, bound))
             except _Replaced:
-                ends.append(max(start + step, 0.0) if pole.imag else start + step)
+                farthest = max(reached, key=lambda x: side * x)
+                ends.append(max(farthest, 0.0) if pole.imag else farthest)
         low, high = min(ends), max(ends)
         if low < 0.0 < high:
             return 0.0, max(-low, high)
         return min(abs(low), abs(high)), max(abs(low), abs(high))
 
-    def _another_is_nearer(self, theta: Array, modulus: float, pole: complex) -> bool:
-        """Whether it was not this pole that went to the place: a pole too many goes anywhere and proves nothing."""
+    def _nearer(self, theta: Array, modulus: float, pole: complex) -> complex | None:
+        """The pole nearest to this one if it was not this one that went to the place.
+
+        A pole too many goes anywhere and proves nothing.
+        """
         roots = np.roots(np.concatenate([[1.0], theta[: self.problem.orders.na]])).astype(complex)
         distance = np.abs(roots.real + 1j * np.abs(roots.imag) - (pole.real + 1j * abs(pole.imag)))
         there = np.abs(np.abs(roots) - modulus) < 1e-3
         if not there.any() or there.all():
-            return False
-        return bool(np.min(distance[~there]) < np.min(distance[there]))
+            return None
+        nearest = int(np.argmin(distance))
+        return None if there[nearest] else complex(roots[nearest])
 
     def _kinds(self, x: float, pole: complex, sign: float) -> list[tuple[Constraint, float]]:
         """A real pole there, or a pair of that modulus; what the pole is now comes first."""
