@@ -3,11 +3,11 @@
     python studies/paper.py [--out DIR] [--quick]
 
 Figures 1 to 4, 6, 7 and 13 are diagrams. 8 to 12 are Table 2's experiments on the impulse recording of
-studies/table2.py: measured and predicted position where predicting is hardest, with the error below at its own scale
-and the printed numbers in the title. 14 to 16 are a step of 6 cm, demand positions and position profiles in closed
-loop: the independent rig, the ARMAX model's ten-step prediction and the physical model's simulation of the same
-command. (Figure 5 is a photograph.) `--quick` takes shorter recordings and the physical model as its rig file states
-it; otherwise it is fitted to data/bench.csv first.
+studies/table2.py: measured and predicted position, a few samples where the two can be told apart, and the error at its
+own scale, with the printed numbers in the title. 14 to 16 are a step of 6 cm, demand positions and position profiles in
+closed loop: the independent rig, the ARMAX model's ten-step prediction and the physical model's simulation of the same
+command; the paper prints no numbers there. (Figure 5 is a photograph.) `--quick` takes shorter recordings and the
+physical model as its rig file states it; otherwise it is fitted to data/bench.csv first.
 """
 
 from __future__ import annotations
@@ -28,8 +28,9 @@ from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from optid.armax.model import Armax
+from optid.armax.plan import Plan
 from optid.armax.prediction import predict
-from optid.armax.survey import Plan, survey
+from optid.armax.survey import survey
 from optid.armax.table2 import Table2
 from optid.core.readers import read_recording
 from optid.core.recording import Recording
@@ -45,7 +46,7 @@ Array = NDArray[np.float64]
 ROOT = Path(__file__).parents[1]
 ONE_STEP = {8: (3, 1), 9: (4, 1), 10: (5, 1), 11: (4, 5), 12: (4, 10)}
 MEASURED, PREDICTED, SIMULATED, QUIET = "#2b2f36", "#0a7e8c", "#c8743a", "#9aa3ad"
-CLOSE, T, SEED = 160, 1e-3, 20210901
+CLOSE, LOOP_CLOSE, T, SEED = 30, 120, 1e-3, 20210901
 DEMAND = ((0.0, 0.03), (1.0, 0.08), (2.0, -0.02), (3.0, -0.07), (4.0, 0.0))  # s, m
 
 
@@ -99,19 +100,20 @@ def draw_all(out: Path, *, quick: bool) -> list[Path]:
 def draw_prediction(
     path: Path, number: int, impulse: Experiment, table: Table2, pair: tuple[int, int]
 ) -> None:
-    """Measured and predicted where predicting is hardest; the error over the whole record at its own scale."""
+    """Measured and predicted: the record, where the two can be told apart, and the error at its own scale."""
     time, guess = table.time(), table.traces[pair]
     error = guess - table.real
-    worst = int(np.argmax(np.abs(np.nan_to_num(error))))
-    first = int(np.clip(worst - CLOSE // 2, 0, max(time.size - CLOSE, 0)))
-    near = slice(first, first + CLOSE)
-    figure, (top, bottom) = plt.subplots(2, 1, figsize=(8, 5.4), height_ratios=(2, 1))
-    top.plot(time[near], table.real[near], color=MEASURED, lw=1.8, label="measured")
-    top.plot(time[near], guess[near], color=PREDICTED, lw=1.1, marker=".", ms=3, label="predicted")
-    top.set_ylabel(f"position ({table.unit})")
+    near = telling_window(table.real, error, CLOSE)
+    figure, (top, middle, bottom) = plt.subplots(3, 1, figsize=(8, 7), height_ratios=(2, 2, 1))
+    for axis, part, marker in ((top, slice(None), None), (middle, near, ".")):
+        axis.plot(time[part], table.real[part], color=MEASURED, lw=1.8, marker=marker, label="measured")
+        axis.plot(time[part], guess[part], color=PREDICTED, lw=1.1, marker=marker, ms=5, label="predicted")
+        axis.set_ylabel(f"position ({table.unit})")
     top.legend(fontsize=8)
+    middle.set_title(f"{CLOSE} samples of it", fontsize=8, loc="left")
     bottom.plot(time, error, color=PREDICTED, lw=0.6)
-    bottom.axvspan(time[near][0], time[near][-1], color=QUIET, alpha=0.2, lw=0)
+    for axis in (top, bottom):
+        axis.axvspan(time[near][0], time[near][-1], color=QUIET, alpha=0.3, lw=0)
     bottom.set_ylabel(f"error ({table.unit})")
     bottom.set_xlabel("time (s)")
     plural = "s" if pair[1] > 1 else ""
@@ -124,6 +126,19 @@ def draw_prediction(
     figure.tight_layout()
     figure.savefig(path, dpi=120)
     plt.close(figure)
+
+
+def telling_window(real: Array, error: Array, length: int) -> slice:
+    """So many samples of motion in which the error is largest as a share of what the position moves."""
+    from scipy.ndimage import maximum_filter1d, minimum_filter1d
+
+    size = maximum_filter1d(np.abs(np.nan_to_num(error)), length)
+    moved = maximum_filter1d(real, length) - minimum_filter1d(real, length)
+    hard = size >= 0.5 * np.max(size[length:-length])
+    share = np.where(hard, size / np.maximum(moved, 1e-12), 0.0)
+    share[:length] = share[-length:] = 0.0
+    middle = int(np.argmax(share))
+    return slice(middle - length // 2, middle + (length + 1) // 2)
 
 
 def printed(pair: tuple[int, int]) -> float:
@@ -176,7 +191,7 @@ def loop_run(rig: tuple[Rig, dict[str, float]], model: Armax, reference: Array) 
     table = recording(run, rng)
     free = predict_physically(rig[0], _read(rig[0], table), rig[1]).frame["position_free_run"].to_numpy()
     y, u = 1e-3 * table["x"].to_numpy(), table["u"].to_numpy()
-    return LoopRun(100 * reference, 100 * y, 100 * predict(model, y, u, 10), 100 * free)
+    return LoopRun(100 * reference, 100 * y, 100 * predict(model, y, u, 10, estimated_start=True), 100 * free)
 
 
 def _read(rig: Rig, table: pd.DataFrame) -> Recording:
@@ -188,21 +203,28 @@ def _read(rig: Rig, table: pd.DataFrame) -> Recording:
 
 
 def draw_loop(path: Path, title: str, run: LoopRun) -> None:
-    """Demand, measured, predicted and simulated position; both models' errors below, each at its own scale."""
+    """Demand, measured, predicted and simulated position; a part of it; both models' errors, each at its own scale."""
     time = T * np.arange(run.measured.size)
-    figure, (top, middle, bottom) = plt.subplots(3, 1, sharex=True, figsize=(8, 6), height_ratios=(2, 1, 1))
-    top.plot(time, run.reference, color=QUIET, ls="--", lw=0.9, label="demand")
-    top.plot(time, run.measured, color=MEASURED, lw=1.8, label="real")
+    figure, (top, near, middle, bottom) = plt.subplots(4, 1, figsize=(8, 8), height_ratios=(2, 2, 1, 1))
+    window = telling_window(run.measured, run.predicted - run.measured, LOOP_CLOSE)
+    for axis, part in ((top, slice(None)), (near, window)):
+        axis.plot(time[part], run.reference[part], color=QUIET, ls="--", lw=0.9, label="demand")
+        axis.plot(time[part], run.measured[part], color=MEASURED, lw=1.8, label="real")
+        axis.plot(time[part], run.predicted[part], color=PREDICTED, lw=1.0, label="predicted, ten steps")
+        axis.plot(time[part], run.simulated[part], color=SIMULATED, lw=1.0, label="simulated")
+        axis.set_ylabel("position (cm)")
+    low, high = np.nanmin(run.measured[window]), np.nanmax(run.measured[window])
+    near.set_ylim(low - 0.2 * (high - low), high + 0.2 * (high - low))
+    near.set_title(f"{1e3 * T * LOOP_CLOSE:.0f} ms of it", fontsize=8, loc="left")
     for axis, values, colour, name in (
         (middle, run.predicted, PREDICTED, "predicted, ten steps"),
         (bottom, run.simulated, SIMULATED, "simulated"),
     ):
-        top.plot(time, values, color=colour, lw=1.0, label=name)
         error = values - run.measured
         axis.plot(time, error, color=colour, lw=0.7)
         axis.set_ylabel("error (cm)")
         axis.set_title(f"{name}: sd of the error {np.nanstd(error):.3g} cm", fontsize=8, loc="left")
-    top.set_ylabel("position (cm)")
+    top.axvspan(time[window][0], time[window][-1], color=QUIET, alpha=0.3, lw=0)
     top.set_title(title, fontsize=9)
     top.legend(fontsize=7, ncols=4)
     bottom.set_xlabel("time (s)")

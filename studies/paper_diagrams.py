@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyBboxPatch, Rectangle
@@ -32,13 +33,14 @@ def box(axes: Axes, at: Point, text: str, size: Point = (2.2, 0.9), colour: str 
 
 
 def arrow(axes: Axes, *points: Point, text: str = "", colour: str = INK) -> None:
-    """A line through points with a head at the last one, its text at the middle of the first stretch."""
+    """A line through points with a head at the last one, its text beside the middle of the first stretch."""
     for start, end in itertools.pairwise(points[:-1]):
         axes.plot([start[0], end[0]], [start[1], end[1]], color=colour, lw=1.1, solid_capstyle="round")
     axes.annotate("", points[-1], points[-2], arrowprops={"arrowstyle": "-|>", "color": colour, "lw": 1.1})
     if text:
-        middle = (points[0][0] + points[1][0]) / 2, (points[0][1] + points[1][1]) / 2 + 0.12
-        axes.text(*middle, text, ha="center", va="bottom", fontsize=7.5, color=colour)
+        (x, y), upright = np.mean(points[:2], axis=0), points[0][0] == points[1][0]
+        at, ha, va = ((x + 0.1, y), "left", "center") if upright else ((x, y + 0.12), "center", "bottom")
+        axes.text(*at, text, ha=ha, va=va, fontsize=7.5, color=colour)
 
 
 def node(axes: Axes, at: Point, sign: str = "−") -> None:
@@ -74,7 +76,7 @@ def figure_1() -> Figure:
     arrow(axes, (3.4, 2.85), (3.4, 3.3), (1.9, 3.3), (1.9, 3.9), text="A", colour=AIR)
     arrow(axes, (5.0, 2.85), (5.0, 3.3), (6.6, 3.3), (6.6, 3.9), text="B", colour=AIR)
     box(axes, (4.2, 0.7), "compressor, air service unit", (3.4, 0.8), AIR)
-    arrow(axes, (4.2, 1.1), (4.2, 1.95), text="   $P_s$", colour=AIR)
+    arrow(axes, (4.2, 1.1), (4.2, 1.95), text="$P_s$", colour=AIR)
     box(axes, (9.4, 0.7), "computer, data acquisition", (3.2, 0.8))
     arrow(axes, (7.8, 0.7), (7.0, 0.7), (7.0, 2.4), (5.7, 2.4), text="command")
     arrow(axes, (9.45, 4.1), (9.45, 1.1), text="")
@@ -98,6 +100,8 @@ def figure_2() -> Figure:
         (7.85, "$P_e$", False),
     ):
         ends = ((x, 2.5), (x, 3.9)) if up else ((x, 0.6), (x, 1.5))
+        if name == "$P_e$":  # exhaust leaves
+            ends = ends[::-1]
         arrow(axes, *ends, text="", colour=AIR)
         axes.text(x + 0.12, 3.1 if up else 0.8, name, fontsize=9, color=AIR)
     axes.text(3.55, 2.75, "$\\dot m_a$: eqs. 1, 3, 5", fontsize=7.5)
@@ -124,7 +128,7 @@ def figure_3() -> Figure:
                 axes,
                 (3.2, 8.0 - 1.45 * (k - 1) - 0.48),
                 (3.2, 8.0 - 1.45 * k + 0.48),
-                text="  yes" if k == 5 else "",
+                text="yes" if k == 5 else "",
             )
     arrow(axes, (5.5, 2.2), (6.4, 2.2), (6.4, 6.55), (5.55, 6.55), text="no")
     return figure
@@ -133,11 +137,9 @@ def figure_3() -> Figure:
 def figure_4() -> Figure:
     """ARMAX model in the identification loop."""
     figure, axes = canvas(10, 5)
-    (
-        box(axes, (4, 4), "system"),
-        box(axes, (4, 2.2), "A, B, C: eq. 12"),
-        box(axes, (4, 0.6), "recursive estimation"),
-    )
+    box(axes, (4, 4), "system")
+    box(axes, (4, 2.2), "A, B, C: eq. 12")
+    box(axes, (4, 0.6), "recursive estimation")
     arrow(axes, (0.6, 4), (2.85, 4), text="$X_s$(t)")
     arrow(axes, (1.6, 4), (1.6, 2.2), (2.85, 2.2))
     arrow(axes, (5.15, 4), (9.2, 4), text="X(t)")
@@ -153,12 +155,11 @@ def figure_4() -> Figure:
 def figure_6() -> Figure:
     """Mixed reality: the rig and its model side by side."""
     figure, axes = canvas(11, 5.6)
-    box(axes, (3.0, 4.6), "controller"), box(axes, (7.0, 4.6), "real rig", colour=AIR)
-    (
-        box(axes, (7.0, 3.0), "simulated model"),
-        box(axes, (7.0, 1.4), "online ARMAX model"),
-        box(axes, (3.0, 1.4), "offline optimisation\nof the gains", (2.6, 1.0)),
-    )
+    box(axes, (3.0, 4.6), "controller")
+    box(axes, (7.0, 4.6), "real rig", colour=AIR)
+    box(axes, (7.0, 3.0), "simulated model")
+    box(axes, (7.0, 1.4), "online ARMAX model")
+    box(axes, (3.0, 1.4), "offline optimisation\nof the gains", (2.6, 1.0))
     arrow(axes, (0.4, 4.6), (1.85, 4.6), text="demand")
     arrow(axes, (4.15, 4.6), (5.85, 4.6), text="command")
     arrow(axes, (5.0, 4.6), (5.0, 3.0), (5.85, 3.0))
@@ -174,12 +175,10 @@ def figure_6() -> Figure:
 def figure_7() -> Figure:
     """Block diagram: real system with ARMAX."""
     figure, axes = canvas(11, 4.4)
-    (
-        box(axes, (1.4, 3.4), "impulses"),
-        box(axes, (4.4, 3.4), "D/A, valve"),
-        box(axes, (7.4, 3.4), "cylinder"),
-        box(axes, (9.9, 3.4), "A/D", (1.4, 0.9)),
-    )
+    box(axes, (1.4, 3.4), "impulses")
+    box(axes, (4.4, 3.4), "D/A, valve")
+    box(axes, (7.4, 3.4), "cylinder")
+    box(axes, (9.9, 3.4), "A/D", (1.4, 0.9))
     for a, b in ((2.55, 3.25), (5.55, 6.25), (8.55, 9.15)):
         arrow(axes, (a, 3.4), (b, 3.4))
     box(axes, (6.0, 1.0), "recursive ARMAX\n(na, nb, nc, nk, λ)", (3.0, 1.1))
@@ -194,11 +193,9 @@ def figure_13() -> Figure:
     figure, axes = canvas(12, 3.6)
     node(axes, (1.8, 2.5))
     arrow(axes, (0.3, 2.5), (1.55, 2.5), text="demand")
-    (
-        box(axes, (3.6, 2.5), "PID with limits"),
-        box(axes, (6.6, 2.5), "valve"),
-        box(axes, (9.4, 2.5), "cylinder, load"),
-    )
+    box(axes, (3.6, 2.5), "PID with limits")
+    box(axes, (6.6, 2.5), "valve")
+    box(axes, (9.4, 2.5), "cylinder, load")
     arrow(axes, (2.05, 2.5), (2.45, 2.5))
     arrow(axes, (4.75, 2.5), (5.45, 2.5), text="u")
     arrow(axes, (7.75, 2.5), (8.25, 2.5))

@@ -1,20 +1,20 @@
 """The fitted physical model at Table 2's horizons: an extended Kalman filter over the rig's own equations.
 
 Predicting k steps ahead asks a physical model for a state from measurements up to t - k; the filter gives it, with the
-equations of optid's plant in the smooth reading of dry friction, parameters fitted to the part in sample, and the
-process noise that predicts that part best one step ahead.
+equations of optid's plant in the smooth reading of dry friction, the discharge coefficient and the frictions fitted to
+the part in sample by one-step prediction errors, and the process noise that predicts that part best one step ahead.
 """
 
 from __future__ import annotations
 
+import tempfile
 from pathlib import Path
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import least_squares
 
-from optid.core.readers import read_recording
-from optid.estimation.multiple_shooting import fit
 from optid.rigs.rigfile import Rig, read_rig
 
 Array = NDArray[np.float64]
@@ -23,54 +23,64 @@ STEPS = (1, 5, 10)
 SUBSTEPS = 4
 NOISE = 3e-5  # m, of the position's sensor
 SHARES = (1e-4, 1e-3, 1e-2)  # process noise a sample, of each state's usual size
+FREE = ("discharge_coefficient", "viscous_friction", "coulomb_friction")
+REST = 250  # samples, of the first pulse, in which the filter finds the pressures
+MOST_LOOKS = 12
 HELD_OUT = 0.3
 
 
-def physical_entries(
-    y: Array, u: Array, sample_time: float, folder: Path | None = None
-) -> dict[str, dict[int, float]]:
+def physical_entries(y: Array, u: Array, sample_time: float) -> dict[str, dict[int, float]]:
     """Standard deviation of the k-step errors, in the unit of y (cm), by part and horizon.
 
     Args:
         y: position, cm; u: command, V.
         sample_time: seconds.
-        folder: for the files that the fit reads.
     """
-    import tempfile
-
-    with tempfile.TemporaryDirectory() as made:
-        rig, p = fitted(folder or Path(made), y, u, sample_time)
+    rig = smooth_bench()
     full = rig.channels["command"].full_scale or 1.0
     position, command, cut = 1e-2 * y, u / full, round(y.size * (1 - HELD_OUT))
-    step = stepper(rig, p, sample_time)
+    step = stepper(rig, sample_time)
+    p = fitted(step, rig, position[:cut], command[:cut])
     tried = [filtered(step, rig, p, position, command, share) for share in SHARES]
-    best = min(tried, key=lambda means: float(np.std((ahead(step, means, command, 1) - position)[50:cut])))
+    best = min(tried, key=lambda found: float(np.std(found[1][REST:cut])))[0]
     out: dict[str, dict[int, float]] = {"in sample": {}, "held out": {}}
     for k in STEPS:
-        error = 100 * (ahead(step, best, command, k) - position)
-        out["in sample"][k] = float(np.nanstd(error[50:cut]))
+        error = 100 * (ahead(step, p, best, command, k) - position)
+        out["in sample"][k] = float(np.nanstd(error[REST:cut]))
         out["held out"][k] = float(np.nanstd(error[cut:]))
     return out
 
 
-def fitted(folder: Path, y: Array, u: Array, sample_time: float) -> tuple[Rig, Array]:
-    """The bench's rig file with smooth friction, fitted to the first part."""
-    cut = round(y.size * (1 - HELD_OUT))
-    rows = np.column_stack([sample_time * np.arange(cut), u[:cut], 10 * y[:cut]])
-    np.savetxt(folder / "part.csv", rows, delimiter=",", header="t,u,x", comments="", fmt="%.7g")
+def smooth_bench() -> Rig:
+    """The bench's rig file with smooth friction."""
     text = (ROOT / "data" / "bench.toml").read_text(encoding="utf-8")
     text = text.replace("[parameters]", '[options]\nfriction = "smooth"\n\n[parameters]')
-    text = "\n".join(line for line in text.splitlines() if not line.startswith("reference"))
-    (folder / "rig.toml").write_text(text, encoding="utf-8")
-    rig = read_rig(folder / "rig.toml")
-    found = fit(rig, [read_recording(folder / "part.csv", rig)])
-    return rig, rig.model.vector(dict(found.values))
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "rig.toml"
+        path.write_text(text, encoding="utf-8")
+        return read_rig(path)
 
 
-def stepper(rig: Rig, p: Array, sample_time: float) -> ca.Function:
-    """(x, u) -> next state and its slope, by Runge-Kutta steps."""
+def fitted(step: ca.Function, rig: Rig, y: Array, u: Array) -> Array:
+    """Parameters with the smallest one-step prediction errors of the filter, the criterion of the ARMAX models."""
+
+    def errors(values: Array) -> Array:
+        p = rig.model.vector(dict(rig.parameters) | dict(zip(FREE, values, strict=True)))
+        return filtered(step, rig, p, y, u, SHARES[1])[1][REST:] / NOISE
+
+    start = np.array([rig.parameters[name] for name in FREE])
+    found = least_squares(
+        errors, start, bounds=(0.3 * start, 3.0 * start), x_scale=start, diff_step=1e-3, max_nfev=MOST_LOOKS
+    )
+    return rig.model.vector(dict(rig.parameters) | dict(zip(FREE, found.x, strict=True)))
+
+
+def stepper(rig: Rig, sample_time: float) -> ca.Function:
+    """(x, u, p) -> next state and its slope, by Runge-Kutta steps."""
     model = rig.model
-    x, u = ca.SX.sym("x", len(model.states)), ca.SX.sym("u", len(model.inputs))
+    x, u, p = (
+        ca.SX.sym(n, len(of)) for n, of in (("x", model.states), ("u", model.inputs), ("p", model.parameters))
+    )
     h, state = sample_time / SUBSTEPS, x
     for _ in range(SUBSTEPS):
         a = model.rates(state, u, p)
@@ -78,41 +88,38 @@ def stepper(rig: Rig, p: Array, sample_time: float) -> ca.Function:
         c = model.rates(state + h / 2 * b, u, p)
         d = model.rates(state + h * c, u, p)
         state = state + h / 6 * (a + 2 * b + 2 * c + d)
-    return ca.Function("step", [x, u], [state, ca.jacobian(state, x)])
+    return ca.Function("step", [x, u, p], [state, ca.jacobian(state, x)])
 
 
-def filtered(step: ca.Function, rig: Rig, p: Array, y: Array, u: Array, share: float) -> Array:
-    """Means after each sample's measurement, shape (N, states)."""
+def filtered(step: ca.Function, rig: Rig, p: Array, y: Array, u: Array, share: float) -> tuple[Array, Array]:
+    """Means after each sample's measurement, shape (N, states), and the errors before it, shape (N,)."""
     model = rig.model
     x = np.array(model.start(p)[0]).ravel()
-    names = [state.name for state in model.states]
-    at = names.index("position")
+    at = [state.name for state in model.states].index("position")
     x[at] = y[0]
-    C = np.zeros((1, x.size))
-    C[0, at] = 1.0
     P, Q = np.diag((0.1 * model.scales) ** 2), np.diag((share * model.scales) ** 2)
     Q[at, at] = 0.0
-    means = np.empty((y.size, x.size))
+    means, errors = np.empty((y.size, x.size)), np.empty(y.size)
     for t in range(y.size):
         if t:
-            moved, slope = step(x, u[t - 1])
+            moved, slope = step(x, u[t - 1], p)
             A = np.array(slope)
             x, P = np.array(moved).ravel(), A @ P @ A.T + Q
-        S = float((C @ P @ C.T).item()) + NOISE**2
-        K = (P @ C.T / S).ravel()
-        x = x + K * (y[t] - x[at])
-        P = P - np.outer(K, C @ P)
+        K = P[:, at] / (P[at, at] + NOISE**2)
+        errors[t] = y[t] - x[at]
+        x = x + K * errors[t]
+        P = P - np.outer(K, P[at])
         means[t] = x
-    return means
+    return means, errors
 
 
-def ahead(step: ca.Function, means: Array, u: Array, k: int) -> Array:
+def ahead(step: ca.Function, p: Array, means: Array, u: Array, k: int) -> Array:
     """Position predicted k samples ahead of every sample's mean, shape (N,), NaN at the first k."""
     many = step.map(means.shape[0])
     states = means.T.copy()
     for j in range(k):
         command = np.concatenate([u[j:], np.full(j, u[-1])])
-        states = np.array(many(states, command[None, :])[0])
+        states = np.array(many(states, command[None, :], np.tile(p[:, None], means.shape[0]))[0])
     out = np.full(means.shape[0], np.nan)
     out[k:] = states[0, :-k]
     return out

@@ -29,7 +29,8 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from optid.armax import Armax, from_transfer_function
 from optid.armax.audit import Audit, audit
 from optid.armax.loop import Gains
-from optid.armax.survey import Estimator, Plan, Survey, survey
+from optid.armax.plan import Estimator, Plan
+from optid.armax.survey import Survey, survey
 from studies.independent_rig import Rig, balanced, replay
 from studies.independent_rig.loop import state
 from studies.paper_claims import claims

@@ -107,7 +107,7 @@ def test_table_is_what_the_saved_models_predict(done, recording):
     raw = pd.read_csv(recording)
     y, u = raw["x"].to_numpy() * 1e-3, raw["u"].to_numpy()
     for saved in load(done[1] / "armax.json").models:
-        e = predict(saved.model, y, u, 1) - y
+        e = predict(saved.model, y, u, 1, estimated_start=True) - y
         row = table[
             (table.order == saved.model.orders.na) & (table.steps == 1) & (table.signal == "error")
         ].iloc[0]
@@ -273,7 +273,7 @@ def test_all_of_eq_12_and_one_estimator(method, recording, tmp_path):
         0
     ]
     assert row.mean_square_error == pytest.approx(
-        np.nanmean((predict(saved.model, y, u, 1) - y) ** 2), rel=1e-9
+        np.nanmean((predict(saved.model, y, u, 1, estimated_start=True) - y) ** 2), rel=1e-9
     )
     assert ("least squares" in result.stdout) is (method == "rls")
 

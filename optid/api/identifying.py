@@ -12,8 +12,9 @@ import numpy as np
 from optid.api.document import stamp
 from optid.api.inputs import Progress, given, rig_of, silent
 from optid.armax.files import from_survey, to_json
+from optid.armax.plan import Plan
 from optid.armax.resample import Sampled, resample
-from optid.armax.survey import Plan, survey
+from optid.armax.survey import survey
 from optid.core.recording import Recording
 from optid.errors import NotIdentifiable
 from optid.report.armax_page import Source, armax_page

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,8 +13,11 @@ from numpy.typing import ArrayLike, NDArray
 from optid.armax.loop import Gains, Loop, close_loop
 from optid.armax.model import Armax, from_transfer_function
 from optid.armax.residuals import ResidualTests, residual_tests
-from optid.armax.words import Finding, findings
+from optid.armax.words import TWO_SIDED, Finding, findings
 from optid.core.model import Array
+
+if TYPE_CHECKING:
+    from optid.armax.profile import Intervals
 
 Roots = NDArray[np.complex128]
 
@@ -73,6 +76,7 @@ class Audit:
         effective_order: poles that remain when those are gone.
         static_gain: response to a constant, infinite for an integrator; formal where the model is unstable.
         static_gain_error: its standard error, NaN where unknown, infinite where the data leave it open.
+        static_gain_interval: its 95 % interval, the same where unknown or open.
         first: coefficient of the first sample that answers.
         static_share: share of the impulse response's energy in that sample (cancelled pairs removed).
         settles: samples until the impulse response stays below 1 % of its peak, None where it never does.
@@ -92,6 +96,7 @@ class Audit:
     effective_order: int
     static_gain: float
     static_gain_error: float
+    static_gain_interval: tuple[float, float]
     first: float
     static_share: float
     settles: int | None
@@ -115,6 +120,7 @@ def audit(
     input: int = 0,
     fitted: bool = True,
     error_rate: float = 0.01,
+    intervals: Intervals | None = None,
 ) -> Audit:
     """Look into a discrete model.
 
@@ -125,6 +131,7 @@ def audit(
         input: whose path to look into.
         fitted: the model was fitted to this recording.
         error_rate: at which a right model's residuals are refused.
+        intervals: of its static gains, where they are known better than by the delta method.
     """
     if not isinstance(model, Armax):
         model = from_transfer_function(model)
@@ -156,8 +163,11 @@ def audit(
         effective_order=int(poles.size) - gone,
         static_gain=gain,
         static_gain_error=static_gain_error(model, input),
+        static_gain_interval=_gain_interval(model, gain, input)
+        if intervals is None
+        else intervals.static_gains[input],
         first=first,
-        static_share=float((first / peak) ** 2 / energy) if peak > 0 else 1.0,
+        static_share=float((first / peak) ** 2 / energy) if peak > 0 else 0.0,
         settles=settles,
         time_constants=tuple(float(-1.0 / math.log(r)) for r in inside),
         residuals=tests,
@@ -244,6 +254,11 @@ def static_gain_error(model: Armax, input: int = 0) -> float:
     gradient[: len(model.a) - 1] = -float(np.sum(model.b[input])) / at_one**2
     gradient[list(model.orders.blocks())[input]] = 1.0 / at_one
     return model.error_of(gradient)
+
+
+def _gain_interval(model: Armax, gain: float, input: int) -> tuple[float, float]:
+    margin = TWO_SIDED * static_gain_error(model, input)
+    return gain - margin, gain + margin
 
 
 def impulse_response(model: Armax, input: int = 0) -> Array:

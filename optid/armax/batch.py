@@ -14,12 +14,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from optid.armax.gradient import Problem, residuals_and_gradient
+from optid.armax.gradient import Problem, residuals_from_openings
 from optid.armax.identifiability import OpenDirection, open_directions, rounding
 from optid.armax.identifier import Identifier, Method, Settings
 from optid.armax.model import Armax
 from optid.armax.regression import hannan_rissanen, least_squares
-from optid.armax.signals import Signals, check_orders, signals, usable
+from optid.armax.signals import Signals, check_orders, signals
 from optid.armax.stability import roots_inside, stabilise
 from optid.armax.structure import Orders
 from optid.armax.trend import Frame, Trend
@@ -85,7 +85,7 @@ def residuals_of(model: Armax, y: ArrayLike, u: ArrayLike | None) -> tuple[Array
         full = Orders(o.na, (*o.nb, 1, 1), o.nc, (*o.nk, 0, 0))
         at = o.parameters - o.nc
         theta = np.concatenate([theta[:at], [model.constant, model.slope], theta[at:]])
-    return residuals_and_gradient(record, usable(record, full), full, theta)
+    return residuals_from_openings(record, full, theta)
 
 
 def fit_batch(
@@ -153,17 +153,21 @@ def informed(record: Signals, model: Armax, trend: Trend) -> tuple[Array, tuple[
         model: by whatever estimator.
         trend: that was estimated along.
     """
-    frame = Frame.of([record], model.orders, model.sample_time, trend)
-    problem = Problem.of([frame.augmented(record)], frame.full_orders)
-    M, m = frame.affine()
-    at = model.orders.parameters - model.orders.nc
-    extra = [model.constant, model.slope][: trend.value]
-    theta: Array = np.asarray(
-        np.linalg.solve(M, np.concatenate([model.theta[:at], extra, model.theta[at:]]) - m)
-    )
+    frame, problem, theta = placed([record], model, trend)
     _, covariance, found = _uncertainty(problem, frame, [record], theta, problem.loss(theta))
     spread = frame.model(theta, 0.0, covariance).covariance
     return np.array(spread), found
+
+
+def placed(records: Sequence[Signals], model: Armax, trend: Trend) -> tuple[Frame, Problem, Array]:
+    """The coordinates of a fit to these recordings, its problem, and where in them a model lies, shape (n,)."""
+    frame = Frame.of(records, model.orders, model.sample_time, trend)
+    problem = Problem.of([frame.augmented(record) for record in records], frame.full_orders)
+    M, m = frame.affine()
+    at = model.orders.parameters - model.orders.nc
+    extra = [model.constant, model.slope][: trend.value]
+    values = np.concatenate([model.theta[:at], extra, model.theta[at:]])
+    return frame, problem, np.asarray(np.linalg.solve(M, values - m))
 
 
 def _excerpted(problem: Problem, orders: Orders) -> Problem:
@@ -208,7 +212,7 @@ def _stable(theta: Array, orders: Orders) -> Array:
 def _open_in_data(problem: Problem, frame: Frame, raw: Sequence[Signals]) -> Array:
     """Combinations of A, B and trend that move no regressor, whatever C is, shape (n, k)."""
     at_rest = np.zeros(problem.orders.parameters)
-    R, _, size = _equilibrated(problem.information(at_rest))
+    R, _, size = equilibrated(problem.information(at_rest))
     own = np.setdiff1d(np.arange(at_rest.size), np.r_[problem.orders.c_block])
     plain = Orders(problem.orders.na, problem.orders.nb, 0, problem.orders.nk)
     floor = _floor(problem, frame, raw, at_rest) / size
@@ -224,8 +228,8 @@ def _search(
     """Levenberg-Marquardt from one start; C stays inside the stable region, and theta off what is `idle`."""
     n, nc, work = theta.size, problem.orders.nc, np.empty(2 * problem.orders.nc)
     if idle.size:
-        theta = _shortest(theta, idle, _equilibrated(problem.information(theta))[2])
-    R, target, size = _equilibrated(problem.information(theta))
+        theta = _shortest(theta, idle, equilibrated(problem.information(theta))[2])
+    R, target, size = equilibrated(problem.information(theta))
     loss, damping, edge = problem.loss(theta), 1e-3, False
     for _ in range(MOST_STEPS):
         offset = float(np.linalg.norm(target[:n]) / max(abs(target[n]), 1e-300))
@@ -247,7 +251,7 @@ def _search(
         theta, loss = trial, new
         if gain < arrived[0] and damping <= 1e-3:
             return theta, loss, Outcome.CONVERGED
-        R, target, size = _equilibrated(problem.information(theta))
+        R, target, size = equilibrated(problem.information(theta))
         damping = max(damping / 10.0, 1e-15)
     return theta, loss, Outcome.STEPS_USED_UP
 
@@ -270,7 +274,7 @@ def _closed(R: Array, idle: Array, size: Array) -> Array:
     return out
 
 
-def _equilibrated(both: Array) -> tuple[Array, Array, Array]:
+def equilibrated(both: Array) -> tuple[Array, Array, Array]:
     """R of Psi with columns of unit size, Q' e with the length of what Psi cannot explain, and the sizes."""
     n = both.shape[1] - 1
     size: Array = np.sqrt(np.sum(both[:, :n] ** 2, axis=0))
@@ -283,7 +287,7 @@ def _uncertainty(
 ) -> tuple[Array, Array, tuple[OpenDirection, ...]]:
     """Theta without what is open, where that costs nothing; the covariance; what is open."""
     orders = problem.orders
-    R, _, size = _equilibrated(problem.information(theta))
+    R, _, size = equilibrated(problem.information(theta))
     floor = _floor(problem, frame, raw, theta) / size
     directions = open_directions(R, orders, frame.orders.inputs, floor)
     basis = directions.basis

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from optid.armax.audit import pole_errors, static_gain_error
 from optid.armax.model import Armax
 from optid.armax.offline import names
+from optid.armax.profile import Interval, Intervals, wald_intervals
 from optid.armax.survey import Survey
-from optid.armax.words import TWO_SIDED, Finding
+from optid.armax.words import Finding
 from optid.core.document import finite, known, read_document, whole
 from optid.errors import InputError
 
@@ -24,10 +24,11 @@ MOST = 1000  # coefficients of a polynomial
 
 @dataclass(frozen=True)
 class SavedModel:
-    """A model and what its audit found."""
+    """A model, what its audit found, and its intervals where they are better known than from its covariance."""
 
     model: Armax
     audit: tuple[Finding, ...] = ()
+    intervals: Intervals | None = field(default=None, compare=False)
 
 
 @dataclass(frozen=True)
@@ -58,7 +59,7 @@ class ArmaxFile:
 
 def from_survey(survey: Survey) -> ArmaxFile:
     """What of a survey goes into armax.json."""
-    models = tuple(SavedModel(c.model, c.audit.findings) for c in survey.candidates)
+    models = tuple(SavedModel(c.model, c.audit.findings, c.intervals) for c in survey.candidates)
     units = survey.input_unit, survey.table2.unit
     return ArmaxFile(survey.input, survey.output, survey.recommended, models, survey.words, *units)
 
@@ -128,6 +129,7 @@ def _list(document: dict[str, Any], field: str) -> list[Any]:
 
 def _model_out(saved: SavedModel) -> dict[str, Any]:
     model, o = saved.model, saved.model.orders
+    intervals = saved.intervals or wald_intervals(model)
     single = o.inputs == 1
     return {
         "na": o.na,
@@ -146,8 +148,8 @@ def _model_out(saved: SavedModel) -> dict[str, Any]:
         "not_determined": [
             name for name, sd in zip(names(o), model.standard_errors, strict=True) if math.isinf(sd)
         ],
-        "static_gain": [_gain_out(model, i) for i in range(o.inputs)],
-        "poles": _poles_out(model),
+        "static_gain": [_gain_out(model, i, intervals.static_gains[i]) for i in range(o.inputs)],
+        "poles": _poles_out(model, intervals),
         "audit": [{"name": f.name, "grave": f.grave, "text": f.text} for f in saved.audit],
     }
 
@@ -163,26 +165,31 @@ def _number(x: float) -> float | None:
     return x if math.isfinite(x) else None
 
 
-def _gain_out(model: Armax, input: int) -> dict[str, Any]:
+def _gain_out(model: Armax, input: int, interval: Interval) -> dict[str, Any]:
     """Value and 95 % interval of B(1)/A(1); null for an integrator's, or where the data leave it open."""
     at_one = math.fsum(model.a)
     value = math.fsum(model.b[input]) / at_one if abs(at_one) > 1e-12 else math.inf
-    margin = TWO_SIDED * static_gain_error(model, input)
-    interval = [value - margin, value + margin] if math.isfinite(value + margin) else None
-    return {"value": _number(value), "ci95": interval}
+    return {"value": _number(value), "ci95": _interval_out(interval)}
 
 
-def _poles_out(model: Armax) -> list[dict[str, Any]]:
+def _poles_out(model: Armax, intervals: Intervals) -> list[dict[str, Any]]:
     """In z, with the 95 % interval of each one's modulus."""
     poles = np.roots(np.array(model.a)).astype(complex)
-    out = []
-    for pole, sd in zip(poles, pole_errors(model, poles), strict=True):
-        modulus, margin = abs(pole), TWO_SIDED * sd
-        interval = [modulus - margin, modulus + margin] if math.isfinite(margin) else None
-        out.append(
-            {"real": float(pole.real), "imag": float(pole.imag), "modulus": float(modulus), "ci95": interval}
-        )
-    return out
+    return [
+        {
+            "real": float(pole.real),
+            "imag": float(pole.imag),
+            "modulus": float(abs(pole)),
+            "ci95": _interval_out(interval),
+        }
+        for pole, interval in zip(poles, intervals.poles, strict=True)
+    ]
+
+
+def _interval_out(interval: Interval) -> list[float | None] | None:
+    """Null for an open side, and for an interval that is open on both or unknown."""
+    low, high = (_number(float(end)) for end in interval)
+    return None if low is None and high is None else [low, high]
 
 
 def _model_in(entry: dict[str, Any], field: str, where: object) -> SavedModel:
@@ -219,7 +226,22 @@ def _model_in(entry: dict[str, Any], field: str, where: object) -> SavedModel:
     findings = tuple(
         Finding(str(f["name"]), bool(f["grave"]), str(f["text"])) for f in entry.get("audit", [])
     )
-    return SavedModel(model, findings)
+    return SavedModel(model, findings, _intervals_in(entry))
+
+
+def _intervals_in(entry: dict[str, Any]) -> Intervals | None:
+    """As written; None where a file says nothing of them."""
+
+    def interval(said: list[float | None] | None) -> Interval:
+        low, high = (None, None) if said is None else said
+        return -math.inf if low is None else float(low), math.inf if high is None else float(high)
+
+    if "poles" not in entry or "static_gain" not in entry:
+        return None
+    return Intervals(
+        tuple(interval(pole.get("ci95")) for pole in entry["poles"]),
+        tuple(interval(gain.get("ci95")) for gain in entry["static_gain"]),
+    )
 
 
 def _covariance_in(rows: list[list[float | None]]) -> tuple[tuple[float, ...], ...]:

@@ -1,12 +1,17 @@
 """Residuals of an ARMAX model over a recording, and their gradient.
 
 e = (A y - B u) / C, and psi(t) = -de(t)/dtheta = phi(t) / C(q) (Ljung, System Identification, 2nd ed. 1999,
-sec. 10.3). After a gap the residuals start again from zero. A long recording's gradient is never held as a whole:
-`information` reduces it to a triangle while it is computed.
+sec. 10.3). The nc residuals before a recording are noise like the others: they are estimated along, their squares
+counting with the rest, and the determinant with them, as the exact likelihood has it (Box, Jenkins and Reinsel, Time
+Series Analysis, 3rd ed. 1994, sec. 7.1.4). Taken as zero, slow roots of C carry the error far into the recording, and
+A and B bend to it: one of four poles then missed its 95 % interval where the noise was the sensor's
+(`studies/armax_coverage.py`). So it goes after long gaps; after short ones the residuals start from zero. A long
+recording's gradient is never held as a whole: `information` reduces it to a triangle while it is computed.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -18,7 +23,10 @@ from optid.armax.structure import Orders
 from optid.core.jit_cache import kept
 from optid.core.model import Array
 
-Lags = tuple[Array, Array]
+REACH = 1000  # samples into which residuals from before a run are followed at most
+NOTHING = 1e-8  # share of such a residual that counts as nothing
+SHORTEST = 10  # times nc: a run shorter than that starts from zero residuals
+MOST_OPENINGS = 20  # of a recording, those of its longest runs
 
 
 @kept(error_model="numpy", nogil=True)
@@ -37,11 +45,10 @@ def _regressor(y, u, e, t, na, nbs, nks, nc, phi):  # type: ignore[no-untyped-de
 
 @kept(error_model="numpy", nogil=True)
 def _residuals(y, u, keep, theta, na, nbs, nks, nc, e):  # type: ignore[no-untyped-def]
-    """Fill e (N,), zero where `keep` is false; returns the sum of squares, infinite where it overflows."""
+    """Fill e (N,) where `keep` is true; returns their sum of squares, infinite where it overflows."""
     phi, total = np.empty(theta.size), 0.0
     for t in range(y.size):
         if not keep[t]:
-            e[t] = 0.0
             continue
         _regressor(y, u, e, t, na, nbs, nks, nc, phi)
         guess = 0.0
@@ -68,8 +75,8 @@ def _gradient(y, u, keep, theta, na, nbs, nks, nc, e, Psi):  # type: ignore[no-u
 
 
 @kept(error_model="numpy", nogil=True)
-def _information(y, u, keep, theta, na, nbs, nks, nc, e, work):  # type: ignore[no-untyped-def]
-    """Reflect [psi, e] of a record into the triangle at the head of `work`, block by block."""
+def _information(y, u, keep, counted, theta, na, nbs, nks, nc, e, work):  # type: ignore[no-untyped-def]
+    """Reflect [psi, e] of the samples `counted` into the triangle at the head of `work`, block by block."""
     n, size = theta.size, 0
     past, psi = np.zeros((max(nc, 1), n)), np.empty(n)  # psi(t-1).. at t-1 modulo nc
     for t in range(y.size):
@@ -83,6 +90,9 @@ def _information(y, u, keep, theta, na, nbs, nks, nc, e, work):  # type: ignore[
                 psi[j] -= share * row[j]
         for j in range(n):
             past[t % past.shape[0], j] = psi[j]
+        if not counted[t]:
+            continue
+        for j in range(n):
             work[j, n + 1 + size] = psi[j]
         work[n, n + 1 + size] = e[t]
         size += 1
@@ -101,55 +111,179 @@ class Problem:
         keeps: where output and lags were measured, one mask a record.
         orders: with an input for each of the trend's parameters.
         count: residuals that count.
+        openings: first and last sample of what residuals from before a run of samples reach into, by record.
     """
 
     records: tuple[Signals, ...]
     keeps: tuple[Mask, ...]
     orders: Orders
     count: int
+    openings: tuple[tuple[tuple[int, int], ...], ...]
 
     @classmethod
     def of(cls, records: Sequence[Signals], orders: Orders) -> Problem:
         """The problem of these recordings."""
         keeps = tuple(usable(record, orders) for record in records)
-        return cls(tuple(records), keeps, orders, int(sum(keep.sum() for keep in keeps)))
+        for keep in keeps:
+            keep[: orders.nc] = False
+        count = int(sum(keep.sum() for keep in keeps))
+        return cls(tuple(records), keeps, orders, count, tuple(openings(keep, orders.nc) for keep in keeps))
 
     def loss(self, theta: Array) -> float:
-        """Mean squared residual."""
-        return sum(_squares(r, k, self.orders, theta)[1] for r, k in self._pairs()) / self.count
+        """Mean squared residual, times what the residuals before the recordings make of it in the likelihood."""
+        total = sum(_from_openings(*each, self.orders, theta)[1] for each in self._each())
+        return total / self.count * self._of_openings(theta)
+
+    def _of_openings(self, theta: Array) -> float:
+        """exp(log det / count) of what is learnt of the residuals before the recordings."""
+        spent = _log_determinant(theta[self.orders.c_block], self._lengths())
+        return math.exp(min(spent / self.count, 100.0)) if spent == spent else math.inf
+
+    def _lengths(self) -> list[int]:
+        return [end - first for opened in self.openings for first, end in opened]
 
     def information(self, theta: Array) -> Array:
-        """Triangle R of [Psi, e] over all records, shape (n + 1, n + 1): R'R holds Psi'Psi, Psi'e and e'e."""
+        """Triangle R of [Psi, e] over all records, shape (n + 1, n + 1): R'R holds Psi'Psi, Psi'e and e'e.
+
+        Without what the residuals before the recordings, estimated along, explain of Psi.
+        """
         n = self.orders.parameters
-        work = np.zeros((n + 1, n + 1 + BLOCK))
-        for record, keep in self._pairs():
-            e, _ = _squares(record, keep, self.orders, theta)
-            _information(record.y, record.u, keep, theta, *_shape(self.orders), e, work)
-        return np.triu(work[:, : n + 1].T)
+        work, parts = np.zeros((n + 1, n + 1 + BLOCK)), []
+        for record, keep, opened in self._each():
+            e, _ = _from_openings(record, keep, opened, self.orders, theta)
+            counted, reach = keep.copy(), decay(theta[self.orders.c_block])
+            for first, end in opened:
+                last = min(end, first + reach)
+                counted[first:last] = False
+                parts.append(_opening_information(record, keep, (first, last), self.orders, theta, e))
+            _information(record.y, record.u, keep, counted, theta, *_shape(self.orders), e, work)
+        R = np.triu(work[:, : n + 1].T)
+        if not parts:
+            return R
+        R = np.asarray(np.linalg.qr(np.concatenate([R, *parts]), mode="r"))
+        return self._with_determinant(R, theta)
 
-    def residuals(self, theta: Array) -> tuple[Array, Array]:
-        """e and psi over all records, shapes (N,) and (N, n)."""
-        es, Psis = [], []
-        for record, keep in self._pairs():
-            e, Psi = residuals_and_gradient(record, keep, self.orders, theta)
-            es.append(e[keep])
-            Psis.append(Psi[keep])
-        return np.concatenate(es), np.concatenate(Psis)
+    def _with_determinant(self, R: Array, theta: Array) -> Array:
+        """The triangle whose gradient is that of `loss`: the determinant pulls, too, where C forgets slowly."""
+        n, block, lengths = theta.size, self.orders.c_block, self._lengths()
+        total, slope = float(np.sum(R[:, n] ** 2)), np.zeros(n)
+        c = theta[block]
+        for k, step in enumerate(1e-6 * np.eye(c.size)):
+            ends = [_log_determinant(c + sign * step, lengths) for sign in (1.0, -1.0)]
+            slope[block.start + k] = (ends[0] - ends[1]) / 2e-6
+        if not np.all(np.isfinite(slope)):
+            return R
+        out = math.sqrt(self._of_openings(theta)) * R
+        pull = np.linalg.lstsq(R[:n, :n].T, total / self.count / 2.0 * slope, rcond=1e-12)[0]
+        out[:n, n] -= math.sqrt(self._of_openings(theta)) * pull
+        left = total * self._of_openings(theta) - float(np.sum(out[:n, n] ** 2))
+        out[n, n] = math.sqrt(max(left, 0.0))
+        return out
 
-    def _pairs(self) -> list[tuple[Signals, Mask]]:
-        return list(zip(self.records, self.keeps, strict=True))
+    def _each(self) -> list[tuple[Signals, Mask, tuple[tuple[int, int], ...]]]:
+        return list(zip(self.records, self.keeps, self.openings, strict=True))
+
+
+def openings(keep: Mask, nc: int) -> tuple[tuple[int, int], ...]:
+    """First and last sample (exclusive) of the head of each run that nc samples without residual precede."""
+    if nc == 0:
+        return ()
+    edges = np.flatnonzero(np.diff(np.r_[False, keep, False].astype(int)))
+    firsts, ends = edges[::2], edges[1::2]
+    gaps = firsts - np.r_[0, ends[:-1]]
+    long = np.flatnonzero((gaps >= nc) & (ends - firsts >= SHORTEST * nc))
+    longest = long[np.argsort(firsts[long] - ends[long], kind="stable")[:MOST_OPENINGS]]
+    return tuple((int(firsts[i]), int(min(ends[i], firsts[i] + REACH))) for i in sorted(longest))
+
+
+def _from_openings(
+    record: Signals, keep: Mask, opened: Sequence[tuple[int, int]], orders: Orders, theta: Array
+) -> tuple[Array, float]:
+    """e with the residuals before each opening estimated, shape (N,), and the sum of all squares."""
+    e, nc, total, reach = np.zeros(record.y.size), orders.nc, 0.0, decay(theta[orders.c_block])
+    for first, end in opened:
+        last = min(end, first + reach)
+        G = carried(theta[orders.c_block], last - first)
+        local, at, shape = np.zeros(last - first + nc), slice(first - nc, last), _shape(orders)
+        start = max(0, first - nc - orders.reach)
+        part = np.zeros(last - start)
+        _residuals(record.y[start:last], record.u[start:last], keep[start:last], theta, *shape, part)
+        local[:] = part[at.start - start :]
+        if not np.all(np.isfinite(local)) or not np.all(np.isfinite(G)):
+            return e, np.inf
+        before = np.linalg.solve(G.T @ G + np.eye(nc), -G.T @ local[nc:])
+        e[first - nc : first] = before[::-1]
+        total += float(before @ before)
+    return e, total + float(_residuals(record.y, record.u, keep, theta, *_shape(orders), e))
+
+
+def _opening_information(
+    record: Signals, keep: Mask, opened: tuple[int, int], orders: Orders, theta: Array, e: Array
+) -> Array:
+    """Triangle of [Psi, e] over an opening, what the residuals before it explain being taken out."""
+    (first, last), nc, n = opened, orders.nc, orders.parameters
+    start = max(0, first - nc - orders.reach)
+    Psi = np.empty((last - start, n))
+    part, before = e[start:last].copy(), e[first - nc : first][::-1]
+    _gradient(record.y[start:last], record.u[start:last], keep[start:last], theta, *_shape(orders), part, Psi)
+    of: Array = -carried(theta[orders.c_block], last - first)
+    rows = np.column_stack([of, Psi[first - start :], e[first:last]])
+    own = np.column_stack([-np.eye(nc), np.zeros((nc, n)), before])
+    R: Array = np.asarray(np.linalg.qr(np.concatenate([rows, own]), mode="r"))
+    return R[nc:, nc:]
+
+
+def _log_determinant(c: Array, lengths: Sequence[int]) -> float:
+    """Sum over the openings of log det(I + G'G): what the likelihood of a moving average pays for its beginnings."""
+    if not lengths or not c.size:
+        return 0.0
+    reach = decay(c)
+    sizes = [min(length, reach) for length in lengths]
+    G = carried(c, max(sizes))
+    if not np.all(np.isfinite(G)):
+        return math.nan
+    each = {size: np.linalg.slogdet(np.eye(c.size) + G[:size].T @ G[:size])[1] for size in set(sizes)}
+    return float(sum(each[size] for size in sizes))
+
+
+def decay(c: Array) -> int:
+    """Samples into which residuals from before are followed: until nothing is left of them."""
+    largest = float(np.max(np.abs(np.roots(np.concatenate([[1.0], c]))), initial=0.0)) if c.size else 0.0
+    if not 0.0 < largest < 1.0:
+        return REACH if largest else SHORTEST
+    return int(min(max(math.log(NOTHING) / math.log(largest), SHORTEST), REACH))
+
+
+def carried(c: Array, samples: int) -> Array:
+    """de(t)/de(-1 - j) from the residuals before t = 0 on, shape (samples, nc)."""
+    from scipy.signal import lfilter
+
+    pushed = np.zeros((samples, c.size))
+    for j in range(c.size):
+        pushed[: c.size - j, j] = -c[j:]
+    return np.asarray(lfilter([1.0], np.concatenate([[1.0], c]), pushed, axis=0))
 
 
 def residuals_and_gradient(record: Signals, keep: Mask, orders: Orders, theta: Array) -> tuple[Array, Array]:
-    """e, shape (N,), and psi, shape (N, n), of one record; zero where `keep` is false."""
+    """e, shape (N,), and psi, shape (N, n), of one record, from residuals of zero; zero where `keep` is false."""
     e, _ = _squares(record, keep, orders, theta)
     Psi = np.empty((record.y.size, theta.size))
     _gradient(record.y, record.u, keep, theta, *_shape(orders), e, Psi)
     return e, Psi
 
 
+def residuals_from_openings(record: Signals, orders: Orders, theta: Array) -> tuple[Array, Array]:
+    """The same with the residuals before each opening estimated, as a fit sees them."""
+    keep = usable(record, orders)
+    keep[: orders.nc] = False
+    e, _ = _from_openings(record, keep, openings(keep, orders.nc), orders, theta)
+    Psi = np.empty((record.y.size, theta.size))
+    _gradient(record.y, record.u, keep, theta, *_shape(orders), e, Psi)
+    return np.where(keep, e, 0.0), Psi
+
+
 def _squares(record: Signals, keep: Mask, orders: Orders, theta: Array) -> tuple[Array, float]:
-    e = np.empty(record.y.size)
+    e = np.zeros(record.y.size)
     return e, float(_residuals(record.y, record.u, keep, theta, *_shape(orders), e))
 
 

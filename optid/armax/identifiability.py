@@ -26,6 +26,8 @@ TOUCHED = 1e-3  # share of an open direction, of unit length, from which on it c
 DIGITS = 15  # decimal places looked at
 LOOKED_AT = 2000  # samples whose digits are looked at
 FINE = 1e-3  # share of a signal's standard deviation up to which its step is taken for rounding
+HARDLY = 0.02  # share of an input's size from outside a loop that is hardly any
+BY_OUTPUT = 0.3  # of what its own past leaves open, an input that follows the output leaves at most this much
 EXCITED = 24  # lags over which an input's excitation is counted
 
 
@@ -125,6 +127,29 @@ def follows_output(record: Signals, lags: int = EXCITED) -> tuple[int, ...]:
         left = math.hypot(float(R[-1, -1]), missed) / math.sqrt(now.size)
         if left <= max(ROUNDING * floor, OPEN * float(np.std(now))):
             found.append(i)
+    return tuple(found)
+
+
+def loop_share(record: Signals, lags: int = EXCITED) -> tuple[tuple[int, float], ...]:
+    """Inputs that earlier outputs and inputs nearly determine, and the share of their size that they leave open.
+
+    A controller's converter rounds, so that a loop with nothing from outside seems excited by the rounding. Not those
+    that their own past foretells as well.
+    """
+    from optid.armax.regression import arx_rows, triangle
+
+    short = record.part(0, 400 * lags)
+    found = []
+    for i, column in enumerate(short.u.T):
+        inner = Signals(np.where(np.isfinite(column), column, np.nan), np.column_stack([column, short.y]))
+        Phi, now = arx_rows(inner, Orders(0, (lags, lags), 0, (1, 0)))
+        if now.size < 4 * lags or np.ptp(now) == 0.0:
+            continue
+        R = triangle(np.column_stack([np.ones(now.size), Phi, now]))
+        left, alone = abs(float(R[-1, -1])), float(np.linalg.norm(R[1 + lags :, -1]))
+        share = left / (math.sqrt(now.size) * float(np.std(now)))
+        if share <= HARDLY and left <= BY_OUTPUT * alone:
+            found.append((i, share))
     return tuple(found)
 
 

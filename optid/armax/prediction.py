@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
+from optid.armax.gradient import carried, decay
 from optid.armax.model import Armax
 from optid.armax.signals import signals
 from optid.core.jit_cache import kept
@@ -37,11 +38,11 @@ def _driven(u, taps, delays, t):  # type: ignore[no-untyped-def]
 
 @kept(error_model="numpy", nogil=True)
 def _innovate(y, u, a, taps, delays, c, reach, trend, e):  # type: ignore[no-untyped-def]
-    """Residuals e of the one-step prediction; a missing output is replaced, in y, by its prediction."""
+    """Residuals e of the one-step prediction, from those before `reach`; a missing output is replaced, in y, by its
+    prediction."""
     drive = np.empty(y.size)
     for t in range(y.size):
         drive[t] = _driven(u, taps, delays, t) + trend[t]
-        e[t] = 0.0
         if t < reach:
             if math.isnan(y[t]):
                 y[t] = y[t - 1] if t > 0 else 0.0
@@ -52,7 +53,7 @@ def _innovate(y, u, a, taps, delays, c, reach, trend, e):  # type: ignore[no-unt
         for k in range(1, min(c.size, t + 1)):
             guess += c[k] * e[t - k]
         if math.isnan(y[t]):
-            y[t] = guess
+            y[t], e[t] = guess, 0.0
         else:
             e[t] = y[t] - guess
     return drive
@@ -102,22 +103,55 @@ def _prepare(model: Armax, y: ArrayLike, u: ArrayLike | None) -> tuple[Array, Ar
     return outputs, inputs
 
 
-def innovations(model: Armax, y: ArrayLike, u: ArrayLike | None = None, first: int = 0) -> Array:
+def _start(model: Armax, outputs: Array, inputs: Array, trend: Array, estimated: bool) -> tuple[Array, int]:
+    """Residuals before the first that can be predicted, shape (N,), zero elsewhere; and which that is."""
+    e, nc, reach = np.zeros(outputs.size), model.orders.nc, model.orders.reach
+    if not estimated or nc == 0:
+        return e, reach
+    a, taps, delays, c = _arrays(model)
+    reach, length = max(reach, nc), decay(c[1:])
+    some = slice(0, min(reach + length, outputs.size))
+    found = np.zeros(some.stop)
+    lost = np.isnan(outputs[some])
+    _innovate(outputs[some].copy(), inputs[some], a, taps, delays, c, reach, trend[some], found)
+    G = carried(c[1:], some.stop - reach) if some.stop > reach else np.zeros((0, nc))
+    if G.size and np.all(np.isfinite(found)) and np.all(np.isfinite(G)) and not lost.any():
+        e[reach - nc : reach] = np.linalg.solve(G.T @ G + np.eye(nc), -G.T @ found[reach:])[::-1]
+    return e, reach
+
+
+def innovations(
+    model: Armax, y: ArrayLike, u: ArrayLike | None = None, first: int = 0, *, estimated_start: bool = False
+) -> Array:
     """Errors of the model's one-step predictions, shape (N,); NaN before the first and where y is.
 
-    `first` counts the samples of the recording before these, on which the model's trend depends.
+    Args:
+        model: whose.
+        y, u: as in `predict`.
+        first: samples of the recording before these, on which the model's trend depends.
+        estimated_start: the residuals before the first are estimated, as in a fit; otherwise they are taken for zero,
+            as they are where predicting begins.
     """
     outputs, inputs = _prepare(model, y, u)
     lost = np.isnan(outputs)
     a, taps, delays, c = _arrays(model)
-    e, trend = np.empty(outputs.size), model.trend(outputs.size, first)
-    _innovate(outputs, inputs, a, taps, delays, c, model.orders.reach, trend, e)
-    e[: model.orders.reach] = np.nan
+    trend = model.trend(outputs.size, first)
+    e, reach = _start(model, outputs, inputs, trend, estimated_start)
+    _innovate(outputs, inputs, a, taps, delays, c, reach, trend, e)
+    e[:reach] = np.nan
     e[lost] = np.nan
     return e
 
 
-def predict(model: Armax, y: ArrayLike, u: ArrayLike | None = None, steps: int = 1, first: int = 0) -> Array:
+def predict(
+    model: Armax,
+    y: ArrayLike,
+    u: ArrayLike | None = None,
+    steps: int = 1,
+    first: int = 0,
+    *,
+    estimated_start: bool = False,
+) -> Array:
     """Prediction of y(t) from outputs up to t - steps and inputs up to t, shape (N,); NaN before the first.
 
     Args:
@@ -126,14 +160,15 @@ def predict(model: Armax, y: ArrayLike, u: ArrayLike | None = None, steps: int =
         u: inputs, shape (N,) or (N, inputs).
         steps: how far ahead.
         first: samples of the recording before these.
+        estimated_start: as for `innovations`.
     """
     if steps < 1 or int(steps) != steps:
         raise InputError(f"{steps}", field="steps", expected="a whole number of at least 1")
     outputs, inputs = _prepare(model, y, u)
     a, taps, delays, c = _arrays(model)
-    e, out = np.empty(outputs.size), np.full(outputs.size, np.nan)
-    reach = model.orders.reach
-    drive = _innovate(outputs, inputs, a, taps, delays, c, reach, model.trend(outputs.size, first), e)
+    out, trend = np.full(outputs.size, np.nan), model.trend(outputs.size, first)
+    e, reach = _start(model, outputs, inputs, trend, estimated_start)
+    drive = _innovate(outputs, inputs, a, taps, delays, c, reach, trend, e)
     _roll(outputs, e, drive, a, c, reach, int(steps), out)
     return out
 
@@ -161,7 +196,7 @@ def simulate(
     else:
         outputs, padded = _prepare(model, y, u)
     a, taps, delays, c = _arrays(model)
-    e, trend = np.empty(outputs.size), model.trend(outputs.size, since - lead)
+    e, trend = np.zeros(outputs.size), model.trend(outputs.size, since - lead)
     _innovate(outputs, padded, a, taps, delays, c, model.orders.reach if first.size else lead, trend, e)
     return outputs[outputs.size - size :]
 

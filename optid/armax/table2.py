@@ -26,7 +26,11 @@ if TYPE_CHECKING:
 # Column -> (what stands in it, as a formula, and its unit in units of the output).
 CAPTIONS: Final = {
     "order": ("na of the ARMAX model, eq. 12; 0: no model of this kind", ""),
-    "steps": ("k: y(t) is predicted from outputs up to t - k and inputs up to t", ""),
+    "steps": (
+        "k: y(t) is predicted from outputs up to t - k and inputs up to t; residuals before the recording are "
+        "estimated",
+        "",
+    ),
     "signal": ("real: y(t); predicted: yhat(t | t-k); error: e(t) = yhat(t | t-k) - y(t)", ""),
     "square_error": ("eq. 13 over the whole part: 1/2 sum of e(t)^2, t = 1..N", "2"),
     "mean_square_error": ("1/N sum of e(t)^2", "2"),
@@ -83,7 +87,7 @@ class Entry:
         if self.guesses is not None:
             return self.guesses[int(held_out)]
         model = self.held_out if held_out else self.model
-        return None if model is None else predict(model, record.y, record.u, self.steps)
+        return None if model is None else predict(model, record.y, record.u, self.steps, estimated_start=True)
 
 
 @dataclass(frozen=True)

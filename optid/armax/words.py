@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 
 TWO_SIDED = 1.96
+LOPSIDED = 0.1  # share of an interval's width by which its sides may differ and still be told as a margin
 NEAR_ONE = 0.01  # a pole so near to 1 that is cancelled describes an offset or a drift
 SURE = 3.0  # standard errors within which a pole may be an integrator's
 SLOW = 1e-3  # a pole so little outside 1 needs a thousand samples to grow by e
@@ -128,13 +129,25 @@ def _static_gain(audit: Audit) -> Finding:
     if math.isinf(error):
         text = f"The static gain is not known: the data leave it open ({gain:.4g} is one of many)."
         return _finding("static_gain_unknown", True, text)
-    if not audit.stable:
-        return _finding("static_gain", False, f"{said}, formally, as it is unstable.")
-    margin = "" if math.isnan(error) else f" ± {TWO_SIDED * error:.2g} (95 %)"
-    if TWO_SIDED * error > abs(gain):
+    low, high = audit.static_gain_interval
+    margin = "" if math.isnan(error) else f" {_interval(gain, low, high)} (95 %)"
+    if low <= 0.0 <= high:
         text = f"The static gain is not known from these data: {gain:.4g}{margin}."
         return _finding("static_gain_unknown", True, text)
+    if not audit.stable:
+        return _finding("static_gain", False, f"{said}, formally, as it is unstable.")
     return _finding("static_gain", False, f"{said}{margin}.")
+
+
+def _interval(value: float, low: float, high: float) -> str:
+    """As a margin where both sides are about equal, else as limits with two digits more than their width."""
+    down, up = value - low, high - value
+    if math.isfinite(up + down) and abs(up - down) <= LOPSIDED * (up + down):
+        return f"± {(up + down) / 2:.2g}"
+    digits = 4
+    if math.isfinite(up + down) and up + down > 0.0:
+        digits = min(max(math.ceil(math.log10(max(abs(low), abs(high)) / (up + down))) + 2, 3), 8)
+    return f"between {low:.{digits}g} and {high:.{digits}g}"
 
 
 def _significant(value: float, error: float) -> str:
@@ -171,9 +184,21 @@ def feedback_finding(whose: str) -> Finding:
     return _finding("feedback", True, text)
 
 
+def weak_feedback_finding(whose: str, share: float) -> Finding:
+    """For an input that earlier outputs determine but for a little."""
+    text = (
+        f"Hardly identifiable: but for {100 * share:.2g} % of its size {whose} is a function of outputs and of its own "
+        "past: the loop was closed, and a converter's rounding or something as small is all that came from outside. "
+        "Excite the set-point or the command."
+    )
+    return _finding("feedback_weak", True, text)
+
+
 def excitation_finding(whose: str, order: int, needed: int) -> Finding:
     """For an input that excites to a lower order than B and A have numbers."""
     what = "one sine excites to order 2" if order == 2 else f"as {order / 2:.3g} sines would"
+    if order == 1:
+        what = "as one that stands still"
     text = (
         f"Poor excitation: {whose} excites to order {order} only ({what}), and A and B have {needed} numbers. The "
         "model holds at the frequencies that were excited; its static gain is extrapolated, not measured."

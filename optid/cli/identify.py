@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from optid.cli.armax_options import FORGETTING, numbers, one_for_each_input
 from optid.cli.common import OUT, RATE, deliver, progress, read_all, results_folder, say_table
 
 if TYPE_CHECKING:
     from optid.armax.forgetting import Forgetting
     from optid.armax.identifier import Identifier
     from optid.armax.loop import Gains
+    from optid.armax.plan import Plan
     from optid.armax.resample import Sampled
-    from optid.armax.survey import Plan, Survey
+    from optid.armax.survey import Survey
 
 MODEL_C, IDENTIFIER_C = "armax_model.h", "armax_identifier.h"
 TOLD = (
@@ -28,66 +29,6 @@ TOLD = (
     "recursion_not_settled",
 )  # besides alarms
 MODEL_ST, IDENTIFIER_ST = "armax_model.st", "armax_identifier.st"
-
-
-def _numbers(context: click.Context, option: click.Parameter, value: str) -> tuple[int, ...]:
-    """Read "3,4,5": whole numbers of at least 1, each once."""
-    try:
-        numbers = tuple(dict.fromkeys(int(part) for part in value.split(",")))
-    except ValueError:
-        numbers = ()
-    if not numbers or min(numbers) < 1:
-        raise click.BadParameter(
-            f'"{value}": expected whole numbers of at least 1, as in 3,4,5', context, option
-        )
-    return numbers
-
-
-def _whole(least: int) -> Callable[..., tuple[int, ...] | None]:
-    """Read "3" or "3,2", one number an input, none below `least`."""
-
-    def read(context: click.Context, option: click.Parameter, value: str | None) -> tuple[int, ...] | None:
-        if value is None:
-            return None
-        try:
-            numbers = tuple(int(part) for part in value.split(","))
-        except ValueError:
-            numbers = ()
-        if not numbers or not least <= min(numbers) or max(numbers) > 10_000:
-            raise click.BadParameter(
-                f'"{value}": expected a whole number of at least {least}, or one for each input as in 3,2',
-                context,
-                option,
-            )
-        return numbers
-
-    return read
-
-
-def _forgetting(context: click.Context, option: click.Parameter, value: str | None) -> Forgetting | None:
-    """Read "0.998", "directional:0.99" or "variable:500" (samples of memory)."""
-    from optid.armax.forgetting import Constant, Directional, Variable
-
-    if value is None:
-        return None
-    kind, _, number = value.rpartition(":")
-    laws: dict[str, Callable[[float], Forgetting]] = {
-        "": Constant,
-        "directional": Directional,
-        "variable": Variable,
-    }
-    try:
-        size = float(number)
-    except ValueError:
-        size = math.nan
-    low, high = (1.0, 1e9) if kind == "variable" else (0.5, 1.0)
-    if kind not in laws or not low <= size <= high:
-        raise click.BadParameter(
-            f'"{value}": expected a factor from 0.5 to 1, directional:FACTOR or variable:SAMPLES',
-            context,
-            option,
-        )
-    return laws[kind](size)
 
 
 def _gains(context: click.Context, option: click.Parameter, value: str | None) -> Gains | None:
@@ -109,10 +50,10 @@ def _gains(context: click.Context, option: click.Parameter, value: str | None) -
 @click.argument("recording")
 @click.option("--rig", required=True, metavar="RIG", help="Rig file: says which column is what.")
 @click.option(
-    "--orders", callback=_numbers, default="3,4,5", metavar="N,N", help="na = nb = nc; 3,4,5 by default."
+    "--orders", callback=numbers, default="3,4,5", metavar="N,N", help="na = nb = nc; 3,4,5 by default."
 )
 @click.option(
-    "--steps", callback=_numbers, default="1,5,10", metavar="K,K", help="Horizons; 1,5,10 by default."
+    "--steps", callback=numbers, default="1,5,10", metavar="K,K", help="Horizons; 1,5,10 by default."
 )
 @click.option(
     "--na",
@@ -121,7 +62,10 @@ def _gains(context: click.Context, option: click.Parameter, value: str | None) -
     help="One model of this structure alone, in the place of --orders.",
 )
 @click.option(
-    "--nb", callback=_whole(1), metavar="N[,N]", help="Numbers of B, for each input; na by default."
+    "--nb",
+    callback=one_for_each_input(1),
+    metavar="N[,N]",
+    help="Numbers of B, for each input; na by default.",
 )
 @click.option(
     "--nc",
@@ -130,7 +74,10 @@ def _gains(context: click.Context, option: click.Parameter, value: str | None) -
     help="Numbers of C; na by default, 0 makes an ARX model.",
 )
 @click.option(
-    "--delay", callback=_whole(0), metavar="NK[,NK]", help="Samples, for each input; chosen if absent."
+    "--delay",
+    callback=one_for_each_input(0),
+    metavar="NK[,NK]",
+    help="Samples, for each input; chosen if absent.",
 )
 @click.option(
     "--method",
@@ -140,12 +87,7 @@ def _gains(context: click.Context, option: click.Parameter, value: str | None) -
     help="Who makes the models and the table: offline prediction errors, recursive maximum likelihood, the paper's "
     "recursive least squares.",
 )
-@click.option(
-    "--forgetting",
-    callback=_forgetting,
-    metavar="LAW",
-    help="Of the recursion: 0.998, directional:0.99, variable:500.",
-)
+@FORGETTING
 @click.option(
     "--trend",
     type=click.Choice(["auto", "none", "constant", "linear"]),
@@ -222,11 +164,11 @@ def _plan(
     gains: Gains | None,
 ) -> Plan:
     """The survey's plan from the options."""
-    from optid.armax.survey import Estimator, Plan
+    from optid.armax.plan import Estimator, Plan
     from optid.armax.trend import Trend
 
-    def one(numbers: tuple[int, ...] | None) -> int | tuple[int, ...] | None:
-        return numbers[0] if numbers is not None and len(numbers) == 1 else numbers
+    def one(each: tuple[int, ...] | None) -> int | tuple[int, ...] | None:
+        return each[0] if each is not None and len(each) == 1 else each
 
     plan = Plan(
         orders=orders if na is None else (na,),

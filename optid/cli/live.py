@@ -12,12 +12,15 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from optid.cli.armax_options import FORGETTING
 from optid.cli.common import OUT, deliver, results_folder, say_table, write_json
 from optid.errors import InputError, JobError
 
 if TYPE_CHECKING:
     import socket
 
+    from optid.armax.identifier import Settings as Learning
+    from optid.armax.structure import Orders
     from optid.live.page.door import Door
     from optid.live.plan import Plan
     from optid.live.session import Session
@@ -40,7 +43,21 @@ POSITIVE = click.FloatRange(min=0, min_open=True)
 @click.option("--rate", type=POSITIVE, metavar="HZ", help="Samples a second; the rig file's where absent.")
 @click.option("--reference", metavar="WHAT", help='"60 mm", "0:0 mm, 2:60 mm", or a recording with one.')
 @click.option("--gains", metavar="WHAT", help='A pid.json, or "kp=40 ki=60"; gentle ones where absent.')
-@click.option("--order", default=4, type=click.IntRange(1, 12), show_default=True, help="Of the ARMAX model.")
+@click.option(
+    "--order", type=click.IntRange(1, 12), metavar="N", help="na = nb = nc of the ARMAX model; 4 by default."
+)
+@click.option("--na", type=click.IntRange(1, 12), metavar="N", help="Numbers of A, in the place of --order.")
+@click.option("--nb", type=click.IntRange(1, 12), metavar="N", help="Numbers of B; na by default.")
+@click.option("--nc", type=click.IntRange(0, 12), metavar="N", help="Numbers of C; na by default, 0: ARX.")
+@click.option("--delay", default=1, type=click.IntRange(1, 1000), show_default=True, help="Samples.")
+@click.option(
+    "--method",
+    type=click.Choice(["rml", "rls"]),
+    default="rml",
+    show_default=True,
+    help="Recursive maximum likelihood, or the paper's recursive least squares.",
+)
+@FORGETTING
 @click.option("--dither", default=0.0, type=click.FloatRange(min=0), metavar="V", help="Random signs added.")
 @click.option(
     "--tune", "tune_after", type=POSITIVE, metavar="S", help="Tune after so many seconds, and apply."
@@ -122,13 +139,34 @@ def _plan(rig: Path, driver: str, folder: Path, choices: dict[str, Any]) -> Plan
         driver,
         folder,
         reference,
-        Choices(gains, choices["order"], choices["dither"], choices["seed"], pid),
+        Choices(gains, _orders(choices), _learning(choices), choices["dither"], choices["seed"], pid),
         choices["seconds"],
         choices["rate"],
         choices["fast"],
         recording,
         choices["seed"],
     )
+
+
+def _orders(choices: dict[str, Any]) -> Orders:
+    """Eq. 12's numbers from the options."""
+    from optid.armax.structure import Orders
+
+    if choices["order"] is not None and choices["na"] is not None:
+        raise InputError("--order and --na", where="--na", expected="one of them")
+    na = choices["na"] or choices["order"] or 4
+    nb, nc = (na if choices[name] is None else choices[name] for name in ("nb", "nc"))
+    return Orders(na, (nb,), nc, (choices["delay"],))
+
+
+def _learning(choices: dict[str, Any]) -> Learning:
+    """How the recursion learns, from the options."""
+    from optid.armax.identifier import Method
+    from optid.armax.identifier import Settings as Learning
+
+    method = Method.EXTENDED_LEAST_SQUARES if choices["method"] == "rls" else Method.MAXIMUM_LIKELIHOOD
+    given = {} if choices["forgetting"] is None else {"forgetting": choices["forgetting"]}
+    return Learning(method, **given)
 
 
 def _way_in(choices: dict[str, Any]) -> tuple[Door, socket.socket]:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from optid.armax.identifier import Identifier
+from optid.armax.identifier import Settings as Learning
 from optid.armax.structure import Orders
+from optid.errors import InputError
 from optid.live.ahead import one_ahead
 from optid.live.alongside import Alongside
 from optid.live.gains import controller_settings
@@ -24,6 +26,7 @@ from optid.rigs.rigfile import Rig
 ROUNDING = (
     0.01  # of the command's range: what stands may differ so much from what was asked for, by a converter
 )
+ORDERS = Orders(4, (4,), 4, (1,))  # of eq. 12, where nobody says otherwise
 DITHER_HOLD = 0.01  # s for which the dither keeps its sign at least
 
 
@@ -33,17 +36,27 @@ class Choices:
 
     Attributes:
         gains: the controller starts with.
-        order: of the ARMAX model, na = nb = nc.
+        orders: of the ARMAX model, one input, whose delay is at least one sample.
+        learning: how it is identified.
         dither: amplitude, V, of the random signs added to the command so that the loop's data can be identified.
         seed: of these.
         pid: all of the controller but its gains, where a pid.json said more than gains.
     """
 
     gains: Gains
-    order: int = 4
+    orders: Orders = ORDERS
+    learning: Learning = field(default_factory=Learning)
     dither: float = 0.0
     seed: int = 0
     pid: PidSettings | None = None
+
+    def __post_init__(self) -> None:
+        if self.orders.inputs != 1 or self.orders.nk[0] < 1:
+            raise InputError(
+                f"{self.orders}",
+                field="orders",
+                expected="one input with a delay of at least 1: a command acts on later samples only",
+            )
 
 
 class Loop:
@@ -69,9 +82,9 @@ class Loop:
         self.alongside = Alongside(rig, settings, wiring, choices.gains, pid)
         low, high = limits.stroke
         scale = (high - low) / 4 if math.isfinite(high - low) else 1.0
-        orders = Orders(choices.order, (choices.order,), choices.order, (1,))
         scales = (scale, (limits.high - limits.low) / 4)
-        self.identifier = Identifier(orders, settings.span, scales=scales)
+        about = (choices.orders, settings.span, choices.learning, scales)
+        self.identifier = Identifier(*about)
         self._dither, self._rng = choices.dither, np.random.default_rng(choices.seed)
         self._sign, self._hold = 0.0, max(1, round(DITHER_HOLD * settings.rate))
         self._time = self._position = self._asked = math.nan  # of the last sample; asked: its command
@@ -81,7 +94,7 @@ class Loop:
         self.taken_back: Gains | None = None
         # Compile or load now what a first sample calls: on a new machine each of these takes longer than a watchdog.
         one_ahead(self.identifier.state)
-        Identifier(orders, settings.span, scales=scales).step(0.0, 0.0)
+        Identifier(*about).step(0.0, 0.0)
         rehearsed = Controller(choices.gains, pid)
         rehearsed.reset(0.0, 0.0, 0.0)
         rehearsed.change(choices.gains)

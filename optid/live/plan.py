@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from optid.armax.offline import names
+from optid.armax.structure import Orders
 from optid.live.loop import Choices
 from optid.live.reference import Reference
 
@@ -32,7 +34,7 @@ class Plan:
         driver: built-in name or "file.py:function".
         out: folder for the log.
         reference: demanded position.
-        choices: gains, order, dither.
+        choices: gains, orders, dither.
         seconds: how long; ``None`` until it is stopped.
         rate: Hz; ``None`` for the rig file's.
         fast: as fast as it goes instead of by the clock.
@@ -52,12 +54,11 @@ class Plan:
     seed: int = 0
 
 
-def slow_columns(order: int) -> list[str]:
+def slow_columns(orders: Orders) -> list[str]:
     """Columns of the ring of parameters: time, fit percent, parted or not, noise sd, and theta."""
-    names = [f"a{i + 1}" for i in range(order)] + [f"b{i}" for i in range(order)]
-    return ["time", "fit_percent", "parted", "noise_sd", *names, *(f"c{i + 1}" for i in range(order))]
+    return ["time", "fit_percent", "parted", "noise_sd", *names(orders)]
 
 
 def ring_sizes(plan: Plan, rate: float) -> tuple[tuple[int, int], tuple[int, int]]:
     """Rows and columns of the ring of signals and of the ring of parameters."""
-    return (round(KEEP * rate), len(SIGNALS)), (round(KEEP * SLOW), len(slow_columns(plan.choices.order)))
+    return (round(KEEP * rate), len(SIGNALS)), (round(KEEP * SLOW), len(slow_columns(plan.choices.orders)))

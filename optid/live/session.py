@@ -11,7 +11,6 @@ from typing import Any
 
 from optid.armax.identifier import Identifier
 from optid.armax.model import Armax
-from optid.armax.structure import Orders
 from optid.core.model import Array
 from optid.errors import InputError, JobError
 from optid.live.events import Events
@@ -61,8 +60,8 @@ class Session:
         self.tuning, self._wants = Tuning(plan, self.events.note), False
         self.end: dict[str, Any] | None = None
         self._progress = (0, math.inf)  # samples seen, and when the last new one was
-        order = plan.choices.order
-        self._blank = Identifier(Orders(order, (order,), order, (1,)), self.settings.span)
+        choices = plan.choices
+        self._blank = Identifier(choices.orders, self.settings.span, choices.learning)
         sizes = ring_sizes(plan, self.settings.rate)
         self.signals, self.slow = Ring(*sizes[0]), Ring(*sizes[1])
         self._processes: list[Any] = []

@@ -9,13 +9,14 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
+from optid.armax.candidate import Candidate
 from optid.armax.frequency import measured_response
 from optid.armax.model import Armax
 from optid.armax.offline import names
 from optid.armax.physical import physical_poles
 from optid.armax.prediction import innovations
 from optid.armax.resample import Sampled
-from optid.armax.survey import Candidate, Survey
+from optid.armax.survey import Survey
 from optid.armax.table2 import CAPTIONS, Table2
 from optid.armax.words import number
 from optid.core.quantity import friendly
@@ -44,7 +45,7 @@ def armax_page(found: Survey, sampled: Sampled, source: Source, folder: str = "o
     table = found.table2.in_unit(unit or "1", factor)
     model, name = found.chosen.model, sampled.output.replace("_", " ")
     groups = [[pair for pair in table.traces if pair[1] == 1], _horizons(table)]
-    e = innovations(model, sampled.signals.y, sampled.signals.u)
+    e = innovations(model, sampled.signals.y, sampled.signals.u, estimated_start=True)
     poles, taken = physical_poles(source.rig, source.recording, sampled.output, model)
     models = [candidate.model for candidate in found.candidates]
     return render(
@@ -72,7 +73,7 @@ def armax_page(found: Survey, sampled: Sampled, source: Source, folder: str = "o
         poles=poles,
         taken=taken,
         number=number,
-        z_map=Markup(responses.pole_zero_map([(c.order, c.audit) for c in found.candidates], poles)),
+        z_map=Markup(responses.pole_zero_map(found.candidates, poles)),
         steps=[
             Markup(responses.steps(models, _per(unit, sampled, i), factor, i))
             for i in range(len(sampled.inputs))

@@ -10,7 +10,7 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
-from optid.armax.audit import Audit
+from optid.armax.candidate import Candidate
 from optid.armax.frequency import FrequencyResponse, model_response, step_response
 from optid.armax.model import Armax
 from optid.armax.physical import PhysicalPole
@@ -76,28 +76,29 @@ def _degrees(response: Any) -> Any:
     return angle - 360.0 * np.round(angle[0] / 360.0)
 
 
-def pole_zero_map(audits: Sequence[tuple[int, Audit]], physical: Sequence[PhysicalPole]) -> Markup:
+def pole_zero_map(candidates: Sequence[Candidate], physical: Sequence[PhysicalPole]) -> Markup:
     """Poles (crosses) with their intervals and zeros (rings) in z, one panel an order; squares are the rig's own."""
     circle = np.exp(1j * np.linspace(0, 2 * np.pi, 400))
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(9.2, 3.3), layout="constrained")
-        panels = figure.subplots(1, len(audits), squeeze=False)[0]
-        for axis, (order, found), colour in zip(panels, audits, COLOURS * 10, strict=False):
+        panels = figure.subplots(1, len(candidates), squeeze=False)[0]
+        for axis, candidate, colour in zip(panels, candidates, COLOURS * 10, strict=False):
             axis.plot(circle.real, circle.imag, color=QUIET, lw=0.8)
             own = [(p.discrete, p.discrete.conjugate()) for p in physical]
             flat = np.array([z for pair in own for z in pair if abs(z) < 3])
             if flat.size:
                 axis.plot(flat.real, flat.imag, "s", mfc="none", color=INK, ms=9, label="rig's equations")
-            poles, zeros = np.array(found.poles), np.array([z for z in found.zeros if abs(z) < 3])
+            poles = np.roots(np.array(candidate.model.a)).astype(complex)
+            zeros = np.array([z for z in candidate.audit.zeros if abs(z) < 3])
             axis.plot(poles.real, poles.imag, "x", color=colour, ms=7, label="poles")
             if zeros.size:
                 axis.plot(zeros.real, zeros.imag, "o", mfc="none", color=colour, ms=6, label="zeros")
-            for pole, sd in zip(poles, found.pole_errors, strict=True):
-                if np.isfinite(sd) and sd < 1.0 and abs(pole) > 0:
-                    ends = pole * (1 + np.array([-1.96, 1.96]) * sd / abs(pole))
+            for pole, (low, high) in zip(poles, candidate.intervals.poles, strict=True):
+                if np.isfinite(low + high) and high - low < 2.0 and abs(pole) > 0:
+                    ends = pole / abs(pole) * np.array([low, high])
                     axis.plot(ends.real, ends.imag, color=colour, lw=2.5, alpha=0.3)
             axis.set_aspect("equal", "datalim")
-            axis.set_title(f"order {order}", loc="left", fontsize=9, color="#4a525c")
+            axis.set_title(f"order {candidate.order}", loc="left", fontsize=9, color="#4a525c")
         panels[0].legend(loc="lower left", ncols=3, bbox_to_anchor=(0.2, 1.0), borderaxespad=0.2, fontsize=7)
         return interactive(figure)
 

@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 
 from optid.armax import Armax, Orders
-from optid.armax.batch import Outcome, fit_batch, residuals_of
+from optid.armax.batch import Outcome, fit_batch
+from optid.armax.gradient import residuals_and_gradient
 from optid.armax.order_selection import compare_orders, grid
 from optid.armax.regression import triangle
 from optid.armax.residuals import residual_tests
+from optid.armax.signals import signals, usable
 from optid.errors import InputError, NotIdentifiable
 
 
@@ -30,13 +32,8 @@ def test_gradient_is_casadi_s(truth, simulated):
     residuals = ca.vertcat(*e)
     function = ca.Function("f", [theta], [residuals, ca.jacobian(residuals, theta)])
     expected_e, expected_J = (np.array(x) for x in function(truth.theta * 1.01))
-    model = Armax(
-        a=(1.0, *(truth.theta[:4] * 1.01)),
-        b=(tuple(truth.theta[4:7] * 1.01),),
-        c=(1.0, *(truth.theta[7:] * 1.01)),
-        nk=(11,),
-    )
-    found_e, Psi = residuals_of(model, y, u)
+    record = signals(y, u)
+    found_e, Psi = residuals_and_gradient(record, usable(record, o), o, truth.theta * 1.01)
     assert found_e == pytest.approx(expected_e.ravel(), abs=1e-10)
     assert -Psi == pytest.approx(expected_J, abs=1e-9)
 

@@ -14,9 +14,10 @@ from optid.armax.audit import audit
 from optid.armax.batch import fit_batch
 from optid.armax.files import from_survey, load, save
 from optid.armax.identifiability import Reason, excitation, follows_output, rounding
+from optid.armax.plan import Plan
 from optid.armax.prediction import innovations, predict, simulate
 from optid.armax.signals import signals
-from optid.armax.survey import Plan, survey
+from optid.armax.survey import survey
 from optid.armax.trend import Trend, find_trend
 from optid.errors import InputError
 from optid.tuning.plant import scenarios
@@ -170,12 +171,9 @@ def test_a_pole_that_a_root_of_c_cancels_is_seen():
 
 
 def test_intervals_hold_the_truth_as_often_as_they_say():
-    """Among 60 draws with offsets and trends 95 % intervals hold poles and static gain in a binomial's 99.9 % range."""
+    """Among 12 draws with offsets and trends 95 % intervals hold poles and static gain in a binomial's 99.9 % range."""
     from studies.armax_coverage import covered
 
-    rng = np.random.default_rng(5)
-    held = [covered(rng, 600, bool(k % 2)) for k in range(60)]
-    gains = [hit for _, hit in held]
-    poles = [hit for own, _ in held for hit in own]
-    assert 51 <= sum(gains) <= 60
-    assert np.mean(poles) > 0.88
+    rows = [covered(np.random.default_rng([5, k]), 600, bool(k % 2)) for k in range(12)]
+    assert sum(row["gain_profile"] for row in rows) >= 8
+    assert sum(row["poles_profile"] for row in rows) >= 0.8 * sum(row["poles"] for row in rows)

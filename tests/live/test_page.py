@@ -16,7 +16,7 @@ pytest.importorskip("aiohttp")
 from aiohttp.test_utils import TestClient, TestServer
 
 from optid.live.events import Events
-from optid.live.loop import Choices
+from optid.live.loop import ORDERS, Choices
 from optid.live.page.door import Door
 from optid.live.page.server import READERS, Page
 from optid.live.plan import SIGNALS, slow_columns
@@ -43,7 +43,7 @@ def session(bench):
         applicable=False,
         tuning=SimpleNamespace(review=None),
         signals=Ring(1000, len(SIGNALS)),
-        slow=Ring(50, len(slow_columns(4))),
+        slow=Ring(50, len(slow_columns(ORDERS))),
         orders=orders,
         stop=lambda why: orders.append(why),
         tune=lambda: orders.append("tune"),

@@ -9,11 +9,16 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
 from click.testing import CliRunner
 
 from optid import cli
+from optid.armax.forgetting import Directional
+from optid.armax.identifier import Identifier, Method
+from optid.armax.identifier import Settings as Learning
+from optid.armax.structure import Orders
 from optid.core.readers import read_recording
 from optid.live.loop import Choices
 from optid.live.plan import Plan
@@ -33,15 +38,37 @@ def run(*arguments):
 
 def test_the_whole_command(tmp_path):
     out = tmp_path / "out"
-    result = run(BENCH, "--out", out, "--fast", "--seconds", 4)
+    asked = [
+        "--na",
+        "3",
+        "--nb",
+        "2",
+        "--nc",
+        "1",
+        "--delay",
+        "2",
+        "--method",
+        "rls",
+        "--forgetting",
+        "directional:0.999",
+    ]
+    result = run(BENCH, "--out", out, "--fast", "--seconds", 4, *asked)
     assert result.exit_code == 0, result.output
     document = json.loads((out / "live.json").read_text())
     assert (document["outcome"], document["samples"], document["missed"]) == ("done", 4000, 0)
     assert document["safe"]
     assert document["fit_percent"]["predicted"] > 99
-    assert json.loads((out / "armax.json").read_text())["recommended"] == 4
     record = read_recording(out / "recording.csv", read_rig(BENCH))
     assert len(record) == 4000
+    identified = json.loads((out / "armax.json").read_text())
+    assert identified["recommended"] == 3
+    model = identified["models"][0]
+    assert [model[name] for name in ("na", "nb", "nc", "nk")] == [3, 2, 1, 2]
+    learning = Learning(Method.EXTENDED_LEAST_SQUARES, Directional(0.999))
+    again = Identifier(Orders(3, (2,), 1, (2,)), 1e-3, learning, scales=(0.234 / 4, 2.5))
+    again.run(record["position"].values, record["command"].values)
+    said = [*model["a"][1:], *model["b"], *model["c"][1:]]
+    np.testing.assert_allclose(said, again.theta, rtol=1e-2, atol=1e-2 * np.abs(again.theta).max())
     report = (out / "report.html").read_text()
     assert "The step at 2.00 s" in report
     assert report.count('<div class="figure"') == 2
@@ -107,6 +134,9 @@ def test_tune_review_apply(tmp_path, patient):
         (("--reference", "4 kg"), "--reference"),
         (("--reference", "400 mm"), "beyond the stroke limits"),
         (("--driver", "opcua", "--fast"), "--fast"),
+        (("--delay", "0"), "--delay"),
+        (("--order", "3", "--na", "3"), "--order and --na"),
+        (("--forgetting", "0.2"), "expected a factor from 0.5 to 1"),
     ],
 )
 def test_wrong_calls_are_refused_in_one_line(tmp_path, arguments, words):

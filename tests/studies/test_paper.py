@@ -19,7 +19,8 @@ def test_every_figure_is_drawn_once(tmp_path):
 
 
 def test_claims_are_judged_with_numbers():
-    from optid.armax.survey import Plan, survey
+    from optid.armax.plan import Plan
+    from optid.armax.survey import survey
 
     experiment = impulse_experiment(np.random.default_rng(0), seconds=1.0)
     found = survey(experiment.y, experiment.u, 1e-3, Plan((3, 4), (1,), delay=1, horizons=False))

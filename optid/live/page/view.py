@@ -24,7 +24,7 @@ def hello(session: Session) -> dict[str, Any]:
         "driver": session.plan.driver,
         "rate": session.settings.rate,
         "signals": list(SIGNALS),
-        "slow": slow_columns(session.plan.choices.order),
+        "slow": slow_columns(session.plan.choices.orders),
         "keep": KEEP,
         "output": {"name": position.role, "unit": position.recorded_unit},
         "input": {"name": command.role, "unit": command.recorded_unit},

@@ -1,0 +1,235 @@
+"""One order identified: recursively and offline, audited, with what its data leave open."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from optid.armax.audit import Audit, audit
+from optid.armax.batch import SEARCHED, BatchFit, fit_batch, informed
+from optid.armax.forgetting import Constant
+from optid.armax.identifiability import EXCITED, OpenDirection, excitation, follows_output, loop_share
+from optid.armax.identifier import Method, Settings
+from optid.armax.model import Armax, from_theta
+from optid.armax.offline import Identification, identify, names
+from optid.armax.order_selection import OrderTable, cut_of
+from optid.armax.plan import Estimator, Plan
+from optid.armax.prediction import innovations
+from optid.armax.profile import Intervals, profile_intervals, wald_intervals
+from optid.armax.regression import hannan_rissanen
+from optid.armax.signals import Signals
+from optid.armax.structure import Orders
+from optid.armax.trend import Frame, Trend
+from optid.armax.words import (
+    Finding,
+    excitation_finding,
+    feedback_finding,
+    open_findings,
+    trend_finding,
+    weak_feedback_finding,
+)
+from optid.core.model import Array
+
+HEAD = 4  # the recursion begins from a regression over one sample in so many, the first ones
+FEW = 20_000  # and over no more than these
+LATER = Settings(start_sd=0.003, start_sd_c=0.03, ease=None, warm=(0.0, 0.0))  # begins near its aim
+SHARED = (
+    "stable",
+    "unstable",
+    "integrating",
+    "time_constants",
+    "common_factor",
+    "noise_cancellation",
+    "drift",
+)
+CLOSE = 1.1  # the recursion's loss may exceed the batch fit's by this factor
+PROFILED = 40_000  # samples up to which intervals are profiled; beyond, the delta method's do
+TESTED = 60_000  # samples on which residuals are tested
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One order by the estimator asked for, beside the recursion and the batch fit of the same structure.
+
+    Attributes:
+        order: na.
+        recursive: what the recursion taught.
+        batch: the reference.
+        loss: mean squared one-step error of the recursion's last model over the recording.
+        model: of the estimator asked for.
+        held_out: of the same estimator, fitted to the part before the one held out.
+        audit: of `model`, its first input; findings on the paths of the others follow.
+        open: what the data leave open.
+        intervals: of the model's poles and static gains.
+    """
+
+    order: int
+    recursive: Identification
+    batch: BatchFit
+    loss: float
+    model: Armax
+    held_out: Armax
+    audit: Audit
+    open: tuple[OpenDirection, ...]
+    intervals: Intervals
+
+    @property
+    def settled(self) -> bool:
+        """The recursion's model predicts about as well as the batch fit's."""
+        return self.loss <= CLOSE * self.batch.loss
+
+
+def identify_candidate(
+    record: Signals,
+    orders: Orders,
+    sample_time: float,
+    about: tuple[Plan, Trend, OrderTable],
+    whose: list[Finding],
+) -> Candidate:
+    """Identify one order recursively and offline, take whom the plan asks for, and audit what is taken."""
+    plan, trend, table = about
+    alike = next((row.fit.model for row in table.rows if row.orders == orders), None)
+    head = record.part(0, cut_of(record.y.size))
+    batch = fit_batch(
+        [record],
+        orders,
+        sample_time,
+        start=None if alike is None else alike.theta,
+        trend=trend,
+        alone=alike is not None and record.y.size > SEARCHED,
+    )
+    taught = _teach(record, orders, sample_time, plan, trend)
+    e: Array = innovations(taught.model, record.y, record.u, estimated_start=True)
+    with np.errstate(over="ignore"):
+        loss = float(np.nanmean(e**2))
+    if plan.estimator is Estimator.PEM:
+        held_out = alike or fit_batch([head], orders, sample_time, trend=trend).model
+        model, left_open = batch.model, batch.open
+    else:
+        held_out = _teach(head, orders, sample_time, plan, trend).model
+        model, left_open = _with_covariance(taught.model, record, trend, plan)
+    if any(finding.name == "feedback" for finding in whose):
+        model = _undetermined(model)
+    likely = plan.estimator is Estimator.PEM and record.y.size <= PROFILED
+    intervals = profile_intervals([record], model, trend) if likely else wald_intervals(model)
+    looked = _audited(model, record, plan, intervals)
+    more = [
+        *open_findings(left_open, _full_names(orders, trend), _inputs(plan, orders)),
+        *_excited(record, plan, orders),
+    ]
+    if (told := trend_finding(model, plan.unit)) is not None:
+        more.append(told)
+    if loss > CLOSE * batch.loss:
+        more.append(_unsettled(loss / batch.loss, plan.estimator is not Estimator.PEM))
+    said = sorted([*whose, *more, *looked.findings], key=lambda finding: not finding.grave)
+    return Candidate(
+        orders.na,
+        taught,
+        batch,
+        loss,
+        model,
+        held_out,
+        replace(looked, findings=tuple(said)),
+        left_open,
+        intervals,
+    )
+
+
+def _audited(model: Armax, record: Signals, plan: Plan, intervals: Intervals) -> Audit:
+    """The audit of the first input's path, with what else the others' say behind its findings."""
+    some = record.part(0, TESTED)
+    looked = audit(model, some.y, some.u, gains=plan.gains, intervals=intervals)
+    more = [
+        replace(finding, text=f"Input {i + 1}: {finding.text}")
+        for i in range(1, model.orders.inputs)
+        for finding in audit(model, gains=plan.gains, input=i, intervals=intervals).findings
+        if finding.name not in SHARED
+    ]
+    return replace(looked, findings=(*looked.findings, *more))
+
+
+def _with_covariance(
+    model: Armax, record: Signals, trend: Trend, plan: Plan
+) -> tuple[Armax, tuple[OpenDirection, ...]]:
+    """A recursion's model with the covariance that its data give it there: P holds what the start assumed, too.
+
+    Where samples fade, P stands: it knows how many of them count.
+    """
+    spread, left_open = informed(record, model, trend)
+    if isinstance(plan.forgetting, Constant) and plan.forgetting.factor == 1.0:
+        own: Array = spread
+    else:
+        own = np.array(model.covariance)
+        own = np.where(np.isfinite(spread), own, spread)
+    trended = (model.constant, model.slope)
+    same = from_theta(
+        model.theta, model.orders, model.sample_time, model.noise_variance, own, trended, model.trend_errors
+    )
+    return same, left_open
+
+
+def _undetermined(model: Armax) -> Armax:
+    """The same with nothing known of any coefficient."""
+    n = model.theta.size
+    nothing = np.where(np.eye(n) > 0, np.inf, np.nan)
+    return replace(model, covariance=tuple(tuple(float(x) for x in row) for row in nothing))
+
+
+def _teach(record: Signals, orders: Orders, sample_time: float, plan: Plan, trend: Trend) -> Identification:
+    """Run the recursion from a regression over the first part of the recording, if that can be done."""
+    length = min(max(record.y.size // HEAD, 10 * orders.parameters + orders.reach), FEW)
+    frame = Frame.of([record], orders, sample_time, trend)
+    try:
+        inner = hannan_rissanen([frame.augmented(record.part(0, length))], frame.full_orders, 10)
+        start = frame.model(inner, 0.0).theta
+    except np.linalg.LinAlgError:
+        start = np.zeros(orders.parameters)
+    method = Method.EXTENDED_LEAST_SQUARES if plan.estimator is Estimator.RLS else Method.MAXIMUM_LIKELIHOOD
+    settings = replace(LATER, method=method, forgetting=plan.forgetting)
+    return identify(record.y, record.u, orders, sample_time, settings, start=start, trend=trend)
+
+
+def _inputs(plan: Plan, orders: Orders) -> list[str]:
+    roles = [role.strip().replace("_", " ") for role in plan.input.split(",")]
+    return roles if len(roles) == orders.inputs else [f"input {i + 1}" for i in range(orders.inputs)]
+
+
+def _full_names(orders: Orders, trend: Trend) -> list[str]:
+    every, at = names(orders), orders.parameters - orders.nc
+    return [*every[:at], *["constant", "slope"][: trend.value], *every[at:]]
+
+
+def feedback_findings(record: Signals, plan: Plan) -> list[Finding]:
+    """Inputs that earlier outputs determine, wholly or nearly."""
+    listed = [role.strip().replace("_", " ") for role in plan.input.split(",")]
+
+    def name(i: int) -> str:
+        return f"the {listed[i]}" if i < len(listed) else f"input {i + 1}"
+
+    found = follows_output(record)
+    nearly = [(i, share) for i, share in loop_share(record) if i not in found]
+    return [
+        *(feedback_finding(name(i)) for i in found),
+        *(weak_feedback_finding(name(i), share) for i, share in nearly),
+    ]
+
+
+def _excited(record: Signals, plan: Plan, orders: Orders) -> list[Finding]:
+    """Inputs that excite less than A and B have numbers."""
+    said = []
+    for i, (role, column) in enumerate(zip(_inputs(plan, orders), record.u.T, strict=True)):
+        needed = orders.na + orders.nb[i]
+        order = excitation(column, max(EXCITED, needed + 2))
+        if 0 < order < needed:
+            said.append(excitation_finding(f"the {role}", order, needed))
+    return said
+
+
+def _unsettled(ratio: float, taken: bool) -> Finding:
+    where = "it stands here all the same, as asked" if taken else "the models here are the offline fit's"
+    return Finding(
+        "recursion_not_settled",
+        taken,
+        f"After one pass the recursion's mean squared error is {ratio:.3g} times the offline fit's: {where}.",
+    )

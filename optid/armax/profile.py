@@ -1,0 +1,376 @@
+"""95 % intervals of poles and static gains by profile likelihood.
+
+A standard error carried over from the coefficients (the delta method) takes A's roots for linear functions of its
+coefficients. Where poles lie close together, or hardly show in the data, they are not: the interval is too short and
+lies in the wrong place. The profile asks instead how far a pole may be moved, all else being fitted anew, until the
+sum of squares has grown by what chance allows (Bates and Watts, Nonlinear Regression Analysis, 1988, sec. 6.1;
+Venzon and Moolgavkar, Appl. Statist. 37, 1988). A pole at a given place, a pair of given modulus and a given static
+gain are linear constraints on the coefficients, so each question is a small least-squares problem.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from optid.armax.audit import pole_errors, static_gain_error
+from optid.armax.batch import STABLE_RADIUS, equilibrated, placed
+from optid.armax.gradient import Problem
+from optid.armax.model import Armax
+from optid.armax.signals import Signals
+from optid.armax.stability import roots_inside
+from optid.armax.trend import Trend
+from optid.core.model import Array
+
+LIMIT = 1.96  # root of the growth of -2 log likelihood at a 95 % interval's end
+NEAR = 0.05  # of that root: near enough
+WALKS = 14  # places looked at on either side
+STEPS = 12  # Gauss-Newton steps for a place
+SETTLED = 0.02  # change of -2 log likelihood below which a place is settled
+FLATTEST = 2.0  # factor by which a step outwards may grow
+OUTERMOST = 1.2  # modulus up to which a pole is followed
+FARTHEST = 1e3  # standard errors up to which a static gain is followed
+MOST = (
+    4_000_000  # samples gone through for all intervals of a model; what is left then keeps the delta method's
+)
+TURN = 0.3  # rad, by which a pair's angle may change in a step
+APART = 1e-3  # rad, from the real axis
+
+Interval = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Intervals:
+    """95 % intervals.
+
+    Attributes:
+        poles: of each pole's modulus, in the order of `numpy.roots(a)`; infinite where the data leave a side open.
+        static_gains: of each input's; the same.
+    """
+
+    poles: tuple[Interval, ...]
+    static_gains: tuple[Interval, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """Coefficients under a constraint, and what they cost.
+
+    Attributes:
+        theta: in the coordinates of the fit, shape (n,).
+        angle: of a pair of poles, rad; 0 where there is none.
+        growth: of -2 log likelihood over its best value.
+    """
+
+    theta: Array
+    angle: float
+    growth: float
+
+
+# (theta, angle) -> rows L and right side d of L theta = d, and the change of L theta - d with the angle.
+Constraint = Callable[[Array, float], tuple[Array, Array, Array]]
+
+
+def wald_intervals(model: Armax) -> Intervals:
+    """From the covariance, to first order: right on long recordings."""
+    poles = np.roots(np.array(model.a)).astype(complex)
+    errors = pole_errors(model, poles)
+    around = [_around(float(abs(p)), sd) for p, sd in zip(poles, errors, strict=True)]
+    gains = [_around(_gain(model, i), static_gain_error(model, i)) for i in range(model.orders.inputs)]
+    return Intervals(tuple(around), tuple(gains))
+
+
+def profile_intervals(records: Sequence[Signals], model: Armax, trend: Trend) -> Intervals:
+    """From the recordings to which the model was fitted by prediction errors, where these are not too long.
+
+    What the data leave open, and what would take too long, keeps the interval of the delta method, which is right where
+    much is known.
+
+    Args:
+        records: fitted to.
+        model: the best one.
+        trend: that was estimated along.
+    """
+    frame, problem, theta = placed(records, model, trend)
+    first = wald_intervals(model)
+    profile = Profile.around(problem, theta)
+    poles = np.roots(np.array(model.a)).astype(complex)
+    gains, every = list(first.static_gains), list(first.poles)
+    with contextlib.suppress(_Spent):
+        for i, (low, high) in enumerate(first.static_gains):
+            unit = float(frame.output / frame.inputs[i])
+            if math.isfinite(low + high):
+                own = profile.gain(i, (low / unit, high / unit))
+                gains[i] = unit * own[0], unit * own[1]
+        for i in np.argsort(-np.abs(poles), kind="stable"):  # those that matter most first
+            pole, twin = complex(poles[i]), np.flatnonzero(poles == np.conj(poles[i]))
+            if pole.imag >= 0.0 and np.isfinite(first.poles[i]).all():
+                every[i] = profile.pole(pole, first.poles[i])
+                for other in twin:
+                    every[other] = every[i]
+    return Intervals(tuple(every), tuple(gains))
+
+
+class _Replaced(Exception):
+    """Another pole went to the place."""
+
+
+class _Spent(Exception):
+    """As much has been computed as intervals may cost."""
+
+
+@dataclass(frozen=True, eq=False)
+class Profile:
+    """The sum of squares around its least value.
+
+    Attributes:
+        problem: whose sum of squares.
+        theta: where it is least, shape (n,).
+        loss: there.
+        metric: inverse of the information there, of parameters times their sizes, and these.
+        spent: samples gone through so far, in a list of one.
+    """
+
+    problem: Problem
+    theta: Array
+    loss: float
+    metric: tuple[Array, Array]
+    spent: list[int] = field(default_factory=lambda: [0])
+
+    @classmethod
+    def around(cls, problem: Problem, theta: Array) -> Profile:
+        """The profile of a problem's best parameters."""
+        R, _, size = equilibrated(problem.information(theta))
+        weight = np.linalg.inv(R.T @ R + 1e-10 * np.eye(size.size))
+        return cls(problem, theta, problem.loss(theta), (np.asarray(weight), size))
+
+    def gain(self, input: int, first: Interval) -> Interval:
+        """How far a static gain may lie, from a first guess of its interval."""
+        orders = self.problem.orders
+        block = list(orders.blocks())[input]
+
+        def at(value: float) -> Constraint:
+            row = np.zeros(self.theta.size)
+            row[: orders.na], row[block] = -value, 1.0
+            return lambda theta, angle: (row[None, :], np.array([value]), np.zeros(1))
+
+        middle, half = (first[0] + first[1]) / 2, (first[1] - first[0]) / 2
+        ends = []
+        for side in (-1.0, 1.0):
+            walk = _Walk(self)
+            end = _end(
+                lambda x, walk=walk: walk.to([(at(x), 0.0)]),  # type: ignore[misc]
+                middle,
+                side * half,
+                middle + side * FARTHEST * half,
+            )
+            ends.append(end if abs(end - middle) < FARTHEST * half else side * math.inf)
+        return ends[0], ends[1]
+
+    def pole(self, pole: complex, first: Interval) -> Interval:
+        """How far a pole's modulus may lie, from a first guess of its interval.
+
+        Along the real axis through zero if the pole is real. Two real poles may become a pair on the way, and a pair
+        two real ones: a modulus is within the interval if any of them fits. Where another pole would go there instead,
+        it ends at the first guess or at what was reached.
+        """
+        half = (first[1] - first[0]) / 2
+        sign = -1.0 if pole.real < 0.0 else 1.0
+        sign_of = 1.0 if pole.imag else sign
+        start = abs(pole) if pole.imag else pole.real
+        ends = []
+        for side in (-1.0, 1.0):
+            walk, step = _Walk(self), side * min(half, 0.5)
+            reached = [start + step]
+
+            def root(x: float, walk: _Walk = walk, reached: list[float] = reached) -> float:
+                now = walk.to(self._kinds(x, pole, sign))
+                if now <= LIMIT:
+                    other = self._nearer(walk.last, abs(x), pole)
+                    if other is not None:
+                        reached.append(other.real if not (pole.imag or other.imag) else sign_of * abs(other))
+                        raise _Replaced
+                    reached.append(x)
+                return now
+
+            bound = side * OUTERMOST if not pole.imag or side > 0 else 0.0
+            try:
+                ends.append(_end(root, start, step, bound))
+            except _Replaced:
+                farthest = max(reached, key=lambda x: side * x)
+                ends.append(max(farthest, 0.0) if pole.imag else farthest)
+        low, high = min(ends), max(ends)
+        if low < 0.0 < high:
+            return 0.0, max(-low, high)
+        return min(abs(low), abs(high)), max(abs(low), abs(high))
+
+    def _nearer(self, theta: Array, modulus: float, pole: complex) -> complex | None:
+        """The pole nearest to this one if it was not this one that went to the place.
+
+        A pole too many goes anywhere and proves nothing.
+        """
+        roots = np.roots(np.concatenate([[1.0], theta[: self.problem.orders.na]])).astype(complex)
+        distance = np.abs(roots.real + 1j * np.abs(roots.imag) - (pole.real + 1j * abs(pole.imag)))
+        there = np.abs(np.abs(roots) - modulus) < 1e-3
+        if not there.any() or there.all():
+            return None
+        nearest = int(np.argmin(distance))
+        return None if there[nearest] else complex(roots[nearest])
+
+    def _kinds(self, x: float, pole: complex, sign: float) -> list[tuple[Constraint, float]]:
+        """A real pole there, or a pair of that modulus; what the pole is now comes first."""
+        n = self.problem.orders.na
+        real = (self._real(x if not pole.imag else sign * x), 0.0)
+        if n < 2 or x == 0.0:
+            return [real]
+        angle = abs(np.angle(pole)) if pole.imag else (0.1 if x > 0 else math.pi - 0.1)
+        pair = (self._pair(abs(x)), float(angle))
+        return [pair, real] if pole.imag else [real, pair]
+
+    def _real(self, x: float) -> Constraint:
+        n = self.problem.orders.na
+        row = np.zeros(self.theta.size)
+        row[:n] = x ** np.arange(n - 1.0, -1.0, -1.0)
+        return lambda theta, angle: (row[None, :], np.array([-(x**n)]), np.zeros(1))
+
+    def _pair(self, modulus: float) -> Constraint:
+        n = self.problem.orders.na
+        powers = np.arange(n, -1.0, -1.0)
+
+        def rows(theta: Array, angle: float) -> tuple[Array, Array, Array]:
+            """Re A(z) and Im A(z) / sin(angle), which stays of use where the pair becomes a double pole."""
+            of, slope = np.zeros((2, n + 1)), np.zeros((2, n + 1))
+            size, s, c = modulus**powers, math.sin(angle), math.cos(angle)
+            of[0], of[1] = size * np.cos(powers * angle), size * np.sin(powers * angle) / s
+            slope[0] = -powers * size * np.sin(powers * angle)
+            slope[1] = (powers * size * np.cos(powers * angle) - of[1] * c) / s
+            full, turned = np.zeros((2, self.theta.size)), np.zeros((2, self.theta.size))
+            full[:, :n], turned[:, :n] = of[:, 1:], slope[:, 1:]
+            return full, -of[:, 0], slope[:, 0] + turned @ theta
+
+        return rows
+
+    def nearest(self, constraint: Constraint, start: Place) -> Place:
+        """The least sum of squares under a constraint, searched from a place."""
+        place, damping = self._brought(constraint, start), 1e-3
+        for _ in range(STEPS):
+            if not math.isfinite(place.growth):
+                break
+            self.spent[0] += self.problem.count
+            if self.spent[0] > MOST:
+                raise _Spent
+            R, target, size = equilibrated(self.problem.information(place.theta))
+            rows, _, turn = constraint(place.theta, place.angle)
+            free = _free(np.column_stack([rows / size, turn]))
+            moved = False
+            while damping < 1e6:
+                trial = self._stepped(constraint, place, (R, target, size, free), damping)
+                if trial.growth <= place.growth:
+                    moved = True
+                    break
+                damping *= 8.0
+            if not moved:
+                break
+            settled = place.growth - trial.growth < SETTLED
+            place, damping = trial, max(damping / 10.0, 1e-9)
+            if settled:
+                break
+        return place
+
+    def _stepped(
+        self,
+        constraint: Constraint,
+        place: Place,
+        linear: tuple[Array, Array, Array, Array],
+        damping: float,
+    ) -> Place:
+        R, target, size, free = linear
+        n = self.theta.size
+        stacked = np.concatenate([R @ free[:n], math.sqrt(damping) * free])
+        wanted = np.concatenate([target[:n], np.zeros(free.shape[0])])
+        step = free @ np.linalg.lstsq(stacked, wanted, rcond=None)[0]
+        angle = place.angle
+        if angle:
+            angle = float(np.clip(angle + np.clip(step[n], -TURN, TURN), APART, math.pi - APART))
+        return self._brought(constraint, Place(place.theta + step[:n] / size, angle, 0.0))
+
+    def _brought(self, constraint: Constraint, place: Place) -> Place:
+        """The nearest coefficients that keep the constraint, nearness being what the residuals notice."""
+        rows, right, _ = constraint(place.theta, place.angle)
+        weight, size = self.metric
+        scaled = rows / size
+        lacking = right - rows @ place.theta
+        across = scaled @ weight @ scaled.T
+        step = weight @ scaled.T @ np.linalg.lstsq(across, lacking, rcond=1e-12)[0] / size
+        theta = place.theta + step
+        orders = self.problem.orders
+        if not roots_inside(theta[orders.c_block], orders.nc, STABLE_RADIUS, np.empty(2 * orders.nc)):
+            return Place(theta, place.angle, math.inf)
+        loss = self.problem.loss(theta)
+        ratio = loss / self.loss if self.loss > 0.0 else math.inf
+        return Place(theta, place.angle, self.problem.count * math.log(ratio) if ratio < math.inf else ratio)
+
+
+class _Walk:
+    """Places one after another, each searched from the one before and from the best one."""
+
+    def __init__(self, profile: Profile) -> None:
+        self._profile, self.last = profile, profile.theta
+
+    def to(self, kinds: Sequence[tuple[Constraint, float]]) -> float:
+        """Root of the growth under the first constraint that chance allows, else under the best one."""
+        best = math.inf
+        for constraint, angle in kinds:
+            for theta in (self.last, self._profile.theta):
+                place = self._profile.nearest(constraint, Place(theta, angle, 0.0))
+                if place.growth < best:
+                    best, found = place.growth, place.theta
+                if best <= LIMIT**2:
+                    self.last = found
+                    return math.sqrt(max(best, 0.0))
+        return math.sqrt(max(best, 0.0))
+
+
+def _end(root: Callable[[float], float], start: float, step: float, bound: float) -> float:
+    """Where, from `start` in the direction of `step`, the root of the growth first exceeds its limit."""
+    inner, low, outer, high = start, 0.0, math.nan, math.nan
+    x = start + step
+    for _ in range(WALKS):
+        x = min(x, bound) if step > 0 else max(x, bound)
+        now = root(x)
+        if abs(now - LIMIT) <= NEAR:
+            end = start + (x - start) * LIMIT / now
+            return min(end, bound) if step > 0 else max(end, bound)
+        if now < LIMIT:
+            inner, low = x, now
+            if x == bound:
+                return bound
+        else:
+            outer, high = x, min(now, 10.0)
+        if math.isnan(outer):
+            x = start + (x - start) * min(max(LIMIT / max(now, 0.1), 1.1), FLATTEST)
+        else:
+            x = inner + (outer - inner) * min(max((LIMIT - low) / (high - low), 0.1), 0.9)
+    return inner if math.isnan(outer) else x
+
+
+def _free(rows: Array) -> Array:
+    """An orthonormal basis of the directions that rows do not notice, shape (n, n - rank)."""
+    _, singular, Vt = np.linalg.svd(rows)
+    rank = int(np.sum(singular > 1e-10 * max(float(singular[0]), 1e-300)))
+    return np.asarray(Vt[rank:].T)
+
+
+def _around(value: float, sd: float) -> Interval:
+    if not math.isfinite(value) or not math.isfinite(sd):
+        return -math.inf, math.inf
+    return value - LIMIT * sd, value + LIMIT * sd
+
+
+def _gain(model: Armax, input: int) -> float:
+    at_one = float(np.sum(model.a))
+    return float(np.sum(model.b[input])) / at_one if abs(at_one) > 1e-12 else math.nan
