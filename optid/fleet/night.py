@@ -11,7 +11,8 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +20,7 @@ import numpy as np
 
 from optid.api.document import stamp
 from optid.api.inputs import Progress, given, refuse_unfit, rig_of, silent
-from optid.core.model import Array
+from optid.core.model import Array, Model
 from optid.core.recording import Recording
 from optid.diagnosis.problem import prepare, with_effect
 from optid.effects.effect import Effect
@@ -164,11 +165,16 @@ def quantities(
         one = q.model.parameters[i]
         if one.name in asked:
             found[one.name] = Quantity(float(p[i] + moved[k]), float(sd[k]), one.unit)
-    effects = [one for one in admitted(rig.model) if one.name in watch]
+    effects = _admitted(rig.model, tuple(watch))
     for number, effect in enumerate(effects):
         progress((number + 1) / (len(effects) + 1), effect.name)
         found |= _sizes(rig, effect, thin, p, q, guide, errors)
     return found
+
+
+@lru_cache(maxsize=64)
+def _admitted(model: Model, watch: tuple[str, ...]) -> tuple[Effect, ...]:
+    return tuple(one for one in admitted(model) if one.name in watch)
 
 
 def _errors(q: LikelihoodProblem, p: Array, guide: Filtered) -> _Errors:
@@ -197,7 +203,7 @@ def _sizes(
 ) -> dict[str, Quantity]:
     """What each strength of an effect comes to beside the parameters, one at a time."""
     wide = with_effect(rig, effect)
-    q = likelihood_problem(wide, build_problem(wide.model, recordings, WHOLE), plain.model)
+    q = replace(plain, rig=wide, problem=build_problem(wide.model, recordings, WHOLE))
     here = {one.name: float(value) for one, value in zip(plain.model.parameters, p, strict=True)}
     points = _points(effect)
     P = np.array([q.at({**here, **effect.qualified(point)}) for _, point, _ in points])

@@ -80,16 +80,16 @@ def _work(job: Job, place: Path, key: str, inputs: dict[str, str | None]) -> dic
     (place / RUN).unlink(missing_ok=True)
     end_left_over(place / PROCESS)
     began, before = datetime.now(UTC), _written(place)
-    for attempt in range(1, job.limits.retries + 2):
+    attempts, ended = 0, None
+    while ended is None or (ended.outcome is Outcome.CRASHED and attempts <= job.limits.retries):
         ended = supervise(job.arguments(place.resolve()), job.limits, place, place / PROCESS)
-        if ended.outcome is not Outcome.CRASHED:
-            break
+        attempts += 1
     (place / PROCESS).unlink(missing_ok=True)
     fresh = ended.outcome in (Outcome.DONE, Outcome.FAILED) and _written(place) != before
     content = _document(job, key, inputs, ended, manifest(place) if fresh else None)
     content |= {
         "began": began.isoformat(timespec="seconds"),
-        "attempts": attempt,
+        "attempts": attempts,
         "host": socket.gethostname(),
     }
     _write(place / RUN, content)

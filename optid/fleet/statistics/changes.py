@@ -57,7 +57,7 @@ def changes(measures: pd.DataFrame, reference: int, level: float) -> Changes:
     Changes
         Empty where no rig has more nights than the reference.
     """
-    nightly = measures.groupby(["rig", "quantity", "date"], sort=True)["value"].mean().unstack("date")
+    nightly = measures.pivot_table(index=["rig", "quantity"], columns="date", values="value", aggfunc="mean")
     scores = _scores(nightly, reference)
     if scores.empty:
         empty = pd.DataFrame(columns=["rig", "date", "p", "p_rig", "q", "told", "quantity", "t"])
@@ -73,7 +73,7 @@ def changes(measures: pd.DataFrame, reference: int, level: float) -> Changes:
 
 
 def _scores(nightly: pd.DataFrame, reference: int) -> pd.DataFrame:
-    """For each rig, night and quantity the look that tells most: t, p over looks, shift of its mean and that one's sd."""
+    """For each rig, night and quantity the look that tells most: t, p over looks, shift of the mean and its sd."""
     found = []
     for quantity, table in nightly.groupby(level="quantity"):
         rows = [(str(rig), _known(row)) for (rig, _), row in table.iterrows()]
@@ -116,7 +116,7 @@ def _known(row: pd.Series[float]) -> pd.Series[float]:
 def _looks(
     after: NDArray[np.float64], mean: float, variance: float, reference: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """How far the mean of the last nights is from the reference's, and the sd of that, (nights, looks); NaN if fewer."""
+    """How far the mean of the last nights is from the reference's, and its sd, (nights, looks); NaN where fewer."""
     total = np.concatenate([[0.0], np.cumsum(after - mean)])
     shift = np.full((len(after), len(LOOKS)), np.nan)
     for k, look in enumerate(LOOKS):
@@ -145,7 +145,7 @@ def _by_fleet(nights: pd.DataFrame, rigs: Sequence[str], level: float) -> pd.Dat
     p = nights.pivot_table(index="date", columns="rig", values="p_rig").reindex(columns=rigs)
     p = p.ffill().fillna(1.0)  # a rig without a recording keeps what it had
     q = pd.DataFrame(stats.false_discovery_control(p.to_numpy(), axis=1), index=p.index, columns=p.columns)
-    long = q.stack().rename("q").reset_index()
+    long = q.reset_index().melt(id_vars="date", value_name="q")
     nights = nights.merge(long, on=["rig", "date"], how="left")
     columns = ["rig", "date", "p", "p_rig", "q", "quantity", "t"]
     return nights[columns].assign(told=nights["q"] <= level)

@@ -127,7 +127,7 @@ def shrunken(y: Array, v: Array) -> Array:
 
 
 def variance_among(y: Array, v: Array) -> float:
-    """Of the true values among rigs: what makes their weighted squares come to as many as there are degrees of freedom."""
+    """Of the true values among rigs: with it their weighted squares come to the degrees of freedom."""
 
     def excess(among: float) -> float:
         weight = 1.0 / (v + among)
