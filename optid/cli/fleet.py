@@ -64,7 +64,7 @@ def fleet() -> None:
 @click.option("--tls-key", metavar="FILE", help="Its key (PEM).")
 @click.pass_context
 def run_fleet(
-    context: click.Context, file: str, out: str, address: str | None, jobs: int | None, **tls: str | None
+    context: click.Context, /, file: str, out: str, address: str | None, jobs: int | None, **tls: str | None
 ) -> None:
     """Do the rows of a fleet file that are missing or changed, and say what the fleet shows.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ipaddress
+import logging
 from collections.abc import Iterator
 from concurrent.futures import Executor, Future
 from contextlib import contextmanager
@@ -68,6 +69,7 @@ def connected(address: str, certificates: Certificates | None = None) -> Iterato
         raise InputError(
             "needs the package distributed", where="--on", hint='pip install "optid[fleet]"'
         ) from None
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what it means for the rows is said here
     security = None
     if certificates is not None:
         security = Security(

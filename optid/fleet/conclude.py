@@ -75,9 +75,9 @@ def _kin(
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Rigs unlike their siblings, and what siblings share, over all groups of siblings."""
     column = f"tag {fleet.siblings}"
-    kind = runs.groupby("rig")[column].first() if fleet.siblings and column in runs else pd.Series(dtype=str)
+    kind = runs.groupby("rig")[column].first().to_dict() if fleet.siblings and column in runs else {}
     first = levels(followed, reference)
-    group = first["rig"].map(kind).fillna("") if not first.empty else pd.Series(dtype=str)
+    group = first["rig"].map(lambda rig: kind.get(rig, "")) if not first.empty else pd.Series(dtype=str)
     odd, shared = [], []
     for name, some in first.groupby(group, sort=True) if not first.empty else ():
         odd.append(unlike(some, fleet.level).assign(siblings=name))

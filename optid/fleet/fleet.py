@@ -14,7 +14,7 @@ from optid.errors import InputError
 from optid.fleet.conclude import concluded
 from optid.fleet.fleetfile import Fleet, Nightly, read_fleet
 from optid.fleet.job import Job
-from optid.fleet.nights import by_rig, diagnoses, fits, tests
+from optid.fleet.nights import by_rig, diagnoses, fits, night_tests
 from optid.fleet.running import Ran, run_jobs
 from optid.report.interactive import write_library
 from optid.results.fleet import FleetResult
@@ -95,7 +95,7 @@ def _follow(
     """Fit the reference, test each night, and diagnose the rigs told of."""
     rigs = by_rig(fleet.jobs)
     go(fits(rigs, nightly), (0.0, 0.3))
-    go(tests(rigs, nightly, out), (0.3, 0.7))
+    go(night_tests(rigs, nightly, out), (0.3, 0.7))
     if nightly.diagnose:
         go(diagnoses(rigs, concluded(fleet, out, names).told, out), (0.7, 0.98))
 

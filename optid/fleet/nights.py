@@ -33,7 +33,7 @@ def fits(rigs: Mapping[str, Sequence[Job]], nightly: Nightly) -> list[Job]:
     return found
 
 
-def tests(rigs: Mapping[str, Sequence[Job]], nightly: Nightly, out: Path) -> list[Job]:
+def night_tests(rigs: Mapping[str, Sequence[Job]], nightly: Nightly, out: Path) -> list[Job]:
     """A test of every night of each rig whose fit is there, the reference's nights included."""
     found = []
     for rig, nights in rigs.items():

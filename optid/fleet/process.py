@@ -16,10 +16,19 @@ from enum import Enum
 from pathlib import Path
 from typing import IO
 
-import psutil
-
+from optid.errors import InputError
 from optid.fleet.job import Limits
 
+try:
+    import psutil
+except ImportError:
+    raise InputError("needs the package psutil", where="fleet", hint='pip install "optid[fleet]"') from None
+
+PROGRAM = (
+    sys.executable,
+    "-m",
+    "optid.fleet.child",
+)  # is told memory, seconds, whose child it is, and the arguments
 LAST = 4000  # characters that are kept of what a program says
 LOOK = 0.25  # s between looks at a process's memory; it is noticed sooner that it ended
 GRACE = 1.0  # s that a process of a worker that was killed may still take to end
@@ -105,14 +114,7 @@ def supervise(arguments: Sequence[str], limits: Limits, folder: Path, begun: Pat
     Stopped
         `stop_all` was called.
     """
-    call = [
-        sys.executable,
-        "-m",
-        "optid.fleet.child",
-        str(limits.memory),
-        str(limits.time_limit),
-        str(os.getpid()),
-    ]
+    call = [*PROGRAM, str(limits.memory), str(limits.time_limit), str(os.getpid())]
     began = time.monotonic()
     with tempfile.TemporaryFile() as said:
         with _LOCK:

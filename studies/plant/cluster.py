@@ -22,10 +22,11 @@ class Cluster:
     Args:
         folder: for their files.
         workers: how many.
+        preload: a Python file that workers run first.
     """
 
-    def __init__(self, folder: Path, workers: int = 2) -> None:
-        self.folder, self.count = folder, workers
+    def __init__(self, folder: Path, workers: int = 2, preload: Path | None = None) -> None:
+        self.folder, self.count, self.preload = folder, workers, preload
         self.scheduler: subprocess.Popen[bytes] | None = None
         self.workers: list[subprocess.Popen[bytes]] = []
         self.address = ""
@@ -62,7 +63,8 @@ class Cluster:
         """One more worker."""
         local = self.folder / "workers"
         options = ("--nthreads", "1", "--no-nanny", "--memory-limit", "0", "--local-directory", str(local))
-        self.workers.append(self._begun("worker", self.address, "--host", "127.0.0.1", *options))
+        first = ("--preload", str(self.preload)) if self.preload is not None else ()
+        self.workers.append(self._begun("worker", self.address, "--host", "127.0.0.1", *options, *first))
 
     def stop(self) -> None:
         """End all, for good."""

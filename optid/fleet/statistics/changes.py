@@ -7,8 +7,8 @@ quantities and lengths of look, a p-value that may be looked at every night, and
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -74,43 +74,31 @@ def changes(measures: pd.DataFrame, reference: int, level: float) -> Changes:
 
 def _scores(nightly: pd.DataFrame, reference: int) -> pd.DataFrame:
     """For each rig, night and quantity the look that tells most: t, p over looks, shift of the mean and its sd."""
-    found = []
+    parts: dict[str, list[NDArray[Any]]] = {
+        name: [] for name in ("rig", "date", "quantity", "t", "p", "shift", "sd")
+    }
     for quantity, table in nightly.groupby(level="quantity"):
-        rows = [(str(rig), _known(row)) for (rig, _), row in table.iterrows()]
-        rows = [(rig, row) for rig, row in rows if len(row) > reference]
-        if not rows:
+        rigs, dates = table.index.get_level_values("rig").to_numpy(), table.columns.to_numpy()
+        known = np.isfinite(table.to_numpy(dtype=float))
+        enough = np.flatnonzero(known.sum(axis=1) > reference)
+        if not len(enough):
             continue
-        first = [row.to_numpy()[:reference] for _, row in rows]
-        spread = moderated(
-            np.array([np.var(one, ddof=1) for one in first]), np.full(len(rows), reference - 1.0)
-        )
-        for (rig, row), own, variance, degrees in zip(
-            rows, first, spread.variance, spread.degrees, strict=True
+        rows = [table.to_numpy(dtype=float)[k][known[k]] for k in enough]
+        first = np.array([row[:reference] for row in rows])
+        spread = moderated(first.var(axis=1, ddof=1), np.full(len(rows), reference - 1.0))
+        for k, row, mean, variance, degrees in zip(
+            enough, rows, first.mean(axis=1), spread.variance, spread.degrees, strict=True
         ):
-            after = row.iloc[reference:]
-            shift, sd = _looks(after.to_numpy(), float(own.mean()), float(variance), reference)
+            shift, sd = _looks(row[reference:], float(mean), float(variance), reference)
             t = shift / sd
-            best = np.nanargmax(np.abs(t), axis=1)
-            pick = np.arange(len(after)), best
+            pick = np.arange(len(t)), np.nanargmax(np.abs(t), axis=1)
             p = 2.0 * stats.t.sf(np.abs(t[pick]), degrees) * np.isfinite(t).sum(axis=1)
-            found.append(
-                pd.DataFrame(
-                    {
-                        "rig": rig,
-                        "date": after.index,
-                        "quantity": str(quantity),
-                        "t": t[pick],
-                        "p": np.minimum(p, 1.0),
-                        "shift": shift[pick],
-                        "sd": sd[pick],
-                    }
-                )
-            )
-    return pd.concat(found, ignore_index=True) if found else pd.DataFrame()
-
-
-def _known(row: pd.Series[float]) -> pd.Series[float]:
-    return row[np.isfinite(row.to_numpy(dtype=float))]
+            names = (np.full(len(t), rigs[k]), dates[known[k]][reference:], np.full(len(t), quantity))
+            for name, values in zip(
+                parts, (*names, t[pick], np.minimum(p, 1.0), shift[pick], sd[pick]), strict=True
+            ):
+                parts[name].append(values)
+    return pd.DataFrame({name: np.concatenate(values) for name, values in parts.items() if values})
 
 
 def _looks(
@@ -133,14 +121,15 @@ def _by_rig(scores: pd.DataFrame) -> pd.DataFrame:
     whatever the nights have to do with each other.
     """
     count = scores.groupby(["rig", "date"])["p"].transform("size")
-    scores = scores.assign(p=np.minimum(scores["p"] * count, 1.0))
+    scores = scores.assign(p=(scores["p"] * count).clip(upper=1.0))
     nights = scores.loc[scores.groupby(["rig", "date"])["p"].idxmin()].sort_values(["rig", "date"])
     k = nights.groupby("rig").cumcount() + 1
-    spent = np.minimum(nights["p"] * k * (k + 1), 1.0)
-    return nights.assign(p_rig=spent.groupby(nights["rig"]).cummin()).reset_index(drop=True)
+    spent = (nights["p"] * k * (k + 1)).clip(upper=1.0)
+    nights = nights.assign(p_rig=spent)
+    return nights.assign(p_rig=nights.groupby("rig")["p_rig"].cummin()).reset_index(drop=True)
 
 
-def _by_fleet(nights: pd.DataFrame, rigs: Sequence[str], level: float) -> pd.DataFrame:
+def _by_fleet(nights: pd.DataFrame, rigs: list[str], level: float) -> pd.DataFrame:
     """The share of false ones (Benjamini and Hochberg 1995) on every night, over all rigs, the silent ones included."""
     p = nights.pivot_table(index="date", columns="rig", values="p_rig").reindex(columns=rigs)
     p = p.ffill().fillna(1.0)  # a rig without a recording keeps what it had

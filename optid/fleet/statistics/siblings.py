@@ -35,7 +35,7 @@ def levels(measures: pd.DataFrame, reference: int) -> pd.DataFrame:
             continue
         one = count == 1
         variance = float(series["sd"].iloc[0]) ** 2 if one else float(series["value"].var(ddof=1)) / count
-        found.append((rig, quantity, float(series["value"].mean()), variance, count))
+        found.append((str(rig), str(quantity), float(series["value"].mean()), variance, count))
     return pd.DataFrame(found, columns=["rig", "quantity", "value", "variance", "count"])
 
 
@@ -67,9 +67,10 @@ def unlike(table: pd.DataFrame, level: float) -> pd.DataFrame:
         parts.append(known.assign(usual=float(np.median(values)), z=z, p=p))
     if not parts:
         return pd.DataFrame(columns=[*table.columns, "usual", "z", "p", "q", "told"])
-    found = pd.concat(parts, ignore_index=True)
-    q = stats.false_discovery_control(found["p"].to_numpy())
-    return found.assign(q=q, told=q <= level)
+    found: pd.DataFrame = pd.concat(parts, ignore_index=True)
+    q = np.asarray(stats.false_discovery_control(found["p"].to_numpy()))
+    found["q"], found["told"] = q, q <= level
+    return found
 
 
 def pooled(table: pd.DataFrame) -> pd.DataFrame:

@@ -79,7 +79,7 @@ def trend(rig: str, quantity: str, series: pd.Series[float]) -> Trend:
     series : pd.Series[float]
         by date, ascending, finite.
     """
-    values = series.to_numpy(dtype=float)
+    values = np.asarray(series, dtype=np.float64)
     days = (pd.to_datetime(series.index) - pd.to_datetime(series.index[0])) / pd.Timedelta(days=1)
     slope, _, low, high = stats.theilslopes(values, days.to_numpy(), alpha=0.95)
     at, p = change_point(values)

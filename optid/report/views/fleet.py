@@ -72,4 +72,4 @@ def _rows(result: FleetResult) -> list[dict[str, Any]]:
         ["_bad", "_rank", "date"], ascending=[True, True, False]
     )
     columns = ["name", "rig", "date", "job", "outcome", "verdict", "effects", "said", "cpu_seconds"]
-    return [dict(row) for row in order[columns].head(LISTED).to_dict("records")]
+    return [{str(k): v for k, v in row.items()} for row in order[columns].head(LISTED).to_dict("records")]
