@@ -27,7 +27,7 @@ except ImportError:
 PROGRAM = (
     sys.executable,
     "-m",
-    "optid.fleet.child",
+    "optid.cli.bounded",
 )  # is told memory, seconds, whose child it is, and the arguments
 LAST = 4000  # characters that are kept of what a program says
 LOOK = 0.25  # s between looks at a process's memory; it is noticed sooner that it ended

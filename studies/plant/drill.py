@@ -92,7 +92,7 @@ def _processes(out: Path) -> list[psutil.Process]:
     found = []
     for one in psutil.process_iter(["cmdline", "status"]):
         words = one.info["cmdline"] or []
-        ours = "optid.fleet.child" in words and any(word.startswith(str(out)) for word in words)
+        ours = "optid.cli.bounded" in words and any(word.startswith(str(out)) for word in words)
         if ours and one.info["status"] != psutil.STATUS_ZOMBIE:
             found.append(one)
     return found

@@ -16,7 +16,7 @@ def scripted(monkeypatch, tmp_path):
         script = tmp_path / "job.py"
         script.write_text(
             "import os, sys, time\n"
-            "from optid.fleet.child import bound, die_with\n"
+            "from optid.fleet.bounds import bound, die_with\n"
             "memory, seconds, parent = int(sys.argv[1]), float(sys.argv[2]), int(sys.argv[3])\n"
             "die_with(parent)\n"
             "bound(memory, seconds)\n"

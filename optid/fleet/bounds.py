@@ -1,7 +1,4 @@
-"""The process of a job: bounded before anything is imported, then the command line as a user would call it.
-
-python -m optid.fleet.child MEMORY SECONDS PARENT ARGUMENTS...
-"""
+"""Bounds that the process of a job lays on itself: the kernel keeps them, whatever its own code does."""
 
 from __future__ import annotations
 
@@ -37,18 +34,3 @@ def die_with(parent: int) -> None:
         ctypes.CDLL(None).prctl(_DEATH_SIGNAL, signal.SIGKILL, 0, 0, 0)
         if os.getppid() != parent:  # it had ended before
             os._exit(1)
-
-
-def main() -> None:
-    """Bound this process and run the command."""
-    memory, seconds, parent = int(sys.argv[1]), float(sys.argv[2]), int(sys.argv[3])
-    sys.argv[1:4] = []
-    die_with(parent)
-    bound(memory, seconds)
-    from optid.cli import main as command
-
-    command()
-
-
-if __name__ == "__main__":
-    main()
