@@ -42,7 +42,7 @@ def fleet() -> None:
     """Do the rows of a fleet file that are missing or changed, and say what the fleet shows.
 
     \b
-      optid fleet fleet.toml --out out/fleet                        all cores here
+      optid fleet fleet.toml --out out/fleet                        all cores here, one thread each
       optid fleet fleet.toml --out out/fleet --on tcp://head:8786   a Dask cluster
       optid fleet status out/fleet
       optid fleet report out/fleet
@@ -55,19 +55,15 @@ def fleet() -> None:
 @OUT
 @click.option("--on", "address", metavar="ADDRESS", help="Of a Dask scheduler; jobs run on its workers.")
 @click.option(
-    "--jobs", type=click.IntRange(1, 4096), metavar="N", help="Rows at a time here; as many as cores."
-)
-@click.option(
     "--tls-ca", metavar="FILE", help="Who signs for the cluster (PEM); with --tls-cert and --tls-key."
 )
 @click.option("--tls-cert", metavar="FILE", help="What this client shows (PEM).")
 @click.option("--tls-key", metavar="FILE", help="Its key (PEM).")
 @click.pass_context
-def run_fleet(
-    context: click.Context, /, file: str, out: str, address: str | None, jobs: int | None, **tls: str | None
-) -> None:
+def run_fleet(context: click.Context, /, file: str, out: str, address: str | None, **tls: str | None) -> None:
     """Do the rows of a fleet file that are missing or changed, and say what the fleet shows.
 
+    Each row is a process of one thread, unless its table says more; --threads says how many run at a time here.
     Exit status 1 if any row failed; the others are answered all the same.
     """
     folder = results_folder(out)
@@ -77,7 +73,7 @@ def run_fleet(
 
     asked = read_fleet(file)
     with _executor(address, tls) as executor, progress("fleet") as show:
-        result = run(asked, folder, executor=executor, workers=jobs, progress=show)
+        result = run(asked, folder, executor=executor, progress=show)
     _tell(result, folder, out)
     if result.failed:
         context.exit(1)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterable
 from concurrent.futures import (
     FIRST_COMPLETED,
@@ -17,6 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from optid.core import threads
 from optid.errors import InputError, JobError
 from optid.fleet.job import Job
 from optid.fleet.process import Stopped, start_again, stop_all
@@ -94,9 +94,7 @@ def run_jobs(
     """
     if executor is not None:
         return _through(executor, jobs, out, AHEAD, report)
-    count = workers or (
-        len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    )
+    count = workers or threads.WORKERS
     start_again()
     with ThreadPoolExecutor(count, "optid-fleet") as pool:
         try:

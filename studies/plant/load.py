@@ -74,7 +74,7 @@ def throughput(folder: Path, rows: int, workers: list[int]) -> dict[str, Any]:
     for count in workers:
         out = folder / f"out-{count}"
         shutil.rmtree(out, ignore_errors=True)
-        call = ["-m", "optid.cli", "fleet", str(file), "--out", str(out), "--jobs", str(count)]
+        call = ["-m", "optid.cli", "fleet", str(file), "--out", str(out), "--threads", str(count)]
         ran = _own_seconds([call])
         jobs = [json.loads(one.read_text(encoding="utf-8")) for one in out.glob("*/run.json")]
         busy = sum(job["seconds"] for job in jobs)

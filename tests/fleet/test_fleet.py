@@ -120,7 +120,7 @@ def test_the_command_line_tells_and_fails_where_a_row_did(scripted, plant):
     scripted("print('no such file'); sys.exit(2)")
     (plant / "fleet.toml").write_text('[[rows]]\nrig = "rigs/r1.toml"\ntrain = ["a.csv"]\n')
     out = plant / "out"
-    ran = CliRunner().invoke(cli, ["fleet", str(plant / "fleet.toml"), "--out", str(out), "--jobs", "1"])
+    ran = CliRunner().invoke(cli, ["fleet", str(plant / "fleet.toml"), "--out", str(out), "--threads", "1"])
     assert ran.exit_code == 1
     assert "r1: bad-input: no such file" in ran.output
     assert {"fleet.json", "fleet.parquet", "report.html", "manifest.json"} <= {
