@@ -66,7 +66,7 @@ def main() -> int:
     asked.folder.mkdir(parents=True, exist_ok=True)
     if asked.command == "nights":
         plant = (
-            Plant(rigs=8, nights=14, wearing=4, begins=(6, 8))
+            Plant(rigs=8, nights=16, wearing=2, begins=(8, 8))
             if asked.quick
             else Plant(asked.rigs, asked.nights)
         )

@@ -9,14 +9,12 @@ from typing import Any
 import pandas as pd
 
 from optid.api.document import version
-from optid.fleet.fleetfile import Fleet
+from optid.fleet.fleetfile import REFERENCE, Fleet
 from optid.fleet.statistics.changes import Changes, changes
 from optid.fleet.statistics.siblings import levels, pooled, unlike
 from optid.fleet.statistics.trends import trends
 from optid.fleet.table import rows_of, wide
 from optid.results.fleet import FleetResult
-
-REFERENCE = 5  # dates of each rig, where no nights are followed
 
 
 def concluded(fleet: Fleet, out: Path, names: list[str]) -> FleetResult:

@@ -17,7 +17,7 @@ from optid.fleet.job import Job, Limits, folder_name
 
 MOST = 64 * 2**20  # bytes of a fleet file
 LEVEL = 0.05  # share of false ones among what is told
-REFERENCE = 5  # nights that a rig's fit and its spread are taken from
+REFERENCE = 7  # nights that a rig's fit and its scatter are taken from: a week
 SEVERAL = ";"  # between the recordings of a cell
 DATE, RIG = "date", "rig"  # tags that the fleet as a whole goes by
 # Wear of a servo-pneumatic axis: what leaks, sticks, gets slack, clogs or drifts.

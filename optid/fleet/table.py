@@ -57,7 +57,8 @@ def rows_of(out: Path, names: Iterable[str]) -> tuple[pd.DataFrame, pd.DataFrame
         for quantity, value, sd, unit in _quantities(document, job.command):
             measured.append((rig, date, quantity, value, sd, name, job.command, unit))
     columns = [*MEASURES, "name", "job", "unit"]
-    return pd.DataFrame(runs), pd.DataFrame(measured, columns=columns)
+    table = pd.DataFrame(measured, columns=columns)
+    return pd.DataFrame(runs), table.astype({"value": float, "sd": float})
 
 
 def _run(name: str, rig: str, date: str, run: Mapping[str, Any], job: Job) -> dict[str, Any]:

@@ -1,23 +1,31 @@
 """Which rigs have changed, by the night: p-values that stay valid however often one looks, false ones controlled.
 
 A rig's nights are compared with its own reference nights, so whatever its model has wrong from the start drops out. The
-spread between nights is measured, not assumed. Three corrections stand between that and what is told: Bonferroni over
+scatter of nights is measured, not assumed. Three corrections stand between that and what is told: Bonferroni over
 quantities and lengths of look, a p-value that may be looked at every night, and Benjamini and Hochberg over all rigs.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 from scipy import stats
 
-from optid.fleet.statistics.moderated import moderated
+from optid.fleet.statistics.moderated import common_degrees, moderated
+from optid.fleet.statistics.wander import spread, wander, weights
 
-LOOKS = (1, 2, 4, 8, 16)  # last nights whose mean is compared: one sees a jump at once, many see a slow drift
+LOOKS = (
+    2,
+    4,
+    8,
+    16,
+)  # last nights whose mean is compared: few see a jump, many a slow drift; one may be a bad one
+AGREE = 2.0  # sd of the other nights' mean, beyond which they agree with the one that is farthest off
+FARTHEST = 10.0  # sd: a night that is farther from the reference counts as so far
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,12 +65,12 @@ def changes(measures: pd.DataFrame, reference: int, level: float) -> Changes:
     Changes
         Empty where no rig has more nights than the reference.
     """
-    nightly = measures.pivot_table(index=["rig", "quantity"], columns="date", values="value", aggfunc="mean")
-    scores = _scores(nightly, reference)
+    known = measures[np.isfinite(measures["value"]) & np.isfinite(measures["sd"])]
+    scores = _scores(known.groupby(["quantity", "rig", "date"], sort=True)[["value", "sd"]].mean(), reference)
     if scores.empty:
         empty = pd.DataFrame(columns=["rig", "date", "p", "p_rig", "q", "told", "quantity", "t"])
         return Changes(empty, empty.assign(shift=[], sd=[]), pd.DataFrame())
-    nights = _by_fleet(_by_rig(scores), sorted(nightly.index.get_level_values("rig").unique()), level)
+    nights = _by_fleet(_by_rig(scores), sorted(str(rig) for rig in known["rig"].unique()), level)
     first = nights[nights["told"]].groupby("rig", sort=True).head(1)
     about = scores.set_index(["rig", "date", "quantity"])[["shift", "sd"]]
     told = first.join(about, on=["rig", "date", "quantity"]).sort_values(["date", "rig"])
@@ -72,46 +80,95 @@ def changes(measures: pd.DataFrame, reference: int, level: float) -> Changes:
     )
 
 
+class _Night(NamedTuple):
+    """Nights of one rig and quantity: dates, values, weights, and the reference's scatter about what these say."""
+
+    rig: str
+    dates: NDArray[np.object_]
+    values: NDArray[np.float64]
+    weights: NDArray[np.float64]
+    scatter: float
+
+
+def _followed(nightly: pd.DataFrame, reference: int) -> dict[str, list[_Night]]:
+    """By quantity, the rigs that have more nights than the reference."""
+    found: dict[str, list[_Night]] = {}
+    for quantity, table in nightly.groupby(level="quantity"):
+        rigs = table.index.get_level_values("rig").to_numpy(dtype=object)
+        starts = np.flatnonzero(np.r_[True, rigs[1:] != rigs[:-1]])
+        some = [s for s in np.split(np.arange(len(rigs)), starts[1:]) if len(s) > reference]
+        if not some:
+            continue
+        dates = table.index.get_level_values("date").to_numpy(dtype=object)
+        y, sd = (table[name].to_numpy(dtype=np.float64) for name in ("value", "sd"))
+        more = wander([y[s[:reference]] for s in some], [sd[s[:reference]] for s in some])
+        w = weights(sd, more)
+        found[str(quantity)] = [
+            _Night(str(rigs[s[0]]), dates[s], y[s], w[s], spread(y[s[:reference]], w[s[:reference]]))
+            for s in some
+        ]
+    return found
+
+
 def _scores(nightly: pd.DataFrame, reference: int) -> pd.DataFrame:
     """For each rig, night and quantity the look that tells most: t, p over looks, shift of the mean and its sd."""
-    parts: dict[str, list[NDArray[Any]]] = {
-        name: [] for name in ("rig", "date", "quantity", "t", "p", "shift", "sd")
+    followed = _followed(nightly, reference)
+    if not followed:
+        return pd.DataFrame()
+    scatter = pd.DataFrame({q: {one.rig: one.scatter for one in some} for q, some in followed.items()})
+    every = scatter.to_numpy(dtype=np.float64)
+    prior = common_degrees(every, np.full(every.shape, reference - 1.0))
+    columns: dict[str, list[NDArray[Any]]] = {
+        n: [] for n in ("rig", "date", "quantity", "t", "p", "shift", "sd")
     }
-    for quantity, table in nightly.groupby(level="quantity"):
-        rigs, dates = table.index.get_level_values("rig").to_numpy(), table.columns.to_numpy()
-        known = np.isfinite(table.to_numpy(dtype=float))
-        enough = np.flatnonzero(known.sum(axis=1) > reference)
-        if not len(enough):
-            continue
-        rows = [table.to_numpy(dtype=float)[k][known[k]] for k in enough]
-        first = np.array([row[:reference] for row in rows])
-        spread = moderated(first.var(axis=1, ddof=1), np.full(len(rows), reference - 1.0))
-        for k, row, mean, variance, degrees in zip(
-            enough, rows, first.mean(axis=1), spread.variance, spread.degrees, strict=True
-        ):
-            shift, sd = _looks(row[reference:], float(mean), float(variance), reference)
-            t = shift / sd
+    for quantity, some in followed.items():
+        own = np.array([one.scatter for one in some])
+        scale = moderated(own, np.full(len(own), reference - 1.0), prior)
+        for one, variance, degrees in zip(some, scale.variance, scale.degrees, strict=True):
+            every_t, shift, sd = _looks(one.values, one.weights / variance, reference)
+            seen = np.isfinite(every_t).any(axis=1)
+            t = every_t[seen]
+            if not len(t):
+                continue
             pick = np.arange(len(t)), np.nanargmax(np.abs(t), axis=1)
             p = 2.0 * stats.t.sf(np.abs(t[pick]), degrees) * np.isfinite(t).sum(axis=1)
-            names = (np.full(len(t), rigs[k]), dates[known[k]][reference:], np.full(len(t), quantity))
-            for name, values in zip(
-                parts, (*names, t[pick], np.minimum(p, 1.0), shift[pick], sd[pick]), strict=True
-            ):
-                parts[name].append(values)
-    return pd.DataFrame({name: np.concatenate(values) for name, values in parts.items() if values})
+            names = (
+                np.full(len(t), one.rig, object),
+                one.dates[reference:][seen],
+                np.full(len(t), quantity, object),
+            )
+            numbers = (t[pick], np.minimum(p, 1.0), shift[seen][pick], sd[seen][pick])
+            for column, values in zip(columns.values(), (*names, *numbers), strict=True):
+                column.append(values)
+    return pd.DataFrame({name: np.concatenate(some) for name, some in columns.items() if some})
 
 
 def _looks(
-    after: NDArray[np.float64], mean: float, variance: float, reference: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """How far the mean of the last nights is from the reference's, and its sd, (nights, looks); NaN where fewer."""
-    total = np.concatenate([[0.0], np.cumsum(after - mean)])
-    shift = np.full((len(after), len(LOOKS)), np.nan)
+    values: NDArray[np.float64], weight: NDArray[np.float64], reference: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """How far the mean of the last nights is from the reference's: t, shift and its sd, (nights, looks); NaN if fewer.
+
+    Where the others do not agree with the night that is farthest off, what they say counts: none carries a look alone.
+    """
+    own = weight[:reference]
+    mean, base = float(own @ values[:reference] / own.sum()), 1.0 / float(own.sum())
+    after = weight[reference:]
+    far = FARTHEST / np.sqrt(after)
+    moved = np.clip(values[reference:] - mean, -far, far)
+    t, shift, sd = (np.full((len(moved), len(LOOKS)), np.nan) for _ in range(3))
     for k, look in enumerate(LOOKS):
-        if look <= len(after):
-            shift[look - 1 :, k] = (total[look:] - total[:-look]) / look
-    sd = np.sqrt(variance * (1.0 / np.array(LOOKS) + 1.0 / reference))
-    return shift, np.broadcast_to(sd, shift.shape)
+        if look > len(moved):
+            break
+        y, w = (np.lib.stride_tricks.sliding_window_view(one, look) for one in (moved, after))
+        total, mass = (w * y).sum(axis=1), w.sum(axis=1)
+        worst = np.arange(len(y)), np.argmax(np.abs(y) * np.sqrt(w), axis=1)
+        less, left = total - (w * y)[worst], mass - w[worst]
+        both = [top / mass_ / np.sqrt(1.0 / mass_ + base) for top, mass_ in ((total, mass), (less, left))]
+        smaller = np.where(np.abs(both[0]) < np.abs(both[1]), both[0], both[1])
+        agree = (both[0] * both[1] > 0.0) & (np.abs(both[1]) >= AGREE)
+        t[look - 1 :, k] = np.where(agree | (np.abs(both[0]) < AGREE), both[0], smaller)
+        shift[look - 1 :, k], sd[look - 1 :, k] = total / mass, np.sqrt(1.0 / mass + base)
+    return t, shift, sd
 
 
 def _by_rig(scores: pd.DataFrame) -> pd.DataFrame:

@@ -9,13 +9,14 @@ from scipy import stats
 from scipy.optimize import brentq
 
 from optid.fleet.statistics.moderated import moderated
+from optid.fleet.statistics.wander import spread, wander, weights
 
 Array = NDArray[np.float64]
 FEWEST = 4  # rigs: of fewer nobody can be unlike the others
 
 
 def levels(measures: pd.DataFrame, reference: int) -> pd.DataFrame:
-    """Each rig's level of a quantity over its first dates: mean, its variance, and how many dates.
+    """Each rig's level of a quantity over its first dates: weighted mean, its variance, and how many dates.
 
     Parameters
     ----------
@@ -25,17 +26,21 @@ def levels(measures: pd.DataFrame, reference: int) -> pd.DataFrame:
         dates, the first of each rig; of a rig with a single one the variance is what its `sd` says.
     """
     found = []
-    for (rig, quantity), group in measures.groupby(["rig", "quantity"], sort=True):
-        series = (
-            group.groupby("date", sort=True).agg(value=("value", "mean"), sd=("sd", "mean")).head(reference)
-        )
-        series = series[np.isfinite(series["value"])]
-        count = len(series)
-        if not count:
-            continue
-        one = count == 1
-        variance = float(series["sd"].iloc[0]) ** 2 if one else float(series["value"].var(ddof=1)) / count
-        found.append((str(rig), str(quantity), float(series["value"].mean()), variance, count))
+    known = measures[np.isfinite(measures["value"])].assign(sd=lambda table: table["sd"].fillna(0.0))
+    nightly = known.groupby(["quantity", "rig", "date"], sort=True)[["value", "sd"]].mean()
+    for quantity, table in nightly.groupby(level="quantity"):
+        rigs = {
+            str(rig): some.head(reference).to_numpy(dtype=np.float64).T
+            for rig, some in table.groupby(level="rig")
+        }
+        several = [one for one in rigs.values() if one.shape[1] > 1]
+        more = wander([y for y, _ in several], [sd for _, sd in several]) if several else 0.0
+        for rig, (y, sd) in rigs.items():
+            weight = weights(sd, more)
+            scale = spread(y, weight) if len(y) > 1 else 1.0
+            found.append(
+                (rig, str(quantity), float(weight @ y / weight.sum()), scale / float(weight.sum()), len(y))
+            )
     return pd.DataFrame(found, columns=["rig", "quantity", "value", "variance", "count"])
 
 
