@@ -95,13 +95,26 @@ def start_again() -> None:
     _STOPPING.clear()
 
 
-def supervise(arguments: Sequence[str], limits: Limits, folder: Path, begun: Path | None = None) -> Ended:
-    """Run the command line of optid with these arguments, and wait for it.
+def bounded(arguments: Sequence[str], limits: Limits) -> list[str]:
+    """The program that runs the command line of optid within limits that the kernel keeps.
 
     Parameters
     ----------
     arguments : Sequence[str]
         what stands behind `optid`.
+    limits : Limits
+        of the process.
+    """
+    return [*PROGRAM, str(limits.memory), str(limits.time_limit), str(os.getpid()), *arguments]
+
+
+def supervise(call: Sequence[str], limits: Limits, folder: Path, begun: Path | None = None) -> Ended:
+    """Run a program, and wait for it; what exceeds the limits is killed with all it started.
+
+    Parameters
+    ----------
+    call : Sequence[str]
+        the program and its arguments.
     limits : Limits
         of the process.
     folder : Path
@@ -114,14 +127,13 @@ def supervise(arguments: Sequence[str], limits: Limits, folder: Path, begun: Pat
     Stopped
         `stop_all` was called.
     """
-    call = [*PROGRAM, str(limits.memory), str(limits.time_limit), str(os.getpid())]
     began = time.monotonic()
     with tempfile.TemporaryFile() as said:
         with _LOCK:
             if _STOPPING.is_set():
                 raise Stopped
             process = subprocess.Popen(
-                [*call, *arguments],
+                call,
                 stdin=subprocess.DEVNULL,
                 stdout=said,
                 stderr=subprocess.STDOUT,

@@ -17,7 +17,7 @@ from optid.api.document import version
 from optid.core.document import read_bounded
 from optid.core.resultset import MANIFEST, manifest
 from optid.fleet.job import Job, inputs_of, key_of
-from optid.fleet.process import Ended, Outcome, end_left_over, supervise
+from optid.fleet.process import Ended, Outcome, bounded, end_left_over, supervise
 
 RUN = "run.json"
 SCHEMA = "optid.run/1"
@@ -82,7 +82,8 @@ def _work(job: Job, place: Path, key: str, inputs: dict[str, str | None]) -> dic
     began, before = datetime.now(UTC), _written(place)
     attempts, ended = 0, None
     while ended is None or (ended.outcome is Outcome.CRASHED and attempts <= job.limits.retries):
-        ended = supervise(job.arguments(place.resolve()), job.limits, place, place / PROCESS)
+        call = bounded(job.arguments(place.resolve()), job.limits)
+        ended = supervise(call, job.limits, place, place / PROCESS)
         attempts += 1
     (place / PROCESS).unlink(missing_ok=True)
     fresh = ended.outcome in (Outcome.DONE, Outcome.FAILED) and _written(place) != before

@@ -95,13 +95,13 @@ def run_jobs(
     if executor is not None:
         return _through(executor, jobs, out, AHEAD, report)
     count = workers or threads.WORKERS
-    start_again()
     with ThreadPoolExecutor(count, "optid-fleet") as pool:
         try:
             return _through(pool, jobs, out, 2 * count, report)
         except BaseException:
             stop_all()
-            pool.shutdown(wait=False, cancel_futures=True)
+            pool.shutdown(cancel_futures=True)
+            start_again()
             raise
 
 

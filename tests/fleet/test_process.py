@@ -7,15 +7,14 @@ import psutil
 import pytest
 
 from optid.fleet.job import Limits
-from optid.fleet.process import Outcome, Stopped, start_again, stop_all, supervise
+from optid.fleet.process import Outcome, Stopped, bounded, start_again, stop_all, supervise
 
 MANY = 2**30
 
 
 def ended(tmp_path, **limits):
-    return supervise(
-        ["word"], Limits(**{"memory": MANY, "time_limit": 60.0, "deadline": 60.0, **limits}), tmp_path
-    )
+    asked = Limits(**{"memory": MANY, "time_limit": 60.0, "deadline": 60.0, **limits})
+    return supervise(bounded(["word"], asked), asked, tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -92,7 +91,7 @@ def test_a_job_ends_when_its_worker_is_killed(scripted, tmp_path):
     begun, worker = tmp_path / "process", os.fork()
     if worker == 0:
         try:
-            supervise([], Limits(), tmp_path, begun)
+            supervise(bounded([], Limits()), Limits(), tmp_path, begun)
         finally:
             os._exit(1)
     until = time.monotonic() + 20.0
