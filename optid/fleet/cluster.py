@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 from urllib.parse import urlsplit
 
-from optid.api.document import version
+from optid.core.version import version
 from optid.errors import InputError, JobError
 
 PATIENCE = 30.0  # s in which a scheduler must answer

@@ -8,7 +8,7 @@ from typing import Any
 
 import pandas as pd
 
-from optid.api.document import version
+from optid.core.version import version
 from optid.fleet.fleetfile import REFERENCE, Fleet
 from optid.fleet.statistics.changes import Changes, changes
 from optid.fleet.statistics.siblings import levels, pooled, unlike

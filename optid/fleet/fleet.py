@@ -7,21 +7,21 @@ import time
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Executor
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from optid.api.inputs import Progress, silent
 from optid.errors import InputError
-from optid.fleet.conclude import concluded
 from optid.fleet.fleetfile import Fleet, Nightly, read_fleet
 from optid.fleet.job import Job
 from optid.fleet.nights import by_rig, diagnoses, fits, night_tests
 from optid.fleet.running import Ran, run_jobs
-from optid.report.interactive import write_library
-from optid.results.fleet import FleetResult
+from optid.report.bundle import write_library
+
+if TYPE_CHECKING:
+    from optid.results.fleet import FleetResult
 
 PLAN = ".plan.json"
 
-Run = Callable[[Sequence[Job]], None]
+Progress = Callable[[float, str], None]
 
 
 def run(
@@ -30,7 +30,7 @@ def run(
     *,
     executor: Executor | None = None,
     workers: int | None = None,
-    progress: Progress = silent,
+    progress: Progress = lambda share, words: None,
 ) -> FleetResult:
     """Answer every row that is missing or changed, and say what the fleet shows.
 
@@ -82,6 +82,8 @@ def run(
     else:
         _follow(fleet, fleet.nightly, place, go, names)
     progress(0.99, "what the fleet shows")
+    from optid.fleet.conclude import concluded  # the tables and statistics: not needed while rows run
+
     return concluded(fleet, place, names)
 
 
@@ -93,6 +95,8 @@ def _follow(
     names: list[str],
 ) -> None:
     """Fit the reference, test each night, and diagnose the rigs told of."""
+    from optid.fleet.conclude import concluded
+
     rigs = by_rig(fleet.jobs)
     go(fits(rigs, nightly), (0.0, 0.3))
     go(night_tests(rigs, nightly, out), (0.3, 0.7))
@@ -130,6 +134,8 @@ def conclude(out: str | Path) -> FleetResult:
     InputError
         no fleet was run into it.
     """
+    from optid.fleet.conclude import concluded
+
     place = Path(out).resolve()
     names, fleet, _ = read_names(place)
     return concluded(fleet, place, names)

@@ -13,9 +13,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from optid.api.document import version
 from optid.core.document import read_bounded
 from optid.core.resultset import MANIFEST, manifest
+from optid.core.version import version
 from optid.fleet.job import Job, inputs_of, key_of
 from optid.fleet.process import Ended, Outcome, bounded, end_left_over, supervise
 

@@ -23,6 +23,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedFormatter, FixedLocator, NullLocator
 
 from optid.report.artists import pictures, shapes, traces
+from optid.report.bundle import BUNDLE, SHARED
 from optid.report.vertices import colour, numbers
 
 HERE = Path(__file__).parent
@@ -45,12 +46,6 @@ def interactive(figure: Figure, name: str = "figure") -> Markup:
     ).format(high, Markup(packed(content)))
 
 
-BUNDLE = "plotly-basic.min.js"
-SHARED = (
-    "OPTID_PLOTLY"  # environment: where pages find the bundle that many of them share, instead of one each
-)
-
-
 def library(shared: str | None = None) -> Markup:
     """The bundle that draws figures and what calls it, for the end of a page's body.
 
@@ -67,15 +62,6 @@ def library(shared: str | None = None) -> Markup:
 def _inside() -> Markup:
     bundle = packed((HERE / "plotly" / BUNDLE).read_text(encoding="utf-8"))
     return Markup('<script type="application/gzip" id="plotly">{}</script>').format(Markup(bundle))
-
-
-def write_library(folder: Path) -> None:
-    """Put the bundle into a folder whose pages share it, unless it is there."""
-    content, place = (HERE / "plotly" / BUNDLE).read_bytes(), folder / BUNDLE
-    if not place.is_file() or place.read_bytes() != content:
-        fresh = folder / f".{BUNDLE}.new"
-        fresh.write_bytes(content)
-        fresh.replace(place)
 
 
 def packed(text: str) -> str:

@@ -7,8 +7,9 @@ from typing import Any
 from matplotlib.axes import Axes
 
 from optid.report import fleet_figures as figures
-from optid.report.interactive import BUNDLE, interactive
-from optid.report.interactive import write_library as write_library
+from optid.report.bundle import BUNDLE
+from optid.report.bundle import write_library as write_library
+from optid.report.interactive import interactive
 from optid.report.shell import render
 from optid.report.views.canvas import axes_or_new
 from optid.results.fleet import FleetResult
