@@ -12,7 +12,7 @@ from optid.fleet.fleetfile import Nightly, read_fleet
 from optid.fleet.nights import by_rig, diagnoses, fits, night_tests
 from optid.fleet.row import read_run
 
-# Stands for optid: a fit leaves a rig file, a test a quantity that grows on one rig from the fifth night on.
+# Stands for optid: a fit leaves a rig file, a test a quantity that grows on one rig from the seventh night on.
 OPTID = """
 import hashlib, json, random
 from pathlib import Path
@@ -29,7 +29,7 @@ elif words[:2] == ["fleet", "test"]:
     night = Path(words[3])
     day, rig = int(night.stem[-2:]), night.parent.name
     noise = random.Random(str(night))
-    one = {"value": noise.gauss(0.0, 1e-3) + (0.02 * max(0, day - 4) if rig == "r2" else 0.0), "sd": 1e-3, "unit": "1"}
+    one = {"value": noise.gauss(0.0, 1e-3) + (0.02 * max(0, day - 6) if rig == "r2" else 0.0), "sd": 1e-3, "unit": "1"}
     other = {"value": noise.gauss(75.0, 0.1), "sd": 0.1, "unit": "N"}
     leave("test.json", json.dumps({"quantities": {"valve_deadband.width": one, "coulomb_friction": other}}))
 else:
@@ -41,16 +41,16 @@ else:
 
 @pytest.fixture
 def plant(tmp_path):
-    """Four rigs over seven nights."""
+    """Four rigs over nine nights."""
     for rig in range(4):
         (tmp_path / "rigs").mkdir(exist_ok=True)
         (tmp_path / "rigs" / f"r{rig}.toml").write_text(f'name = "r{rig}"\n')
-        for day in range(1, 8):
+        for day in range(1, 10):
             file = tmp_path / "data" / f"r{rig}" / f"2026-10-{day:02}.csv"
             file.parent.mkdir(parents=True, exist_ok=True)
             file.write_text(f"{rig},{day}\n")
     (tmp_path / "fleet.toml").write_text(
-        '[glob]\nrecordings = "data/{rig}/{date}.csv"\nrig = "rigs/{rig}.toml"\n[nightly]\nreference = 3\n'
+        '[glob]\nrecordings = "data/{rig}/{date}.csv"\nrig = "rigs/{rig}.toml"\n[nightly]\nreference = 6\n'
     )
     return tmp_path
 
@@ -62,15 +62,15 @@ def test_nights_are_fitted_tested_told_and_diagnosed(scripted, plant):
     assert [(one["rig"], one["quantity"], one["way"]) for one in result.told] == [
         ("r2", "valve_deadband.width", "grows")
     ]
-    assert result.told[0]["date"] in ("2026-10-05", "2026-10-06")
+    assert result.told[0]["date"] in ("2026-10-08", "2026-10-09")
     assert "valve deadband.width grows on 1 of 4 rigs, first seen on " in result.summary()
-    assert result.document["outcomes"] == {"done": 4 + 28 + 1}
+    assert result.document["outcomes"] == {"done": 4 + 36 + 1}
     rows = result.to_frame()
     (diagnosis,) = rows[rows["job"] == "diagnose"].to_dict("records")
     assert diagnosis["verdict"] == "missing-physics"
     assert json.loads(diagnosis["effects"])["valve_deadband"]["width"]["ci95"] == [0.09, 0.11]
     assert (rows["rig_sha256"].str.len() == 64).all()
-    late = rows[(rows["rig"] == "r2") & (rows["date"] == "2026-10-07") & (rows["job"] == "test")].iloc[0]
+    late = rows[(rows["rig"] == "r2") & (rows["date"] == "2026-10-09") & (rows["job"] == "test")].iloc[0]
     assert late["p"] < 1e-4
     assert late["valve_deadband.width low"] < late["valve_deadband.width"] < late["valve_deadband.width high"]
     result.save(out)
@@ -87,7 +87,9 @@ def test_the_next_night_does_what_is_new(scripted, plant):
     scripted(OPTID)
     out, data = plant / "out", plant / "data"
     file = plant / "fleet.toml"
-    file.write_text(file.read_text().replace("data/{rig}/", "new/{rig}/"))
+    file.write_text(
+        file.read_text().replace("data/{rig}/", "new/{rig}/").replace("reference = 6", "reference = 3")
+    )
     for rig in ("r0", "r1"):
         (plant / "new" / rig).mkdir(parents=True)
         for day in ("01", "02", "03"):
@@ -108,12 +110,12 @@ def test_a_diagnosis_holds_the_newest_night_out(plant):
     rigs = by_rig(read_fleet(plant / "fleet.toml").jobs)
     (plant / "out" / "r2.fit").mkdir(parents=True)
     (plant / "out" / "r2.fit" / "rig.toml").touch()
-    (job,) = diagnoses(rigs, [{"rig": "r2", "date": "2026-10-07"}], plant / "out")
-    assert [path[-6:-4] for path in job.train] == ["04", "05", "06"]
-    assert [path[-6:-4] for path in job.holdout] == ["07"]
+    (job,) = diagnoses(rigs, [{"rig": "r2", "date": "2026-10-09"}], plant / "out")
+    assert [path[-6:-4] for path in job.train] == ["06", "07", "08"]
+    assert [path[-6:-4] for path in job.holdout] == ["09"]
     assert [len(job.train) for job in fits(rigs, Nightly(reference=5))] == [5] * 4
     assert fits(rigs, Nightly(reference=12)) == []
-    assert len(night_tests(rigs, Nightly(), plant / "out")) == 7  # the others have no fitted model
+    assert len(night_tests(rigs, Nightly(), plant / "out")) == 9  # the others have no fitted model
 
 
 def test_the_command_line_tells_and_fails_where_a_row_did(scripted, plant):

@@ -30,18 +30,18 @@ def fleet(rng, rigs=40, nights=20, quantities=6, drift=None):
 
 def test_a_fleet_that_does_not_change_is_seldom_told_of():
     rng = np.random.default_rng(1)
-    some = [len(changes(fleet(rng, nights=12), REFERENCE, 0.2).told) > 0 for _ in range(10)]
-    assert sum(some) <= stats.binom.ppf(0.999, 10, 0.2)
+    some = [len(changes(fleet(rng, nights=12), REFERENCE, 0.2).told) > 0 for _ in range(6)]
+    assert sum(some) <= stats.binom.ppf(0.999, 6, 0.2)
 
 
 def test_p_values_of_nights_hold():
     rng = np.random.default_rng(2)
-    nights = pd.concat([changes(fleet(rng, nights=7), REFERENCE, LEVEL).nights for _ in range(8)])
+    nights = pd.concat([changes(fleet(rng, nights=7), REFERENCE, LEVEL).nights for _ in range(4)])
     first = nights.groupby("rig").head(1)  # one look, so Bonferroni over quantities alone
     assert (
         stats.binomtest(int((first["p"] < 0.1).sum()), len(first), 0.1, alternative="greater").pvalue > 1e-3
     )
-    assert (first["p"] < 0.1).mean() > 0.005  # and are no idle bound
+    assert (first["p"] < 0.5).mean() > 0.05  # and are no idle bound
 
 
 def test_drifts_are_told_with_their_quantity():
