@@ -18,6 +18,7 @@ from optid.results.views import register
 
 if TYPE_CHECKING:
     from optid import datasets as datasets
+    from optid import fleet as fleet
     from optid import laws as laws
     from optid.api.checking import check as check
     from optid.api.control_view import from_control as from_control
@@ -49,6 +50,7 @@ if TYPE_CHECKING:
     from optid.results.diagnosis import Verdict as Verdict
     from optid.results.fit import FitResult as FitResult
     from optid.results.fit import ProfileResult as ProfileResult
+    from optid.results.fleet import FleetResult as FleetResult
     from optid.results.identification import IdentificationResult as IdentificationResult
     from optid.results.loading import load as load
     from optid.results.plan import PlanResult as PlanResult
@@ -94,12 +96,13 @@ _HOMES = {
     "IdentificationResult": "optid.results.identification",
     "TuningResult": "optid.results.tuning",
     "PlanResult": "optid.results.plan",
+    "FleetResult": "optid.results.fleet",
 }
-_MODULES = ("datasets", "laws")
+_MODULES = ("datasets", "fleet", "laws")
 
 __all__ = [*_HOMES, *_MODULES, "__version__"]
 
-for _kind in ("check", "simulation", "fit", "profile", "diagnosis", "plan"):
+for _kind in ("check", "simulation", "fit", "profile", "diagnosis", "plan", "fleet"):
     register(f"optid.{_kind}/1", f"optid.report.views.{_kind}")
 register("optid.armax/1", "optid.report.views.identification")
 register("optid.pid/1", "optid.report.views.tuning")

@@ -24,7 +24,8 @@ FLOORS = {
     "api": 7,
     "datasets": 7,
     "laws": 7,
-    "cli": 8,
+    "fleet": 8,
+    "cli": 9,
 }
 NEIGHBOURS = {
     ("estimation", "quality"),

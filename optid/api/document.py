@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import hashlib
-import importlib.metadata
 from collections.abc import Sequence
 from typing import Any
 
 from optid.core.recording import Recording
+from optid.core.version import version as version
 from optid.rigs.rigfile import Rig
 
 
@@ -37,14 +37,6 @@ def stamp(schema: str, command: str, rig: Rig, recordings: Sequence[Recording]) 
         "command": command,
         "inputs": {str(rig.path): rig_digest, **{place_of(r): _digest(r) for r in recordings}},
     }
-
-
-def version() -> str:
-    """Of the installed package; "0" where it runs from a folder that was never installed."""
-    try:
-        return importlib.metadata.version("optid")
-    except importlib.metadata.PackageNotFoundError:
-        return "0"
 
 
 def place_of(recording: Recording) -> str:

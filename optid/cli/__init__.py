@@ -17,6 +17,7 @@ from optid.cli.check import check
 from optid.cli.diagnose import diagnose
 from optid.cli.example import example
 from optid.cli.fit import fit
+from optid.cli.fleet import fleet
 from optid.cli.identify import identify
 from optid.cli.live import live
 from optid.cli.options import everywhere
@@ -43,6 +44,8 @@ HELP = """From recordings of a servo axis to a model. To begin: optid example DI
       Control a rig with its model running beside it: read, identify, simulate, control, log.
   optid identify run1.csv --rig bench.toml --out out/armax
       Recursive ARMAX models, their audit, and their predictions as a table.
+  optid fleet fleet.toml --out out/fleet
+      Do any of these for many rigs and recordings, and say what the fleet shows: who changed, who is unlike the rest.
   optid tune out/armax/armax.json --rig out/fit/rig.toml --out out/tune
       PID gains by direct ITAE optimisation under the actuator's limits.
 
@@ -112,6 +115,7 @@ def cli(context: click.Context) -> None:
 
 for command in (example, check, simulate, fit, diagnose, plan, live, identify, tune):
     cli.add_command(everywhere(command))
+cli.add_command(fleet)
 
 
 def main() -> None:

@@ -150,6 +150,9 @@ _FILES = (
     "experiment.csv",
     "live.json",
     "check.json",
+    "test.json",
+    "fleet.json",
+    "fleet.parquet",
     "tables.npz",
 )
 

@@ -37,10 +37,12 @@
   }
 
   async function start() {
-    const packed = document.getElementById("plotly");
-    const script = document.createElement("script");
-    script.textContent = await unpacked(packed);
-    document.head.append(script);
+    const packed = document.getElementById("plotly"); // absent where pages share a bundle beside them
+    if (packed) {
+      const script = document.createElement("script");
+      script.textContent = await unpacked(packed);
+      document.head.append(script);
+    }
     for (const place of document.querySelectorAll(".figure")) {
       const text = await unpacked(place.querySelector("script"));
       place.replaceChildren();

@@ -10,6 +10,7 @@ import base64
 import gzip
 import json
 import math
+import os
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedFormatter, FixedLocator, NullLocator
 
 from optid.report.artists import pictures, shapes, traces
+from optid.report.bundle import BUNDLE, SHARED
 from optid.report.vertices import colour, numbers
 
 HERE = Path(__file__).parent
@@ -44,14 +46,22 @@ def interactive(figure: Figure, name: str = "figure") -> Markup:
     ).format(high, Markup(packed(content)))
 
 
-@cache
-def library() -> Markup:
-    """The bundle that draws figures and what calls it, for the end of a page's body."""
-    bundle = packed((HERE / "plotly" / "plotly-basic.min.js").read_text(encoding="utf-8"))
+def library(shared: str | None = None) -> Markup:
+    """The bundle that draws figures and what calls it, for the end of a page's body.
+
+    Args:
+        shared: address of the bundle, as seen from the page; of that in the environment if absent, else it goes inside.
+    """
+    address = shared or os.environ.get(SHARED, "")
     start = (HERE / "figures.js").read_text(encoding="utf-8")
-    return Markup('<script type="application/gzip" id="plotly">{}</script>\n<script>\n{}</script>').format(
-        Markup(bundle), Markup(start)
-    )
+    bundle = Markup('<script src="{}"></script>').format(address) if address else _inside()
+    return bundle + Markup("\n<script>\n{}</script>").format(Markup(start))
+
+
+@cache
+def _inside() -> Markup:
+    bundle = packed((HERE / "plotly" / BUNDLE).read_text(encoding="utf-8"))
+    return Markup('<script type="application/gzip" id="plotly">{}</script>').format(Markup(bundle))
 
 
 def packed(text: str) -> str:

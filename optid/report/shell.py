@@ -17,8 +17,9 @@ def render(template: str, title: str, **context: Any) -> str:
     Args:
         template: file beside this one that extends `shell.html.j2`.
         title: of the page.
-        **context: what the template asks for; `next_command`, where given, stands at the end as what to type next.
-            Figures come as `optid.report.interactive.interactive` makes them.
+        **context: what the template asks for; `next_command`, where given, stands at the end as what to type next,
+            and `shared_library` is the address of the plotting bundle where it is not to go inside. Figures come as
+            `optid.report.interactive.interactive` makes them.
     """
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(Path(__file__).parent),
@@ -35,4 +36,5 @@ def render(template: str, title: str, **context: Any) -> str:
     }
     environment.globals |= {"library": library, "quantity": quantity}
     context.setdefault("next_command", "")
+    context.setdefault("shared_library", None)
     return environment.get_template(template).render(title=title, **context)

@@ -8,6 +8,7 @@ from optid.errors import InputError
 from optid.results.check import CheckResult
 from optid.results.diagnosis import DiagnosisResult
 from optid.results.fit import FitResult, ProfileResult
+from optid.results.fleet import FleetResult
 from optid.results.identification import IdentificationResult
 from optid.results.plan import PlanResult
 from optid.results.result import Result, read_document
@@ -23,6 +24,7 @@ RESULTS: tuple[type[Result], ...] = (
     IdentificationResult,
     TuningResult,
     PlanResult,
+    FleetResult,
 )
 
 

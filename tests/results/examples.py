@@ -13,6 +13,7 @@ from optid.armax.files import to_json
 from optid.results.check import CheckResult
 from optid.results.diagnosis import DiagnosisResult
 from optid.results.fit import FitResult, ProfileResult
+from optid.results.fleet import FleetResult
 from optid.results.identification import IdentificationResult
 from optid.results.plan import PlanResult
 from optid.results.simulation import SimulationResult
@@ -196,6 +197,40 @@ def plan():
     return PlanResult(document, {"experiment": table}, {"experiment.csv": "t,u\r\n0,1\r\n"})
 
 
+def fleet():
+    """A fleet of two rows, one of which failed; nothing is told of."""
+    document = {
+        "schema": FleetResult.SCHEMA,
+        "version": "1",
+        "command": "fleet",
+        "inputs": {},
+        "rows": 2,
+        "rigs": 2,
+        "outcomes": {"done": 1, "bad-input": 1},
+        "failed": [{"name": "b", "outcome": "bad-input", "said": "no such file"}],
+        "level": 0.05,
+        "reference": 7,
+        "told": [],
+        "sentences": [],
+        "unlike": [],
+        "pooled": [],
+    }
+    rows = pd.DataFrame(
+        {
+            "name": ["a", "b"],
+            "rig": ["a", "b"],
+            "date": ["2026-10-01", "2026-10-02"],
+            "job": ["check", "check"],
+            "outcome": ["done", "bad-input"],
+            "verdict": ["", ""],
+            "effects": ["{}", "{}"],
+            "said": ["", "no such file"],
+            "cpu_seconds": [1.5, 0.5],
+        }
+    )
+    return FleetResult(document, {"rows": rows})
+
+
 # Made once a process: results do not change.
 MAKERS = {
     kind: cache(make)
@@ -208,5 +243,6 @@ MAKERS = {
         IdentificationResult: identification,
         TuningResult: tuning,
         PlanResult: plan,
+        FleetResult: fleet,
     }.items()
 }
