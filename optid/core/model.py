@@ -73,6 +73,12 @@ class Model:
 
     Attributes
     ----------
+    name : str
+        of the plant.
+    states, inputs, outputs, parameters : tuple
+        in the order of x, u, y and p: each with its name or role, and its unit.
+    effects : tuple[str, ...]
+        names of those that act in it.
     sites : tuple[str, ...]
         where effects can act.
     sizes : tuple[float, ...]
@@ -167,9 +173,9 @@ class Model:
         held : Mapping[str, float]
             state or input -> SI value to linearise at.
         moving : Sequence[str]
-            states that keep moving there.
+            states whose rate need not vanish: the position of an axis at constant speed.
         near : Mapping[str, float] | None
-            where a search for the point begins, SI.
+            guesses for the other states and inputs, SI.
 
         Returns
         -------

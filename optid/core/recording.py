@@ -301,12 +301,12 @@ class Recording:
         Parameters
         ----------
         longer_than : float
-            s.
+            median intervals.
 
         Returns
         -------
         tuple[Interval, ...]
-            first and last sample at each gap.
+            times (s) of the samples before and after each gap.
         """
         after = np.flatnonzero(np.diff(self.time) > longer_than * self.interval)
         return tuple((float(self.time[i]), float(self.time[i + 1])) for i in after)
@@ -317,9 +317,9 @@ class Recording:
         Parameters
         ----------
         start : float
-            first sample.
+            s; the first sample at or after it.
         stop : float
-            the sample after the last.
+            s; the last sample before it.
 
         Returns
         -------
@@ -351,12 +351,12 @@ class Recording:
         Parameters
         ----------
         longer_than : float
-            s; shorter gaps stay inside a segment.
+            median intervals; shorter gaps stay inside a stretch.
 
         Returns
         -------
         tuple[Recording, ...]
-            parts without a gap.
+            the stretches in their order.
         """
         rows = np.flatnonzero(self.commanded(longer_than))
         if not len(rows):
@@ -373,12 +373,12 @@ class Recording:
         Parameters
         ----------
         longer_than : float
-            s; shorter gaps stay inside a part.
+            median intervals; a command that is missing for no longer is taken to hold.
 
         Returns
         -------
-        NDArray[np.bool_]
-            parts in which every input is known.
+        NDArray[bool]
+            (samples,), true where every held channel is known.
         """
         known = np.ones(len(self), dtype=bool)
         for channel in self.channels.values():

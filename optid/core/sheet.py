@@ -278,12 +278,12 @@ class Sheet:
         Parameters
         ----------
         time : Expression
-            s.
+            s, by which they come later.
 
         Returns
         -------
         tuple[Expression | None, Expression]
-            symbol of the sheet.
+            s: how late they came before, ``None`` if at once, and how late they come now.
         """
         before, self._late = self._late, time if self._late is None else self._late + time
         return before, self._late

@@ -8,9 +8,9 @@ import casadi as ca
 
 
 def signed_root(q: Any, width: Any) -> Any:
-    """sign(q) sqrt(|q|) with a finite slope 1/sqrt(width) at q = 0 (the idea of Modelica's regRoot).
+    """sign(q) sqrt(abs(q)) with a finite slope 1/sqrt(width) at q = 0 (the idea of Modelica's regRoot).
 
-    The relative error is (width/q)^2 / 4 for |q| >> width: at width = 2e-3, 0.01 % at q = 0.1.
+    The relative error is (width/q)^2 / 4 for abs(q) >> width: at width = 2e-3, 0.01 % at q = 0.1.
 
     Parameters
     ----------
@@ -28,9 +28,9 @@ def signed_root(q: Any, width: Any) -> Any:
 
 
 def soft_power(q: Any, exponent: Any, width: Any) -> Any:
-    """sign(q) |q|^exponent with a finite slope at q = 0; q itself at exponent 1, whatever the width.
+    """sign(q) abs(q)^exponent with a finite slope at q = 0; q itself at exponent 1, whatever the width.
 
-    The relative error is (exponent - 1)/2 (width/q)^2 for |q| >> width.
+    The relative error is (exponent - 1)/2 (width/q)^2 for abs(q) >> width.
 
     Parameters
     ----------

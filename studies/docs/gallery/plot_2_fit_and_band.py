@@ -15,7 +15,7 @@ import optid
 rig, train, holdout = optid.datasets.load("bench")
 few = [free for free in rig.freed if free.name in ("viscous_friction", "coulomb_friction")]
 rig = replace(rig, freed=tuple(few))
-fit = optid.fit(rig, train.slice(0, 1500), holdout=holdout.slice(0, 1500))
+fit = optid.fit(rig, train.slice(0.0, 1.5), holdout=holdout.slice(0.0, 1.5))
 print(fit.summary())
 
 # %%
