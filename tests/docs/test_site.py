@@ -166,3 +166,23 @@ def test_a_notebook_keeps_no_output():
     for path in (DOCS / "notebooks").glob("*.ipynb"):
         cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
         assert not [cell for cell in cells if cell.get("outputs")], path.name
+
+
+def ends():
+    """The last line of what each command of a job printed on the pages."""
+    for page, runs in recorded().items():
+        for one in runs:
+            if one["command"].startswith("optid ") and one["output"]:
+                yield page, one["command"], one["output"].splitlines()[-1]
+
+
+def test_every_command_ends_with_the_next_one():
+    jobs = set()
+    for page, command, line in ends():
+        name = shlex.split(command)[1]
+        if name == "example":  # its last lines are calls and what they do
+            continue
+        following = shlex.split(line[line.index("optid ") :])
+        assert cli.commands[following[1]].make_context(following[1], following[2:]), (page, command)
+        jobs.add(name)
+    assert jobs == {"check", "simulate", "fit", "diagnose", "plan", "identify", "tune", "live"}
