@@ -2,8 +2,11 @@
 A plant of one's own, integrated by CasADi
 ==========================================
 
-The winch of :doc:`/own/plant`, without and with a stiffening spring: `hardening_spring` acts at any spring's site.
+A slide on a spring, let go: with a spring whose force is proportional, and with one that goes as a power of the way.
+`power_law` is an effect for any site; :doc:`/own/plant` writes a plant in full.
 """
+
+from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -27,7 +30,7 @@ def slide(s: optid.Sheet) -> None:
 
 
 VALUES = {"force_gain": 20.0, "mass": 5.0, "spring_rate": 200.0, "viscous_friction": 20.0}
-effect = find_effect("power_law@spring.force", __import__("pathlib").Path())
+effect = find_effect("power_law@spring.force", Path())
 
 figure, axes = plt.subplots(layout="constrained")
 for effects, own, label in (((), {}, "plain"), ((effect,), {f"{effect.name}.exponent": 1.4}, "power law")):
