@@ -24,8 +24,9 @@ Every effect that optid can name, from its own file in `optid/effects`. A page s
 record, how small it may be and still be worth a name, what it is confused with, and which experiment shows it. The same
 entries serve the diagnosis and `optid plan`, so this atlas cannot differ from them.
 
-The figures compare two simulated runs of a built-in plant: the same reference and the same controller, without and with
-the effect at a usual size. The controller answers to what the sensor shows, so the command differs too.
+The figures compare two simulated runs of a plant: the same reference and the same controller, without and with the
+effect at a usual size. The controller answers to what the sensor shows, so the command differs too. An effect that needs
+strokes at full command is shown with those, without a controller.
 """
 
 
@@ -53,7 +54,7 @@ def draw_figures(folder: Path) -> None:
         page = folder / f"{name}.md"
         shown = (
             f"```{{image}} {name}.png\n:class: record\n:alt: record without and with {name}\n```\n\n"
-            f"On the plant `{record.plant}`, with {sizes}, {said}."
+            f"On the plant `{record.plant.rpartition(':')[2]}`, with {sizes}, {said}."
         )
         page.write_text(page.read_text(encoding="utf-8").replace(NO_FIGURE, shown), encoding="utf-8")
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
+from numpy.lib.stride_tricks import sliding_window_view
 
 from optid.core.model import Array
 from optid.core.quantity import quantity, reading
@@ -21,12 +22,12 @@ def draw(record: Record, path: Path) -> str:
     t = np.arange(e.samples) * e.step
     factor, name = _readable(record.outputs[:, :, c], unit)
     change = record.outputs[1, :, c] - record.outputs[0, :, c]
-    span = _where(change, round((1.6 if e.step < 0.1 else 600.0) / e.step))
+    span = _where(record.outputs[0, :, c], change, round((0.8 if e.step < 0.1 else 600.0) / e.step))
     words = role.replace("_", " ")
 
     figure = Figure(figsize=(8.6, 6.2), layout="constrained")
     top, middle, bottom = figure.subplots(3, 1, height_ratios=(2.2, 1, 1.3))
-    if role == "position":
+    if e.closed:
         top.plot(t[span], factor * e.reference[span], ":", color=REFERENCE, lw=1.2, label="reference")
     for row, color, label in ((0, WITHOUT, "without"), (1, WITH, f"with {record.effect.name}")):
         top.plot(t[span], factor * record.outputs[row, span, c], color=color, lw=1.6, label=label)
@@ -56,10 +57,12 @@ def _readable(values: Array, unit: str) -> tuple[float, str]:
     return reading(float(np.nanmax(np.abs(values))) or 1.0, unit)
 
 
-def _where(change: Array, samples: int) -> slice:
-    """The part in which the change is largest in the mean."""
-    power = np.cumsum(np.nan_to_num(change) ** 2)
+def _where(without: Array, change: Array, samples: int) -> slice:
+    """The part in which the change is plainest beside the motion, among those where it is large."""
     samples = min(samples, len(change))
-    total = power[samples - 1 :] - np.r_[0.0, power[: len(power) - samples]]
-    first = int(np.argmax(total))
+    rows, change = sliding_window_view(without, samples)[::10], np.nan_to_num(change)
+    size = np.sqrt(np.mean(sliding_window_view(change, samples)[::10] ** 2, axis=1))
+    motion = np.ptp(rows, axis=1)
+    plain = np.where(size > 0.4 * size.max(), size / (motion + 3.0 * size.max()), 0.0)
+    first = 10 * int(np.argmax(plain))
     return slice(first, first + samples)

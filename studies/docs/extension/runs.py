@@ -22,6 +22,9 @@ from optid.rigs import BUILT_IN, find_plant
 from optid.rigs.rigfile import read_rig
 
 DATA = Path(__file__).resolve().parents[3] / "data"
+OWN = (
+    Path(__file__).resolve().parents[1] / "own"
+)  # the pages' own plant, for what built-in ones have no site for
 Law = Callable[
     [int, Array], Array
 ]  # first sample of a block, measured so far (runs, samples) -> command (runs,)
@@ -32,13 +35,14 @@ class Excitation:
     """How a plant is driven.
 
     Attributes:
-        file: rig file in data/.
+        file: rig file of the plant's folder.
         step: s between samples.
         samples: how many.
         hold: samples of a block, within which the command stands.
         reference: what is to be followed, SI, (samples,); the command itself where there is no controller.
         law: the controller.
         noise: usual sd of the sensors, SI, by output.
+        closed: the reference is followed; else it is the command.
     """
 
     file: str
@@ -48,6 +52,7 @@ class Excitation:
     reference: Array
     law: Law
     noise: dict[str, float]
+    closed: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,11 +107,15 @@ def key(effect: Effect) -> str:
 
 def _not_seen(plant: str, seen: set[str]) -> list[Effect]:
     found = []
-    for effect in admitted(build(find_plant(plant, DATA))):
+    for effect in admitted(build(find_plant(plant, _folder(plant)))):
         if key(effect) not in seen:
             seen.add(key(effect))
             found.append(effect)
     return found
+
+
+def _folder(plant: str) -> Path:
+    return DATA if plant in BUILT_IN else OWN
 
 
 def _plain(record: Record) -> bool:
@@ -114,8 +123,9 @@ def _plain(record: Record) -> bool:
 
 
 def _runs(plant: str, effects: list[Effect], excitation: Excitation) -> list[Record]:
-    model = build(find_plant(plant, DATA), tuple(effects))
-    given = dict(read_rig(DATA / excitation.file).parameters)
+    folder = _folder(plant)
+    model = build(find_plant(plant, folder), tuple(effects))
+    given = dict(read_rig(folder / excitation.file).parameters)
     points = [dict(effect.usual[len(effect.usual) // 2]) for effect in effects]
     sets = [{}, *(e.qualified(point) for e, point in zip(effects, points, strict=True))]
     P = np.array([model.vector({**given, **own}) for own in sets])
@@ -192,7 +202,7 @@ def _axis() -> list[Excitation]:
 
     return [
         Excitation("table1.toml", step, samples, 10, reference, follow, noise),
-        Excitation("table1.toml", step, samples, 10, strokes, stroke, noise),
+        Excitation("table1.toml", step, samples, 10, strokes, stroke, noise, closed=False),
     ]
 
 
@@ -217,7 +227,20 @@ def _tanks() -> list[Excitation]:
     def pump(k: int, seen: Array) -> Array:
         return np.full(len(seen), levels[k])
 
-    return [Excitation("cascaded_tanks.toml", step, samples, hold, levels, pump, {"level": 0.02})]
+    return [
+        Excitation("cascaded_tanks.toml", step, samples, hold, levels, pump, {"level": 0.02}, closed=False)
+    ]
+
+
+def _winch() -> list[Excitation]:
+    """Steps of the drive's voltage that stretch the spring."""
+    step, samples, hold = 5e-3, 1600, 80
+    volts = np.repeat(np.array([2.0, -3.0, 5.0, -6.0, 8.0, 1.0, -8.0, 4.0, 6.0, -2.0]), samples // 10)
+
+    def drive(k: int, seen: Array) -> Array:
+        return np.full(len(seen), volts[k])
+
+    return [Excitation("winch.toml", step, samples, hold, volts, drive, {"position": 2e-5}, closed=False)]
 
 
 def _last(seen: Array) -> Array:
@@ -228,5 +251,5 @@ EXCITATIONS: dict[str, Callable[[], list[Excitation]]] = {
     "servo-pneumatic": _axis,
     "emps": _drive,
     "cascaded-tanks": _tanks,
+    "winch.py:winch": _winch,
 }
-NOT_DRIVEN = tuple(sorted(set(BUILT_IN) - set(EXCITATIONS)))
