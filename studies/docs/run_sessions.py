@@ -50,16 +50,17 @@ def copy_beside(page: Path, folder: Path) -> None:
 
 def main(wanted: list[str]) -> None:
     """Run and record."""
-    record = recorded()
     for page in session_pages():
         name = page.relative_to(DOCS).with_suffix("").as_posix()
         if wanted and name not in wanted:
             continue
         with tempfile.TemporaryDirectory() as folder:
             copy_beside(page, Path(folder))
-            record[name] = run_page(page, Path(folder))
-        print(name, *(f"{one['seconds']} s" for one in record[name]), flush=True)
-        RECORD.write_text(json.dumps(record, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+            runs = run_page(page, Path(folder))
+        RECORD.write_text(
+            json.dumps({**recorded(), name: runs}, indent=1, ensure_ascii=False) + "\n", encoding="utf-8"
+        )
+        print(name, *(f"{one['seconds']} s" for one in runs), flush=True)
 
 
 if __name__ == "__main__":

@@ -25,8 +25,8 @@ record, how small it may be and still be worth a name, what it is confused with,
 entries serve the diagnosis and `optid plan`, so this atlas cannot differ from them.
 
 The figures compare two simulated runs of a plant: the same reference and the same controller, without and with the
-effect at a usual size. The controller answers to what the sensor shows, so the command differs too. An effect that needs
-strokes at full command is shown with those, without a controller.
+effect at a usual size. The controller answers to what the sensor shows, so the command differs too. An effect that
+needs strokes at full command is shown with those, without a controller.
 """
 
 
