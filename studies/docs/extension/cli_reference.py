@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import inspect
+
 import click
 
 from optid.cli import cli
@@ -20,7 +22,7 @@ def pages() -> dict[str, str]:
         context = click.Context(command, info_name=f"optid {name}")
         usage = " ".join(command.collect_usage_pieces(context))
         parts.append(
-            f"\n## optid {name}\n\n{(command.help or '').strip()}\n\n```text\noptid {name} {usage}\n```\n\n"
+            f"\n## optid {name}\n\n{inspect.cleandoc(command.help or '')}\n\n```text\noptid {name} {usage}\n```\n\n"
         )
         options = [
             record

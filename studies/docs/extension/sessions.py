@@ -57,8 +57,9 @@ class Session(SphinxDirective):
                 logging.getLogger(__name__).warning(
                     f"never run: {command}; python studies/docs/run_sessions.py", location=self.get_location()
                 )
-            elif "quiet" not in self.options:
+            elif "quiet" not in self.options and (self.env.docname == "start" or " example " not in command):
                 lines += [f"{line}" for line in runs[command]["output"].splitlines()]
         block = nodes.literal_block("\n".join(lines), "\n".join(lines))
         block["language"] = "console"
+        block["classes"] = ["session"]
         return [block]
