@@ -60,6 +60,7 @@ sphinx_gallery_conf = {
     "show_memory": False,
     "min_reported_time": 1e9,
     "download_all_examples": False,
+    "write_computation_times": False,
     "within_subsection_order": "FileNameSortKey",
 }
 suppress_warnings = ["config.cache"]
