@@ -63,6 +63,8 @@ def _where(without: Array, change: Array, samples: int) -> slice:
     rows, change = sliding_window_view(without, samples)[::10], np.nan_to_num(change)
     size = np.sqrt(np.mean(sliding_window_view(change, samples)[::10] ** 2, axis=1))
     motion = np.ptp(rows, axis=1)
-    plain = np.where(size > 0.4 * size.max(), size / (motion + 3.0 * size.max()), 0.0)
+    moves = motion > 2.0 * size.max()  # at rest there is little to see, unless it never moves
+    wanted = (size > 0.4 * size.max()) & (moves | ~moves.any())
+    plain = np.where(wanted, size / (motion + 3.0 * size.max()), 0.0)
     first = 10 * int(np.argmax(plain))
     return slice(first, first + samples)
