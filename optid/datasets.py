@@ -29,7 +29,17 @@ BENCHMARKS = {
 
 
 class Dataset(NamedTuple):
-    """A rig with recordings to fit to and to judge on."""
+    """A rig with recordings to fit to and to judge on.
+
+    Attributes
+    ----------
+    rig : Rig
+        rig file, understood.
+    train : Recording
+        to fit to.
+    holdout : Recording
+        to judge on.
+    """
 
     rig: Rig
     train: Recording
@@ -46,6 +56,11 @@ def load(name: str, folder: str | Path | None = None) -> Dataset:
         rig file does not know), both in the package; "emps" or "cascaded-tanks", public benchmarks that are not.
     folder : str | Path | None
         with the files of a public benchmark.
+
+    Returns
+    -------
+    Dataset
+        rig, recording to fit to, recording to judge on.
 
     Raises
     ------
@@ -72,6 +87,16 @@ def load(name: str, folder: str | Path | None = None) -> Dataset:
 
 def example(folder: str | Path) -> list[Path]:
     """Copy the rig file and the recordings of the package into a folder, made if absent.
+
+    Parameters
+    ----------
+    folder : str | Path
+        to be made or empty.
+
+    Returns
+    -------
+    list[Path]
+        the files that were written.
 
     Raises
     ------

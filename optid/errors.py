@@ -27,6 +27,19 @@ class InputError(OptidError):
     """The call or an input file is wrong.
 
     The message is one line: ``where: field: what was found; expected ...; hint``.
+
+    Parameters
+    ----------
+    message : str
+        what was found.
+    where : object
+        file, or option of the call.
+    field : str | None
+        entry of the file.
+    expected : str | None
+        what should stand there.
+    hint : str | None
+        what to do.
     """
 
     def __init__(

@@ -1,6 +1,6 @@
 """The README's picture: position and error before and after, from a folder that `optid diagnose` wrote.
 
-python studies/readme_picture.py out/worn docs/worn.png
+python studies/readme_picture.py out/worn studies/docs/worn.png
 """
 
 from __future__ import annotations

@@ -143,7 +143,7 @@ def test_an_example_folder_is_whole_and_nothing_is_overwritten(tmp_path):
         optid.datasets.example(tmp_path / "deep" / "start")
 
 
-@pytest.mark.parametrize("name", ["README.md", "docs/python.md"])
+@pytest.mark.parametrize("name", ["README.md", "studies/docs/reference/python.md"])
 def test_the_pages_python_is_right(name):
     """Its code parses and names what exists; the calls themselves run elsewhere."""
     blocks = re.findall(r"```python\n(.*?)```", (ROOT / name).read_text(encoding="utf-8"), re.S)

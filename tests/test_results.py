@@ -240,6 +240,19 @@ def test_progress_as_json_is_lines_on_stderr(sound, tmp_path, quick):
         assert run("simulate", *sound, "--out", tmp_path / "out", "--progress", how).stderr == ""
 
 
+def test_an_event_is_a_line_for_programs_alone(capsys):
+    from optid.cli import progress
+
+    progress.event("live", 0.5, "the loop runs")
+    assert capsys.readouterr().err == ""
+    progress.choose("json")
+    try:
+        progress.event("live", None, "the loop runs")
+    finally:
+        progress.choose("auto")
+    assert json.loads(capsys.readouterr().err) == {"stage": "live", "share": None, "words": "the loop runs"}
+
+
 @pytest.mark.parametrize("how", ["option", "environment"])
 def test_threads_bound_the_cores_everywhere(sound, tmp_path, how, monkeypatch):
     import optid.api.simulating

@@ -56,6 +56,7 @@ def test_the_wheel_holds_what_it_needs_and_no_more(installed):
         "report/figures.js",
         "report/plotly/plotly-basic.min.js",
         "report/plotly/LICENSE",
+        "results/schemas/fit-1.schema.json",
     ]
     assert {f"optid/{name}" for name in wanted} <= names
     assert not [name for name in names if name.startswith(("tests/", "studies/", "data/"))]

@@ -35,6 +35,11 @@ def from_control(
     noise : float
         standard deviation of what it misses, output's unit.
 
+    Returns
+    -------
+    ArmaxFile
+        the model, as `tune` takes it.
+
     Raises
     ------
     InputError

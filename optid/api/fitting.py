@@ -143,6 +143,11 @@ def profile(
     progress : Progress
         called with the share done and a few words.
 
+    Returns
+    -------
+    ProfileResult
+        the likelihood along the parameter, with its interval.
+
     Raises
     ------
     InputError

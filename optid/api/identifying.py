@@ -60,6 +60,11 @@ def identify(
     progress : Progress
         called with the share done and a few words.
 
+    Returns
+    -------
+    IdentificationResult
+        models, their audit and the table.
+
     Raises
     ------
     InputError

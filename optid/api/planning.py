@@ -60,6 +60,11 @@ def plan(
     progress : Progress
         called with the share done and a few words.
 
+    Returns
+    -------
+    PlanResult
+        the reference, and how far apart the rivals come along it.
+
     Raises
     ------
     InputError

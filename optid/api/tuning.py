@@ -79,6 +79,11 @@ def tune(
     progress : Progress
         called with the share done and a few words.
 
+    Returns
+    -------
+    TuningResult
+        gains, costs, baselines and margins.
+
     Raises
     ------
     InputError

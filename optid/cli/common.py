@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -29,6 +30,7 @@ __all__ = [
     "read_all",
     "refuse_unfit",
     "results_folder",
+    "say_next",
     "say_remarks",
     "say_scores",
     "say_table",
@@ -111,6 +113,11 @@ def say_scores(title: str, scores: dict[str, dict[str, Any]]) -> None:
 
     if scores:
         say_table((title, "fit", "rmse"), score_rows(scores))
+
+
+def say_next(*call: str) -> None:
+    """End a summary with the command that goes on from it; capitals stand for what only the user can name."""
+    click.echo(f"next: {shlex.join(['optid', *call])}")
 
 
 def say_table(head: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> None:

@@ -16,6 +16,7 @@ from optid.cli.common import (
     progress,
     rate_asked,
     results_folder,
+    say_next,
     waiting,
 )
 
@@ -91,3 +92,7 @@ def diagnose(
         deliver(folder, placed(result, out).write)
     click.echo(result.summary())
     click.echo(f"written to {out}: {', '.join(result.written)}")
+    if any(finding.effect is None or finding.indistinguishable_from for finding in result.findings):
+        say_next("plan", rig, "--diagnosis", out, "--out", "DIR")
+    else:
+        say_next("simulate", f"{out}/rig.toml", holdout[0], "--out", "DIR")

@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from optid.cli.common import OUT, RATE, checkpoint, deliver, progress, rate_asked, results_folder
+from optid.cli.common import OUT, RATE, checkpoint, deliver, progress, rate_asked, results_folder, say_next
 from optid.errors import InputError, JobError
 
 
@@ -55,5 +55,10 @@ def fit(rig: str, recordings: tuple[str, ...], holdout: tuple[str, ...], out: st
     for why in result.document["refused_profiles"]:
         click.echo(why)
     click.echo(f"written to {out}: {', '.join(result.written)}")
+    if result.document["missed"]:
+        held = [word for one in holdout or ("OTHER",) for word in ("--holdout", one)]
+        say_next("diagnose", rig, *recordings, *held, "--out", "DIR")
+    else:
+        say_next("simulate", rig, (holdout or recordings)[0], "--fit", out, "--out", "DIR")
     if result.outcome.failed:
         raise JobError(f"{result.outcome.value} The best found is in {out}.")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from optid.cli.armax_options import FORGETTING, numbers, one_for_each_input
-from optid.cli.common import OUT, RATE, deliver, progress, read_all, results_folder, say_table
+from optid.cli.common import OUT, RATE, deliver, progress, read_all, results_folder, say_next, say_table
 
 if TYPE_CHECKING:
     from optid.armax.forgetting import Forgetting
@@ -148,6 +148,7 @@ def identify(
     deliver(folder, write)
     _say(found)
     click.echo(f"written to {out}: {', '.join(files)}")
+    say_next("tune", f"{out}/armax.json", "--rig", rig, "--out", "DIR")
 
 
 def _plan(

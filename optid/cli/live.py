@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from optid.cli import progress
 from optid.cli.armax_options import FORGETTING
-from optid.cli.common import OUT, deliver, results_folder, say_table, write_json
+from optid.cli.common import OUT, deliver, results_folder, say_next, say_table, write_json
 from optid.errors import InputError, JobError
 
 if TYPE_CHECKING:
@@ -107,6 +108,8 @@ def live(rig: str, driver: str, out: str, **choices: Any) -> None:
     click.echo(f"written to {out}: {LOG}, live.json, report.html" + (", armax.json" if model else ""))
     if document["parted"]:
         click.echo(f"rig and model have parted; what is missing finds\n  {document['diagnosis']}")
+    else:
+        say_next("fit", rig, f"{out}/{LOG}", "--out", "DIR")
     if document["outcome"] == "failed":
         raise JobError(f"{document['why']}; the recording up to there was kept in {out}")
 
@@ -209,6 +212,8 @@ def _run(session: Session, tune_after: float | None, way_in: tuple[Door, socket.
         look()
         for event in session.events.since(said):
             click.echo(f"{event.time:8.1f} s  {event.words}")
+            share = None if session.plan.seconds is None else min(event.time / session.plan.seconds, 1.0)
+            progress.event("live", share, event.words)
         said = session.events.number
 
     def begin(address: str | None = None) -> None:

@@ -29,6 +29,12 @@ def _line(what: str, share: float | None, words: str) -> None:
     click.echo(json.dumps(content, ensure_ascii=False), err=True)
 
 
+def event(what: str, share: float | None, words: str) -> None:
+    """A JSON line of something that happened, for what a person is told on stdout anyway."""
+    if _CHOSEN.get() == "json":
+        _line(what, share, words)
+
+
 @contextmanager
 def waiting(what: str) -> Iterator[None]:
     """For what takes a moment: a spinner, or a line when it begins and one when it is done."""

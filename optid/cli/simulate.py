@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from optid.cli.common import OUT, RATE, deliver, progress, rate_asked, results_folder
+from optid.cli.common import OUT, RATE, deliver, progress, rate_asked, results_folder, say_next
 
 if TYPE_CHECKING:
     from optid.results.fit import FitResult
@@ -32,6 +32,8 @@ def simulate(rig: str, recording: str, fitted: str | None, out: str) -> None:
     deliver(folder, result.write)
     click.echo(result.summary())
     click.echo(f"written to {out}: {', '.join(result.written)}")
+    job = "fit" if fitted is None else "diagnose"
+    say_next(job, rig, recording, "--holdout", "OTHER", "--out", "DIR")
 
 
 def _fit_in(folder: str) -> FitResult:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 import click
 
-from optid.cli.common import OUT, deliver, progress, results_folder, say_table, waiting, write_json
+from optid.cli.common import OUT, deliver, progress, results_folder, say_next, say_table, waiting, write_json
 from optid.errors import InputError, JobError, SolveError
 
 if TYPE_CHECKING:
@@ -178,6 +178,8 @@ def tune(model: str, out: str, **choices: Any) -> None:
     deliver(folder, write)
     _say(result, posed, structure)
     click.echo(f"written to {out}: {', '.join(['pid.json', *files])}")
+    gains = ("--gains", f"{out}/pid.json", "--out", "DIR")
+    say_next("live", choices["rig"] or "RIG", "--driver", "simulated", *gains)
     if patience.interrupted:
         raise JobError(f"interrupted: the best gains so far are in {out}")
 

@@ -47,7 +47,18 @@ class CasadiFunctions:
     model: Model
 
     def values(self, named: Mapping[str, float]) -> Array:
-        """The vector p from named SI values, such as a rig's `parameters` or a fit's `values`; defaults elsewhere."""
+        """The vector p from named SI values, such as a rig's `parameters` or a fit's `values`; defaults elsewhere.
+
+        Parameters
+        ----------
+        named : Mapping[str, float]
+            name -> SI value.
+
+        Returns
+        -------
+        Array
+            the vector p, (parameters,).
+        """
         return self.model.vector(named)
 
     def __str__(self) -> str:

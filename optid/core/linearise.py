@@ -99,6 +99,11 @@ def linearise(
         guesses for the others; without one a state starts where records start, an input at zero. Where
         laws change at zero, as a valve's do, the side must be guessed.
 
+    Returns
+    -------
+    Linear
+        the linear system, with a note where it does not hold.
+
     Raises
     ------
     PlantError

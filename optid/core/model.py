@@ -73,6 +73,12 @@ class Model:
 
     Attributes
     ----------
+    name : str
+        of the plant.
+    states, inputs, outputs, parameters : tuple
+        in the order of x, u, y and p: each with its name or role, and its unit.
+    effects : tuple[str, ...]
+        names of those that act in it.
     sites : tuple[str, ...]
         where effects can act.
     sizes : tuple[float, ...]
@@ -158,13 +164,40 @@ class Model:
         moving: Sequence[str] = (),
         near: Mapping[str, float] | None = None,
     ) -> Linear:
-        """Linearised at an operating point, as a named state space of python-control: see `linearise`."""
+        """Linearised at an operating point, as a named state space of python-control: see `linearise`.
+
+        Parameters
+        ----------
+        parameters : Mapping[str, float]
+            name -> SI value.
+        held : Mapping[str, float]
+            state or input -> SI value to linearise at.
+        moving : Sequence[str]
+            states whose rate need not vanish: the position of an axis at constant speed.
+        near : Mapping[str, float] | None
+            guesses for the other states and inputs, SI.
+
+        Returns
+        -------
+        Linear
+            the linear system, with a note where it does not hold.
+        """
         from optid.core.linearise import linearise
 
         return linearise(self, parameters, held, moving, near)
 
     def index(self, name: str) -> int:
         """Position of a parameter in the vector p.
+
+        Parameters
+        ----------
+        name : str
+            of a parameter.
+
+        Returns
+        -------
+        int
+            its place in the vector p.
 
         Raises
         ------
@@ -178,6 +211,16 @@ class Model:
 
     def vector(self, values: Mapping[str, float]) -> Array:
         """The parameter vector p from named SI values, with defaults where `values` is silent.
+
+        Parameters
+        ----------
+        values : Mapping[str, float]
+            name -> SI value; defaults where absent.
+
+        Returns
+        -------
+        Array
+            the vector p, (parameters,).
 
         Raises
         ------
@@ -193,6 +236,20 @@ class Model:
 
     def vector_from(self, smaller: Model, p: Array, values: Mapping[str, float]) -> Array:
         """The vector p with what a smaller model of the same plant has, too, as in its own `p`; the rest as named.
+
+        Parameters
+        ----------
+        smaller : Model
+            a model whose parameters are among this one's.
+        p : Array
+            its vector, (parameters of the smaller,).
+        values : Mapping[str, float]
+            name -> SI value, of the others.
+
+        Returns
+        -------
+        Array
+            the vector p, (parameters,).
 
         Raises
         ------

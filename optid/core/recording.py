@@ -246,6 +246,15 @@ class Recording:
     def from_arrays(cls, arrays: Mapping[str, ArrayLike], rig: Mapped, name: str = "arrays") -> Recording:
         """A recording from arrays in memory, all of shape (samples,), by column or role as in `from_frame`.
 
+        Parameters
+        ----------
+        arrays : Mapping[str, ArrayLike]
+            column or role -> values, (samples,) each.
+        rig : Mapped
+            whose channels say which column is what.
+        name : str
+            of the recording.
+
         Raises
         ------
         RecordingError
@@ -287,12 +296,35 @@ class Recording:
         return {role: channel.missing for role, channel in self.channels.items() if channel.missing}
 
     def gaps(self, longer_than: float = GAP) -> tuple[Interval, ...]:
-        """Times (s) between neighbouring samples that lie further apart than so many median intervals."""
+        """Times (s) between neighbouring samples that lie further apart than so many median intervals.
+
+        Parameters
+        ----------
+        longer_than : float
+            median intervals.
+
+        Returns
+        -------
+        tuple[Interval, ...]
+            times (s) of the samples before and after each gap.
+        """
         after = np.flatnonzero(np.diff(self.time) > longer_than * self.interval)
         return tuple((float(self.time[i]), float(self.time[i + 1])) for i in after)
 
     def slice(self, start: float = -math.inf, stop: float = math.inf) -> Recording:
         """The samples with ``start <= time < stop``, both in seconds of this recording's own clock.
+
+        Parameters
+        ----------
+        start : float
+            s; the first sample at or after it.
+        stop : float
+            s; the last sample before it.
+
+        Returns
+        -------
+        Recording
+            that part, under the same name.
 
         Raises
         ------
@@ -315,6 +347,16 @@ class Recording:
         A stretch in which a held channel (a command) is missing for so long is a gap, too. A shorter gap stays inside
         a stretch: the command held before it is taken to hold through it. Stretches of a single sample carry no
         motion and are left out.
+
+        Parameters
+        ----------
+        longer_than : float
+            median intervals; shorter gaps stay inside a stretch.
+
+        Returns
+        -------
+        tuple[Recording, ...]
+            the stretches in their order.
         """
         rows = np.flatnonzero(self.commanded(longer_than))
         if not len(rows):
@@ -327,6 +369,16 @@ class Recording:
         """Samples at which every held channel is known, or missing for no longer than so many median intervals.
 
         Those before the first known one count as missing for long.
+
+        Parameters
+        ----------
+        longer_than : float
+            median intervals; a command that is missing for no longer is taken to hold.
+
+        Returns
+        -------
+        NDArray[bool]
+            (samples,), true where every held channel is known.
         """
         known = np.ones(len(self), dtype=bool)
         for channel in self.channels.values():
@@ -339,13 +391,30 @@ class Recording:
         return known
 
     def to_frame(self) -> pd.DataFrame:
-        """Columns "time" and one for every role, in SI units, one row per sample."""
+        """Columns "time" and one for every role, in SI units, one row per sample.
+
+        Returns
+        -------
+        pd.DataFrame
+            time (s) and a column a role, SI, one row a sample.
+        """
         import pandas as pd
 
         return pd.DataFrame({"time": self.time, **{r: c.values for r, c in self.channels.items()}})
 
     def taken(self, rows: NDArray[np.int64]) -> Recording:
-        """These samples of it, in their order; what is left out between them is a gap."""
+        """These samples of it, in their order; what is left out between them is a gap.
+
+        Parameters
+        ----------
+        rows : NDArray[np.int64]
+            samples to keep, (n,).
+
+        Returns
+        -------
+        Recording
+            those samples alone.
+        """
         channels = {
             role: dataclasses.replace(channel, values=channel.values[rows])
             for role, channel in self.channels.items()

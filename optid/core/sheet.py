@@ -66,7 +66,15 @@ class _Near(dict[str, Expression]):
 
 
 class Sheet:
-    """Collects a plant's equations in the order in which it writes them."""
+    """Collects a plant's equations in the order in which it writes them.
+
+    Parameters
+    ----------
+    name : str
+        of the plant.
+    effects : Sequence[Effect]
+        that act at its sites.
+    """
 
     def __init__(self, name: str, effects: Sequence[Effect] = ()) -> None:
         self.name = name
@@ -99,7 +107,26 @@ class Sheet:
         start: Expression = 0.0,
         spread: Expression | None = None,
     ) -> ca.SX:
-        """Declare a state; `scale` is its usual size, `start` and `spread` its mean and sd at a record's start."""
+        """Declare a state; `scale` is its usual size, `start` and `spread` its mean and sd at a record's start.
+
+        Parameters
+        ----------
+        name : str
+            of the state.
+        unit : str
+            SI.
+        scale : float
+            a usual size, in that unit.
+        start : Expression
+            at a record's start, where nothing tells it.
+        spread : Expression | None
+            sd of the start.
+
+        Returns
+        -------
+        ca.SX
+            symbol of the sheet.
+        """
         name = self._prefix + name
         self._fresh(name, self._states)
         self._states[name] = State(name, unit, float(scale))
@@ -111,17 +138,54 @@ class Sheet:
         """Declare a recorded input; with unit "1" a channel in volts needs a `full_scale`.
 
         Where one value leaves the plant at rest, `idle` tells what was commanded before a record that begins at rest.
+
+        Parameters
+        ----------
+        role : str
+            of the channel that it is read from.
+        unit : str
+            SI.
+        idle : float | None
+            value at which the plant stays at rest, if there is one.
+
+        Returns
+        -------
+        ca.SX
+            symbol of the sheet.
         """
         self._fresh(role, self._inputs)
         return self._port(role, Port(role, unit, idle=idle))
 
     def past(self, role: str, samples: int) -> ca.SX:
-        """A declared input as it was so many samples ago; before the record began it was idle, or as it is first."""
+        """A declared input as it was so many samples ago; before the record began it was idle, or as it is first.
+
+        Parameters
+        ----------
+        role : str
+            of an input.
+        samples : int
+            how many ago.
+
+        Returns
+        -------
+        ca.SX
+            symbol of the sheet.
+        """
         port, now = self._inputs[role]
         return self._port(f"{role}@{samples}", replace(port, ago=samples)) if samples else now
 
     def signal(self, name: str) -> ca.SX:
         """A state or an input that the plant has declared, for an effect that can follow any of them.
+
+        Parameters
+        ----------
+        name : str
+            of a state or an input.
+
+        Returns
+        -------
+        ca.SX
+            symbol of the sheet.
 
         Raises
         ------
@@ -134,11 +198,23 @@ class Sheet:
         return known[name]
 
     def interval(self) -> ca.SX:
-        """The time for which the present sample is held, s."""
+        """The time for which the present sample is held, s.
+
+        Returns
+        -------
+        ca.SX
+            symbol of the sheet, s.
+        """
         return self._port(INTERVAL, Port(INTERVAL, "s"))
 
     def clock(self) -> ca.SX:
-        """Time since the record began, s, taken at the middle of the present sample's hold."""
+        """Time since the record began, s, taken at the middle of the present sample's hold.
+
+        Returns
+        -------
+        ca.SX
+            symbol of the sheet, s.
+        """
         return self._port(CLOCK, Port(CLOCK, "s"))
 
     def _port(self, key: str, port: Port) -> ca.SX:
@@ -147,7 +223,18 @@ class Sheet:
         return self._inputs[key][1]
 
     def param(self, parameter: Parameter) -> ca.SX:
-        """Use a parameter; the same object may be used again. An effect's carries the effect's name in front."""
+        """Use a parameter; the same object may be used again. An effect's carries the effect's name in front.
+
+        Parameters
+        ----------
+        parameter : Parameter
+            with name, unit and bounds.
+
+        Returns
+        -------
+        ca.SX
+            symbol of the sheet.
+        """
         if self._prefix:
             parameter = replace(parameter, name=self._prefix + parameter.name)
         if parameter.name in self._parameters:
@@ -164,6 +251,16 @@ class Sheet:
     def plant_param(self, name: str) -> ca.SX:
         """A parameter that the plant has declared, for an effect that needs it.
 
+        Parameters
+        ----------
+        name : str
+            of a parameter of the plant.
+
+        Returns
+        -------
+        ca.SX
+            symbol of the sheet.
+
         Raises
         ------
         PlantError
@@ -176,22 +273,67 @@ class Sheet:
         return self._parameters[name][1]
 
     def delay_input(self, time: Expression) -> tuple[Expression | None, Expression]:
-        """Let commands come later by `time`, s: how late they came before, None if at once, and how late they come."""
+        """Let commands come later by `time`, s: how late they came before, None if at once, and how late they come.
+
+        Parameters
+        ----------
+        time : Expression
+            s, by which they come later.
+
+        Returns
+        -------
+        tuple[Expression | None, Expression]
+            s: how late they came before, ``None`` if at once, and how late they come now.
+        """
         before, self._late = self._late, time if self._late is None else self._late + time
         return before, self._late
 
     def switch_within_hold(self, share: Expression, before: Expression, after: Expression) -> Expression:
-        """A signal that changes inside each hold, after this share of it; of two such shares the last one counts."""
+        """A signal that changes inside each hold, after this share of it; of two such shares the last one counts.
+
+        Parameters
+        ----------
+        share : Expression
+            of the hold, from 0 to 1.
+        before : Expression
+            the signal until then.
+        after : Expression
+            the signal from then on.
+
+        Returns
+        -------
+        Expression
+            the signal.
+        """
         half = self._switch[0] if self._switch else ca.SX.sym("half")
         self._switch = (half, share)
         return before + half * (after - before)
 
     def store(self, name: str, expression: Expression) -> None:
-        """Keep an expression that an effect needs again at a later site."""
+        """Keep an expression that an effect needs again at a later site.
+
+        Parameters
+        ----------
+        name : str
+            for `recall`.
+        expression : Expression
+            to keep.
+        """
         self._notes[self._prefix + name] = expression
 
     def recall(self, name: str) -> Expression:
-        """What the same effect noted at an earlier site."""
+        """What the same effect noted at an earlier site.
+
+        Parameters
+        ----------
+        name : str
+            as it was stored.
+
+        Returns
+        -------
+        Expression
+            the expression.
+        """
         return self._notes[self._prefix + name]
 
     def site(self, name: str, nominal: Expression, *, size: float = 1.0, **near: Expression) -> Expression:
@@ -207,6 +349,11 @@ class Sheet:
             its usual size in SI units, for effects that can act on any signal.
         **near : Expression
             other signals that an effect here may need; it finds `size` among them too.
+
+        Returns
+        -------
+        Expression
+            the signal, as effects here make it.
         """
         here = ca.SX(nominal)
         self._sites.setdefault(name, (0.0 if here.is_constant() else size, tuple(near)))
@@ -219,37 +366,85 @@ class Sheet:
         return nominal
 
     def override_signal(self, name: str, signal: Expression) -> None:
-        """Let the effects that follow at this site find another signal near it: the speed of what is shown now."""
+        """Let the effects that follow at this site find another signal near it: the speed of what is shown now.
+
+        Parameters
+        ----------
+        name : str
+            of the signal near the site.
+        signal : Expression
+            what the others find there.
+        """
         self._near[name] = signal
 
     def form_error(self, share: float) -> None:
         """Say how much of the squared error names may leave on this plant: more than right laws of another form do.
 
         In no more than one of 20 blind cases may right names leave more.
+
+        Parameters
+        ----------
+        share : float
+            of the squared error.
         """
         self._form_error = share
 
     def suspect(self, *sites: str) -> None:
-        """Name sites at which unknown physics may act, together if several: a diagnosis looks for an input there."""
+        """Name sites at which unknown physics may act, together if several: a diagnosis looks for an input there.
+
+        Parameters
+        ----------
+        *sites : str
+            their names.
+        """
         self._suspects.append(sites)
 
     def scalable(self, *sites: str) -> None:
-        """Name sites of a level that others turn, as that of dry friction: what sticks no added signal describes."""
+        """Name sites of a level that others turn, as that of dry friction: what sticks no added signal describes.
+
+        Parameters
+        ----------
+        *sites : str
+            their names.
+        """
         self._scalable.extend(sites)
 
     def biased(self, parameter: str, share: float) -> None:
         """Say by what share of its value a stand-in for a law that jumps may shift a fitted parameter.
 
         It was measured against the law itself; intervals count it as a standard uncertainty of type B (GUM, 4.3).
+
+        Parameters
+        ----------
+        parameter : str
+            its name.
+        share : float
+            of its value.
         """
         self._biases[parameter] = share
 
     def require(self, words: str, margin: Expression) -> None:
-        """State what must hold between parameters: a sentence, and an expression of them that is positive then."""
+        """State what must hold between parameters: a sentence, and an expression of them that is positive then.
+
+        Parameters
+        ----------
+        words : str
+            what must hold, as a sentence.
+        margin : Expression
+            positive where it holds.
+        """
         self._required.append((words, margin))
 
     def rate(self, state: ca.SX, expression: Expression) -> None:
-        """Write d(state)/dt."""
+        """Write d(state)/dt.
+
+        Parameters
+        ----------
+        state : ca.SX
+            its symbol.
+        expression : Expression
+            its unit per second.
+        """
         name = state.name()
         if name not in self._states:
             raise PlantError(
@@ -260,7 +455,17 @@ class Sheet:
         self._rates[name] = expression
 
     def output(self, role: str, unit: str, expression: Expression) -> None:
-        """Write what a sensor shows."""
+        """Write what a sensor shows.
+
+        Parameters
+        ----------
+        role : str
+            of the channel that measures it.
+        unit : str
+            SI.
+        expression : Expression
+            what the sensor shows.
+        """
         self._fresh(role, self._outputs)
         self._outputs[role] = (Port(role, unit), expression)
 
@@ -270,6 +475,11 @@ class Sheet:
 
     def freeze(self) -> Model:
         """Check that the equations close and freeze them.
+
+        Returns
+        -------
+        Model
+            the model, which nothing changes any more.
 
         Raises
         ------
@@ -348,6 +558,11 @@ def build(plant: Plant, effects: Sequence[Effect] = (), **options: object) -> Mo
         missing physics to insert at the plant's sites, in this order.
     **options : object
         choices the plant offers, such as ``rod_force=False``.
+
+    Returns
+    -------
+    Model
+        the model.
 
     Raises
     ------

@@ -8,23 +8,64 @@ import casadi as ca
 
 
 def signed_root(q: Any, width: Any) -> Any:
-    """sign(q) sqrt(|q|) with a finite slope 1/sqrt(width) at q = 0 (the idea of Modelica's regRoot).
+    """sign(q) sqrt(abs(q)) with a finite slope 1/sqrt(width) at q = 0 (the idea of Modelica's regRoot).
 
-    The relative error is (width/q)^2 / 4 for |q| >> width: at width = 2e-3, 0.01 % at q = 0.1.
+    The relative error is (width/q)^2 / 4 for abs(q) >> width: at width = 2e-3, 0.01 % at q = 0.1.
+
+    Parameters
+    ----------
+    q : Any
+        the signal.
+    width : Any
+        of the smooth part, in the signal's unit.
+
+    Returns
+    -------
+    Any
+        the root, an odd function of q.
     """
     return q / ca.sqrt(ca.sqrt(q * q + width * width))
 
 
 def soft_power(q: Any, exponent: Any, width: Any) -> Any:
-    """sign(q) |q|^exponent with a finite slope at q = 0; q itself at exponent 1, whatever the width.
+    """sign(q) abs(q)^exponent with a finite slope at q = 0; q itself at exponent 1, whatever the width.
 
-    The relative error is (exponent - 1)/2 (width/q)^2 for |q| >> width.
+    The relative error is (exponent - 1)/2 (width/q)^2 for abs(q) >> width.
+
+    Parameters
+    ----------
+    q : Any
+        the signal.
+    exponent : Any
+        of the power.
+    width : Any
+        of the smooth part, in the signal's unit.
+
+    Returns
+    -------
+    Any
+        the power, an odd function of q.
     """
     return q * (q * q + width * width) ** ((exponent - 1) / 2)
 
 
 def soft_floor(value: Any, floor: Any, width: Any) -> Any:
-    """max(value, floor) with one continuous derivative: exact outside floor +- width, at most width/4 above inside."""
+    """max(value, floor) with one continuous derivative: exact outside floor +- width, at most width/4 above inside.
+
+    Parameters
+    ----------
+    value : Any
+        the signal.
+    floor : Any
+        lower bound, in the signal's unit.
+    width : Any
+        of the transition, in the signal's unit.
+
+    Returns
+    -------
+    Any
+        the bounded signal.
+    """
     inside = (value - floor + width) ** 2 / (4 * width) + floor
     return ca.if_else(value > floor + width, value, ca.if_else(value < floor - width, floor, inside))
 
@@ -33,5 +74,17 @@ def dead_zone(value: Any, half_width: Any) -> Any:
     """What of a value lies beyond +- half_width; the value itself at a half width of zero.
 
     Not rounded: its slopes are bounded, and a rounded one would forget at half width 0 on which side the value is.
+
+    Parameters
+    ----------
+    value : Any
+        the signal.
+    half_width : Any
+        of the zone, in the signal's unit.
+
+    Returns
+    -------
+    Any
+        what exceeds the zone.
     """
     return ca.fmax(value - half_width, 0) + ca.fmin(value + half_width, 0)

@@ -100,7 +100,24 @@ class Effect:
     source: str
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
-        """The signal at `site` as the effect makes it; `nominal` at the null."""
+        """The signal at `site` as the effect makes it; `nominal` at the null.
+
+        Parameters
+        ----------
+        site : str
+            one of `sites`.
+        nominal : Any
+            the signal without the effect.
+        near : Mapping[str, Any]
+            signals that the plant declares near the site.
+        sheet : Sheet
+            for parameters and states of its own.
+
+        Returns
+        -------
+        Any
+            the signal with it, in the unit of the nominal one.
+        """
         raise NotImplementedError
 
     def tries(self, heard: Sequence[Array], interval: float) -> Sequence[Mapping[str, float]]:
@@ -112,6 +129,11 @@ class Effect:
             what the plain model's predictions of one output miss, one array per recording, evenly sampled.
         interval : float
             time between samples, s.
+
+        Returns
+        -------
+        Sequence[Mapping[str, float]]
+            parameter name -> SI value, one for each try.
         """
         return self.usual
 
@@ -124,6 +146,11 @@ class Effect:
             SI, by own name.
         shown : Mapping[str, Array]
             where the effect's own states ended in each recording, by own name, (recordings,).
+
+        Returns
+        -------
+        Mapping[str, float]
+            parameter name -> SI value.
         """
         return {}
 
@@ -138,11 +165,28 @@ class Effect:
         return self.sites[0].partition(".")[0]
 
     def qualified(self, values: Mapping[str, float]) -> dict[str, float]:
-        """Parameter values under the names they have in a model: "effect.parameter"."""
+        """Parameter values under the names they have in a model: "effect.parameter".
+
+        Parameters
+        ----------
+        values : Mapping[str, float]
+            SI, by own name.
+
+        Returns
+        -------
+        dict[str, float]
+            the same, by full name.
+        """
         return {f"{self.name}.{name}": value for name, value in values.items()}
 
     def at_null(self) -> dict[str, float]:
-        """The defaults by own name: no effect."""
+        """The defaults by own name: no effect.
+
+        Returns
+        -------
+        dict[str, float]
+            parameter name -> SI value.
+        """
         return {q.name: float(q.default) for q in self.parameters if q.default is not None}
 
     @property
@@ -155,7 +199,18 @@ class Effect:
         }
 
     def size(self, values: Mapping[str, float]) -> float:
-        """How many times the smallest size worth a name, from values by own name; the largest strength counts."""
+        """How many times the smallest size worth a name, from values by own name; the largest strength counts.
+
+        Parameters
+        ----------
+        values : Mapping[str, float]
+            SI, by own name.
+
+        Returns
+        -------
+        float
+            1 for the smallest size worth a name.
+        """
         null = self.at_null()
         return max(abs(values[name] - null[name]) / least for name, least in self.strength.items())
 

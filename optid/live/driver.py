@@ -30,6 +30,11 @@ class Driver(Protocol):
     def read(self, time: float) -> Sequence[float]:
         """One value for each measured channel, in the wiring's order; NaN where a sensor gave none.
 
+        Parameters
+        ----------
+        time : float
+            s, of the session.
+
         Raises
         ------
         EndOfData
@@ -37,7 +42,15 @@ class Driver(Protocol):
         """
 
     def write(self, command: float, time: float) -> float:
-        """Put a command, in the unit of its column; returns what truly stands there from now on."""
+        """Put a command, in the unit of its column; returns what truly stands there from now on.
+
+        Parameters
+        ----------
+        command : float
+            in the unit of its column.
+        time : float
+            s, of the session.
+        """
 
     def close(self) -> None:
         """Let go of the rig; the safe command was written before, if that was possible."""

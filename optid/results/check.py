@@ -26,7 +26,13 @@ class CheckResult(Result):
         return "fit" in self.document["fit_for"]
 
     def summary(self) -> str:
-        """Each recording with its remarks, what the data tell of the parameters, and what they are fit for."""
+        """Each recording with its remarks, what the data tell of the parameters, and what they are fit for.
+
+        Returns
+        -------
+        str
+            a few lines.
+        """
         lines = []
         for one in self.document["recordings"]:
             size = f"{one['samples']} samples, {one['duration']:.4g} s at {one['rate']:.5g} Hz"
@@ -51,7 +57,13 @@ class CheckResult(Result):
         return [head, f"  {known}", *missing, *(f"  {sentence}" for sentence in told["sentences"])]
 
     def to_frame(self) -> pd.DataFrame:
-        """One row a remark: recording, severity, channel, kind, message, from and to (s)."""
+        """One row a remark: recording, severity, channel, kind, message, from and to (s).
+
+        Returns
+        -------
+        pd.DataFrame
+            SI units, unless a column says otherwise.
+        """
         import pandas as pd
 
         columns = ("recording", "severity", "channel", "kind", "message", "from", "to")

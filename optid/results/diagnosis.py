@@ -97,7 +97,13 @@ class DiagnosisResult(ResultWithRig):
         return dict(self.document["improved"])
 
     def summary(self) -> str:
-        """The verdict, why, and the error before and after on the recordings held out."""
+        """The verdict, why, and the error before and after on the recordings held out.
+
+        Returns
+        -------
+        str
+            a few lines.
+        """
         lines = [f"{self.verdict.value}: {typeset(self.document['summary'])}"]
         for title, part in (("held out, before", self.baseline), ("held out, after", self.improved)):
             if part["holdout"]:
@@ -105,7 +111,13 @@ class DiagnosisResult(ResultWithRig):
         return "\n".join(lines)
 
     def to_frame(self) -> pd.DataFrame:
-        """One row a parameter of a finding: effect, site, parameter, value, low, high, unit (SI), p_value."""
+        """One row a parameter of a finding: effect, site, parameter, value, low, high, unit (SI), p_value.
+
+        Returns
+        -------
+        pd.DataFrame
+            SI units, unless a column says otherwise.
+        """
         import pandas as pd
 
         rows = [

@@ -85,7 +85,13 @@ class FitResult(ResultWithRig):
         return marks | dict.fromkeys(self.document["not_identifiable"], "not identifiable")
 
     def summary(self) -> str:
-        """How it ended, the parameters asked for, what cannot be told apart, and the scores."""
+        """How it ended, the parameters asked for, what cannot be told apart, and the scores.
+
+        Returns
+        -------
+        str
+            a few lines.
+        """
         d = self.document
         asked = {name: entry for name, entry in d["parameters"].items() if name in d["asked"]}
         lines = [f"{self.outcome.value} ({d['seconds']:.1f} s)"]
@@ -99,7 +105,13 @@ class FitResult(ResultWithRig):
         return "\n".join(lines)
 
     def to_frame(self) -> pd.DataFrame:
-        """One row a fitted parameter: unit, value, low, high, start (SI), at_bound, identifiable."""
+        """One row a fitted parameter: unit, value, low, high, start (SI), at_bound, identifiable.
+
+        Returns
+        -------
+        pd.DataFrame
+            SI units, unless a column says otherwise.
+        """
         import pandas as pd
 
         return pd.DataFrame([vars(e) for e in self.parameters.values()]).set_index("name")
@@ -122,9 +134,21 @@ class ProfileResult(Result):
         return (-math.inf if low is None else low, math.inf if high is None else high)
 
     def summary(self) -> str:
-        """What the profile adds to the fit's own interval."""
+        """What the profile adds to the fit's own interval.
+
+        Returns
+        -------
+        str
+            a few lines.
+        """
         return str(self.document["words"])
 
     def to_frame(self) -> pd.DataFrame:
-        """The profile, one row a value."""
+        """The profile, one row a value.
+
+        Returns
+        -------
+        pd.DataFrame
+            SI units, unless a column says otherwise.
+        """
         return self.tables["profile"].copy()

@@ -44,6 +44,11 @@ class IdentificationResult(Result):
         order : int | None
             na of the model; the recommended one when absent.
 
+        Returns
+        -------
+        control.StateSpace
+            a state space with named signals.
+
         Raises
         ------
         StopIteration
@@ -58,7 +63,13 @@ class IdentificationResult(Result):
         return system
 
     def summary(self) -> str:
-        """Which model to take and why, and what is grave about each."""
+        """Which model to take and why, and what is grave about each.
+
+        Returns
+        -------
+        str
+            a few lines.
+        """
         contents = self.contents
         lines = [f"{contents.output} from {contents.input}: {contents.words}"]
         lines.append(f"order {contents.recommended}: {contents.chosen}")
@@ -69,7 +80,13 @@ class IdentificationResult(Result):
         return "\n".join(lines)
 
     def to_frame(self) -> pd.DataFrame:
-        """One row a coefficient: order, name, value and standard error."""
+        """One row a coefficient: order, name, value and standard error.
+
+        Returns
+        -------
+        pd.DataFrame
+            SI units, unless a column says otherwise.
+        """
         import pandas as pd
 
         rows = []

@@ -26,7 +26,13 @@ class PlanResult(Result):
     FILES: ClassVar[tuple[str, ...]] = (EXPERIMENT,)
 
     def summary(self) -> str:
-        """The pieces of the reference, and each pair of rivals with its separation."""
+        """The pieces of the reference, and each pair of rivals with its separation.
+
+        Returns
+        -------
+        str
+            a few lines.
+        """
         d = self.document
         head = f"{d['seconds']:g} s at {d['rate']:g} Hz: {'; '.join(piece['name'] for piece in d['pieces'])}"
         rows = [
@@ -45,7 +51,13 @@ class PlanResult(Result):
         return "\n".join([head, *lines, said])
 
     def to_frame(self) -> pd.DataFrame:
-        """One row a pair of rivals: there, instead, sd, sd_plain_steps, seconds_needed."""
+        """One row a pair of rivals: there, instead, sd, sd_plain_steps, seconds_needed.
+
+        Returns
+        -------
+        pd.DataFrame
+            SI units, unless a column says otherwise.
+        """
         import pandas as pd
 
         return pd.DataFrame(self.document["pairs"])

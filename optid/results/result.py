@@ -57,7 +57,13 @@ class Result:
         raise NotImplementedError
 
     def to_dict(self) -> dict[str, Any]:
-        """The content of the result's JSON file, the caller's own copy."""
+        """The content of the result's JSON file, the caller's own copy.
+
+        Returns
+        -------
+        dict[str, Any]
+            a copy of the document.
+        """
         return copy.deepcopy(dict(self.document))
 
     def plot(self, axes: Axes | None = None) -> Axes:
@@ -77,7 +83,13 @@ class Result:
         return drawn
 
     def report(self) -> str:
-        """An HTML page that stands alone, with figures to zoom."""
+        """An HTML page that stands alone, with figures to zoom.
+
+        Returns
+        -------
+        str
+            HTML, whole in itself.
+        """
         if REPORT in self.files:
             return self.files[REPORT]
         page: str = view_of(self.SCHEMA).page(self)
@@ -85,6 +97,11 @@ class Result:
 
     def save(self, folder: str | Path) -> Path:
         """Write everything into a folder, made if absent; `optid.load` reads it back.
+
+        Parameters
+        ----------
+        folder : str | Path
+            made if absent.
 
         Returns
         -------
@@ -97,7 +114,13 @@ class Result:
         return place
 
     def write(self, place: Path) -> None:
-        """Write all files into a folder that exists: the document, the tables, other files and the report."""
+        """Write all files into a folder that exists: the document, the tables, other files and the report.
+
+        Parameters
+        ----------
+        place : Path
+            an existing folder.
+        """
         text = json.dumps(self.document, indent=1, ensure_ascii=False, allow_nan=False)
         (place / self.FILE).write_text(text + "\n", encoding="utf-8")
         write_tables(place / TABLES, self.tables)
@@ -113,7 +136,15 @@ class Result:
 
     @classmethod
     def read(cls, place: Path, document: Mapping[str, Any]) -> Self:
-        """The result in a folder whose document is read already."""
+        """The result in a folder whose document is read already.
+
+        Parameters
+        ----------
+        place : Path
+            the folder it lies in.
+        document : Mapping[str, Any]
+            the content of its JSON file.
+        """
         beside = [name for name in cls.FILES if (place / name).is_file()]
         files = {name: (place / name).read_bytes().decode("utf-8") for name in beside}
         return cls(document, read_tables(place / TABLES), files, place)

@@ -34,7 +34,13 @@ class SimulationResult(Result):
         return {name: entry for name, entry in self.document.items() if name not in NOT_CHANNELS}
 
     def summary(self) -> str:
-        """Fit and error of both kinds of prediction."""
+        """Fit and error of both kinds of prediction.
+
+        Returns
+        -------
+        str
+            a few lines.
+        """
         horizon, lines = self.document["about"]["horizon"], []
         for kind, words in (("window", f"{horizon:g} s windows"), ("free_run", "free run")):
             scores = {role: kinds[kind] for role, kinds in self.metrics.items()}
@@ -49,11 +55,23 @@ class SimulationResult(Result):
         return "\n".join(lines)
 
     def to_frame(self) -> pd.DataFrame:
-        """The prediction, one row a sample."""
+        """The prediction, one row a sample.
+
+        Returns
+        -------
+        pd.DataFrame
+            SI units, unless a column says otherwise.
+        """
         return self.tables["prediction"].copy()
 
     def write(self, place: Path) -> None:
-        """Beside the rest, prediction.csv: the recording's name is left out where there is one only."""
+        """Beside the rest, prediction.csv: the recording's name is left out where there is one only.
+
+        Parameters
+        ----------
+        place : Path
+            an existing folder.
+        """
         super().write(place)
         frame = self.tables["prediction"]
         alone = len(set(frame["recording"])) == 1

@@ -67,7 +67,13 @@ class TuningResult(Result):
         return {"controller": C, "plant": P, "loop": L, "closed_loop": T}
 
     def summary(self) -> str:
-        """The gains with their units, and the cost beside the baselines'."""
+        """The gains with their units, and the cost beside the baselines'.
+
+        Returns
+        -------
+        str
+            a few lines.
+        """
         d = self.document
         gains = [(name, plain(self.gains[name], 6), unit_name(d["units"][name])) for name in GAINS]
         everyone = {"tuned": d["cost"], **d["baselines"]}
@@ -76,7 +82,13 @@ class TuningResult(Result):
         return "\n".join([*table(("gain", "value", "unit"), gains), *table(("", f"ITAE ({unit})"), costs)])
 
     def to_frame(self) -> pd.DataFrame:
-        """One row a way to choose gains: name, kp, ki, kd (SI), itae."""
+        """One row a way to choose gains: name, kp, ki, kd (SI), itae.
+
+        Returns
+        -------
+        pd.DataFrame
+            SI units, unless a column says otherwise.
+        """
         import pandas as pd
 
         d = self.document

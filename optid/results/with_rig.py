@@ -29,7 +29,13 @@ class ResultWithRig(Result):
             return rig_of_text(self.files[RIG], Path(self.document["about"]["rig_file"]))
 
     def write(self, place: Path) -> None:
-        """All files of the result."""
+        """All files of the result.
+
+        Parameters
+        ----------
+        place : Path
+            an existing folder.
+        """
         super().write(place)
         if RIG in self.files:
             write_rig(self.rig, place / RIG)

@@ -131,6 +131,22 @@ def dry_friction(s: Sheet, v: Any, kind: str, **near: Any) -> Any:
     """F_r of eq. 11, N: the level of dry friction, `coulomb_friction`, times `sliding`.
 
     The site `force.coulomb` offers the level, N, with the speed, the share that slides and what `near` adds.
+
+    Parameters
+    ----------
+    s : Sheet
+        of the plant.
+    v : Any
+        speed of the contact, m/s.
+    kind : str
+        "bristle", "smooth" or "constant".
+    **near : Any
+        signals that effects at the friction's sites may need.
+
+    Returns
+    -------
+    Any
+        friction force against positive motion, N.
     """
     share = sliding(s, v, kind)
     s.scalable("force.coulomb")

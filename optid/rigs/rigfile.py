@@ -89,6 +89,16 @@ class Rig:
 def read_rig(path: str | Path) -> Rig:
     """Read a rig file and build its model.
 
+    Parameters
+    ----------
+    path : str | Path
+        of the rig file.
+
+    Returns
+    -------
+    Rig
+        rig file, understood.
+
     Raises
     ------
     RigError
