@@ -15,7 +15,15 @@ DATA = Path(__file__).parents[1] / "data"
 def diagnose(out, cache, until=""):
     """Run `optid diagnose` on the worn bench; kill it as soon as its progress says `until`. Returns what it said."""
     files = [str(DATA / name) for name in ("bench.toml", "worn.csv")]
-    call = [sys.executable, "-m", "optid.cli", "diagnose", *files, "--holdout", str(DATA / "worn_holdout.csv")]
+    call = [
+        sys.executable,
+        "-m",
+        "optid.cli",
+        "diagnose",
+        *files,
+        "--holdout",
+        str(DATA / "worn_holdout.csv"),
+    ]
     said = []
     with subprocess.Popen(
         [*call, "--out", str(out), "--progress", "json"],

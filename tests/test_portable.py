@@ -29,14 +29,16 @@ def guarded(parents):
     """Does a question, or what catches an ImportError, an AttributeError or an OSError, stand around it?"""
     for node in parents:
         if isinstance(node, (ast.If, ast.IfExp)) and (
-            "hasattr" in ast.unparse(node.test) or "os.name" in ast.unparse(node.test)
+            asked in ast.unparse(node.test) for asked in ("hasattr", "os.name", "sys.platform")
         ):
             return True
         if isinstance(node, ast.Try) and any(
             "ImportError" in ast.unparse(h.type or ast.Name("")) for h in node.handlers
         ):
             return True
-        if isinstance(node, ast.With) and "AttributeError" in ast.unparse(node.items[0].context_expr):
+        if isinstance(node, ast.With) and any(
+            name in ast.unparse(node.items[0].context_expr) for name in ("AttributeError", "ImportError")
+        ):
             return True
     return False
 

@@ -24,6 +24,9 @@ try:
 except ImportError:
     raise InputError("needs the package psutil", where="fleet", hint='pip install "optid[fleet]"') from None
 
+if hasattr(os, "killpg"):
+    KILL, _end_group, _ended = signal.SIGKILL, os.killpg, os.wait4
+
 PROGRAM = (
     sys.executable,
     "-m",
@@ -127,6 +130,12 @@ def supervise(call: Sequence[str], limits: Limits, folder: Path, begun: Path | N
     Stopped
         `stop_all` was called.
     """
+    if not hasattr(os, "killpg"):
+        raise InputError(
+            "needs a POSIX system, which ends a job with all it started",
+            where="fleet",
+            hint="on Windows use WSL",
+        )
     began = time.monotonic()
     with tempfile.TemporaryFile() as said:
         with _LOCK:
@@ -162,7 +171,7 @@ def supervise(call: Sequence[str], limits: Limits, folder: Path, begun: Path | N
 def kill_group(group: int) -> None:
     """End a process group for good; nothing where it has ended."""
     with suppress(ProcessLookupError, PermissionError):
-        os.killpg(group, signal.SIGKILL)
+        _end_group(group, KILL)
 
 
 def end_left_over(begun: Path) -> None:
@@ -192,11 +201,11 @@ def _watched(
     """Exit status, (own seconds, most bytes), what it exceeded if anything, and the most bytes seen of its group."""
     seen, over, look, nap = 0, None, time.monotonic(), 0.01
     while True:
-        number, status, usage = os.wait4(process.pid, os.WNOHANG)
+        number, status, usage = _ended(process.pid, os.WNOHANG)
         if number:
             process.returncode = os.waitstatus_to_exitcode(status)
             spent = usage.ru_utime + usage.ru_stime
-            if over is None and process.returncode == -signal.SIGKILL and spent >= limits.time_limit:
+            if over is None and process.returncode == -KILL and spent >= limits.time_limit:
                 over = Outcome.TIMED_OUT
             return process.returncode, (spent, usage.ru_maxrss * _UNIT), over, seen
         now = time.monotonic()

@@ -41,7 +41,13 @@ class FleetResult(Result):
         return list(self.document["told"])
 
     def summary(self) -> str:
-        """How the rows went, and what the fleet shows."""
+        """How the rows went, and what the fleet shows.
+
+        Returns
+        -------
+        str
+            a few lines.
+        """
         d = self.document
         counts = (
             ", ".join(f"{count} {outcome}" for outcome, count in d["outcomes"].items()) or "none answered"
@@ -62,13 +68,25 @@ class FleetResult(Result):
         return "\n".join(lines)
 
     def to_frame(self) -> pd.DataFrame:
-        """One row a rig and run, as in `fleet.parquet`."""
+        """One row a rig and run, as in `fleet.parquet`.
+
+        Returns
+        -------
+        pd.DataFrame
+            name, rig, date, job, outcome, verdict, effects and more of each.
+        """
         import pandas as pd
 
         return self.tables.get("rows", pd.DataFrame()).copy()
 
     def write(self, place: Path) -> None:
-        """Write the document, `fleet.parquet`, the other tables and the report into a folder that exists."""
+        """Write the document, `fleet.parquet`, the other tables and the report into a folder that exists.
+
+        Parameters
+        ----------
+        place : Path
+            the folder.
+        """
         text = json.dumps(self.document, indent=1, ensure_ascii=False, allow_nan=False)
         (place / self.FILE).write_text(text + "\n", encoding="utf-8")
         _to_parquet(self.to_frame(), place / ROWS)
@@ -83,7 +101,20 @@ class FleetResult(Result):
 
     @classmethod
     def read(cls, place: Path, document: Mapping[str, Any]) -> Self:
-        """The result in a folder whose document is read already."""
+        """The result in a folder whose document is read already.
+
+        Parameters
+        ----------
+        place : Path
+            the folder.
+        document : Mapping[str, Any]
+            its `fleet.json`.
+
+        Returns
+        -------
+        FleetResult
+            equal to the one that was written.
+        """
         import pandas as pd
 
         tables = read_tables(place / TABLES)

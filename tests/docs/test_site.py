@@ -126,9 +126,14 @@ def test_a_command_line_is_one_that_the_parsers_take(page, line):
 
 
 def test_the_options_in_running_text_exist():
+    commands = [
+        one
+        for command in cli.commands.values()
+        for one in (command, *getattr(command, "commands", {}).values())
+    ]
     known = {
         option
-        for command in cli.commands.values()
+        for command in commands
         for parameter in command.get_params(click.Context(command))
         for option in (*parameter.opts, *parameter.secondary_opts)
     }
