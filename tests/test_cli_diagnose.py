@@ -100,6 +100,7 @@ def test_a_wrong_call_is_one_line_and_leaves_nothing(bench, arguments, said, mon
     assert not (bench / "new").exists()
 
 
+@pytest.mark.full
 def test_a_recording_to_validate_on_is_read_and_told(bench, tmp_path):
     """It counts among those fitted to; one that is held out as well is refused."""
     call = ("diagnose", bench / "trolley.toml", bench / "one.csv", "--holdout", bench / "held.csv")

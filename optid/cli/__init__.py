@@ -45,11 +45,9 @@ HELP = """From recordings of a servo axis to a model. To begin: optid example DI
   optid identify run1.csv --rig bench.toml --out out/armax
       Recursive ARMAX models, their audit, and their predictions as a table.
   optid fleet fleet.toml --out out/fleet
-      Do any of these for many rigs and recordings, and say what the fleet shows: who changed, who is unlike the rest.
+      Do any of these for many rigs and recordings, and say which rigs changed or differ from the rest.
   optid tune out/armax/armax.json --rig out/fit/rig.toml --out out/tune
       PID gains by direct ITAE optimisation under the actuator's limits.
-
-A rig file (TOML) names plant, parameters and columns. Recordings are CSV, Parquet, .mat or TDMS.
 
 Exit status: 0 done, 1 the job failed, 2 the call or a file is wrong.
 """

@@ -183,6 +183,7 @@ def fitted(folder, out):
     return {name: entry["value"] for name, entry in content["parameters"].items()}
 
 
+@pytest.mark.full
 @pytest.mark.skipif(os.name == "nt", reason="kill -9 is a POSIX signal")
 def test_a_killed_fit_goes_on_to_the_same_answer(tmp_path, own_cache):
     rig(tmp_path)

@@ -30,6 +30,7 @@ def fitted(number):
     return replace(rig, parameters={**rig.parameters, **values})
 
 
+@pytest.mark.full
 def test_a_sound_rig_has_nothing_of_what_is_watched():
     assert wear_of(PLANT, 3) is None
     found = quantities(fitted(3), [night(PLANT, 3, 4)], WATCH)

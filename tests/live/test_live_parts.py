@@ -252,6 +252,7 @@ def test_only_the_end_of_a_long_log_is_read(tmp_path):
     assert [row.decode() for row in last] == rows
 
 
+@pytest.mark.full
 def test_a_session_holds_no_more_after_a_long_time_than_after_a_short_one(bench, run_live):
     held = {}
     reference = tour(live_settings(bench).limits)

@@ -11,7 +11,8 @@ from tests.results.examples import MAKERS
 
 MOST = 1.5e6  # bytes of a page
 KEPT = os.environ.get("OPTID_SCREENSHOTS")  # a folder to keep screenshots in
-DRAWN_ELSEWHERE = {"IdentificationResult", "FitResult"}  # the former's page in tests/test_cli_identify.py
+# The first's page in tests/test_cli_identify.py; that of a fleet without nights has no figure.
+DRAWN_ELSEWHERE = {"IdentificationResult", "FitResult", "FleetResult"}
 PAGES = [kind for kind in RESULTS if kind.__name__ not in DRAWN_ELSEWHERE]
 # What a figure has on its canvas: paths with a length, and dots.
 INK = """place => [...place.querySelectorAll('.js-line, .point, .js-fill')]

@@ -49,7 +49,8 @@ def case(*hidden, kind="single", **other):
 
 
 def test_it_imports_nothing_of_optid():
-    files = sorted(Path(trial.__file__).parent.glob("*.py"))
+    """What draws, conceals and judges; cases run as rows of a fleet do."""
+    files = [path for path in sorted(Path(trial.__file__).parent.glob("*.py")) if path.name != "running.py"]
     assert len(files) > 10
     for path in [*files, Path(concealed.__file__)]:
         tree = ast.parse(path.read_text())

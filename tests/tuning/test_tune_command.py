@@ -211,6 +211,7 @@ def test_models_that_cannot_be_tuned(tmp_path, model, status, said):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.full
 def test_difficult_models_are_tuned_with_a_warning(tmp_path):
     unstable = Armax((1.0, -1.05), ((0.1,),), nk=(1,), sample_time=T)
     result = run(
