@@ -26,7 +26,7 @@ from optid.tuning.margins import Required
 from optid.tuning.measure import Measure
 from optid.tuning.optimise import Options
 from optid.tuning.posing import Wishes, build_problem
-from optid.tuning.structures import structure_of
+from optid.tuning.structures import free_gains, structure_of
 from optid.tuning.tuning import Tuning
 from optid.tuning.tuning import tune as optimise
 
@@ -102,7 +102,7 @@ def tune(
         contents, source, wishes, rng, None if rig is None else rig_of(rig), rig is not None
     )
     chosen = structure_of(structure or ("pid" if posed.task.bench_alone else "pid2"))
-    moved = chosen.free if free is None else tuple(free)
+    moved = free_gains(chosen, posed.task.bench_alone) if free is None else tuple(free)
     options = Options(moved, starts=starts, cascade=chosen.cascade, effort=Effort(progress))
     try:
         found = optimise(posed.task, rng, options, posed.bench)

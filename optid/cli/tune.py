@@ -86,7 +86,7 @@ def _numeric(text: str) -> bool:
 @click.option(
     "--ms",
     metavar="MS",
-    help="Maximum sensitivity, at most; 2, or 5 where friction is simulated; none for any.",
+    help="Maximum sensitivity on MODEL, at most; 2, 5 where friction is assumed, none with --rig.",
 )
 @click.option("--gain-margin", type=float, metavar="FACTOR", help="At least.")
 @click.option("--phase-margin", type=float, metavar="DEG", help="At least, degrees.")
@@ -152,7 +152,7 @@ def tune(model: str, out: str, **choices: Any) -> None:
     present = _present(choices["present"])
     patience = _Patience(choices["time_limit"], choices["deadline"])
     with progress("tuning") as show, patience:
-        options = _options(choices, structure, Effort(show, patience.over))
+        options = _options(choices, structure, Effort(show, patience.over), posed.task.bench_alone)
         try:
             result = tuned(posed.task, rng, options, posed.bench, present)
         except SolveError:
@@ -237,12 +237,15 @@ def _exported(tuning: Tuning) -> dict[str, str]:
     return {"pid.h": c_header(controller), "pid.st": structured_text(controller)}
 
 
-def _options(choices: dict[str, Any], structure: Structure, effort: Effort) -> Options:
+def _options(choices: dict[str, Any], structure: Structure, effort: Effort, simulated: bool) -> Options:
     from optid.pid.controller import Gains
     from optid.tuning.optimise import Options
+    from optid.tuning.structures import free_gains
 
     lag = _quantity(choices["derivative_filter"], "s", "--derivative-filter")
-    free = structure.free if choices["free"] is None else tuple(n.strip() for n in choices["free"].split(","))
+    free = free_gains(structure, simulated and lag is None)
+    if choices["free"] is not None:
+        free = tuple(name.strip() for name in choices["free"].split(","))
     fixed = None if lag is None else Gains(kp=1.0, derivative_filter=lag)
     return Options(free, fixed, choices["starts"], cascade=structure.cascade, effort=effort)
 

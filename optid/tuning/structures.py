@@ -58,6 +58,12 @@ def structure_of(name: str) -> Structure:
     return STRUCTURES[name]
 
 
+def free_gains(structure: Structure, simulated: bool) -> tuple[str, ...]:
+    """The gains that a search moves; against a simulation with sensor noise a PID's derivative filter is one."""
+    filtered = simulated and structure.name == "pid"
+    return (*structure.free, "derivative_filter") if filtered else structure.free
+
+
 def cascaded(gains: Array) -> Array:
     """Controller gains (n, GAINS) of a cascade, in whose rows kp stands for Kp Kv: kp and set-point weight follow."""
     out = np.array(gains)

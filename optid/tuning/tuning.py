@@ -12,7 +12,7 @@ import numpy as np
 from optid.errors import SolveError
 from optid.pid.controller import Controller, Gains, Settings
 from optid.tuning.baselines import Baseline, nelder_mead, rules
-from optid.tuning.bench_search import Effort
+from optid.tuning.bench_search import Effort, runs_of
 from optid.tuning.gradient import Gradient
 from optid.tuning.loop import Course
 from optid.tuning.margins import Margins, margins
@@ -204,7 +204,10 @@ def _others(task: Task, scale: Ultimate, within: Box, gains: Gains, effort: Effo
     assert start is not None
     if effort.over():
         return found
-    swift = replace(task, bench=None, bench_alone=False, hunting=math.inf) if task.bench_alone else task
+    swift = task
+    if task.bench_alone:
+        few = tuple(task.episodes[e] for e in runs_of(replace(task, bench=None), (0, 1)))
+        swift = replace(task, episodes=few, bench=None, bench_alone=False, hunting=math.inf)
     simplex = nelder_mead(lambda points: swift.fitness(within.gains(points)), within, start)
     return [*found, Baseline("nelder_mead", simplex, "the same cost, from Ziegler and Nichols' gains")]
 
