@@ -16,14 +16,13 @@ import numpy as np
 from optid.core.model import Array
 from optid.tuning.demand import Episode
 from optid.tuning.search import Box, Evolved
-from optid.tuning.task import REFUSED, Task
+from optid.tuning.task import Task
 from optid.tuning.ultimate import Ultimate, ultimate
 
 # Gains of the first stage in terms of the ultimate ones: kp Ku, ki Ku/Tu, kd Ku Tu, filter Tu; later ones may leave it.
 REGION = {"kp": (0.04, 8.0), "ki": (0.0, 0.5), "kd": (0.0, 4.0), "derivative_filter": (0.004, 0.08)}
 WITHOUT = 0.5  # share of the points that begin without integral action
 DRAWN = 20  # candidates drawn for each one wanted, to find such as keep the margins
-DISTANCE = 0.02  # in the cube: ends that are nearer to each other are one
 
 
 @dataclass(frozen=True)
@@ -91,9 +90,9 @@ def search_on_bench(
         values = _judged(task, within, points, stage.runs, effort)
         used += len(points)
     order = np.argsort(values)
-    best = [points[i] for i in order if values[i] < np.inf] or [points[order[0]]]
-    cost = {point.tobytes(): float(task.fitness(within.gains(point[None]))[0]) for point in best[:2]}
-    ends = [Evolved(point, cost[point.tobytes()], used) for point in best[:2]]
+    ends = [
+        Evolved(points[i], float(task.fitness(within.gains(points[i][None]))[0]), used) for i in order[:2]
+    ]
     return sorted(ends, key=lambda end: end.fitness)
 
 
@@ -153,8 +152,3 @@ def _region(within: Box, scale: Ultimate) -> tuple[Array, Array]:
     weights = [i for i, name in enumerate(within.free) if name not in unit]
     low[weights], high[weights] = 0.0, 1.0
     return low, high
-
-
-def refused(end: Evolved) -> bool:
-    """It misses what is required."""
-    return end.fitness >= REFUSED
