@@ -102,7 +102,7 @@ def tune(
     problem = build_problem(
         contents, source, spec, rng, None if rig is None else rig_of(rig), rig is not None
     )
-    chosen = structure_of(structure or ("pid" if problem.task.bench_alone else "pid2"))
+    chosen = structure_of(structure or problem.structure)
     moved = free_gains(chosen, problem.task.bench_alone) if free is None else tuple(free)
     options = Options(moved, starts=starts, cascade=chosen.cascade, effort=Effort(progress))
     try:

@@ -123,7 +123,7 @@ def tune(model: str, out: str, **choices: Any) -> None:
     rng = np.random.default_rng(choices["seed"])
     spec = specification(choices, contents)
     problem = build_problem(contents, Path(model), spec, rng, rig, not choices["check_only"])
-    structure = structure_of(choices["structure"] or ("pid" if problem.task.bench_alone else "pid2"))
+    structure = structure_of(choices["structure"] or problem.structure)
     present = present_gains(choices["present"])
     patience = _Patience(choices["time_limit"], choices["deadline"])
     with progress("tuning") as show, patience:

@@ -28,6 +28,7 @@ from optid.tuning.known import sensor_noise
 from optid.tuning.plant import plant_of, scenarios
 from optid.tuning.specification import TuningSpec
 from optid.tuning.step_tests import StepPlan, hunting_limit, sizes_for
+from optid.tuning.structures import usual_structure
 from optid.tuning.task import Task
 
 USUAL_UNITS = {"command": "V", "position": "m", "pressure_a": "Pa", "pressure_b": "Pa"}
@@ -53,6 +54,12 @@ class TuningProblem:
     bench: PhysicalBench | None
     assumed: tuple[str, ...]
     judged_on: str = LINEAR
+
+    @property
+    def structure(self) -> str:
+        """Name of the control structure where nobody says one."""
+        loaded = any(bool(one.load.any()) for one in self.task.episodes if one.run >= 0)
+        return usual_structure(self.task.bench_alone, loaded, isinstance(self.task.bench, PhysicalBench))
 
     def without_sensitivity(self) -> TuningProblem:
         """The same with no bound on the maximum sensitivity, for a model that allows none."""

@@ -58,6 +58,22 @@ def structure_of(name: str) -> Structure:
     return STRUCTURES[name]
 
 
+def usual_structure(simulated: bool, standing_load: bool, rig: bool) -> str:
+    """Name of the structure where nobody says one.
+
+    An axis integrates by itself. Where its friction is only assumed and no standing load is known, integral action has
+    nothing to do but to make it hunt.
+
+    Args:
+        simulated: a simulation with friction judges.
+        standing_load: something pushes the axis all the time.
+        rig: that simulation is of the rig's own model.
+    """
+    if not simulated:
+        return "pid2"
+    return "pid" if rig or standing_load else "pd"
+
+
 def free_gains(structure: Structure, simulated: bool) -> tuple[str, ...]:
     """The gains that a search moves; against a simulation with sensor noise a PID's derivative filter is one."""
     filtered = simulated and structure.name == "pid"
