@@ -103,7 +103,10 @@ def _said_of_axis(load: float, unit: str) -> list[str]:
         "(--rig knows it better)."
     ]
     if load:
-        said.append(f"A standing load of {load:.3g} {unit}, which the recording shows.")
+        said.append(
+            f"A standing load of {load:.3g} {unit}, which the recording shows: without integral action it leaves an "
+            f"error of {abs(load):.3g} {unit} over kp (--structure pid takes it away, and may hunt)."
+        )
     return said
 
 

@@ -58,8 +58,7 @@ class TuningProblem:
     @property
     def structure(self) -> str:
         """Name of the control structure where nobody says one."""
-        loaded = any(bool(one.load.any()) for one in self.task.episodes if one.run >= 0)
-        return usual_structure(self.task.bench_alone, loaded, isinstance(self.task.bench, PhysicalBench))
+        return usual_structure(self.task.bench_alone, isinstance(self.task.bench, PhysicalBench))
 
     def without_sensitivity(self) -> TuningProblem:
         """The same with no bound on the maximum sensitivity, for a model that allows none."""

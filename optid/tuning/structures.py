@@ -58,20 +58,20 @@ def structure_of(name: str) -> Structure:
     return STRUCTURES[name]
 
 
-def usual_structure(simulated: bool, standing_load: bool, rig: bool) -> str:
+def usual_structure(simulated: bool, rig: bool) -> str:
     """Name of the structure where nobody says one.
 
-    An axis integrates by itself. Where its friction is only assumed and no standing load is known, integral action has
-    nothing to do but to make it hunt.
+    An axis integrates by itself. Where its friction is only assumed, the simulation does not tell how far integral
+    action makes it hunt: dry friction that breaks away no harder than it slides lets it rest where a real axis does
+    not. A standing load then leaves an error.
 
     Args:
         simulated: a simulation with friction judges.
-        standing_load: something pushes the axis all the time.
         rig: that simulation is of the rig's own model.
     """
     if not simulated:
         return "pid2"
-    return "pid" if rig or standing_load else "pd"
+    return "pid" if rig else "pd"
 
 
 def free_gains(structure: Structure, simulated: bool) -> tuple[str, ...]:

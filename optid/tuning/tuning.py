@@ -29,6 +29,10 @@ if TYPE_CHECKING:
     import control
 
 THIN = 2.0  # maximum sensitivity; Astrom and Hagglund (2006, section 4.6) recommend 1.2 to 2.0
+UNSTABLE = (
+    "The linear loop on the identified model is unstable, its maximum sensitivity infinite: only the friction and the "
+    "limits of the simulation hold it. Gains that the identified model bears, too: --ms 2."
+)
 SAME = 5e-2  # relative: searches that end that near to the best cost have found its valley
 Bench = Callable[[Gains, Settings], tuple[Response, ...]]
 
@@ -249,6 +253,8 @@ def _remarks(task: Task, found: Scored) -> tuple[str, ...]:
     hunts = [f"It hunts: {swings:.3g} peak to peak at rest, and no gains were found that rest."]
     Ms = found.margins.maximum_sensitivity if found.margins else math.inf
     thin = [f"Thin margins: maximum sensitivity {Ms:.3g}; up to 2 is usual."] if Ms > THIN else []
+    if not found.stable:
+        thin = [UNSTABLE]
     lost = [run for run in found.bench if not run.bounded]
     return (
         *task.plant.remarks,

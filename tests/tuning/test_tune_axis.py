@@ -10,17 +10,19 @@ import pytest
 from optid.armax.model import Armax
 from optid.errors import InputError
 from optid.pid.controller import Controller, Gains, Settings
+from optid.tuning.baselines import Baseline
 from optid.tuning.criterion import Criterion
 from optid.tuning.integrator import Integrator, with_integrator
 from optid.tuning.loop import Course
 from optid.tuning.plant import Plant, plant_of
-from optid.tuning.score import by_size
+from optid.tuning.score import by_size, score
 from optid.tuning.search import box
 from optid.tuning.step_tests import StepPlan, hunting_limit, sizes_for
 from optid.tuning.sticking_axis import SHARE, StickingAxis, mechanics
-from optid.tuning.structures import STRUCTURES, cascaded, drive_values, structure_of
+from optid.tuning.structures import STRUCTURES, cascaded, drive_values, structure_of, usual_structure
 from optid.tuning.systems import closed_loop, controller_system
 from optid.tuning.task import Task
+from optid.tuning.tuning import UNSTABLE, _remarks
 from optid.tuning.ultimate import ultimate
 from tests.tuning.small_axis import T, axis
 
@@ -113,6 +115,22 @@ def test_hunting_multiplies_the_cost(gain):
     assert costs[0] == bare[0] < costs[1]
     swings = [row.hunting for row in by_size(bench(Gains(*hunt), LIMITS))]
     assert max(swings) > task.hunting and costs[1] == pytest.approx(bare[1] * max(swings) / task.hunting)
+
+
+def test_assumed_friction_does_not_judge_integral_action():
+    assert usual_structure(simulated=True, rig=False) == "pd"
+    assert usual_structure(simulated=True, rig=True) == "pid"
+    assert usual_structure(simulated=False, rig=False) == "pid2"
+
+
+def test_a_loop_that_only_friction_and_limits_hold_is_told():
+    plant, episodes = plant_of(axis()), PLAN.episodes()
+    task = Task(
+        (plant,), episodes, LIMITS, bench=StickingAxis(mechanics(plant), episodes, 5.0), bench_alone=True
+    )
+    wild, calm = (score(task, Baseline("tuned", Gains(kp, 0.0, 0.1, 2e-3), "")) for kp in (2000.0, 5.0))
+    assert task.missed(wild.gains.vector)[0] == 0.0 and not wild.stable
+    assert UNSTABLE in _remarks(task, wild) and UNSTABLE not in _remarks(task, calm)
 
 
 def test_candidates_that_are_beaten_are_not_run_to_the_end():
