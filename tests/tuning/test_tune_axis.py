@@ -15,14 +15,14 @@ from optid.tuning.criterion import Criterion
 from optid.tuning.integrator import Integrator, with_integrator
 from optid.tuning.loop import Course
 from optid.tuning.plant import Plant, plant_of
-from optid.tuning.score import by_size, score
+from optid.tuning.score import by_size
 from optid.tuning.search import box
 from optid.tuning.step_tests import StepPlan, hunting_limit, sizes_for
 from optid.tuning.sticking_axis import SHARE, StickingAxis, mechanics
 from optid.tuning.structures import STRUCTURES, cascaded, drive_values, structure_of, usual_structure
 from optid.tuning.systems import closed_loop, controller_system
 from optid.tuning.task import Task
-from optid.tuning.tuning import UNSTABLE, _remarks
+from optid.tuning.tuning import UNSTABLE, _remarks, score
 from optid.tuning.ultimate import ultimate
 from tests.tuning.small_axis import T, axis
 
