@@ -40,11 +40,11 @@ RIGS: dict[str, tuple[Rig, str]] = {
     "sticking": (WORN["sticking"][0], "diagnose"),
     "leaking": (WORN["leaking"][0], "diagnose"),
 }
-# kp, ki, kd as `--oracle` found them; None: not yet run.
-ORACLES: dict[str, tuple[float, float, float] | None] = {
+# kp, ki, kd as `--oracle` found them.
+ORACLES: dict[str, tuple[float, float, float]] = {
     "plain": (133.869633, 0.519642073, 2.73438445),
-    "sticking": None,
-    "leaking": None,
+    "sticking": (63.5641309, 2.38925140e-03, 6.63400128),
+    "leaking": (179.470744, 11.2692100, 3.75622994),
 }
 HUNTS = 1e-4  # m
 

@@ -25,8 +25,9 @@ from optid.tuning.files import document
 from optid.tuning.margins import Required
 from optid.tuning.measure import Measure
 from optid.tuning.optimise import Options
-from optid.tuning.posing import Wishes, build_problem
-from optid.tuning.structures import structure_of
+from optid.tuning.problem import build_problem
+from optid.tuning.specification import TuningSpec
+from optid.tuning.structures import free_gains, structure_of
 from optid.tuning.tuning import Tuning
 from optid.tuning.tuning import tune as optimise
 
@@ -93,7 +94,7 @@ def tune(
     """
     contents, source = _contents(model)
     low, high = limits or (None, None)
-    wishes = Wishes(
+    spec = TuningSpec(
         setpoints=tuple(setpoints),
         low=low,
         high=high,
@@ -103,27 +104,27 @@ def tune(
         usual_sensitivity=sensitivity is None,
     )
     rng = np.random.default_rng(seed)
-    posed = build_problem(
-        contents, source, wishes, rng, None if rig is None else rig_of(rig), rig is not None
+    problem = build_problem(
+        contents, source, spec, rng, None if rig is None else rig_of(rig), rig is not None
     )
-    chosen = structure_of(structure or ("pid" if posed.task.bench_alone else "pid2"))
-    moved = chosen.free if free is None else tuple(free)
+    chosen = structure_of(structure or problem.structure)
+    moved = free_gains(chosen, problem.task.bench_alone) if free is None else tuple(free)
     options = Options(moved, starts=starts, cascade=chosen.cascade, effort=Effort(progress))
     try:
-        found = optimise(posed.task, rng, options, posed.bench)
+        found = optimise(problem.task, rng, options, problem.bench)
     except SolveError:
         if sensitivity is not None:
             raise
-        posed = posed.without_sensitivity()
-        found = optimise(posed.task, rng, options, posed.bench)
+        problem = problem.without_sensitivity()
+        found = optimise(problem.task, rng, options, problem.bench)
     content = {
-        **document(found, posed.command_unit, posed.output_unit, posed.judged_on, chosen),
+        **document(found, problem.command_unit, problem.output_unit, problem.judged_on, chosen),
         "version": version(),
         "command": "tune",
         "inputs": {str(source): _digest(source)},
     }
     tables = {"responses": _responses(found), "loop": _plant(found)}
-    return TuningResult(content, tables, {"report.html": tuning_page(found, posed, source.name, chosen)})
+    return TuningResult(content, tables, {"report.html": tuning_page(found, problem, source.name, chosen)})
 
 
 def _digest(source: Path) -> str | None:

@@ -13,41 +13,16 @@ from typing import TYPE_CHECKING, Any, Self
 import click
 
 from optid.cli.common import OUT, deliver, progress, results_folder, say_next, say_table, waiting, write_json
-from optid.errors import InputError, JobError, SolveError
+from optid.cli.tune_options import RangeCommand, present_gains, search_options, specification
+from optid.errors import JobError, SolveError
 
 if TYPE_CHECKING:
-    from optid.core.model import Array
-    from optid.pid.controller import Gains
-    from optid.tuning.bench_search import Effort
-    from optid.tuning.optimise import Options
-    from optid.tuning.posing import Posed, Wishes
+    from optid.tuning.problem import TuningProblem
     from optid.tuning.structures import Structure
     from optid.tuning.tuning import Scored, Tuning
 
 
-class _Pairs(click.Command):
-    """Lets `--limits -5 5` and `--limits -5,5` mean the same."""
-
-    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Join two values that follow an option for a range."""
-        joined, rest = [], list(args)
-        while rest:
-            joined.append(rest.pop(0))
-            if (
-                joined[-1] in ("--limits", "--deadband", "--dead-zone")
-                and len(rest) > 1
-                and _numeric(rest[0])
-                and _numeric(rest[1])
-            ):
-                joined.append(f"{rest.pop(0)},{rest.pop(0)}")
-        return super().parse_args(ctx, joined)
-
-
-def _numeric(text: str) -> bool:
-    return text[:1].isdigit() or text[:2] in {f"-{d}" for d in "0123456789."} or text[:1] in "+."
-
-
-@click.command(cls=_Pairs)
+@click.command(cls=RangeCommand)
 @click.argument("model", metavar="MODEL.json")
 @OUT
 @click.option(
@@ -86,7 +61,7 @@ def _numeric(text: str) -> bool:
 @click.option(
     "--ms",
     metavar="MS",
-    help="Maximum sensitivity, at most; 2, or 5 where friction is simulated; none for any.",
+    help="Maximum sensitivity on MODEL, at most; 2, 5 where friction is assumed, none with --rig.",
 )
 @click.option("--gain-margin", type=float, metavar="FACTOR", help="At least.")
 @click.option("--phase-margin", type=float, metavar="DEG", help="At least, degrees.")
@@ -139,34 +114,34 @@ def tune(model: str, out: str, **choices: Any) -> None:
     from optid.rigs.rigfile import read_rig
     from optid.tuning.bench_search import Effort
     from optid.tuning.files import document
-    from optid.tuning.posing import build_problem
+    from optid.tuning.problem import build_problem
     from optid.tuning.structures import structure_of
     from optid.tuning.tuning import tune as tuned
 
     contents = load(Path(model))
     rig = None if choices["rig"] is None else read_rig(choices["rig"])
     rng = np.random.default_rng(choices["seed"])
-    wishes = _wishes(choices, contents)
-    posed = build_problem(contents, Path(model), wishes, rng, rig, not choices["check_only"])
-    structure = structure_of(choices["structure"] or ("pid" if posed.task.bench_alone else "pid2"))
-    present = _present(choices["present"])
+    spec = specification(choices, contents)
+    problem = build_problem(contents, Path(model), spec, rng, rig, not choices["check_only"])
+    structure = structure_of(choices["structure"] or problem.structure)
+    present = present_gains(choices["present"])
     patience = _Patience(choices["time_limit"], choices["deadline"])
     with progress("tuning") as show, patience:
-        options = _options(choices, structure, Effort(show, patience.over))
+        options = search_options(choices, structure, Effort(show, patience.over), problem.task.bench_alone)
         try:
-            result = tuned(posed.task, rng, options, posed.bench, present)
+            result = tuned(problem.task, rng, options, problem.bench, present)
         except SolveError:
             if choices["ms"] is not None:
                 raise
-            posed = posed.without_sensitivity()
-            result = tuned(posed.task, rng, options, posed.bench, present)
+            problem = problem.without_sensitivity()
+            result = tuned(problem.task, rng, options, problem.bench, present)
     if patience.words:
         result = replace(result, remarks=(*result.remarks, patience.words))
-    content = document(result, posed.command_unit, posed.output_unit, posed.judged_on, structure)
+    content = document(result, problem.command_unit, problem.output_unit, problem.judged_on, structure)
     from optid.report.tuning_page import tuning_page
 
     with waiting("reporting"):
-        page = tuning_page(result, posed, Path(model).name, structure, out, choices["rig"] or "RIG")
+        page = tuning_page(result, problem, Path(model).name, structure, out, choices["rig"] or "RIG")
 
     files = {"report.html": page, **(_exported(result) if choices["export"] else {})}
 
@@ -176,7 +151,7 @@ def tune(model: str, out: str, **choices: Any) -> None:
             (place / name).write_text(text, encoding="utf-8")
 
     deliver(folder, write)
-    _say(result, posed, structure)
+    _say(result, problem, structure)
     click.echo(f"written to {out}: {', '.join(['pid.json', *files])}")
     gains = ("--gains", f"{out}/pid.json", "--out", "DIR")
     say_next("live", choices["rig"] or "RIG", "--driver", "simulated", *gains)
@@ -220,18 +195,6 @@ class _Patience:
         return bool(self.words)
 
 
-def _present(text: str | None) -> Gains | None:
-    """Gains now in force: KP,KI,KD and no more."""
-    from optid.pid.controller import Gains
-
-    if text is None:
-        return None
-    parts = text.split(",")
-    if not 1 <= len(parts) <= 3:
-        raise InputError(f'"{text}"', where="--present", expected="KP,KI,KD, as in 60,80,0.5")
-    return Gains(*(_known(part.strip(), "1", "--present") for part in parts))
-
-
 def _exported(tuning: Tuning) -> dict[str, str]:
     from optid.pid.export import c_header, structured_text
 
@@ -239,142 +202,16 @@ def _exported(tuning: Tuning) -> dict[str, str]:
     return {"pid.h": c_header(controller), "pid.st": structured_text(controller)}
 
 
-def _options(choices: dict[str, Any], structure: Structure, effort: Effort) -> Options:
-    from optid.pid.controller import Gains
-    from optid.tuning.optimise import Options
-
-    lag = _quantity(choices["derivative_filter"], "s", "--derivative-filter")
-    free = structure.free if choices["free"] is None else tuple(n.strip() for n in choices["free"].split(","))
-    fixed = None if lag is None else Gains(kp=1.0, derivative_filter=lag)
-    return Options(free, fixed, choices["starts"], cascade=structure.cascade, effort=effort)
-
-
-def _wishes(choices: dict[str, Any], contents: Any) -> Wishes:
-    """The options in SI."""
-    from optid.pid.controller import AntiWindup
-    from optid.tuning.criterion import Criterion
-    from optid.tuning.integrator import Integrator
-    from optid.tuning.margins import Required
-    from optid.tuning.measure import Measure
-    from optid.tuning.posing import Wishes, units_of
-    from optid.tuning.task import Over
-
-    u, y = units_of(contents)
-    low, high = _range(choices["limits"], u, "--limits")
-    wide = _range(choices["deadband"], u, "--deadband")
-    dead = (0.0, 0.0, 0.0)
-    if wide[0] is not None and wide[1] is not None:
-        below, above = abs(wide[0]), abs(wide[1])
-        dead = (below, above, 0.1 * max(below, above))
-    return Wishes(
-        order=choices["order"],
-        setpoints=tuple(_known(text, y, "--setpoint") for text in choices["setpoints"]),
-        disturbances=tuple(_known(text, u, "--disturbance") for text in choices["disturbances"]),
-        profiles=tuple(_path(name, contents.chosen.sample_time) for name in choices["profiles"]),
-        low=low,
-        high=high,
-        deadband=dead,
-        anti_windup=AntiWindup[choices["anti_windup"].upper().replace("-", "_")],
-        rate=_quantity(choices["rate"], "Hz" if u == "1" else f"{u}/s", "--rate"),
-        resolution=_quantity(choices["resolution"], u, "--resolution") or 0.0,
-        horizon=_quantity(choices["horizon"], "s", "--horizon"),
-        sample_time=_quantity(choices["sample_time"], "s", "--sample-time"),
-        criterion=Criterion(Measure[choices["cost"].upper()], choices["effort"], choices["overshoot"]),
-        required=Required(
-            _sensitivity(choices["ms"]),
-            choices["gain_margin"],
-            choices["phase_margin"],
-            _quantity(choices["delay_margin"], "s", "--delay-margin"),
-        ),
-        over=Over.WORST if choices["robust"] == "worst" else Over.MEAN,
-        scenarios=choices["scenarios"],
-        integrator=Integrator[choices["integrator"].upper()],
-        dead_zone=_dead_zone(choices["dead_zone"], u),
-        usual_sensitivity=choices["ms"] is None,
-    )
-
-
-def _dead_zone(text: str | None, unit: str) -> tuple[float, float]:
-    low, high = _range(text, unit, "--dead-zone")
-    return (0.0, 0.0) if low is None or high is None else (-abs(low), abs(high))
-
-
-def _sensitivity(text: str | None) -> float | None:
-    if text is None or text.lower() in ("none", "inf"):
-        return None
-    return _known(text, "1", "--ms")
-
-
-def _quantity(text: str | None, unit: str, option: str) -> float | None:
-    """A number in SI, or a number with a unit."""
-    from optid.core.units import to_si
-
-    if text is None:
-        return None
-    try:
-        value = float(text)
-    except ValueError:
-        value = to_si(text, unit, where=option)
-    if not math.isfinite(value):
-        raise InputError(f'"{text}"', where=option, expected=f"a finite number ({unit})")
-    return value
-
-
-def _known(text: str, unit: str, option: str) -> float:
-    value = _quantity(text, unit, option)
-    assert value is not None
-    return value
-
-
-def _range(text: str | None, unit: str, option: str) -> tuple[float | None, float | None]:
-    """Two values, or one for both sides."""
-    if text is None:
-        return None, None
-    parts = [part.strip() for part in text.replace("..", ",").replace(";", ",").split(",")]
-    if len(parts) not in (1, 2):
-        raise InputError(f'"{text}"', where=option, expected="LOW,HIGH, as in -5,5")
-    values = [_known(part, unit, option) for part in parts]
-    if len(values) == 1:
-        return -abs(values[0]), abs(values[0])
-    return values[0], values[1]
-
-
-def _path(name: str, sample_time: float) -> tuple[str, Array]:
-    """A profile: time (s) and wanted value (SI) in the first two columns, held between its rows."""
-    import numpy as np
-    import pandas as pd
-
-    try:
-        table = pd.read_csv(name, comment="#", sep=None, engine="python")
-        values = table.iloc[:, :2].to_numpy(dtype=float)
-    except FileNotFoundError:
-        raise InputError("no such file", where=name) from None
-    except (OSError, ValueError, UnicodeDecodeError, pd.errors.ParserError) as error:
-        raise InputError(f"{error}", where=name, expected="two columns of numbers: time (s), value") from None
-    if values.ndim != 2 or values.shape[1] != 2 or len(values) < 2 or not np.isfinite(values).all():
-        raise InputError(
-            "not a path",
-            where=name,
-            expected="two columns of numbers: time (s), value",
-            hint="no row may be empty",
-        )
-    time, wanted = values.T
-    if not np.all(np.diff(time) > 0):
-        raise InputError("time does not rise", where=name, field=str(table.columns[0]))
-    at = time[0] + sample_time * np.arange(round((time[-1] - time[0]) / sample_time) + 1)
-    return Path(name).stem, wanted[np.searchsorted(time, at + 1e-9 * sample_time, side="right") - 1]
-
-
-def _say(tuning: Tuning, posed: Posed, structure: Structure) -> None:
+def _say(tuning: Tuning, problem: TuningProblem, structure: Structure) -> None:
     from optid.core.quantity import unit_name
     from optid.tuning.files import units
     from optid.tuning.score import by_size
     from optid.tuning.structures import drive_values
     from optid.tuning.tuning import compared
 
-    for line in posed.assumed:
+    for line in problem.assumed:
         click.echo(f"assumed: {line}")
-    named = units(posed.command_unit, posed.output_unit)
+    named = units(problem.command_unit, problem.output_unit)
     names = ("kp", "ki", "kd", "derivative_filter", "setpoint_weight", "derivative_weight")
     rows = [
         (n, f"{getattr(tuning.gains, n):.5g}", named[n].replace("1", "") if named[n] == "1" else named[n])
@@ -382,7 +219,7 @@ def _say(tuning: Tuning, posed: Posed, structure: Structure) -> None:
     ]
     say_table(("gain", "value", "unit"), rows)
     span = min(-tuning.settings.low, tuning.settings.high)
-    drive = drive_values(tuning.gains, structure, span, (posed.command_unit, posed.output_unit))
+    drive = drive_values(tuning.gains, structure, span, (problem.command_unit, problem.output_unit))
     click.echo(
         f"{structure.words}: " + ", ".join(f"{name} {value:.4g} {unit}" for name, value, unit in drive)
     )
@@ -394,7 +231,7 @@ def _say(tuning: Tuning, posed: Posed, structure: Structure) -> None:
     )
     judged = tuning.found.bench if tuning.on_bench else tuning.found.responses
     say_table(
-        (f"step ({posed.output_unit})", "ITAE / size (s²)", "overshoot", "settled (s)", "hunting"),
+        (f"step ({problem.output_unit})", "ITAE / size (s²)", "overshoot", "settled (s)", "hunting"),
         [
             (
                 f"{r.size:g}",
@@ -406,21 +243,21 @@ def _say(tuning: Tuning, posed: Posed, structure: Structure) -> None:
             for r in by_size(judged)
         ],
     )
-    on_rig = () if posed.bench is None else ("on the rig's model",)
+    on_rig = () if problem.bench is None else ("on the rig's model",)
     head: tuple[str, ...] = ("", f"ITAE ({unit_name(named['itae'])})", *on_rig, "Ms", "")
-    say_table(head, [_row(one, posed) for one in (tuning.found, *compared(tuning), *tuning.baselines)])
-    click.echo(f"costs stand for {posed.judged_on}")
+    say_table(head, [_row(one, problem) for one in (tuning.found, *compared(tuning), *tuning.baselines)])
+    click.echo(f"costs stand for {problem.judged_on}")
     for remark in tuning.remarks:
         click.echo(f"  ! {remark}")
 
 
-def _row(one: Scored, posed: Posed) -> tuple[str, ...]:
+def _row(one: Scored, problem: TuningProblem) -> tuple[str, ...]:
     name = one.name.replace("_", " ")
-    dash = ("–",) * (2 if posed.bench is not None else 1)
+    dash = ("–",) * (2 if problem.bench is not None else 1)
     if one.gains is None or one.margins is None:
         return (name, *dash, "–", one.note)
     costs = [f"{one.total('itae'):.4g}"]
-    if posed.bench is not None:
+    if problem.bench is not None:
         costs.append(f"{one.total('itae', True):.4g}")
     if not one.stable:
         return (name, *costs, "–", "unstable: only its limits hold it")

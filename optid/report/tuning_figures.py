@@ -21,7 +21,7 @@ from optid.tuning.bench_search import few_episodes
 from optid.tuning.margins import Frequencies, loop_response
 from optid.tuning.score import Response, by_size
 from optid.tuning.search import PLACES, SIGNED
-from optid.tuning.task import HUNTS, Task
+from optid.tuning.task import REFUSED, Task
 from optid.tuning.tuning import Scored, Tuning
 
 REST = ("#6f8fc9", "#b9a44c", "#8e6bb0")  # baselines
@@ -109,7 +109,7 @@ def loop(tuning: Tuning) -> str:
         left.plot(L.real, L.imag, color=WINDOW)
         turn = np.linspace(0.0, 2.0 * math.pi, 200)
         left.plot(np.cos(turn), np.sin(turn), color=QUIET, lw=0.8)
-        radius = 1.0 / margins.maximum_sensitivity
+        radius = 1.0 / margins.maximum_sensitivity  # 0 where the linear loop is unstable: no circle
         left.plot(-1 + radius * np.cos(turn), radius * np.sin(turn), color=ALARM, lw=0.9, ls=(0, (4, 3)))
         left.plot([-1], [0], marker="+", color=ALARM, ms=8)
         left.set_xlim(-2.6, 1.2)
@@ -121,8 +121,12 @@ def loop(tuning: Tuning) -> str:
         S = 1.0 / (1.0 + L)
         right.loglog(hertz, np.abs(S), color=WINDOW, label="sensitivity |S|")
         right.loglog(hertz, np.abs(L * S), color=FREE, label="|T| = |1 − S|")
-        right.axhline(margins.maximum_sensitivity, color=ALARM, lw=0.9, ls=(0, (4, 3)))
-        right.set_ylim(max(1e-3, float(np.abs(S).min())), 3.0 * margins.maximum_sensitivity)
+        highest = margins.maximum_sensitivity
+        if math.isfinite(highest):
+            right.axhline(highest, color=ALARM, lw=0.9, ls=(0, (4, 3)))
+        else:
+            highest = float(np.abs(S).max())
+        right.set_ylim(max(1e-3, float(np.abs(S).min())), 3.0 * highest)
         right.set_xlabel("frequency (Hz)")
         right.legend(loc="lower left", ncols=2, bbox_to_anchor=(0, 1.0), borderaxespad=0.2)
         return interactive(figure)
@@ -175,7 +179,7 @@ def landscape(tuning: Tuning, pairs: Sequence[tuple[str, str]]) -> str:
             gains = np.tile(tuning.gains.vector, (x.size * y.size, 1))
             gains[:, PLACES[across]], gains[:, PLACES[up]] = np.repeat(x, y.size), np.tile(y, x.size)
             cost = task.fitness(gains)
-            decades = np.where(cost < HUNTS, np.log10(np.maximum(cost / best, 1e-9)), np.nan)
+            decades = np.where(cost < REFUSED, np.log10(np.maximum(cost / best, 1e-9)), np.nan)
             # Of a reverse-acting plant the gains are negative, and a logarithm has none of them.
             turned = [-1.0 if name in SIGNED and tuning.within.sign < 0.0 else 1.0 for name in (across, up)]
             image = _valley(axis, turned[0] * x, turned[1] * y, decades.reshape(x.size, y.size).T)

@@ -11,7 +11,7 @@ from optid.core.quantity import quantity
 from optid.report import tuning_figures as figures
 from optid.report.shell import render
 from optid.tuning.files import units
-from optid.tuning.posing import Posed
+from optid.tuning.problem import TuningProblem
 from optid.tuning.score import Response, by_size
 from optid.tuning.structures import STRUCTURES, Structure, drive_values
 from optid.tuning.tuning import Scored, Tuning, compared
@@ -34,7 +34,7 @@ _NAMES = {
 
 def tuning_page(
     tuning: Tuning,
-    posed: Posed,
+    problem: TuningProblem,
     source: str,
     structure: Structure = STRUCTURES["pid2"],
     folder: str = "out/tune",
@@ -44,25 +44,25 @@ def tuning_page(
 
     Args:
         tuning: to report.
-        posed: what was asked and assumed.
+        problem: what was asked and assumed.
         source: name of the model's file.
         structure: of the controller.
         folder: where the gains are to lie, for the command to type next; `rig` is that command's rig file.
     """
-    named = units(posed.command_unit, posed.output_unit)
+    named = units(problem.command_unit, problem.output_unit)
     return render(
         "tuning.html.j2",
         title=f"PID gains for {source}",
-        model=str(posed.model),
-        lead=_lead(tuning, posed, named["itae"]),
-        assumed=posed.assumed,
+        model=str(problem.model),
+        lead=_lead(tuning, problem, named["itae"]),
+        assumed=problem.assumed,
         remarks=tuning.remarks,
         structure=structure.words,
-        judged_on=posed.judged_on,
-        drive=_drive(tuning, posed, structure),
-        sizes=_sizes(tuning, posed),
-        hunting_limit=_length(tuning.task.hunting, posed),
-        sizes_figure=_sizes_figure(tuning, posed),
+        judged_on=problem.judged_on,
+        drive=_drive(tuning, problem, structure),
+        sizes=_sizes(tuning, problem),
+        hunting_limit=_length(tuning.task.hunting, problem),
+        sizes_figure=_sizes_figure(tuning, problem),
         gains=[
             (
                 label,
@@ -73,16 +73,16 @@ def tuning_page(
             )
             for name, label in _NAMES.items()
         ],
-        episodes=_episodes(tuning, posed),
+        episodes=_episodes(tuning, problem),
         margins=_margins(tuning),
         loop_figure=Markup(figures.loop(tuning)),
-        rows=[_row(one, posed.bench is not None) for one in _everyone(tuning)],
-        bench=posed.bench is not None,
+        rows=[_row(one, problem.bench is not None) for one in _everyone(tuning)],
+        bench=problem.bench is not None,
         unit=named["itae"],
         landscape=_landscape(tuning),
         certificate=tuning.certificate,
         limits=_limits(tuning),
-        unknowns=_unknowns(tuning, posed),
+        unknowns=_unknowns(tuning, problem),
         next_command=f"optid live {rig} --driver simulated --gains {folder}/pid.json --out out/live",
     )
 
@@ -91,32 +91,32 @@ def _everyone(tuning: Tuning) -> list[Scored]:
     return [tuning.found, *compared(tuning), *tuning.baselines]
 
 
-def _lead(tuning: Tuning, posed: Posed, unit: str) -> str:
+def _lead(tuning: Tuning, problem: TuningProblem, unit: str) -> str:
     on = tuning.on_bench
     own = tuning.found.total("itae", on)
     rivals = [one for one in tuning.baselines if one.stable and math.isfinite(one.total("itae", on))]
-    said = f"ITAE on {posed.judged_on}, mean of all steps as if of one size: {own:.4g} {unit}"
+    said = f"ITAE on {problem.judged_on}, mean of all steps as if of one size: {own:.4g} {unit}"
     if rivals:
         best = min(rivals, key=lambda one: one.total("itae", on))
         times = best.total("itae", on) / own
         said += f"; with the best baseline ({best.name.replace('_', ' ')}) it is {times:.3g} times that"
-    if posed.bench is not None and not on:
+    if problem.bench is not None and not on:
         said += f". On the rig's physical model: {tuning.found.total('itae', True):.4g} {unit}"
     return said + "."
 
 
-def _episodes(tuning: Tuning, posed: Posed) -> list[dict[str, Any]]:
+def _episodes(tuning: Tuning, problem: TuningProblem) -> list[dict[str, Any]]:
     found = []
     rivals = [one for one in tuning.baselines if one.name in _RIVALS and one.gains is not None]
-    pair = posed.output_unit, posed.command_unit
+    pair = problem.output_unit, problem.command_unit
     for number, run in _shown(tuning):
         entry: dict[str, Any] = {
-            "name": f"{run.episode.name} {posed.output_unit if run.episode.size else posed.command_unit}",
+            "name": f"{run.episode.name} {problem.output_unit if run.episode.size else problem.command_unit}",
             "model": Markup(figures.responses(tuning, _bounded(rivals, number, False), number, pair, False)),
             "bench": None,
             "facts": _facts(run),
         }
-        if posed.bench is not None:
+        if problem.bench is not None:
             entry["bench"] = Markup(
                 figures.responses(tuning, _bounded(rivals, number, True), number, pair, True)
             )
@@ -124,38 +124,38 @@ def _episodes(tuning: Tuning, posed: Posed) -> list[dict[str, Any]]:
     return found
 
 
-def _drive(tuning: Tuning, posed: Posed, structure: Structure) -> list[tuple[str, str, str]]:
+def _drive(tuning: Tuning, problem: TuningProblem, structure: Structure) -> list[tuple[str, str, str]]:
     span = min(-tuning.settings.low, tuning.settings.high)
-    values = drive_values(tuning.gains, structure, span, (posed.command_unit, posed.output_unit))
+    values = drive_values(tuning.gains, structure, span, (problem.command_unit, problem.output_unit))
     return [(name, f"{value:.4g}", unit) for name, value, unit in values]
 
 
-def _length(value: float, posed: Posed) -> str:
+def _length(value: float, problem: TuningProblem) -> str:
     """In the unit that a reader likes; empty where it is infinite."""
-    return quantity(value, posed.output_unit) if math.isfinite(value) else ""
+    return quantity(value, problem.output_unit) if math.isfinite(value) else ""
 
 
 def _judged(tuning: Tuning) -> tuple[Response, ...]:
     return tuning.found.bench if tuning.on_bench else tuning.found.responses
 
 
-def _sizes(tuning: Tuning, posed: Posed) -> list[tuple[str, ...]]:
+def _sizes(tuning: Tuning, problem: TuningProblem) -> list[tuple[str, ...]]:
     return [
         (
-            _length(row.size, posed),
+            _length(row.size, problem),
             f"{row.itae_over_size:.4g}",
             f"{100.0 * row.overshoot:.2g} %",
             f"{row.settling_time:.3g}" if math.isfinite(row.settling_time) else "not in all runs",
-            _length(row.hunting, posed),
+            _length(row.hunting, problem),
         )
         for row in by_size(_judged(tuning))
     ]
 
 
-def _sizes_figure(tuning: Tuning, posed: Posed) -> Markup | None:
+def _sizes_figure(tuning: Tuning, problem: TuningProblem) -> Markup | None:
     rivals = [one for one in tuning.baselines if one.name in ("present", *_RIVALS) and one.gains is not None]
     rows = len(by_size(_judged(tuning)))
-    return Markup(figures.over_sizes(tuning, rivals, posed.output_unit)) if rows > 1 else None
+    return Markup(figures.over_sizes(tuning, rivals, problem.output_unit)) if rows > 1 else None
 
 
 def _shown(tuning: Tuning) -> list[tuple[int, Response]]:
@@ -244,9 +244,9 @@ def _limits(tuning: Tuning) -> str:
     return said + (f"{gain:.3g} % less." if gain >= 0.05 else "knowing them gains nothing here.")
 
 
-def _unknowns(tuning: Tuning, posed: Posed) -> list[str]:
+def _unknowns(tuning: Tuning, problem: TuningProblem) -> list[str]:
     said = []
-    if posed.bench is None:
+    if problem.bench is None:
         said.append(
             "Friction, dead band and everything else that bends: the identified model is linear. "
             "With --rig the gains are tried on the rig's physical model, and tuned for it."

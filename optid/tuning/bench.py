@@ -11,7 +11,9 @@ from typing import Any
 import numpy as np
 
 from optid.core.jit import compiled as machine_code
+from optid.core.jit import compiled_lanes
 from optid.core.kernel import advance, at, call
+from optid.core.llvm_simd import LANES
 from optid.core.model import CLOCK, INTERVAL, Array
 from optid.core.threads import parallel_for
 from optid.errors import InputError
@@ -20,10 +22,13 @@ from optid.pid.law import GAINS, LAST_COMMAND, MEMORY, law
 from optid.rigs.rigfile import Rig
 from optid.tuning.criterion import Criterion
 from optid.tuning.demand import Episode
+from optid.tuning.loop import HUNTING, PARTS
 from optid.tuning.machine import compiled
 from optid.tuning.score import Response, response
+from optid.tuning.simulation_lanes import measured
 
 SEED = 1  # of the sensor's noise
+EXPLICIT = 1e-5  # largest tolerance of runs one by one
 TOLERANCE = 1e-6  # local error as a share of each state's size: micrometres in a second
 
 
@@ -32,6 +37,11 @@ class Bench:
 
     def __init__(self, episodes: tuple[Episode, ...]) -> None:
         self._episodes = episodes
+
+    @property
+    def episodes(self) -> tuple[Episode, ...]:
+        """That are run."""
+        return self._episodes
 
     def __call__(self, gains: Gains, settings: Settings) -> tuple[Response, ...]:
         """One response an episode; NaN from where the equations leave the numbers."""
@@ -142,10 +152,86 @@ class PhysicalBench(Bench):
         )
         self._per_unit = rig.channels[recorded[0]].per_unit
         self._scales = tolerance * np.asarray(rig.model.scales, dtype=float)
+        # One run alone takes explicit steps, which need finer ones for the same cost.
+        self._finer = min(tolerance, EXPLICIT) * np.asarray(rig.model.scales, dtype=float)
         # What each input of the model is fed: the command so many samples ago, or -1 the interval, -2 the clock.
         self._feeds = np.array(
             [{INTERVAL: -1, CLOCK: -2}.get(port.role, port.ago) for port in rig.model.inputs], dtype=np.int64
         )
+
+    def judged(
+        self,
+        gains: Array,
+        settings: Settings,
+        criterion: Criterion,
+        command_size: float,
+        bar: Array | None = None,
+    ) -> tuple[Array, Array]:
+        """As of any bench, several runs at a time; a criterion of the user's own needs trajectories, one by one."""
+        if criterion.own is not None:
+            return super().judged(gains, settings, criterion, command_size, bar)
+        cost, hunting = np.zeros(len(gains)), np.zeros(len(gains))
+        groups, lock = -(-len(self._episodes) // LANES), threading.Lock()
+
+        def run(first: int, last: int) -> None:
+            for job in range(first, last):
+                i, group = divmod(job, groups)
+                if bar is not None and not cost[i] <= bar[i]:
+                    continue
+                chosen = range(LANES * group, min(LANES * (group + 1), len(self._episodes)))
+                parts = self._parts(np.r_[gains[i], settings.vector], settings, criterion, chosen)
+                parts[:, 1] /= command_size
+                weights = np.array([self._episodes[e].weight for e in chosen])
+                with lock:
+                    cost[i] += float(weights @ criterion.combined(parts))
+                    hunting[i] = max(hunting[i], float(np.nan_to_num(parts[:, HUNTING], nan=np.inf).max()))
+
+        parallel_for(len(gains) * groups, run)
+        return cost, hunting
+
+    def _parts(self, vector: Array, settings: Settings, criterion: Criterion, chosen: Sequence[int]) -> Array:
+        """Parts of the cost of some episodes, shape (chosen, PARTS); infinite where a loop diverges."""
+        lanes = [chosen[min(lane, len(chosen) - 1)] for lane in range(LANES)]
+        found = self._together(vector, settings, criterion, lanes)
+        if found is None:  # one of them has diverged: each on its own
+            alone = [self._together(vector, settings, criterion, [e] * LANES) for e in chosen]
+            return np.array([np.full(PARTS, np.inf) if one is None else one[0] for one in alone])
+        return found[: len(chosen)]
+
+    def _together(
+        self, vector: Array, settings: Settings, criterion: Criterion, lanes: Sequence[int]
+    ) -> Array | None:
+        """Parts (LANES, PARTS) of the episodes in the lanes; None where they cannot go on together."""
+        T, every = settings.sample_time, [self._episodes[e] for e in lanes]
+        sets = [min(one.variant, len(self._parameters) - 1) for one in every]
+        plant = (
+            self._starts[sets],
+            self._parameters[sets],
+            self._scales,
+            len(self.rig.model.outputs),
+            self._column,
+        )
+        weights = [criterion.measure.weights(one.clock, T) for one in every]
+        arrays = (
+            *(np.array([getattr(one, name) for one in every]) for name in ("reference", "load", "noise")),
+            np.array(weights),
+            np.array([one.rise for one in every]),
+            np.array([float(one.rest) for one in every]),
+        )
+        parts = np.empty((LANES, PARTS))
+        lanes_code = compiled_lanes(self.rig.model)  # owns the machine code while it runs
+        done = measured(
+            lanes_code.code,
+            np.tile(vector, (LANES, 1)),
+            T,
+            plant,
+            self._feeds,
+            np.array([one.gain for one in every]) / self._per_unit,
+            arrays,
+            criterion.measure.power == 2,
+            parts,
+        )
+        return parts if done else None
 
     def _run(self, vector: Array, settings: Settings, episode: Episode) -> tuple[Array, Array]:
         n = episode.reference.size
@@ -158,8 +244,8 @@ class PhysicalBench(Bench):
             self._starts[variant],
             self._parameters[variant],
             self._feeds,
-            1.0 / self._per_unit,
-            self._scales,
+            episode.gain / self._per_unit,
+            self._finer,
             episode.reference,
             episode.load,
             episode.noise,

@@ -1,30 +1,55 @@
-"""The search where a physical model judges: a run takes milliseconds, so few candidates meet few episodes first.
+"""The search where a simulation with friction judges: each run takes milliseconds, and chance decides much of it.
 
-A population on a handful of episodes, then simplex searches from its best distinct ends on all of them; candidates
-that are beaten already are not run to the end.
+Where an axis that sticks comes to rest is as good as random, so the best of many candidates on few runs is mostly the
+luckiest one. Candidates are raced: many meet one run of each size, samples around the best ones meet other runs, and
+the last few meet all runs (a cross-entropy search: Rubinstein and Kroese, The Cross-Entropy Method, 2004, with the
+racing of Maron and Moore, Artificial Intelligence Review 11, 1997). A stage never reuses the runs of the one before.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from optid.core.model import Array
-from optid.tuning.search import Box, Evolved, evolve
+from optid.tuning.demand import Episode
+from optid.tuning.search import Box, Evolved
 from optid.tuning.task import Task
 from optid.tuning.ultimate import Ultimate, ultimate
 
-# Gains of the first stage in terms of the ultimate ones: kp Ku, ki Ku/Tu, kd Ku Tu; later stages may go beyond.
-REGION = {"kp": (0.04, 3.0), "ki": (0.0, 0.5), "kd": (0.0, 0.7)}
-POPULATION, GENERATIONS = 20, 18  # of the first stage
-WITHOUT = 0.5  # share of its points that begin without integral action
-SCREENED, APART = 12, 0.02  # ends tried on all episodes, and how far apart in the cube they are at least
-ENDS = 2  # of them, that a simplex search follows
-FIRST, LAST = 40, 40  # evaluations of each simplex search, and of the one from the best end
-SIDE, CLOSE = 0.03, 0.01  # their first simplices' sides
-HOPELESS = 1.5  # times the best cost: not run to the end
+# Gains of the first stage in terms of the ultimate ones: kp Ku, ki Ku/Tu, kd Ku Tu, filter Tu; later ones may leave it.
+REGION = {"kp": (0.04, 8.0), "ki": (0.0, 0.5), "kd": (0.0, 4.0), "derivative_filter": (0.004, 0.08)}
+WITHOUT = 0.5  # share of the points that begin without integral action
+DRAWN = 20  # candidates drawn for each one wanted, to find such as keep the margins
+
+
+@dataclass(frozen=True)
+class Stage:
+    """Samples around the best so far, each on some runs.
+
+    Attributes:
+        count: of candidates; 0 takes the best so far as they are.
+        parents: how many of the best so far.
+        spread: sd of the samples around a parent, in the cube.
+        runs: numbers of the runs that judge.
+    """
+
+    count: int
+    parents: int
+    spread: float
+    runs: tuple[int, ...]
+
+
+FIRST = 300  # candidates on run 1
+STAGES = (
+    Stage(200, 25, 0.035, (2,)),
+    Stage(100, 20, 0.02, (3, 4)),
+    Stage(40, 12, 0.012, (5, 6, 7)),
+    Stage(0, 16, 0.0, tuple(range(8, 16))),
+    Stage(0, 5, 0.0, ()),
+)
 
 Said = Callable[[float, str], None]
 
@@ -42,14 +67,10 @@ class Effort:
     over: Callable[[], bool] = lambda: False
 
 
-class Enough(Exception):  # no error: the time is up
-    """Ends a search that goes on by itself."""
-
-
 def search_on_bench(
     task: Task, within: Box, seeds: Array, rng: np.random.Generator, effort: Effort
 ) -> list[Evolved]:
-    """Ends of all searches, the best first; never worse than the best seed.
+    """Ends of the search, the best first.
 
     Args:
         task: with a bench that judges alone.
@@ -58,115 +79,76 @@ def search_on_bench(
         rng: source of everything random.
         effort: time and progress.
     """
-    best = _Best(task, within, effort)
-    few = replace(task, bench=task.bench.only(few_episodes(task)) if task.bench else None)
-    first = _Best(few, within, effort)
-    try:
-        low, high = _region(within, ultimate(task.plant))
-        count = min(len(seeds), POPULATION // 2)
-        begin = _begun(within, low, high, seeds[:count], rng)
-        evolve(first.population, (low, high), rng, begin, GENERATIONS, len(begin))
-        effort.said(0.45, "")
-        for point in _distinct(first.seen, SCREENED):
-            best.single(point)
-        for number, point in enumerate(_distinct(best.seen, ENDS)):
-            effort.said(0.5 + 0.15 * number, "")
-            _simplex(best.single, point, SIDE, FIRST)
-        effort.said(0.8, "")
-        _simplex(best.single, best.top()[1], CLOSE, LAST)
-    except Enough:
-        if not best.seen:
-            best.population((first.top()[1] if first.seen else seeds[0])[None], None, always=True)
-    return best.ends()
+    points = np.vstack([seeds, _spread_out(task, within, FIRST, rng)])
+    values, used = _judged(task, within, points, (1,), effort), len(points)
+    for number, stage in enumerate(STAGES):
+        if effort.over():
+            break
+        effort.said(0.3 + 0.7 * number / len(STAGES), "")
+        best = points[np.argsort(values)[: stage.parents]]
+        points = np.vstack([best, _around(best, stage, rng)]) if stage.count else best
+        values = _judged(task, within, points, stage.runs, effort)
+        used += len(points)
+    order = np.argsort(values)
+    ends = [
+        Evolved(points[i], float(task.fitness(within.gains(points[i][None]))[0]), used) for i in order[:2]
+    ]
+    return sorted(ends, key=lambda end: end.fitness)
+
+
+def runs_of(task: Task, runs: Sequence[int]) -> list[int]:
+    """Numbers of the episodes of some runs, with those that belong to all; of all runs where there are none such."""
+    every = _episodes(task)
+    chosen = [e for e, one in enumerate(every) if one.run < 0 or one.run in runs]
+    steps = any(every[e].run >= 0 for e in chosen)
+    return chosen if steps and runs else list(range(len(every)))
+
+
+def _episodes(task: Task) -> tuple[Episode, ...]:
+    return task.episodes if task.bench is None else task.bench.episodes
+
+
+def few_episodes(task: Task) -> list[int]:
+    """Numbers of one episode of each size, with noise where there are such."""
+    return sorted(runs_of(task, (1,)), key=lambda e: _episodes(task)[e].size)
+
+
+def _judged(task: Task, within: Box, points: Array, runs: Sequence[int], effort: Effort) -> Array:
+    """Costs on some runs; infinite for what there was no time for."""
+    part = replace(task, bench=task.bench.only(runs_of(task, runs)) if task.bench else None)
+    values = np.full(len(points), np.inf)
+    for i, point in enumerate(points):
+        if i and effort.over():
+            break
+        values[i] = part.fitness(within.gains(point[None]))[0]
+    return values
+
+
+def _around(best: Array, stage: Stage, rng: np.random.Generator) -> Array:
+    parents = best[rng.integers(0, len(best), stage.count)]
+    return np.clip(parents + stage.spread * rng.standard_normal(parents.shape), 0.0, 1.0)
+
+
+def _spread_out(task: Task, within: Box, count: int, rng: np.random.Generator) -> Array:
+    """Points over the region, a share of them without integral action, that keep the margins if enough can be found."""
+    low, high = _region(within, ultimate(task.plant))
+    points = low + (high - low) * rng.random((DRAWN * count, low.size))
+    if "ki" in within.free:
+        points[rng.random(len(points)) < WITHOUT, within.free.index("ki")] = 0.0
+    kept = points[task.missed(within.gains(points)) <= 0.0]
+    return kept[:count] if len(kept) else points[:count]
 
 
 def _region(within: Box, scale: Ultimate) -> tuple[Array, Array]:
     """Lowest and highest coordinates of the first stage."""
     Ku, Tu = abs(scale.gain), scale.period
-    unit = {"kp": Ku, "ki": Ku / Tu, "kd": Ku * Tu}
+    unit = {"kp": within.sign * Ku, "ki": within.sign * Ku / Tu, "kd": within.sign * Ku * Tu}
+    unit["derivative_filter"] = Tu
     corners = np.tile(within.fixed, (2, 1))
     for name, place in zip(within.free, within.places, strict=True):
         if name in unit:
-            corners[:, place] = within.sign * unit[name] * np.array(REGION[name])
+            corners[:, place] = unit[name] * np.array(REGION[name])
     low, high = within.points(corners)
     weights = [i for i, name in enumerate(within.free) if name not in unit]
     low[weights], high[weights] = 0.0, 1.0
     return low, high
-
-
-def _begun(within: Box, low: Array, high: Array, seeds: Array, rng: np.random.Generator) -> Array:
-    """The first population: seeds, and points over the region of which a share has no integral action."""
-    count = POPULATION + 6 * max(len(within.free) - 3, 0)
-    share = (
-        rng.permuted(np.tile(np.arange(count), (low.size, 1)), axis=1).T + rng.random((count, low.size))
-    ) / count
-    points = low + (high - low) * share
-    if "ki" in within.free:
-        points[rng.random(count) < WITHOUT, within.free.index("ki")] = 0.0
-    points[: len(seeds)] = np.clip(seeds, low, high)
-    return points
-
-
-def few_episodes(task: Task) -> list[int]:
-    """Numbers of one episode of each size, with noise where there are such."""
-    noisy = [e for e, one in enumerate(task.episodes) if one.noise.any()] or list(range(len(task.episodes)))
-    sizes: dict[float, int] = {}
-    for e in noisy:
-        sizes.setdefault(float(task.episodes[e].reference[-1]), e)
-    return sorted(sizes.values(), key=lambda e: abs(float(task.episodes[e].reference[-1])))
-
-
-class _Best:
-    """A task's fitness that remembers what it has seen."""
-
-    def __init__(self, task: Task, within: Box, effort: Effort) -> None:
-        self.task, self.within, self.effort = task, within, effort
-        self.seen: list[tuple[float, Array]] = []
-
-    def population(self, points: Array, bar: Array | None, always: bool = False) -> Array:
-        if self.effort.over() and not always:
-            raise Enough
-        values = self.task.fitness(self.within.gains(points), bar)
-        beaten = np.zeros(len(values), dtype=bool) if bar is None else values > bar
-        self.seen += [
-            (float(value), point.copy())
-            for value, point, lost in zip(values, points, beaten, strict=True)
-            if not lost
-        ]
-        return values
-
-    def single(self, point: Array) -> float:
-        inside = np.clip(point, 0.0, 1.0)
-        bar = np.array([HOPELESS * self.top()[0]]) if self.seen else None
-        return float(self.population(inside[None], bar)[0])
-
-    def top(self) -> tuple[float, Array]:
-        return min(self.seen, key=lambda one: one[0])
-
-    def ends(self) -> list[Evolved]:
-        used = len(self.seen)
-        points = _distinct(self.seen, ENDS)
-        value = {point.tobytes(): cost for cost, point in self.seen}
-        return [Evolved(point, value[point.tobytes()], used) for point in points]
-
-
-def _distinct(seen: list[tuple[float, Array]], count: int) -> list[Array]:
-    found: list[Array] = []
-    for _, point in sorted(seen, key=lambda one: one[0]):
-        if all(np.abs(point - other).max() >= APART for other in found):
-            found.append(point)
-        if len(found) == count:
-            break
-    return found
-
-
-def _simplex(fitness: Callable[[Array], float], point: Array, side: float, most: int) -> None:
-    from scipy.optimize import minimize
-
-    start = np.vstack([point, point + side * np.where(point < 0.5, 1.0, -1.0) * np.eye(len(point))])
-    minimize(
-        fitness,
-        point,
-        method="Nelder-Mead",
-        options={"maxfev": most, "initial_simplex": start, "adaptive": True},
-    )

@@ -28,6 +28,9 @@ class Episode:
         noise: of the sensor that the controller sees, output's unit; none where left out.
         variant: number of the physical model's parameter set that runs it, 0 the nominal one.
         rest: sample from which the output should be at rest; `samples` or more where it never should.
+        gain: factor on the command that the plant gets: a loop that bears it has that gain margin.
+        nominal: size of the step that this one stands for in tables, output's unit; 0 where it stands for itself.
+        run: number of the run it belongs to; negative where it belongs to all.
     """
 
     name: str
@@ -39,6 +42,9 @@ class Episode:
     noise: Array = field(default_factory=lambda: np.empty(0))
     variant: int = 0
     rest: int = NEVER
+    gain: float = 1.0
+    nominal: float = 0.0
+    run: int = -1
 
     def __post_init__(self) -> None:
         if not self.noise.size:

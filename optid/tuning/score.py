@@ -97,19 +97,23 @@ class SizeRow:
     hunting: float
 
 
+def _nominal(run: Response) -> float:
+    return run.episode.nominal or float(run.episode.reference[-1])
+
+
 def by_size(runs: Sequence[Response]) -> list[SizeRow]:
     """One row for each size of step among the runs, the largest first."""
     steps = [
         run for run in runs if np.all(run.episode.reference == run.episode.reference[-1]) and run.episode.size
     ]
-    sizes = dict.fromkeys(float(run.episode.reference[-1]) for run in steps)
+    sizes = dict.fromkeys(_nominal(run) for run in steps)
     rows = []
     for size in sorted(sizes, key=lambda s: (-abs(s), -s)):
-        own = [run for run in steps if run.episode.reference[-1] == size]
+        own = [run for run in steps if _nominal(run) == size]
         rows.append(
             SizeRow(
                 size,
-                float(np.mean([run.measures["itae"] for run in own])) / abs(size),
+                float(np.mean([run.measures["itae"] / run.episode.size for run in own])),
                 max(run.overshoot for run in own),
                 float(np.mean([run.settled for run in own])),
                 max(run.hunting for run in own),

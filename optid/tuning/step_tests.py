@@ -1,8 +1,10 @@
 """The steps by which gains are judged: several sizes in both directions, several seeds of the sensor's noise.
 
 One step of one size tells little about an axis with dry friction: it happens to stick on target, or not. Shares of
-the largest step are always added, small ones included, and each run of a size has noise of its own; the first run is
-free of noise.
+the largest step are always added, small ones included. The first run has these very sizes and no noise. In each other
+run all steps are shorter by a share of their own, and the noise is new: where an axis with dry friction comes to rest
+depends on the step's size as if by chance, and gains must be good for all sizes, not for seven. In every third run the
+plant answers more strongly, so that the gains found bear it.
 """
 
 from __future__ import annotations
@@ -20,6 +22,12 @@ REST = 0.2  # share of an episode, at its end, during which the output should be
 HUNTING_OVER_NOISE = 3.0  # peak to peak at rest that is still no hunting, in sd of the sensor's noise
 HUNTING_SHARE = 1e-3  # the same as a share of the largest step, where the noise is smaller
 SEED = 20  # of the noise
+SHORTER = 0.25  # largest share by which a step is shortened in a run
+STRIDE = 0.37  # between the shares of neighbouring sizes
+STRONGER, EVERY = (
+    1.1,
+    3,
+)  # factor on the command in every so many-th run: a gain margin with friction and limits
 
 
 @dataclass(frozen=True)
@@ -35,6 +43,7 @@ class StepPlan:
         variants: parameter sets of the physical model beside the nominal one, which the runs take in turn.
         load: standing disturbance added to the command.
         power: of the error in the criterion, for the scaling.
+        stronger: factor on the command in every third run.
     """
 
     sizes: tuple[float, ...]
@@ -45,6 +54,7 @@ class StepPlan:
     variants: int = 0
     load: float = 0.0
     power: int = 1
+    stronger: float = 1.0
 
     def episodes(self) -> tuple[Episode, ...]:
         """All of them, run by run; their weights sum to 1 for steps as large as the first."""
@@ -56,6 +66,10 @@ class StepPlan:
         )
 
     def _one(self, size: float, number: int, run: int, count: int) -> Episode:
+        nominal, gain = size, 1.0
+        if run:
+            size *= 1.0 - SHORTER * ((run / count + STRIDE * number) % 1.0)
+            gain = self.stronger if run % EVERY == 0 else 1.0
         weight = abs(self.sizes[0] / size) ** self.power / (count * len(self.sizes))
         bare = step(size, self.samples, self.sample_time, weight)
         noise = np.zeros(self.samples)
@@ -64,7 +78,9 @@ class StepPlan:
         load = np.full(self.samples, self.load)
         rest = self.samples - max(round(REST * self.samples), 2)
         variant = (run + number) % (self.variants + 1) if run else 0
-        return replace(bare, noise=noise, load=load, variant=variant, rest=rest)
+        return replace(
+            bare, noise=noise, load=load, variant=variant, rest=rest, gain=gain, nominal=nominal, run=run
+        )
 
 
 def sizes_for(

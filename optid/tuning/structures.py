@@ -58,6 +58,28 @@ def structure_of(name: str) -> Structure:
     return STRUCTURES[name]
 
 
+def usual_structure(simulated: bool, rig: bool) -> str:
+    """Name of the structure where nobody says one.
+
+    An axis integrates by itself. Where its friction is only assumed, the simulation does not tell how far integral
+    action makes it hunt: dry friction that breaks away no harder than it slides lets it rest where a real axis does
+    not. A standing load then leaves an error.
+
+    Args:
+        simulated: a simulation with friction judges.
+        rig: that simulation is of the rig's own model.
+    """
+    if not simulated:
+        return "pid2"
+    return "pid" if rig else "pd"
+
+
+def free_gains(structure: Structure, simulated: bool) -> tuple[str, ...]:
+    """The gains that a search moves; against a simulation with sensor noise a PID's derivative filter is one."""
+    filtered = simulated and structure.name == "pid"
+    return (*structure.free, "derivative_filter") if filtered else structure.free
+
+
 def cascaded(gains: Array) -> Array:
     """Controller gains (n, GAINS) of a cascade, in whose rows kp stands for Kp Kv: kp and set-point weight follow."""
     out = np.array(gains)

@@ -21,7 +21,6 @@ from optid.tuning.plant import Plant
 
 STRICTER = 1.0002
 REFUSED = 1e20  # cost of gains that miss what is required; the more they miss, the more
-HUNTS = 1e10  # the same of a loop that hunts: better than one that misses a margin, worse than any that rests
 
 
 class Over(Enum):
@@ -44,7 +43,8 @@ class Task:
         over: how several plants count.
         bench: a physical model that is tuned for as well: one more plant, without margins.
         bench_alone: the physical model alone judges performance, the plants judge the margins.
-        hunting: peak to peak of the output at rest beyond which gains lose to all that keep it, output's unit.
+        hunting: peak to peak of the output at rest beyond which gains hunt, output's unit: their cost counts as many
+            times as they exceed it. A barrier would let gains win that never arrive, as those are still, too.
     """
 
     plants: tuple[Plant, ...]
@@ -107,7 +107,12 @@ class Task:
         return [look(p, grid, gains) for p, grid in zip(self.plants, self.grids, strict=True)]
 
     def missed(self, gains: Array) -> Array:
-        """By how much gains (n, GAINS) miss what is required, shape (n,); 0 where they keep it."""
+        """By how much gains (n, GAINS) miss what is required, shape (n,); 0 where they keep it.
+
+        Where a simulation with friction judges and no margin is asked for, the linear loop need not be stable.
+        """
+        if self.bench_alone and self.required == Required():
+            return np.zeros(len(np.atleast_2d(gains)))
         each = [excess(p, grid, self.bounds, gains) for p, grid in zip(self.plants, self.grids, strict=True)]
         return np.asarray(np.max(each, axis=0))
 
@@ -127,7 +132,7 @@ class Task:
         return value
 
     def _performance(self, gains: Array, bar: Array | None) -> Array:
-        """Of gains that keep the margins, shape (n,): the cost, or beyond HUNTS by how much they hunt."""
+        """Of gains that keep the margins, shape (n,): the cost, more if they hunt."""
         if self.bench is not None and self.bench_alone:
             cost, hunting = self._on_bench(gains, bar)
         else:
@@ -136,8 +141,7 @@ class Task:
             if self.bench is not None:
                 each = np.column_stack([each, self._tried(gains, each, bar)])
             cost = self.together(each)
-        excess = hunting / self.hunting
-        return np.where(excess <= 1.0, np.minimum(cost, HUNTS), np.minimum(HUNTS * (1.0 + excess), REFUSED))
+        return np.asarray(np.minimum(cost * np.maximum(hunting / self.hunting, 1.0), REFUSED))
 
     def _on_bench(self, gains: Array, bar: Array | None) -> tuple[Array, Array]:
         assert self.bench is not None

@@ -12,7 +12,7 @@ import numpy as np
 from optid.errors import SolveError
 from optid.pid.controller import Controller, Gains, Settings
 from optid.tuning.baselines import Baseline, nelder_mead, rules
-from optid.tuning.bench_search import Effort
+from optid.tuning.bench_search import Effort, runs_of
 from optid.tuning.gradient import Gradient
 from optid.tuning.loop import Course
 from optid.tuning.margins import Margins, margins
@@ -29,6 +29,10 @@ if TYPE_CHECKING:
     import control
 
 THIN = 2.0  # maximum sensitivity; Astrom and Hagglund (2006, section 4.6) recommend 1.2 to 2.0
+UNSTABLE = (
+    "The linear loop on the identified model is unstable, its maximum sensitivity infinite: only the friction and the "
+    "limits of the simulation hold it. Gains that the identified model bears, too: --ms 2."
+)
 SAME = 5e-2  # relative: searches that end that near to the best cost have found its valley
 Bench = Callable[[Gains, Settings], tuple[Response, ...]]
 
@@ -204,7 +208,10 @@ def _others(task: Task, scale: Ultimate, within: Box, gains: Gains, effort: Effo
     assert start is not None
     if effort.over():
         return found
-    swift = replace(task, bench=None, bench_alone=False, hunting=math.inf) if task.bench_alone else task
+    swift = task
+    if task.bench_alone:
+        few = tuple(task.episodes[e] for e in runs_of(replace(task, bench=None), (0, 1)))
+        swift = replace(task, episodes=few, bench=None, bench_alone=False, hunting=math.inf)
     simplex = nelder_mead(lambda points: swift.fitness(within.gains(points)), within, start)
     return [*found, Baseline("nelder_mead", simplex, "the same cost, from Ziegler and Nichols' gains")]
 
@@ -246,6 +253,8 @@ def _remarks(task: Task, found: Scored) -> tuple[str, ...]:
     hunts = [f"It hunts: {swings:.3g} peak to peak at rest, and no gains were found that rest."]
     Ms = found.margins.maximum_sensitivity if found.margins else math.inf
     thin = [f"Thin margins: maximum sensitivity {Ms:.3g}; up to 2 is usual."] if Ms > THIN else []
+    if not found.stable:
+        thin = [UNSTABLE]
     lost = [run for run in found.bench if not run.bounded]
     return (
         *task.plant.remarks,

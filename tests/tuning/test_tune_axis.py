@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ import pytest
 from optid.armax.model import Armax
 from optid.errors import InputError
 from optid.pid.controller import Controller, Gains, Settings
+from optid.tuning.baselines import Baseline
 from optid.tuning.criterion import Criterion
 from optid.tuning.integrator import Integrator, with_integrator
 from optid.tuning.loop import Course
@@ -17,9 +19,10 @@ from optid.tuning.score import by_size
 from optid.tuning.search import box
 from optid.tuning.step_tests import StepPlan, hunting_limit, sizes_for
 from optid.tuning.sticking_axis import SHARE, StickingAxis, mechanics
-from optid.tuning.structures import STRUCTURES, cascaded, drive_values, structure_of
+from optid.tuning.structures import STRUCTURES, cascaded, drive_values, structure_of, usual_structure
 from optid.tuning.systems import closed_loop, controller_system
-from optid.tuning.task import HUNTS, Task
+from optid.tuning.task import Task
+from optid.tuning.tuning import UNSTABLE, _remarks, score
 from optid.tuning.ultimate import ultimate
 from tests.tuning.small_axis import T, axis
 
@@ -63,7 +66,7 @@ def test_noise_and_dead_zone_in_the_linear_loop():
         past[1, n + 3] = command - min(max(command, -0.3), 0.2)
     cost, hunting = course.judged(gains.vector)
     assert cost[0, 0] == pytest.approx(
-        episode.weight * T * T * np.sum(np.arange(400) * np.abs(0.06 - y)), rel=1e-9
+        episode.weight * T * T * np.sum(np.arange(400) * np.abs(episode.reference - y)), rel=1e-9
     )
     assert hunting[0, 0] == pytest.approx(np.ptp(y[320:]), rel=1e-12)
 
@@ -98,7 +101,7 @@ def test_what_friction_holds_does_not_move():
 
 
 @pytest.mark.parametrize("gain", [0.55, -0.55])
-def test_gains_that_hunt_lose_to_all_that_rest(gain):
+def test_hunting_multiplies_the_cost(gain):
     """Integral action makes an axis that sticks hunt, though the linear model likes it."""
     plant = plant_of(axis(gain=gain))
     plan = StepPlan((0.06, -0.015), 1000, T, 3e-5, runs=2)
@@ -108,9 +111,26 @@ def test_gains_that_hunt_lose_to_all_that_rest(gain):
     bench = StickingAxis(mechanics(plant), episodes, 5.0)
     task = Task((plant,), episodes, LIMITS, bench=bench, bench_alone=True, hunting=hunting_limit(0.06, 3e-5))
     costs = task.fitness(np.array([rest, hunt]))
-    assert costs[0] < HUNTS < costs[1]
+    bare = replace(task, hunting=math.inf).fitness(np.array([rest, hunt]))
+    assert costs[0] == bare[0] < costs[1]
     swings = [row.hunting for row in by_size(bench(Gains(*hunt), LIMITS))]
-    assert max(swings) > task.hunting and costs[1] == pytest.approx(HUNTS * (1 + max(swings) / task.hunting))
+    assert max(swings) > task.hunting and costs[1] == pytest.approx(bare[1] * max(swings) / task.hunting)
+
+
+def test_assumed_friction_does_not_judge_integral_action():
+    assert usual_structure(simulated=True, rig=False) == "pd"
+    assert usual_structure(simulated=True, rig=True) == "pid"
+    assert usual_structure(simulated=False, rig=False) == "pid2"
+
+
+def test_a_loop_that_only_friction_and_limits_hold_is_told():
+    plant, episodes = plant_of(axis()), PLAN.episodes()
+    task = Task(
+        (plant,), episodes, LIMITS, bench=StickingAxis(mechanics(plant), episodes, 5.0), bench_alone=True
+    )
+    wild, calm = (score(task, Baseline("tuned", Gains(kp, 0.0, 0.1, 2e-3), "")) for kp in (2000.0, 5.0))
+    assert task.missed(wild.gains.vector)[0] == 0.0 and not wild.stable
+    assert UNSTABLE in _remarks(task, wild) and UNSTABLE not in _remarks(task, calm)
 
 
 def test_candidates_that_are_beaten_are_not_run_to_the_end():

@@ -1,0 +1,136 @@
+"""Which simulation judges the gains: the rig's model, the identified model with dry friction, or that model alone."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from optid.armax.model import Armax
+from optid.pid.controller import Settings
+from optid.rigs.rigfile import Rig
+from optid.tuning.bench import Bench, PhysicalBench
+from optid.tuning.defaults import half_range
+from optid.tuning.demand import Episode, load, profile
+from optid.tuning.known import fitted, parameter_sets
+from optid.tuning.plant import Plant
+from optid.tuning.specification import TuningSpec
+from optid.tuning.step_tests import STRONGER, StepPlan
+from optid.tuning.sticking_axis import OTHERS, StickingAxis, mechanics
+
+UNIT = "V"  # of a standing load
+RUNS, BENCH_RUNS, SHOWN_RUNS = 2, 16, 5  # of each size; where a rig's model judges; of those in tables
+STICKING_RUNS = 9  # where friction is only assumed
+BENCH_TOLERANCE = 2e-4  # of its integration: costs differ by 0.2 % from those at 1e-7
+# Largest maximum sensitivity where nobody says one: of what is recommended (Astrom and Hagglund, Advanced PID Control,
+# 2006, section 4.6); and on the identified model with an assumed dry friction, which damps small motions as no linear
+# model does. With a rig's model no bound: friction that was measured is simulated, and so is a stronger plant.
+SENSITIVITY, BESIDE_FRICTION = 2.0, 5.0
+SIMULATED_MARGIN = (
+    f"No bound on the maximum sensitivity: the gains are tried with {STRONGER:g} times the command, friction and "
+    "limits included; the identified linear model knows no friction (--ms 2 asks for gains that it bears, too)."
+)
+SMALLEST_LOAD = 2e-3  # of half the command's range: standing loads below it are none
+SURE = 3.0  # standard errors by which a standing load must differ from 0
+LINEAR = "the identified linear model"
+STICKING = "the identified model with dry friction"
+PHYSICAL = "the rig's physical model"
+
+
+@dataclass(frozen=True, eq=False)
+class Judges:
+    """Who judges what: the plant with friction, if any, the rig's bench beside it, their episodes, and words."""
+
+    judge: Bench | None
+    episodes: tuple[Episode, ...]
+    words: str
+    said: tuple[str, ...] = ()
+    bench: PhysicalBench | None = None
+    sensitivity: float | None = SENSITIVITY
+
+
+def judges_of(
+    plan: StepPlan, plant: Plant, model: Armax, spec: TuningSpec, settings: Settings, rig: Rig | None
+) -> Judges:
+    """Without a rig: the identified model, with dry friction where it is an axis."""
+    axis = mechanics(plant) if rig is None and math.isfinite(half_range(settings)) else None
+    if axis is None:
+        return Judges(None, episodes_of(replace(plan, runs=RUNS), spec), LINEAR)
+    load = standing_load(model, plant, half_range(settings))
+    episodes = episodes_of(replace(plan, runs=STICKING_RUNS, variants=len(OTHERS), load=load), spec)
+    judge = StickingAxis(axis, episodes, half_range(settings), spec.dead_zone)
+    return Judges(judge, episodes, STICKING, tuple(_said_of_axis(load, UNIT)), sensitivity=BESIDE_FRICTION)
+
+
+def with_rig(
+    judges: Judges, plan: StepPlan, spec: TuningSpec, known: tuple[Rig, str, bool], rng: np.random.Generator
+) -> Judges:
+    """With a rig's physical model: it judges, or is only tried on the episodes of what does."""
+    rig, output, judging = known
+    usual = spec.usual_sensitivity
+    variants = parameter_sets(rig, rng)
+    if not judging:
+        return replace(
+            judges, bench=PhysicalBench(rig, judges.episodes, output, 0.0, variants, BENCH_TOLERANCE)
+        )
+    plan = replace(plan, variants=len(variants), stronger=STRONGER)
+    episodes = episodes_of(replace(plan, runs=BENCH_RUNS), spec)
+    shown = episodes_of(replace(plan, runs=SHOWN_RUNS), spec)
+    judge, bench = (
+        PhysicalBench(rig, one, output, 0.0, variants, BENCH_TOLERANCE) for one in (episodes, shown)
+    )
+    said = (_said_of_rig(len(variants), fitted(rig), plan.noise), *((SIMULATED_MARGIN,) if usual else ()))
+    return Judges(judge, shown, PHYSICAL, said, bench, None)
+
+
+def _said_of_rig(variants: int, sure: bool, noise: float) -> str:
+    sets = (
+        f"{variants} parameter sets beside it from its fit's intervals"
+        if sure
+        else (f"{variants} parameter sets around it, as no fit.json lies beside the rig file (optid fit)")
+    )
+    return (
+        "The rig's model judges performance, the identified one the margins; "
+        f"{sets if variants else 'no other parameters'}; sensor noise {noise:.3g} (sd)."
+    )
+
+
+def _said_of_axis(load: float, unit: str) -> list[str]:
+    said = [
+        "The model holds no dry friction, and integral action that a linear model likes makes an axis that sticks "
+        "hunt: half of the model's damping (a quarter, three quarters) is taken for dry friction "
+        "(--rig knows it better)."
+    ]
+    if load:
+        said.append(
+            f"A standing load of {load:.3g} {unit}, which the recording shows: without integral action it leaves an "
+            f"error of {abs(load):.3g} {unit} over kp (--structure pid takes it away, and may hunt)."
+        )
+    return said
+
+
+def standing_load(model: Armax, plant: Plant, half: float) -> float:
+    """What holds an integrating plant back or drives it, as a command: the model's constant, where it is sure.
+
+    Args:
+        model: with its constant, if it has one.
+        plant: of it.
+        half: half the range of the command.
+    """
+    constant = float(getattr(model, "constant", 0.0))
+    errors = getattr(model, "trend_errors", None)
+    sd = float(errors[0]) if errors else 0.0
+    load = constant / float(plant.b.sum())
+    sure = abs(constant) > SURE * sd if math.isfinite(sd) else False
+    return load if sure and SMALLEST_LOAD * half < abs(load) < half else 0.0
+
+
+def episodes_of(plan: StepPlan, spec: TuningSpec) -> tuple[Episode, ...]:
+    """The steps, whose weights sum to 1, then what else is asked for."""
+    found = list(plan.episodes()) if plan.sizes else []
+    for name, path in spec.profiles:
+        held = np.r_[path, np.full(max(plan.samples - path.size, 0), path[-1])][: plan.samples]
+        found.append(profile(held, plan.sample_time, name))
+    found.extend(load(size, plan.samples, plan.sample_time) for size in spec.disturbances)
+    return tuple(found)

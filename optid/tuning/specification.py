@@ -1,0 +1,52 @@
+"""What a user asks of a tuning, in SI."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from optid.core.model import Array
+from optid.pid.controller import AntiWindup
+from optid.tuning.criterion import Criterion
+from optid.tuning.integrator import Integrator
+from optid.tuning.margins import Required
+from optid.tuning.task import Over
+
+
+@dataclass(frozen=True)
+class TuningSpec:
+    """What a user asks for, SI; what is empty or None is chosen to suit the model.
+
+    Attributes:
+        order: na of the model to take; the recommended one.
+        setpoints: steps from rest, each an episode.
+        disturbances: steps of the command from outside, each an episode beside those.
+        profiles: name and path (samples,), each an episode.
+        low, high, rate, resolution, deadband, anti_windup: of the controller's command.
+        horizon: s of every episode.
+        sample_time: s at which the controller runs; must be the model's.
+        criterion, required, over: see `Task`.
+        scenarios: plants drawn from the model's covariance, the model itself counted.
+        integrator: whether the pole nearest to 1 is carried as exactly 1.
+        dead_zone: (low, high) of the valve, part of the plant; command's unit.
+        usual_sensitivity: bound the maximum sensitivity as usual for what judges: nobody said a bound.
+    """
+
+    order: int | None = None
+    setpoints: tuple[float, ...] = ()
+    disturbances: tuple[float, ...] = ()
+    profiles: tuple[tuple[str, Array], ...] = ()
+    low: float | None = None
+    high: float | None = None
+    rate: float | None = None
+    resolution: float = 0.0
+    deadband: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    anti_windup: AntiWindup = AntiWindup.CLAMPING
+    horizon: float | None = None
+    sample_time: float | None = None
+    criterion: Criterion = field(default_factory=Criterion)
+    required: Required = field(default_factory=Required)
+    over: Over = Over.WORST
+    scenarios: int = 1
+    integrator: Integrator = Integrator.AUTO
+    dead_zone: tuple[float, float] = (0.0, 0.0)
+    usual_sensitivity: bool = False
