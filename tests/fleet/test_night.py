@@ -41,6 +41,7 @@ def test_a_sound_rig_has_nothing_of_what_is_watched():
     assert found["discharge_coefficient"].value == pytest.approx(true.discharge, rel=0.02)
 
 
+@pytest.mark.full
 def test_wear_is_measured_as_it_grows():
     wear, _ = wear_of(PLANT, 1)
     assert wear.effect == "valve_deadband"

@@ -84,6 +84,7 @@ def wait_for(session, there):
     raise AssertionError("nothing happened for five minutes")
 
 
+@pytest.mark.full
 def test_tune_review_apply(tmp_path, patient):
     settings = live_settings(read_rig(patient), 250.0)
     plan = Plan(

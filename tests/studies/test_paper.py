@@ -18,6 +18,7 @@ def test_every_figure_is_drawn_once(tmp_path):
     assert all(path.stat().st_size > 5000 for path in paths)
 
 
+@pytest.mark.full
 def test_claims_are_judged_with_numbers():
     from optid.armax.plan import Plan
     from optid.armax.survey import survey

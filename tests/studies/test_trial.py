@@ -159,6 +159,7 @@ def stribeck():
     return record(case(hidden), 2.0)
 
 
+@pytest.mark.full
 def test_a_refit_absorbs_what_a_parameter_can_do(stribeck):
     one = stribeck.case
     found = trace(stribeck, replace(one, base={**one.base, "viscous": 1.1 * one.base["viscous"]}))

@@ -222,6 +222,7 @@ def test_difficult_models_are_tuned_with_a_warning(tmp_path):
     assert any("unstable" in remark for remark in strict(tmp_path / "out" / "pid.json")["remarks"])
 
 
+@pytest.mark.full
 def test_a_sensitivity_nobody_asked_for_stops_nothing(tmp_path):
     """A fast unstable pole behind a delay: no loop can be as calm as the default wants."""
     path = written(tmp_path / "m.json", Armax((1.0, -1.25), ((0.1,),), nk=(3,), sample_time=T), "level")
