@@ -28,7 +28,7 @@ from optid.effects.library import admitted
 from optid.estimation.multistep import multistep_at
 from optid.rigs.rigfile import with_effects
 
-SCHEMA = "optid.checkpoint/1"
+SCHEMA = "optid.checkpoint/2"
 
 
 @dataclass(frozen=True)

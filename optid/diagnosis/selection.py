@@ -156,12 +156,7 @@ def _round(
     # Beside a model that is good to the noise a linear step tells, and its own quiet filter; elsewhere neither does.
     entrants, level = (problem.options.entrants, current.fit.level) if near else (None, QUIET)
     proposals = propose(current, effects, problem, starts, entrants=entrants, level=level)
-    o, least = problem.options, min((one.loss for one in proposals.ranked), default=0.0)
-    few = [one for one in proposals.ranked[: o.contenders] if one.loss <= o.near * least]
-    # A loss goes with the square of the error: who took half the smallest gain's share in the race does not reach it in
-    # full. The first is fitted anyway, as the test asks whether it gains anything.
-    most = 1.0 - problem.criteria.smallest_gain
-    few = [one for k, one in enumerate(few) if k == 0 or one.loss <= most * one.alone]
+    few = worth_fitting(proposals.ranked, near, problem)
     problem.report(Stage.SELECTION, f"fitting {', '.join(one.effect.name for one in few)}")
     fitted = parallel_map(partial(contend, current, first, before, problem, len(effects)), few)
     contenders = sorted(
@@ -170,6 +165,18 @@ def _round(
     )
     taken = next((one for one in contenders if not one.why), None)
     return Round(current, proposals, tuple(contenders), taken)
+
+
+def worth_fitting(ranked: Sequence[Proposal], near: bool, problem: DiagnosisProblem) -> list[Proposal]:
+    """Proposals to fit in full, given whether they come to a model that is good to the noise."""
+    o, least = problem.options, min((one.loss for one in ranked), default=0.0)
+    few = [one for one in ranked[: o.contenders] if one.loss <= o.near * least]
+    if not near:
+        return few
+    # A loss goes with the square of the error: who took half the smallest gain's share in the race does not reach it in
+    # full. The first is fitted anyway, as the test asks whether it gains anything.
+    most = 1.0 - problem.criteria.smallest_gain
+    return [one for k, one in enumerate(few) if k == 0 or one.loss <= most * one.alone]
 
 
 def contend(
@@ -181,15 +188,24 @@ def contend(
     one: Proposal,
 ) -> Contender | None:
     """A proposal fitted in full and validated; ``None`` where the simulation diverges."""
+    model = fit_proposal(current, problem, one)
+    if model is None:
+        return None
     with contextlib.suppress(SolveError):
-        effects, q = (*current.effects, one.effect), one.likelihood_problem
-        fits = [fit_model(problem, effects, q.rig, q, p, level=current.fit.level) for p in _starts(one)]
-        model = min(fits, key=lambda each: each.fit.loss)
         validated = cross_validate(model, problem)
         size = one.effect.size(model.own_values(one.effect))
         why = rejection_reason(one.effect, size, first, before, validated, problem.criteria, tried)
         return Contender(one.effect, model, validated, why)
     return None
+
+
+def fit_proposal(current: FittedModel, problem: DiagnosisProblem, one: Proposal) -> FittedModel | None:
+    """A proposal fitted in full from each of its starts, the better one; ``None`` where all diverge."""
+    effects, q, fits = (*current.effects, one.effect), one.likelihood_problem, []
+    for p in _starts(one):
+        with contextlib.suppress(SolveError):
+            fits.append(fit_model(problem, effects, q.rig, q, p, level=current.fit.level))
+    return min(fits, key=lambda each: each.fit.loss, default=None)
 
 
 def _starts(one: Proposal) -> list[Array]:

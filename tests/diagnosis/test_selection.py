@@ -1,0 +1,44 @@
+"""Selection: who is fitted in full, and from where."""
+
+from types import SimpleNamespace
+
+import numpy as np
+
+from optid.diagnosis import selection
+from optid.diagnosis.criteria import Criteria, SearchOptions
+from optid.diagnosis.selection import fit_proposal, worth_fitting
+from optid.errors import SolveError
+
+
+def proposal(loss, alone=100.0, start=0.0, p=1.0):
+    q = SimpleNamespace(rig=None)
+    return SimpleNamespace(
+        effect="e", likelihood_problem=q, start=np.array([start]), p=np.array([p]), loss=loss, alone=alone
+    )
+
+
+def test_who_gains_too_little_is_not_fitted_beside_a_model_at_the_noise_alone():
+    problem = SimpleNamespace(options=SearchOptions(), criteria=Criteria())
+    ranked = [proposal(98.0), proposal(99.0), proposal(101.0)]
+    assert worth_fitting(ranked, True, problem) == ranked[:1]
+    # Elsewhere the race goes under other gains than those of the model alone: the two losses do not compare.
+    assert worth_fitting(ranked, False, problem) == ranked
+    far = [proposal(10.0), proposal(29.0), proposal(31.0)]
+    assert worth_fitting(far, False, problem) == far[:2]
+
+
+def test_a_contender_is_fitted_from_both_starts_and_lives_if_one_diverges(monkeypatch):
+    losses = {0.0: 5.0, 1.0: 7.0}
+
+    def fit(problem, effects, rig, q, p, *, level):
+        if losses[float(p[0])] is None:
+            raise SolveError("diverged")
+        return SimpleNamespace(p=p, fit=SimpleNamespace(loss=losses[float(p[0])]))
+
+    monkeypatch.setattr(selection, "fit_model", fit)
+    current = SimpleNamespace(effects=(), fit=SimpleNamespace(level=-2.0))
+    assert fit_proposal(current, None, proposal(1.0)).fit.loss == 5.0
+    losses[1.0] = None
+    assert fit_proposal(current, None, proposal(1.0)).fit.loss == 5.0
+    losses[0.0] = None
+    assert fit_proposal(current, None, proposal(1.0)) is None
