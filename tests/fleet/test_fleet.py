@@ -28,7 +28,7 @@ if words[0] == "fit":
 elif words[:2] == ["fleet", "test"]:
     night = Path(words[3])
     day, rig = int(night.stem[-2:]), night.parent.name
-    noise = random.Random(str(night))
+    noise = random.Random(f"{rig} {night.stem}")
     one = {"value": noise.gauss(0.0, 1e-3) + (0.02 * max(0, day - 6) if rig == "r2" else 0.0), "sd": 1e-3, "unit": "1"}
     other = {"value": noise.gauss(75.0, 0.1), "sd": 0.1, "unit": "N"}
     leave("test.json", json.dumps({"quantities": {"valve_deadband.width": one, "coulomb_friction": other}}))
