@@ -28,7 +28,7 @@ from optid.effects.library import admitted
 from optid.estimation.multistep import multistep_at
 from optid.rigs.rigfile import with_effects
 
-SCHEMA = "optid.checkpoint/2"
+SCHEMA = "optid.checkpoint/3"
 
 
 @dataclass(frozen=True)
@@ -157,9 +157,8 @@ def _errors_from(rows: list[list[float | None]]) -> Validated:
 def _round(one: Round) -> dict[str, Any]:
     return {
         "model": _model(one.model),
-        "ranked": [
-            [p.effect.name, p.start.tolist(), p.p.tolist(), p.loss, p.alone] for p in one.proposals.ranked
-        ],
+        "ranked": [[p.effect.name, p.start.tolist(), p.p.tolist(), p.loss] for p in one.proposals.ranked],
+        "alone": one.proposals.alone,
         "visible": dict(one.proposals.visible),
         "contenders": [
             {"effect": c.effect.name, "model": _model(c.model), "errors": _errors(c.validated), "why": c.why}
@@ -191,12 +190,13 @@ class _Reader:
     def round(self, document: Mapping[str, Any]) -> Round:
         current = self.model(document["model"])
         ranked = []
-        for name, start, p, loss, alone in document["ranked"]:
+        for name, start, p, loss in document["ranked"]:
             q = self.problem.likelihood_problem(with_effects(current.rig, (self.effects[name],), {}))
-            ranked.append(Proposal(self.effects[name], q, np.array(start), np.array(p), loss, alone))
+            ranked.append(Proposal(self.effects[name], q, np.array(start), np.array(p), loss))
         contenders = tuple(
             Contender(self.effects[c["effect"]], self.model(c["model"]), _errors_from(c["errors"]), c["why"])
             for c in document["contenders"]
         )
         taken = None if document["taken"] is None else contenders[document["taken"]]
-        return Round(current, Proposals(tuple(ranked), document["visible"]), contenders, taken)
+        proposals = Proposals(tuple(ranked), document["visible"], document["alone"])
+        return Round(current, proposals, contenders, taken)

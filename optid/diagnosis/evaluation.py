@@ -12,21 +12,19 @@ from optid.core.ddf2 import REACH2
 from optid.core.model import Array, Model
 from optid.core.recording import Recording
 from optid.core.simulation import simulate
-from optid.estimation.initial_gaussian_sum import Known, first_look
 from optid.estimation.likelihood import (
     QUIET,
     WHOLE,
     Filtered,
     Noise,
-    Start,
     deviance,
     run_filter,
     run_fixed_gain_filter,
-    start_of,
 )
 from optid.estimation.likelihood_point import LikelihoodProblem
 from optid.estimation.multistep import window_starts
-from optid.estimation.prediction import window_seconds
+from optid.estimation.objective import objective_of
+from optid.estimation.prediction import PROCESS_NOISE, predict_windows, window_seconds
 from optid.estimation.problem import Booleans, Integers, Problem, build_problem
 from optid.estimation.result import Score
 
@@ -93,12 +91,10 @@ def open_variance(q: LikelihoodProblem, p: Array, noise: Noise, length: float) -
     """Variance by which windows must err beside the noise, (samples, outputs); 0 where unknown."""
     whole = q.problem
     cut = cut_into(whole, length)
-    known = Known(whole, start_of(q.model, p[None], len(whole.begins)))
     Q, R = noise.spectrum(len(q.model.states))[None], noise.measurement[None]
     f = run_filter(q.model, whole, p[None], Q, R, keep=True)
-    windows = _windows(q.model, p, whole, cut, f.states[0])
     square = _setting_errors(q, p, whole, f, length) ** 2 + _start_errors(
-        q.model, p, noise, whole, cut, known, f.states[0], windows
+        q.model, p, noise, whole, cut, f.states[0]
     )
     owner = np.repeat(whole.recording, whole.counts + 1)
     return np.nan_to_num(_by_block(square, _blocks(owner, whole.time, length)))
@@ -134,14 +130,13 @@ def _blocks(owner: Integers, time: Array, length: float) -> Integers:
 
 
 def evaluate(q: LikelihoodProblem, p: Array, noise: Noise, recordings: Sequence[Recording]) -> Evaluation:
-    """Filter recordings with fixed parameters and predict their windows, each from what was read before it."""
+    """Filter recordings with fixed parameters, and predict their windows as `predict` does for every command."""
     model = q.model
     length = max(window_seconds(recording.interval) for recording in recordings)
     problem, cut = build_problem(model, recordings, WHOLE), build_problem(model, recordings, length)
-    known = first_look(model, problem, cut, p, noise)
     Q, R = noise.spectrum(len(model.states))[None], noise.measurement[None]
-    f = run_filter(model, known.pieces, p[None], Q, R, keep=True, start=known.start)
-    windows = _windows(model, p, problem, cut, f.states[0])
+    f = run_filter(model, problem, p[None], Q, R, keep=True)
+    windows = predict_windows(objective_of(q.rig, (), cut)[0], p, PROCESS_NOISE * model.scales)
     outputs = [(j, port) for j, port in enumerate(model.outputs) if np.isfinite(problem.measured[:, j]).any()]
     scores = {port.role: Score.of(problem.measured[:, j], windows[:, j], port.unit) for j, port in outputs}
     owner = np.repeat(problem.recording, problem.counts + 1)
@@ -149,7 +144,7 @@ def evaluate(q: LikelihoodProblem, p: Array, noise: Noise, recordings: Sequence[
     z = f.innovations[0] / np.sqrt(f.variances[0])
     each = deviance(f.innovations[0], f.variances[0])
     square = _setting_errors(q, p, problem, f, length) ** 2 + _start_errors(
-        model, p, noise, problem, cut, known, f.states[0], windows
+        model, p, noise, problem, cut, f.states[0]
     )
     predicted = _predicted(problem, cut)
     # Where a prediction diverges nothing excuses it: its error is not finite, and so is no claim that rests on it.
@@ -250,38 +245,22 @@ def _predicted(whole: Problem, cut: Problem) -> Booleans:
     return known
 
 
-def _start_errors(
-    model: Model,
-    p: Array,
-    noise: Noise,
-    whole: Problem,
-    cut: Problem,
-    known: Known,
-    states: Array,
-    windows: Array,
-) -> Array:
+def _start_errors(model: Model, p: Array, noise: Noise, whole: Problem, cut: Problem, states: Array) -> Array:
     """What windows miss, squared, where their starts are as uncertain as noise alone leaves them, (samples, outputs).
 
     The covariance at a start is that of a model which lacks nothing: with process noise, what is missing would count as
-    uncertain. What a filter knows that begins anew was found under the model's own; so what one knows counts as well
-    that follows the recording from its beginning without, where that leaves less open. The mean of the squares over a
-    covariance is taken by sigma points, as the filter takes means.
+    uncertain. The mean of the squares over a covariance is taken by sigma points, as the filter takes means.
     """
     Q, R = np.full((1, len(model.states)), QUIET**2), noise.measurement[None]
-    heads = np.isin(known.pieces.begins, whole.begins)
-    begun = Start(known.start.mean[:, heads], known.start.covariance[:, heads])
-    least = np.full_like(windows, np.inf)
-    ways = [(known.pieces, known.start)] + ([] if heads.all() else [(whole, begun)])
-    for pieces, start in ways:
-        f = run_filter(model, pieces, p[None], Q, R, covariances=True, start=start)
-        covariance = f.covariances[0, cut.begins] / np.outer(model.scales, model.scales)
-        values, vectors = np.linalg.eigh(np.nan_to_num(covariance))
-        roots = vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :] * model.scales[:, None]
-        square = np.zeros_like(windows)
-        for k in range(len(model.states)):
-            for side in (1.0, -1.0):
-                moved = states.copy()
-                moved[cut.begins] += side * math.sqrt(REACH2) * roots[:, :, k]
-                square += (_windows(model, p, whole, cut, moved) - windows) ** 2 / (2.0 * REACH2)
-        least = np.minimum(least, square)
-    return least
+    f = run_filter(model, whole, p[None], Q, R, covariances=True)
+    covariance = f.covariances[0, cut.begins] / np.outer(model.scales, model.scales)
+    values, vectors = np.linalg.eigh(np.nan_to_num(covariance))
+    roots = vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :] * model.scales[:, None]
+    windows = _windows(model, p, whole, cut, states)
+    square = np.zeros_like(windows)
+    for k in range(len(model.states)):
+        for side in (1.0, -1.0):
+            moved = states.copy()
+            moved[cut.begins] += side * math.sqrt(REACH2) * roots[:, :, k]
+            square += (_windows(model, p, whole, cut, moved) - windows) ** 2 / (2.0 * REACH2)
+    return square

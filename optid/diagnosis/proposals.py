@@ -48,7 +48,7 @@ class Proposal:
         likelihood_problem: of the model with it.
         start: all parameters where a linear step had them; under gains of its own a race may lead them astray.
         p: all parameters where the race ended.
-        loss: Huber's, of windows' errors; `alone` that of the model without it, over the same data.
+        loss: Huber's, of windows' errors.
     """
 
     effect: Effect
@@ -56,7 +56,6 @@ class Proposal:
     start: Array
     p: Array
     loss: float
-    alone: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,10 +66,12 @@ class Proposals:
         ranked: the most promising first, each effect once.
         visible: sd by which windows' errors would change, after a refit, with an effect of the smallest size worth a
             name, each window counting once; by the effect's name; 0 where nothing would change.
+        alone: loss of the model without any of them, after as many steps over the same windows.
     """
 
     ranked: tuple[Proposal, ...]
     visible: Mapping[str, float]
+    alone: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,10 +168,8 @@ def propose(
         advanced = parallel_map(partial(_advance, problem, steps, over, resets, level), running)
         # The first goes on: under gains of its own a law may need more than a leg to be where a linear say had it.
         running = [*advanced[:1], *keep_best(advanced[1:], most - 1, alike)]
-    (z,) = innovations(q, current.p[None], q.model, current.fit.filtered, resets=resets)
-    alone = 0.5 * float(huber(z).sum())
-    running = [replace(one, alone=alone) for one in running]
-    return Proposals(tuple(keep_best(running, len(running), 1)), visible)
+    _, alone = _moved(problem, q, current.p, sum(steps for steps, *_ in race), None, resets, level)
+    return Proposals(tuple(keep_best(running, len(running), 1)), visible, alone)
 
 
 def keep_best(running: Sequence[Tried], most: int, alike: int) -> list[Tried]:
@@ -303,7 +302,7 @@ def _tried(
     seen = innovations(q, P, current.likelihood_problem.model, origin.held, only, resets)
     losses = 0.5 * huber(seen).sum(axis=1)
     best = int(np.argmin(losses))
-    return Proposal(led.effect, q, P[best], P[best], float(losses[best]), origin.loss)
+    return Proposal(led.effect, q, P[best], P[best], float(losses[best]))
 
 
 def _missed(current: FittedModel) -> tuple[list[Array], float]:
@@ -359,15 +358,26 @@ def _advance(
     level: float,
     one: Proposal,
 ) -> Proposal:
-    """The same some steps further under gains of its own; lost where the simulation diverges."""
-    if problem.budget.is_over:
-        return replace(one, loss=math.inf)
-    q = one.likelihood_problem
-    held = quiet_filter(q, one.p, only, level)
+    """The same some steps further; lost where the simulation diverges."""
+    p, loss = _moved(problem, one.likelihood_problem, one.p, steps, only, resets, level)
+    return replace(one, p=p, loss=loss)
+
+
+def _moved(
+    problem: DiagnosisProblem,
+    q: LikelihoodProblem,
+    p: Array,
+    steps: int,
+    only: Sequence[int] | None,
+    resets: Booleans,
+    level: float,
+) -> tuple[Array, float]:
+    """Parameters some Gauss-Newton steps further under gains of their own, and the loss there."""
+    held = None if problem.budget.is_over else quiet_filter(q, p, only, level)
     if held is None:
-        return replace(one, loss=math.inf)
+        return p, math.inf
     try:
-        fit = fixed_gain_fit(q, one.p, q.model, held, steps, only, resets)
+        fit = fixed_gain_fit(q, p, q.model, held, steps, only, resets)
     except SolveError:
-        return replace(one, loss=math.inf)
-    return replace(one, p=fit.p, loss=fit.loss)
+        return p, math.inf
+    return fit.p, fit.loss

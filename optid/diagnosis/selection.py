@@ -92,9 +92,7 @@ def select(base: FittedModel, problem: DiagnosisProblem) -> SelectionPath:
     first = cross_validate(base, problem)
     current, validated, rounds = base, first, []
     for depth in range(problem.criteria.most_effects):
-        if problem.budget.is_over or (
-            depth and validated.error_over_noise <= problem.criteria.error_over_noise
-        ):
+        if problem.budget.is_over:
             break
         problem.report(Stage.SELECTION, f"round {depth + 1}: which effects could it be")
         bent = validated.error_over_noise > problem.options.bent
@@ -156,7 +154,7 @@ def _round(
     # Beside a model that is good to the noise a linear step tells, and its own quiet filter; elsewhere neither does.
     entrants, level = (problem.options.entrants, current.fit.level) if near else (None, QUIET)
     proposals = propose(current, effects, problem, starts, entrants=entrants, level=level)
-    few = worth_fitting(proposals.ranked, near, problem)
+    few = worth_fitting(proposals, near, bool(current.effects), problem)
     problem.report(Stage.SELECTION, f"fitting {', '.join(one.effect.name for one in few)}")
     fitted = parallel_map(partial(contend, current, first, before, problem, len(effects)), few)
     contenders = sorted(
@@ -167,16 +165,16 @@ def _round(
     return Round(current, proposals, tuple(contenders), taken)
 
 
-def worth_fitting(ranked: Sequence[Proposal], near: bool, problem: DiagnosisProblem) -> list[Proposal]:
-    """Proposals to fit in full, given whether they come to a model that is good to the noise."""
-    o, least = problem.options, min((one.loss for one in ranked), default=0.0)
-    few = [one for one in ranked[: o.contenders] if one.loss <= o.near * least]
+def worth_fitting(found: Proposals, near: bool, named: bool, problem: DiagnosisProblem) -> list[Proposal]:
+    """Proposals to fit in full, given whether they come to a model at the noise, and whether it has a name already."""
+    o, least = problem.options, min((one.loss for one in found.ranked), default=0.0)
+    few = [one for one in found.ranked[: o.contenders] if one.loss <= o.near * least]
     if not near:
         return few
     # A loss goes with the square of the error: who took half the smallest gain's share in the race does not reach it in
-    # full. The first is fitted anyway, as the test asks whether it gains anything.
-    most = 1.0 - problem.criteria.smallest_gain
-    return [one for k, one in enumerate(few) if k == 0 or one.loss <= most * one.alone]
+    # full. Beside no name the first is fitted anyway, as the test asks whether it gains anything.
+    most = (1.0 - problem.criteria.smallest_gain) * found.alone
+    return [one for k, one in enumerate(few) if one.loss <= most or (k == 0 and not named)]
 
 
 def contend(

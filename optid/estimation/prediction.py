@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -149,23 +149,42 @@ def _predict(
     o: Objective, p: Array, q: Array
 ) -> tuple[Array, Array, tuple[tuple[float, Mapping[str, float]], ...]]:
     b = o.problem
-    free_run, windows = np.full_like(b.measured, np.nan), np.full_like(b.measured, np.nan)
-    heads, begun = np.flatnonzero(o.heads), []
-    for head, stop in zip(heads, [*heads[1:], len(b.begins)], strict=True):
-        part = _segment(o, int(head), int(stop))
-        guessed = guess(part.model, part.problem, p)
-        at = Point(np.where(np.isfinite(guessed), guessed, o.start), p)
-        offset = int(b.begins[head])
+    free_run, begun = np.full_like(b.measured, np.nan), []
+    for offset, part, at in _stretches(o, p):
         total = int(part.problem.begins[-1] + part.problem.counts[-1])
         start = _first_state(part, at, q)
         run = simulate(o.model, p, start, part.problem.dt, part.problem.inputs)
         free_run[offset : offset + total + 1] = run.outputs[0]
         state = {one.name: float(x) for one, x in zip(o.model.states, start, strict=True)}
         begun.append((float(b.time[offset]), state))
+    return free_run, predict_windows(o, p, q), tuple(begun)
+
+
+def predict_windows(o: Objective, p: Array, q: Array) -> Array:
+    """Predictions over the windows of a problem, each from what was read before it, (samples, outputs).
+
+    NaN in the first window of a stretch, before which nothing was read.
+
+    Args:
+        o: windows and how outputs are weighted.
+        p: parameters, (parameters,).
+        q: process noise, sd per window and state, SI.
+    """
+    windows = np.full_like(o.problem.measured, np.nan)
+    for offset, part, at in _stretches(o, p):
         for w, begin, count, outputs in _windows(part, at, q):
             keep = count + 1 if w == len(part.problem.begins) - 1 else count
             windows[offset + begin : offset + begin + keep] = outputs[:keep]
-    return free_run, windows, tuple(begun)
+    return windows
+
+
+def _stretches(o: Objective, p: Array) -> Iterator[tuple[int, Objective, Point]]:
+    """Stretches between which nothing is carried: first sample, windows, and a guess of the states at their starts."""
+    heads = np.flatnonzero(o.heads)
+    for head, stop in zip(heads, [*heads[1:], len(o.problem.begins)], strict=True):
+        part = _segment(o, int(head), int(stop))
+        guessed = guess(part.model, part.problem, p)
+        yield int(o.problem.begins[head]), part, Point(np.where(np.isfinite(guessed), guessed, o.start), p)
 
 
 def _segment(o: Objective, head: int, stop: int) -> Objective:
@@ -255,6 +274,11 @@ def _annealed(o: Objective, at: Point, q: Array) -> tuple[Point, Terms]:
     for looser in LOOSER:
         level = np.maximum(q, looser * o.model.scales)
         at, terms, _ = descend(o, at, level, iterations=30, precision=1e-4, terms=terms)
+    return _tight(o, at, q, terms)
+
+
+def _tight(o: Objective, at: Point, q: Array, terms: Terms | None = None) -> tuple[Point, Terms]:
+    """From a start that is near: the window before carried most of it here."""
     at, terms, _ = descend(o, at, q, iterations=30, precision=1e-6, terms=terms)
     return at, terms
 
@@ -269,8 +293,8 @@ def _windows(o: Objective, at: Point, q: Array) -> list[tuple[int, int, int, Arr
     for w in range(1, len(b.begins)):
         past = _past(o, first, w, mean, spread)
         try:
-            estimate = _best if first == 0 else _annealed
-            found, terms = estimate(past, Point(X[first:w], at.p), q)
+            near = Point(X[first:w], at.p)
+            found, terms = _best(past, near, q) if first == 0 else _tight(past, near, q)
             X[first:w], X[w] = found.X, terms.end[-1]
             if w - first >= MEMORY:
                 mean, spread = _arrival(past, found, terms, q)

@@ -215,14 +215,14 @@ def test_a_figure_that_is_not_finite_is_never_a_verdict(sound, tmp_path, monkeyp
     """A prediction that diverges on the hold-out stops the claim that the model is good to the noise."""
     from optid.diagnosis import evaluation
 
-    windows = evaluation._windows
+    windows = evaluation.predict_windows
 
     def diverges(*given):
         out = windows(*given)
         out[-50:] = np.nan
         return out
 
-    monkeypatch.setattr(evaluation, "_windows", diverges)
+    monkeypatch.setattr(evaluation, "predict_windows", diverges)
     found = asked(tmp_path)
     assert found.verdict is Verdict.UNEXPLAINED
     assert found.test.error_over_noise != found.test.error_over_noise  # NaN is handed on, not hidden

@@ -10,21 +10,27 @@ from optid.diagnosis.selection import fit_proposal, worth_fitting
 from optid.errors import SolveError
 
 
-def proposal(loss, alone=100.0, start=0.0, p=1.0):
+def proposal(loss, start=0.0, p=1.0):
     q = SimpleNamespace(rig=None)
     return SimpleNamespace(
-        effect="e", likelihood_problem=q, start=np.array([start]), p=np.array([p]), loss=loss, alone=alone
+        effect="e", likelihood_problem=q, start=np.array([start]), p=np.array([p]), loss=loss
     )
 
 
-def test_who_gains_too_little_is_not_fitted_beside_a_model_at_the_noise_alone():
+def test_who_gains_too_little_is_not_fitted_beside_a_model_at_the_noise():
     problem = SimpleNamespace(options=SearchOptions(), criteria=Criteria())
+
+    def worth(ranked, near, named=False):
+        return worth_fitting(SimpleNamespace(ranked=ranked, alone=100.0), near, named, problem)
+
     ranked = [proposal(98.0), proposal(99.0), proposal(101.0)]
-    assert worth_fitting(ranked, True, problem) == ranked[:1]
+    assert worth(ranked, True) == ranked[:1]  # the test asks whether the best one gains anything
+    assert worth(ranked, True, named=True) == []
+    assert worth([proposal(95.0), *ranked], True, named=True)[1:] == []
     # Elsewhere the race goes under other gains than those of the model alone: the two losses do not compare.
-    assert worth_fitting(ranked, False, problem) == ranked
+    assert worth(ranked, False) == ranked
     far = [proposal(10.0), proposal(29.0), proposal(31.0)]
-    assert worth_fitting(far, False, problem) == far[:2]
+    assert worth(far, False) == far[:2]
 
 
 def test_a_contender_is_fitted_from_both_starts_and_lives_if_one_diverges(monkeypatch):
