@@ -112,9 +112,15 @@ def select(base: FittedModel, problem: DiagnosisProblem) -> SelectionPath:
         current, validated = one.taken.model, one.taken.validated
     path = SelectionPath(base, current, first, validated, tuple(rounds), ended_early=problem.budget.is_over)
     path = _backward(path, problem)
-    if len(path.best.effects) > 1 and not problem.budget.is_over:
-        path = _first_swapped(path, problem)
-    return path
+    return _first_swapped(path, problem) if _first_is_open(path, problem) else path
+
+
+def _first_is_open(path: SelectionPath, problem: DiagnosisProblem) -> bool:
+    """Whether the first of several effects was chosen while others were missing, too."""
+    if len(path.best.effects) < 2 or problem.budget.is_over:
+        return False
+    first = next(one.taken for one in path.rounds if one.taken is not None)
+    return first.validated.error_over_noise > problem.criteria.error_over_noise
 
 
 def _as_stated(model: FittedModel, problem: DiagnosisProblem) -> Array:
