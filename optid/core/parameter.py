@@ -7,6 +7,26 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
+class Nuisance:
+    """How a parameter that nobody asks for is freed beside those that are.
+
+    Attributes
+    ----------
+    low, high : float
+        between these it is a matter of the law; beyond them it is physics worth a name.
+    sd : float | None
+        of what is known before, about the stated or default value; ``None``: nothing.
+    by_filter : bool
+        freed where fits are by filter only: a smoother of short recordings loses its way in it.
+    """
+
+    low: float = -math.inf
+    high: float = math.inf
+    sd: float | None = None
+    by_filter: bool = False
+
+
+@dataclass(frozen=True)
 class Parameter:
     """A named physical constant of a plant or an effect; every number is in SI units.
 
@@ -36,6 +56,8 @@ class Parameter:
         nature's; what that changes is no mark against a model.
     starts : tuple[float, ...]
         values at which searches begin, one after the other; the stated or default one if empty.
+    nuisance : Nuisance | None
+        how fits free it unless the rig file states it; ``None``: they do not.
     """
 
     name: str
@@ -49,6 +71,7 @@ class Parameter:
     fitted: bool = True
     leeway: float = 0.0
     starts: tuple[float, ...] = ()
+    nuisance: Nuisance | None = None
 
     def __post_init__(self) -> None:
         low, high = self.bounds

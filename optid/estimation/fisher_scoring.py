@@ -37,7 +37,7 @@ def likelihood_problem(
     With `misfit`, by role, the model is asked for a simulation: no state carries any, and it counts as the
     measurement's noise.
     """
-    o, _ = objective_of(rig, with_nuisance_parameters(rig, contact=True), problem)
+    o, _ = objective_of(rig, with_nuisance_parameters(rig, by_filter=True), problem)
     names = None if plain is None else [state.name for state in plain.states]
     typical = [
         rig.model.parameters[i].typical if "." in rig.model.parameters[i].name else size

@@ -11,7 +11,7 @@ import numpy as np
 from optid.core.model import Array
 from optid.core.recording import Recording
 from optid.estimation.initial_trajectory import guess
-from optid.estimation.objective import NUISANCE, objective_of, window_length, with_nuisance_parameters
+from optid.estimation.objective import objective_of, window_length, with_nuisance_parameters
 from optid.estimation.problem import build_problem
 from optid.estimation.smoother import Objective, Point, Terms, descend, evaluate, settled_system
 from optid.rigs.rigfile import Rig
@@ -63,6 +63,7 @@ def find_ties(o: Objective, at: Point, t: Terms, q: Array, held: Any) -> Colline
     changes nothing, and what is known of their size is what is assumed of the pressures at the start.
     """
     names = [o.model.parameters[i].name for i in o.free]
+    unasked = {one.name for one in o.model.parameters if one.nuisance is not None}
     matrix = information(o, at, t, q)
     own = np.sqrt(np.maximum(np.diag(matrix), 0.0))
     idle = tuple(n for n, a, h in zip(names, own, held, strict=True) if a * MUTE < 1.0 and not h)
@@ -75,7 +76,7 @@ def find_ties(o: Objective, at: Point, t: Terms, q: Array, held: Any) -> Colline
         together = [names[i] for i in members]
         if sd > MUTE:
             mute[members] = True
-        if NUISANCE.keys() >= set(together):
+        if unasked >= set(together):
             continue  # nobody asked how friction rests, and it is kept apart from the rest
         if sd > MUTE:
             sentences.append(_in_words(together, vector[members]))

@@ -21,7 +21,7 @@ from optid.estimation.covariance import covariance
 from optid.estimation.identifiability import Collinearity, examine, find_ties
 from optid.estimation.initial_trajectory import guess
 from optid.estimation.noise_continuation import TIGHT, Pace, Solution, anneal, tightened
-from optid.estimation.objective import LEAST, objective_of, window_length, with_nuisance_parameters
+from optid.estimation.objective import objective_of, window_length, with_nuisance_parameters
 from optid.estimation.problem import Booleans, build_problem
 from optid.estimation.result import Certificate, Estimate, Fit, Outcome
 from optid.estimation.smoother import Objective, Point, Terms, Watch, settled_system
@@ -276,9 +276,8 @@ def _without_floors(o: Objective, best: Solution, bound: Booleans, fixed: Boolea
     Friction that truly sticks drives the elastic motion before it slides to the least that is simulated, and what
     is left of it biases the rest in proportion (viscous friction by 0.1 % at 2 um): the first-order step to zero.
     """
-    names = [o.model.parameters[i].name for i in o.free]
-    at_floor = [bool(bound[k]) and o.low[k] == LEAST.get(name) for k, name in enumerate(names)]
-    floors = np.flatnonzero(at_floor)
+    least = [n.low if (n := o.model.parameters[i].nuisance) is not None else math.nan for i in o.free]
+    floors = np.flatnonzero(bound & (o.low == least))
     moved = np.zeros(len(o.free))
     kept = np.flatnonzero(~(bound | fixed))
     if not len(floors) or not len(kept):

@@ -19,41 +19,22 @@ WINDOW = 0.25  # s between nodes; long against friction's microseconds, short ag
 # Local error of the integration as a share of each state's usual size: 0.01 micrometre of position, and a cost
 # that is smooth to 0.001; at 1e-5 its roughness of about 1 keeps the last iterations busy and saves no time.
 SOLVER = 1e-6
-CONTACT_LENGTH = "presliding_length"
-# Freed with the rest unless the rig file states them, with the sd of what is known before: friction at rest, and
-# the fraction of a sample that lies between a card's channels.
-NUISANCE = {
-    CONTACT_LENGTH: None,
-    "presliding_shape": None,
-    "friction_width": None,
-    "sampling_skew": 2e-4,
-}
-# Freed as well where fits are by filter: a smoother of short recordings loses its way in them (one fit in five of 4 s).
-CONTACT = {"bristle_damping": 5e-3, "bristle_fading": None}
-# Contacts that give by more than this before they slide are physics worth a name, not a nuisance; less than the least
-# costs searches twice the time, as the equations at rest become stiff (see `stiffest`).
-LEAST = {CONTACT_LENGTH: 2e-6, "bristle_fading": 2e-3}
-MOST = {CONTACT_LENGTH: 6e-5, "bristle_damping": 2e-2, "bristle_fading": 0.5}
 
 
-def with_nuisance_parameters(rig: Rig, *, contact: bool = False) -> tuple[Freed, ...]:
-    """What the fit moves: the rig's [fit] table, and friction at rest where the file does not state it.
+def with_nuisance_parameters(rig: Rig, *, by_filter: bool = False) -> tuple[Freed, ...]:
+    """What the fit moves: the rig's [fit] table, and what its plant frees beside that where the file does not state it.
 
-    With `contact` also how the elastic motion before sliding is damped.
+    `by_filter` frees also what only a filter's fit can.
     """
-    freed, nuisance = list(rig.freed), NUISANCE | (CONTACT if contact else {})
-    names = {f.name for f in freed}
-    freed += [
-        Freed(
-            parameter.name,
-            max(parameter.bounds[0], LEAST.get(parameter.name, -math.inf)),
-            min(parameter.bounds[1], MOST.get(parameter.name, math.inf)),
-            nuisance[parameter.name],
-        )
-        for parameter in rig.model.parameters
-        if parameter.name in nuisance and parameter.name not in names | set(rig.parameters)
-    ]
-    return tuple(freed)
+    stated = {f.name for f in rig.freed} | set(rig.parameters)
+    return (
+        *rig.freed,
+        *(
+            Freed(one.name, max(one.bounds[0], n.low), min(one.bounds[1], n.high), n.sd)
+            for one in rig.model.parameters
+            if (n := one.nuisance) is not None and one.name not in stated and (by_filter or not n.by_filter)
+        ),
+    )
 
 
 def window_length(model: Model, recordings: Iterable[Recording]) -> float:
@@ -93,7 +74,8 @@ def objective_of(
 
 def _size(parameter: Parameter, value: float) -> float:
     """A parameter's usual size, of which searches take their steps."""
-    return parameter.typical if parameter.name in CONTACT else abs(value) or parameter.typical
+    n = parameter.nuisance
+    return parameter.typical if n is not None and n.by_filter else abs(value) or parameter.typical
 
 
 def _sd(rig: Rig, problem: Problem, output: int, role: str) -> float:

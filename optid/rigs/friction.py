@@ -11,7 +11,7 @@ from typing import Any
 
 import casadi as ca
 
-from optid.core.parameter import Parameter
+from optid.core.parameter import Nuisance, Parameter
 from optid.core.sheet import Sheet
 
 COULOMB_FRICTION = Parameter(
@@ -36,6 +36,8 @@ PRESLIDING_LENGTH = Parameter(
     # (optid/effects/catalogue/presliding.py) is a matter of the law.
     leeway=5e-6,
     starts=(2e-5, 3e-7),  # a contact that yields, and one that sticks
+    # Less costs searches twice the time, as the equations at rest become stiff (see `stiffest`).
+    nuisance=Nuisance(2e-6, 6e-5),
 )
 PRESLIDING_SHAPE = Parameter(
     "presliding_shape",
@@ -48,6 +50,7 @@ PRESLIDING_SHAPE = Parameter(
     0.0,
     (0.0, 1.0),
     starts=(0.0, 1.0),
+    nuisance=Nuisance(),
 )
 BRISTLE_LAG = Parameter(
     "bristle_lag",
@@ -67,6 +70,7 @@ BRISTLE_DAMPING = Parameter(
     2e-4,
     (0.0, 1.0),
     starts=(2e-4,),
+    nuisance=Nuisance(high=2e-2, sd=5e-3, by_filter=True),
 )
 BRISTLE_FADING = Parameter(
     "bristle_fading",
@@ -79,6 +83,7 @@ BRISTLE_FADING = Parameter(
     (1e-4, 1e3),
     logarithmic=True,
     starts=(0.02,),  # at its default the fading hardly shows
+    nuisance=Nuisance(2e-3, 0.5, by_filter=True),
 )
 # Dahl's law gives elastic energy back that true stick does not have; fits pay for it with viscous friction. What is
 # left of that when the contact is short and abrupt: studies/interval_coverage.py, mean error of 240 fits.
@@ -92,6 +97,7 @@ FRICTION_WIDTH = Parameter(
     3e-3,
     (1e-6, 1.0),
     logarithmic=True,
+    nuisance=Nuisance(),
 )
 
 

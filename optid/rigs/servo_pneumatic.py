@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 import casadi as ca
 
-from optid.core.parameter import Parameter
+from optid.core.parameter import Nuisance, Parameter
 from optid.core.sheet import Sheet
 from optid.core.smooth import signed_root, soft_floor
 from optid.rigs.friction import dry_friction
@@ -104,6 +104,7 @@ SAMPLING_SKEW = Parameter(
     "no card samples and writes at one instant; longer lags are physics",
     0.0,
     (-5e-4, 5e-4),
+    nuisance=Nuisance(sd=2e-4),
 )
 STOP_STIFFNESS = Parameter(
     "stop_stiffness",
