@@ -71,7 +71,7 @@ def _ten_entrants(*given: Any, **named: Any) -> Any:
 VARIANTS = {
     AS_IS: Variant("nothing"),
     "race": Variant("the linear step alone ranks effects", {"race": ()}),
-    "one leg": Variant("one leg of the race instead of two", {"race": ((2, 4, 1),)}),
+    "one leg": Variant("one leg of the race instead of two", {"race": ((2, 4),)}),
     "all branches": Variant(
         "10 branches race, wherever the base stands", {}, {(selection, "propose"): _ten_entrants}
     ),

@@ -127,7 +127,6 @@ def propose(
     effects: Sequence[Effect],
     problem: DiagnosisProblem,
     starts: Sequence[Array] = (),
-    race: Sequence[tuple[int, int, int]] = (),
     entrants: int | None = None,
     level: float = QUIET,
 ) -> Proposals:
@@ -138,13 +137,11 @@ def propose(
         effects: to try.
         problem: the recordings.
         starts: parameter vectors of the current model beside its own from which branches begin.
-        race: legs of the race, those of the problem's options if absent.
         entrants: branches at most that race from each start; all if absent. Far from the truth a linear step holds for
             none, and a right law may stand in the middle.
         level: of process noise of the filters under whose gains they race.
     """
     o, q = problem.options, current.likelihood_problem
-    race = race or o.race
     first = worst_recordings(current, problem)
     resets = window_starts(q.problem, o.short * problem.window)
     per_window = max(o.short * problem.window / float(np.median(q.problem.dt)), 1.0)
@@ -161,14 +158,14 @@ def propose(
         led = keep_best([one.led for one in branches if one.led is not None], len(branches), 1)
         running += parallel_map(partial(_tried, origin, current, first, resets), led)
     running = keep_best(running, entrants or len(running), len(starts) + 1)
-    for leg, (steps, most, alike) in enumerate(race):
+    for leg, (steps, most) in enumerate(o.race):
         if problem.budget.is_over:
             break
-        over = first if leg < len(race) - 1 else None
+        over = first if leg < len(o.race) - 1 else None
         advanced = parallel_map(partial(_advance, problem, steps, over, resets, level), running)
         # The first goes on: under gains of its own a law may need more than a leg to be where a linear say had it.
-        running = [*advanced[:1], *keep_best(advanced[1:], most - 1, alike)]
-    _, alone = _moved(problem, q, current.p, sum(steps for steps, *_ in race), None, resets, level)
+        running = [*advanced[:1], *keep_best(advanced[1:], most - 1, 1)]
+    _, alone = _moved(problem, q, current.p, sum(steps for steps, _ in o.race), None, resets, level)
     return Proposals(tuple(keep_best(running, len(running), 1)), visible, alone)
 
 

@@ -27,7 +27,8 @@ def test_what_a_linear_step_led_to_goes_on_though_its_own_gains_set_it_back(tmp_
     """The first of a race is ranked at the end of all legs, not at that of the first."""
     asked = problem_of(tmp_path, [recording(seed, f"{seed}.csv", dead_band) for seed in (1, 2)])
     base, asked = fit_base(asked)
-    effects, race = admitted(base.rig.model), ((1, 2, 1), (1, 2, 1))
+    asked = replace(asked, options=replace(asked.options, race=((1, 2), (1, 2))))
+    effects = admitted(base.rig.model)
     entered, advance = [], proposals._advance
 
     def noted(*given):
@@ -35,7 +36,7 @@ def test_what_a_linear_step_led_to_goes_on_though_its_own_gains_set_it_back(tmp_
         return advance(*given)
 
     monkeypatch.setattr(proposals, "_advance", noted)
-    propose(base, effects, asked, race=race)
+    propose(base, effects, asked)
     first = min(entered[: len(entered) - 2], key=lambda one: one.loss).effect
     legs = []
 
@@ -47,6 +48,6 @@ def test_what_a_linear_step_led_to_goes_on_though_its_own_gains_set_it_back(tmp_
         return found
 
     monkeypatch.setattr(proposals, "_advance", set_back)
-    ranked = propose(base, effects, asked, race=race).ranked
-    assert len(legs) == len(race)
+    ranked = propose(base, effects, asked).ranked
+    assert len(legs) == len(asked.options.race)
     assert first in [one.effect for one in ranked]

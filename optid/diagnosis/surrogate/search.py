@@ -74,7 +74,7 @@ def find_surrogate(
     likely = (sites[0], *_rivalling(sites, problem))
     problem.report(Stage.SURROGATE, "what describes the mismatch")
     forms = _forms(base, likely)
-    led = list(propose(base, forms, problem, race=problem.options.surrogate_race).ranked)
+    led = propose(base, forms, problem).ranked
     tried = len(forms)
     best = _best(base, first, led, problem, tried)
     if not _at_noise(best, problem):
@@ -82,7 +82,7 @@ def find_surrogate(
         best = min((one for one in (best, wave) if one is not None), key=_loss, default=None)
     if best is not None and not _at_noise(best, problem):
         more = fitting(base.rig, _variants(base, best.effect))
-        led = list(propose(base, more, problem, race=problem.options.surrogate_race).ranked) if more else []
+        led = propose(base, more, problem).ranked if more else ()
         other = _best(base, first, led, problem, tried + len(more))
         best = min((one for one in (best, other) if one is not None), key=_loss)
     return Surrogate(best, tuple(sites), likely)
@@ -129,7 +129,9 @@ def _waves(base: FittedModel, likely: Sequence[UnknownInput], problem: Diagnosis
 def _best(
     base: FittedModel, first: Validated, led: Sequence[Proposal], problem: DiagnosisProblem, tried: int
 ) -> Contender | None:
-    fitted = parallel_map(partial(contend, base, first, first, problem, tried), led)
+    fitted = parallel_map(
+        partial(contend, base, first, first, problem, tried), led[: problem.options.contenders]
+    )
     good = [one for one in fitted if one is not None and not one.why]
     return min(good, key=_loss, default=None)
 
