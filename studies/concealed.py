@@ -28,7 +28,7 @@ from studies.trial.board import beside
 from studies.trial.case import KINDS
 from studies.trial.drawing import Order, draw
 from studies.trial.page import page
-from studies.trial.running import METHODS, Ran, run
+from studies.trial.running import METHODS, CaseRun, run
 from studies.trial.scoring import score
 
 
@@ -107,7 +107,7 @@ def main() -> None:
             print(f"written to {asked.out}, its figures to {board}")
 
 
-def say(name: str, ran: Ran) -> None:
+def say(name: str, ran: CaseRun) -> None:
     """A line for a case that ended."""
     how = (
         "late" if ran.status is None else "done" if ran.status == 0 else f"failed: {ran.said.strip()[-200:]}"

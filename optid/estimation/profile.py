@@ -139,7 +139,9 @@ def profile(
     )
     curved, sd = _curved(o, best, terms, fit, k), math.sqrt(fit.covariance[k, k])
     limit = float(special.chdtri(1, 0.05))
-    walk = _Walk(o, q, k, STRIDE * math.sqrt(limit) * sd, BEYOND * limit * (sd / curved) ** 2, progress)
+    walk = _ProfilePath(
+        o, q, k, STRIDE * math.sqrt(limit) * sd, BEYOND * limit * (sd / curved) ** 2, progress
+    )
     middle = (float(best.p[o.free[k]]), terms.cost, best.p)
     down, up = (_follow(walk, best, terms.cost, way) for way in (-1, 1))
     rows = [*reversed(down), middle, *up]
@@ -190,7 +192,7 @@ def _curved(o: Objective, best: Point, terms: Terms, fit: Fit, k: int) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class _Walk:
+class _ProfilePath:
     """What both sides of a walk share: parameter number `k`, its step, and the rise of the cost that ends it."""
 
     o: Objective
@@ -204,7 +206,7 @@ class _Walk:
 Row = tuple[float, float, Array]  # value, cost, all parameters
 
 
-def _follow(walk: _Walk, at: Point, lowest: float, way: int) -> list[Row]:
+def _follow(walk: _ProfilePath, at: Point, lowest: float, way: int) -> list[Row]:
     """Away from the best in one direction, each point started from the one before it."""
     o, k, rows = walk.o, walk.k, list[Row]()
     begin, before = float(at.p[o.free[k]]), at
@@ -236,7 +238,7 @@ def _ahead(o: Objective, at: Point, before: Point, k: int, value: float) -> Poin
     return Point(at.X + share * (at.X - before.X), p)
 
 
-def _fixed(walk: _Walk, start: Point, value: float) -> tuple[Point, float]:
+def _fixed(walk: _ProfilePath, start: Point, value: float) -> tuple[Point, float]:
     """The rest fitted with the parameter at a value."""
     low, high = walk.o.low.copy(), walk.o.high.copy()
     low[walk.k] = high[walk.k] = value

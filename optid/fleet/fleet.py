@@ -13,7 +13,7 @@ from optid.errors import InputError
 from optid.fleet.fleetfile import Fleet, Nightly, read_fleet
 from optid.fleet.job import Job
 from optid.fleet.nights import by_rig, diagnoses, fits, night_tests
-from optid.fleet.running import Ran, run_jobs
+from optid.fleet.running import RowResult, run_jobs
 from optid.report.bundle import write_library
 
 if TYPE_CHECKING:
@@ -71,7 +71,7 @@ def run(
         _write_plan(place, names, fleet)
         count = iter(range(1, len(some) + 1))
 
-        def ended(ran: Ran) -> None:
+        def ended(ran: RowResult) -> None:
             done = next(count, len(some)) / max(len(some), 1)
             progress(share[0] + (share[1] - share[0]) * done, f"{ran.name}: {ran.outcome}")
 

@@ -49,7 +49,7 @@ class Outcome(Enum):
 
 
 @dataclass(frozen=True)
-class Ended:
+class ProcessResult:
     """How a process ended.
 
     Attributes
@@ -111,7 +111,7 @@ def bounded(arguments: Sequence[str], limits: Limits) -> list[str]:
     return [*PROGRAM, str(limits.memory), str(limits.time_limit), str(os.getpid()), *arguments]
 
 
-def supervise(call: Sequence[str], limits: Limits, folder: Path, begun: Path | None = None) -> Ended:
+def supervise(call: Sequence[str], limits: Limits, folder: Path, begun: Path | None = None) -> ProcessResult:
     """Run a program, and wait for it; what exceeds the limits is killed with all it started.
 
     Parameters
@@ -165,7 +165,7 @@ def supervise(call: Sequence[str], limits: Limits, folder: Path, begun: Path | N
             raise Stopped
         words = _tail(said)
     outcome = over or _outcome(status, words)
-    return Ended(outcome, status, time.monotonic() - began, usage[0], max(usage[1], seen), words)
+    return ProcessResult(outcome, status, time.monotonic() - began, usage[0], max(usage[1], seen), words)
 
 
 def kill_group(group: int) -> None:

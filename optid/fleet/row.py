@@ -17,7 +17,7 @@ from optid.core.document import read_bounded
 from optid.core.resultset import MANIFEST, manifest
 from optid.core.version import version
 from optid.fleet.job import Job, inputs_of, key_of
-from optid.fleet.process import Ended, Outcome, bounded, end_left_over, supervise
+from optid.fleet.process import Outcome, ProcessResult, bounded, end_left_over, supervise
 
 RUN = "run.json"
 SCHEMA = "optid.run/1"
@@ -106,7 +106,7 @@ def _written(place: Path) -> int:
 
 
 def _document(
-    job: Job, key: str, inputs: dict[str, str | None], ended: Ended, told: dict[str, Any] | None
+    job: Job, key: str, inputs: dict[str, str | None], ended: ProcessResult, told: dict[str, Any] | None
 ) -> dict[str, Any]:
     """What `run.json` holds; `told` is the manifest of what the command committed while it ran."""
     return {

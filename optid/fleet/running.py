@@ -30,7 +30,7 @@ Report = Callable[[float, str], None]
 
 
 @dataclass(frozen=True)
-class Ran:
+class RowResult:
     """How one row went.
 
     Attributes
@@ -63,7 +63,7 @@ def run_jobs(
     *,
     executor: Executor | None = None,
     workers: int | None = None,
-    report: Callable[[Ran], None] = lambda ran: None,
+    report: Callable[[RowResult], None] = lambda ran: None,
 ) -> dict[str, int]:
     """Answer every job that is not answered yet.
 
@@ -77,7 +77,7 @@ def run_jobs(
         what runs them; when absent, `workers` threads here that wait for a process each.
     workers : int | None
         jobs at a time without an executor; as many as cores when absent.
-    report : Callable[[Ran], None]
+    report : Callable[[RowResult], None]
         told of each that ends.
 
     Returns
@@ -106,7 +106,7 @@ def run_jobs(
 
 
 def _through(
-    executor: Executor, jobs: Iterable[Job], out: Path, ahead: int, report: Callable[[Ran], None]
+    executor: Executor, jobs: Iterable[Job], out: Path, ahead: int, report: Callable[[RowResult], None]
 ) -> dict[str, int]:
     left, seen = iter(jobs), set[str]()
     pending: dict[Future[dict[str, Any]], tuple[Job, int]] = {}
@@ -146,13 +146,13 @@ def _submit(executor: Executor, job: Job, out: Path) -> Future[dict[str, Any]]:
         raise JobError(f"the executor takes no more jobs ({error}); run it again to go on") from None
 
 
-def _ended(future: Future[dict[str, Any]], job: Job) -> Ran:
+def _ended(future: Future[dict[str, Any]], job: Job) -> RowResult:
     """How a row went; what a job does to itself is in the answer, what raises is the executor's."""
     try:
-        return Ran(**future.result())
+        return RowResult(**future.result())
     except BrokenExecutor as error:
         raise JobError(f"the executor is broken ({error}); run it again to go on") from None
     except Stopped:
         raise
     except (Exception, CancelledError) as error:
-        return Ran(job.name, "lost", True, 0.0, 0.0, f"{type(error).__name__}: {error}")
+        return RowResult(job.name, "lost", True, 0.0, 0.0, f"{type(error).__name__}: {error}")

@@ -116,7 +116,7 @@ def judged_from(stated: Mapping[str, Any]) -> Judged:
 
 
 @dataclass(frozen=True)
-class Ran:
+class CaseOutcome:
     """What a method left of a case: the diagnosis (None if there is none), how it ended, and the oracle's RMSE."""
 
     diagnosis: Mapping[str, Any] | None
@@ -126,7 +126,7 @@ class Ran:
     inseparable: Pairs = field(default_factory=frozenset)
 
 
-def judge(answer: Mapping[str, Any], ran: Ran) -> Judged:
+def judge(answer: Mapping[str, Any], ran: CaseOutcome) -> Judged:
     """Judge one case.
 
     Args:

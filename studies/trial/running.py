@@ -27,7 +27,7 @@ METHODS = {
 
 
 @dataclass(frozen=True)
-class Ran:
+class CaseRun:
     """How a case went: exit status (None: stopped at the time limit), seconds, and the last lines it said."""
 
     status: int | None
@@ -46,7 +46,7 @@ def run(
     method: str,
     limit: float,
     jobs: int,
-    report: Callable[[str, Ran], None] = lambda name, ran: None,
+    report: Callable[[str, CaseRun], None] = lambda name, ran: None,
 ) -> None:
     """Run `method` on each case that it has not finished; results stand in DIR/CASE/METHOD.
 
@@ -74,7 +74,7 @@ def finished(place: Path) -> bool:
     return status is None or status >= 0
 
 
-def _one(folder: Path, method: str, limits: Limits, name: str) -> tuple[str, Ran]:
+def _one(folder: Path, method: str, limits: Limits, name: str) -> tuple[str, CaseRun]:
     case, out = folder / name, folder / name / method
     recordings = [str(case / f"{r}.csv") for r in TRAIN]
     call = [
@@ -89,7 +89,7 @@ def _one(folder: Path, method: str, limits: Limits, name: str) -> tuple[str, Ran
     ]
     ended = supervise(call, limits, ROOT)
     stopped = ended.outcome in (Outcome.TIMED_OUT, Outcome.OUT_OF_MEMORY)
-    ran = Ran(None if stopped else ended.status, ended.seconds, ended.said[-2000:])
+    ran = CaseRun(None if stopped else ended.status, ended.seconds, ended.said[-2000:])
     out.mkdir(exist_ok=True)
     record = {"status": ran.status, "seconds": round(ran.seconds, 1), "said": ran.said}
     (out / "run.json").write_text(json.dumps(record, indent=1) + "\n")

@@ -9,7 +9,7 @@ from typing import Any
 
 from studies.trial.board import board, text
 from studies.trial.case import case_from
-from studies.trial.judging import Judged, Pairs, Ran, judge, judged_from
+from studies.trial.judging import CaseOutcome, Judged, Pairs, judge, judged_from
 from studies.trial.oracle import oracle_rmse
 from studies.trial.record import record
 from studies.trial.seal import unseal
@@ -77,12 +77,12 @@ def _oracle(stated: dict[str, Any], seconds: float) -> tuple[str, float]:
     return stated["name"], oracle_rmse(record(case_from(stated), seconds))
 
 
-def outcome(place: Path, oracle: float | None, pairs: Pairs) -> Ran:
+def outcome(place: Path, oracle: float | None, pairs: Pairs) -> CaseOutcome:
     """What a method left in its folder of a case."""
     said, ended = place / "diagnosis.json", json.loads((place / "run.json").read_text())
     usable = ended["status"] == 0 and said.exists()
     diagnosis = json.loads(said.read_text()) if usable else None
-    return Ran(diagnosis, ended["status"], ended["seconds"], oracle, pairs)
+    return CaseOutcome(diagnosis, ended["status"], ended["seconds"], oracle, pairs)
 
 
 def inseparable() -> Pairs:

@@ -22,7 +22,7 @@ from studies.trial.compose import compose
 from studies.trial.concealment import Trace, acts_when, hidden_by, trace, traces
 from studies.trial.drawing import Order, draw
 from studies.trial.excitation import STYLES
-from studies.trial.judging import Ran, judge
+from studies.trial.judging import CaseOutcome, judge
 from studies.trial.named import NAMED
 from studies.trial.oracle import PRIOR, _estimated, _measured, oracle_rmse
 from studies.trial.outside import OUTSIDE
@@ -256,7 +256,7 @@ def said(verdict, *findings):
     parameters = {"viscous_friction": {"value": 71.0, "ci95": [69.0, 73.0]}}
     part = {"parameters": parameters, "holdout": holdout}
     diagnosis = {"verdict": verdict, "findings": list(findings), "baseline": part, "improved": part}
-    return Ran(diagnosis, 0, 10.0, 3e-5, frozenset({frozenset(("valve_lag", "input_delay"))}))
+    return CaseOutcome(diagnosis, 0, 10.0, 3e-5, frozenset({frozenset(("valve_lag", "input_delay"))}))
 
 
 OFFSET = Hidden("valve_offset", "valve", "large", {"valve_offset": 0.02}, {"offset": 0.02})
@@ -333,8 +333,8 @@ def test_nothing_missing():
     )
     rates = [{r["figure"]: r for r in board([c])["rates"]} for c in (quiet, alarm)]
     assert [r["nothing missing, nothing named"]["hits"] for r in rates] == [1, 0]
-    crashed = judge(nothing, Ran(None, 1, 1.0))
-    late = judge(nothing, Ran(None, None, 1.0))
+    crashed = judge(nothing, CaseOutcome(None, 1, 1.0))
+    late = judge(nothing, CaseOutcome(None, None, 1.0))
     assert (crashed.called, late.called) == ("failed", "late")
     assert board([crashed])["rates"][9]["hits"] == 0
 
@@ -482,7 +482,7 @@ def test_right_names_that_were_refused_count_with_what_they_leave():
             **said("unexplained", finding(None, "valve")).diagnosis,
             "closest": {"effects": effects, "cleared": 0.8},
         }
-        return judge(answered(OFFSET), Ran(diagnosis, 0, 1.0))
+        return judge(answered(OFFSET), CaseOutcome(diagnosis, 0, 1.0))
 
     right = refused("valve_offset")
     assert right.left == right.refused == pytest.approx(0.2)

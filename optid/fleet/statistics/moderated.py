@@ -17,7 +17,7 @@ SURE = 0.95  # that variances differ no more among rigs than is counted on: p-va
 
 
 @dataclass(frozen=True, eq=False)
-class Moderated:
+class ModeratedVariance:
     """Variances of rigs, each drawn towards what rigs have.
 
     Attributes
@@ -38,7 +38,7 @@ class Moderated:
     prior_degrees: float
 
 
-def moderated(variance: Array, degrees: Array, prior_degrees: float | None = None) -> Moderated:
+def moderated(variance: Array, degrees: Array, prior_degrees: float | None = None) -> ModeratedVariance:
     """Draw sample variances towards each other.
 
     The variances of rigs follow a scaled inverse chi-square whose two parameters are found by the moments of their
@@ -60,7 +60,7 @@ def moderated(variance: Array, degrees: Array, prior_degrees: float | None = Non
     common = float(np.exp(centre + digamma(prior / 2) - np.log(prior / 2))) if 0.0 < prior < WIDEST else 0.0
     common = common or float(np.exp(centre))
     total = degrees + prior
-    return Moderated((degrees * variance + prior * common) / total, total, common, prior)
+    return ModeratedVariance((degrees * variance + prior * common) / total, total, common, prior)
 
 
 def common_degrees(variance: Array, degrees: Array) -> float:
