@@ -18,7 +18,7 @@ from optid.diagnosis.validation import Validated, cross_validate, rejection_reas
 from optid.effects.effect import Effect
 from optid.effects.library import admitted
 from optid.errors import SolveError
-from optid.estimation.multistep import QUIET
+from optid.estimation.multistep import QUIET, fit_multistep
 from optid.rigs.rigfile import with_effects
 
 RESTART = 0.95  # of windows' errors: a model that another start leaves no more of goes on from there
@@ -204,12 +204,14 @@ def contend(
 
 
 def fit_proposal(current: FittedModel, problem: DiagnosisProblem, one: Proposal) -> FittedModel | None:
-    """A proposal fitted in full from each of its starts, the better one; ``None`` where all diverge."""
-    effects, q, fits = (*current.effects, one.effect), one.likelihood_problem, []
+    """A proposal fitted in full from the start that leaves least after a turn; ``None`` where all diverge."""
+    effects, q, steps = (*current.effects, one.effect), one.likelihood_problem, problem.options.steps
+    level, fits = current.fit.level, []
     for p in _starts(one):
         with contextlib.suppress(SolveError):
-            fits.append(fit_model(problem, effects, q.rig, q, p, level=current.fit.level))
-    return min(fits, key=lambda each: each.fit.loss, default=None)
+            fits.append(fit_multistep(q, p, problem.window, turns=1, steps=steps, level=level, most=1))
+    best = min(fits, key=lambda each: each.loss, default=None)
+    return None if best is None else fit_model(problem, effects, q.rig, q, best.p, level=best.level)
 
 
 def _starts(one: Proposal) -> list[Array]:

@@ -87,6 +87,7 @@ def fit_multistep(
     steps: int,
     only: Sequence[int] | None = None,
     level: float = QUIET,
+    most: int = MOST,
 ) -> MultistepFit:
     """Parameters by windows of so many seconds, with gains taken anew at every turn, from a start.
 
@@ -99,6 +100,7 @@ def fit_multistep(
         only: these segments count, all if absent.
         level: of the filter's process noise at the start, or the usual one if that predicts better; it falls as long
             as that predicts better.
+        most: turns in all, however fast the loss falls.
 
     Raises:
         SolveError: the model cannot be simulated at the start.
@@ -107,7 +109,7 @@ def fit_multistep(
     best = _best_of(_stands(q, p, only, starts, by) for by in {level, QUIET})
     if best is None:
         raise SolveError("the simulation diverged at the start values; check them and their units")
-    for turn in range(1, MOST + 1):
+    for turn in range(1, most + 1):
         if q.budget.is_over:
             break
         there = None

@@ -33,18 +33,21 @@ def test_who_gains_too_little_is_not_fitted_beside_a_model_at_the_noise():
     assert worth(far, False) == far[:2]
 
 
-def test_a_contender_is_fitted_from_both_starts_and_lives_if_one_diverges(monkeypatch):
+def test_a_contender_is_fitted_from_the_better_start_and_lives_if_one_diverges(monkeypatch):
     losses = {0.0: 5.0, 1.0: 7.0}
 
-    def fit(problem, effects, rig, q, p, *, level):
+    def turn(q, p, seconds, *, turns, steps, level, most):
+        assert turns == most == 1
         if losses[float(p[0])] is None:
             raise SolveError("diverged")
-        return SimpleNamespace(p=p, fit=SimpleNamespace(loss=losses[float(p[0])]))
+        return SimpleNamespace(p=p, loss=losses[float(p[0])], level=level)
 
-    monkeypatch.setattr(selection, "fit_model", fit)
+    monkeypatch.setattr(selection, "fit_multistep", turn)
+    monkeypatch.setattr(selection, "fit_model", lambda problem, effects, rig, q, p, *, level: float(p[0]))
     current = SimpleNamespace(effects=(), fit=SimpleNamespace(level=-2.0))
-    assert fit_proposal(current, None, proposal(1.0)).fit.loss == 5.0
-    losses[1.0] = None
-    assert fit_proposal(current, None, proposal(1.0)).fit.loss == 5.0
+    problem = SimpleNamespace(options=SearchOptions(), window=0.5)
+    assert fit_proposal(current, problem, proposal(1.0)) == 0.0
     losses[0.0] = None
-    assert fit_proposal(current, None, proposal(1.0)) is None
+    assert fit_proposal(current, problem, proposal(1.0)) == 1.0
+    losses[1.0] = None
+    assert fit_proposal(current, problem, proposal(1.0)) is None
