@@ -77,7 +77,6 @@ VARIANTS = {
     ),
     "contenders": Variant("one effect a round is fitted in full", {"contenders": 1}),
     "short windows": Variant("effects are first fitted by whole windows", {"short": 1.0}),
-    "stated start": Variant("no second start at the stated parameters", {"bent": np.inf}),
     "linear start": Variant(
         "contenders go from the race's end alone", {}, {(selection, "_starts"): lambda one: [one.p]}
     ),

@@ -89,10 +89,10 @@ def _in_place(path: SelectionPath, effect: Effect, problem: DiagnosisProblem) ->
     others = [one for one in every if are_confusable(one, effect) and one.name not in kept]
     if not others or problem.budget.is_over:
         return []
-    # From where the named model stands, and from where the one without it does.
+    # From where the named model stands: the one without it is bent by what it lacks.
     index = less.likelihood_problem.model.parameters
     stands = less.likelihood_problem.model.vector({q.name: path.best.values[q.name] for q in index})
-    proposals = propose(less, others, problem, [stands])
+    proposals = propose(less, others, problem, begin=stands)
     fitted = parallel_map(partial(_fitted, path, less.effects, problem), proposals.ranked)
     return [one for one in fitted if one is not None]
 

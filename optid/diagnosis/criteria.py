@@ -38,13 +38,12 @@ class SearchOptions:
     Attributes:
         rate: samples a second at most, over which is searched; what was found is fitted and tested on all.
         short: share of a window over which effects are first fitted: short enough for parameters that are far off.
-        race: legs of the race of proposals, which the best branch of each effect begins from each start: steps, and
-            how many go on; over the recording that lacks most, the last leg over all.
+        race: legs of the race of proposals, which the best branch of each effect enters: steps, and how many go on;
+            over the recording that lacks most, the last leg over all.
         entrants: branches that race beside a model that is good to the noise; all of them elsewhere.
         contenders: proposals that are fitted in full in a round.
         turns, steps: of a full fit by multi-step prediction errors.
         validation_steps: of a fit without one recording.
-        bent: error over the noise from which a fit may have bent its parameters, so that stated ones are a start, too.
         near: times the least loss of a start or a proposal beyond which others are not fitted in full.
         search_share: of the budget, that the search may spend; what was found is then tested and told.
     """
@@ -57,6 +56,5 @@ class SearchOptions:
     turns: int = 4
     steps: int = 4
     validation_steps: int = 2
-    bent: float = 4.0
     near: float = 3.0
     search_share: float = 0.7

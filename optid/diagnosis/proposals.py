@@ -116,19 +116,14 @@ class _Origin:
     per_window: float  # rows
     room: tuple[Array, Array]  # to the bounds, in typical sizes, (free,) each
 
-    @property
-    def loss(self) -> float:
-        """Huber's, of the windows' errors."""
-        return 0.5 * float(huber(self.errors).sum())
-
 
 def propose(
     current: FittedModel,
     effects: Sequence[Effect],
     problem: DiagnosisProblem,
-    starts: Sequence[Array] = (),
     entrants: int | None = None,
     level: float = QUIET,
+    begin: Array | None = None,
 ) -> Proposals:
     """Effects, the most promising first.
 
@@ -136,44 +131,44 @@ def propose(
         current: the model that they come to.
         effects: to try.
         problem: the recordings.
-        starts: parameter vectors of the current model beside its own from which branches begin.
-        entrants: branches at most that race from each start; all if absent. Far from the truth a linear step holds for
+        entrants: branches at most that race; all if absent. Far from the truth a linear step holds for
             none, and a right law may stand in the middle.
         level: of process noise of the filters under whose gains they race.
+        begin: parameters of the model from which branches begin; its own fitted ones if absent.
     """
     o, q = problem.options, current.likelihood_problem
+    p = current.p if begin is None else begin
     first = worst_recordings(current, problem)
     resets = window_starts(q.problem, o.short * problem.window)
     per_window = max(o.short * problem.window / float(np.median(q.problem.dt)), 1.0)
-    running: list[Proposal] = []
-    visible = {effect.name: 0.0 for effect in effects}
-    for p in (current.p, *starts):
-        origin = _origin(q, p, first, resets, per_window, level)
-        if origin is None:
-            continue
-        found = parallel_map(partial(_branches, current, problem, origin, first, resets), effects)
-        branches = [one for some in found for one in some]
-        for one in branches:
-            visible[one.effect.name] = max(visible[one.effect.name], one.visible)
-        led = keep_best([one.led for one in branches if one.led is not None], len(branches), 1)
-        running += parallel_map(partial(_tried, origin, current, first, resets), led)
-    running = keep_best(running, entrants or len(running), len(starts) + 1)
+    origin = _origin(q, p, first, resets, per_window, level)
+    if origin is None:
+        return Proposals((), dict.fromkeys((effect.name for effect in effects), 0.0), math.inf)
+    branches = parallel_map(partial(_branches, current, problem, origin, first, resets), effects)
+    visible = {
+        effect.name: max((one.visible for one in some), default=0.0)
+        for effect, some in zip(effects, branches, strict=True)
+    }
+    led = [one.led for some in branches for one in some if one.led is not None]
+    led = keep_best(led, len(led))
+    running = parallel_map(partial(_tried, origin, current, first, resets), led)
+    running = keep_best(running, entrants or len(running))
     for leg, (steps, most) in enumerate(o.race):
         if problem.budget.is_over:
             break
         over = first if leg < len(o.race) - 1 else None
         advanced = parallel_map(partial(_advance, problem, steps, over, resets, level), running)
         # The first goes on: under gains of its own a law may need more than a leg to be where a linear say had it.
-        running = [*advanced[:1], *keep_best(advanced[1:], most - 1, 1)]
-    _, alone = _moved(problem, q, current.p, sum(steps for steps, _ in o.race), None, resets, level)
-    return Proposals(tuple(keep_best(running, len(running), 1)), visible, alone)
+        running = [*advanced[:1], *keep_best(advanced[1:], most - 1)]
+    _, alone = _moved(problem, q, p, sum(steps for steps, _ in o.race), None, resets, level)
+    return Proposals(tuple(keep_best(running, len(running))), visible, alone)
 
 
-def keep_best(running: Sequence[Tried], most: int, alike: int) -> list[Tried]:
-    """Those that leave least, so many of one effect at most."""
+def keep_best(running: Sequence[Tried], most: int) -> list[Tried]:
+    """Those that leave least, each effect once."""
     kept: list[Tried] = []
     for one in sorted(running, key=lambda one: one.loss):
-        if len(kept) < most and math.isfinite(one.loss) and sum(k.effect is one.effect for k in kept) < alike:
+        if len(kept) < most and math.isfinite(one.loss) and all(k.effect is not one.effect for k in kept):
             kept.append(one)
     return kept
 

@@ -95,8 +95,7 @@ def select(base: FittedModel, problem: DiagnosisProblem) -> SelectionPath:
         if problem.budget.is_over:
             break
         problem.report(Stage.SELECTION, f"round {depth + 1}: which effects could it be")
-        bent = validated.error_over_noise > problem.options.bent
-        one = _round(current, first, validated, problem, [_as_stated(current, problem)] if bent else [])
+        one = _round(current, first, validated, problem)
         rounds.append(one)
         better = None if one.taken else _restarted(current, validated, one, problem)
         if better is not None:
@@ -105,7 +104,7 @@ def select(base: FittedModel, problem: DiagnosisProblem) -> SelectionPath:
                 base, first = current, validated
             if validated.error_over_noise <= problem.criteria.error_over_noise:
                 break
-            one = _round(current, first, validated, problem, [])
+            one = _round(current, first, validated, problem)
             rounds.append(one)
         if one.taken is None:
             break
@@ -121,13 +120,6 @@ def _first_is_open(path: SelectionPath, problem: DiagnosisProblem) -> bool:
         return False
     first = next(one.taken for one in path.rounds if one.taken is not None)
     return first.validated.error_over_noise > problem.criteria.error_over_noise
-
-
-def _as_stated(model: FittedModel, problem: DiagnosisProblem) -> Array:
-    """The rig's own parameters as its file states them, those of the effects as they were fitted."""
-    names = [one.name for one in problem.plain.parameters]
-    stated = dict(zip(names, problem.plain.vector(problem.rig.parameters).tolist(), strict=True))
-    return model.likelihood_problem.at({**model.values, **stated})
 
 
 def _restarted(
@@ -152,14 +144,13 @@ def _round(
     first: Validated,
     before: Validated,
     problem: DiagnosisProblem,
-    starts: Sequence[Array],
     but: str = "",
 ) -> Round:
     effects = [one for one in admitted(current.rig.model, problem.own) if one.name != but]
     near = before.error_over_noise <= problem.criteria.error_over_noise
     # Beside a model that is good to the noise a linear step tells, and its own quiet filter; elsewhere neither does.
     entrants, level = (problem.options.entrants, current.fit.level) if near else (None, QUIET)
-    proposals = propose(current, effects, problem, starts, entrants=entrants, level=level)
+    proposals = propose(current, effects, problem, entrants, level)
     few = worth_fitting(proposals, near, bool(current.effects), problem)
     problem.report(Stage.SELECTION, f"fitting {', '.join(one.effect.name for one in few)}")
     fitted = parallel_map(partial(contend, current, first, before, problem, len(effects)), few)
@@ -269,7 +260,7 @@ def _first_swapped(path: SelectionPath, problem: DiagnosisProblem) -> SelectionP
     name = path.best.effects[0].name
     less, errors = path.without[name]
     problem.report(Stage.BACKWARD, f"whether something else does better than {name}")
-    one = _round(less, path.first, errors, problem, [], but=name)
+    one = _round(less, path.first, errors, problem, but=name)
     if one.taken is None or not one.taken.validated.windows.sum() < path.validated.windows.sum():
         return path
     swapped = SelectionPath(
