@@ -93,9 +93,11 @@ def open_variance(q: LikelihoodProblem, p: Array, noise: Noise, length: float) -
     cut = cut_into(whole, length)
     Q, R = noise.spectrum(len(q.model.states))[None], noise.measurement[None]
     f = run_filter(q.model, whole, p[None], Q, R, keep=True)
-    square = _setting_errors(q, p, whole, f, length) ** 2 + _start_errors(
-        q.model, p, noise, whole, cut, f.states[0]
-    )
+    QR = np.full((1, len(q.model.states)), QUIET**2), noise.measurement[None]
+    sure = run_filter(q.model, whole, p[None], *QR, covariances=True)
+    # The covariance of a model that lacks nothing: with process noise, what is missing would count as uncertain.
+    starts = f.states[0, cut.begins], sure.covariances[0, cut.begins]
+    square = _setting_errors(q, p, whole, f, length) ** 2 + _start_errors(q.model, p, whole, cut, *starts)
     owner = np.repeat(whole.recording, whole.counts + 1)
     return np.nan_to_num(_by_block(square, _blocks(owner, whole.time, length)))
 
@@ -136,7 +138,8 @@ def evaluate(q: LikelihoodProblem, p: Array, noise: Noise, recordings: Sequence[
     problem, cut = build_problem(model, recordings, WHOLE), build_problem(model, recordings, length)
     Q, R = noise.spectrum(len(model.states))[None], noise.measurement[None]
     f = run_filter(model, problem, p[None], Q, R, keep=True)
-    windows = predict_windows(objective_of(q.rig, (), cut)[0], p, PROCESS_NOISE * model.scales)
+    predicted = predict_windows(objective_of(q.rig, (), cut)[0], p, PROCESS_NOISE * model.scales)
+    windows = predicted.outputs
     outputs = [(j, port) for j, port in enumerate(model.outputs) if np.isfinite(problem.measured[:, j]).any()]
     scores = {port.role: Score.of(problem.measured[:, j], windows[:, j], port.unit) for j, port in outputs}
     owner = np.repeat(problem.recording, problem.counts + 1)
@@ -144,11 +147,12 @@ def evaluate(q: LikelihoodProblem, p: Array, noise: Noise, recordings: Sequence[
     z = f.innovations[0] / np.sqrt(f.variances[0])
     each = deviance(f.innovations[0], f.variances[0])
     square = _setting_errors(q, p, problem, f, length) ** 2 + _start_errors(
-        model, p, noise, problem, cut, f.states[0]
+        model, p, problem, cut, predicted.starts, predicted.covariances
     )
-    predicted = _predicted(problem, cut)
     # Where a prediction diverges nothing excuses it: its error is not finite, and so is no claim that rests on it.
-    expected = np.where(predicted[:, None], np.nan_to_num(np.sqrt(_by_block(square, blocks))), np.nan)
+    expected = np.where(
+        _predicted(problem, cut)[:, None], np.nan_to_num(np.sqrt(_by_block(square, blocks))), np.nan
+    )
     used = [j for j, _ in outputs]
     return Evaluation(
         length,
@@ -216,17 +220,16 @@ def _rms(values: Array) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def _windows(model: Model, p: Array, whole: Problem, cut: Problem, states: Array) -> Array:
-    """Predictions over windows of the contract's length from what the filter knew before each of them."""
+def _windows(model: Model, p: Array, whole: Problem, cut: Problem, starts: Array) -> Array:
+    """Predictions over the windows of a problem from where they start, (samples, outputs)."""
     out = np.full_like(whole.measured, np.nan)
     heads = set(whole.begins.tolist())
     picked = np.array([w for w, begin in enumerate(cut.begins) if begin not in heads], dtype=int)
     if not len(picked):
         return out
-    starts = cut.begins[picked]
-    longest = int(cut.counts[picked].max())
+    first, longest = cut.begins[picked], int(cut.counts[picked].max())
     run = simulate(
-        model, p, states[starts], cut.dt, cut.inputs, first=starts, intervals=longest, tolerance=1e-6
+        model, p, starts[picked], cut.dt, cut.inputs, first=first, intervals=longest, tolerance=1e-6
     )
     for row, w in enumerate(picked):
         last = cut.counts[w] + (1 if cut.closed[w] else 0)
@@ -245,22 +248,24 @@ def _predicted(whole: Problem, cut: Problem) -> Booleans:
     return known
 
 
-def _start_errors(model: Model, p: Array, noise: Noise, whole: Problem, cut: Problem, states: Array) -> Array:
-    """What windows miss, squared, where their starts are as uncertain as noise alone leaves them, (samples, outputs).
+def _start_errors(
+    model: Model, p: Array, whole: Problem, cut: Problem, starts: Array, covariances: Array
+) -> Array:
+    """What windows miss, squared, as their starts are uncertain, (samples, outputs).
 
-    The covariance at a start is that of a model which lacks nothing: with process noise, what is missing would count as
-    uncertain. The mean of the squares over a covariance is taken by sigma points, as the filter takes means.
+    The mean of the squares over a covariance is taken by sigma points, as the filter takes means.
+
+    Args:
+        model: and `p`, its parameters.
+        whole: recordings, and `cut`, their windows.
+        starts: states where windows begin, (windows, states), with their `covariances`.
     """
-    Q, R = np.full((1, len(model.states)), QUIET**2), noise.measurement[None]
-    f = run_filter(model, whole, p[None], Q, R, covariances=True)
-    covariance = f.covariances[0, cut.begins] / np.outer(model.scales, model.scales)
-    values, vectors = np.linalg.eigh(np.nan_to_num(covariance))
+    values, vectors = np.linalg.eigh(np.nan_to_num(covariances / np.outer(model.scales, model.scales)))
     roots = vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :] * model.scales[:, None]
-    windows = _windows(model, p, whole, cut, states)
+    windows = _windows(model, p, whole, cut, starts)
     square = np.zeros_like(windows)
     for k in range(len(model.states)):
         for side in (1.0, -1.0):
-            moved = states.copy()
-            moved[cut.begins] += side * math.sqrt(REACH2) * roots[:, :, k]
-            square += (_windows(model, p, whole, cut, moved) - windows) ** 2 / (2.0 * REACH2)
+            moved = _windows(model, p, whole, cut, starts + side * math.sqrt(REACH2) * roots[:, :, k])
+            square += (moved - windows) ** 2 / (2.0 * REACH2)
     return square

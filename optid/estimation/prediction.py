@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy import stats
 
 from optid.core.model import Array, Model
 from optid.core.recording import Recording
 from optid.core.simulation import simulate
 from optid.errors import RecordingError, SolveError
-from optid.estimation.initial_trajectory import guess, measured_states
+from optid.estimation.initial_trajectory import COARSE, guess, measured_states
 from optid.estimation.objective import objective_of
 from optid.estimation.problem import Problem, build_problem
 from optid.estimation.result import Score
@@ -26,7 +28,7 @@ HORIZON = 0.5  # s, of a window
 FEWEST = 50  # samples of it, where sampling is too slow for that many in HORIZON
 MEMORY = 4  # windows of the past that are estimated anew; what lies before them is a Gaussian prior
 LOOSER = (0.3, 0.03, 3e-3)  # shares of each state's size through which the process noise is annealed
-SURPRISED = 2.0  # squared residuals a sample, in noise variances, above which a young estimate is tried from elsewhere
+STARTS = 64  # of a young estimate, evenly spread: a power of two
 PINNED = 0.1  # of a sensor's noise: how far the windows may move what it shows as a free run begins
 PROCESS_NOISE = 3e-3  # per window as a share of each state's size, when no fit says better
 
@@ -157,25 +159,47 @@ def _predict(
         free_run[offset : offset + total + 1] = run.outputs[0]
         state = {one.name: float(x) for one, x in zip(o.model.states, start, strict=True)}
         begun.append((float(b.time[offset]), state))
-    return free_run, predict_windows(o, p, q), tuple(begun)
+    return free_run, predict_windows(o, p, q).outputs, tuple(begun)
 
 
-def predict_windows(o: Objective, p: Array, q: Array) -> Array:
-    """Predictions over the windows of a problem, each from what was read before it, (samples, outputs).
+@dataclass(frozen=True, eq=False)
+class WindowPredictions:
+    """Predictions over the windows of a problem.
 
-    NaN in the first window of a stretch, before which nothing was read.
+    Attributes:
+        outputs: (samples, outputs); NaN in the first window of a stretch, before which nothing was read.
+        starts: states where each window begins, SI, (windows, states); NaN in the first of a stretch.
+        covariances: of these, of a model that lacks nothing: with process noise, what is missing would count as
+            uncertain; (windows, states, states).
+    """
+
+    outputs: Array
+    starts: Array
+    covariances: Array
+
+
+def predict_windows(o: Objective, p: Array, q: Array) -> WindowPredictions:
+    """Predictions over the windows of a problem, each from what was read before it.
 
     Args:
         o: windows and how outputs are weighted.
         p: parameters, (parameters,).
         q: process noise, sd per window and state, SI.
     """
-    windows = np.full_like(o.problem.measured, np.nan)
+    count, nx = len(o.problem.begins), len(o.model.states)
+    found = WindowPredictions(
+        np.full_like(o.problem.measured, np.nan),
+        np.full((count, nx), np.nan),
+        np.full((count, nx, nx), np.nan),
+    )
     for offset, part, at in _stretches(o, p):
-        for w, begin, count, outputs in _windows(part, at, q):
-            keep = count + 1 if w == len(part.problem.begins) - 1 else count
-            windows[offset + begin : offset + begin + keep] = outputs[:keep]
-    return windows
+        head = int(np.searchsorted(o.problem.begins, offset))
+        for w, start, covariance, outputs in _windows(part, at, q):
+            begin, length = int(part.problem.begins[w]), int(part.problem.counts[w])
+            keep = length + 1 if w == len(part.problem.begins) - 1 else length
+            found.outputs[offset + begin : offset + begin + keep] = outputs[:keep]
+            found.starts[head + w], found.covariances[head + w] = start, covariance
+    return found
 
 
 def _stretches(o: Objective, p: Array) -> Iterator[tuple[int, Objective, Point]]:
@@ -246,26 +270,32 @@ def _pin(o: Objective, output: int, spread: float) -> float:
 
 
 def _best(o: Objective, at: Point, q: Array) -> tuple[Point, Terms]:
-    """The estimate, from further starts where the first one explains the data badly.
+    """The estimate from the guess, or from the likeliest of many starts if that explains the data better.
 
-    An axis that sticks in the model and moves on the rig leaves no slope to follow: then each state in turn starts at
-    either end of what is thought possible.
+    An axis that sticks in the model and moves on the rig leaves no slope to follow.
     """
-    found, terms = _annealed(o, at, q)
-    samples = int(np.isfinite(o.problem.measured).sum())
-    for i in range(len(q)):
-        for side in (1.0, -1.0):
-            if terms.cost <= SURPRISED * samples:
-                return found, terms
-            X = at.X.copy()
-            X[:, i] += side * o.spread[i]
-            try:
-                other, its = _annealed(o, Point(X, at.p), q)
-            except SolveError:
-                continue
-            if its.cost < terms.cost:
-                found, terms = other, its
-    return found, terms
+    found = []
+    for near in (at, _likeliest(o, at)):
+        with contextlib.suppress(SolveError):
+            found.append(_annealed(o, near, q))
+    if not found:
+        raise SolveError("the model leaves the numbers within the first windows")
+    return min(found, key=lambda one: one[1].cost)
+
+
+def _likeliest(o: Objective, at: Point) -> Point:
+    """The free run that explains the data best, of starts spread over what is thought possible of hidden states."""
+    b, (direct, rates) = o.problem, measured_states(o.model)
+    hidden = [i for i in range(len(o.spread)) if i not in direct and i not in rates]
+    z = stats.norm.ppf(stats.qmc.Sobol(max(len(hidden), 1), scramble=False).random(STARTS) + 0.5 / STARTS)
+    starts = np.tile(at.X[0], (STARTS, 1))
+    starts[:, hidden] = o.start[hidden] + o.spread[hidden] * z[:, : len(hidden)]
+    run = simulate(o.model, at.p, starts, b.dt, b.inputs, tolerance=COARSE)
+    rows = slice(0, run.outputs.shape[1])
+    off = (run.outputs - b.measured[rows]) * o.weight[rows]
+    lost = ~np.isfinite(run.outputs).all(axis=(1, 2))
+    cost = np.where(lost, np.inf, np.nansum(off**2, axis=(1, 2)) + (z**2).sum(axis=1))
+    return Point(run.states[int(np.argmin(cost)), b.begins - b.begins[0]], at.p)
 
 
 def _annealed(o: Objective, at: Point, q: Array) -> tuple[Point, Terms]:
@@ -283,10 +313,11 @@ def _tight(o: Objective, at: Point, q: Array, terms: Terms | None = None) -> tup
     return at, terms
 
 
-def _windows(o: Objective, at: Point, q: Array) -> list[tuple[int, int, int, Array]]:
-    """For every window after the first: its number, first sample, intervals and predicted outputs."""
-    b, out = o.problem, []
+def _windows(o: Objective, at: Point, q: Array) -> Iterator[tuple[int, Array, Array, Array]]:
+    """For every window after the first: its number, where it starts, how surely, and predicted outputs."""
+    b = o.problem
     mean, spread, first = o.start, o.spread, 0
+    covariance = np.diag(o.spread**2)
     X = at.X.copy()
     # Node states come from the guess, which looks at measurements around a node: the newest one is replaced by
     # what the model carries there, so that nothing of the window itself is used.
@@ -296,16 +327,24 @@ def _windows(o: Objective, at: Point, q: Array) -> list[tuple[int, int, int, Arr
             near = Point(X[first:w], at.p)
             found, terms = _best(past, near, q) if first == 0 else _tight(past, near, q)
             X[first:w], X[w] = found.X, terms.end[-1]
+            covariance = _carried(covariance, terms)
             if w - first >= MEMORY:
                 mean, spread = _arrival(past, found, terms, q)
                 first += 1
         except SolveError:  # the model leaves the numbers: from here on anew
             mean, spread, first = X[w], o.spread, w
+            covariance = np.diag(o.spread**2)
         run = simulate(
             o.model, at.p, X[w], b.dt, b.inputs, first=b.begins[w : w + 1], intervals=int(b.counts[w])
         )
-        out.append((w, int(b.begins[w]), int(b.counts[w]), run.outputs[0]))
-    return out
+        yield w, X[w].copy(), covariance, run.outputs[0]
+
+
+def _carried(covariance: Array, terms: Terms) -> Array:
+    """Covariance where the newest window ends, from that where it began and what was read in it."""
+    nx = len(covariance)
+    H, slope = terms.H[-1, :nx, :nx], terms.slope[-1, :, :nx]
+    return np.asarray(slope @ np.linalg.solve(np.eye(nx) + covariance @ H, covariance) @ slope.T)
 
 
 def _arrival(past: Objective, found: Point, terms: Terms, q: Array) -> tuple[Array, Array]:

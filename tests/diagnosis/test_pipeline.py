@@ -219,7 +219,7 @@ def test_a_figure_that_is_not_finite_is_never_a_verdict(sound, tmp_path, monkeyp
 
     def diverges(*given):
         out = windows(*given)
-        out[-50:] = np.nan
+        out.outputs[-50:] = np.nan
         return out
 
     monkeypatch.setattr(evaluation, "predict_windows", diverges)
