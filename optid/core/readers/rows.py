@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -128,6 +129,7 @@ class Rows:
                 if commas
                 else None,
             )
+        self._refuse_unnamed(layout, path)
         short = counts <= max(layout.places)
         # One cell more is a delimiter at the end of the line; any other surplus moves what stands behind it.
         long = counts > self.width + (layout.delimiter != " ")
@@ -140,13 +142,41 @@ class Rows:
         row = int(wrong[0])
         count, line = int(counts[row]), self._line(row)
         last = row == len(counts) - 1
-        mixed = layout.delimiter == "," and count == 2 * self.width and self.decimal_comma(layout)
+        mixed = layout.delimiter == "," and self.width < count <= 2 * self.width
+        torn = next(itertools.islice(self._filled, row, None), b"").count(b'"') % 2 == 1
+        hint = "the file may be truncated" if last else None
+        if mixed:
+            hint = "if these are decimal commas, export with semicolons between the columns"
+        elif torn:
+            hint = "a quoted cell runs over several lines: leave that column out of the export"
         raise RecordingError(
             f"line {line + 1} has {count} {'field' if count == 1 else 'fields'}",
             where=path,
             expected=f"{len(layout.names) if count > self.width else self.width}, as in the header",
-            hint="the file may be truncated" if last else "export with semicolons" if mixed else None,
+            hint=hint,
         )
+
+    def _refuse_unnamed(self, layout: Layout, path: Path) -> None:
+        """Every row holds one value more than the header has names: which of them has none is not known."""
+        if (
+            layout.header is None
+            or layout.delimiter == " "
+            or self.width != len(layout.names) + 1
+            or self.width == 2
+        ):
+            return
+        rows = [split(line, layout.delimiter) for line in self._some[:50]]
+        if rows and all(len(row) == self.width and row[-1] for row in rows):
+            raise RecordingError(
+                f"line {layout.first + 1} has {self.width} fields",
+                where=path,
+                expected=f"{len(layout.names)}, as in the header",
+                hint='name every column in the header, or map them by their place: "column 1"',
+            )
+
+    @property
+    def _filled(self) -> Iterator[bytes]:
+        return (text for text in self.body.split(b"\n") if text.strip())
 
     def _open_ended(self, rows: Integers, layout: Layout) -> Iterator[int]:
         """Those of these rows that do not end in a delimiter."""

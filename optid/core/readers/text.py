@@ -18,8 +18,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from optid.core.readers import loggers
-from optid.core.readers.cells import MISSING, Unreadable, is_missing, is_stamp, numbers
-from optid.core.readers.layout import Layout, find_layout, has_decimal_comma, split, unit_in
+from optid.core.readers.cells import MISSING, Unreadable, is_missing, is_stamp, numbers, unit_of, without_unit
+from optid.core.readers.layout import (
+    Layout,
+    find_layout,
+    has_decimal_comma,
+    named_in_rows,
+    split,
+    unit_in,
+    unreadable_row,
+)
 from optid.core.readers.limits import LONGEST_LINE, Budget, shown
 from optid.core.readers.rows import Rows
 from optid.core.readers.table import FORMATS, Column, Raw, Table
@@ -30,6 +38,11 @@ if TYPE_CHECKING:
 
 _HEAD_LINES, _HEAD_BYTES = 3000, 8 << 20  # within which a table begins
 _BINARY = re.compile(rb"[\x00-\x08\x0e-\x19\x1b-\x1f]")
+_OLDER = ("latin-1", "cp1252", "cp1250", "cp1251", "cp932", "gb18030", "euc_kr", "big5", "mac_roman")
+_QUOTED_LINES = re.compile(
+    rb'(?:"(?:[^"\r\n]|"")*[,;\t](?:[^"\r\n]|"")*"\r?\n?)+'
+)  # each line is one quoted cell
+_QUOTES = re.compile(rb'(?m)^"(.*)"(?=\r?$)')
 _SAMPLE = 2000  # rows looked at for a first guess of the decimal sign; the column itself decides
 
 
@@ -46,10 +59,11 @@ def read(data: bytes, path: Path, wanted: tuple[str, ...], budget: Budget) -> Ta
     Raises:
         RecordingError: not text, no table, a row of another length, a mapped column twice.
     """
-    text = _decoded(data, path)
+    text = _decoded(data, wanted, path)
     layout = find_layout(text.lines, wanted)
     if layout is None:
-        raise _no_table(text.lines, path)
+        raise _no_table(text.lines, wanted, path)
+    _refuse_long_table(text.lines, layout, wanted, path)
     logger = loggers.recognised(text.lines, layout)
     about = f"{logger.title}, whose table begins in line {layout.first + 1}" if logger else ""
     names = [name for name in layout.names if name]
@@ -68,7 +82,29 @@ def read(data: bytes, path: Path, wanted: tuple[str, ...], budget: Budget) -> Ta
     return Table(chosen, names, "csv", about, {}, notes, rows.place)
 
 
-def _decoded(data: bytes, path: Path) -> _Text:
+def _refuse_long_table(lines: Sequence[str], layout: Layout, wanted: Sequence[str], path: Path) -> None:
+    missing = [name for name in wanted if name not in layout.found]
+    if column := named_in_rows(lines, layout, missing):
+        raise RecordingError(
+            f'"{shown(missing[0])}" is no column but a value of column "{shown(column)}": '
+            "a long table with one value a row",
+            where=path,
+            expected="a column for each signal",
+            hint=f'make it wide first, in pandas: table.pivot(index=TIME, columns="{shown(column)}", values=VALUE)',
+        )
+
+
+def _older_encoding(head: bytes, wanted: Sequence[str]) -> str:
+    """Of older exports: that under which most of the mapped names occur; numbers are the same in all."""
+
+    def seen(encoding: str) -> int:
+        names = (name.encode(encoding, errors="ignore") for name in wanted if not name.isascii())
+        return sum(bool(name) and name in head for name in names)
+
+    return max(_OLDER, key=seen)
+
+
+def _decoded(data: bytes, wanted: Sequence[str], path: Path) -> _Text:
     encoding = "utf-8"
     if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)) or data[1:8:2] == b"\0\0\0\0":
         wide = "utf-16" if data[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE) else "utf-16-le"
@@ -85,7 +121,10 @@ def _decoded(data: bytes, path: Path) -> _Text:
         if not data.isascii():
             data.decode("utf-8")
     except UnicodeDecodeError:
-        encoding = "latin-1"  # older exports: only names such as "µm" differ, numbers do not
+        encoding = _older_encoding(head, wanted)
+    if _QUOTED_LINES.fullmatch(head[: 1 << 16].rpartition(b"\n")[0]):
+        data = _QUOTES.sub(lambda match: match[1].replace(b'""', b'"'), data)
+        head = data[:_HEAD_BYTES]
     lines = head.split(b"\n")
     if len(head) < len(data) and len(lines) > 1:
         lines.pop()
@@ -98,7 +137,16 @@ def _decoded(data: bytes, path: Path) -> _Text:
     return _Text(data, encoding, tuple(shown_lines))
 
 
-def _no_table(lines: Sequence[str], path: Path) -> RecordingError:
+def _no_table(lines: Sequence[str], wanted: Sequence[str], path: Path) -> RecordingError:
+    if place := unreadable_row(lines, wanted):
+        header, row, name, cell = place
+        return RecordingError(
+            f'line {row + 1} holds "{shown(cell)}", which is no number and no time of day',
+            where=path,
+            field=f'column "{shown(name)}"',
+            expected=f"rows of values below the names in line {header + 1}",
+            hint='write numbers, or times such as 2024-05-02T10:00:00.001; even samples may go by rate = "1000 Hz"',
+        )
     full = [i for i, line in enumerate(lines) if line.strip(" \t\x1a")]
     bare = [i for i in full if not lines[i].lstrip().startswith(("#", "%", "//"))]
     if not full:
@@ -175,10 +223,20 @@ def _column(series: pd.Series[Any], rows: Rows, layout: Layout, k: int, path: Pa
     ]
     if known and all(is_stamp(cell.strip()) for cell in known):
         return Column(cells, unit=unit)
+    if known and unit_of(known[0].strip()):
+        cells, inside = without_unit(cells)
+        unit = inside or unit
     comma = rows.decimal_comma(layout)
     try:
         return Column(numbers(cells, comma), unit=unit)
     except Unreadable as error:
+        if k < len(layout.names) and error.found == layout.names[k]:
+            raise RecordingError(
+                f"{rows.place(error.row)} is the header once more: several recordings in one file",
+                where=path,
+                expected="one table",
+                hint="cut the file there, and give each part by itself",
+            ) from None
         if not error.ambiguous:
             return Column(cells, unit=unit)  # told when its unit is known
         raise RecordingError(
