@@ -106,15 +106,14 @@ def enough(recording: Recording, inputs: tuple[str, ...], outputs: tuple[str, ..
         measured |= np.isfinite(recording[role].values)
     whole = int((commanded & measured).sum())
     seconds = float(commanded.sum()) * recording.interval
-    if whole == len(recording) or (
-        whole >= FEWEST and (seconds >= 2 * WINDOW or whole > 0.5 * len(recording))
-    ):
+    read = recording.provenance.rows_read if recording.provenance else len(recording)
+    if whole >= min(FEWEST, read) and (seconds >= 2 * WINDOW or whole > 0.5 * read):
         return
     yield Remark(
         "missing",
         "error",
         outputs[0] if outputs else "time",
-        f"only {whole} of {len(recording)} samples have both a command and a measured output ({seconds:.3g} s): too "
+        f"only {whole} of {read} samples have both a command and a measured output ({seconds:.3g} s): too "
         "little to fit to or to test on",
     )
 

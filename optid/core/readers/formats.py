@@ -42,6 +42,12 @@ _FOREIGN: tuple[tuple[bytes, str, str], ...] = (
         "an SQLite database (a ROS 2 bag .db3, or a logger's)",
         "export the topics as CSV, for instance in PlotJuggler",
     ),
+    (
+        b"CDF\x01",
+        "a netCDF file of version 3",
+        "convert it to netCDF 4, which is HDF5 (nccopy -k netCDF-4 IN OUT), or to CSV",
+    ),
+    (b"CDF\x02", "a netCDF file of version 3", "convert it to netCDF 4: nccopy -k netCDF-4 IN OUT"),
     (b"\x93NUMPY", "a NumPy .npy file", "save the columns as CSV or .mat (scipy.io.savemat)"),
     (b"ARROW1", "an Arrow or Feather file", "save it as Parquet: pandas.read_feather(file).to_parquet(out)"),
     (b"\xd0\xcf\x11\xe0", "an old Excel workbook (.xls)", "save the sheet as CSV"),

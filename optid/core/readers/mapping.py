@@ -94,7 +94,8 @@ def recording_of(table: Table, rig: Mapped, path: Path, digest: str | None = Non
         return Recording(path.name, found.time, channels)
     columns = {role: channel.column for role, channel in maps.items()}
     notes = (*table.notes, *found.notes, *between)
-    source = Provenance(path, digest, table.reader, columns, len(found.time), notes, repairs)
+    rows = max(len(column.values) for column in table.columns.values())
+    source = Provenance(path, digest, table.reader, columns, rows, notes, repairs)
     return Recording(path.name, found.time, channels, source)
 
 

@@ -15,6 +15,7 @@ from optid.core.recording import Array, Repair
 Flags = NDArray[np.bool_]
 
 ABSURD = 1e9  # times what a signal usually does: no converter shows that and the signal, too
+IMPOSSIBLE = 1e20  # the same where such readings are many: rounding beside a signal is no smaller
 _FAST = 8.0  # times the fastest other change between samples: a jump that no axis makes
 _LEAP = 2.0  # times the same: for further visits to a value that is known to stand in
 _RARE = 0.05  # share of the samples that may be faulty for the others to tell what is right
@@ -25,6 +26,9 @@ _AROUND = 6  # samples on either side that show the motion around a jump
 _FULL_TURNS = (360.0, 2 * math.pi, 400.0, 1.0, 3600.0, 36_000.0, 100.0, 1000.0)
 _TURN = 2e-3  # relative: a turn that differs by more is another
 _FEWEST_CHANGES = 30
+_OFF_BEAT = 2.0  # rows between which changes of a slower sampling lie around an even beat
+_COARSEST = 100  # rows a sample: a longer straight line is motion
+_CLEAR = 10.0  # times what rounding bends a straight line: a corner
 _REGULAR = 0.9  # of the runs of equal values must be as long as the usual one
 
 
@@ -76,7 +80,7 @@ def repaired(
     """
     found, repairs = dict(values), list[Repair]()
     for role in values:
-        steps = (_absurd,) if held.get(role) else (_absurd, _wrapped, _stand_ins, _stale)
+        steps = (_absurd,) if held.get(role) else (_absurd, _wrapped, _stand_ins, _stale, _interpolated)
         for step in steps:
             for changed, message, row in step(found[role]):
                 found[role] = changed
@@ -92,17 +96,16 @@ def _absurd(series: Array) -> Iterator[Change]:
     known = series[np.isfinite(series)]
     if len(known) < _FEW:
         return
-    largest = float(np.abs(known).max())
     low, middle, high = np.percentile(known, (5, 50, 95))
     moved = np.abs(known - middle)
     usual = float(np.median(moved[moved > 0])) if (moved > 0).any() else 0.0
-    size = max(high - low, abs(middle) * 1e-3, usual, np.finfo(float).tiny)
-    if largest <= ABSURD * size:
-        return
+    floor = max(abs(middle) * 1e-3, usual, np.finfo(float).tiny)
+    limit = min(ABSURD * max(high - low, floor), IMPOSSIBLE * floor)
     with np.errstate(over="ignore"):
-        far: Flags = np.abs(series - middle) > ABSURD * size
-    if not far.any() or far.sum() > _RARE * len(known):
+        far: Flags = np.abs(series - middle) > limit
+    if not far.any() or far.sum() > (0.5 if limit == IMPOSSIBLE * floor else _RARE) * len(known):
         return
+    low, high = np.percentile(series[np.isfinite(series) & ~far], (5, 95))
     row = int(far.argmax())
     extreme = float(series[far][np.abs(series[far]).argmax()])
     yield (
@@ -228,8 +231,60 @@ def _stale(series: Array) -> Iterator[Change]:
         return
     steps = np.diff(y)
     changes = np.flatnonzero(steps != 0) + 1
-    if not _FEWEST_CHANGES <= len(changes) <= 0.7 * len(y):
+    ratio = _rows_a_sample(changes, len(y))
+    if ratio is None:
         return
+    sizes = np.abs(steps[changes - 1])
+    if float(np.median(sizes)) < 1.5 * float(sizes.min()) and float(np.quantile(sizes, 0.9)) < 1.5 * float(
+        sizes.min()
+    ):
+        return  # it moves by one step of its grid at a time: slow, not stale
+    yield (
+        _only_at(y, np.r_[0, changes]),
+        f"is new only in every {_ordinal(ratio)} row: in between, the last value is repeated; the repeats are not "
+        f"counted as samples, and its true rate is 1/{ratio:.3g} of the rows'",
+        int(changes[0]),
+    )
+
+
+def _interpolated(series: Array) -> Iterator[Change]:
+    """Samples that a logger put on straight lines between those that were taken at a slower rate."""
+    y = series
+    if len(y) < 4 * _FEWEST_CHANGES or not np.isfinite(y).all():
+        return
+    bends = np.abs(np.diff(y, 2))
+    grid = float(np.min(np.abs(np.diff(np.unique(y[:20_000])))[1:], initial=np.inf))
+    straight = max(1e-9 * float(np.ptp(y)), 2.1 * grid if grid < 1e-3 * float(np.ptp(y)) else 0.0)
+    corners = np.flatnonzero(bends > straight) + 1
+    ratio = _rows_a_sample(corners, len(y))
+    if (
+        ratio is None
+        or not 2 <= ratio <= _COARSEST
+        or float(np.median(bends[corners - 1])) < _CLEAR * straight
+    ):
+        return
+    stride = round(ratio)
+    taken = np.arange(int(corners[0]) % stride, len(y), stride)
+    if abs(ratio - stride) > 0.02 or not np.isin(corners, taken).mean() > _REGULAR:
+        return
+    yield (
+        _only_at(y, taken),
+        f"goes on straight between every {_ordinal(ratio)} row: a logger interpolated it; what lies between is not "
+        f"counted as samples, and its true rate is 1/{ratio:.3g} of the rows'",
+        int(taken[0]),
+    )
+
+
+def _only_at(y: Array, rows: NDArray[np.int64]) -> Array:
+    kept = np.full(len(y), np.nan)
+    kept[rows] = y[rows]
+    return kept
+
+
+def _rows_a_sample(changes: NDArray[np.int64], rows: int) -> float | None:
+    """How many rows a sample lasts, if the changes come as regularly as those of a slower sampling do."""
+    if not _FEWEST_CHANGES <= len(changes) <= 0.75 * rows:
+        return None
     apart = np.diff(changes)
     usual = round(float(np.median(apart)))
     near = np.abs(apart - usual) <= (0 if usual < 4 else 1)
@@ -237,26 +292,16 @@ def _stale(series: Array) -> Iterator[Change]:
     whole = (apart > usual) & (
         np.abs(apart / usual - np.round(apart / usual)) * usual <= (0 if usual < 4 else 1)
     )
-    if usual < 2 or float((near | whole).mean()) < _REGULAR + 0.05 or float(near.mean()) < 0.6:
-        return
-    sizes = np.abs(steps[changes - 1])
-    if float(np.median(sizes)) < 1.5 * float(sizes.min()) and float(np.quantile(sizes, 0.9)) < 1.5 * float(
-        sizes.min()
-    ):
-        return  # it moves by one step of its grid at a time: slow, not stale
-    changed = y.copy()
-    repeats = np.ones(len(y), dtype=bool)
-    repeats[changes] = False
-    repeats[0] = False
-    changed[repeats] = np.nan
-    yield (
-        changed,
-        f"is new only in every {_ordinal(usual)} row: in between, the last value is repeated; the repeats are not "
-        f"counted as samples, and its true rate is 1/{usual} of the rows'",
-        int(changes[0]),
-    )
+    if usual >= 2 and float((near | whole).mean()) >= _REGULAR + 0.05 and float(near.mean()) >= 0.6:
+        return float(usual)
+    ratio = float(changes[-1] - changes[0]) / (len(changes) - 1)
+    off = changes - changes[0] - ratio * np.arange(len(changes))
+    return ratio if float(np.ptp(off)) <= _OFF_BEAT else None
 
 
-def _ordinal(n: int) -> str:
+def _ordinal(ratio: float) -> str:
+    n = round(ratio)
+    if abs(ratio - n) > 0.02:
+        return f"{ratio:.3g}th"
     end = "th" if 10 <= n % 100 <= 20 else {1: "st", 2: "nd", 3: "rd"}.get(n % 10, "th")
     return f"{n}{end}"

@@ -138,8 +138,8 @@ def _decoded(data: bytes, wanted: Sequence[str], path: Path) -> _Text:
 
 
 def _no_table(lines: Sequence[str], wanted: Sequence[str], path: Path) -> RecordingError:
-    if place := unreadable_row(lines, wanted):
-        header, row, name, cell = place
+    if unreadable := unreadable_row(lines, wanted):
+        header, row, name, cell = unreadable
         return RecordingError(
             f'line {row + 1} holds "{shown(cell)}", which is no number and no time of day',
             where=path,
