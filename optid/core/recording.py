@@ -339,7 +339,7 @@ class Recording:
                 where=self.name,
                 expected=f"at least two; the recording runs from {span}",
             )
-        return self.taken(np.arange(first, last))
+        return self.part(int(first), int(last))
 
     def segments(self, longer_than: float = LONG_GAP) -> tuple[Recording, ...]:
         """Stretches between gaps longer than so many median intervals, so that none is simulated across.
@@ -401,6 +401,27 @@ class Recording:
         import pandas as pd
 
         return pd.DataFrame({"time": self.time, **{r: c.values for r, c in self.channels.items()}})
+
+    def part(self, first: int, last: int) -> Recording:
+        """Samples `first` to `last` - 1; nothing is copied.
+
+        Parameters
+        ----------
+        first : int
+            the first sample.
+        last : int
+            one past the last.
+
+        Returns
+        -------
+        Recording
+            those samples.
+        """
+        channels = {
+            role: dataclasses.replace(channel, values=channel.values[first:last])
+            for role, channel in self.channels.items()
+        }
+        return dataclasses.replace(self, time=self.time[first:last], channels=channels)
 
     def taken(self, rows: NDArray[np.int64]) -> Recording:
         """These samples of it, in their order; what is left out between them is a gap.
@@ -492,6 +513,13 @@ def frozen(values: Array) -> Array:
         array = array.copy()
         array.flags.writeable = False
     return array
+
+
+def sealed(values: Array) -> Array:
+    """The same array, made read-only: for one that nobody else holds."""
+    values = np.asarray(values, dtype=np.float64)
+    values.flags.writeable = False
+    return values
 
 
 def midpoints(values: Array) -> Array:

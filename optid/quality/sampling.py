@@ -15,29 +15,34 @@ WINDOW = 0.5  # s, of the windowed prediction: a window without data judges noth
 FEWEST = 50  # samples with a command and a measured output: fewer are no recording
 
 
-def sampling(recording: Recording, outputs: tuple[str, ...]) -> Iterator[Remark]:
-    """Remarks on the time axis.
-
-    Args:
-        recording: what was measured.
-        outputs: roles whose motion tells whether jitter and rate matter.
-    """
-    gaps = recording.gaps()
-    if gaps:
-        longest = max(gaps, key=lambda gap: gap[1] - gap[0])
+def gaps(recording: Recording) -> Iterator[Remark]:
+    """Remarks on times at which nothing was recorded."""
+    found = recording.gaps()
+    if found:
+        longest = max(found, key=lambda gap: gap[1] - gap[0])
         size = longest[1] - longest[0]
         held = size <= LONG_GAP * recording.interval
         yield Remark(
             "gap",
             "note" if held else "warning",
             "time",
-            f"{len(gaps)} gaps between samples, the longest {size:.3g} s "
+            f"{len(found)} gaps between samples, the longest {size:.3g} s "
             f"({size / recording.interval:.0f} sampling intervals): "
             + ("the command is held through them" if held else "the record is cut there"),
             longest,
         )
+
+
+def pace(recording: Recording, outputs: tuple[str, ...]) -> Iterator[Remark]:
+    """Remarks on jitter and rate.
+
+    Args:
+        recording: what was measured.
+        outputs: roles whose motion tells whether they matter.
+    """
     for role in outputs:
-        yield from _pace(recording, role)
+        if recording[role].missing < len(recording):
+            yield from _pace(recording, role)
 
 
 def _pace(recording: Recording, role: str) -> Iterator[Remark]:

@@ -16,7 +16,7 @@ from optid.core.readers.limits import shown
 from optid.core.readers.repair import held_between, repaired
 from optid.core.readers.stamps import MISSING, seconds_of
 from optid.core.readers.table import Clock, Column, Raw, Table, offered
-from optid.core.recording import Array, Channel, ChannelMap, Provenance, Recording, frozen, midpoints
+from optid.core.recording import Array, Channel, ChannelMap, Provenance, Recording, midpoints, sealed
 from optid.errors import RecordingError
 
 _EPOCH = 1e7  # s: later times count from 1970 or a boot long ago, and are told from their first sample on
@@ -58,8 +58,8 @@ def read_recording(path: str | Path, rig: Mapped) -> Recording:
         value; the times do not increase, or contradict the rate that the rig states.
     """
     path = Path(path)
-    table, digest = read_table(path, wanted_columns(rig))
-    return recording_of(table, rig, path, digest)
+    held = list(read_table(path, wanted_columns(rig)))
+    return recording_of(held.pop(0), held.pop(), rig, path)  # nothing here holds a long file's columns
 
 
 def wanted_columns(rig: Mapped) -> list[str]:
@@ -69,34 +69,36 @@ def wanted_columns(rig: Mapped) -> list[str]:
     return [column for column in wanted if column]
 
 
-def recording_of(table: Table, rig: Mapped, path: Path, digest: str | None = None) -> Recording:
+def recording_of(table: Table, digest: str | None, rig: Mapped, path: Path) -> Recording:
     """The recording that a table holds, as `read_recording`.
 
     Parameters
     ----------
     table : Table
         the columns that the rig maps.
+    digest : str | None
+        of the file; without one the recording has no provenance.
     rig : Mapped
         anything with `channels`.
     path : Path
         of the file, or the name of what is in memory.
-    digest : str | None
-        of the file; without one the recording has no provenance.
     """
     maps = rig.channels
     _check_columns(table, maps, path)
     found = _on_one_clock(table, maps, path)
     held = {role: channel.held for role, channel in maps.items()}
     values, between = held_between(found.time, found.values, held)
+    time, notes = sealed(found.time), (*table.notes, *found.notes, *between)
+    rows, reader = max(len(column.values) for column in table.columns.values()), table.reader
+    del table, found  # a long file's columns are let go one by one
     values, repairs = repaired(values, held)
-    channels = {role: _channel(values[role], maps[role]) for role in values}
+    channels = {role: _channel(values.pop(role), maps[role]) for role in tuple(values)}
     if digest is None:
-        return Recording(path.name, found.time, channels)
+        return Recording(path.name, time, channels)
     columns = {role: channel.column for role, channel in maps.items()}
-    notes = (*table.notes, *found.notes, *between)
-    rows = max(len(column.values) for column in table.columns.values())
-    source = Provenance(path, digest, table.reader, columns, rows, notes, repairs)
-    return Recording(path.name, found.time, channels, source)
+    return Recording(
+        path.name, time, channels, Provenance(path, digest, reader, columns, rows, notes, repairs)
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -380,12 +382,14 @@ def _numbers(table: Table, channel: ChannelMap, path: Path) -> Array:
 
 
 def _channel(values: Array, channel: ChannelMap) -> Channel:
-    values = channel.factor * values + channel.shift
+    values = channel.factor * values
+    if channel.shift:
+        values += channel.shift
     return Channel(
         role=channel.role,
         column=channel.column,
         unit=channel.model_unit,
-        values=frozen(midpoints(values) if channel.linear else values),
+        values=sealed(midpoints(values) if channel.linear else values),
         sd=channel.sd,
         full_scale=channel.full_scale,
         per_unit=channel.per_unit,

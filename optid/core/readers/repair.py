@@ -26,6 +26,9 @@ _AROUND = 6  # samples on either side that show the motion around a jump
 _FULL_TURNS = (360.0, 2 * math.pi, 400.0, 1.0, 3600.0, 36_000.0, 100.0, 1000.0)
 _TURN = 2e-3  # relative: a turn that differs by more is another
 _FEWEST_CHANGES = 30
+_MOST_CHANGES = 0.75  # of the rows: with more there is nothing that tells repeats from chance
+_LONG = 1 << 20  # samples: of longer series blocks show what is usual
+_BLOCKS = 16
 _OFF_BEAT = 2.0  # rows between which changes of a slower sampling lie around an even beat
 _COARSEST = 100  # rows a sample: a longer straight line is motion
 _CLEAR = 10.0  # times what rounding bends a straight line: a corner
@@ -60,9 +63,9 @@ def held_between(
 
 def _stride(series: Array) -> int:
     """Rows from one sample to the next where they come regularly, else 1."""
-    known = np.flatnonzero(np.isfinite(series))
-    if len(known) < 8 or len(known) > 0.7 * len(series):
+    if not 8 <= np.count_nonzero(np.isfinite(series)) <= 0.7 * len(series):
         return 1
+    known = np.flatnonzero(np.isfinite(series))
     apart = np.diff(known)
     usual = round(float(np.median(apart)))
     regular = np.abs(apart - usual) <= max(1, 0.1 * usual)
@@ -88,12 +91,33 @@ def repaired(
     return found, tuple(repairs)
 
 
+def _blocks(series: Array) -> list[Array]:
+    """The series, or blocks of it that are spread over a long one."""
+    if len(series) <= _LONG:
+        return [series]
+    size = _LONG // _BLOCKS
+    starts = np.linspace(0, len(series) - size, _BLOCKS).astype(int)
+    return [series[a : a + size] for a in starts]
+
+
+def _largest_step(series: Array) -> float:
+    """The largest change from sample to sample, missing ones left out."""
+    largest, last = 0.0, np.empty(0)
+    for a in range(0, len(series), _LONG):
+        block = series[a : a + _LONG]
+        known = np.concatenate((last, block[np.isfinite(block)]))
+        largest = max(largest, float(np.abs(np.diff(known)).max(initial=0.0)))
+        last = known[-1:]
+    return largest
+
+
 Change = tuple[Array, str, int]  # the channel put right, what was seen and done, the first row
 
 
 def _absurd(series: Array) -> Iterator[Change]:
     """Readings beyond anything that a signal with this middle can reach."""
-    known = series[np.isfinite(series)]
+    known = np.concatenate(_blocks(series))
+    known = known[np.isfinite(known)]
     if len(known) < _FEW:
         return
     low, middle, high = np.percentile(known, (5, 50, 95))
@@ -101,9 +125,11 @@ def _absurd(series: Array) -> Iterator[Change]:
     usual = float(np.median(moved[moved > 0])) if (moved > 0).any() else 0.0
     floor = max(abs(middle) * 1e-3, usual, np.finfo(float).tiny)
     limit = min(ABSURD * max(high - low, floor), IMPOSSIBLE * floor)
+    if max(np.nanmax(series) - middle, middle - np.nanmin(series)) <= limit:
+        return
     with np.errstate(over="ignore"):
         far: Flags = np.abs(series - middle) > limit
-    if not far.any() or far.sum() > (0.5 if limit == IMPOSSIBLE * floor else _RARE) * len(known):
+    if not far.any() or far.mean() > (0.5 if limit == IMPOSSIBLE * floor else _RARE):
         return
     low, high = np.percentile(series[np.isfinite(series) & ~far], (5, 95))
     row = int(far.argmax())
@@ -118,6 +144,8 @@ def _absurd(series: Array) -> Iterator[Change]:
 
 def _wrapped(series: Array) -> Iterator[Change]:
     """A counter that begins anew at the end of its range: its jumps are equal, and against the motion around them."""
+    if float(np.nanmax(series) - np.nanmin(series)) * 0.5 >= _largest_step(series):
+        return
     known = np.flatnonzero(np.isfinite(series))
     y = series[known]
     if len(y) < _FEW:
@@ -177,6 +205,10 @@ def _modulus(y: Array, size: float, fastest: float) -> tuple[float, str] | None:
 
 def _stand_ins(series: Array) -> Iterator[Change]:
     """One exact value that stands in for samples that were lost: entered and left by jumps that no axis makes."""
+    seen = np.concatenate([np.abs(np.diff(block)) for block in _blocks(series)])
+    seen = seen[np.isfinite(seen)]
+    if len(series) > _LONG and len(seen) and _largest_step(series) < _LEAP * float(np.quantile(seen, 0.999)):
+        return
     known = np.flatnonzero(np.isfinite(series))
     y = series[known]
     if len(y) < _FEW:
@@ -229,6 +261,8 @@ def _stale(series: Array) -> Iterator[Change]:
     y = series
     if len(y) < 4 * _FEWEST_CHANGES or not np.isfinite(y).all():
         return
+    if np.mean(np.concatenate([np.diff(block) != 0 for block in _blocks(y)])) > _MOST_CHANGES:
+        return
     steps = np.diff(y)
     changes = np.flatnonzero(steps != 0) + 1
     ratio = _rows_a_sample(changes, len(y))
@@ -252,6 +286,11 @@ def _interpolated(series: Array) -> Iterator[Change]:
     y = series
     if len(y) < 4 * _FEWEST_CHANGES or not np.isfinite(y).all():
         return
+    glimpse = np.concatenate([np.abs(np.diff(block, 2)) for block in _blocks(y)])
+    if float(np.median(glimpse)) > 2.1 * float(np.min(glimpse[glimpse > 0], initial=np.inf)) and float(
+        np.median(glimpse)
+    ) > 1e-6 * float(np.ptp(y)):
+        return  # more than half of its samples are corners
     bends = np.abs(np.diff(y, 2))
     grid = float(np.min(np.abs(np.diff(np.unique(y[:20_000])))[1:], initial=np.inf))
     straight = max(1e-9 * float(np.ptp(y)), 2.1 * grid if grid < 1e-3 * float(np.ptp(y)) else 0.0)
@@ -283,7 +322,7 @@ def _only_at(y: Array, rows: NDArray[np.int64]) -> Array:
 
 def _rows_a_sample(changes: NDArray[np.int64], rows: int) -> float | None:
     """How many rows a sample lasts, if the changes come as regularly as those of a slower sampling do."""
-    if not _FEWEST_CHANGES <= len(changes) <= 0.75 * rows:
+    if not _FEWEST_CHANGES <= len(changes) <= _MOST_CHANGES * rows:
         return None
     apart = np.diff(changes)
     usual = round(float(np.median(apart)))

@@ -71,15 +71,17 @@ def read(data: bytes, path: Path, wanted: tuple[str, ...], budget: Budget) -> Ta
         return _nothing_found(layout, about, path)
     rows, encoding = Rows.of(text.data, text.encoding, layout, path), text.encoding
     del data, text  # a long file is in memory once
-    frame = _frame(rows, layout, encoding, path)
-    notes = rows.notes + tuple(f'"{words}" is taken for "{name}"' for name, words in layout.relaxed.items())
-    columns = {int(k): _column(frame[k], rows, layout, int(k), path) for k in frame.columns.tolist()}
+    place, notes = rows.lines.place, rows.notes
+    notes += tuple(f'"{words}" is taken for "{name}"' for name, words in layout.relaxed.items())
+    read_cells = _cells(rows, layout, encoding, path)
+    columns = {k: _column(cells, rows, layout, k, path) for k, cells in read_cells.items()}
+    del rows, read_cells
     if logger is not None and logger.change is not None:
         columns, more = logger.change(layout, columns)
         notes += more
     chosen = {name: _chosen(name, indices, columns, layout, path) for name, indices in layout.found.items()}
     chosen = _own_clocks(layout, chosen, columns, wanted)
-    return Table(chosen, names, "csv", about, {}, notes, rows.place)
+    return Table(chosen, names, "csv", about, {}, notes, place)
 
 
 def _refuse_long_table(lines: Sequence[str], layout: Layout, wanted: Sequence[str], path: Path) -> None:
@@ -180,42 +182,67 @@ def _nothing_found(layout: Layout, about: str, path: Path) -> Table:
     return Table({}, [name for name in layout.names if name], "csv", about)
 
 
-def _frame(rows: Rows, layout: Layout, encoding: str, path: Path) -> pd.DataFrame:
+def _cells(rows: Rows, layout: Layout, encoding: str, path: Path) -> dict[int, Raw]:
     """The mapped columns as pandas reads them: numbers where all cells are, else texts."""
-    import pandas as pd
-
     places = sorted({*layout.places, *loggers.clock_columns(layout)})
     sample = [split(line, layout.delimiter) for line in itertools.islice(rows.sample(), _SAMPLE)]
-    blank = rows.width == 1  # a blank line in a single column is a missing sample
+    options: dict[str, Any] = {
+        "sep": r"\s+" if layout.delimiter == " " else layout.delimiter,
+        "names": range(rows.widest),
+        "usecols": places,
+        "decimal": "," if has_decimal_comma(sample, places) else ".",
+        "skip_blank_lines": rows.width > 1,  # a blank line in a single column is a missing sample
+        "encoding": encoding,
+    }
     try:
-        frame = pd.read_csv(
-            io.BytesIO(rows.body),
-            sep=r"\s+" if layout.delimiter == " " else layout.delimiter,
-            header=None,
-            names=range(rows.widest),
-            usecols=places,
-            index_col=False,
-            decimal="," if has_decimal_comma(sample, places) else ".",
-            na_values=list(MISSING),
-            keep_default_na=True,
-            skipinitialspace=True,
-            skip_blank_lines=not blank,
-            encoding=encoding,
-            encoding_errors="replace",
-            low_memory=rows.long,
-        )
+        found: dict[int, Raw] = {}
+        at = 0
+        for piece in rows.pieces():
+            frame = _parsed(piece, options)
+            if any(frame[k].dtype.kind not in "iufb" for k in places) or at + len(frame) > rows.count:
+                whole = _parsed(rows.body, options)  # the whole column decides what its cells are
+                return {k: whole[k].to_numpy() for k in places}
+            for k in places:
+                found[k] = _placed(found.get(k), frame[k].to_numpy(), at, rows.count)
+            at += len(frame)
+        return {k: column[:at] for k, column in found.items()}
     except (ValueError, OverflowError) as error:  # pandas raises ParserError, a ValueError
         reason = " ".join(str(error).split())[:160]
         raise RecordingError(f"the table cannot be read ({reason})", where=path) from None
-    return frame
 
 
-def _column(series: pd.Series[Any], rows: Rows, layout: Layout, k: int, path: Path) -> Column:
+def _placed(column: Raw | None, part: Raw, at: int, count: int) -> Raw:
+    """A column with a part in its place; made once, of the kind that its parts need."""
+    if column is None:
+        column = np.zeros(count, dtype=part.dtype)
+    kind = np.result_type(column, part)
+    column = column if column.dtype == kind else column.astype(kind)
+    column[at : at + len(part)] = part
+    return column
+
+
+def _parsed(piece: bytes, options: dict[str, Any]) -> pd.DataFrame:
+    import pandas as pd
+
+    return pd.read_csv(
+        io.BytesIO(piece),
+        header=None,
+        index_col=False,
+        na_values=list(MISSING),
+        keep_default_na=True,
+        skipinitialspace=True,
+        encoding_errors="replace",
+        low_memory=False,
+        **options,
+    )
+
+
+def _column(cells: Raw, rows: Rows, layout: Layout, k: int, path: Path) -> Column:
     """A column whose cells are all numbers as such; stamps and texts as texts."""
     unit = _unit(layout, k)
-    if series.dtype.kind in "iufb":
-        return Column(series.to_numpy(), unit=unit)
-    cells = series.to_numpy(dtype=object)
+    if cells.dtype.kind in "iufb":
+        return Column(cells, unit=unit)
+    cells = cells.astype(object)
     known = [
         cell
         for cell in itertools.islice(cells, 200)
@@ -232,7 +259,7 @@ def _column(series: pd.Series[Any], rows: Rows, layout: Layout, k: int, path: Pa
     except Unreadable as error:
         if k < len(layout.names) and error.found == layout.names[k]:
             raise RecordingError(
-                f"{rows.place(error.row)} is the header once more: several recordings in one file",
+                f"{rows.lines.place(error.row)} is the header once more: several recordings in one file",
                 where=path,
                 expected="one table",
                 hint="cut the file there, and give each part by itself",
@@ -240,8 +267,8 @@ def _column(series: pd.Series[Any], rows: Rows, layout: Layout, k: int, path: Pa
         if not error.ambiguous:
             return Column(cells, unit=unit)  # told when its unit is known
         raise RecordingError(
-            f'{rows.place(error.row)} holds "{shown(error.found)}", which may be grouped thousands or a decimal point, '
-            "as other columns have decimal commas",
+            f'{rows.lines.place(error.row)} holds "{shown(error.found)}", which may be grouped thousands or a decimal '
+            "point, as other columns have decimal commas",
             where=path,
             field=f'column "{shown(layout.names[k])}"',
             expected="one decimal sign",
