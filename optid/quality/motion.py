@@ -269,8 +269,10 @@ def _turns(recording: Recording, cause: str, role: str) -> tuple[float, float] |
     if any(part[name].missing > 0.5 * len(part) for part in parts for name in (cause, role)):
         return None
     halves = [answer(part, cause, role) for part in parts]
-    first, second = (one[1] if one else None for one in halves)
-    if first is None or second is None or halves[0][0] != halves[1][0] or first.sign == second.sign:
+    if halves[0] is None or halves[1] is None or halves[0][0] != halves[1][0]:
+        return None
+    first, second = halves[0][1], halves[1][1]
+    if first.sign == second.sign:
         return None
     alike = abs(first.seconds - second.seconds) <= _SAME_LAG * max(abs(first.seconds), abs(second.seconds))
     plain = all(

@@ -20,6 +20,7 @@ from optid.quality.sampling import enough, gaps, missing, pace
 from optid.quality.sensors import constant_runs, quantisation, saturation
 
 _LONG, _SOME = 1 << 20, 4  # samples of a part of a long recording; parts that show how its sensors are
+_SLOWEST, _MANY = 100.0, 1 << 18  # Hz and samples at which the motion in a long recording is looked at
 _RANK = {"error": 0, "warning": 1, "note": 2}
 _ANGLES = ("m", "rad")  # positions: what has them cannot jump
 
@@ -67,7 +68,7 @@ def _remarks(
     positions = tuple(port.role for port in model.outputs if port.unit == "m" and port.role in outputs)
     angular = tuple(port.role for port in model.outputs if port.unit in _ANGLES and port.role in outputs)
     # How an axis moves shows as well at a kilohertz; what its sensors do shows in their own samples only.
-    slow = decimated(recording, inputs, FASTEST)
+    slow = decimated(recording, inputs, min(FASTEST, max(_SLOWEST, _MANY / recording.duration)))
     parts = _stretches(recording)
     some = (
         parts

@@ -58,8 +58,10 @@ def read_recording(path: str | Path, rig: Mapped) -> Recording:
         value; the times do not increase, or contradict the rate that the rig states.
     """
     path = Path(path)
-    held = list(read_table(path, wanted_columns(rig)))
-    return recording_of(held.pop(0), held.pop(), rig, path)  # nothing here holds a long file's columns
+    table, digest = read_table(path, wanted_columns(rig))
+    held = [table]
+    del table  # nothing here holds a long file's columns
+    return recording_of(held.pop(), digest, rig, path)
 
 
 def wanted_columns(rig: Mapped) -> list[str]:

@@ -224,7 +224,7 @@ def _placed(column: Raw | None, part: Raw, at: int, count: int) -> Raw:
 def _parsed(piece: bytes, options: dict[str, Any]) -> pd.DataFrame:
     import pandas as pd
 
-    return pd.read_csv(
+    frame: pd.DataFrame = pd.read_csv(
         io.BytesIO(piece),
         header=None,
         index_col=False,
@@ -235,6 +235,7 @@ def _parsed(piece: bytes, options: dict[str, Any]) -> pd.DataFrame:
         low_memory=False,
         **options,
     )
+    return frame
 
 
 def _column(cells: Raw, rows: Rows, layout: Layout, k: int, path: Path) -> Column:
