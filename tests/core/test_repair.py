@@ -119,3 +119,18 @@ def test_a_slow_command_is_held_over_its_own_interval_only():
     assert "every 10 rows (100 Hz)" in note
     assert found["command"][:1000].tolist() == np.repeat(np.arange(100), 10).tolist()
     assert np.isnan(found["command"][1010:2000]).all()
+
+
+def test_a_command_is_held_in_the_rows_of_another_logger():
+    """Two loggers joined over time, with clocks that never meet: every fifth command is followed by a position."""
+    time = np.sort(np.r_[np.arange(400) * 0.01, np.arange(80) * 0.05 + 0.003])
+    other = np.isin(time, np.arange(80) * 0.05 + 0.003)
+    command, place = np.where(other, np.nan, np.round(1000 * time) // 100), np.where(other, time, np.nan)
+    pair = {"command": command, "position": place}
+    found, notes = held_between(time, pair, {"command": True})
+    np.testing.assert_array_equal(found["command"], np.round(1000 * time) // 100)
+    assert "rows of the other channels" in notes[0]
+    command[other] = np.nan
+    command[100:130] = np.nan  # and a stretch of it is missing
+    found, _ = held_between(time, pair, {"command": True})
+    assert np.isnan(found["command"][105:125]).any()

@@ -27,6 +27,7 @@ _FULL_TURNS = (360.0, 2 * math.pi, 400.0, 1.0, 3600.0, 36_000.0, 100.0, 1000.0)
 _TURN = 2e-3  # relative: a turn that differs by more is another
 _FEWEST_CHANGES = 30
 _MOST_CHANGES = 0.75  # of the rows: with more there is nothing that tells repeats from chance
+_SHARED = 0.2  # of a channel's samples that may fall on those of another logger by chance
 _LONG = 1 << 20  # samples: of longer series blocks show what is usual
 _BLOCKS = 16
 _OFF_BEAT = 2.0  # rows between which changes of a slower sampling lie around an even beat
@@ -45,6 +46,11 @@ def held_between(
     found, notes = dict(values), []
     for role, series in values.items():
         stride = _stride(series)
+        if stride < 2 and held.get(role) and _joined(role, values):
+            found[role] = _held_on(time, series)
+            notes.append(
+                f"{role} has no value in the rows of the other channels: it is held there from its last sample"
+            )
         if stride < 2:
             continue
         rate = 1 / (float(np.median(np.diff(time))) * stride)
@@ -59,6 +65,25 @@ def held_between(
                 f"{role} has a rate of its own, a sample every {stride} rows ({rate:.4g} Hz): it is measured there"
             )
     return found, tuple(notes)
+
+
+def _joined(role: str, values: Mapping[str, Array]) -> bool:
+    """Loggers with clocks of their own, joined over time: a row holds the one's sample or the other's."""
+    own = np.isfinite(values[role])
+    if own.all():
+        return False
+    others = [np.isfinite(series) for name, series in values.items() if name != role]
+    apart = [other for other in others if np.count_nonzero(own & other) < _SHARED * np.count_nonzero(other)]
+    return bool(apart) and bool((own | np.any(apart, axis=0)).all())
+
+
+def _held_on(time: Array, series: Array) -> Array:
+    """A series held from its samples for as long as it usually takes to the next one."""
+    known = np.flatnonzero(np.isfinite(series))
+    last = known[np.clip(np.searchsorted(known, np.arange(len(series)), side="right") - 1, 0, None)]
+    ago = time - time[last]
+    near = (ago >= 0) & (ago <= 1.5 * float(np.median(np.diff(time[known]))))
+    return np.where(near, series[last], np.nan)
 
 
 def _stride(series: Array) -> int:
