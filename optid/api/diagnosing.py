@@ -12,7 +12,7 @@ import numpy as np
 from optid.api.document import stamp
 from optid.api.inputs import Progress, at_their_rate, given, is_nothing, refuse_unfit, rig_of, silent
 from optid.core.budget import Budget
-from optid.core.recording import Experiments
+from optid.core.recording_set import Experiments
 from optid.diagnosis.pipeline import diagnose as find
 from optid.effects.effect import Effect
 from optid.effects.library import from_file

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 from optid.core.decimation import brought_down
 from optid.core.readers import read_recording as read_file
-from optid.core.recording import Experiments, Recording
+from optid.core.recording import Recording
+from optid.core.recording_set import Experiments
 from optid.errors import InputError, NotIdentifiable
 from optid.quality.noise import thinned_noise
 from optid.quality.quality import quality

@@ -41,7 +41,6 @@ def test_mdf_groups_have_their_clocks(version, tmp_path):
     np.testing.assert_allclose(found["command"].values, U[: len(found)])
 
 
-@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # asammdf's own, on damage
 def test_mdf_names_that_stand_twice_or_not_at_all_and_damage(tmp_path):
     path = mdf(tmp_path / "run.mf4", "4.10", (T, [("a", U)]), (T, [("a", X)]))
     same(read_recording(path, Maps("time", "0/a", "1/a")))
@@ -49,8 +48,8 @@ def test_mdf_names_that_stand_twice_or_not_at_all_and_damage(tmp_path):
         read_recording(path, Maps("time", "a", "1/a"))
     with pytest.raises(RecordingError, match=r'no column "b"'):
         read_recording(path, Maps("time", "0/a", "b"))
-    (tmp_path / "cut.mf4").write_bytes(path.read_bytes()[:300])
-    with pytest.raises(RecordingError, match=r"truncated or damaged|no column"):
+    (tmp_path / "cut.mf4").write_bytes(path.read_bytes()[:60])
+    with pytest.raises(RecordingError, match="the MDF data is truncated"):
         read_recording(tmp_path / "cut.mf4", Maps("time", "0/a", "1/a"))
 
 

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from optid.core.readers.repair import held_between, repaired
+from optid.core.readers.own_rate import held_between
+from optid.core.readers.repair import repaired
 
 N = 4000
 RNG = np.random.default_rng(0)

@@ -30,6 +30,8 @@ def read(data: bytes, path: Path, wanted: tuple[str, ...], budget: Budget) -> Ta
         broken = "" if isinstance(error, ModuleNotFoundError) else f" (it is there, but broken: {error})"
         raise RecordingError(f"MDF files need asammdf{broken}", where=path, hint=EXTRA) from None
     logging.getLogger("asammdf").setLevel(logging.CRITICAL)
+    if b"HD" not in data[64:68]:  # where both versions have their header
+        raise RecordingError("the MDF data is truncated", where=path, expected="a complete file")
     columns: dict[str, Column] = {}
     left_out: dict[str, str] = {}
     try:

@@ -10,6 +10,8 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from optid.core.readers.glimpses import LONG, blocks, largest_step
+from optid.core.readers.repeats import Change, interpolated, stale
 from optid.core.recording import Array, Repair
 
 Flags = NDArray[np.bool_]
@@ -25,76 +27,6 @@ _LIKELY = 0.75  # of the jumps must go against the motion around them
 _AROUND = 6  # samples on either side that show the motion around a jump
 _FULL_TURNS = (360.0, 2 * math.pi, 400.0, 1.0, 3600.0, 36_000.0, 100.0, 1000.0)
 _TURN = 2e-3  # relative: a turn that differs by more is another
-_FEWEST_CHANGES = 30
-_MOST_CHANGES = 0.75  # of the rows: with more there is nothing that tells repeats from chance
-_SHARED = 0.2  # of a channel's samples that may fall on those of another logger by chance
-_LONG = 1 << 20  # samples: of longer series blocks show what is usual
-_BLOCKS = 16
-_OFF_BEAT = 2.0  # rows between which changes of a slower sampling lie around an even beat
-_COARSEST = 100  # rows a sample: a longer straight line is motion
-_CLEAR = 10.0  # times what rounding bends a straight line: a corner
-_REGULAR = 0.9  # of the runs of equal values must be as long as the usual one
-
-
-def held_between(
-    time: Array, values: Mapping[str, Array], held: Mapping[str, bool]
-) -> tuple[dict[str, Array], tuple[str, ...]]:
-    """Fill a held channel between its samples where it is recorded at a slower rate than the rows.
-
-    Only where its samples come at a regular distance, and only over that distance: what is missing for longer stays so.
-    """
-    found, notes = dict(values), []
-    for role, series in values.items():
-        stride = _stride(series)
-        if stride < 2 and held.get(role) and _joined(role, values):
-            found[role] = _held_on(time, series)
-            notes.append(
-                f"{role} has no value in the rows of the other channels: it is held there from its last sample"
-            )
-        if stride < 2:
-            continue
-        rate = 1 / (float(np.median(np.diff(time))) * stride)
-        if held.get(role):
-            rows = np.arange(len(series))
-            last = np.maximum.accumulate(np.where(np.isfinite(series), rows, 0))
-            near = (rows - last <= math.ceil(1.5 * stride)) & np.isfinite(series[last])
-            found[role] = np.where(near, series[last], np.nan)
-            notes.append(f"{role} has a sample every {stride} rows ({rate:.4g} Hz) and is held between them")
-        else:
-            notes.append(
-                f"{role} has a rate of its own, a sample every {stride} rows ({rate:.4g} Hz): it is measured there"
-            )
-    return found, tuple(notes)
-
-
-def _joined(role: str, values: Mapping[str, Array]) -> bool:
-    """Loggers with clocks of their own, joined over time: a row holds the one's sample or the other's."""
-    own = np.isfinite(values[role])
-    if own.all():
-        return False
-    others = [np.isfinite(series) for name, series in values.items() if name != role]
-    apart = [other for other in others if np.count_nonzero(own & other) < _SHARED * np.count_nonzero(other)]
-    return bool(apart) and bool((own | np.any(apart, axis=0)).all())
-
-
-def _held_on(time: Array, series: Array) -> Array:
-    """A series held from its samples for as long as it usually takes to the next one."""
-    known = np.flatnonzero(np.isfinite(series))
-    last = known[np.clip(np.searchsorted(known, np.arange(len(series)), side="right") - 1, 0, None)]
-    ago = time - time[last]
-    near = (ago >= 0) & (ago <= 1.5 * float(np.median(np.diff(time[known]))))
-    return np.where(near, series[last], np.nan)
-
-
-def _stride(series: Array) -> int:
-    """Rows from one sample to the next where they come regularly, else 1."""
-    if not 8 <= np.count_nonzero(np.isfinite(series)) <= 0.7 * len(series):
-        return 1
-    known = np.flatnonzero(np.isfinite(series))
-    apart = np.diff(known)
-    usual = round(float(np.median(apart)))
-    regular = np.abs(apart - usual) <= max(1, 0.1 * usual)
-    return usual if usual > 1 and float(regular.mean()) > 0.8 else 1
 
 
 def repaired(
@@ -108,7 +40,7 @@ def repaired(
     """
     found, repairs = dict(values), list[Repair]()
     for role in values:
-        steps = (_absurd,) if held.get(role) else (_absurd, _wrapped, _stand_ins, _stale, _interpolated)
+        steps = (_absurd,) if held.get(role) else (_absurd, _wrapped, _stand_ins, stale, interpolated)
         for step in steps:
             for changed, message, row in step(found[role]):
                 found[role] = changed
@@ -116,32 +48,9 @@ def repaired(
     return found, tuple(repairs)
 
 
-def _blocks(series: Array) -> list[Array]:
-    """The series, or blocks of it that are spread over a long one."""
-    if len(series) <= _LONG:
-        return [series]
-    size = _LONG // _BLOCKS
-    starts = np.linspace(0, len(series) - size, _BLOCKS).astype(int)
-    return [series[a : a + size] for a in starts]
-
-
-def _largest_step(series: Array) -> float:
-    """The largest change from sample to sample, missing ones left out."""
-    largest, last = 0.0, np.empty(0)
-    for a in range(0, len(series), _LONG):
-        block = series[a : a + _LONG]
-        known = np.concatenate((last, block[np.isfinite(block)]))
-        largest = max(largest, float(np.abs(np.diff(known)).max(initial=0.0)))
-        last = known[-1:]
-    return largest
-
-
-Change = tuple[Array, str, int]  # the channel put right, what was seen and done, the first row
-
-
 def _absurd(series: Array) -> Iterator[Change]:
     """Readings beyond anything that a signal with this middle can reach."""
-    known = np.concatenate(_blocks(series))
+    known = np.concatenate(blocks(series))
     known = known[np.isfinite(known)]
     if len(known) < _FEW:
         return
@@ -169,7 +78,7 @@ def _absurd(series: Array) -> Iterator[Change]:
 
 def _wrapped(series: Array) -> Iterator[Change]:
     """A counter that begins anew at the end of its range: its jumps are equal, and against the motion around them."""
-    if float(np.nanmax(series) - np.nanmin(series)) * 0.5 >= _largest_step(series):
+    if float(np.nanmax(series) - np.nanmin(series)) * 0.5 >= largest_step(series):
         return
     known = np.flatnonzero(np.isfinite(series))
     y = series[known]
@@ -230,9 +139,9 @@ def _modulus(y: Array, size: float, fastest: float) -> tuple[float, str] | None:
 
 def _stand_ins(series: Array) -> Iterator[Change]:
     """One exact value that stands in for samples that were lost: entered and left by jumps that no axis makes."""
-    seen = np.concatenate([np.abs(np.diff(block)) for block in _blocks(series)])
+    seen = np.concatenate([np.abs(np.diff(block)) for block in blocks(series)])
     seen = seen[np.isfinite(seen)]
-    if len(series) > _LONG and len(seen) and _largest_step(series) < _LEAP * float(np.quantile(seen, 0.999)):
+    if len(series) > LONG and len(seen) and largest_step(series) < _LEAP * float(np.quantile(seen, 0.999)):
         return
     known = np.flatnonzero(np.isfinite(series))
     y = series[known]
@@ -279,93 +188,3 @@ def _visits(y: Array, value: float) -> Flags | None:
         flagged[a:b] = bool(jumps) and min(jumps) > _LEAP * usual
         visits += bool(jumps) and min(jumps) > _FAST * usual
     return flagged if visits >= 3 else None
-
-
-def _stale(series: Array) -> Iterator[Change]:
-    """Samples that were repeated because the signal is taken at a slower rate than the rows."""
-    y = series
-    if len(y) < 4 * _FEWEST_CHANGES or not np.isfinite(y).all():
-        return
-    if np.mean(np.concatenate([np.diff(block) != 0 for block in _blocks(y)])) > _MOST_CHANGES:
-        return
-    steps = np.diff(y)
-    changes = np.flatnonzero(steps != 0) + 1
-    ratio = _rows_a_sample(changes, len(y))
-    if ratio is None:
-        return
-    sizes = np.abs(steps[changes - 1])
-    if float(np.median(sizes)) < 1.5 * float(sizes.min()) and float(np.quantile(sizes, 0.9)) < 1.5 * float(
-        sizes.min()
-    ):
-        return  # it moves by one step of its grid at a time: slow, not stale
-    yield (
-        _only_at(y, np.r_[0, changes]),
-        f"is new only in every {_ordinal(ratio)} row: in between, the last value is repeated; the repeats are not "
-        f"counted as samples, and its true rate is 1/{ratio:.3g} of the rows'",
-        int(changes[0]),
-    )
-
-
-def _interpolated(series: Array) -> Iterator[Change]:
-    """Samples that a logger put on straight lines between those that were taken at a slower rate."""
-    y = series
-    if len(y) < 4 * _FEWEST_CHANGES or not np.isfinite(y).all():
-        return
-    glimpse = np.concatenate([np.abs(np.diff(block, 2)) for block in _blocks(y)])
-    if float(np.median(glimpse)) > 2.1 * float(np.min(glimpse[glimpse > 0], initial=np.inf)) and float(
-        np.median(glimpse)
-    ) > 1e-6 * float(np.ptp(y)):
-        return  # more than half of its samples are corners
-    bends = np.abs(np.diff(y, 2))
-    grid = float(np.min(np.abs(np.diff(np.unique(y[:20_000])))[1:], initial=np.inf))
-    straight = max(1e-9 * float(np.ptp(y)), 2.1 * grid if grid < 1e-3 * float(np.ptp(y)) else 0.0)
-    corners = np.flatnonzero(bends > straight) + 1
-    ratio = _rows_a_sample(corners, len(y))
-    if (
-        ratio is None
-        or not 2 <= ratio <= _COARSEST
-        or float(np.median(bends[corners - 1])) < _CLEAR * straight
-    ):
-        return
-    stride = round(ratio)
-    taken = np.arange(int(corners[0]) % stride, len(y), stride)
-    if abs(ratio - stride) > 0.02 or not np.isin(corners, taken).mean() > _REGULAR:
-        return
-    yield (
-        _only_at(y, taken),
-        f"goes on straight between every {_ordinal(ratio)} row: a logger interpolated it; what lies between is not "
-        f"counted as samples, and its true rate is 1/{ratio:.3g} of the rows'",
-        int(taken[0]),
-    )
-
-
-def _only_at(y: Array, rows: NDArray[np.int64]) -> Array:
-    kept = np.full(len(y), np.nan)
-    kept[rows] = y[rows]
-    return kept
-
-
-def _rows_a_sample(changes: NDArray[np.int64], rows: int) -> float | None:
-    """How many rows a sample lasts, if the changes come as regularly as those of a slower sampling do."""
-    if not _FEWEST_CHANGES <= len(changes) <= _MOST_CHANGES * rows:
-        return None
-    apart = np.diff(changes)
-    usual = round(float(np.median(apart)))
-    near = np.abs(apart - usual) <= (0 if usual < 4 else 1)
-    # At rest a value stays for several periods.
-    whole = (apart > usual) & (
-        np.abs(apart / usual - np.round(apart / usual)) * usual <= (0 if usual < 4 else 1)
-    )
-    if usual >= 2 and float((near | whole).mean()) >= _REGULAR + 0.05 and float(near.mean()) >= 0.6:
-        return float(usual)
-    ratio = float(changes[-1] - changes[0]) / (len(changes) - 1)
-    off = changes - changes[0] - ratio * np.arange(len(changes))
-    return ratio if float(np.ptp(off)) <= _OFF_BEAT else None
-
-
-def _ordinal(ratio: float) -> str:
-    n = round(ratio)
-    if abs(ratio - n) > 0.02:
-        return f"{ratio:.3g}th"
-    end = "th" if 10 <= n % 100 <= 20 else {1: "st", 2: "nd", 3: "rd"}.get(n % 10, "th")
-    return f"{n}{end}"
