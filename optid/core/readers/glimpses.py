@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
-from optid.core.recording import Array
+Array = NDArray[np.float64]
+
 
 LONG = 1 << 20  # samples: of longer series blocks show what is usual
 _BLOCKS = 16

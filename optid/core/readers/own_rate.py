@@ -6,8 +6,10 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
+from numpy.typing import NDArray
 
-from optid.core.recording import Array
+Array = NDArray[np.float64]
+
 
 _SHARED = 0.2  # of a channel's samples that may fall on those of another logger by chance
 

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optid.core.readers.glimpses import blocks
-from optid.core.recording import Array
+
+Array = NDArray[np.float64]
 
 Change = tuple[Array, str, int]  # the channel put right, what was seen and done, the first row
 
