@@ -34,7 +34,7 @@ NEIGHBOURS = {
     ("experiments", "tuning"),
     ("experiments", "live"),
 }
-READS_FRAMES = ("readers.memory", "readers.mapping", "readers.repair")
+READS_FRAMES = ("readers.memory", "readers.mapping", "readers.columns", "readers.repair")
 FILES = sorted(path for path in PACKAGE.rglob("*.py") if path != PACKAGE / "__init__.py")
 
 

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from optid.api.document import stamp
-from optid.api.inputs import Progress, given, is_nothing, refuse_unfit, rig_of, silent
+from optid.api.inputs import Progress, at_their_rate, given, is_nothing, refuse_unfit, rig_of, silent
 from optid.core.budget import Budget
-from optid.core.recording import Experiments
+from optid.core.recording_set import Experiments
 from optid.diagnosis.pipeline import diagnose as find
 from optid.effects.effect import Effect
 from optid.effects.library import from_file
@@ -87,6 +87,7 @@ def diagnose(
     train, held = given(understood, recordings, holdout, rate)
     judging = [] if is_nothing(validation) else given(understood, validation, rate=rate)[0]
     refuse_unfit([*train, *judging, *held])
+    understood = at_their_rate(understood, train)
     Experiments.of([one.recording for one in (*train, *judging, *held)])
     own: list[Effect] = []
     for effect in effects:

@@ -12,7 +12,7 @@ import numpy as np
 
 from optid.api.document import stamp
 from optid.api.exhibit import Exhibit, about, input_table, prediction_table
-from optid.api.inputs import Given, Progress, given, refuse_unfit, rig_of, silent
+from optid.api.inputs import Given, Progress, at_their_rate, given, refuse_unfit, rig_of, silent
 from optid.api.unknowns import about_data, about_fit
 from optid.errors import NotIdentifiable
 from optid.estimation.multiple_shooting import FitOptions
@@ -93,6 +93,7 @@ def fit(
     understood = rig_of(rig)
     train, held = given(understood, recordings, holdout, rate)
     refuse_unfit(train)
+    understood = at_their_rate(understood, train)
     for name in profiles:
         fitted(understood, name)
     data = [one.recording for one in train]

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from optid.core.decimation import brought_down
 from optid.core.readers import read_recording as read_file
-from optid.core.recording import Experiments, Recording
+from optid.core.recording import Recording
+from optid.core.recording_set import Experiments
 from optid.errors import InputError, NotIdentifiable
+from optid.quality.noise import thinned_noise
 from optid.quality.quality import quality
 from optid.quality.remark import Remark
 from optid.rigs.rigfile import Rig, read_rig
@@ -85,10 +87,45 @@ def given(
     first = recordings_of(rig, train)
     held = [] if is_nothing(holdout) else recordings_of(rig, holdout, "holdout")
     every = [
-        Given(brought_down(rig.model, rig.parameters, one, rate), quality(one, rig.model, rig.parameters))
+        Given(_at_rate(rig, one, rate), quality(one, rig.model, rig.parameters))
         for one in Experiments.of([*first, *held])
     ]
     return every[: len(first)], every[len(first) :]
+
+
+def _at_rate(rig: Rig, recording: Recording, rate: float | None) -> Recording:
+    """Brought down, with what is left of each stated noise: rounding and colour do not average out."""
+    slow = brought_down(rig.model, rig.parameters, recording, rate)
+    if slow is recording:
+        return slow
+    channels = dict(slow.channels)
+    for role, channel in recording.channels.items():
+        if channel.sd and not channel.held:
+            left = thinned_noise(channel.sd, channel.values, channels[role].values)
+            channels[role] = replace(channels[role], sd=left)
+    return replace(slow, channels=channels)
+
+
+def at_their_rate(rig: Rig, data: Sequence[Given]) -> Rig:
+    """The rig with the noise that is left of what it states, where recordings were brought down.
+
+    Parameters
+    ----------
+    rig : Rig
+        as read.
+    data : Sequence[Given]
+        of `given`.
+    """
+    left = {}
+    for role, channel in rig.channels.items():
+        found = [one.recording[role].sd for one in data if channel.sd and role in one.recording]
+        sds = [sd for sd in found if sd]
+        if sds:
+            left[role] = replace(channel, sd=math.sqrt(sum(sd**2 for sd in sds) / len(sds)))
+    same = all(
+        math.isclose(one.sd or 0.0, rig.channels[role].sd or 0.0, rel_tol=1e-9) for role, one in left.items()
+    )
+    return rig if same else replace(rig, channels={**rig.channels, **left})
 
 
 def refuse_unfit(data: Sequence[Given]) -> None:

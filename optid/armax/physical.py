@@ -65,7 +65,8 @@ def physical_poles(
     values = {p.name: float(x) for p, x in zip(plant.parameters, plant.vector(rig.parameters), strict=True)}
     held = {output: float(np.nanmean(y))}
     if moves is not None:
-        held[moves] = float(np.sqrt(np.nanmean(np.gradient(y, recording.time) ** 2)))
+        measured = np.isfinite(y)  # an output of a slower rate of its own has none beside another
+        held[moves] = float(np.sqrt(np.mean(np.gradient(y[measured], recording.time[measured]) ** 2)))
     try:
         point = linearise(plant, values, held, moving=() if moves is None else (output,), near=_near(rig))
     except OptidError as error:

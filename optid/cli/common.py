@@ -62,11 +62,11 @@ def read_all(rig: str, recordings: Sequence[str], holdout: Sequence[str] = ()) -
 
     Remarks are on what the files hold; recordings faster than the axis needs are then brought down, and that is said.
     """
-    from optid.api.inputs import given, rig_of
+    from optid.api.inputs import at_their_rate, given, rig_of
 
     understood = rig_of(rig)
     first, held = given(understood, recordings, holdout, rate_asked())
-    return understood, _pairs(first), _pairs(held)
+    return at_their_rate(understood, first), _pairs(first), _pairs(held)
 
 
 def _pairs(data: Sequence[Given]) -> Read:

@@ -25,6 +25,7 @@ MOST = 5.0  # times FASTEST: a faster pole (a contact that sticks) is left to th
 SHARE = 0.01  # of the response by which a pole counts
 _LOBES = 4  # zero crossings of the low-pass on either side
 _PASS = 0.8  # of the new Nyquist frequency that passes whole
+_ALONG = 1 << 17  # samples along which it is simulated for that
 _POINTS = 24  # of the motion at which the model is linearised
 
 
@@ -89,6 +90,7 @@ def _fastest_poles(model: Model, parameters: Mapping[str, float], recording: Rec
     """rad/s, at points of the motion."""
     p = model.vector(dict(parameters))
     coarse = decimated(recording, [port.role for port in model.recorded])
+    coarse = coarse.part(0, min(len(coarse), _ALONG))
     dt = np.diff(coarse.time, append=coarse.time[-1] + coarse.interval)
     columns = []
     for port in model.inputs:

@@ -5,8 +5,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
-from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -339,7 +338,7 @@ class Recording:
                 where=self.name,
                 expected=f"at least two; the recording runs from {span}",
             )
-        return self.taken(np.arange(first, last))
+        return self.part(int(first), int(last))
 
     def segments(self, longer_than: float = LONG_GAP) -> tuple[Recording, ...]:
         """Stretches between gaps longer than so many median intervals, so that none is simulated across.
@@ -402,6 +401,27 @@ class Recording:
 
         return pd.DataFrame({"time": self.time, **{r: c.values for r, c in self.channels.items()}})
 
+    def part(self, first: int, last: int) -> Recording:
+        """Samples `first` to `last` - 1; nothing is copied.
+
+        Parameters
+        ----------
+        first : int
+            the first sample.
+        last : int
+            one past the last.
+
+        Returns
+        -------
+        Recording
+            those samples.
+        """
+        channels = {
+            role: dataclasses.replace(channel, values=channel.values[first:last])
+            for role, channel in self.channels.items()
+        }
+        return dataclasses.replace(self, time=self.time[first:last], channels=channels)
+
     def taken(self, rows: NDArray[np.int64]) -> Recording:
         """These samples of it, in their order; what is left out between them is a gap.
 
@@ -422,69 +442,6 @@ class Recording:
         return dataclasses.replace(self, time=self.time[rows], channels=channels)
 
 
-@dataclass(frozen=True, eq=False)
-class Experiments:
-    """Recordings of one rig, told apart by unique names.
-
-    Build it with `Experiments.of`, which gives two files of the same name names of their own.
-    """
-
-    recordings: tuple[Recording, ...]
-
-    @classmethod
-    def of(cls, recordings: Iterable[Recording]) -> Experiments:
-        """Collect recordings: equal file names get their folder in front, and a number if that does not help.
-
-        Raises
-        ------
-        RecordingError
-            the same samples twice (same columns of the same bytes, overlapping times).
-        """
-        given = tuple(recordings)
-        for i, recording in enumerate(given):
-            for other in given[:i]:
-                if _same_samples(recording, other):
-                    raise RecordingError(
-                        "these samples are given twice, and would count twice", where=recording.name
-                    )
-        names = _told_apart(given)
-        return cls(tuple(dataclasses.replace(r, name=n) for r, n in zip(given, names, strict=True)))
-
-    def __len__(self) -> int:
-        return len(self.recordings)
-
-    def __iter__(self) -> Iterator[Recording]:
-        return iter(self.recordings)
-
-    def __getitem__(self, name: str) -> Recording:
-        for recording in self.recordings:
-            if recording.name == name:
-                return recording
-        raise RecordingError(f'no recording "{name}"', hint=nearest(name, (r.name for r in self)))
-
-
-def _same_samples(a: Recording, b: Recording) -> bool:
-    """The same columns of the same bytes over times that overlap."""
-    if a.provenance is None or b.provenance is None or a.provenance.sha256 != b.provenance.sha256:
-        return False
-    overlap = a.time[0] <= b.time[-1] and b.time[0] <= a.time[-1]
-    return bool(overlap) and dict(a.provenance.columns) == dict(b.provenance.columns)
-
-
-def _told_apart(recordings: tuple[Recording, ...]) -> list[str]:
-    names = [recording.name for recording in recordings]
-    count = Counter(names)
-    for i, recording in enumerate(recordings):
-        if count[names[i]] > 1 and recording.provenance is not None:
-            names[i] = f"{recording.provenance.path.resolve().parent.name}/{names[i]}"
-    used: Counter[str] = Counter()
-    for i, name in enumerate(names):
-        used[name] += 1
-        if used[name] > 1:
-            names[i] = f"{name} ({used[name]})"
-    return names
-
-
 def frozen(values: Array) -> Array:
     """A read-only float64 array of the same values; copies only what is writable or of another type."""
     array = np.asarray(values, dtype=np.float64)
@@ -492,6 +449,13 @@ def frozen(values: Array) -> Array:
         array = array.copy()
         array.flags.writeable = False
     return array
+
+
+def sealed(values: Array) -> Array:
+    """The same array, made read-only: for one that nobody else holds."""
+    values = np.asarray(values, dtype=np.float64)
+    values.flags.writeable = False
+    return values
 
 
 def midpoints(values: Array) -> Array:

@@ -10,7 +10,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from optid.core.budget import UNLIMITED, Budget
-from optid.core.decimation import FASTEST, decimated
+from optid.core.decimation import brought_down, decimated
 from optid.core.model import Array, Model
 from optid.core.recording import Recording
 from optid.diagnosis.criteria import Criteria, SearchOptions
@@ -104,14 +104,19 @@ class DiagnosisProblem:
 
 
 def prepare(
-    rig: Rig, recordings: Sequence[Recording], rate: float = FASTEST
+    rig: Rig, recordings: Sequence[Recording], rate: float | None = None
 ) -> tuple[Rig, tuple[Recording, ...]]:
-    """A rig and recordings of at most so many samples a second; a stated noise is that of a sample, not an average.
+    """A rig and recordings of at most so many samples a second, or as many as the axis's fastest pole asks for.
+
+    A stated noise is that of a sample, not of an average.
 
     What is left of one that was stated, or of rounding, stands in the rig's channels then.
     """
     commands = [port.role for port in rig.model.recorded]
-    thin = tuple(decimated(one, commands, rate) for one in recordings)
+    if rate is None:
+        thin = tuple(brought_down(rig.model, rig.parameters, one) for one in recordings)
+    else:
+        thin = tuple(decimated(one, commands, rate) for one in recordings)
     if any(one is not before for one, before in zip(thin, recordings, strict=True)):
         left = {role: _noise_left(role, c.sd, recordings, thin) for role, c in rig.channels.items()}
         rig = replace(rig, channels={role: replace(c, sd=left[role]) for role, c in rig.channels.items()})

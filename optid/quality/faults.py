@@ -13,7 +13,8 @@ from optid.quality.remark import Remark
 Array = NDArray[np.float64]
 
 _FAST = 20.0  # times the fastest other change between samples
-_FEW_JUMPS = 5
+_FEW_JUMPS, _MOST_JUMPS, _RARE = 5, 200, 0.005  # of the samples that jump
+_BESIDE = 3.0  # times the fastest motion, for a step that no motion leads to
 _SPIKE = 15.0  # standard deviations off the neighbours
 _BEYOND = 6.0  # times what 97 of 100 samples are off them
 _SHOWN = 4  # samples named
@@ -27,7 +28,10 @@ def repaired(recording: Recording) -> Iterator[Remark]:
 
 
 def jumps(recording: Recording, outputs: tuple[str, ...], positions: tuple[str, ...]) -> Iterator[Remark]:
-    """Steps of an output that no axis makes: lost counts, a new zero, two recordings in one file."""
+    """Steps of an output that no axis makes: lost counts, a new zero, two recordings in one file.
+
+    A position has a speed: a step of it is also measured against the motion around it, which shows smaller ones.
+    """
     for role in outputs:
         values = recording[role].values
         known = np.flatnonzero(np.isfinite(values))
@@ -36,10 +40,12 @@ def jumps(recording: Recording, outputs: tuple[str, ...], positions: tuple[str, 
             continue
         steps = np.diff(y)
         steps[np.diff(t) > 1.5 * float(np.median(np.diff(t)))] = 0.0  # across a gap an axis may move far
-        largest = np.argsort(-np.abs(steps))[: _FEW_JUMPS + 1]
-        sizes = np.abs(steps[largest])
-        usual = float(sizes[-1])
-        far = np.sort(largest[sizes > _FAST * usual])
+        far, usual = _far(steps, _FAST)
+        if role in positions:
+            off, _ = _far(steps - _motion_around(steps), _FAST)
+            usual = float(np.abs(np.delete(steps, np.union1d(far, off))).max(initial=0.0))
+            beyond = np.abs(steps[off]) > _BESIDE * usual
+            far = np.union1d(far, off[beyond])
         stays = [int(k) for k in far if _stays(y, int(k))]
         if not stays or usual == 0.0:
             continue
@@ -49,16 +55,37 @@ def jumps(recording: Recording, outputs: tuple[str, ...], positions: tuple[str, 
             "error" if role in positions else "warning",
             role,
             f"{role} jumps by {size:.4g} {recording[role].unit} within a sample ({len(stays)} such steps, first at "
-            f"{t[first + 1]:.6g} s), {size / usual:.3g} times its fastest motion: counts lost, a new zero, or two "
-            "recordings in one; cut the file there",
+            f"{t[first + 1]:.6g} s), {size / usual:.3g} times its fastest motion: counts lost, a new zero, a bad "
+            "contact, or two recordings in one; cut the file there",
             (float(t[first]), float(t[first + 1])),
         )
 
 
+def _far(steps: Array, times: float) -> tuple[NDArray[np.int64], float]:
+    """Rows of the few steps that are so many times all the others, and the size of these."""
+    sizes = np.abs(steps)
+    order = np.argsort(-sizes)
+    few = max(_FEW_JUMPS, min(int(_RARE * len(steps)), _MOST_JUMPS))
+    # Where the sizes fall most steeply, jumps end and motion begins.
+    top = sizes[order[: few + 1]]
+    ratios = top[:-1] / np.maximum(top[1:], max(float(top[0]) * 1e-12, 1e-300))
+    cut = int(ratios.argmax())
+    usual = float(top[cut + 1])
+    return np.sort(order[: few + 1][top > times * usual]), usual
+
+
+def _motion_around(steps: Array) -> Array:
+    """The median of the four steps around each."""
+    padded = np.pad(steps, 2, mode="edge")
+    n = len(steps)
+    return np.asarray(np.median(np.stack([padded[k : k + n] for k in (0, 1, 3, 4)]), axis=0))
+
+
 def _stays(y: Array, k: int) -> bool:
-    """The level after a step is still there some samples later: it is no outlier."""
-    after, size = y[k + 1 : k + 7], y[k + 1] - y[k]
-    return len(after) > 2 and bool(np.abs(after - y[k + 1]).max() < 0.5 * abs(size))
+    """The levels before and after a step are there for some samples: it is no outlier."""
+    size, before, after = abs(y[k + 1] - y[k]), y[max(k - 5, 0) : k + 1], y[k + 1 : k + 7]
+    held = bool(np.abs(after - y[k + 1]).max() < 0.5 * size and np.abs(before - y[k]).max() < 0.5 * size)
+    return held and len(after) > 2 and len(before) > 2
 
 
 def outliers(recording: Recording, outputs: tuple[str, ...]) -> Iterator[Remark]:
@@ -69,20 +96,30 @@ def outliers(recording: Recording, outputs: tuple[str, ...]) -> Iterator[Remark]
         y = values[known]
         if len(y) < 40:
             continue
-        around = np.sort(np.stack((y[:-4], y[1:-3], y[3:-1], y[4:])), axis=0)
-        off = np.abs(y[2:-2] - (around[1] + around[2]) / 2)
-        limit = max(_SPIKE * 1.4826 * float(np.median(off)), _BEYOND * float(np.quantile(off, 0.97)))
-        spread = np.abs(around[3] - around[0])  # neighbours that agree: a step is no outlier
-        far = np.flatnonzero((off > limit) & (spread < 0.5 * off)) + 2
-        if not len(far) or limit == 0.0:
+        far, off = _alone(y, 0)
+        if not len(far):
+            far, off = _alone(y, 2)  # a filter behind it spreads a spike over a few samples
+        if not len(far):
             continue
         places = ", ".join(f"{recording.time[known[k]]:.6g}" for k in far[:_SHOWN])
         yield Remark(
             "outliers",
             "warning",
             role,
-            f"{len(far)} samples of {role} stand alone, up to {off[far - 2].max():.3g} {recording[role].unit} off "
+            f"{len(far)} samples of {role} stand alone, up to {off.max():.3g} {recording[role].unit} off "
             f"their neighbours (at {places}{' s ...' if len(far) > _SHOWN else ' s'}): leave them out, or let them "
             "count less (fit --robust)",
             (float(recording.time[known[far[0]]]),) * 2,
         )
+
+
+def _alone(y: Array, apart: int) -> tuple[NDArray[np.int64], Array]:
+    """Rows of samples far off the two before and the two after them, `apart` left out between; and how far."""
+    reach = 2 + apart
+    n = len(y) - 2 * reach
+    around = np.sort(np.stack([y[k : k + n] for k in (0, 1, 2 * reach - 1, 2 * reach)]), axis=0)
+    off = np.abs(y[reach:-reach] - (around[1] + around[2]) / 2)
+    limit = max(_SPIKE * 1.4826 * float(np.median(off)), _BEYOND * float(np.quantile(off, 0.97)))
+    spread = np.abs(around[3] - around[0])  # neighbours that agree: a step is no outlier
+    far = np.flatnonzero((off > limit) & (spread < 0.5 * off)) if limit > 0.0 else np.empty(0, dtype=np.int64)
+    return far + reach, off[far]

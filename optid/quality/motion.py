@@ -22,6 +22,9 @@ _FOLLOWS = (
 )
 _AGAINST = 0.6  # correlation against the model's sign that is no accident
 _PLAINER = 1.5  # times that with the model's sign
+_PLAIN = 0.85  # correlation in each half of a record whose sign changes between them
+_SAME_LAG = 0.3  # by which their lags may differ
+_FEWEST_HALF = 400  # samples of a half, at least
 _NOISES = 5.0  # standard deviations: among a million samples noise alone passes less than once
 
 
@@ -118,7 +121,7 @@ class Lag:
         correlation: the highest, by size.
         causal: the highest at lags of zero and more, by size.
         chance: the highest, by size, at lags where the two can have nothing to do with each other.
-        scatter: standard deviation of the correlation at those lags.
+        scatter: standard deviation of a correlation, by how many independent stretches the record holds.
         rising: the highest correlation of positive sign at lags of zero and more; 0 if none.
         falling: the highest of negative sign there, by size.
         sign: of the highest correlation.
@@ -156,11 +159,21 @@ def lag(cause: Array, effect: Array, interval: float) -> Lag:
         float(sizes[best]),
         float(sizes[near & (lags >= 0)].max()),
         float(sizes[far].max()),
-        float(np.sqrt(np.mean(sizes[far] ** 2))),
+        min(float(np.sqrt(np.mean(sizes[far] ** 2))), _standard_error(a, b)),
         float(max(causal.max(), 0.0)),
         float(max(-causal.min(), 0.0)),
         1 if signed[best] >= 0 else -1,
     )
+
+
+def _standard_error(a: Array, b: Array) -> float:
+    """Of the correlation of two unrelated signals like these (Bartlett), what recurs later in the record left out."""
+    n = len(a)
+    size = 1 << (2 * n - 1).bit_length()
+    own = [np.fft.irfft(np.abs(np.fft.rfft(s, size)) ** 2, size)[: n // 2] / n for s in (a, b)]
+    product = own[0] * own[1]
+    first = int(np.argmax((own[0] <= 0) | (own[1] <= 0))) or len(product)
+    return float(np.sqrt(max(2 * product[:first].sum() - product[0], 1.0) / n))
 
 
 def answer(recording: Recording, cause: str, role: str) -> tuple[str, Lag] | None:
@@ -185,7 +198,7 @@ def anticipation(recording: Recording, inputs: tuple[str, ...], outputs: tuple[s
     """Outputs that move before the command does, which only channels out of step can show.
 
     The highest correlation of an answer must lie before zero and exceed both what chance gives in this record
-    and the highest after zero by three standard errors, (1 - r^2) times the scatter of chance.
+    and the highest after zero by two standard errors, (1 - r^2) times the scatter of unrelated signals.
     """
     for cause in inputs:
         for role in outputs:
@@ -193,7 +206,7 @@ def anticipation(recording: Recording, inputs: tuple[str, ...], outputs: tuple[s
             if answered is None:
                 continue
             found = answered[1]
-            margin = 3 * max(1 - found.correlation**2, 0.0) * found.scatter
+            margin = 2 * max(1 - found.correlation**2, 0.0) * found.scatter
             ahead = found.correlation > max(found.chance, found.causal) + margin
             if ahead and found.seconds < -_halfwidth(recording) * recording.interval:
                 yield Remark(
@@ -228,7 +241,16 @@ def polarity(
             what, found = answered
             right, wrong = (found.rising, found.falling) if expected > 0 else (found.falling, found.rising)
             clear = wrong > max(_AGAINST, found.chance, _PLAINER * right)
-            if clear and found.sign != expected and found.seconds >= 0:
+            turned = _turns(recording, cause, role)
+            if turned is not None:
+                yield Remark(
+                    "polarity",
+                    "error",
+                    role,
+                    f"{what} goes with {cause} in one half of the record and against it in the other (correlations "
+                    f"{turned[0]:.2f} and {turned[1]:.2f}): one of them changed its sign; cut the file there",
+                )
+            elif clear and found.sign != expected and found.seconds >= 0:
                 yield Remark(
                     "polarity",
                     "error",
@@ -236,6 +258,28 @@ def polarity(
                     f"{what} goes against {cause} (correlation {-expected * wrong:.2f}), where the model goes with it: "
                     f"the sign of {cause} or of {role} is the other one, or the gain between them in the rig file",
                 )
+
+
+def _turns(recording: Recording, cause: str, role: str) -> tuple[float, float] | None:
+    """Correlations in both halves of a record, where each is plain and they have opposite signs."""
+    n = len(recording)
+    if n < 2 * _FEWEST_HALF:
+        return None
+    parts = [recording.taken(rows) for rows in np.array_split(np.arange(n), 2)]
+    if any(part[name].missing > 0.5 * len(part) for part in parts for name in (cause, role)):
+        return None
+    halves = [answer(part, cause, role) for part in parts]
+    if halves[0] is None or halves[1] is None or halves[0][0] != halves[1][0]:
+        return None
+    first, second = halves[0][1], halves[1][1]
+    if first.sign == second.sign:
+        return None
+    alike = abs(first.seconds - second.seconds) <= _SAME_LAG * max(abs(first.seconds), abs(second.seconds))
+    plain = all(
+        one.seconds >= 0 and one.correlation > max(_PLAIN, _PLAINER * min(one.rising, one.falling))
+        for one in (first, second)
+    )
+    return (first.sign * first.correlation, second.sign * second.correlation) if alike and plain else None
 
 
 def _halfwidth(recording: Recording) -> int:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import itertools
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,9 +16,11 @@ from optid.quality.feedback import feedback, single_line, tied
 from optid.quality.motion import anticipation, one_sided, polarity, still, travel
 from optid.quality.remark import Remark
 from optid.quality.response import signs
-from optid.quality.sampling import enough, missing, sampling
+from optid.quality.sampling import enough, gaps, missing, pace
 from optid.quality.sensors import constant_runs, quantisation, saturation
 
+_LONG, _SOME = 1 << 20, 4  # samples of a part of a long recording; parts that show how its sensors are
+_SLOWEST, _MANY = 100.0, 1 << 18  # Hz and samples at which the motion in a long recording is looked at
 _RANK = {"error": 0, "warning": 1, "note": 2}
 _ANGLES = ("m", "rad")  # positions: what has them cannot jump
 
@@ -64,20 +68,52 @@ def _remarks(
     positions = tuple(port.role for port in model.outputs if port.unit == "m" and port.role in outputs)
     angular = tuple(port.role for port in model.outputs if port.unit in _ANGLES and port.role in outputs)
     # How an axis moves shows as well at a kilohertz; what its sensors do shows in their own samples only.
-    slow = decimated(recording, inputs, FASTEST)
+    slow = decimated(recording, inputs, min(FASTEST, max(_SLOWEST, _MANY / recording.duration)))
+    parts = _stretches(recording)
+    some = (
+        parts
+        if len(parts) <= _SOME
+        else tuple(parts[k] for k in np.linspace(0, len(parts) - 1, _SOME, dtype=int))
+    )
     return [
-        *sampling(recording, outputs),
+        *gaps(recording),
+        *_together(some, lambda one: pace(one, outputs)),
         *still(slow, inputs, outputs),
-        *saturation(recording, inputs),
+        *_together(parts, lambda one: saturation(one, inputs)),
         *one_sided(recording, inputs),
         *(remark for role in positions for remark in travel(slow, role)),
-        *quantisation(recording, outputs),
-        *constant_runs(recording, outputs),
-        *jumps(recording, outputs, angular),
-        *outliers(recording, outputs),
+        *_together(some, lambda one: quantisation(one, outputs)),
+        *_together(some, lambda one: constant_runs(one, outputs)),
+        *_together(parts, lambda one: jumps(one, outputs, angular)),
+        *_together(parts, lambda one: outliers(one, outputs)),
         *anticipation(slow, inputs, outputs),
         *polarity(slow, signs(model, parameters, slow), inputs, outputs),
         *feedback(recording, inputs, outputs),
         *single_line(slow, inputs),
         *tied(slow, inputs),
     ]
+
+
+def _stretches(recording: Recording) -> tuple[Recording, ...]:
+    """A long recording in parts: what is made of one takes little beside it."""
+    count = -(-len(recording) // _LONG)
+    if count == 1:
+        return (recording,)
+    return tuple(
+        recording.part(a, b)
+        for a, b in itertools.pairwise(len(recording) * k // count for k in range(count + 1))
+    )
+
+
+def _together(parts: Sequence[Recording], look: Callable[[Recording], Iterable[Remark]]) -> Iterator[Remark]:
+    """The remarks on parts of a recording; of those of one kind on one channel the first one, and how many follow."""
+    found: dict[tuple[str, str, str], list[Remark]] = {}
+    for part in parts:
+        for remark in look(part):
+            found.setdefault((remark.kind, remark.severity, remark.channel), []).append(remark)
+    for several in found.values():
+        if len(parts) == 1:
+            yield from several
+            continue
+        more = f" (and in {len(several) - 1} more stretches of the record)" if len(several) > 1 else ""
+        yield replace(several[0], message=several[0].message + more)

@@ -15,29 +15,34 @@ WINDOW = 0.5  # s, of the windowed prediction: a window without data judges noth
 FEWEST = 50  # samples with a command and a measured output: fewer are no recording
 
 
-def sampling(recording: Recording, outputs: tuple[str, ...]) -> Iterator[Remark]:
-    """Remarks on the time axis.
-
-    Args:
-        recording: what was measured.
-        outputs: roles whose motion tells whether jitter and rate matter.
-    """
-    gaps = recording.gaps()
-    if gaps:
-        longest = max(gaps, key=lambda gap: gap[1] - gap[0])
+def gaps(recording: Recording) -> Iterator[Remark]:
+    """Remarks on times at which nothing was recorded."""
+    found = recording.gaps()
+    if found:
+        longest = max(found, key=lambda gap: gap[1] - gap[0])
         size = longest[1] - longest[0]
         held = size <= LONG_GAP * recording.interval
         yield Remark(
             "gap",
             "note" if held else "warning",
             "time",
-            f"{len(gaps)} gaps between samples, the longest {size:.3g} s "
+            f"{len(found)} gaps between samples, the longest {size:.3g} s "
             f"({size / recording.interval:.0f} sampling intervals): "
             + ("the command is held through them" if held else "the record is cut there"),
             longest,
         )
+
+
+def pace(recording: Recording, outputs: tuple[str, ...]) -> Iterator[Remark]:
+    """Remarks on jitter and rate.
+
+    Args:
+        recording: what was measured.
+        outputs: roles whose motion tells whether they matter.
+    """
     for role in outputs:
-        yield from _pace(recording, role)
+        if recording[role].missing < len(recording):
+            yield from _pace(recording, role)
 
 
 def _pace(recording: Recording, role: str) -> Iterator[Remark]:
@@ -106,15 +111,14 @@ def enough(recording: Recording, inputs: tuple[str, ...], outputs: tuple[str, ..
         measured |= np.isfinite(recording[role].values)
     whole = int((commanded & measured).sum())
     seconds = float(commanded.sum()) * recording.interval
-    if whole == len(recording) or (
-        whole >= FEWEST and (seconds >= 2 * WINDOW or whole > 0.5 * len(recording))
-    ):
+    read = recording.provenance.rows_read if recording.provenance else len(recording)
+    if whole >= min(FEWEST, read) and (seconds >= 2 * WINDOW or whole > 0.5 * read):
         return
     yield Remark(
         "missing",
         "error",
         outputs[0] if outputs else "time",
-        f"only {whole} of {len(recording)} samples have both a command and a measured output ({seconds:.3g} s): too "
+        f"only {whole} of {read} samples have both a command and a measured output ({seconds:.3g} s): too "
         "little to fit to or to test on",
     )
 

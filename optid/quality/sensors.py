@@ -91,6 +91,7 @@ def constant_runs(recording: Recording, outputs: tuple[str, ...]) -> Iterator[Re
             continue  # a channel that never moves is said to be still
         step = grid(values)
         if scatter(values, step) < max(step / 2, _NOISELESS * (found.max() - found.min())):
+            yield from _at_end(recording, channel=recording[role])
             continue
         low, high = float(found.min()), float(found.max())
         at_rail = (values == low) | (values == high)
@@ -98,6 +99,28 @@ def constant_runs(recording: Recording, outputs: tuple[str, ...]) -> Iterator[Re
         for rail, name in ((low, "lowest"), (high, "highest")):
             yield from _clipped(recording, channel, values == rail, ~at_rail, f"{name} value {rail:.5g}")
         yield from _stuck(recording, channel, at_rail)
+
+
+def _at_end(recording: Recording, channel: Channel) -> Iterator[Remark]:
+    """A signal without visible noise that runs into its highest or lowest value and stays there."""
+    values = channel.values
+    moves = np.abs(np.diff(values))
+    usual = float(np.nanmedian(moves[moves > 0])) if (moves > 0).any() else 0.0
+    for name, rail in (("lowest", float(np.nanmin(values))), ("highest", float(np.nanmax(values)))):
+        stays = [
+            (a, b)
+            for a, b in runs(values == rail)
+            if b - a >= _BLOCK and a > 1 and abs(values[a - 1] - values[a - 2]) > usual
+        ]
+        if len(stays) > 1:
+            yield Remark(
+                "clipped",
+                "note",
+                channel.role,
+                f"{channel.role} runs into its {name} value {rail:.5g} {channel.unit} {len(stays)} times and stays "
+                "there: an end stop, or the end of the sensor's range",
+                _span(recording, *stays[0]),
+            )
 
 
 def _clipped(

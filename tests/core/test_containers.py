@@ -121,6 +121,14 @@ HDF5 = {
     "matrix of signals": ({"log": np.stack([T, U, X])}, Maps("log[0]", "log[1]", "log[2]")),
     "groups": ({"run": {"t": T, "axis": {"u": U, "x": X}}}, Maps("run/t", "/run/axis/u", "run.axis.x")),
     "records": ({"log": RECORDS}, Maps("log.t", "log.u", "log.x")),
+    "records of vectors": (
+        {
+            "df": {
+                "table": np.array([(k, v) for k, v in enumerate(np.stack([T, U, X], 1))], dtype="i8, (3,)f8")
+            }
+        },
+        Maps("df.table.f1[0]", "df.table.f1[1]", "df.table.f1[2]"),
+    ),
 }
 
 
@@ -285,6 +293,17 @@ def test_a_rate_that_contradicts_the_file_is_refused(tmp_path):
         read_recording(path, PLAIN)
 
 
+def test_time_channels_of_tdms_groups(tmp_path):
+    import nptdms
+
+    with nptdms.TdmsWriter(str(tmp_path / "run.tdms")) as file:
+        parts = [("a", "Time", T), ("a", "u", U), ("b", "Time", T[10:]), ("b", "x", X[10:])]
+        file.write_segment([nptdms.ChannelObject(group, name, values) for group, name, values in parts])
+    found = read_recording(tmp_path / "run.tdms", Maps("a/Time", "u", "x"))
+    np.testing.assert_allclose(found.time - found.time[0], T[: N - 10], atol=1e-9)
+    same(found, begin=10)
+
+
 def test_structs_with_clocks_of_their_own(tmp_path):
     path = saved(tmp_path / "run.mat", u={"time": T, "values": U}, x={"time": T[::5], "values": X[::5]})
     found = read_recording(path, Maps("u.time", "u.values", "x.values"))
@@ -305,14 +324,24 @@ def frame(t, **more):
         ((2**32 - 20_000 + 1000 * np.arange(N, dtype=np.int64)) % 2**32, 1e-6),
         (((2**31 - 20 + np.arange(N)) + 2**31) % 2**32 - 2**31, 1e-3),
         (np.mod(3599.98 + T, 3600.0), 1.0),
+        (np.mod(604_799.98 + T, 604_800.0), 1.0),
     ],
-    ids=["midnight", "16 bits of ms", "32 bits of us", "signed 32 bits", "an hour"],
+    ids=["midnight", "16 bits of ms", "32 bits of us", "signed 32 bits", "an hour", "a week"],
 )
 def test_clocks_that_begin_anew_are_unwrapped_and_told(raw, factor, tmp_path):
     (tmp_path / "run.parquet").write_bytes(frame(raw))
     found = read_recording(tmp_path / "run.parquet", Maps("t", "u", "x", factor=factor))
     np.testing.assert_allclose(found.time - found.time[0], T, atol=1e-9)
     assert "begins anew" in " ".join(found.provenance.notes)
+
+
+def test_fractions_of_a_second_turn_more_than_once(tmp_path):
+    t = np.arange(300) * 0.01
+    (tmp_path / "run.parquet").write_bytes(frame(t % 1.0))
+    np.testing.assert_allclose(read_recording(tmp_path / "run.parquet", PLAIN).time, t, atol=1e-9)
+    (tmp_path / "run.parquet").write_bytes(frame(t[:150] % 1.0))  # two recordings of a second may look so
+    with pytest.raises(RecordingError, match="goes back"):
+        read_recording(tmp_path / "run.parquet", PLAIN)
 
 
 def test_a_second_recording_in_the_file_is_no_roll_over(tmp_path):
@@ -323,9 +352,13 @@ def test_a_second_recording_in_the_file_is_no_roll_over(tmp_path):
 
 def test_stamps_of_arrival_are_refused_with_the_rate(tmp_path):
     k = np.arange(300)
-    (tmp_path / "run.parquet").write_bytes(frame((k // 3) * 0.03 + (k % 3) * 0.001))
-    with pytest.raises(RecordingError, match=r'in bursts.*rate = "100 Hz"'):
-        read_recording(tmp_path / "run.parquet", PLAIN)
+    held_up = np.maximum.accumulate(
+        np.where(k % 60 > 8, k * 0.01, (k // 60 * 60 + 8) * 0.01 + (k % 60) * 1e-6)
+    )
+    for stamps in ((k // 3) * 0.03 + (k % 3) * 0.001, held_up):
+        (tmp_path / "run.parquet").write_bytes(frame(stamps))
+        with pytest.raises(RecordingError, match=r'in bursts.*rate = "100(\.\d+)? Hz"'):
+            read_recording(tmp_path / "run.parquet", PLAIN)
     rng = np.random.default_rng(0)
     (tmp_path / "run.parquet").write_bytes(frame(np.cumsum(rng.exponential(0.01, 300))))
     assert len(read_recording(tmp_path / "run.parquet", PLAIN)) == 300

@@ -54,10 +54,8 @@ def test_a_scope_without_its_clock_is_refused_with_the_rate(tmp_path):
 
 
 FOREIGN = {
-    "run.mf4": (b"MDF     4.10    ", "MDF"),
     "run.bag": (b"#ROSBAG V2.0\n", "ROS 1 bag"),
-    "run.mcap": (b"\x89MCAP0\r\n", "MCAP"),
-    "run.db3": (b"SQLite format 3\0", "SQLite"),
+    "run.nc": (b"CDF\x01" + bytes(40), "netCDF file of version 3"),
     "run.blf": (b"LOGG" + bytes(40), "Vector BLF"),
     "run.npy": (b"\x93NUMPY\x01\0", "NumPy"),
     "run.xlsx": (b"PK\x03\x04" + b"xl/workbook.xml" + bytes(40), "Excel workbook"),

@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from optid.core.recording import Channel, Experiments, Provenance, Recording
+from optid.core.recording import Channel, Provenance, Recording
+from optid.core.recording_set import Experiments
 from optid.errors import RecordingError
 
 

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from optid.core.readers.repair import held_between, repaired
+from optid.core.readers.own_rate import held_between
+from optid.core.readers.repair import repaired
 
 N = 4000
 RNG = np.random.default_rng(0)
@@ -62,11 +63,41 @@ def test_repeats_of_a_slower_sensor_are_not_counted(every):
     assert f"every {every}" in message
 
 
+@pytest.mark.parametrize("ratio", [1.4, 2.5, 3.5])
+def test_repeats_at_a_ratio_that_is_no_whole_number(ratio):
+    rows = (np.floor(np.arange(N) / ratio + 1e-9) * ratio).astype(int)
+    found, (message,) = put_right(position()[rows])
+    assert f"every {ratio}th row" in message
+    changes = np.flatnonzero(np.diff(rows)) + 1
+    assert np.flatnonzero(np.isfinite(found)).tolist() == [0, *changes]
+
+
+@pytest.mark.parametrize("grid", [0.0, 1e-4])
+def test_samples_that_a_logger_interpolated_are_not_counted(grid):
+    series = np.interp(np.arange(N), np.arange(0, N, 4), position()[::4])
+    series = np.round(series / grid) * grid if grid else series
+    found, (message,) = put_right(series)
+    assert "goes on straight between every 4th row" in message
+    assert np.flatnonzero(np.isfinite(found)).tolist() == list(range(0, N, 4))
+
+
+def test_absurd_readings_may_be_many_but_not_next_to_rounding():
+    series = position()
+    series[1000:2500] = -1e70
+    found, (message,) = put_right(series)
+    assert np.isnan(found[1000:2500]).all()
+    assert "1500 such samples" in message
+    rest = 1e-12 * np.random.default_rng(0).normal(size=N)
+    rest[1000:2500] = 10 * np.sin(np.linspace(0, np.pi, 1500))  # a move beside the rounding of zero
+    np.testing.assert_array_equal(put_right(rest)[0], rest)
+
+
 SOUND = {
     "a sensor with noise": position(),
     "a coarse grid": np.round(position() / 0.5) * 0.5,
     "a fine ramp on a grid": np.round(np.linspace(0, 40, N) / 0.1) * 0.1,
     "rest, then a jump of the setpoint": np.r_[np.zeros(2000), 5 + np.zeros(2000)] + RNG.normal(0, 0.003, N),
+    "a triangle with noise": 40 * np.abs((TIME % 0.4) / 0.2 - 1) + RNG.normal(0, 0.003, N),
     "on and off": 3.0 * (np.sin(40 * TIME) > 0) + RNG.normal(0, 0.003, N),
     "pulses on a rest": np.where(np.arange(N) % 500 < 8, 50.0, 0.0),
     "steps between levels": np.repeat(RNG.normal(0, 10, 20), 200),
@@ -89,3 +120,18 @@ def test_a_slow_command_is_held_over_its_own_interval_only():
     assert "every 10 rows (100 Hz)" in note
     assert found["command"][:1000].tolist() == np.repeat(np.arange(100), 10).tolist()
     assert np.isnan(found["command"][1010:2000]).all()
+
+
+def test_a_command_is_held_in_the_rows_of_another_logger():
+    """Two loggers joined over time, with clocks that never meet: every fifth command is followed by a position."""
+    time = np.sort(np.r_[np.arange(400) * 0.01, np.arange(80) * 0.05 + 0.003])
+    other = np.isin(time, np.arange(80) * 0.05 + 0.003)
+    command, place = np.where(other, np.nan, np.round(1000 * time) // 100), np.where(other, time, np.nan)
+    pair = {"command": command, "position": place}
+    found, notes = held_between(time, pair, {"command": True})
+    np.testing.assert_array_equal(found["command"], np.round(1000 * time) // 100)
+    assert "rows of the other channels" in notes[0]
+    command[other] = np.nan
+    command[100:130] = np.nan  # and a stretch of it is missing
+    found, _ = held_between(time, pair, {"command": True})
+    assert np.isnan(found["command"][105:125]).any()

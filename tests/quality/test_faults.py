@@ -44,6 +44,23 @@ def test_single_samples_off_their_neighbours_are_outliers_and_no_jumps():
     assert list(jumps(recording(**s), ("position",), ("position",))) == []
 
 
+def test_small_jumps_show_against_the_motion_around_them_and_an_impact_does_not():
+    s = signals()
+    fastest = float(np.abs(np.diff(s["position"])).max())
+    lost = s["position"] + 6 * fastest * (np.arange(N) // 1000)
+    (remark,) = jumps(recording(position=lost), ("position",), ("position",))
+    assert "7 such steps" in remark.message
+    struck = np.abs(0.2 * (np.arange(N) * DT - 3.0))  # turns at full speed within a sample
+    assert list(jumps(recording(position=struck), ("position",), ("position",))) == []
+
+
+def test_a_sign_that_changes_within_the_record_is_an_error():
+    s = signals()
+    half = np.arange(N) > N // 2
+    found = quality(recording(**{**s, "command": np.where(half, -s["command"], s["command"])}), MODEL)
+    assert any(r.kind == "polarity" and "one half of the record" in r.message for r in found)
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_the_other_sign_is_an_error(seed):
     s = signals(seed)

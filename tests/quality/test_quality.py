@@ -251,7 +251,7 @@ def test_an_output_that_follows_the_command_itself_is_in_step():
     """A spring-loaded axis: position follows command, so its speed comes first, and rightly so."""
     s = signals()
     noise = np.random.default_rng(0).normal(0, 3e-5, N)
-    position = 0.1 * np.concatenate((np.zeros(5), s["command"][:-5])) + noise
+    position = 0.1 * np.concatenate((np.full(5, s["command"][0]), s["command"][:-5])) + noise
     assert quality(recording(position=position, pressure_a=s["pressure_a"]), MODEL) == ()
 
 

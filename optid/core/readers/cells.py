@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from optid.core.readers.stamp_text import LONGEST, parsed
+
 Texts = Sequence[str]
 
 # Written where there is no value; pandas knows most of them.
@@ -60,12 +62,8 @@ _MISSING = frozenset(MISSING)
 _NUMBER = re.compile(r"[-+]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eEdD][-+]?\d+)?")
 _GROUPED = re.compile(r"[-+]?\d{1,3}(?:[ '.,\u00a0\u2009\u202f]\d{3})+(?:[.,]\d*)?")
 _SPECIAL = re.compile(r"[-+]?(?:inf|infinity|nan|∞|true|false)", re.IGNORECASE)
-_STAMP = re.compile(
-    r"(?:\d{4}[-/.]\d{1,2}[-/.]\d{1,2}|\d{1,2}[-/.]\d{1,2}[-/.]\d{2,4}|\d{1,2}[- ][A-Za-z]{3,9}[- ]\d{2,4})"
-    r"(?:[T _]?\s*\d{1,2}:\d{2}(?::\d{2}(?:[.,:;]\d+)?)?.*)?|-?(?:\d+ days?,? )?\d{1,6}:\d{2}(?::\d{2})?(?:[.,:;]\d+)?"
-    r"(?:\s*[AaPp]\.?[Mm]\.?)?"
-)
-LONGEST = 80  # characters of a cell that can be a number or a stamp: no pattern sees longer ones
+# "12.5 mm", "3 %": a unit that stands in every cell of a column.
+_SUFFIXED = re.compile(rf"({_NUMBER.pattern})\s?([A-Za-zµμ°%Ω‰][\w/²³^%°·*]{{0,9}})")
 _THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2}(?:[.,]\d{3})+")
 COMMA_DECIMAL = re.compile(r"[-+]?\d*,\d+(?:[eEdD][-+]?\d+)?")
 
@@ -84,12 +82,28 @@ def is_number(cell: str) -> bool:
 
 def is_stamp(cell: str) -> bool:
     """A date, a time of day, or both."""
-    return len(cell) <= LONGEST and ":" in cell + "-" and bool(_STAMP.fullmatch(cell))
+    return bool(cell) and (cell[-1:].isdigit() or not cell.isalpha()) and parsed(cell) is not None
 
 
 def is_value(cell: str) -> bool:
     """What a row of data holds in a mapped column."""
-    return is_number(cell) or is_stamp(cell)
+    return is_number(cell) or is_stamp(cell) or unit_of(cell) is not None
+
+
+def unit_of(cell: str) -> str | None:
+    """The unit behind a number in one cell, "12.5 mm"; None where a cell is something else."""
+    match = _SUFFIXED.fullmatch(cell) if len(cell) <= LONGEST else None
+    return match[2] if match else None
+
+
+def without_unit(cells: NDArray[Any]) -> tuple[NDArray[Any], str]:
+    """A column of texts without the unit that stands behind each number, and that unit; empty if they differ."""
+    texts = [_text(cell) for cell in cells]
+    units = {unit_of(text) for text in texts if not is_missing(text)}
+    unit = units.pop() if len(units) == 1 else None
+    if unit is None:
+        return cells, ""
+    return np.array([text.removesuffix(unit).rstrip() for text in texts], dtype=object), unit
 
 
 class Unreadable(ValueError):

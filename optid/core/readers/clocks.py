@@ -16,16 +16,23 @@ from optid.errors import RecordingError
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-# Where clocks and counters begin anew, in their own unit: bits, a day, an hour, a minute, and those in ms, us and ns.
+# Where clocks and counters begin anew, in their own unit: bits; a week (GPS), a day, an hour, a minute, also in ms, us
+# and ns.
 _BITS = tuple(2.0**n for n in (8, 10, 12, 14, 16, 20, 24, 31, 32, 48, 64))
-_DAYS = tuple(base * size for base in (86_400.0, 43_200.0, 3600.0, 60.0) for size in (1.0, 1e3, 1e6, 1e9))
+_DAYS = tuple(
+    base * size for base in (604_800.0, 86_400.0, 43_200.0, 3600.0, 60.0) for size in (1.0, 1e3, 1e6, 1e9)
+)
 _SCALED = tuple(
     2.0**n * size for n in (16, 24, 31, 32) for size in (1e-9, 1e-8, 1e-7, 1e-6, 1e-4, 1e-3, 1e-2)
 )
-_TENS = tuple(10.0**n for n in range(2, 10))
+_TENS = tuple(
+    10.0**n for n in range(10)
+)  # recordings may have such a length: they count from the second turn on
 PERIODS = (*_BITS, *_DAYS, *_SCALED, 24.0, 1440.0, *_TENS)
 _MANY = 50  # of the samples: a clock that begins anew in more than one of so many is no clock
+_LOST = 60.0  # s that may be missing over midnight
 _BURST = 0.5  # of the mean interval: scatter of stamps beyond which they are looked at as a whole
+_HURRIED = 3  # percent of the intervals that must be short: what was held up arrives in a hurry
 _FEWEST = 60  # samples from which bursts are told
 _SAME_RATE = 2e-3  # relative: rates that differ by more contradict each other
 
@@ -47,7 +54,9 @@ def unwrapped(raw: Array, unit: str, place: Callable[[int], str]) -> tuple[Array
     fallen = raw[back] - raw[back + 1]
     for period in PERIODS:
         missed = period - fallen  # from the last sample before to the first after
-        if (missed > 0).all() and (missed <= 5 * step + 1e-9 * period).all() and (raw < 1.001 * period).all():
+        most = max(5 * step, _LOST / 86_400.0 * period * _is_day(period)) + 1e-9 * period
+        seldom = period in _TENS and len(back) < 2
+        if (missed > 0).all() and (missed <= most).all() and (raw < 1.001 * period).all() and not seldom:
             turns = np.zeros(len(raw))
             turns[back + 1] = period
             times = "once" if len(back) == 1 else f"{len(back)} times"
@@ -80,9 +89,10 @@ def refuse_bursts(time: Array, field: str, path: Path) -> None:
     # A gap, a rate that changes or intervals at random leave the line further and further; bursts by less than a burst.
     if float(off.max()) > float(steps.max()):
         return
-    short, long = float(np.percentile(steps, 10)), float(np.percentile(steps, 95))
+    short, long = float(np.percentile(steps, _HURRIED)), float(np.percentile(steps, 95))
     if short > _BURST * slope:  # a gap among even samples
         return
+    long = max(long, float(np.median(steps[steps > 2 * slope]))) if (steps > 2 * slope).any() else long
     raise RecordingError(
         f"the stamps come in bursts, {short:.3g} to {long:.3g} s apart, while on the whole a sample was taken every "
         f"{slope:.4g} s: they tell when samples arrived, not when they were taken",

@@ -17,11 +17,6 @@ _CSV = "export it as CSV"
 # First bytes of formats that are not read -> what it is, and what to do.
 _FOREIGN: tuple[tuple[bytes, str, str], ...] = (
     (
-        b"MDF     ",
-        "an MDF measurement file (ASAM, Vector, ETAS)",
-        "export it as .mat, CSV or Parquet: in Python asammdf.MDF(file).export('parquet', out), single_time_base=True",
-    ),
-    (
         b"UnFinMF ",
         "an MDF measurement file that was never finished",
         "open and save it in the program that wrote it",
@@ -33,15 +28,11 @@ _FOREIGN: tuple[tuple[bytes, str, str], ...] = (
     ),
     (b"#ROSBAG V", "a ROS 1 bag", "write one topic as a table: rostopic echo -b FILE -p /topic > run.csv"),
     (
-        b"\x89MCAP0\r\n",
-        "an MCAP file (ROS 2, Foxglove)",
-        "export the topics as CSV, for instance in PlotJuggler",
+        b"CDF\x01",
+        "a netCDF file of version 3",
+        "convert it to netCDF 4, which is HDF5 (nccopy -k netCDF-4 IN OUT), or to CSV",
     ),
-    (
-        b"SQLite format 3",
-        "an SQLite database (a ROS 2 bag .db3, or a logger's)",
-        "export the topics as CSV, for instance in PlotJuggler",
-    ),
+    (b"CDF\x02", "a netCDF file of version 3", "convert it to netCDF 4: nccopy -k netCDF-4 IN OUT"),
     (b"\x93NUMPY", "a NumPy .npy file", "save the columns as CSV or .mat (scipy.io.savemat)"),
     (b"ARROW1", "an Arrow or Feather file", "save it as Parquet: pandas.read_feather(file).to_parquet(out)"),
     (b"\xd0\xcf\x11\xe0", "an old Excel workbook (.xls)", "save the sheet as CSV"),
@@ -120,7 +111,7 @@ def reader_of(data: bytes, name: str, path: Path) -> Reader:
     Raises:
         RecordingError: an empty file, or a format that no reader takes, by its name.
     """
-    from optid.core.readers import hdf5, mat, parquet, tdms, text
+    from optid.core.readers import bags, hdf5, mat, mdf, parquet, tdms, text
 
     suffix = Path(name).suffix
     if not data[:4096].strip() and not data.strip():
@@ -129,6 +120,10 @@ def reader_of(data: bytes, name: str, path: Path) -> Reader:
         return parquet.read
     if data[:4] in (b"TDSm", b"TDSh") or suffix == ".tdms":
         return tdms.read
+    if data[:8] == b"MDF     ":
+        return mdf.read
+    if data[:6] == b"\x89MCAP0" or data[:15] == b"SQLite format 3":
+        return bags.read
     if hdf5.is_hdf5(data):
         return hdf5.read
     if data[:6] == b"MATLAB" or suffix == ".mat":

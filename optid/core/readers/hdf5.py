@@ -65,12 +65,13 @@ class _Stored:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        return tuple(int(n) for n in self.dataset.shape)
+        own = self.dataset.dtype[self.field].shape if self.field is not None else ()
+        return tuple(int(n) for n in (*self.dataset.shape, *own))
 
     @property
     def dtype(self) -> np.dtype[Any]:
         kind: np.dtype[Any] = self.dataset.dtype
-        return kind[self.field] if self.field is not None else kind
+        return kind[self.field].base if self.field is not None else kind
 
     def __getitem__(self, key: Any) -> Any:
         # Chunks are unpacked whole, so the whole dataset counts, whatever part of it is asked for.

@@ -9,14 +9,13 @@ from __future__ import annotations
 import csv
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 from optid.core.readers.cells import COMMA_DECIMAL, is_missing, is_number, is_stamp, is_value
 
 DELIMITERS = ("\t", ";", "|", ",", " ")  # " " stands for any run of blanks
-COMMENTS = ("#", "%", "//", "!", "'")
-_MARK = re.compile(r"^\s*(?:[#%!']+|//)\s*")
+_MARK = re.compile(r"^\s*(?:[#%!'*;]+|//|REM\b)\s*")
 _UNIT = re.compile(r"^(.*?)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\)|/\s?([^\s/]+))$")
 _PLACE = re.compile(r"column (\d{1,6})")
 _LOOK = 60  # lines looked at to judge where rows of data begin
@@ -58,6 +57,11 @@ class Layout:
     found: dict[str, tuple[int, ...]]
     relaxed: dict[str, str] = field(default_factory=dict)
     between: tuple[tuple[str, ...], ...] = ()
+
+    def shifted(self) -> Layout:
+        """The same with a column in front that the header does not name."""
+        found = {name: tuple(k + 1 for k in indices) for name, indices in self.found.items()}
+        return replace(self, names=("", *self.names), found=found)
 
     @cached_property
     def places(self) -> tuple[int, ...]:
@@ -105,6 +109,8 @@ def _by_names(lines: Sequence[str], wanted: Sequence[str], named: Sequence[str])
                 if first is not None:
                     between = tuple(tuple(split(text, delimiter)) for text in lines[i + 1 : first])
                     layout = Layout(i, first, delimiter, tuple(cells), found, relaxed, between)
+                    if _numbered(lines, first, delimiter, len(cells)):
+                        layout, cells = layout.shifted(), ["", *cells]
                     agreed = _agreement(lines, first, delimiter, len(cells))
                     # Of two headers over the same rows the nearer one; of two tables the first.
                     yield _Candidate((score, agreed > 0.5, -order, -first, i), layout)
@@ -174,6 +180,46 @@ def _first_row(
         # A number among the facts of the channels ("SampleTime 1") is no row: others follow a row, or it begins as one.
         if rows[k] and (all(rows[k : k + _FOLLOWING]) or is_value(split(lines[i], delimiter)[0])):
             return i
+    return None
+
+
+def _numbered(lines: Sequence[str], first: int, delimiter: str, width: int) -> bool:
+    """Every row has one cell more than the header, in front and counting the rows: as R writes its row names."""
+    rows = [split(line, delimiter) for line in lines[first : first + _LOOK] if line.strip()]
+    if len(rows) < 2 or any(len(row) != width + 1 or not row[-1] for row in rows):
+        return False
+    begin = int(rows[0][0]) if rows[0][0] in ("0", "1") else None
+    return begin is not None and all(row[0] == str(k) for k, row in enumerate(rows, begin))
+
+
+def unreadable_row(lines: Sequence[str], wanted: Sequence[str]) -> tuple[int, int, str, str] | None:
+    """Where a header names all columns, but the row below holds something that is no value.
+
+    Returns:
+        indices of the header's and the row's line, the mapped name, and what stands there.
+    """
+    named = [name for name in wanted if not _PLACE.fullmatch(name)]
+    for i, line in enumerate(lines):
+        for delimiter in DELIMITERS:
+            for cells in _headers(line, delimiter) if delimiter in line else ():
+                found, _ = _matches(cells, wanted)
+                below = next((k for k in range(i + 1, len(lines)) if lines[k].strip()), None)
+                if not named or below is None or any(name not in found for name in named):
+                    continue
+                row = split(lines[below], delimiter)
+                for name, (k, *_) in found.items():
+                    if k < len(row) and not is_missing(row[k]) and not is_value(row[k]):
+                        return i, below, name, row[k]
+    return None
+
+
+def named_in_rows(lines: Sequence[str], layout: Layout, missing: Sequence[str]) -> str | None:
+    """The column whose cells are the names asked for: a long table, with one value a row."""
+    rows = [split(line, layout.delimiter) for line in lines[layout.first :] if line.strip()]
+    for k, name in enumerate(layout.names):
+        cells = {row[k] for row in rows if k < len(row)}
+        if missing and cells.issuperset(missing):
+            return name or f"column {k + 1}"
     return None
 
 

@@ -2,26 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
 
 import numpy as np
 
-from optid.core.readers.cells import Unreadable, is_missing, is_stamp, numbers
 from optid.core.readers.clocks import Timed, aligned, contradicted, refuse_bursts, unwrapped
+from optid.core.readers.columns import numbers_of_column, refuse_disorder, times_of, unit_notes
 from optid.core.readers.formats import read_table
-from optid.core.readers.limits import shown
-from optid.core.readers.repair import held_between, repaired
-from optid.core.readers.stamps import MISSING, seconds_of
-from optid.core.readers.table import Clock, Column, Raw, Table, offered
-from optid.core.recording import Array, Channel, ChannelMap, Provenance, Recording, frozen, midpoints
+from optid.core.readers.own_rate import held_between
+from optid.core.readers.repair import repaired
+from optid.core.readers.table import Clock, Column, Table, offered
+from optid.core.recording import Array, Channel, ChannelMap, Provenance, Recording, midpoints, sealed
 from optid.errors import RecordingError
 
-_EPOCH = 1e7  # s: later times count from 1970 or a boot long ago, and are told from their first sample on
 _OTHERS = 0.5  # of the rows: where fewer hold a mapped value, the rest belong to other channels
-_EXACT = 2**53  # integers beyond lose digits as float64
 
 
 class Mapped(Protocol):
@@ -59,7 +56,9 @@ def read_recording(path: str | Path, rig: Mapped) -> Recording:
     """
     path = Path(path)
     table, digest = read_table(path, wanted_columns(rig))
-    return recording_of(table, rig, path, digest)
+    held = [table]
+    del table  # nothing here holds a long file's columns
+    return recording_of(held.pop(), digest, rig, path)
 
 
 def wanted_columns(rig: Mapped) -> list[str]:
@@ -69,33 +68,36 @@ def wanted_columns(rig: Mapped) -> list[str]:
     return [column for column in wanted if column]
 
 
-def recording_of(table: Table, rig: Mapped, path: Path, digest: str | None = None) -> Recording:
+def recording_of(table: Table, digest: str | None, rig: Mapped, path: Path) -> Recording:
     """The recording that a table holds, as `read_recording`.
 
     Parameters
     ----------
     table : Table
         the columns that the rig maps.
+    digest : str | None
+        of the file; without one the recording has no provenance.
     rig : Mapped
         anything with `channels`.
     path : Path
         of the file, or the name of what is in memory.
-    digest : str | None
-        of the file; without one the recording has no provenance.
     """
     maps = rig.channels
     _check_columns(table, maps, path)
     found = _on_one_clock(table, maps, path)
     held = {role: channel.held for role, channel in maps.items()}
     values, between = held_between(found.time, found.values, held)
+    time, notes = sealed(found.time), (*table.notes, *found.notes, *between)
+    rows, reader = max(len(column.values) for column in table.columns.values()), table.reader
+    del table, found  # a long file's columns are let go one by one
     values, repairs = repaired(values, held)
-    channels = {role: _channel(values[role], maps[role]) for role in values}
+    channels = {role: _channel(values.pop(role), maps[role]) for role in tuple(values)}
     if digest is None:
-        return Recording(path.name, found.time, channels)
+        return Recording(path.name, time, channels)
     columns = {role: channel.column for role, channel in maps.items()}
-    notes = (*table.notes, *found.notes, *between)
-    source = Provenance(path, digest, table.reader, columns, len(found.time), notes, repairs)
-    return Recording(path.name, found.time, channels, source)
+    return Recording(
+        path.name, time, channels, Provenance(path, digest, reader, columns, rows, notes, repairs)
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,9 +139,11 @@ def _rate_of(table: Table) -> float | None:
 
 def _on_one_clock(table: Table, maps: Mapping[str, ChannelMap], path: Path) -> _Rows:
     """The channels over one time axis, by the rig's time column or rate, or by the file's own clocks."""
-    values = {role: _numbers(table, channel, path) for role, channel in maps.items() if role != "time"}
+    values = {
+        role: numbers_of_column(table, channel, path) for role, channel in maps.items() if role != "time"
+    }
     columns = {role: table.columns[maps[role].column] for role in values}
-    notes = tuple(note for role in values for note in _unit_notes(role, columns[role].unit, maps[role]))
+    notes = tuple(note for role in values for note in unit_notes(role, columns[role].unit, maps[role]))
     clocks = {
         role: _clock(column, maps["time"]) for role, column in columns.items() if column.clock is not None
     }
@@ -194,7 +198,7 @@ def _in_rows(
 ) -> _Rows:
     """Channels that share the rows of a table."""
     time = maps["time"]
-    raw = None if time.rate is not None else _time_raw(table, time, path)
+    raw = None if time.rate is not None else times_of(table, time, path)
     lengths = {maps[role].column: len(one) for role, one in values.items()}
     rows = len(raw[0]) if raw is not None else max(lengths.values())
     for role, one in values.items():
@@ -253,138 +257,21 @@ def _by_time(
             expected="a time in every row",
         )
     times, said = unwrapped(times, time.unit if factor != 1.0 or not zero else "s", place)
-    _refuse_disorder(times, place, field, path)
+    refuse_disorder(times, place, field, path)
     seconds = factor * times
     refuse_bursts(seconds, field, path)
     return _Rows(seconds, values, notes + said)
 
 
-def _refuse_disorder(times: Array, place: Callable[[int], str], field: str, path: Path) -> None:
-    steps = np.diff(times)
-    stuck = steps <= 0
-    if not stuck.any():
-        return
-    row = int(stuck.argmax()) + 1
-    before, here = times[row - 1], times[row]
-    what = f"repeats {here:.10g}" if here == before else f"goes back from {before:.10g} to {here:.10g}"
-    hint = (
-        'if the times are rounded, state rate = "... Hz" instead'
-        if here == before
-        else "if two recordings follow each other, or a clock began anew, cut the file there"
-    )
-    raise RecordingError(
-        f"{place(row)} {what}", where=path, field=field, expected="times that increase", hint=hint
-    )
-
-
-def _time_raw(table: Table, time: ChannelMap, path: Path) -> tuple[Array, float, float, tuple[str, ...]]:
-    """The time column as recorded: values, factor to seconds, what was subtracted, notes."""
-    column = table.columns[time.column]
-    values = column.values
-    notes = tuple(_unit_notes("time", column.unit, time))
-    if values.dtype.kind in "mMO" and len(values):
-        stamped = _stamped(values, table, time, path)
-        if stamped is not None:
-            return (*stamped, notes)
-    if values.dtype.kind in "iu" and len(values):
-        first = int(values[0])
-        if abs(first) * time.factor > _EPOCH or abs(first) > _EXACT:
-            # Integers are subtracted as such: as floats the stamps of today's nanoseconds lose their last digits.
-            begun = (values.astype(np.int64) - np.int64(first)).astype(np.float64)
-            return begun, time.factor, float(first), (*notes, _since(first * time.factor))
-    raw = _numbers(table, time, path)
-    known = raw[np.isfinite(raw)]
-    if len(known) and abs(float(known[0])) * time.factor > _EPOCH:
-        return raw - known[0], time.factor, float(known[0]), (*notes, _since(float(known[0]) * time.factor))
-    return raw, time.factor, 0.0, notes
-
-
-def _since(seconds: float) -> str:
-    return f"times are told from the first sample on, which the file has at {seconds:.9g} s"
-
-
-def _stamped(values: Raw, table: Table, time: ChannelMap, path: Path) -> tuple[Array, float, float] | None:
-    """Stamps and durations, which have one meaning in seconds whatever unit the rig file states."""
-    if values.dtype.kind == "O":
-        texts = [str(v).strip() for v in values[:50] if isinstance(v, str) and not is_missing(v.strip())]
-        if not texts or not all(map(is_stamp, texts)):
-            return None
-        try:
-            ns, dated = seconds_of(values)
-        except Unreadable as error:
-            raise RecordingError(
-                f'{table.place(error.row)} holds "{shown(error.found)}"',
-                where=path,
-                field=f'column "{time.column}"',
-                expected="a time such as 10:00:00.001 or a number",
-            ) from None
-    else:
-        ns, dated = values.astype(f"{values.dtype.kind}8[ns]").astype(np.int64), values.dtype.kind == "M"
-    known = ns != MISSING
-    if not known.any():
-        return None
-    first = int(ns[known][0]) if dated else 0
-    return np.where(known, (ns - first) * 1e-9, np.nan), 1.0, float(first)
-
-
-def _unit_notes(role: str, unit: str, channel: ChannelMap) -> list[str]:
-    """A word where the file states another unit than the rig file, of the same quantity but of another size."""
-    from optid.core.units import conversion
-    from optid.errors import InputError
-
-    if not unit or unit == channel.unit or not unit.isprintable():
-        return []
-    try:
-        theirs = conversion(unit, channel.recorded_unit).factor
-        ours = conversion(channel.unit, channel.recorded_unit).factor
-    except (InputError, ValueError, ArithmeticError):
-        return []
-    if abs(theirs / ours - 1) < 1e-6:
-        return []
-    return [
-        f"the file says {shown(unit)} for {role}, the rig file {channel.unit}: the rig file's is used; if the file is "
-        f"right, values are {ours / theirs:.4g} times too large"
-    ]
-
-
-def _numbers(table: Table, channel: ChannelMap, path: Path) -> Array:
-    """A column as float64, NaN where a sample is missing."""
-    values = table.columns[channel.column].values
-    field = f'column "{channel.column}"'
-    if values.dtype.kind in "cmM":
-        found = {"c": "complex numbers", "m": "durations", "M": "dates"}[values.dtype.kind]
-        raise RecordingError(found, where=path, field=field, expected=f"numbers in {channel.unit}")
-    if values.dtype.kind not in "iufb":
-        try:
-            values = numbers(values.astype(object), False)
-        except Unreadable as error:
-            raise RecordingError(
-                f'{table.place(error.row)} holds "{shown(error.found)}"',
-                where=path,
-                field=field,
-                expected=f"a number in {channel.unit}",
-            ) from None
-    values = values.astype(np.float64, copy=False)
-    infinite = np.isinf(values)
-    if infinite.any():
-        row = int(infinite.argmax())
-        raise RecordingError(
-            f"{table.place(row)} is infinite", where=path, field=field, expected="a finite number or nothing"
-        )
-    if np.isnan(values).all():
-        raise RecordingError(
-            "no row has a value", where=path, field=field, expected=f"numbers in {channel.unit}"
-        )
-    return values
-
-
 def _channel(values: Array, channel: ChannelMap) -> Channel:
-    values = channel.factor * values + channel.shift
+    values = channel.factor * values
+    if channel.shift:
+        values += channel.shift
     return Channel(
         role=channel.role,
         column=channel.column,
         unit=channel.model_unit,
-        values=frozen(midpoints(values) if channel.linear else values),
+        values=sealed(midpoints(values) if channel.linear else values),
         sd=channel.sd,
         full_scale=channel.full_scale,
         per_unit=channel.per_unit,

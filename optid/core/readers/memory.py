@@ -23,7 +23,7 @@ def recording_from_frame(frame: pd.DataFrame, rig: Mapped, name: str) -> Recordi
     named = _by_column(frame, rig)
     names = [str(column) for column in named]
     columns = {column: Column(named[column].to_numpy()) for column in wanted_columns(rig) if column in named}
-    return recording_of(Table(columns, names, "memory"), rig, Path(name))
+    return recording_of(Table(columns, names, "memory"), None, rig, Path(name))
 
 
 def recording_from_arrays(arrays: Mapping[str, ArrayLike], rig: Mapped, name: str) -> Recording:

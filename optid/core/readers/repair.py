@@ -10,11 +10,14 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from optid.core.readers.glimpses import LONG, blocks, largest_step
+from optid.core.readers.repeats import Change, interpolated, stale
 from optid.core.recording import Array, Repair
 
 Flags = NDArray[np.bool_]
 
 ABSURD = 1e9  # times what a signal usually does: no converter shows that and the signal, too
+IMPOSSIBLE = 1e20  # the same where such readings are many: rounding beside a signal is no smaller
 _FAST = 8.0  # times the fastest other change between samples: a jump that no axis makes
 _LEAP = 2.0  # times the same: for further visits to a value that is known to stand in
 _RARE = 0.05  # share of the samples that may be faulty for the others to tell what is right
@@ -24,45 +27,6 @@ _LIKELY = 0.75  # of the jumps must go against the motion around them
 _AROUND = 6  # samples on either side that show the motion around a jump
 _FULL_TURNS = (360.0, 2 * math.pi, 400.0, 1.0, 3600.0, 36_000.0, 100.0, 1000.0)
 _TURN = 2e-3  # relative: a turn that differs by more is another
-_FEWEST_CHANGES = 30
-_REGULAR = 0.9  # of the runs of equal values must be as long as the usual one
-
-
-def held_between(
-    time: Array, values: Mapping[str, Array], held: Mapping[str, bool]
-) -> tuple[dict[str, Array], tuple[str, ...]]:
-    """Fill a held channel between its samples where it is recorded at a slower rate than the rows.
-
-    Only where its samples come at a regular distance, and only over that distance: what is missing for longer stays so.
-    """
-    found, notes = dict(values), []
-    for role, series in values.items():
-        stride = _stride(series)
-        if stride < 2:
-            continue
-        rate = 1 / (float(np.median(np.diff(time))) * stride)
-        if held.get(role):
-            rows = np.arange(len(series))
-            last = np.maximum.accumulate(np.where(np.isfinite(series), rows, 0))
-            near = (rows - last <= math.ceil(1.5 * stride)) & np.isfinite(series[last])
-            found[role] = np.where(near, series[last], np.nan)
-            notes.append(f"{role} has a sample every {stride} rows ({rate:.4g} Hz) and is held between them")
-        else:
-            notes.append(
-                f"{role} has a rate of its own, a sample every {stride} rows ({rate:.4g} Hz): it is measured there"
-            )
-    return found, tuple(notes)
-
-
-def _stride(series: Array) -> int:
-    """Rows from one sample to the next where they come regularly, else 1."""
-    known = np.flatnonzero(np.isfinite(series))
-    if len(known) < 8 or len(known) > 0.7 * len(series):
-        return 1
-    apart = np.diff(known)
-    usual = round(float(np.median(apart)))
-    regular = np.abs(apart - usual) <= max(1, 0.1 * usual)
-    return usual if usual > 1 and float(regular.mean()) > 0.8 else 1
 
 
 def repaired(
@@ -76,7 +40,7 @@ def repaired(
     """
     found, repairs = dict(values), list[Repair]()
     for role in values:
-        steps = (_absurd,) if held.get(role) else (_absurd, _wrapped, _stand_ins, _stale)
+        steps = (_absurd,) if held.get(role) else (_absurd, _wrapped, _stand_ins, stale, interpolated)
         for step in steps:
             for changed, message, row in step(found[role]):
                 found[role] = changed
@@ -84,25 +48,24 @@ def repaired(
     return found, tuple(repairs)
 
 
-Change = tuple[Array, str, int]  # the channel put right, what was seen and done, the first row
-
-
 def _absurd(series: Array) -> Iterator[Change]:
     """Readings beyond anything that a signal with this middle can reach."""
-    known = series[np.isfinite(series)]
+    known = np.concatenate(blocks(series))
+    known = known[np.isfinite(known)]
     if len(known) < _FEW:
         return
-    largest = float(np.abs(known).max())
     low, middle, high = np.percentile(known, (5, 50, 95))
     moved = np.abs(known - middle)
     usual = float(np.median(moved[moved > 0])) if (moved > 0).any() else 0.0
-    size = max(high - low, abs(middle) * 1e-3, usual, np.finfo(float).tiny)
-    if largest <= ABSURD * size:
+    floor = max(abs(middle) * 1e-3, usual, np.finfo(float).tiny)
+    limit = min(ABSURD * max(high - low, floor), IMPOSSIBLE * floor)
+    if max(np.nanmax(series) - middle, middle - np.nanmin(series)) <= limit:
         return
     with np.errstate(over="ignore"):
-        far: Flags = np.abs(series - middle) > ABSURD * size
-    if not far.any() or far.sum() > _RARE * len(known):
+        far: Flags = np.abs(series - middle) > limit
+    if not far.any() or far.mean() > (0.5 if limit == IMPOSSIBLE * floor else _RARE):
         return
+    low, high = np.percentile(series[np.isfinite(series) & ~far], (5, 95))
     row = int(far.argmax())
     extreme = float(series[far][np.abs(series[far]).argmax()])
     yield (
@@ -115,6 +78,8 @@ def _absurd(series: Array) -> Iterator[Change]:
 
 def _wrapped(series: Array) -> Iterator[Change]:
     """A counter that begins anew at the end of its range: its jumps are equal, and against the motion around them."""
+    if float(np.nanmax(series) - np.nanmin(series)) * 0.5 >= largest_step(series):
+        return
     known = np.flatnonzero(np.isfinite(series))
     y = series[known]
     if len(y) < _FEW:
@@ -174,6 +139,10 @@ def _modulus(y: Array, size: float, fastest: float) -> tuple[float, str] | None:
 
 def _stand_ins(series: Array) -> Iterator[Change]:
     """One exact value that stands in for samples that were lost: entered and left by jumps that no axis makes."""
+    seen = np.concatenate([np.abs(np.diff(block)) for block in blocks(series)])
+    seen = seen[np.isfinite(seen)]
+    if len(series) > LONG and len(seen) and largest_step(series) < _LEAP * float(np.quantile(seen, 0.999)):
+        return
     known = np.flatnonzero(np.isfinite(series))
     y = series[known]
     if len(y) < _FEW:
@@ -219,44 +188,3 @@ def _visits(y: Array, value: float) -> Flags | None:
         flagged[a:b] = bool(jumps) and min(jumps) > _LEAP * usual
         visits += bool(jumps) and min(jumps) > _FAST * usual
     return flagged if visits >= 3 else None
-
-
-def _stale(series: Array) -> Iterator[Change]:
-    """Samples that were repeated because the signal is taken at a slower rate than the rows."""
-    y = series
-    if len(y) < 4 * _FEWEST_CHANGES or not np.isfinite(y).all():
-        return
-    steps = np.diff(y)
-    changes = np.flatnonzero(steps != 0) + 1
-    if not _FEWEST_CHANGES <= len(changes) <= 0.7 * len(y):
-        return
-    apart = np.diff(changes)
-    usual = round(float(np.median(apart)))
-    near = np.abs(apart - usual) <= (0 if usual < 4 else 1)
-    # At rest a value stays for several periods.
-    whole = (apart > usual) & (
-        np.abs(apart / usual - np.round(apart / usual)) * usual <= (0 if usual < 4 else 1)
-    )
-    if usual < 2 or float((near | whole).mean()) < _REGULAR + 0.05 or float(near.mean()) < 0.6:
-        return
-    sizes = np.abs(steps[changes - 1])
-    if float(np.median(sizes)) < 1.5 * float(sizes.min()) and float(np.quantile(sizes, 0.9)) < 1.5 * float(
-        sizes.min()
-    ):
-        return  # it moves by one step of its grid at a time: slow, not stale
-    changed = y.copy()
-    repeats = np.ones(len(y), dtype=bool)
-    repeats[changes] = False
-    repeats[0] = False
-    changed[repeats] = np.nan
-    yield (
-        changed,
-        f"is new only in every {_ordinal(usual)} row: in between, the last value is repeated; the repeats are not "
-        f"counted as samples, and its true rate is 1/{usual} of the rows'",
-        int(changes[0]),
-    )
-
-
-def _ordinal(n: int) -> str:
-    end = "th" if 10 <= n % 100 <= 20 else {1: "st", 2: "nd", 3: "rd"}.get(n % 10, "th")
-    return f"{n}{end}"

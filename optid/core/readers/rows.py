@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,12 +17,38 @@ from optid.core.readers.layout import Layout, has_decimal_comma, split
 from optid.errors import RecordingError
 
 Integers = NDArray[np.int64]
-_CHUNK = 16 << 20  # bytes looked at at a time
+Counts = NDArray[np.int32]
+_CHUNK = 8 << 20  # bytes looked at at a time
 _COMMENT = re.compile(rb"^[ \t]*(?:[#%]|//)[^\n]*(?:\n|\Z)", re.MULTILINE)
 _FOOT = 200  # lines below a table that may be something else
-_LONG = 50 << 20  # bytes from which pandas reads in pieces
+_PIECE = 8 << 20  # bytes read at a time
 _NEWLINE, _RETURN, _BLANKS = 10, 13, (32, 9)
 _BLANK_LINE = 64  # signs: a longer line holds something
+
+
+@dataclass(frozen=True, eq=False)
+class Lines:
+    """Where each row stands in its file: rows, blank lines and comments are counted off.
+
+    Attributes:
+        begins: number of file lines above the rows.
+        blank: lines without a cell, counted from the first row's, comments left out; increasing.
+        comments: file lines (counted from 0) of comments among the rows; increasing.
+    """
+
+    begins: int
+    blank: Integers
+    comments: Integers
+
+    def of_row(self, row: int) -> int:
+        """Index of the line of the file that a row (counted from 0) stands in."""
+        line = row + int(np.searchsorted(self.blank - np.arange(len(self.blank)), row, side="right"))
+        above = self.comments - self.begins - np.arange(len(self.comments))
+        return self.begins + line + int(np.searchsorted(above, line, side="right"))
+
+    def place(self, row: int) -> str:
+        """The line of the file that a row stands in, in words."""
+        return f"line {self.of_row(row) + 1}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,11 +57,12 @@ class Rows:
 
     Attributes:
         body: their bytes, without comments and what stands below the table; blank lines may be among them.
+        encoding: of the bytes.
         width: cells of most rows.
         widest: cells of the longest row that is let pass (a delimiter at its end makes one more).
         notes: what was left out.
-        begins: number of file lines above the body.
-        dropped: file lines (counted from 0) of comments within it.
+        lines: where each row stands in the file.
+        count: rows.
     """
 
     body: bytes
@@ -43,8 +70,8 @@ class Rows:
     width: int
     widest: int
     notes: tuple[str, ...]
-    begins: int
-    dropped: tuple[int, ...]
+    lines: Lines
+    count: int
 
     @classmethod
     def of(cls, data: bytes, encoding: str, layout: Layout, path: Path) -> Rows:
@@ -55,31 +82,29 @@ class Rows:
         """
         start = _offset(data, layout.first)
         stop, below = _end(data, start, encoding, layout)
-        body, dropped = _without_comments(data[start:stop], layout.first)
+        body, comments = _without_comments(data[start:stop], layout.first)
         notes: tuple[str, ...] = (f"{below} lines below the table are left out",) if below else ()
         single = len(layout.names) == 1
-        counts, blank = _counts(body, layout.delimiter)
-        if blank and not single:
-            notes += (f"{blank} blank lines are left out",)
         if single:  # a blank line is a missing sample
             body = re.sub(rb"(?m)^[ \t\r]*$", b"nan", body.rstrip())
-            counts, _ = _counts(body, layout.delimiter)
-        found = cls(
-            body,
-            encoding,
-            1 if single else _usual(counts),
-            int(counts.max(initial=1)),
-            notes,
-            layout.first,
-            dropped,
-        )
+        counts, blank = _counts(body, layout.delimiter)
+        if len(blank):
+            notes += (f"{len(blank)} blank lines are left out",)
+        lines = Lines(layout.first, blank, np.array(comments, dtype=np.int64))
+        width = 1 if single else _usual(counts)
+        found = cls(body, encoding, width, int(counts.max(initial=1)), notes, lines, len(counts))
         found._check(counts, layout, path)
         return found
 
-    @property
-    def long(self) -> bool:
-        """So long that it is better read in pieces."""
-        return len(self.body) > _LONG
+    def pieces(self) -> Iterator[bytes]:
+        """The rows in pieces, so that what is made of one takes little beside them all."""
+        at = 0
+        while at < len(self.body):
+            stop = len(self.body)
+            if at + _PIECE < stop:
+                stop = self.body.find(b"\n", at + _PIECE) + 1 or stop
+            yield self.body[at:stop]
+            at = stop
 
     def sample(self) -> Iterator[str]:
         """The first rows and the last ones."""
@@ -88,10 +113,6 @@ class Rows:
             yield from (
                 line for line in part.decode(self.encoding, "replace").splitlines()[1:-1] if line.strip()
             )
-
-    def place(self, row: int) -> str:
-        """The line of the file that a row (counted from 0) stands in."""
-        return f"line {self._line(row) + 1}"
 
     def decimal_comma(self, layout: Layout) -> bool:
         """Some column of the table has decimal commas."""
@@ -102,19 +123,7 @@ class Rows:
     def _some(self) -> list[str]:
         return list(self.sample())[:4000]
 
-    def _line(self, row: int) -> int:
-        """Index of a row's line in the file: rows, blank lines and comments are counted off."""
-        skipped, seen, line = set(self.dropped), -1, self.begins - 1
-        for text in self.body.split(b"\n"):
-            line += 1
-            while line in skipped:
-                line += 1
-            seen += bool(text.strip())
-            if seen == row:
-                break
-        return line
-
-    def _check(self, counts: Integers, layout: Layout, path: Path) -> None:
+    def _check(self, counts: Counts, layout: Layout, path: Path) -> None:
         if not len(counts):
             raise RecordingError("no rows of numbers", where=path, expected="rows below the header")
         named = len(layout.names)
@@ -128,6 +137,7 @@ class Rows:
                 if commas
                 else None,
             )
+        self._refuse_unnamed(layout, path)
         short = counts <= max(layout.places)
         # One cell more is a delimiter at the end of the line; any other surplus moves what stands behind it.
         long = counts > self.width + (layout.delimiter != " ")
@@ -138,15 +148,43 @@ class Rows:
         if not len(wrong):
             return
         row = int(wrong[0])
-        count, line = int(counts[row]), self._line(row)
+        count, line = int(counts[row]), self.lines.of_row(row)
         last = row == len(counts) - 1
-        mixed = layout.delimiter == "," and count == 2 * self.width and self.decimal_comma(layout)
+        mixed = layout.delimiter == "," and self.width < count <= 2 * self.width
+        torn = next(itertools.islice(self._filled, row, None), b"").count(b'"') % 2 == 1
+        hint = "the file may be truncated" if last else None
+        if mixed:
+            hint = "if these are decimal commas, export with semicolons between the columns"
+        elif torn:
+            hint = "a quoted cell runs over several lines: leave that column out of the export"
         raise RecordingError(
             f"line {line + 1} has {count} {'field' if count == 1 else 'fields'}",
             where=path,
             expected=f"{len(layout.names) if count > self.width else self.width}, as in the header",
-            hint="the file may be truncated" if last else "export with semicolons" if mixed else None,
+            hint=hint,
         )
+
+    def _refuse_unnamed(self, layout: Layout, path: Path) -> None:
+        """Every row holds one value more than the header has names: which of them has none is not known."""
+        if (
+            layout.header is None
+            or layout.delimiter == " "
+            or self.width != len(layout.names) + 1
+            or self.width == 2
+        ):
+            return
+        rows = [split(line, layout.delimiter) for line in self._some[:50]]
+        if rows and all(len(row) == self.width and row[-1] for row in rows):
+            raise RecordingError(
+                f"line {layout.first + 1} has {self.width} fields",
+                where=path,
+                expected=f"{len(layout.names)}, as in the header",
+                hint='name every column in the header, or map them by their place: "column 1"',
+            )
+
+    @property
+    def _filled(self) -> Iterator[bytes]:
+        return (text for text in self.body.split(b"\n") if text.strip())
 
     def _open_ended(self, rows: Integers, layout: Layout) -> Iterator[int]:
         """Those of these rows that do not end in a delimiter."""
@@ -203,22 +241,27 @@ def _without_comments(body: bytes, first: int) -> tuple[bytes, tuple[int, ...]]:
     return (_COMMENT.sub(b"", body), tuple(dropped)) if dropped else (body, ())
 
 
-def _counts(body: bytes, delimiter: str) -> tuple[Integers, int]:
-    """Cells of every line that is not blank, and the number of blank ones between them."""
-    counts: list[NDArray[Any]] = []
-    blank, at = 0, 0
+def _counts(body: bytes, delimiter: str) -> tuple[Counts, Integers]:
+    """Cells of every line that is not blank, and the blank ones between them, counted from the first line."""
+    counts: list[Counts] = []
+    blank: list[Integers] = []
+    at, line = 0, 0
     while at < len(body):
         stop = len(body) if at + _CHUNK >= len(body) else body.rfind(b"\n", at, at + _CHUNK) + 1
         stop = stop if stop > at else len(body)
         piece = body[at:stop]
-        found, empty = _quoted(piece, delimiter) if b'"' in piece else _plain(piece, delimiter)
-        counts.append(found)
-        blank += empty
-        at = stop
-    return (np.concatenate(counts) if counts else np.empty(0, dtype=np.int64)), blank
+        found = _quoted(piece, delimiter) if b'"' in piece else _plain(piece, delimiter)
+        counts.append(found[found > 0])
+        blank.append(line + np.flatnonzero(found == 0))
+        at, line = stop, line + len(found)
+    return (
+        np.concatenate(counts) if counts else np.empty(0, dtype=np.int32),
+        np.concatenate(blank) if blank else np.empty(0, dtype=np.int64),
+    )
 
 
-def _plain(piece: bytes, delimiter: str) -> tuple[Integers, int]:
+def _plain(piece: bytes, delimiter: str) -> Counts:
+    """Cells of every line, 0 for a blank one."""
     signs = np.frombuffer(piece, dtype=np.uint8)
     ends = np.flatnonzero(signs == _NEWLINE)
     if not piece.endswith(b"\n"):
@@ -226,19 +269,16 @@ def _plain(piece: bytes, delimiter: str) -> tuple[Integers, int]:
     if delimiter == " ":
         solid = _solid(signs)
         marks = np.flatnonzero(solid & ~np.concatenate(([False], solid[:-1])))  # where a cell begins
-        counts = np.diff(np.searchsorted(marks, ends), prepend=0)
-        filled = counts > 0
-    else:
-        marks = np.flatnonzero(signs == ord(delimiter))
-        counts = np.diff(np.searchsorted(marks, ends), prepend=0) + 1
-        begins = np.concatenate(([0], ends[:-1] + 1))
-        filled = np.ones(len(ends), dtype=bool)
-        doubtful = np.flatnonzero((counts == 1) & (ends - begins < _BLANK_LINE))
-        if delimiter == "\t":  # a line of tabs holds no value, but cells
-            doubtful = doubtful[ends[doubtful] - begins[doubtful] < 2]
-        for k in doubtful:
-            filled[k] = bool(_solid(signs[begins[k] : ends[k]]).any())
-    return counts[filled].astype(np.int64), int((~filled).sum())
+        return np.diff(np.searchsorted(marks, ends), prepend=0).astype(np.int32)
+    marks = np.flatnonzero(signs == ord(delimiter))
+    counts = (np.diff(np.searchsorted(marks, ends), prepend=0) + 1).astype(np.int32)
+    begins = np.concatenate(([0], ends[:-1] + 1))
+    doubtful = np.flatnonzero((counts == 1) & (ends - begins < _BLANK_LINE))
+    if delimiter == "\t":  # a line of tabs holds no value, but cells
+        doubtful = doubtful[ends[doubtful] - begins[doubtful] < 2]
+    for k in doubtful:
+        counts[k] = bool(_solid(signs[begins[k] : ends[k]]).any())
+    return counts
 
 
 def _solid(signs: NDArray[np.uint8]) -> NDArray[np.bool_]:
@@ -247,17 +287,18 @@ def _solid(signs: NDArray[np.uint8]) -> NDArray[np.bool_]:
     )
 
 
-def _quoted(piece: bytes, delimiter: str) -> tuple[Integers, int]:
+def _quoted(piece: bytes, delimiter: str) -> Counts:
     lines = piece.decode("latin-1").split("\n")
     if lines and not lines[-1]:
         lines.pop()
     counts = [
         (len(split(line, delimiter)) if '"' in line or delimiter == " " else line.count(delimiter) + 1)
-        for line in lines
         if line.strip()
+        else 0
+        for line in lines
     ]
-    return np.array(counts, dtype=np.int64), len(lines) - len(counts)
+    return np.array(counts, dtype=np.int32)
 
 
-def _usual(counts: Integers) -> int:
+def _usual(counts: Counts) -> int:
     return int(np.bincount(np.minimum(counts, 1 << 20)).argmax()) if len(counts) else 1

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from optid.core.readers.limits import LONGEST_NAME, NAMES, shown
 
 Raw = NDArray[Any]
-FORMATS = "CSV, Parquet, MATLAB .mat, HDF5 or TDMS"
+FORMATS = "CSV, Parquet, MATLAB .mat, HDF5, TDMS, MDF or MCAP"
 EXTRA = 'run pip install "optid[formats]"'
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import logging
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,8 @@ import numpy as np
 from optid.core.readers.limits import Budget
 from optid.core.readers.table import EXTRA, Clock, Column, Table
 from optid.errors import RecordingError
+
+_TIMES = ("time", "t", "zeit", "timestamp", "x_value", "x_values")
 
 
 def read(data: bytes, path: Path, wanted: tuple[str, ...], budget: Budget) -> Table:
@@ -36,7 +39,7 @@ def read(data: bytes, path: Path, wanted: tuple[str, ...], budget: Budget) -> Ta
                     if isinstance(column, str):
                         left_out[asked] = column
                     else:
-                        columns[asked] = column
+                        columns[asked] = _with_time_of_group(column, channel, channels, budget)
     except RecordingError:
         raise
     except Exception as error:  # npTDMS raises whatever the damaged bytes lead it to
@@ -86,6 +89,21 @@ def _column(channel: Any, budget: Budget) -> Column | str:
     origin = 0 if begun is None else int(np.datetime64(begun, "ns").astype(np.int64))
     first = float(properties.get("wf_start_offset", 0.0) or 0.0)
     return Column(values, Clock(first + np.arange(size, dtype=np.float64) * float(step), origin), unit)
+
+
+def _with_time_of_group(
+    column: Column, channel: Any, channels: list[tuple[str, Any]], budget: Budget
+) -> Column:
+    """With the clock of the time channel in its group, where it has no waveform's clock."""
+    group = [one for _, one in channels if one.group_name == channel.group_name and one.name != channel.name]
+    times = next((one for one in group if one.name.lower() in _TIMES and len(one) == len(channel)), None)
+    if column.clock is not None or times is None or channel.name.lower() in _TIMES:
+        return column
+    budget.take(len(times) * 8, f'the channel "{times.name}"')
+    raw = np.asarray(times[:])
+    if raw.dtype.kind not in "iuf" or len(raw) < 2 or not bool((np.diff(raw) > 0).all()):
+        return column
+    return replace(column, clock=Clock(raw.astype(np.float64), in_rig_unit=True))
 
 
 def _quiet() -> None:

@@ -18,8 +18,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from optid.core.readers import loggers
-from optid.core.readers.cells import MISSING, Unreadable, is_missing, is_stamp, numbers
-from optid.core.readers.layout import Layout, find_layout, has_decimal_comma, split, unit_in
+from optid.core.readers.cells import MISSING, Unreadable, is_missing, is_stamp, numbers, unit_of, without_unit
+from optid.core.readers.layout import (
+    Layout,
+    find_layout,
+    has_decimal_comma,
+    named_in_rows,
+    split,
+    unit_in,
+    unreadable_row,
+)
 from optid.core.readers.limits import LONGEST_LINE, Budget, shown
 from optid.core.readers.rows import Rows
 from optid.core.readers.table import FORMATS, Column, Raw, Table
@@ -30,6 +38,11 @@ if TYPE_CHECKING:
 
 _HEAD_LINES, _HEAD_BYTES = 3000, 8 << 20  # within which a table begins
 _BINARY = re.compile(rb"[\x00-\x08\x0e-\x19\x1b-\x1f]")
+_OLDER = ("latin-1", "cp1252", "cp1250", "cp1251", "cp932", "gb18030", "euc_kr", "big5", "mac_roman")
+_QUOTED_LINES = re.compile(
+    rb'(?:"(?:[^"\r\n]|"")*[,;\t](?:[^"\r\n]|"")*"\r?\n?)+'
+)  # each line is one quoted cell
+_QUOTES = re.compile(rb'(?m)^"(.*)"(?=\r?$)')
 _SAMPLE = 2000  # rows looked at for a first guess of the decimal sign; the column itself decides
 
 
@@ -46,10 +59,11 @@ def read(data: bytes, path: Path, wanted: tuple[str, ...], budget: Budget) -> Ta
     Raises:
         RecordingError: not text, no table, a row of another length, a mapped column twice.
     """
-    text = _decoded(data, path)
+    text = _decoded(data, wanted, path)
     layout = find_layout(text.lines, wanted)
     if layout is None:
-        raise _no_table(text.lines, path)
+        raise _no_table(text.lines, wanted, path)
+    _refuse_long_table(text.lines, layout, wanted, path)
     logger = loggers.recognised(text.lines, layout)
     about = f"{logger.title}, whose table begins in line {layout.first + 1}" if logger else ""
     names = [name for name in layout.names if name]
@@ -57,18 +71,42 @@ def read(data: bytes, path: Path, wanted: tuple[str, ...], budget: Budget) -> Ta
         return _nothing_found(layout, about, path)
     rows, encoding = Rows.of(text.data, text.encoding, layout, path), text.encoding
     del data, text  # a long file is in memory once
-    frame = _frame(rows, layout, encoding, path)
-    notes = rows.notes + tuple(f'"{words}" is taken for "{name}"' for name, words in layout.relaxed.items())
-    columns = {int(k): _column(frame[k], rows, layout, int(k), path) for k in frame.columns.tolist()}
+    place, notes = rows.lines.place, rows.notes
+    notes += tuple(f'"{words}" is taken for "{name}"' for name, words in layout.relaxed.items())
+    read_cells = _cells(rows, layout, encoding, path)
+    columns = {k: _column(cells, rows, layout, k, path) for k, cells in read_cells.items()}
+    del rows, read_cells
     if logger is not None and logger.change is not None:
         columns, more = logger.change(layout, columns)
         notes += more
     chosen = {name: _chosen(name, indices, columns, layout, path) for name, indices in layout.found.items()}
     chosen = _own_clocks(layout, chosen, columns, wanted)
-    return Table(chosen, names, "csv", about, {}, notes, rows.place)
+    return Table(chosen, names, "csv", about, {}, notes, place)
 
 
-def _decoded(data: bytes, path: Path) -> _Text:
+def _refuse_long_table(lines: Sequence[str], layout: Layout, wanted: Sequence[str], path: Path) -> None:
+    missing = [name for name in wanted if name not in layout.found]
+    if column := named_in_rows(lines, layout, missing):
+        raise RecordingError(
+            f'"{shown(missing[0])}" is no column but a value of column "{shown(column)}": '
+            "a long table with one value a row",
+            where=path,
+            expected="a column for each signal",
+            hint=f'make it wide first, in pandas: table.pivot(index=TIME, columns="{shown(column)}", values=VALUE)',
+        )
+
+
+def _older_encoding(head: bytes, wanted: Sequence[str]) -> str:
+    """Of older exports: that under which most of the mapped names occur; numbers are the same in all."""
+
+    def seen(encoding: str) -> int:
+        names = (name.encode(encoding, errors="ignore") for name in wanted if not name.isascii())
+        return sum(bool(name) and name in head for name in names)
+
+    return max(_OLDER, key=seen)
+
+
+def _decoded(data: bytes, wanted: Sequence[str], path: Path) -> _Text:
     encoding = "utf-8"
     if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)) or data[1:8:2] == b"\0\0\0\0":
         wide = "utf-16" if data[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE) else "utf-16-le"
@@ -85,7 +123,10 @@ def _decoded(data: bytes, path: Path) -> _Text:
         if not data.isascii():
             data.decode("utf-8")
     except UnicodeDecodeError:
-        encoding = "latin-1"  # older exports: only names such as "µm" differ, numbers do not
+        encoding = _older_encoding(head, wanted)
+    if _QUOTED_LINES.fullmatch(head[: 1 << 16].rpartition(b"\n")[0]):
+        data = _QUOTES.sub(lambda match: match[1].replace(b'""', b'"'), data)
+        head = data[:_HEAD_BYTES]
     lines = head.split(b"\n")
     if len(head) < len(data) and len(lines) > 1:
         lines.pop()
@@ -98,7 +139,16 @@ def _decoded(data: bytes, path: Path) -> _Text:
     return _Text(data, encoding, tuple(shown_lines))
 
 
-def _no_table(lines: Sequence[str], path: Path) -> RecordingError:
+def _no_table(lines: Sequence[str], wanted: Sequence[str], path: Path) -> RecordingError:
+    if unreadable := unreadable_row(lines, wanted):
+        header, row, name, cell = unreadable
+        return RecordingError(
+            f'line {row + 1} holds "{shown(cell)}", which is no number and no time of day',
+            where=path,
+            field=f'column "{shown(name)}"',
+            expected=f"rows of values below the names in line {header + 1}",
+            hint='write numbers, or times such as 2024-05-02T10:00:00.001; even samples may go by rate = "1000 Hz"',
+        )
     full = [i for i, line in enumerate(lines) if line.strip(" \t\x1a")]
     bare = [i for i in full if not lines[i].lstrip().startswith(("#", "%", "//"))]
     if not full:
@@ -132,42 +182,68 @@ def _nothing_found(layout: Layout, about: str, path: Path) -> Table:
     return Table({}, [name for name in layout.names if name], "csv", about)
 
 
-def _frame(rows: Rows, layout: Layout, encoding: str, path: Path) -> pd.DataFrame:
+def _cells(rows: Rows, layout: Layout, encoding: str, path: Path) -> dict[int, Raw]:
     """The mapped columns as pandas reads them: numbers where all cells are, else texts."""
-    import pandas as pd
-
     places = sorted({*layout.places, *loggers.clock_columns(layout)})
     sample = [split(line, layout.delimiter) for line in itertools.islice(rows.sample(), _SAMPLE)]
-    blank = rows.width == 1  # a blank line in a single column is a missing sample
+    options: dict[str, Any] = {
+        "sep": r"\s+" if layout.delimiter == " " else layout.delimiter,
+        "names": range(rows.widest),
+        "usecols": places,
+        "decimal": "," if has_decimal_comma(sample, places) else ".",
+        "skip_blank_lines": rows.width > 1,  # a blank line in a single column is a missing sample
+        "encoding": encoding,
+    }
     try:
-        frame = pd.read_csv(
-            io.BytesIO(rows.body),
-            sep=r"\s+" if layout.delimiter == " " else layout.delimiter,
-            header=None,
-            names=range(rows.widest),
-            usecols=places,
-            index_col=False,
-            decimal="," if has_decimal_comma(sample, places) else ".",
-            na_values=list(MISSING),
-            keep_default_na=True,
-            skipinitialspace=True,
-            skip_blank_lines=not blank,
-            encoding=encoding,
-            encoding_errors="replace",
-            low_memory=rows.long,
-        )
+        found: dict[int, Raw] = {}
+        at = 0
+        for piece in rows.pieces():
+            frame = _parsed(piece, options)
+            if any(frame[k].dtype.kind not in "iufb" for k in places) or at + len(frame) > rows.count:
+                whole = _parsed(rows.body, options)  # the whole column decides what its cells are
+                return {k: whole[k].to_numpy() for k in places}
+            for k in places:
+                found[k] = _placed(found.get(k), frame[k].to_numpy(), at, rows.count)
+            at += len(frame)
+        return {k: column[:at] for k, column in found.items()}
     except (ValueError, OverflowError) as error:  # pandas raises ParserError, a ValueError
         reason = " ".join(str(error).split())[:160]
         raise RecordingError(f"the table cannot be read ({reason})", where=path) from None
+
+
+def _placed(column: Raw | None, part: Raw, at: int, count: int) -> Raw:
+    """A column with a part in its place; made once, of the kind that its parts need."""
+    if column is None:
+        column = np.zeros(count, dtype=part.dtype)
+    kind = np.result_type(column, part)
+    column = column if column.dtype == kind else column.astype(kind)
+    column[at : at + len(part)] = part
+    return column
+
+
+def _parsed(piece: bytes, options: dict[str, Any]) -> pd.DataFrame:
+    import pandas as pd
+
+    frame: pd.DataFrame = pd.read_csv(
+        io.BytesIO(piece),
+        header=None,
+        index_col=False,
+        na_values=list(MISSING),
+        keep_default_na=True,
+        skipinitialspace=True,
+        encoding_errors="replace",
+        low_memory=False,
+        **options,
+    )
     return frame
 
 
-def _column(series: pd.Series[Any], rows: Rows, layout: Layout, k: int, path: Path) -> Column:
+def _column(cells: Raw, rows: Rows, layout: Layout, k: int, path: Path) -> Column:
     """A column whose cells are all numbers as such; stamps and texts as texts."""
     unit = _unit(layout, k)
-    if series.dtype.kind in "iufb":
-        return Column(series.to_numpy(), unit=unit)
-    cells = series.to_numpy(dtype=object)
+    if cells.dtype.kind in "iufb":
+        return Column(cells, unit=unit)
+    cells = cells.astype(object)
     known = [
         cell
         for cell in itertools.islice(cells, 200)
@@ -175,15 +251,25 @@ def _column(series: pd.Series[Any], rows: Rows, layout: Layout, k: int, path: Pa
     ]
     if known and all(is_stamp(cell.strip()) for cell in known):
         return Column(cells, unit=unit)
+    if known and unit_of(known[0].strip()):
+        cells, inside = without_unit(cells)
+        unit = inside or unit
     comma = rows.decimal_comma(layout)
     try:
         return Column(numbers(cells, comma), unit=unit)
     except Unreadable as error:
+        if k < len(layout.names) and error.found == layout.names[k]:
+            raise RecordingError(
+                f"{rows.lines.place(error.row)} is the header once more: several recordings in one file",
+                where=path,
+                expected="one table",
+                hint="cut the file there, and give each part by itself",
+            ) from None
         if not error.ambiguous:
             return Column(cells, unit=unit)  # told when its unit is known
         raise RecordingError(
-            f'{rows.place(error.row)} holds "{shown(error.found)}", which may be grouped thousands or a decimal point, '
-            "as other columns have decimal commas",
+            f'{rows.lines.place(error.row)} holds "{shown(error.found)}", which may be grouped thousands or a decimal '
+            "point, as other columns have decimal commas",
             where=path,
             field=f'column "{shown(layout.names[k])}"',
             expected="one decimal sign",

@@ -96,6 +96,8 @@ def table_of(root: Mapping[str, Node], wanted: Sequence[str], path: Path, reader
         elif found is not None:
             columns[name] = Column(found, clock=_clock(root, target, len(found)))
     sealed = {name: node for name, node in flat.items() if isinstance(node, Sealed)}
+    texts = {name: "holds text" for name in wanted if isinstance(_walk(root, _parts(asked[name])), str)}
+    left_out = {**texts, **left_out}
     for name in wanted:
         if name not in columns and name not in left_out:
             holder = next((s for s in sealed if name == s or name.startswith((f"{s}.", f"{s}["))), None)
@@ -229,7 +231,7 @@ def _aliases(node: Node, prefix: str = "") -> Iterator[tuple[str, str]]:
 
 def _clock(root: Mapping[str, Node], name: str, length: int) -> Clock | None:
     """The time vector that stands beside a signal within its struct, or above it (Simulink's structure with time)."""
-    parts = re.findall(r"[^.\[\]]+|\[\d+\]", name)
+    parts = _parts(name)
     for depth in range(len(parts) - 1, 0, -1):
         holder = _walk(root, parts[:depth])
         if not isinstance(holder, Mapping):
@@ -239,6 +241,11 @@ def _clock(root: Mapping[str, Node], name: str, length: int) -> Clock | None:
             if times is not None and len(times) == length and f"{'.'.join(parts[:depth])}.{key}" != name:
                 return Clock(times, in_rig_unit=True)
     return None
+
+
+def _parts(name: str) -> list[str]:
+    """Of "log[0].x": log, [0], x."""
+    return re.findall(r"[^.\[\]]+|\[\d+\]", name)
 
 
 def _times(node: Node) -> Any:
