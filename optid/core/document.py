@@ -40,14 +40,35 @@ def read_document(path: Path, schema: str, expected: str) -> dict[str, Any]:
     Raises:
         InputError: no such file, cannot be read, no JSON, another kind of document or one of a newer optid.
     """
+    return known(read_json(path, expected), schema, path)
+
+
+def read_json(path: Path, expected: str) -> Any:
+    """Read a JSON file of a bounded size; its numbers are finite.
+
+    Args:
+        path: the file; in a result folder that is half in place, its whole version is read.
+        expected: what the file should be, for messages.
+
+    Raises:
+        InputError: no such file, cannot be read, or no JSON.
+    """
     try:
-        content = json.loads(read_bounded(located(path)).decode("utf-8-sig"), parse_constant=_no_number)
+        return json.loads(read_bounded(located(path)).decode("utf-8-sig"), parse_constant=_no_number)
     except FileNotFoundError:
         raise InputError("no such file", where=path, expected=expected) from None
     except (OSError, ValueError, RecursionError) as error:
         why = "nested too deeply" if isinstance(error, RecursionError) else f"{error}"
         raise InputError(f"cannot be read ({why})", where=path, expected=expected) from None
-    return known(content, schema, path)
+
+
+def optional_document(path: Path, most: int = MOST) -> dict[str, Any] | None:
+    """A JSON object that may be there; ``None`` where there is none, or nothing that can be understood."""
+    try:
+        content = json.loads(read_bounded(path, most))
+    except (OSError, ValueError, RecursionError):
+        return None
+    return content if isinstance(content, dict) else None
 
 
 def known(content: Any, schema: str, where: object = None) -> dict[str, Any]:

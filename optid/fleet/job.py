@@ -11,6 +11,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+from optid.core.document import read_bounded
 from optid.errors import InputError, nearest
 
 Option = str | int | float | bool | list[str] | list[int] | list[float]
@@ -171,8 +172,8 @@ def key_of(job: Job, inputs: Mapping[str, str | None], version: str) -> str:
 def _programs(rig: Path) -> Iterator[Path]:
     """A user's own Python files that a rig file names: its plant and its effects."""
     try:
-        content = tomllib.loads(rig.read_text(encoding="utf-8-sig"))
-    except (OSError, ValueError):
+        content = tomllib.loads(read_bounded(rig).decode("utf-8-sig"))
+    except (OSError, ValueError, RecursionError):
         return
     effects = content.get("effects", {})
     for name in (content.get("model"), *(effects if isinstance(effects, dict) else ())):
