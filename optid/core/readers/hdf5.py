@@ -4,21 +4,24 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Iterator
+import re
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from optid.core.readers.libraries import library
 from optid.core.readers.limits import Budget, shown
-from optid.core.readers.table import EXTRA, Table
+from optid.core.readers.table import Table
 from optid.core.readers.tree import Node, Sealed, only_matlab, table_of
 from optid.errors import RecordingError
 
 MAGIC = b"\x89HDF\r\n\x1a\n"
 _BLOCKS = (0, 512, 1024, 2048)  # where the data may begin behind a user block; MATLAB writes 512 bytes
-_DEEPEST, _MOST = 24, 50_000
+_DEEPEST = 24
+_MOST = 10_000  # objects looked at, those asked for first; 3 s
 _LONGEST_TITLE = 1000  # bytes of a class's name
 _CELLS = 4096  # elements of a cell array or struct array that are looked at
 
@@ -34,17 +37,11 @@ def read(data: bytes, path: Path, wanted: tuple[str, ...], budget: Budget) -> Ta
     Raises:
         RecordingError: truncated or damaged, data outside the file, more than it can hold, or h5py is not installed.
     """
-    try:
-        import h5py
-    except ImportError as error:
-        broken = "" if isinstance(error, ModuleNotFoundError) else f" (it is there, but broken: {error})"
-        raise RecordingError(
-            f"HDF5 and .mat files of version 7.3 need h5py{broken}", where=path, hint=EXTRA
-        ) from None
+    h5py = library("h5py", "h5py", "HDF5 and .mat files of version 7.3", path)
     matlab = data[:6] == b"MATLAB"
     try:
         with h5py.File(io.BytesIO(data), "r") as file:
-            root = _Walk(h5py, file, budget).group(file, "", 0)
+            root = _Walk(h5py, file, budget, wanted).group(file, "", 0)
             return table_of(root, wanted, path, "mat 7.3" if matlab else "hdf5")
     except RecordingError:
         raise
@@ -97,15 +94,15 @@ def _title(item: Any) -> str:
 class _Walk:
     """Through the groups of a file, each once, whatever links lead to it."""
 
-    def __init__(self, h5py: Any, file: Any, budget: Budget) -> None:
+    def __init__(self, h5py: Any, file: Any, budget: Budget, wanted: Iterable[str]) -> None:
         self._h5py, self._file, self._budget = h5py, file, budget
+        self._asked = {part for name in wanted for part in re.split(r"[./\[\](){}]", name)}
         self._seen: set[int] = set()
         self._count = 0
 
     def group(self, group: Any, name: str, depth: int) -> dict[str, Node]:
         found: dict[str, Node] = {}
-        for key in group:
-            self._count += 1
+        for key in sorted(group, key=lambda key: key not in self._asked):
             if depth > _DEEPEST or self._count > _MOST:
                 break
             if key.startswith("#"):  # where MATLAB keeps the contents of cells
@@ -125,6 +122,7 @@ class _Walk:
         return found
 
     def _node(self, item: Any, name: str, depth: int) -> Node:
+        self._count += 1
         title = _title(item)
         if isinstance(item, self._h5py.Group):
             address = int(self._h5py.h5o.get_info(item.id).addr)
@@ -167,6 +165,8 @@ class _Walk:
         if depth > _DEEPEST or item.size > _CELLS:
             return
         for k, reference in enumerate(np.asarray(_Stored(item, self._budget)[()]).reshape(-1)):
+            if self._count > _MOST:
+                return
             target = self._file[reference] if reference else None
             yield Sealed("is empty") if target is None else self._node(target, f"{name}[{k}]", depth + 1)
 

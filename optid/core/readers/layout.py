@@ -10,7 +10,7 @@ import csv
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 from optid.core.readers.cells import COMMA_DECIMAL, is_missing, is_number, is_stamp, is_value
 
@@ -18,6 +18,7 @@ DELIMITERS = ("\t", ";", "|", ",", " ")  # " " stands for any run of blanks
 COMMENTS = ("#", "%", "//", "!", "'")
 _MARK = re.compile(r"^\s*(?:[#%!']+|//)\s*")
 _UNIT = re.compile(r"^(.*?)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\)|/\s?([^\s/]+))$")
+_LONGEST_NAME = 400  # signs of a cell that can be a name with its unit: no pattern goes over longer ones
 _PLACE = re.compile(r"column (\d{1,6})")
 _LOOK = 60  # lines looked at to judge where rows of data begin
 _ABOVE = 40  # rows between a header and its data: units, types, scales
@@ -128,6 +129,7 @@ def _matches(
     loose: dict[str, list[int]] = {}
     for k, cell in enumerate(cells):
         exact.setdefault(cell, []).append(k)
+    for k, cell in enumerate(cells if any(name not in exact for name in wanted) else ()):
         loose.setdefault(bare_name(cell), []).append(k)
     found: dict[str, tuple[int, ...]] = {}
     relaxed: dict[str, str] = {}
@@ -144,16 +146,17 @@ def _matches(
     return found, relaxed
 
 
+@lru_cache(maxsize=4096)
 def bare_name(cell: str) -> str:
     """A header's cell without comment mark and unit: "u [V]" and "% u (V)" are u."""
     cell = _MARK.sub("", cell)
-    match = _UNIT.match(cell)
+    match = _UNIT.match(cell) if len(cell) <= _LONGEST_NAME else None
     return match[1].strip() if match and match[1].strip() else cell.strip()
 
 
 def unit_in(cell: str) -> str:
     """The unit that a header's cell states behind the name; empty if none."""
-    match = _UNIT.match(cell)
+    match = _UNIT.match(cell) if len(cell) <= _LONGEST_NAME else None
     return (
         next((part.strip() for part in match.groups()[1:] if part), "") if match and match[1].strip() else ""
     )
