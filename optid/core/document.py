@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,8 @@ from optid.core.resultset import located
 from optid.errors import InputError
 
 MOST = 16 * 2**20  # bytes of a JSON file; a model of 500 coefficients with its covariance takes 5 MB
+_PARTS = 32  # of a TOML key: rig files have three
+_DEEP_KEY = re.compile(rf"""(?<![\w."'-])(?>(?>[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*){{{_PARTS}}}""")
 HUGE = 1e100  # no quantity of an axis, in any unit, comes near: beyond, squares overflow
 
 
@@ -69,6 +72,22 @@ def optional_document(path: Path, most: int = MOST) -> dict[str, Any] | None:
     except (OSError, ValueError, RecursionError):
         return None
     return content if isinstance(content, dict) else None
+
+
+def parsed_toml(text: str) -> dict[str, Any]:
+    """The tables of a TOML text.
+
+    Raises:
+        ValueError: not valid, nested too deeply, or keys of more parts than anybody writes, which take the parser
+            time with their square.
+    """
+    if (deep := _DEEP_KEY.search(text)) is not None:
+        line = text.count("\n", 0, deep.start()) + 1
+        raise ValueError(f"a key of more than {_PARTS} parts (line {line})")
+    try:
+        return tomllib.loads(text)
+    except RecursionError:
+        raise ValueError("nested too deeply") from None
 
 
 def known(content: Any, schema: str, where: object = None) -> dict[str, Any]:

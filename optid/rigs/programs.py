@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 
-from optid.core.document import read_bounded
+from optid.core.document import parsed_toml, read_bounded
 
 
 def programs(rig: Path) -> Iterator[Path]:
     """The files of its plant and its effects; none where the rig file cannot be read."""
     try:
-        content = tomllib.loads(read_bounded(rig).decode("utf-8-sig"))
-    except (OSError, ValueError, RecursionError):
+        content = parsed_toml(read_bounded(rig).decode("utf-8-sig"))
+    except (OSError, ValueError):
         return
     effects = content.get("effects", {})
     for name in (content.get("model"), *(effects if isinstance(effects, dict) else ())):

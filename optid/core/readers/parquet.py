@@ -30,6 +30,7 @@ def read(data: bytes, path: Path, wanted: tuple[str, ...], budget: Budget) -> Ta
     """
     pq = library("pyarrow.parquet", "pyarrow", "Parquet files", path)
     pa = library("pyarrow", "pyarrow", "Parquet files", path)
+    library("pyarrow.compute", "pyarrow", "Parquet files", path)
     try:
         file = pq.ParquetFile(io.BytesIO(data))
         schema, rows = file.schema_arrow, int(file.metadata.num_rows)
