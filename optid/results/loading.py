@@ -16,6 +16,7 @@ from optid.results.plan import PlanResult
 from optid.results.result import Result
 from optid.results.simulation import SimulationResult
 from optid.results.tuning import TuningResult
+from optid.results.validity import refuse_invalid
 
 RESULTS: tuple[type[Result], ...] = (
     CheckResult,
@@ -74,6 +75,13 @@ def _kind_of(file: Path) -> type[Result]:
 def _read(kind: type[Result], folder: Path, file: Path) -> Result:
     document = read_document(file, kind.SCHEMA, EXPECTED)
     try:
-        return kind.read(folder, document)
+        found = kind.read(folder, document)
     except (OSError, ValueError) as error:
         raise InputError(f"a file of this result cannot be read ({error})", where=folder) from None
+    refuse_invalid(document, kind.SCHEMA, file)
+    try:
+        found.summary()
+    except (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError) as error:
+        why = f"{type(error).__name__}: {error}"[:120]
+        raise InputError(f"it is not whole ({why})", where=file, expected=EXPECTED) from None
+    return found
