@@ -216,6 +216,18 @@ def test_a_signal_is_told_and_leaves_nothing(sound, tmp_path, number):
     assert not (tmp_path / "out").exists()
 
 
+def test_a_shut_terminal_ends_a_run_like_the_other_signals():
+    from optid.cli.run import begun
+
+    before = {number: signal.getsignal(number) for number in (signal.SIGHUP, signal.SIGTERM, signal.SIGINT)}
+    with begun(["check"]):
+        assert (
+            len({signal.getsignal(number) for number in before if before[number] is not signal.SIG_IGN}) == 1
+        )
+        assert signal.getsignal(signal.SIGHUP) is not before[signal.SIGHUP]
+    assert {number: signal.getsignal(number) for number in before} == before
+
+
 def test_a_signal_while_results_are_written_waits(sound, tmp_path, quick, monkeypatch):
     real = results.resultset.commit
 

@@ -11,6 +11,8 @@ from optid.cli.run import this_run
 from optid.core.cache import cache_folder, sources
 from optid.core.document import read_bounded
 
+_API = Path(__file__).parents[1] / "api"
+
 
 def checkpoint(folder: Path, resume: bool) -> Path | None:
     """A file in the user's cache for work into this folder; ``None`` where nothing can be kept.
@@ -41,11 +43,10 @@ def _digest(content: bytes) -> str:
 
 def _depends() -> list[object]:
     """What decides what a run finds: optid's own code, its inputs, and the programs that they name."""
-    from optid.api import diagnosing, fitting
     from optid.rigs.programs import programs
 
     run = this_run()
-    found: list[object] = [sources(str(module.__file__)) for module in (diagnosing, fitting)]
+    found: list[object] = [sources(str(_API / name)) for name in ("diagnosing.py", "fitting.py")]
     named = {program for text in run.inputs for program in programs(Path(text)) if text.endswith(".toml")}
     for program in sorted(named):
         with contextlib.suppress(OSError, ValueError):
