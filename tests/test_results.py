@@ -243,6 +243,18 @@ def test_a_signal_while_results_are_written_waits(sound, tmp_path, quick, monkey
     assert (tmp_path / "out" / MANIFEST).exists()
 
 
+def test_what_libraries_warn_of_is_not_shown_unless_asked_for(monkeypatch):
+    import warnings
+
+    monkeypatch.setattr(cli, "cli", lambda: warnings.warn("overflow in square", RuntimeWarning, stacklevel=1))
+    for options, count in (([], 0), (["always"], 1)):
+        monkeypatch.setattr(sys, "warnoptions", options)
+        with warnings.catch_warnings(record=True) as seen:
+            warnings.simplefilter("always")
+            cli.main()
+        assert len(seen) == count
+
+
 def test_progress_as_json_is_lines_on_stderr(sound, tmp_path, quick):
     result = run("simulate", *sound, "--out", tmp_path / "out", "--progress", "json")
     lines = [json.loads(line) for line in result.stderr.splitlines()]
