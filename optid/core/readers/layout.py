@@ -18,6 +18,7 @@ DELIMITERS = ("\t", ";", "|", ",", " ")  # " " stands for any run of blanks
 COMMENTS = ("#", "%", "//", "!", "'")
 _MARK = re.compile(r"^\s*(?:[#%!']+|//)\s*")
 _UNIT = re.compile(r"^(.*?)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\)|/\s?([^\s/]+))$")
+_REMEMBERED = 4096  # signs of a line whose cells are kept for a while
 _LONGEST_NAME = 400  # signs of a cell that can be a name with its unit: no pattern goes over longer ones
 _PLACE = re.compile(r"column (\d{1,6})")
 _LOOK = 60  # lines looked at to judge where rows of data begin
@@ -172,12 +173,22 @@ def _first_row(
         for i in range(start, min(start + 20 * _ABOVE, len(lines)))
         if lines[i].strip() and not lines[i].lstrip().startswith(("#", "%", "//"))
     ][: _ABOVE + _FOLLOWING + 1]
-    rows = [is_row(split(lines[i], delimiter), places, len(cells)) for i in full]
+    rows = [is_row(_again(lines[i], delimiter), places, len(cells)) for i in full]
     for k, i in enumerate(full[: _ABOVE + 1]):
         # A number among the facts of the channels ("SampleTime 1") is no row: others follow a row, or it begins as one.
         if rows[k] and (all(rows[k : k + _FOLLOWING]) or is_value(split(lines[i], delimiter)[0])):
             return i
     return None
+
+
+def _again(line: str, delimiter: str) -> Sequence[str]:
+    """The cells of a line that is looked at below each of the lines above it."""
+    return _remembered(line, delimiter) if len(line) <= _REMEMBERED else split(line, delimiter)
+
+
+@lru_cache(maxsize=256)
+def _remembered(line: str, delimiter: str) -> tuple[str, ...]:
+    return tuple(split(line, delimiter))
 
 
 def is_row(cells: Sequence[str], places: Sequence[int], width: int) -> bool:
