@@ -174,7 +174,7 @@ PLACES = (
         "read-only everything but the folder",
         "right",
         "mkdir out; mount -t tmpfs tmpfs out; mount --bind / /mnt; mount -o remount,ro,bind / ; "
-        "for m in /tmp /dev/shm /var/tmp; do mount --bind $m $m; mount -o remount,ro,bind $m; done",
+        "for m in /tmp /dev/shm /var/tmp; do mount --rbind $m $m; mount -o remount,ro,bind $m; done",
         quick=False,
         environment={"HOME": "/root", "XDG_CACHE_HOME": ""},
     ),
