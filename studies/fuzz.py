@@ -215,6 +215,44 @@ DIAGNOSIS = {
     "not_testable": [{"effect": "sensor_lag"}],
     "findings": [{"effect": "valve_lag", "indistinguishable_from": ["input_delay"]}],
 }
+ESTIMATE = {"value": 83.0, "unit": "N", "ci95": [79.0, None], "start": 80.0}
+SCORE = {"position": {"fit_percent": 99.0, "rmse": 3e-5, "unit": "m"}}
+FIT = {
+    "schema": "optid.fit/1",
+    "outcome": "converged",
+    "seconds": 3.0,
+    "horizon": 0.5,
+    "asked": ["coulomb_friction"],
+    "parameters": {"coulomb_friction": ESTIMATE},
+    "values": {"coulomb_friction": 83.0},
+    "process_noise": [1e-6, 1e-4],
+    "train": SCORE,
+    "holdout": SCORE,
+    "not_identifiable": [],
+    "at_bound": ["coulomb_friction"],
+    "ties": ["a and b cannot be told apart"],
+    "profiles": {"coulomb_friction": {"words": "known from one side"}},
+    "missed": [{"channel": "position", "percent": 13.0, "advice": "the model misses 13 %"}],
+}
+FLEET = """[defaults]
+job = "fit"
+memory = "1.5 GB"
+time_limit = 100
+options = { starts = 3 }
+[statistics]
+level = 0.05
+siblings = "line"
+[[rows]]
+rig = "a.toml"
+train = ["a1.csv", "a2.csv"]
+holdout = ["a3.csv"]
+tags = { line = "3" }
+[[rows]]
+rig = "b.toml"
+train = ["b1.csv"]
+job = "diagnose"
+threads = 2
+"""
 CHANNELS = """[channels]
 time = { column = "t", unit = "s" }
 command = { column = "u", unit = "V" }
@@ -233,6 +271,25 @@ UNITS = (
 )
 
 
+def results() -> dict[str, list[bytes]]:
+    """Tables and manifest of a sound result folder."""
+    from optid.core import resultset
+    from optid.results.tables import TABLES, write_tables
+
+    with tempfile.TemporaryDirectory() as text:
+        folder = Path(text)
+        staged = resultset.staging(folder)
+        (staged / "fit.json").write_text(json.dumps(FIT), encoding="utf-8")
+        write_tables(
+            staged / TABLES, {"covariance": pd.DataFrame({"coulomb_friction": [4.0]}), "nodes": table()}
+        )
+        resultset.commit(
+            folder, staged, {"version": "1", "command": "optid fit", "inputs": {"a.csv": "0" * 64}}
+        )
+        kept = {"tables": folder / TABLES, "manifest": folder / resultset.MANIFEST}
+        return {kind: [path.read_bytes()] for kind, path in kept.items()}
+
+
 def sources() -> dict[str, list[bytes]]:
     """Sound files by kind."""
     rigs = [path.read_bytes() for path in sorted((ROOT / "data").glob("*.toml"))]
@@ -242,11 +299,14 @@ def sources() -> dict[str, list[bytes]]:
         "rig": rigs,
         "unit": [text.encode() for text in UNITS],
         **{name: [json.dumps(content).encode()] for name, content in documents.items()},
+        "fleet": [FLEET.encode()],
+        "fit": [json.dumps(FIT).encode()],
+        **results(),
         **{kind: [written(kind)] for kind in kinds},
     }
 
 
-# Of 50 inputs in a row; kinds that take long come less often.
+# Of 60 inputs in a row; kinds that take long come less often.
 SHARES = {
     "rig": 6,
     "unit": 8,
@@ -261,6 +321,10 @@ SHARES = {
     "mat73": 1,
     "h5": 1,
     "tdms": 2,
+    "fleet": 3,
+    "fit": 3,
+    "tables": 2,
+    "manifest": 2,
 }
 ORDER = tuple(kind for kind, share in SHARES.items() for _ in range(share))
 
@@ -271,7 +335,11 @@ def readers() -> dict[str, Work]:
     from optid.core.readers import read_recording
     from optid.core.units import si_unit_of, to_si
     from optid.experiments.rivals import from_diagnosis
+    from optid.fleet.fleetfile import read_fleet
     from optid.quality.quality import quality
+    from optid.results.fit import FitResult
+    from optid.results.loading import load as load_result
+    from optid.results.tables import read_tables
     from optid.rigs.rigfile import read_rig
     from optid.tuning.files import load as load_pid
 
@@ -294,6 +362,16 @@ def readers() -> dict[str, Work]:
                 continue
         return si_unit_of(value.partition(" ")[2])
 
+    def result(content: bytes, path: Path) -> object:
+        """A fit in a folder, whose manifest may be the input."""
+        (path.parent / "fit.json").write_bytes(content if path.suffix == ".fit" else json.dumps(FIT).encode())
+        try:
+            loaded = load_result(path.parent)
+            assert isinstance(loaded, FitResult)
+            return loaded.parameters, repr(loaded)
+        finally:
+            (path.parent / "fit.json").unlink()
+
     found: dict[str, Work] = dict.fromkeys(ORDER, recording)
     found |= {
         "rig": lambda _, path: read_rig(path),
@@ -301,6 +379,10 @@ def readers() -> dict[str, Work]:
         "armax": lambda _, path: load_armax(path),
         "pid": lambda _, path: load_pid(path),
         "diagnosis": lambda _, path: from_diagnosis(path),
+        "fleet": lambda _, path: read_fleet(path),
+        "fit": result,
+        "manifest": result,
+        "tables": lambda _, path: read_tables(path),
     }
     return found
 
@@ -310,6 +392,8 @@ ENDINGS = {
     "armax": "json",
     "pid": "json",
     "diagnosis": "json",
+    "fleet": "toml",
+    "tables": "npz",
     "mat4": "mat",
     "mat5": "mat",
     "mat73": "mat",
@@ -352,7 +436,7 @@ def tried(
     kind = ORDER[number % len(ORDER)]
     sound = known[kind][int(rng.integers(len(known[kind])))]
     content = mutated(sound, rng)
-    path = folder / f"input.{ENDINGS.get(kind, kind)}"
+    path = folder / ("manifest.json" if kind == "manifest" else f"input.{ENDINGS.get(kind, kind)}")
     path.write_bytes(content)
     signal.setitimer(signal.ITIMER_VIRTUAL, SECONDS)
     began = time.process_time()

@@ -115,7 +115,7 @@ PLACES = (
     Place(
         "disk that is full at the end",
         "elsewhere",
-        "mkdir out; mount -t tmpfs -o size=200k tmpfs out; cp old/* out",
+        "mkdir out; mount -t tmpfs -o size=8m tmpfs out; cp old/* out",
         late="dd if=/dev/zero of=out/filler bs=1k 2>/dev/null || true",
     ),
     Place(
@@ -174,7 +174,7 @@ PLACES = (
         "read-only everything but the folder",
         "right",
         "mkdir out; mount -t tmpfs tmpfs out; mount --bind / /mnt; mount -o remount,ro,bind / ; "
-        "for m in /tmp /dev/shm /var/tmp; do mount --bind $m $m; mount -o remount,ro,bind $m; done",
+        "for m in /tmp /dev/shm /var/tmp; do mount --rbind $m $m; mount -o remount,ro,bind $m; done",
         quick=False,
         environment={"HOME": "/root", "XDG_CACHE_HOME": ""},
     ),
@@ -290,7 +290,12 @@ def in_namespace(name: str, home: Path, old: Path, recording: Path) -> str:
     return done.stdout.strip() if done.returncode == 0 else f"the study failed: {done.stderr.strip()[-300:]}"
 
 
-def main(arguments: Sequence[str], say: Callable[[str], None] = print) -> None:
+def now(words: str) -> None:
+    """Print at once: a place takes half a minute."""
+    print(words, flush=True)
+
+
+def main(arguments: Sequence[str], say: Callable[[str], None] = now) -> None:
     """Try all places, or those named."""
     if arguments[:1] == ["--one"]:
         name, *paths = arguments[1:]

@@ -211,6 +211,9 @@ RIG_CASES = (
     rig("name is a number", 'name = "bench-3"', "name = 3", "name", "found 3"),
     rig("unknown plant", '"servo-pneumatic"', '"servo_pneumatic"', "model", '"servo-pneumatic"'),
     rig("no model", 'model = "servo-pneumatic"\n', "", "model", "missing"),
+    rig(
+        "plant file's name too long", '"servo-pneumatic"', f'"{"a/" * 5000}p.py:axis"', "model", "is no path"
+    ),
     rig("plant file absent", '"servo-pneumatic"', '"no/such.py:axis"', "model", "such.py", "does not exist"),
     rig(
         "unknown option",

@@ -216,6 +216,18 @@ def test_a_signal_is_told_and_leaves_nothing(sound, tmp_path, number):
     assert not (tmp_path / "out").exists()
 
 
+def test_a_shut_terminal_ends_a_run_like_the_other_signals():
+    from optid.cli.run import begun
+
+    before = {number: signal.getsignal(number) for number in (signal.SIGHUP, signal.SIGTERM, signal.SIGINT)}
+    with begun(["check"]):
+        assert (
+            len({signal.getsignal(number) for number in before if before[number] is not signal.SIG_IGN}) == 1
+        )
+        assert signal.getsignal(signal.SIGHUP) is not before[signal.SIGHUP]
+    assert {number: signal.getsignal(number) for number in before} == before
+
+
 def test_a_signal_while_results_are_written_waits(sound, tmp_path, quick, monkeypatch):
     real = results.resultset.commit
 
@@ -229,6 +241,18 @@ def test_a_signal_while_results_are_written_waits(sound, tmp_path, quick, monkey
     assert result.exit_code == 1
     assert f"interrupted by SIGTERM; the results are in {tmp_path / 'out'}" in result.stderr
     assert (tmp_path / "out" / MANIFEST).exists()
+
+
+def test_what_libraries_warn_of_is_not_shown_unless_asked_for(monkeypatch):
+    import warnings
+
+    monkeypatch.setattr(cli, "cli", lambda: warnings.warn("overflow in square", RuntimeWarning, stacklevel=1))
+    for options, count in (([], 0), (["always"], 1)):
+        monkeypatch.setattr(sys, "warnoptions", options)
+        with warnings.catch_warnings(record=True) as seen:
+            warnings.simplefilter("always")
+            cli.main()
+        assert len(seen) == count
 
 
 def test_progress_as_json_is_lines_on_stderr(sound, tmp_path, quick):

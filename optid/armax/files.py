@@ -208,7 +208,7 @@ def _model_in(entry: dict[str, Any], field: str, where: object) -> SavedModel:
         nk=tuple(whole(k, f"{field}.nk", where) for k in ([nk] if single else nk)),
         sample_time=finite(entry["sample_time"], f"{field}.sample_time", where),
         noise_variance=finite(entry["noise_variance"], f"{field}.noise_variance", where),
-        covariance=None if covariance is None else _covariance_in(covariance),
+        covariance=None if covariance is None else _covariance_in(covariance, f"{field}.covariance", where),
         constant=finite(entry.get("constant", 0.0), f"{field}.constant", where),
         slope=finite(entry.get("slope", 0.0), f"{field}.slope", where),
         trend_errors=_pair(entry.get("trend_errors", (0.0, 0.0))),
@@ -217,7 +217,15 @@ def _model_in(entry: dict[str, Any], field: str, where: object) -> SavedModel:
         raise InputError(
             f"{model.sample_time:g} s", where=where, field=f"{field}.sample_time", expected="1e-9 to 1e6 s"
         )
+    if model.noise_variance < 0.0:
+        found = f"{model.noise_variance:g}"
+        raise InputError(found, where=where, field=f"{field}.noise_variance", expected="no negative number")
     o = model.orders
+    if model.covariance is not None and {len(model.covariance), *map(len, model.covariance)} != {
+        len(model.theta)
+    }:
+        size = f"{len(model.theta)} rows and columns, as many as there are coefficients"
+        raise InputError("another size", where=where, field=f"{field}.covariance", expected=size)
     said = (entry["na"], entry["nb"], entry["nc"])
     if said != (o.na, o.nb[0] if single else list(o.nb), o.nc):
         raise InputError(
@@ -244,11 +252,13 @@ def _intervals_in(entry: dict[str, Any]) -> Intervals | None:
     )
 
 
-def _covariance_in(rows: list[list[float | None]]) -> tuple[tuple[float, ...], ...]:
+def _covariance_in(
+    rows: list[list[float | None]], field: str, where: object
+) -> tuple[tuple[float, ...], ...]:
     def value(x: float | None, i: int, j: int) -> float:
         if x is None:
             return math.inf if i == j else math.nan
-        return float(x)
+        return finite(x, field, where)
 
     return tuple(tuple(value(x, i, j) for j, x in enumerate(row)) for i, row in enumerate(rows))
 

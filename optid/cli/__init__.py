@@ -9,6 +9,7 @@ from __future__ import annotations
 import importlib.metadata
 import os
 import sys
+import warnings
 from typing import Any, NoReturn
 
 import click
@@ -118,5 +119,7 @@ cli.add_command(fleet)
 
 def main() -> None:
     """Entry point of the `optid` script."""
+    if not sys.warnoptions:
+        warnings.simplefilter("ignore")  # what libraries warn of means nothing to who calls a command
     with ended_at_once():
         cli()

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from optid.cli.checkpoint import checkpoint
 from optid.cli.progress import progress, waiting
-from optid.cli.results import OUT, checkpoint, deliver, placed, results_folder, write_json
+from optid.cli.results import OUT, deliver, placed, results_folder, write_json
 from optid.errors import InputError, NotIdentifiable
 
 if TYPE_CHECKING:

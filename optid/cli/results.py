@@ -280,24 +280,3 @@ def write_json(path: Path, content: object) -> None:
     path.write_text(
         json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8"
     )
-
-
-def checkpoint(folder: Path, resume: bool) -> Path | None:
-    """A file in the user's cache for fits into this folder; ``None`` where nothing can be kept."""
-    import hashlib
-
-    from optid.core.cache import cache_folder
-
-    home = cache_folder()
-    if home is None:
-        return None
-    path = home / "fits" / f"{hashlib.sha256(os.fsencode(folder)).hexdigest()[:24]}.json"
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        if not resume:
-            path.unlink(missing_ok=True)
-        if not os.access(path.parent, os.W_OK):
-            return None
-    except OSError:
-        return None
-    return path

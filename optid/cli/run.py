@@ -64,7 +64,7 @@ def this_run() -> Run:
 
 @contextmanager
 def begun(arguments: Sequence[str]) -> Iterator[Run]:
-    """A run from its first word to its last; SIGTERM and SIGINT end it alike."""
+    """A run from its first word to its last; SIGINT, SIGTERM and a shut terminal end it alike."""
     logging.getLogger("matplotlib").setLevel(logging.ERROR)  # where it keeps its fonts is no news for a user
     run = Run(shlex.join(["optid", *map(str, arguments)]), before=loaded())
     token = _RUN.set(run)
@@ -125,7 +125,8 @@ def _listen(run: Run) -> dict[int, Any]:
 
     if threading.current_thread() is not threading.main_thread():
         return {}
-    wanted = (signal.SIGINT, signal.SIGTERM)
+    names = ("SIGINT", "SIGTERM", "SIGHUP")  # the last where a terminal can be shut
+    wanted = [getattr(signal, name) for name in names if hasattr(signal, name)]
     return {
         number: signal.signal(number, stop)
         for number in wanted

@@ -46,4 +46,13 @@ def _fit_in(folder: str) -> FitResult:
         raise InputError(
             f"{folder} holds a {type(values).__name__}", where="--fit", expected="results of optid fit"
         )
+    try:
+        found = values.parameters, values.values, values.process_noise, values.covariance
+        complete = len(found[3]) == len(found[0])
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise InputError(
+            f"holds no whole fit ({type(error).__name__}: {error})", where=folder, hint="run optid fit again"
+        ) from None
+    if not complete:
+        raise InputError("the covariance is of other parameters", where=folder, hint="run optid fit again")
     return values

@@ -28,7 +28,8 @@ def cache_folder() -> Path | None:
     if stated and Path(stated).is_absolute():  # a relative one is to be ignored, says the standard
         return Path(stated) / "optid"
     try:
-        return Path(platformdirs.user_cache_dir("optid"))
+        usual = Path(platformdirs.user_cache_dir("optid"))  # older ones take a relative place
+        return usual if usual.is_absolute() else Path.home() / ".cache" / "optid"
     except (OSError, RuntimeError, KeyError):  # no home, no name in the user database
         return None
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,8 @@ from optid.core.resultset import located
 from optid.errors import InputError
 
 MOST = 16 * 2**20  # bytes of a JSON file; a model of 500 coefficients with its covariance takes 5 MB
+_PARTS = 32  # of a TOML key: rig files have three
+_DEEP_KEY = re.compile(rf"""(?<![\w."'-])(?>(?>[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*){{{_PARTS}}}""")
 HUGE = 1e100  # no quantity of an axis, in any unit, comes near: beyond, squares overflow
 
 
@@ -40,14 +43,51 @@ def read_document(path: Path, schema: str, expected: str) -> dict[str, Any]:
     Raises:
         InputError: no such file, cannot be read, no JSON, another kind of document or one of a newer optid.
     """
+    return known(read_json(path, expected), schema, path)
+
+
+def read_json(path: Path, expected: str) -> Any:
+    """Read a JSON file of a bounded size; its numbers are finite.
+
+    Args:
+        path: the file; in a result folder that is half in place, its whole version is read.
+        expected: what the file should be, for messages.
+
+    Raises:
+        InputError: no such file, cannot be read, or no JSON.
+    """
     try:
-        content = json.loads(read_bounded(located(path)).decode("utf-8-sig"), parse_constant=_no_number)
+        return json.loads(read_bounded(located(path)).decode("utf-8-sig"), parse_constant=_no_number)
     except FileNotFoundError:
         raise InputError("no such file", where=path, expected=expected) from None
     except (OSError, ValueError, RecursionError) as error:
         why = "nested too deeply" if isinstance(error, RecursionError) else f"{error}"
         raise InputError(f"cannot be read ({why})", where=path, expected=expected) from None
-    return known(content, schema, path)
+
+
+def optional_document(path: Path, most: int = MOST) -> dict[str, Any] | None:
+    """A JSON object that may be there; ``None`` where there is none, or nothing that can be understood."""
+    try:
+        content = json.loads(read_bounded(path, most))
+    except (OSError, ValueError, RecursionError):
+        return None
+    return content if isinstance(content, dict) else None
+
+
+def parsed_toml(text: str) -> dict[str, Any]:
+    """The tables of a TOML text.
+
+    Raises:
+        ValueError: not valid, nested too deeply, or keys of more parts than anybody writes, which take the parser
+            time with their square.
+    """
+    if (deep := _DEEP_KEY.search(text)) is not None:
+        line = text.count("\n", 0, deep.start()) + 1
+        raise ValueError(f"a key of more than {_PARTS} parts (line {line})")
+    try:
+        return tomllib.loads(text)
+    except RecursionError:
+        raise ValueError("nested too deeply") from None
 
 
 def known(content: Any, schema: str, where: object = None) -> dict[str, Any]:

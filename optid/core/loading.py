@@ -95,7 +95,11 @@ def load_file(path: Path) -> ModuleType:
     Raises:
         RigError: no such file, or it raises while it is imported.
     """
-    if not path.is_file() and not located(path).is_file():
+    try:
+        there = path.is_file() or located(path).is_file()
+    except OSError as error:  # a name that no file can have
+        raise RigError(f'"{path}" is no path ({error.strerror})', expected="a Python file") from None
+    if not there:
         what = "is a directory" if path.is_dir() else "does not exist"
         near = sorted(p.name for p in path.parent.glob("*.py")) if path.parent.is_dir() else []
         raise RigError(f'the file "{path}" {what}', hint=nearest(path.name, near) if near else None)

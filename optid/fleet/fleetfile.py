@@ -5,13 +5,12 @@ from __future__ import annotations
 import hashlib
 import itertools
 import re
-import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
-from optid.core.document import read_bounded
+from optid.core.document import parsed_toml, read_bounded
 from optid.errors import InputError, nearest
 from optid.fleet.job import Job, Limits, folder_name
 
@@ -112,10 +111,10 @@ def read_fleet(path: str | Path) -> Fleet:
 
 def _toml(path: Path) -> Mapping[str, Any]:
     try:
-        return tomllib.loads(read_bounded(path, MOST).decode("utf-8-sig"))
+        return parsed_toml(read_bounded(path, MOST).decode("utf-8-sig"))
     except FileNotFoundError:
         raise InputError("no such file", where=path, expected="a fleet file (TOML)") from None
-    except (OSError, ValueError, RecursionError) as error:
+    except (OSError, ValueError) as error:
         raise InputError(f"cannot be read ({error})", where=path, expected="a fleet file (TOML)") from None
 
 

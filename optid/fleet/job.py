@@ -5,13 +5,13 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 from optid.errors import InputError, nearest
+from optid.rigs.programs import programs
 
 Option = str | int | float | bool | list[str] | list[int] | list[float]
 
@@ -151,7 +151,7 @@ def _option(name: str, value: Option) -> list[str]:
 
 def inputs_of(job: Job) -> dict[str, str | None]:
     """SHA-256 of all files that a job reads, by path; ``None`` for one that cannot be read."""
-    paths = [Path(job.rig), *_programs(Path(job.rig)), *map(Path, (*job.train, *job.holdout))]
+    paths = [Path(job.rig), *programs(Path(job.rig)), *map(Path, (*job.train, *job.holdout))]
     for name in ("validate", "effects"):
         value = job.options.get(name, [])
         paths += [Path(str(one)) for one in (value if isinstance(value, list) else [value])]
@@ -166,19 +166,6 @@ def key_of(job: Job, inputs: Mapping[str, str | None], version: str) -> str:
     content = {name: value for name, value in job.document().items() if name != "limits"}
     text = json.dumps({"job": content, "inputs": dict(inputs), "version": version}, sort_keys=True)
     return hashlib.sha256(text.encode("utf-8")).hexdigest()
-
-
-def _programs(rig: Path) -> Iterator[Path]:
-    """A user's own Python files that a rig file names: its plant and its effects."""
-    try:
-        content = tomllib.loads(rig.read_text(encoding="utf-8-sig"))
-    except (OSError, ValueError):
-        return
-    effects = content.get("effects", {})
-    for name in (content.get("model"), *(effects if isinstance(effects, dict) else ())):
-        file, colon, _ = str(name).rpartition(":")
-        if colon and file.endswith(".py"):
-            yield rig.parent / file
 
 
 def _digest(path: Path) -> str | None:

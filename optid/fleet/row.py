@@ -13,7 +13,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from optid.core.document import read_bounded
+from optid.core.document import optional_document
 from optid.core.resultset import MANIFEST, manifest
 from optid.core.version import version
 from optid.fleet.job import Job, inputs_of, key_of
@@ -56,11 +56,8 @@ def answer(document: dict[str, Any], out: str) -> dict[str, Any]:
 
 def read_run(place: Path) -> dict[str, Any] | None:
     """The content of a row's `run.json`; ``None`` where the row is not answered."""
-    try:
-        content = json.loads(read_bounded(place / RUN))
-    except (OSError, ValueError):
-        return None
-    known = isinstance(content, dict) and content.get("schema") == SCHEMA and "key" in content
+    content = optional_document(place / RUN)
+    known = content is not None and content.get("schema") == SCHEMA and "key" in content
     return content if known else None
 
 

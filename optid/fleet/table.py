@@ -9,7 +9,7 @@ from typing import Any
 
 import pandas as pd
 
-from optid.core.document import read_bounded
+from optid.core.document import optional_document
 from optid.fleet.fleetfile import DATE, RIG
 from optid.fleet.job import Job
 from optid.fleet.row import read_run
@@ -89,11 +89,7 @@ def _result(place: Path, run: Mapping[str, Any], command: str) -> dict[str, Any]
     file = DOCUMENTS[command]
     if file not in run["files"]:
         return {}
-    try:
-        content = json.loads(read_bounded(place / file))
-    except (OSError, ValueError):
-        return {}
-    return content if isinstance(content, dict) else {}
+    return optional_document(place / file) or {}
 
 
 def _verdict(document: Mapping[str, Any], command: str) -> dict[str, Any]:

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
+from optid.core.document import parsed_toml
 from optid.core.recording import ChannelMap
 from optid.core.units import shown, to_si
 from optid.errors import RigError
@@ -181,8 +180,7 @@ def live_settings(rig: Rig, rate: float | None = None) -> Settings:
 
 def live_table(rig: Rig) -> Table:
     """The rig file's `[live]` table, empty when absent; unknown entries are refused."""
-    document: dict[str, Any] = tomllib.loads(rig.source)
-    table = subtable(document, "live", rig.path, "live", "a table")
+    table = subtable(parsed_toml(rig.source), "live", rig.path, "live", "a table")
     known_keys(table, _KEYS, rig.path, "live.")
     return table
 

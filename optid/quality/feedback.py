@@ -20,6 +20,7 @@ _PAST = 3  # samples of the output, the newest among them, from which a controll
 _CARRIED = 0.5  # of what the output's noise makes of such a law: the input carries it, so it comes from there
 _LINE = 0.98  # of an input's power within one line
 _ALIKE = 0.9995  # correlation of two inputs that cannot be told apart
+_FEW = 50  # samples, below which nothing is judged
 _LONGEST = 1 << 18  # samples looked at
 
 
@@ -49,6 +50,8 @@ def feedback(recording: Recording, inputs: tuple[str, ...], outputs: tuple[str, 
 
 def _computed(u: Array, y: Array) -> bool:
     """The input follows from the newest outputs so closely that even their noise is in it."""
+    if len(y) < _FEW + _PAST:
+        return False
     rows = np.column_stack(
         [*(y[_PAST - 1 - k : len(y) - k] for k in range(_PAST)), np.ones(len(y) - _PAST + 1)]
     )
@@ -57,7 +60,7 @@ def _computed(u: Array, y: Array) -> bool:
         left, right = (rows, target) if not shift else (rows[:-1], target[1:])
         whole = np.isfinite(left).all(axis=1) & np.isfinite(right)
         a, b = left[whole], right[whole]
-        if len(b) < 50 or float(np.var(b)) == 0.0:
+        if len(b) < _FEW or float(np.var(b)) == 0.0:
             return False
         law, *_ = np.linalg.lstsq(a, b, rcond=None)
         rest = float(np.sqrt(np.mean((b - a @ law) ** 2)))

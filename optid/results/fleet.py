@@ -119,7 +119,15 @@ class FleetResult(Result):
 
         tables = read_tables(place / TABLES)
         if (place / ROWS).is_file():
-            rows = pd.read_parquet(place / ROWS)
+            try:
+                rows = pd.read_parquet(place / ROWS)
+            except ImportError:
+                raise
+            except Exception as error:  # pyarrow's own exceptions and others on damaged bytes
+                why = " ".join(f"{error}".split())[:120]
+                raise InputError(
+                    f"cannot be read ({why})", where=place / ROWS, expected="rows of a fleet"
+                ) from None
             tables |= {} if rows.empty else {"rows": rows}
         return cls(document, tables, {}, place)
 

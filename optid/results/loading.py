@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from optid.core.document import read_document, read_json
+from optid.core.resultset import located
 from optid.errors import InputError
 from optid.results.check import CheckResult
 from optid.results.diagnosis import DiagnosisResult
@@ -11,9 +13,10 @@ from optid.results.fit import FitResult, ProfileResult
 from optid.results.fleet import FleetResult
 from optid.results.identification import IdentificationResult
 from optid.results.plan import PlanResult
-from optid.results.result import Result, read_document
+from optid.results.result import Result
 from optid.results.simulation import SimulationResult
 from optid.results.tuning import TuningResult
+from optid.results.validity import refuse_invalid
 
 RESULTS: tuple[type[Result], ...] = (
     CheckResult,
@@ -26,6 +29,7 @@ RESULTS: tuple[type[Result], ...] = (
     PlanResult,
     FleetResult,
 )
+EXPECTED = "a result of optid"
 
 
 def load(path: str | Path) -> Result:
@@ -44,29 +48,40 @@ def load(path: str | Path) -> Result:
     Raises
     ------
     InputError
-        no result there, several, or a damaged one.
+        no result there, several, a damaged one, one of a newer optid, or files of more than one run.
     """
     place = Path(path)
-    if place.is_dir():
-        held = [kind for kind in RESULTS if (place / kind.FILE).is_file()]
-        if len(held) != 1:
-            found = f"{len(held)} results" if held else "no result"
-            names = ", ".join(kind.FILE for kind in held or RESULTS)
-            raise InputError(found, where=place, expected=f"a folder with one of {names}")
-        return _read(held[0], place, place / held[0].FILE)
-    document = read_document(place)
+    if not place.is_dir():
+        return _read(_kind_of(place), place.parent, place)
+    held = [kind for kind in RESULTS if located(place / kind.FILE).is_file()]
+    if len(held) != 1:
+        found = f"{len(held)} results" if held else "no result"
+        names = ", ".join(kind.FILE for kind in held or RESULTS)
+        raise InputError(found, where=place, expected=f"a folder with one of {names}")
+    return _read(held[0], place, place / held[0].FILE)
+
+
+def _kind_of(file: Path) -> type[Result]:
+    """The kind of result that a file says it is."""
+    content = read_json(file, EXPECTED)
+    said = content.get("schema") if isinstance(content, dict) else None
     for kind in RESULTS:
-        if document.get("schema") == kind.SCHEMA:
-            return _read(kind, place.parent, place)
+        if isinstance(said, str) and said.partition("/")[0] == kind.SCHEMA.partition("/")[0]:
+            return kind
     schemas = ", ".join(kind.SCHEMA for kind in RESULTS)
-    raise InputError(f"{document.get('schema')}", where=place, field="schema", expected=f"one of {schemas}")
+    raise InputError(f"{said}"[:80], where=file, field="schema", expected=f"one of {schemas}")
 
 
 def _read(kind: type[Result], folder: Path, file: Path) -> Result:
-    document = read_document(file)
-    if document.get("schema") != kind.SCHEMA:
-        raise InputError(f"{document.get('schema')}", where=file, field="schema", expected=kind.SCHEMA)
+    document = read_document(file, kind.SCHEMA, EXPECTED)
     try:
-        return kind.read(folder, document)
-    except (OSError, UnicodeDecodeError) as error:
+        found = kind.read(folder, document)
+    except (OSError, ValueError) as error:
         raise InputError(f"a file of this result cannot be read ({error})", where=folder) from None
+    refuse_invalid(document, kind.SCHEMA, file)
+    try:
+        found.summary()
+    except (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError) as error:
+        why = f"{type(error).__name__}: {error}"[:120]
+        raise InputError(f"it is not whole ({why})", where=file, expected=EXPECTED) from None
+    return found

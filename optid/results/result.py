@@ -5,12 +5,14 @@ from __future__ import annotations
 import copy
 import html
 import json
+import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
-from optid.errors import InputError
+from optid.core import resultset
+from optid.core.document import read_bounded
 from optid.results.tables import TABLES, read_tables, same_tables, write_tables
 from optid.results.views import view_of
 
@@ -19,6 +21,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 REPORT = "report.html"
+MOST = 64 * 2**20  # bytes of a file beside the document
+FACTS = ("version", "command", "inputs")  # of the document that the folder's manifest repeats
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -96,7 +100,7 @@ class Result:
         return page
 
     def save(self, folder: str | Path) -> Path:
-        """Write everything into a folder, made if absent; `optid.load` reads it back.
+        """Write everything into a folder, made if absent, as one set or not at all; `optid.load` reads it back.
 
         Parameters
         ----------
@@ -107,10 +111,22 @@ class Result:
         -------
         Path
             The folder.
+
+        Raises
+        ------
+        OSError
+            the folder refuses; what stood in it stands as before.
         """
         place = Path(folder)
         place.mkdir(parents=True, exist_ok=True)
-        self.write(place)
+        staged = resultset.staging(place)
+        try:
+            self.write(staged)
+            facts = {name: self.document[name] for name in FACTS if name in self.document}
+            resultset.commit(place, staged, facts)
+        except BaseException:
+            shutil.rmtree(staged, ignore_errors=True)
+            raise
         return place
 
     def write(self, place: Path) -> None:
@@ -145,9 +161,11 @@ class Result:
         document : Mapping[str, Any]
             the content of its JSON file.
         """
-        beside = [name for name in cls.FILES if (place / name).is_file()]
-        files = {name: (place / name).read_bytes().decode("utf-8") for name in beside}
-        return cls(document, read_tables(place / TABLES), files, place)
+        found = {name: resultset.located(place / name) for name in cls.FILES}
+        files = {
+            name: read_bounded(path, MOST).decode("utf-8") for name, path in found.items() if path.is_file()
+        }
+        return cls(document, read_tables(resultset.located(place / TABLES)), files, place)
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Result) or type(self) is not type(other):
@@ -169,22 +187,3 @@ class Result:
         from optid.results.picture import svg
 
         return f"<pre>{html.escape(self.summary())}</pre>{svg(self.plot().get_figure(root=True))}"
-
-
-def read_document(path: Path) -> dict[str, Any]:
-    """A JSON file that must hold an object.
-
-    Raises
-    ------
-    InputError
-        no such file, or no JSON object.
-    """
-    try:
-        document = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise InputError("no such file", where=path) from None
-    except (OSError, ValueError) as error:
-        raise InputError(f"cannot be read ({error})", where=path, expected="a result of optid") from None
-    if not isinstance(document, dict):
-        raise InputError(f"a {type(document).__name__}", where=path, expected="a result of optid")
-    return document

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import io
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from optid.errors import InputError
 
@@ -15,6 +17,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 TABLES = "tables.npz"
+RATIO, SMALL = 200, 1 << 26  # tables unpack to so many times their size, or to so many bytes
 _SEPARATOR = "|"
 
 
@@ -45,15 +48,35 @@ def read_tables(path: Path) -> dict[str, pd.DataFrame]:
         return {}
     columns: dict[str, dict[str, pd.Series]] = {}
     try:
-        with np.load(path, allow_pickle=False) as arrays:
-            for key in arrays.files:
-                name, _, column = key.partition(_SEPARATOR)
-                values = arrays[key]
+        with zipfile.ZipFile(path) as archive:
+            members = archive.infolist()
+            if sum(one.file_size for one in members) > SMALL + RATIO * path.stat().st_size:
+                raise ValueError("it unpacks to more than tables hold")
+            for member in members:
+                name, _, column = member.filename.removesuffix(".npy").partition(_SEPARATOR)
+                values = _array(archive.read(member))
                 text = values.dtype.kind == "U"
                 columns.setdefault(name, {})[column] = pd.Series(values.tolist() if text else values)
-    except (OSError, ValueError, zipfile.BadZipFile) as error:
-        raise InputError(f"cannot be read ({error})", where=path, expected="tables of a result") from None
-    return {name: pd.DataFrame(frame) for name, frame in columns.items()}
+        return {name: pd.DataFrame(frame) for name, frame in columns.items()}
+    except Exception as error:  # damaged bytes lead zipfile, NumPy and pandas to exceptions of many kinds
+        why = " ".join(f"{error}".split())[:120]
+        raise InputError(f"cannot be read ({why})", where=path, expected="tables of a result") from None
+
+
+def _array(data: bytes) -> NDArray[Any]:
+    """The array of an .npy file of one dimension; no more is made than the bytes hold.
+
+    Raises
+    ------
+    ValueError
+        they hold something else.
+    """
+    file = io.BytesIO(data)
+    head = np.lib.format.read_array_header_1_0, np.lib.format.read_array_header_2_0
+    shape, _, dtype = head[np.lib.format.read_magic(file) != (1, 0)](file)
+    if dtype.hasobject or len(shape) != 1:
+        raise ValueError(f"an array of {dtype} and {len(shape)} dimensions")
+    return np.frombuffer(data, dtype=dtype, count=shape[0], offset=file.tell()).copy()
 
 
 def same_tables(one: Mapping[str, pd.DataFrame], other: Mapping[str, pd.DataFrame]) -> bool:

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import os
 import re
-import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from optid.core.document import read_bounded
+from optid.core.document import parsed_toml, read_bounded
 from optid.core.loading import blame, outside_allowed
 from optid.core.model import Model
 from optid.core.parameter import Parameter
@@ -238,8 +237,8 @@ def _text(path: Path) -> str:
 
 def _parse(source: str, path: Path, *, constrained: bool = True) -> Rig:
     try:
-        document = tomllib.loads(source)
-    except (tomllib.TOMLDecodeError, RecursionError, ValueError) as error:
+        document = parsed_toml(source)
+    except ValueError as error:
         raise RigError(f"not valid TOML: {error}", where=path) from None
     known_keys(document, TABLES, path)
     model_name = text(document, "model", path, "model", 'a plant such as model = "servo-pneumatic"')

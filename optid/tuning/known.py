@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from optid.core.document import HUGE, optional_document
 from optid.rigs.rigfile import Rig
 
 FILES = ("fit.json", "diagnosis.json")  # written in the same folder as the rig file with the fitted values
@@ -85,21 +85,19 @@ def fitted(rig: Rig) -> bool:
 def _interval(entry: Any) -> tuple[float, float]:
     """Value and standard deviation, 0 where the interval says nothing; one open side counts as wide as the other."""
     value = _number(entry, "value")
-    low, high = (entry.get("ci95") or (None, None)) if isinstance(entry, dict) else (None, None)
+    ends = entry.get("ci95") if isinstance(entry, dict) else None
     if value is None:
         return math.nan, 0.0
-    sides = [abs(end - value) for end in (low, high) if isinstance(end, int | float) and math.isfinite(end)]
+    known = map(_number, ends if isinstance(ends, list) else ())
+    sides = [abs(end - value) for end in known if end is not None]
     return value, max(sides, default=0.0) / 1.96
 
 
 def _documents(rig: Rig) -> list[dict[str, Any]]:
     found = []
     for name in FILES:
-        try:
-            content = json.loads((Path(rig.path).parent / name).read_text(encoding="utf-8"))
-        except (OSError, ValueError):
-            continue
-        if isinstance(content, dict) and str(content.get("schema", "")).startswith("optid."):
+        content = optional_document(Path(rig.path).parent / name)
+        if content is not None and str(content.get("schema", "")).startswith("optid."):
             found.append(content)
     return found
 
@@ -107,4 +105,5 @@ def _documents(rig: Rig) -> list[dict[str, Any]]:
 def _number(content: Any, *keys: str) -> float | None:
     for key in keys:
         content = content.get(key) if isinstance(content, dict) else None
-    return float(content) if isinstance(content, int | float) and math.isfinite(content) else None
+    sound = isinstance(content, int | float) and abs(content) <= HUGE
+    return float(content) if sound else None

@@ -16,6 +16,7 @@ Complex = NDArray[np.complex128]
 
 MARGIN = 1e-9  # a pole this near to the unit circle integrates
 DRIFT = 2e-3  # beyond 1: slower than 500 samples, a real pole is an integrator whose estimate is off
+LEAST, MOST = 1e-20, 1e20  # of the largest coefficient: beyond, squares of gains leave the floats
 NEGLIGIBLE = 1e-12  # of the largest coefficient: below it the model does not answer to its command
 
 
@@ -102,6 +103,13 @@ def plant_of(model: Armax, input: int = 0, where: object = None) -> Plant:
             where=where,
             field="b",
             hint="identify from a recording in which the command moves the output",
+        )
+    if not LEAST <= largest <= MOST:
+        raise InputError(
+            f"coefficients of {largest:g}",
+            where=where,
+            field="b",
+            expected="those of an axis, in units that suit its signals",
         )
     order = max(len(model.a) - 1, delay - 1 + b.size)
     a = np.pad(np.array(model.a[1:]), (0, order - (len(model.a) - 1)))

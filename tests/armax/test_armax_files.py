@@ -101,6 +101,30 @@ def test_a_damaged_file_is_refused(result, tmp_path, change, message):
         load(path)
 
 
+@pytest.mark.parametrize(
+    ("field", "value", "message"),
+    [
+        ("noise_variance", -1.0, "noise_variance: -1; expected no negative number"),
+        ("covariance", [[1.0]], "covariance: another size; expected 3 rows"),
+        ("covariance", [[1.0, 0.0, 0.0]] * 2 + [[1.0]], "covariance: another size"),
+        ("covariance", [[1e308] * 3] * 3, r"covariance: 1e\+308"),
+        ("covariance", "abc", "covariance: found a text"),
+        ("b", [1e101], r"b: 1e\+101"),
+    ],
+)
+def test_numbers_that_no_model_can_have_are_refused(field, value, message, tmp_path):
+    entry = {"na": 1, "nb": 1, "nc": 1, "nk": 1, "a": [1.0, -0.9], "b": [0.1], "c": [1.0, 0.1]}
+    entry |= {"sample_time": 1e-3, "noise_variance": 1e-9, "covariance": [[1.0, 0.0, 0.0]] * 3}
+    document = {"schema": "optid.armax/1", "input": "u", "output": "y", "recommended": 1, "models": [entry]}
+    path = tmp_path / "armax.json"
+    path.write_text(json.dumps(document))
+    load(path)
+    entry[field] = value
+    path.write_text(json.dumps(document))
+    with pytest.raises(InputError, match=message):
+        load(path)
+
+
 def test_no_file_and_no_json(tmp_path):
     with pytest.raises(InputError, match="no such file"):
         load(tmp_path / "none.json")

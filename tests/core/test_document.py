@@ -5,7 +5,14 @@ import os
 
 import pytest
 
-from optid.core.document import finite, read_bounded, read_document, whole
+from optid.core.document import (
+    finite,
+    optional_document,
+    parsed_toml,
+    read_bounded,
+    read_document,
+    whole,
+)
 from optid.errors import InputError
 
 SCHEMA = "optid.fit/2"
@@ -85,3 +92,35 @@ def test_what_is_no_count_is_refused(value):
 def test_numbers_pass():
     assert finite(3, "x") == 3.0
     assert whole(4, "x") == 4
+
+
+@pytest.mark.parametrize("text", ["[" * 100_000, "[]", "{", "\xff"])
+def test_a_document_that_may_be_there_is_none_where_it_is_nothing(text, tmp_path):
+    (tmp_path / "fit.json").write_text(text, encoding="latin-1")
+    assert optional_document(tmp_path / "fit.json") is None
+    assert optional_document(tmp_path / "absent.json") is None
+    (tmp_path / "fit.json").write_text('{"a": 1}')
+    assert optional_document(tmp_path / "fit.json") == {"a": 1}
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("a" + ".a" * 50 + " = 1", r"more than 32 parts \(line 1\)"),
+        ("x = 1\n[a" + ' . "b c"' * 50 + "]", r"line 2"),
+        ("x = 1\n[a" + " . 'b.c'" * 50 + "]", r"line 2"),
+        ("a = " + "[" * 50_000, "nested too deeply"),
+        ("a = " + "{a = " * 50_000, "nested too deeply"),
+    ],
+)
+def test_tables_nested_beyond_reason_are_refused_at_once(text, said):
+    with pytest.raises(ValueError, match=said):
+        parsed_toml(text)
+
+
+def test_tables_of_a_rig_pass():
+    words = ". ".join(["Beside the rod"] * 40)
+    text = f'# {words}\nname = "{words}"\nlevels = [{", ".join(["0.5"] * 200)}]\n' + "".join(
+        f"[a.b{k}]\nv1.2 = 3\n" for k in range(50)
+    )
+    assert parsed_toml(text)["name"] == words

@@ -65,6 +65,16 @@ def test_sound_recordings_draw_no_remark(seed):
     assert quality(recording(**signals(seed)), MODEL) == ()
 
 
+@pytest.mark.parametrize("samples", [2, 3, 5, 60])
+def test_a_recording_of_few_samples_is_looked_at_like_any_other(samples):
+    whole = recording()
+    channels = {
+        role: replace(channel, values=channel.values[:samples]) for role, channel in whole.channels.items()
+    }
+    found = quality(Recording("short.csv", whole.time[:samples], channels), MODEL)
+    assert all(remark.message for remark in found)
+
+
 def test_what_effects_read_that_no_channel_holds_is_not_asked_of_a_recording():
     """Time since the start, the interval, past commands: the recording's own, and remarked on once."""
     model = grown("servo-pneumatic").model

@@ -99,10 +99,15 @@ def test_public_docstrings():
         ({"fit.json": "{}", "plan.json": "{}"}, "2 results"),
         ({"fit.json": "{"}, "cannot be read"),
         ({"fit.json": "[]"}, "a list"),
-        ({"fit.json": '{"schema": "optid.fit/99"}'}, "optid.fit/99"),
+        ({"fit.json": "[" * 100_000}, "nested too deeply"),
+        (
+            {"fit.json": '{"schema": "optid.fit/99", "version": "9"}'},
+            "optid.fit/99 is newer.*optid 9 wrote it",
+        ),
+        ({"fit.json": '{"schema": "optid.fit/1"}'}, "outcome: missing"),
         ({"plan.json": '{"schema": "optid.plan/1"}', "tables.npz": "no zip"}, "tables of a result"),
     ],
-    ids=["none", "two", "cut", "list", "schema", "tables"],
+    ids=["none", "two", "cut", "list", "deep", "newer", "incomplete", "tables"],
 )
 def test_what_is_no_result_is_refused(files, fragment, tmp_path):
     for name, text in files.items():
@@ -118,3 +123,56 @@ def test_a_pickle_is_not_opened(tmp_path):
     np.savez(tmp_path / "tables.npz", **{"a|b": np.array([object()], dtype=object)}, allow_pickle=True)
     with pytest.raises(InputError):
         optid.load(tmp_path)
+
+
+@pytest.fixture
+def saved(tmp_path):
+    place = MAKERS[optid.results.plan.PlanResult]().save(tmp_path / "out")
+    return place, json.loads((place / "plan.json").read_text())
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda d: d.pop("rivals"), "rivals: missing"),
+        (lambda d: d.update(seconds="4"), 'seconds: found "4"; expected number'),
+        (lambda d: d.update(seconds=True), "seconds: found true"),
+    ],
+    ids=["missing", "text", "truth"],
+)
+def test_a_result_that_is_not_whole_is_refused_by_its_field(change, said, saved):
+    place, document = saved
+    change(document)
+    (place / "plan.json").write_text(json.dumps(document))
+    with pytest.raises(InputError, match=said):
+        optid.load(place)
+
+
+def test_an_older_schema_is_read(saved):
+    place, document = saved
+    (place / "plan.json").write_text(json.dumps({**document, "schema": "optid.plan/0"}))
+    assert optid.load(place).document["schema"] == "optid.plan/0"
+    assert type(optid.load(place / "plan.json")) is type(optid.load(place))
+
+
+def test_saving_is_one_set_or_none(saved, monkeypatch):
+    place, _ = saved
+    result = optid.load(place)
+    before = {path.name: path.read_bytes() for path in place.iterdir()}
+    monkeypatch.setattr(type(result), "report", lambda self: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        type(result)({**result.document, "version": "another"}, result.tables, {}).save(place)
+    assert {path.name: path.read_bytes() for path in place.iterdir()} == before
+    told = json.loads(before["manifest.json"])
+    assert set(told["files"]) == set(before) - {"manifest.json"}
+
+
+def test_files_of_two_runs_are_refused(saved):
+    place, _ = saved
+    result = optid.load(place)
+    old = (place / "plan.json").read_bytes()
+    type(result)({**result.document, "version": "another"}, result.tables, result.files).save(place)
+    assert optid.load(place).document["version"] == "another"
+    (place / "plan.json").write_bytes(old)
+    with pytest.raises(InputError, match=r"plan\.json: .*before the results that manifest\.json"):
+        optid.load(place)

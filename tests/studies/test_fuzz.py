@@ -13,7 +13,7 @@ def test_a_thousand_inputs_are_read_or_refused():
     assert dict(counts.pop("faults", {})) == {}
     assert sum(counter["refused"] for counter in counts.values()) > 300
     assert sum(counter["read"] for counter in counts.values()) > 100
-    assert all(counts[kind]["read"] + counts[kind]["refused"] >= 20 for kind in fuzz.SHARES)
+    assert all(counts[kind]["read"] + counts[kind]["refused"] >= 16 for kind in fuzz.SHARES)
 
 
 def test_an_input_can_be_repeated():

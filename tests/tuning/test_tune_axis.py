@@ -242,3 +242,10 @@ def test_what_a_fit_knows_of_its_parameters(tmp_path):
     assert fitted(rig) and set(draws[0]) == {"coulomb_friction"}
     assert np.std([one["coulomb_friction"] for one in draws]) == pytest.approx(1.0, rel=0.15)
     assert sensor_noise(rig, "position") == 4e-5
+
+
+@pytest.mark.parametrize("size", [1e-25, 1e25])
+def test_a_model_whose_gains_leave_the_floats_is_refused(size):
+    model = Armax(a=(1.0, -0.9), b=((size,),), c=(1.0, 0.1), nk=(1,), sample_time=T, noise_variance=0.0)
+    with pytest.raises(InputError, match="b: coefficients of 1e"):
+        plant_of(model)

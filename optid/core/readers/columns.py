@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from optid.core.document import HUGE
 from optid.core.readers.cells import Unreadable, is_missing, is_stamp, numbers
 from optid.core.readers.limits import shown
 from optid.core.readers.stamps import MISSING, seconds_of
@@ -134,6 +135,15 @@ def numbers_of_column(table: Table, channel: ChannelMap, path: Path) -> Array:
         row = int(infinite.argmax())
         raise RecordingError(
             f"{table.place(row)} is infinite", where=path, field=field, expected="a finite number or nothing"
+        )
+    huge = np.abs(values) > HUGE  # a few readings of a sensor are put right later; a clock has none
+    if huge.any() and (channel.role == "time" or 2 * huge.sum() > np.isfinite(values).sum()):
+        row = int(huge.argmax())
+        raise RecordingError(
+            f"{table.place(row)} holds {values[row]:.4g}",
+            where=path,
+            field=field,
+            expected=f"numbers in {channel.unit} that something can have",
         )
     if np.isnan(values).all():
         raise RecordingError(

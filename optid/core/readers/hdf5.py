@@ -3,21 +3,26 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator
+import math
+import re
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from optid.core.readers.limits import Budget
-from optid.core.readers.table import EXTRA, Table
+from optid.core.readers.libraries import library
+from optid.core.readers.limits import Budget, shown
+from optid.core.readers.table import Table
 from optid.core.readers.tree import Node, Sealed, only_matlab, table_of
 from optid.errors import RecordingError
 
 MAGIC = b"\x89HDF\r\n\x1a\n"
 _BLOCKS = (0, 512, 1024, 2048)  # where the data may begin behind a user block; MATLAB writes 512 bytes
-_DEEPEST, _MOST = 24, 50_000
+_DEEPEST = 24
+_MOST = 10_000  # objects looked at, those asked for first; 3 s
+_LONGEST_TITLE = 1000  # bytes of a class's name
 _CELLS = 4096  # elements of a cell array or struct array that are looked at
 
 
@@ -32,17 +37,11 @@ def read(data: bytes, path: Path, wanted: tuple[str, ...], budget: Budget) -> Ta
     Raises:
         RecordingError: truncated or damaged, data outside the file, more than it can hold, or h5py is not installed.
     """
-    try:
-        import h5py
-    except ImportError as error:
-        broken = "" if isinstance(error, ModuleNotFoundError) else f" (it is there, but broken: {error})"
-        raise RecordingError(
-            f"HDF5 and .mat files of version 7.3 need h5py{broken}", where=path, hint=EXTRA
-        ) from None
+    h5py = library("h5py", "h5py", "HDF5 and .mat files of version 7.3", path)
     matlab = data[:6] == b"MATLAB"
     try:
         with h5py.File(io.BytesIO(data), "r") as file:
-            root = _Walk(h5py, file, budget).group(file, "", 0)
+            root = _Walk(h5py, file, budget, wanted).group(file, "", 0)
             return table_of(root, wanted, path, "mat 7.3" if matlab else "hdf5")
     except RecordingError:
         raise
@@ -74,25 +73,37 @@ class _Stored:
         return kind[self.field].base if self.field is not None else kind
 
     def __getitem__(self, key: Any) -> Any:
-        # Chunks are unpacked whole, so the whole dataset counts, whatever part of it is asked for.
-        self.budget.take(
-            self.dataset.size * self.dataset.dtype.itemsize, f'the dataset "{self.dataset.name}"'
-        )
+        # Chunks are unpacked whole, so the whole dataset counts, whatever part of it is asked for; and a chunk may
+        # be larger than what is used of it.
+        values = max(self.dataset.size, math.prod(self.dataset.chunks or ()))
+        name = shown(self.dataset.name)
+        self.budget.take(values * self.dataset.dtype.itemsize, f'the dataset "{name}"')
         return self.dataset[self.field][key] if self.field is not None else self.dataset[key]
+
+
+def _title(item: Any) -> str:
+    """The MATLAB class that a file states; one that takes more than a name does is none."""
+    if (
+        "MATLAB_class" not in item.attrs
+        or item.attrs.get_id("MATLAB_class").get_storage_size() > _LONGEST_TITLE
+    ):
+        return ""
+    title = item.attrs["MATLAB_class"]
+    return title.decode("utf-8", "replace") if isinstance(title, bytes) else str(title)
 
 
 class _Walk:
     """Through the groups of a file, each once, whatever links lead to it."""
 
-    def __init__(self, h5py: Any, file: Any, budget: Budget) -> None:
+    def __init__(self, h5py: Any, file: Any, budget: Budget, wanted: Iterable[str]) -> None:
         self._h5py, self._file, self._budget = h5py, file, budget
+        self._asked = {part for name in wanted for part in re.split(r"[./\[\](){}]", name)}
         self._seen: set[int] = set()
         self._count = 0
 
     def group(self, group: Any, name: str, depth: int) -> dict[str, Node]:
         found: dict[str, Node] = {}
-        for key in group:
-            self._count += 1
+        for key in sorted(group, key=lambda key: key not in self._asked):
             if depth > _DEEPEST or self._count > _MOST:
                 break
             if key.startswith("#"):  # where MATLAB keeps the contents of cells
@@ -102,14 +113,18 @@ class _Walk:
             if isinstance(link, self._h5py.ExternalLink):
                 found[key] = Sealed("is a link to another file, which is not followed")
                 continue
-            item = group.get(key)
+            try:
+                item = group.get(key)
+            except (RuntimeError, OSError):  # links in a circle
+                found[key] = Sealed("is a link that leads nowhere")
+                continue
             if item is not None:
                 found[key] = self._node(item, full, depth)
         return found
 
     def _node(self, item: Any, name: str, depth: int) -> Node:
-        title = item.attrs.get("MATLAB_class", b"")
-        title = title.decode("utf-8", "replace") if isinstance(title, bytes) else str(title)
+        self._count += 1
+        title = _title(item)
         if isinstance(item, self._h5py.Group):
             address = int(self._h5py.h5o.get_info(item.id).addr)
             if address in self._seen:
@@ -130,7 +145,7 @@ class _Walk:
             return Sealed("is empty")
         if title == "char":
             return self._text(item)
-        if item.dtype == self._h5py.ref_dtype:
+        if self._h5py.check_ref_dtype(item.dtype) is self._h5py.Reference:
             return list(self._cells(item, name, depth))
         if item.dtype.names:
             if title or set(item.dtype.names) == {"real", "imag"}:
@@ -145,12 +160,14 @@ class _Walk:
     def _text(self, item: Any) -> Node:
         if item.size > 4096 or item.dtype.kind not in "iu":
             return Sealed("holds text")
-        return "".join(map(chr, np.asarray(item[()]).reshape(-1).tolist()))
+        return "".join(map(chr, np.asarray(_Stored(item, self._budget)[()]).reshape(-1).tolist()))
 
     def _cells(self, item: Any, name: str, depth: int) -> Iterator[Node]:
         if depth > _DEEPEST or item.size > _CELLS:
             return
-        for k, reference in enumerate(np.asarray(item[()]).reshape(-1)):
+        for k, reference in enumerate(np.asarray(_Stored(item, self._budget)[()]).reshape(-1)):
+            if self._count > _MOST:
+                return
             target = self._file[reference] if reference else None
             yield Sealed("is empty") if target is None else self._node(target, f"{name}[{k}]", depth + 1)
 

@@ -10,13 +10,15 @@ import csv
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 from optid.core.readers.cells import COMMA_DECIMAL, is_missing, is_number, is_stamp, is_value
 
 DELIMITERS = ("\t", ";", "|", ",", " ")  # " " stands for any run of blanks
 _MARK = re.compile(r"^\s*(?:[#%!'*;]+|//|REM\b)\s*")
 _UNIT = re.compile(r"^(.*?)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\)|/\s?([^\s/]+))$")
+_REMEMBERED = 4096  # signs of a line whose cells are kept for a while
+_LONGEST_NAME = 400  # signs of a cell that can be a name with its unit: no pattern goes over longer ones
 _PLACE = re.compile(r"column (\d{1,6})")
 _LOOK = 60  # lines looked at to judge where rows of data begin
 _ABOVE = 40  # rows between a header and its data: units, types, scales
@@ -134,6 +136,7 @@ def _matches(
     loose: dict[str, list[int]] = {}
     for k, cell in enumerate(cells):
         exact.setdefault(cell, []).append(k)
+    for k, cell in enumerate(cells if any(name not in exact for name in wanted) else ()):
         loose.setdefault(bare_name(cell), []).append(k)
     found: dict[str, tuple[int, ...]] = {}
     relaxed: dict[str, str] = {}
@@ -150,16 +153,17 @@ def _matches(
     return found, relaxed
 
 
+@lru_cache(maxsize=4096)
 def bare_name(cell: str) -> str:
     """A header's cell without comment mark and unit: "u [V]" and "% u (V)" are u."""
     cell = _MARK.sub("", cell)
-    match = _UNIT.match(cell)
+    match = _UNIT.match(cell) if len(cell) <= _LONGEST_NAME else None
     return match[1].strip() if match and match[1].strip() else cell.strip()
 
 
 def unit_in(cell: str) -> str:
     """The unit that a header's cell states behind the name; empty if none."""
-    match = _UNIT.match(cell)
+    match = _UNIT.match(cell) if len(cell) <= _LONGEST_NAME else None
     return (
         next((part.strip() for part in match.groups()[1:] if part), "") if match and match[1].strip() else ""
     )
@@ -175,7 +179,7 @@ def _first_row(
         for i in range(start, min(start + 20 * _ABOVE, len(lines)))
         if lines[i].strip() and not lines[i].lstrip().startswith(("#", "%", "//"))
     ][: _ABOVE + _FOLLOWING + 1]
-    rows = [is_row(split(lines[i], delimiter), places, len(cells)) for i in full]
+    rows = [is_row(_again(lines[i], delimiter), places, len(cells)) for i in full]
     for k, i in enumerate(full[: _ABOVE + 1]):
         # A number among the facts of the channels ("SampleTime 1") is no row: others follow a row, or it begins as one.
         if rows[k] and (all(rows[k : k + _FOLLOWING]) or is_value(split(lines[i], delimiter)[0])):
@@ -221,6 +225,16 @@ def named_in_rows(lines: Sequence[str], layout: Layout, missing: Sequence[str]) 
         if missing and cells.issuperset(missing):
             return name or f"column {k + 1}"
     return None
+
+
+def _again(line: str, delimiter: str) -> Sequence[str]:
+    """The cells of a line that is looked at below each of the lines above it."""
+    return _remembered(line, delimiter) if len(line) <= _REMEMBERED else split(line, delimiter)
+
+
+@lru_cache(maxsize=256)
+def _remembered(line: str, delimiter: str) -> tuple[str, ...]:
+    return tuple(split(line, delimiter))
 
 
 def is_row(cells: Sequence[str], places: Sequence[int], width: int) -> bool:

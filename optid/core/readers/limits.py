@@ -10,6 +10,8 @@ from optid.errors import RecordingError
 FLOOR = 64 << 20  # bytes that any file may ask for
 RATIO = 100  # times its size that a file may unpack to: logs shrink 3 to 20 times, one of a channel at rest 100 times
 PIPE = 512 << 20  # bytes taken from a pipe, which has no size
+MEMBERS = 100_000  # gzip streams one after the other in a file: block-wise tools write one for 64 kB
+_PIECE = 4 << 20  # bytes unpacked at a time
 LONGEST_LINE = 4 << 20  # bytes: 200 000 columns with names
 NAMES = 12  # offered in a message
 LONGEST_NAME = 60  # characters of a name in a message
@@ -49,17 +51,34 @@ class Budget:
             zlib.error: the data are damaged or end early.
         """
         found: list[bytes] = []
-        rest: bytes | memoryview = data
-        while len(rest):
-            one = zlib.decompressobj(window)
-            found.append(one.decompress(rest, self.left + 1))
-            self.take(len(found[-1]), what)
-            if not one.eof:
-                raise zlib.error("it ends in the middle")
-            rest = one.unused_data if window > zlib.MAX_WBITS else b""
-            if not rest.strip(b"\0"):  # tapes and some tools fill up with zeros
-                break
+        view, at, members = memoryview(data), 0, 0
+        while at < len(view):
+            at = self._stream(view, at, window, found, what)
+            members += 1
+            if window == zlib.MAX_WBITS or not (any(view[at : at + 64]) or any(view[at:])):
+                break  # tapes and some tools fill up with zeros
+            if members == MEMBERS:
+                raise zlib.error(f"more than {MEMBERS} parts")
         return b"".join(found) if len(found) != 1 else found[0]
+
+    def _stream(self, view: memoryview, at: int, window: int, found: list[bytes], what: str) -> int:
+        """Unpack the stream that begins at a place; where the next one begins.
+
+        Piece by piece: what is refused was not made, and short streams do not copy all that follows them.
+        """
+        one, size = zlib.decompressobj(window), 1 << 9
+        rest: bytes | memoryview = b""
+        while not one.eof:
+            if not rest:
+                rest, at = view[at : at + size], min(at + size, len(view))
+                size = min(2 * size, _PIECE)
+            made = one.decompress(rest, _PIECE)
+            if not (made or len(rest) or one.eof):
+                raise zlib.error("it ends in the middle")
+            self.take(len(made), what)
+            found.append(made)
+            rest = one.unconsumed_tail
+        return at - len(one.unused_data)
 
 
 def shown(name: object) -> str:

@@ -6,6 +6,7 @@ before any of it is made; objects of MATLAB classes are named as such.
 
 from __future__ import annotations
 
+import itertools
 import struct
 import zlib
 from collections.abc import Iterator
@@ -23,7 +24,7 @@ from optid.errors import RecordingError
 
 _HEAD = 128  # bytes of text, version and byte order before the first element
 _DEEPEST = 24  # structs within structs
-_MOST = 200_000  # elements of structs and cells together
+_MOST = 1_000_000  # elements together, five or six to a variable, a field or a cell; a second to read
 _TYPES = {
     1: "i1",
     2: "u1",
@@ -89,7 +90,7 @@ class _File:
         for element in self._elements(self._data):
             if element.kind == _COMPRESSED:
                 inner = memoryview(self._budget.inflate(element.data, "a compressed variable"))
-                for one in self._elements(inner):
+                for one in itertools.islice(self._elements(inner), 1):  # it holds one variable
                     self._add(found, one)
             else:
                 self._add(found, element)
@@ -106,6 +107,9 @@ class _File:
     def _elements(self, data: memoryview) -> Iterator[_Element]:
         at = 0
         while at + 8 <= len(data):
+            self._made += 1
+            if self._made > _MOST:
+                raise _Damaged("too many elements")
             kind, size = struct.unpack_from(f"{self._end}II", data, at)
             if kind >> 16:  # a small element: size and kind in one word, data in the next
                 size, kind = kind >> 16, kind & 0xFFFF
@@ -122,8 +126,7 @@ class _File:
                 at += -at % 8
 
     def _matrix(self, data: memoryview, depth: int) -> tuple[str, Node]:
-        self._made += 1
-        if depth > _DEEPEST or self._made > _MOST:
+        if depth > _DEEPEST:
             raise _Damaged("too many elements within elements")
         if not len(data):
             return "", Sealed("is empty")
@@ -176,7 +179,7 @@ class _File:
             for k in range(0, len(names), max(width, 1))
         ]
         count = int(np.prod([float(n) for n in shape]))
-        if count * max(len(fields), 1) > _MOST:
+        if count * max(len(fields), 1) > _MOST // 5:
             raise _Damaged("more elements than a file holds")
         structs = []
         for _ in range(count):

@@ -5,17 +5,20 @@ from __future__ import annotations
 import io
 import re
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from optid.core.readers.libraries import library
 from optid.core.readers.limits import Budget, shown
-from optid.core.readers.table import EXTRA, Column, Raw, Table
+from optid.core.readers.table import Column, Raw, Table
 from optid.errors import RecordingError
 
 _NAMES = 2000  # listed for messages
+_MOST_LEAVES = 100_000  # columns looked at
+LONGEST_TEXT = 1000  # bytes of a cell that can be a number, a date or a word
 _INDEX = re.compile(r"(.+)\[(\d+)\]$")
 
 
@@ -25,18 +28,18 @@ def read(data: bytes, path: Path, wanted: tuple[str, ...], budget: Budget) -> Ta
     Raises:
         RecordingError: truncated or damaged, a mapped column twice, or pyarrow is not installed.
     """
-    try:
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-    except ImportError as error:
-        broken = "" if isinstance(error, ModuleNotFoundError) else f" (it is there, but broken: {error})"
-        raise RecordingError(f"Parquet files need pyarrow{broken}", where=path, hint=EXTRA) from None
+    pq = library("pyarrow.parquet", "pyarrow", "Parquet files", path)
+    pa = library("pyarrow", "pyarrow", "Parquet files", path)
+    library("pyarrow.compute", "pyarrow", "Parquet files", path)
     try:
         file = pq.ParquetFile(io.BytesIO(data))
-        names = [file.schema_arrow.field(k).name for k in range(min(len(file.schema_arrow), _NAMES))]
-        heads = _heads(file.schema_arrow, wanted)
-        rows = int(file.metadata.num_rows)
-        budget.take(rows * 8 * max(len(heads), 1), "the columns asked for")
+        schema, rows = file.schema_arrow, int(file.metadata.num_rows)
+        names = [schema.field(k).name for k in range(min(len(schema), _NAMES))]
+        heads = _heads(schema, wanted)
+        budget.take(8 * _count(file.metadata, rows, heads), "the columns asked for")
+        if texts := [head for head in heads if _is_text(pa, schema.field(head).type)]:
+            # Each text once: a page that repeats one of a megabyte a thousand times takes a few bytes.
+            file = pq.ParquetFile(io.BytesIO(data), read_dictionary=texts)
         columns, left_out = {}, {}
         for head, names_of in heads.items():
             parts = (
@@ -46,7 +49,7 @@ def read(data: bytes, path: Path, wanted: tuple[str, ...], budget: Budget) -> Ta
             )
             whole = pa.chunked_array(parts) if parts else pa.chunked_array([], type=pa.float64())
             for name in names_of:
-                values = _values(pa, whole, name[len(head) :])
+                values = _values(pa, whole, name[len(head) :], budget)
                 if isinstance(values, str):
                     left_out[name] = values
                 else:
@@ -78,6 +81,25 @@ def _heads(schema: Any, wanted: tuple[str, ...]) -> dict[str, list[str]]:
     return found
 
 
+def _count(metadata: Any, rows: int, heads: Iterable[str]) -> int:
+    """Values that the columns hold, those of lists included."""
+    count, wanted = 0, set(heads)
+    places = [
+        k
+        for k in range(min(metadata.num_columns, _MOST_LEAVES))
+        if wanted & set(_prefixes(metadata.schema.column(k).path))
+    ]
+    for group in range(metadata.num_row_groups):
+        held = metadata.row_group(group)
+        count += sum(int(held.column(k).num_values) for k in places)
+    return max(count, rows * len(wanted))
+
+
+def _is_text(pa: Any, kind: Any) -> bool:
+    plain = pa.types.is_string(kind) or pa.types.is_binary(kind)
+    return bool(plain or pa.types.is_large_string(kind) or pa.types.is_large_binary(kind))
+
+
 def _prefixes(name: str) -> Iterator[str]:
     """The name itself, then what stands before each dot or bracket."""
     yield name
@@ -86,7 +108,7 @@ def _prefixes(name: str) -> Iterator[str]:
             yield name[:at]
 
 
-def _values(pa: Any, column: Any, rest: str) -> Raw | str:
+def _values(pa: Any, column: Any, rest: str, budget: Budget) -> Raw | str:
     """What a column holds along a path such as ".position.x" or "[2]"; or why it is no signal."""
     for field, index in re.findall(r"\.([^.\[]+)|\[(\d+)\]", rest):
         kind = column.type
@@ -98,12 +120,21 @@ def _values(pa: Any, column: Any, rest: str) -> Raw | str:
             column = pa.compute.list_element(column, int(index))
         else:
             return f"is no part of it: it is of type {str(kind)[:80]}"
-    return _plain(pa, column)
+    return _plain(pa, column, budget)
 
 
-def _plain(pa: Any, column: Any) -> Raw | str:
+def _longest(pa: Any, texts: Any) -> int:
+    return int(pa.compute.max(pa.compute.binary_length(texts)).as_py() or 0)
+
+
+def _plain(pa: Any, column: Any, budget: Budget) -> Raw | str:
     kind = column.type
     if pa.types.is_dictionary(kind):
+        if _is_text(pa, kind.value_type):
+            longest = max((_longest(pa, chunk.dictionary) for chunk in column.chunks), default=0)
+            if longest > LONGEST_TEXT:
+                return f"holds texts of up to {longest} bytes, no numbers"
+            budget.take(len(column) * longest, "a column of texts")
         column = column.cast(kind.value_type)
         kind = column.type
     if pa.types.is_struct(kind):

@@ -11,8 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from optid.core.readers.libraries import library
 from optid.core.readers.limits import Budget
-from optid.core.readers.table import EXTRA, Clock, Column, Table
+from optid.core.readers.table import Clock, Column, Table
 from optid.errors import RecordingError
 
 _TIMES = ("time", "t", "zeit", "timestamp", "x_value", "x_values")
@@ -60,11 +61,7 @@ def read(data: bytes, path: Path, wanted: tuple[str, ...], budget: Budget) -> Ta
 
 
 def _library(path: Path) -> Any:
-    try:
-        import nptdms
-    except ImportError as error:
-        broken = "" if isinstance(error, ModuleNotFoundError) else f" (it is there, but broken: {error})"
-        raise RecordingError(f"TDMS files need npTDMS{broken}", where=path, hint=EXTRA) from None
+    nptdms = library("nptdms", "npTDMS", "TDMS files", path)
     _quiet()
     return nptdms
 

@@ -98,7 +98,7 @@ class Page:
         """One word of the page; what is not understood is not done."""
         try:
             message = json.loads(text)
-        except ValueError:
+        except (ValueError, RecursionError):
             return
         wish = message.get("do") if isinstance(message, dict) else None
         if wish == "stop":
