@@ -15,6 +15,7 @@ from typing import Any, Protocol
 
 import casadi as ca
 
+from optid.core.axis import Axis
 from optid.core.model import CLOCK, INTERVAL, Constraint, Model, Port, State
 from optid.core.parameter import Parameter
 from optid.errors import PlantError, nearest
@@ -95,6 +96,7 @@ class Sheet:
         self._scalable: list[str] = []
         self._biases: dict[str, float] = {}
         self._required: list[tuple[str, Expression]] = []
+        self._axis: Axis | None = None
         self._prefix = ""  # of the effect that is writing
         self._near = _Near("")  # where it writes
 
@@ -248,6 +250,54 @@ class Sheet:
         self._parameters[parameter.name] = (parameter, ca.SX.sym(parameter.name))
         return self._parameters[parameter.name][1]
 
+    def axis(self, travel_unit: str, travel: float, effort_unit: str, effort: float) -> None:
+        """Say what the plant's axis goes by and how far, and what drives it; first of all that a plant writes.
+
+        Laws of the catalogue, stated for a slide of 0.1 m and 100 N, then have its units, and sizes in proportion.
+
+        Parameters
+        ----------
+        travel_unit : str
+            "m" or "rad".
+        travel : float
+            usual half of its way, in that unit.
+        effort_unit : str
+            "N" or "N m".
+        effort : float
+            usual size of what drives it, in that unit.
+        """
+        self._axis = Axis(travel_unit, travel, effort_unit, effort)
+
+    def sized(self, parameter: Parameter) -> Parameter:
+        """A parameter of a law stated for a slide, as the plant's axis has it.
+
+        Parameters
+        ----------
+        parameter : Parameter
+            as the law states it.
+
+        Returns
+        -------
+        Parameter
+            with the axis's unit and sizes; the same where the plant states no axis.
+        """
+        return self._axis.sized(parameter) if self._axis else parameter
+
+    def length(self, value: float) -> float:
+        """A length of a law stated for a slide, m, as the plant's axis has it.
+
+        Parameters
+        ----------
+        value : float
+            m.
+
+        Returns
+        -------
+        float
+            in the unit of the axis's travel.
+        """
+        return self._axis.length(value) if self._axis else value
+
     def plant_param(self, name: str) -> ca.SX:
         """A parameter that the plant has declared, for an effect that needs it.
 
@@ -346,7 +396,7 @@ class Sheet:
         nominal : Expression
             the signal.
         size : float
-            its usual size in SI units, for effects that can act on any signal.
+            its usual size in SI units, for effects that can act on any signal; 0 where none of these makes sense.
         **near : Expression
             other signals that an effect here may need; it finds `size` among them too.
 
@@ -533,6 +583,7 @@ class Sheet:
                 suspects=tuple(group for group in self._suspects if set(group) <= set(self._sites)),
                 scalable=tuple(site for site in self._scalable if site in self._sites),
                 biases=dict(self._biases),
+                axis=self._axis,
                 constraints=tuple(self._constraint(words, margin, p) for words, margin in self._required),
             )
         except RuntimeError as error:  # CasADi: an expression holds a symbol that was never declared

@@ -20,6 +20,7 @@ from optid.core.sheet import build
 from optid.core.units import GAUGE, conversion, shown, split, to_si
 from optid.effects.effect import Effect
 from optid.effects.library import find_effect
+from optid.effects.sized import sized
 from optid.errors import InputError, PlantError, RigError, nearest
 from optid.rigs import find_plant
 from optid.rigs.carried import carried, effect_files, plant_file
@@ -247,7 +248,10 @@ def _parse(source: str, path: Path, *, constrained: bool = True) -> Rig:
     options = subtable(document, "options", path, "options", "a table of the plant's options")
     stated = subtable(document, "effects", path, "effects", "a table for each effect")
     effects = _effects(stated, path)
-    model = _model(model_name, options, effects, path)
+    model = _model(model_name, options, (), path)
+    if effects:
+        effects = tuple(sized(effect, model.axis) for effect in effects)
+        model = _model(model_name, options, effects, path)
     parameters = _parameters(subtable(document, "parameters", path, "parameters", "a table"), model, path)
     for effect in effects:
         parameters |= _effect_parameters(effect, stated, parameters, path)
@@ -295,7 +299,7 @@ def with_effects(rig: Rig, effects: Iterable[Effect], values: Mapping[str, float
     RigError
         the plant does not offer a site of theirs.
     """
-    new = tuple(effects)
+    new = tuple(sized(effect, rig.model.axis) for effect in effects)
     every = (*rig.effects, *new)
     model = _model(rig.model_name, rig.options, every, rig.path)
     freed = [Freed(f"{effect.name}.{q.name}", *q.bounds) for effect in new for q in effect.fitted]
