@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from optid.api.document import stamp
-from optid.api.inputs import Progress, given, is_nothing, refuse_unfit, rig_of, silent
+from optid.api.inputs import Progress, given, is_nothing, of_each, refuse_unfit, rig_of, silent
 from optid.core.budget import Budget
 from optid.core.recording import Experiments
 from optid.diagnosis.pipeline import diagnose as find
@@ -88,6 +88,7 @@ def diagnose(
     judging = [] if is_nothing(validation) else given(understood, validation, rate=rate)[0]
     refuse_unfit([*train, *judging, *held])
     Experiments.of([one.recording for one in (*train, *judging, *held)])
+    understood, (train, judging, held) = of_each(understood, train, judging, held)
     own: list[Effect] = []
     for effect in effects:
         own += from_file(Path(effect)) if isinstance(effect, (str, Path)) else [effect]

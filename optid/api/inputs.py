@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +14,7 @@ from optid.core.recording import Experiments, Recording
 from optid.errors import InputError, NotIdentifiable
 from optid.quality.quality import quality
 from optid.quality.remark import Remark
+from optid.rigs.per_recording import for_recordings, told
 from optid.rigs.rigfile import Rig, read_rig
 
 if TYPE_CHECKING:
@@ -89,6 +90,13 @@ def given(
         for one in Experiments.of([*first, *held])
     ]
     return every[: len(first)], every[len(first) :]
+
+
+def of_each(rig: Rig, first: list[Given], *others: list[Given]) -> tuple[Rig, list[list[Given]]]:
+    """The rig with what the first recordings have of their own, and all recordings told of which group they are."""
+    own = for_recordings(rig, [one.recording for one in first])
+    groups = [[replace(one, recording=told(own, one.recording)) for one in some] for some in (first, *others)]
+    return own, groups
 
 
 def refuse_unfit(data: Sequence[Given]) -> None:

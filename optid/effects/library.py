@@ -128,7 +128,9 @@ class _Probe(Sheet):
     def __init__(self, model: Model, effect: Effect) -> None:
         super().__init__(model.name, (effect,))
         self._axis = model.axis
-        self._plants = {q.name for q in model.parameters}
+        self._plants = {
+            q.name.partition("[")[0] for q in model.parameters
+        }  # a group's own is the plant's too
         self._roles = {port.role for port in model.inputs}
 
     def plant_param(self, name: str) -> ca.SX:

@@ -69,6 +69,7 @@ POSITION_GAIN = Parameter(
     "position_gain", "1/s", 20.0, "speed that the drive demands per error of angle", ELLIS, bounds=(0.0, 1e4)
 )
 UNITS = {"torque": "N m", "current": "A", "voltage": "V"}  # of what the drive is told
+SIZES = {"N m": 0.1, "A": 2.0, "V": 5.0, "rad/s": 5.0, "rad": TRAVEL}  # usual ones of a command
 
 
 def rotary_axis(
@@ -126,7 +127,7 @@ def _demand(s: Sheet, shaft: Any, turning: Any, drive: str, loop: str) -> Any:
     """What the drive gives the motor, in the unit of its kind."""
     unit = {"none": UNITS[drive], "velocity": "rad/s", "position": "rad"}[loop]
     idle = None if loop == "position" else 0.0
-    command = s.site("drive.command", s.input("command", unit, idle=idle), size=1.0)
+    command = s.site("drive.command", s.input("command", unit, idle=idle), size=SIZES[unit])
     if loop == "none":
         return command
     wanted = s.param(POSITION_GAIN) * (command - shaft) if loop == "position" else command
