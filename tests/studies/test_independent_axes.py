@@ -52,6 +52,7 @@ def test_an_arm_that_falls_loses_what_friction_takes():
     assert run.way[-500:].any() == 0.0 and np.ptp(run.position[-500:]) == 0.0
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     "rig", [Rotary(mass=0.45, viscous=0.06, coulomb=0.1), Hydraulic(bulk=1.4e9, coulomb=380.0)]
 )
@@ -69,6 +70,7 @@ def test_a_fit_ends_at_the_truth(rig, tmp_path):
     for estimate in found.parameters:
         if estimate.name in truth:
             assert estimate.value == pytest.approx(truth[estimate.name], rel=0.02), estimate.name
+        if estimate.name in (name, "coulomb_friction"):
             off = (
                 1e-3 * truth[estimate.name]
             )  # the bristle that stands in for true stick shifts less than that
