@@ -6,6 +6,8 @@
     python studies/concealed.py page DIR --key DIR.key [--real DIAGNOSIS_DIR...] [--out concealed.html]
     python studies/concealed.py table BOARD.json...
 
+With `--plant rotary-axis` or `servo-hydraulic` cases come from `studies/independent_axes`; `score` counts them.
+
 `draw` writes the key beside DIR, not into it; without `--seed` nobody knows what was drawn. `run` opens no seal,
 and goes on where it was stopped. A draw too long for one sitting goes in parts: with the hash of the code's commit
 as its seed (`--seed 0x5741c692`), which nobody can have chosen the code by, each part is drawn where it is run, and
@@ -24,6 +26,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1]))  # finds the studies beside it from any folder
 
+from studies.trial import other_axes
 from studies.trial.board import beside
 from studies.trial.case import KINDS
 from studies.trial.drawing import Order, draw
@@ -48,6 +51,10 @@ def arguments() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     commands = parser.add_subparsers(dest="command", required=True)
     one = commands.add_parser("draw", help="record fresh cases, answers sealed")
+    plants = ("servo-pneumatic", *other_axes.BOARDS)
+    one.add_argument(
+        "--plant", choices=plants, default=plants[0], help="whose rig the effects are concealed in"
+    )
     one.add_argument("--seed", type=lambda s: int(s, 0), help="default: one that is not told")
     one.add_argument("--count", type=int, default=150)
     one.add_argument("--kinds", default=",".join(KINDS), help="of nothing,single,pair,outside")
@@ -83,6 +90,10 @@ def main() -> None:
         if wrong := [kind for kind in kinds if kind not in KINDS]:
             sys.exit(f"--kinds: {', '.join(wrong)} is none of {', '.join(KINDS)}")
         seed = secrets.randbits(63) if asked.seed is None else asked.seed
+        if asked.plant in other_axes.BOARDS:
+            key = other_axes.draw(asked.plant, asked.out, seed, asked.count, kinds, asked.part, asked.jobs)
+            key_file(asked.out).write_text(key + "\n")
+            return
         order = Order(seed, asked.count, kinds, is_open=asked.open, part=asked.part)
         key_file(asked.out).write_text(draw(asked.out, order, asked.jobs) + "\n")
         print(
@@ -95,6 +106,9 @@ def main() -> None:
         run(asked.folder, asked.method, asked.limit, asked.jobs, say)
     else:
         key = (asked.key or key_file(asked.folder)).read_text()
+        if "plant" in json.loads((asked.folder / "cases.json").read_text()):
+            print(other_axes.score(asked.folder, key, getattr(asked, "method", "diagnose")))
+            return
         if asked.command == "score":
             try:
                 print(score(asked.folder, key, asked.method, asked.jobs, asked.former))

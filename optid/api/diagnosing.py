@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from optid.api.document import stamp
-from optid.api.inputs import Progress, at_their_rate, given, is_nothing, refuse_unfit, rig_of, silent
+from optid.api.inputs import Progress, at_their_rate, given, is_nothing, of_each, refuse_unfit, rig_of, silent
 from optid.core.budget import Budget
 from optid.core.recording_set import Experiments
 from optid.diagnosis.pipeline import diagnose as find
@@ -89,6 +89,7 @@ def diagnose(
     refuse_unfit([*train, *judging, *held])
     understood = at_their_rate(understood, train)
     Experiments.of([one.recording for one in (*train, *judging, *held)])
+    understood, (train, judging, held) = of_each(understood, train, judging, held)
     own: list[Effect] = []
     for effect in effects:
         own += from_file(Path(effect)) if isinstance(effect, (str, Path)) else [effect]

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from optid.core.recording import Recording
 from optid.estimation.prediction import Prediction
 from optid.quality.remark import Remark
+from optid.rigs.per_recording import measured_inputs
 from optid.rigs.rigfile import Rig
 
 if TYPE_CHECKING:
@@ -50,7 +51,9 @@ def about(rig: Rig, exhibits: Sequence[Exhibit]) -> dict[str, Any]:
             for port in rig.model.outputs
             if any(port.role in recording for recording in shown)
         },
-        "channel_inputs": {port.role: shown[0][port.role].recorded_unit for port in rig.model.recorded},
+        "channel_inputs": {
+            port.role: shown[0][port.role].recorded_unit for port in measured_inputs(rig.model)
+        },
         "sensor_noise": {
             role: channel.sd for role, channel in rig.channels.items() if channel.sd is not None
         },
@@ -90,7 +93,7 @@ def input_table(rig: Rig, exhibits: Sequence[Exhibit]) -> pd.DataFrame:
     """What drove the recordings: recording, time (s), and each input as recorded."""
     import pandas as pd
 
-    roles = [port.role for port in rig.model.recorded]
+    roles = [port.role for port in measured_inputs(rig.model)]
     parts = [
         pd.DataFrame(
             {

@@ -12,7 +12,7 @@ import numpy as np
 
 from optid.api.document import stamp
 from optid.api.exhibit import Exhibit, about, input_table, prediction_table
-from optid.api.inputs import Given, Progress, at_their_rate, given, refuse_unfit, rig_of, silent
+from optid.api.inputs import Given, Progress, at_their_rate, given, of_each, refuse_unfit, rig_of, silent
 from optid.api.unknowns import about_data, about_fit
 from optid.errors import NotIdentifiable
 from optid.estimation.multiple_shooting import FitOptions
@@ -25,6 +25,7 @@ from optid.report.scores import Miss, fit_document, misses, number
 from optid.results.fit import FitResult, ProfileResult
 from optid.results.with_rig import RIG
 from optid.rigs.constraints import broken
+from optid.rigs.per_recording import stated
 from optid.rigs.rigfile import Rig, rig_text
 
 if TYPE_CHECKING:
@@ -94,6 +95,7 @@ def fit(
     train, held = given(understood, recordings, holdout, rate)
     refuse_unfit(train)
     understood = at_their_rate(understood, train)
+    understood, (train, held) = of_each(understood, train, held)
     for name in profiles:
         fitted(understood, name)
     data = [one.recording for one in train]
@@ -260,7 +262,9 @@ def _result(
         "covariance": _covariance(found),
         **{f"profile {one.name}": _profile_table(one) for one in profiles},
     }
-    return FitResult(document, tables, {RIG: rig_text(rig, {p.name: p.value for p in found.parameters})})
+    values = {p.name: p.value for p in found.parameters}
+    own = stated(rig, values, [one.recording.name for one in exhibits])
+    return FitResult(document, tables, {RIG: rig_text(rig, values, own)})
 
 
 def _nodes(rig: Rig, found: Fit, exhibits: list[Exhibit]) -> pd.DataFrame:

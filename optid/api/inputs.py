@@ -16,6 +16,7 @@ from optid.errors import InputError, NotIdentifiable
 from optid.quality.noise import thinned_noise
 from optid.quality.quality import quality
 from optid.quality.remark import Remark
+from optid.rigs.per_recording import for_recordings, told
 from optid.rigs.rigfile import Rig, read_rig
 
 if TYPE_CHECKING:
@@ -126,6 +127,13 @@ def at_their_rate(rig: Rig, data: Sequence[Given]) -> Rig:
         math.isclose(one.sd or 0.0, rig.channels[role].sd or 0.0, rel_tol=1e-9) for role, one in left.items()
     )
     return rig if same else replace(rig, channels={**rig.channels, **left})
+
+
+def of_each(rig: Rig, first: list[Given], *others: list[Given]) -> tuple[Rig, list[list[Given]]]:
+    """The rig with what the first recordings have of their own, and all recordings told of which group they are."""
+    own = for_recordings(rig, [one.recording for one in first])
+    groups = [[replace(one, recording=told(own, one.recording)) for one in some] for some in (first, *others)]
+    return own, groups
 
 
 def refuse_unfit(data: Sequence[Given]) -> None:

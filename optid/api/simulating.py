@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from optid.api.document import stamp
 from optid.api.exhibit import Exhibit, about, input_table, prediction_table
-from optid.api.inputs import Progress, given, rig_of, silent
+from optid.api.inputs import Progress, given, of_each, rig_of, silent
 from optid.api.unknowns import about_data, notes
 from optid.estimation.prediction import predict
 from optid.report.scores import metrics_document
@@ -57,6 +57,7 @@ def simulate(
     """
     understood = rig_of(rig)
     data, _ = given(understood, recordings, rate=rate)
+    understood, (data,) = of_each(understood, data)
     values = fit.values if fit is not None else dict(understood.parameters)
     noise = fit.process_noise if fit is not None else None
     exhibits = []

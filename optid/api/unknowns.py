@@ -10,6 +10,7 @@ from optid.api.exhibit import Exhibit
 from optid.core.quantity import friendly, plain
 from optid.estimation.result import Fit
 from optid.report.residuals import autocorrelation, residual
+from optid.rigs.per_recording import measured_inputs
 from optid.rigs.rigfile import Rig
 
 WHITE = 0.1  # share of lags outside the 95 % band above which residuals are called coloured
@@ -71,7 +72,7 @@ def _coloured(exhibits: Sequence[Exhibit]) -> list[str]:
 def _ranges(exhibits: Sequence[Exhibit], rig: Rig) -> list[str]:
     said, outputs = [], [port.role for port in rig.model.outputs]
     seen = [one.recording for one in exhibits if one.use != "held out"]
-    for role in [*outputs, *(port.role for port in rig.model.recorded)]:
+    for role in [*outputs, *(port.role for port in measured_inputs(rig.model))]:
         channels, words = [one[role] for one in seen if role in one], role.replace("_", " ")
         if channels:
             low = min(float(np.nanmin(channel.recorded)) for channel in channels)

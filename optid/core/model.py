@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from optid.core.axis import Axis
 from optid.core.clock import CLOCK as CLOCK
 from optid.core.clock import INTERVAL as INTERVAL
 from optid.core.parameter import Parameter
@@ -106,6 +107,8 @@ class Model:
         by what share of its value a stand-in for a law that jumps may shift a fitted parameter, by name.
     constraints : tuple[Constraint, ...]
         what must hold between parameters.
+    axis : Axis | None
+        unit and size of travel and effort, where the plant states them.
     """
 
     name: str
@@ -126,6 +129,7 @@ class Model:
     scalable: tuple[str, ...] = ()
     biases: Mapping[str, float] = field(default_factory=dict)
     constraints: tuple[Constraint, ...] = ()
+    axis: Axis | None = None
 
     @property
     def recorded(self) -> tuple[Port, ...]:

@@ -15,6 +15,7 @@ from typing import Any, Protocol
 
 import casadi as ca
 
+from optid.core.axis import Axis
 from optid.core.model import CLOCK, INTERVAL, Constraint, Model, Port, State
 from optid.core.parameter import Parameter
 from optid.errors import PlantError, nearest
@@ -74,11 +75,18 @@ class Sheet:
         of the plant.
     effects : Sequence[Effect]
         that act at its sites.
+    groups : Mapping[str, Sequence[str]] | None
+        name of a parameter that groups of recordings have of their own -> the groups.
     """
 
-    def __init__(self, name: str, effects: Sequence[Effect] = ()) -> None:
+    def __init__(
+        self, name: str, effects: Sequence[Effect] = (), groups: Mapping[str, Sequence[str]] | None = None
+    ) -> None:
         self.name = name
         self._effects = tuple(effects)
+        self._groups = dict(groups or {})
+        self._members: dict[str, ca.SX] = {}  # names of parameters that recordings have of their own
+        self._tells: dict[str, ca.SX] = {}  # inputs that tell of which group a recording is
         self._states: dict[str, State] = {}
         self._state_symbols: dict[str, ca.SX] = {}
         self._rates: dict[str, Expression] = {}
@@ -95,6 +103,7 @@ class Sheet:
         self._scalable: list[str] = []
         self._biases: dict[str, float] = {}
         self._required: list[tuple[str, Expression]] = []
+        self._axis: Axis | None = None
         self._prefix = ""  # of the effect that is writing
         self._near = _Near("")  # where it writes
 
@@ -237,6 +246,8 @@ class Sheet:
         """
         if self._prefix:
             parameter = replace(parameter, name=self._prefix + parameter.name)
+        if parameter.name in self._groups:
+            return self._of_groups(parameter)
         if parameter.name in self._parameters:
             known, symbol = self._parameters[parameter.name]
             if known != parameter:
@@ -247,6 +258,70 @@ class Sheet:
             return symbol
         self._parameters[parameter.name] = (parameter, ca.SX.sym(parameter.name))
         return self._parameters[parameter.name][1]
+
+    def _of_groups(self, q: Parameter) -> ca.SX:
+        """The parameter of the recording's own group, of which an input is 1; their mean where there is none."""
+        if q.name not in self._members:
+            labels = self._groups[q.name]
+            own = [ca.SX.sym(member(q.name, label)) for label in labels]
+            for label, symbol in zip(labels, own, strict=True):
+                self._parameters[symbol.name()] = (replace(q, name=symbol.name()), symbol)
+                role = group_role(label)
+                self._tells[role] = self._port(role, Port(role, "1"))
+            mean = ca.sum1(ca.vertcat(*own)) / len(own)
+            chosen = mean
+            for label, value in zip(labels, own, strict=True):
+                chosen = chosen + self._tells[group_role(label)] * (value - mean)
+            self._members[q.name] = chosen
+        return self._members[q.name]
+
+    def axis(self, travel_unit: str, travel: float, effort_unit: str, effort: float) -> None:
+        """Say what the plant's axis goes by and how far, and what drives it; first of all that a plant writes.
+
+        Laws of the catalogue, stated for a slide of 0.1 m and 100 N, then have its units, and sizes in proportion.
+
+        Parameters
+        ----------
+        travel_unit : str
+            "m" or "rad".
+        travel : float
+            usual half of its way, in that unit.
+        effort_unit : str
+            "N" or "N m".
+        effort : float
+            usual size of what drives it, in that unit.
+        """
+        self._axis = Axis(travel_unit, travel, effort_unit, effort)
+
+    def sized(self, parameter: Parameter) -> Parameter:
+        """A parameter of a law stated for a slide, as the plant's axis has it.
+
+        Parameters
+        ----------
+        parameter : Parameter
+            as the law states it.
+
+        Returns
+        -------
+        Parameter
+            with the axis's unit and sizes; the same where the plant states no axis.
+        """
+        return self._axis.sized(parameter) if self._axis else parameter
+
+    def length(self, value: float) -> float:
+        """A length of a law stated for a slide, m, as the plant's axis has it.
+
+        Parameters
+        ----------
+        value : float
+            m.
+
+        Returns
+        -------
+        float
+            in the unit of the axis's travel.
+        """
+        return self._axis.length(value) if self._axis else value
 
     def plant_param(self, name: str) -> ca.SX:
         """A parameter that the plant has declared, for an effect that needs it.
@@ -266,6 +341,8 @@ class Sheet:
         PlantError
             the plant has declared no such parameter so far.
         """
+        if name in self._members:
+            return self._members[name]
         if name not in self._parameters:
             raise PlantError(
                 f'no parameter "{name}" so far', where=self.name, hint=nearest(name, self._parameters)
@@ -346,7 +423,7 @@ class Sheet:
         nominal : Expression
             the signal.
         size : float
-            its usual size in SI units, for effects that can act on any signal.
+            its usual size in SI units, for effects that can act on any signal; 0 where none of these makes sense.
         **near : Expression
             other signals that an effect here may need; it finds `size` among them too.
 
@@ -508,6 +585,7 @@ class Sheet:
         rates = ca.vertcat(*(self._rates[name] for name in self._states))
         outputs = ca.vertcat(*(expression for _, expression in self._outputs.values()))
         mean, spread = (ca.vertcat(*column) for column in zip(*self._starts.values(), strict=True))
+        mean, spread = self._of_any(mean), self._of_any(spread)
         try:
             halves = None
             if self._switch:
@@ -533,6 +611,7 @@ class Sheet:
                 suspects=tuple(group for group in self._suspects if set(group) <= set(self._sites)),
                 scalable=tuple(site for site in self._scalable if site in self._sites),
                 biases=dict(self._biases),
+                axis=self._axis,
                 constraints=tuple(self._constraint(words, margin, p) for words, margin in self._required),
             )
         except RuntimeError as error:  # CasADi: an expression holds a symbol that was never declared
@@ -541,13 +620,41 @@ class Sheet:
                 where=self.name,
             ) from error
 
+    def _of_any(self, expression: Expression) -> Expression:
+        """The same for a recording of no group."""
+        told = list(self._tells.values())
+        return (
+            ca.substitute(ca.SX(expression), ca.vertcat(*told), ca.SX.zeros(len(told)))
+            if told
+            else expression
+        )
+
     def _constraint(self, words: str, margin: Expression, p: ca.SX) -> Constraint:
+        margin = self._of_any(margin)
         about = {symbol.name() for symbol in ca.symvar(ca.SX(margin))}
         names = tuple(name for name in self._parameters if name in about)
         return Constraint(words, names, ca.Function("margin", [p], [margin]))
 
 
-def build(plant: Plant, effects: Sequence[Effect] = (), **options: object) -> Model:
+GROUP = "group "  # before the label, in the role of an input that tells whether a recording belongs to it
+
+
+def member(name: str, label: str) -> str:
+    """Name of a group's own parameter."""
+    return f"{name}[{label}]"
+
+
+def group_role(label: str) -> str:
+    """Role of the input that is 1 in recordings of a group, and 0 in others."""
+    return f"{GROUP}{label}"
+
+
+def build(
+    plant: Plant,
+    effects: Sequence[Effect] = (),
+    groups: Mapping[str, Sequence[str]] | None = None,
+    **options: object,
+) -> Model:
     """Read a plant's equations once and freeze them into a `Model`.
 
     Parameters
@@ -556,6 +663,8 @@ def build(plant: Plant, effects: Sequence[Effect] = (), **options: object) -> Mo
         function that writes on a `Sheet`; keyword arguments with defaults are its options.
     effects : Sequence[Effect]
         missing physics to insert at the plant's sites, in this order.
+    groups : Mapping[str, Sequence[str]] | None
+        name of a parameter that groups of recordings have of their own -> the groups.
     **options : object
         choices the plant offers, such as ``rod_force=False``.
 
@@ -571,7 +680,7 @@ def build(plant: Plant, effects: Sequence[Effect] = (), **options: object) -> Mo
     """
     name = getattr(plant, "__name__", "plant").replace("_", "-")
     _check_options(name, plant, options)
-    sheet = Sheet(name, effects)
+    sheet = Sheet(name, effects, groups)
     plant(sheet, **options)
     return sheet.freeze()
 

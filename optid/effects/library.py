@@ -22,6 +22,7 @@ from optid.effects.anywhere import MARK, Anywhere
 from optid.effects.curve import Curve, Scaling
 from optid.effects.effect import Effect
 from optid.effects.relaxation import Relaxation
+from optid.effects.sized import sized
 from optid.effects.sticking import Sticking
 from optid.effects.wave import Wave
 from optid.errors import PlantError, RigError, nearest
@@ -109,7 +110,7 @@ def admitted(model: Model, own: Iterable[Effect] = ()) -> tuple[Effect, ...]:
     It must offer their sites, the signals that they need there and the plant's parameters that they use. Those
     that any site can carry are offered where none of the others acts and a signal flows.
     """
-    every = {effect.name: effect for effect in (*built_in().values(), *own)}
+    every = {effect.name: sized(effect, model.axis) for effect in (*built_in().values(), *own)}
     sites = set(model.sites)
     fitting = [e for e in every.values() if sites.issuperset(e.sites) and _takes(model, e)]
     used = {site for effect in fitting for site in effect.sites}
@@ -126,7 +127,10 @@ class _Probe(Sheet):
 
     def __init__(self, model: Model, effect: Effect) -> None:
         super().__init__(model.name, (effect,))
-        self._plants = {q.name for q in model.parameters}
+        self._axis = model.axis
+        self._plants = {
+            q.name.partition("[")[0] for q in model.parameters
+        }  # a group's own is the plant's too
         self._roles = {port.role for port in model.inputs}
 
     def plant_param(self, name: str) -> ca.SX:

@@ -8,6 +8,7 @@ from optid.report.diagnosis_document import diagnosis_document
 from optid.report.diagnosis_tables import tables_of
 from optid.results.diagnosis import DiagnosisResult
 from optid.results.with_rig import RIG
+from optid.rigs.per_recording import stated
 from optid.rigs.rigfile import rig_text
 
 if TYPE_CHECKING:
@@ -32,7 +33,8 @@ def diagnosis_result(found: Diagnosis) -> DiagnosisResult:
         },
     }
     values = {p.name: p.value for p in found.best_parameters}
-    files = {RIG: rig_text(found.best.rig, values)} if rig.source else {}
+    own = stated(found.best.rig, values, [recording.name for recording in found.problem.train])
+    files = {RIG: rig_text(found.best.rig, values, own)} if rig.source else {}
     return DiagnosisResult(document, tables_of(found), files)
 
 

@@ -14,6 +14,8 @@ from optid.errors import RigError, nearest
 BUILT_IN = {
     "servo-pneumatic": "optid.rigs.servo_pneumatic:servo_pneumatic",
     "emps": "optid.rigs.emps:emps",
+    "rotary-axis": "optid.rigs.rotary_axis:rotary_axis",
+    "servo-hydraulic": "optid.rigs.servo_hydraulic:servo_hydraulic",
     "cascaded-tanks": "optid.rigs.cascaded_tanks:cascaded_tanks",
 }
 

@@ -114,22 +114,22 @@ def sliding(s: Sheet, v: Any, kind: str) -> Any:
     # The most that steady sliding reaches at this speed: more than 1 near rest is Stribeck's curve.
     most = s.site("force.breakaway", 1.0, v=v)
     if kind == "smooth":
-        return most * ca.tanh(v / s.param(FRICTION_WIDTH))
+        return most * ca.tanh(v / s.param(s.sized(FRICTION_WIDTH)))
     for parameter, share in STICK_BIAS.items():
         s.biased(parameter, share)
     # Bouc and Wen's law for the bristles' deflection z = F/F_r, with bounded build-up rate at speed; its exponent
     # runs from 1, which is Dahl's law, to 5.
     z = s.state("bristle", "1", 1.0, spread=1.0)
-    lag = s.param(BRISTLE_LAG)
-    length = s.site("force.presliding", s.param(PRESLIDING_LENGTH), v=v, z=z, most=most)
+    lag = s.param(s.sized(BRISTLE_LAG))
+    length = s.site("force.presliding", s.param(s.sized(PRESLIDING_LENGTH)), v=v, z=z, most=most)
     share = z / most
     squared = share * share  # no power: it would be the costliest term of the plant
-    yielding = 1 + s.param(PRESLIDING_SHAPE) * (squared * squared - 1)
+    yielding = 1 + s.param(s.sized(PRESLIDING_SHAPE)) * (squared * squared - 1)
     # Whichever is longer counts: at the speeds where Stribeck's curve bends the lag must not stretch the contact.
     reach = ca.sqrt(length**2 + (lag * v) ** 2)
     z_dot = (v - ca.fabs(v) * share * yielding) / reach
     s.rate(z, z_dot)
-    damping = s.param(BRISTLE_DAMPING) / (1 + (v / s.param(BRISTLE_FADING)) ** 2)
+    damping = s.param(s.sized(BRISTLE_DAMPING)) / (1 + (v / s.param(s.sized(BRISTLE_FADING))) ** 2)
     return z + damping * z_dot
 
 
@@ -156,4 +156,4 @@ def dry_friction(s: Sheet, v: Any, kind: str, **near: Any) -> Any:
     """
     share = sliding(s, v, kind)
     s.scalable("force.coulomb")
-    return s.site("force.coulomb", s.param(COULOMB_FRICTION), v=v, share=share, **near) * share
+    return s.site("force.coulomb", s.param(s.sized(COULOMB_FRICTION)), v=v, share=share, **near) * share

@@ -19,6 +19,7 @@ from optid.core.sheet import build
 from optid.core.units import GAUGE, conversion, shown, split, to_si
 from optid.effects.effect import Effect
 from optid.effects.library import find_effect
+from optid.effects.sized import sized
 from optid.errors import InputError, PlantError, RigError, nearest
 from optid.rigs import find_plant
 from optid.rigs.carried import carried, effect_files, plant_file
@@ -26,7 +27,7 @@ from optid.rigs.channels import read_channels
 from optid.rigs.constraints import refuse_contradictions
 from optid.rigs.fields import Table, known_keys, span, subtable, text
 
-TABLES = ("name", "model", "options", "parameters", "fit", "channels", "effects", "live")
+TABLES = ("name", "model", "options", "parameters", "fit", "channels", "recordings", "effects", "live")
 MOST = 4 * 2**20  # bytes of a rig file
 ATMOSPHERE = "atmospheric_pressure"  # what gauge pressures count from
 _ON_BOUND = (
@@ -36,12 +37,16 @@ _ON_BOUND = (
 
 @dataclass(frozen=True)
 class Freed:
-    """A parameter a fit may move: SI bounds, and the standard deviation of what was known before, if any."""
+    """A parameter a fit may move: SI bounds, and the standard deviation of what was known before, if any.
+
+    `per` is "recording" or a tag where each recording, or each group of one tag, has a value of its own.
+    """
 
     name: str
     low: float
     high: float
     sd: float | None = None
+    per: str | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +76,12 @@ class Rig:
         the file.
     source : str
         its text.
+    recordings : Mapping[str, Mapping[str, str | float]]
+        name of a recording's file -> its tags, and SI values of parameters that it has of its own.
+    groups : Mapping[str, tuple[str, ...]]
+        name of a parameter -> the groups of recordings that have a value of their own; none in a rig as read.
+    plain : Rig | None
+        the rig as read, where it was made for recordings that differ.
     """
 
     name: str
@@ -83,6 +94,9 @@ class Rig:
     channels: Mapping[str, ChannelMap]
     path: Path
     source: str = field(repr=False)
+    recordings: Mapping[str, Mapping[str, str | float]] = field(default_factory=dict)
+    groups: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    plain: Rig | None = None
 
 
 def read_rig(path: str | Path) -> Rig:
@@ -158,7 +172,24 @@ def write_rig(rig: Rig, path: str | Path, parameters: Mapping[str, float] | None
     _replace(path, _rewritten(rig, path, path.parent, parameters or {}))
 
 
-def rig_text(rig: Rig, parameters: Mapping[str, float] | None = None) -> str:
+def _with_recordings(source: str, model: Model, own: Mapping[str, Mapping[str, float]]) -> str:
+    """The text with values of parameters that recordings have of their own, SI, by file and name."""
+    import tomlkit
+
+    document, known = tomlkit.parse(source), _by_name(model)
+    every: Any = document.setdefault("recordings", tomlkit.table(is_super_table=True))
+    for file, values in own.items():
+        entry = every.setdefault(file, tomlkit.table())
+        for name, value in values.items():
+            entry[name] = _written(value, entry.get(name), known[name].unit, None)
+    return tomlkit.dumps(document)
+
+
+def rig_text(
+    rig: Rig,
+    parameters: Mapping[str, float] | None = None,
+    own: Mapping[str, Mapping[str, float]] | None = None,
+) -> str:
     """The text of a rig file with new values, for the folder in which it stands; nothing is written.
 
     Parameters
@@ -167,14 +198,22 @@ def rig_text(rig: Rig, parameters: Mapping[str, float] | None = None) -> str:
         as read.
     parameters : Mapping[str, float] | None
         as in `write_rig`.
+    own : Mapping[str, Mapping[str, float]] | None
+        of a rig whose recordings differ: file -> name -> SI value, for `[recordings]`.
 
     Raises
     ------
     RigError
         an unknown name, or a value outside its bounds.
     """
+    new = dict(parameters or {})
     with outside_allowed():  # effects of the user's own were run already, wherever they lie
-        return _rewritten(rig, rig.path, None, parameters or {})
+        if rig.plain is None:
+            return _rewritten(rig, rig.path, None, new)
+        known = len(rig.plain.effects)
+        plain = with_effects(rig.plain, rig.effects[known:])
+        shared = {name: value for name, value in new.items() if name in _by_name(plain.model)}
+        return _with_recordings(_rewritten(plain, rig.path, None, shared), plain.model, own or {})
 
 
 def _rewritten(rig: Rig, path: Path, folder: Path | None, new: Mapping[str, float]) -> str:
@@ -246,7 +285,10 @@ def _parse(source: str, path: Path, *, constrained: bool = True) -> Rig:
     options = subtable(document, "options", path, "options", "a table of the plant's options")
     stated = subtable(document, "effects", path, "effects", "a table for each effect")
     effects = _effects(stated, path)
-    model = _model(model_name, options, effects, path)
+    model = _model(model_name, options, (), path)
+    if effects:
+        effects = tuple(sized(effect, model.axis) for effect in effects)
+        model = _model(model_name, options, effects, path)
     parameters = _parameters(subtable(document, "parameters", path, "parameters", "a table"), model, path)
     for effect in effects:
         parameters |= _effect_parameters(effect, stated, parameters, path)
@@ -257,10 +299,40 @@ def _parse(source: str, path: Path, *, constrained: bool = True) -> Rig:
     channels = read_channels(
         subtable(document, "channels", path, "channels", "a table of roles"), model, air, path
     )
-    return Rig(name, model_name, dict(options), effects, model, parameters, freed, channels, path, source)
+    own = _recordings(
+        subtable(document, "recordings", path, "recordings", "a table of files"), model, air, path
+    )
+    return Rig(
+        name, model_name, dict(options), effects, model, parameters, freed, channels, path, source, own
+    )
 
 
-def _model(name: str, options: Table, effects: tuple[Effect, ...], path: Path) -> Model:
+def _recordings(table: Table, model: Model, air: float | None, path: Path) -> dict[str, dict[str, Any]]:
+    """Tags of each file, as text, and values of parameters that it has of its own, SI."""
+    known, found = _by_name(model), {}
+    for file in table:
+        entry = subtable(table, file, path, f"recordings.{file}", "tags and parameters of that file")
+        found[file] = {
+            key: to_si(value, known[key].unit, atmospheric=air, where=path, field=f"recordings.{file}.{key}")
+            if key in known
+            else str(value)
+            for key, value in entry.items()
+        }
+    return found
+
+
+def rebuilt(rig: Rig) -> Rig:
+    """The rig with the model that its options, effects and groups make."""
+    return replace(rig, model=_model(rig.model_name, rig.options, rig.effects, rig.path, rig.groups))
+
+
+def _model(
+    name: str,
+    options: Table,
+    effects: tuple[Effect, ...],
+    path: Path,
+    groups: Mapping[str, tuple[str, ...]] | None = None,
+) -> Model:
     try:
         plant = find_plant(name, path.parent)
     except InputError as error:
@@ -268,7 +340,7 @@ def _model(name: str, options: Table, effects: tuple[Effect, ...], path: Path) -
     except ImportError as error:
         raise RigError(f'"{name}" cannot be imported ({error})', where=path, field="model") from error
     try:
-        return build(plant, effects, **options)
+        return build(plant, effects, groups, **options)
     except PlantError as error:
         about_option = "option" in (error.field or "") or "no option" in str(error)
         raise RigError(str(error), where=path, field="options" if about_option else "model") from error
@@ -294,9 +366,9 @@ def with_effects(rig: Rig, effects: Iterable[Effect], values: Mapping[str, float
     RigError
         the plant does not offer a site of theirs.
     """
-    new = tuple(effects)
+    new = tuple(sized(effect, rig.model.axis) for effect in effects)
     every = (*rig.effects, *new)
-    model = _model(rig.model_name, rig.options, every, rig.path)
+    model = _model(rig.model_name, rig.options, every, rig.path, rig.groups)
     freed = [Freed(f"{effect.name}.{q.name}", *q.bounds) for effect in new for q in effect.fitted]
     parameters = {**rig.parameters, **(values or {})}
     return replace(rig, effects=every, model=model, parameters=parameters, freed=(*rig.freed, *freed))
@@ -398,7 +470,12 @@ def _freed_one(parameter: Parameter, entry: object, values: dict[str, float], pa
     example = "{ bounds = [1, 2] }" if unit == "1" else f'{{ bounds = ["1{one}", "2{one}"] }}'
     if not isinstance(entry, dict):
         raise RigError(f"found {shown(entry)}", where=path, field=at, expected=f"{name} = {example}")
-    known_keys(entry, ("bounds", "sd"), path, f"{at}.")
+    known_keys(entry, ("bounds", "sd", "per"), path, f"{at}.")
+    per = (
+        text(entry, "per", path, f"{at}.per", 'per = "recording" or the name of a tag')
+        if "per" in entry
+        else None
+    )
     pair = entry.get("bounds")
     if not isinstance(pair, list) or len(pair) != 2:
         found = "no bounds" if pair is None else f"found {shown(pair)}"
@@ -430,7 +507,7 @@ def _freed_one(parameter: Parameter, entry: object, values: dict[str, float], pa
     sd = to_si(entry["sd"], unit, difference=True, where=path, field=f"{at}.sd") if "sd" in entry else None
     if sd is not None and sd <= 0:
         raise RigError(f"{sd:g}{one}", where=path, field=f"{at}.sd", expected="a positive standard deviation")
-    return Freed(name, low, high, sd)
+    return Freed(name, low, high, sd, per)
 
 
 def _carry(rig: Rig, document: Any, folder: Path | None) -> dict[str, str]:

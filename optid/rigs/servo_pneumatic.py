@@ -11,9 +11,10 @@ from typing import Any, Literal
 
 import casadi as ca
 
-from optid.core.parameter import Nuisance, Parameter
+from optid.core.parameter import Parameter
 from optid.core.sheet import Sheet
 from optid.core.smooth import signed_root, soft_floor
+from optid.rigs.end_stops import SAMPLING_SKEW, end_stops
 from optid.rigs.friction import dry_friction
 
 TABLE_1 = "paper, table 1"
@@ -86,7 +87,7 @@ VISCOUS_FRICTION = Parameter(
     "viscous_friction", "N s/m", 80.0, "dynamic friction coefficient K_f", TABLE_1, bounds=(-1e5, 1e6)
 )
 
-# Settings: how small pressure differences and the stroke's ends are made smooth.
+# A setting: how small pressure differences are made smooth.
 FLOW_WIDTH = Parameter(
     "flow_width",
     "1",
@@ -95,34 +96,6 @@ FLOW_WIDTH = Parameter(
     "numerical; studies/smoothing.py states its error",
     2e-3,
     (1e-9, 0.5),
-)
-SAMPLING_SKEW = Parameter(
-    "sampling_skew",
-    "s",
-    1e-4,
-    "time by which the position's samples are older than the command's, a fraction of one sample",
-    "no card samples and writes at one instant; longer lags are physics",
-    0.0,
-    (-5e-4, 5e-4),
-    nuisance=Nuisance(sd=2e-4),
-)
-STOP_STIFFNESS = Parameter(
-    "stop_stiffness",
-    "N/m**1.5",
-    1e8,
-    "Hunt-Crossley stiffness of the stroke's ends",
-    "steel on a rubber buffer: 0.3 mm under 500 N",
-    1e8,
-    (1e3, 1e13),
-)
-STOP_DAMPING = Parameter(
-    "stop_damping",
-    "s/m",
-    2.0,
-    "Hunt-Crossley damping of the stroke's ends",
-    "restitution of about 0.2",
-    2.0,
-    (0.0, 1e3),
 )
 # Of the squared error of held-out windows: right laws follow those of the catalogue within a fifth of their size. In 19
 # of 20 blind cases they left 0.2 % at most; studies/concealed.py prints "right names leave".
@@ -267,12 +240,3 @@ def flux(
         s.param(DISCHARGE_COEFFICIENT) * C_0 / ca.sqrt(s.param(T)) for T in (SUPPLY_TEMPERATURE, temperature)
     )
     return ca.if_else(inwards, C_in, C_out) * P_u * f
-
-
-def end_stops(s: Sheet, x: Any, v: Any, L: Any) -> Any:
-    """Contact force of the stroke's ends, N: Hunt and Crossley's law with exponent 3/2, never adhesive."""
-    depth_low, depth_high = ca.fmax(-L / 2 - x, 0), ca.fmax(x - L / 2, 0)
-    k, c = s.param(STOP_STIFFNESS), s.param(STOP_DAMPING)
-    push_low = k * depth_low * ca.sqrt(depth_low + 1e-12) * ca.fmax(1 - c * v, 0)
-    push_high = k * depth_high * ca.sqrt(depth_high + 1e-12) * ca.fmax(1 + c * v, 0)
-    return push_low - push_high

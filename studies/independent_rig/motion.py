@@ -75,6 +75,9 @@ def drive_force(rig, t, s, v):
         total += rig.shake * (math.sin(turn) + rig.shake_third * math.sin(3.0 * turn))
     if rig.cogging > 0.0:
         total += rig.cogging * math.sin(2.0 * math.pi * s[X] / rig.cogging_pitch)
+    if rig.detent > 0.0:
+        away = (s[X] - rig.detent_place) / rig.detent_width
+        total -= rig.detent * away * math.exp(0.5 - 0.5 * away * away)
     if rig.load_share > 0.0:
         total += rig.load_stiffness * (s[X2] - s[X]) + rig.load_damping * (s[V2] - v)
     return total

@@ -61,6 +61,9 @@ class Rig(NamedTuple):
     shake_third: float = 0.0  # share of the third harmonic
     cogging: float = 0.0  # N, sine over position
     cogging_pitch: float = 0.02  # m
+    detent: float = 0.0  # N, of a latch that pulls into its place from either side
+    detent_place: float = 0.0  # m
+    detent_width: float = 0.01  # m, where it pulls most
     load_share: float = 0.0  # of the mass, behind a spring
     load_stiffness: float = 0.0  # N/m
     load_damping: float = 0.0  # N s/m

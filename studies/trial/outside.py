@@ -23,10 +23,12 @@ def spool_stiction(d: Draw) -> Hidden:
     return Hidden("spool_stiction", "valve", d.size, {"valve_stiction": d.sized(5e-3, 4e-2)})
 
 
-def cogging(d: Draw) -> Hidden:
-    """A force that repeats over position."""
+def detent(d: Draw) -> Hidden:
+    """A latch that pulls the piston into one place."""
+    place, width = d.evenly(-0.06, 0.06), d.evenly(0.006, 0.015)
+    fields = {"detent": d.sized(8.0, 60.0), "detent_place": place, "detent_width": width}
     return Hidden(
-        "cogging", "force", d.size, {"cogging": d.sized(4.0, 30.0), "cogging_pitch": d.evenly(0.012, 0.03)}
+        "detent", "force", d.size, fields, {}, Region("position", place - 2 * width, place + 2 * width, "m")
     )
 
 
@@ -73,7 +75,7 @@ OUTSIDE: dict[str, Make] = {
         supply_pulsation,
         flow_force,
         spool_stiction,
-        cogging,
+        detent,
         relief_leak,
         tube_creep,
         dwell_friction,

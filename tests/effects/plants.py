@@ -13,6 +13,8 @@ from optid.effects.library import admitted
 from optid.rigs.cascaded_tanks import cascaded_tanks
 from optid.rigs.emps import emps
 from optid.rigs.rigfile import read_rig
+from optid.rigs.rotary_axis import rotary_axis
+from optid.rigs.servo_hydraulic import servo_hydraulic
 from optid.rigs.servo_pneumatic import servo_pneumatic
 
 DATA = Path(__file__).parents[2] / "data"
@@ -20,6 +22,10 @@ PLANTS = {
     "servo-pneumatic": (servo_pneumatic, "table1.toml"),
     "emps": (emps, "emps.toml"),
     "cascaded-tanks": (cascaded_tanks, "cascaded_tanks.toml"),
+}
+MACHINES = PLANTS | {
+    "rotary-axis": (rotary_axis, "rotary_axis.toml"),
+    "servo-hydraulic": (servo_hydraulic, "servo_hydraulic.toml"),
 }
 # Usual ranges of what the plants' states do, SI.
 RANGES = {
@@ -31,8 +37,23 @@ RANGES = {
     "upper_level": (0.0, 16.0),
     "lower_level": (0.0, 9.9),
 }
-FULL = {"servo-pneumatic": 1.0, "emps": 10.0, "cascaded-tanks": 10.0}
-SAMPLE = {"servo-pneumatic": 1e-3, "emps": 1e-3, "cascaded-tanks": 4.0}
+OTHER = {
+    "rotary-axis": {"position": (-1.2, 1.2), "velocity": (-8.0, 8.0)},
+    "servo-hydraulic": {
+        "position": (-0.09, 0.09),
+        "velocity": (-0.3, 0.3),
+        "pressure_a": (4e5, 9.5e6),
+        "pressure_b": (4e5, 9.5e6),
+    },
+}
+FULL = {
+    "servo-pneumatic": 1.0,
+    "emps": 10.0,
+    "cascaded-tanks": 10.0,
+    "rotary-axis": 12.0,
+    "servo-hydraulic": 1.0,
+}
+SAMPLE = {"cascaded-tanks": 4.0}  # s; 1 ms else
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +77,8 @@ class Grown:
         """Random states of the grown model, (count, states); those of effects within three of their scales."""
         columns = []
         for state in self.model.states:
-            low, high = RANGES.get(state.name, (-3 * state.scale, 3 * state.scale))
+            ranges = {**RANGES, **OTHER.get(self.name, {})}
+            low, high = ranges.get(state.name, (-3 * state.scale, 3 * state.scale))
             if state.unit == "K":
                 low, high = 270.0, 320.0
             columns.append(rng.uniform(low, high, count))
@@ -67,9 +89,8 @@ class Grown:
         columns = []
         for port in self.model.inputs:
             full = FULL[self.name]
-            span = {INTERVAL: (0.9 * SAMPLE[self.name], SAMPLE[self.name]), CLOCK: (0.0, 20.0)}.get(
-                port.role, (-full, full)
-            )
+            sample = SAMPLE.get(self.name, 1e-3)
+            span = {INTERVAL: (0.9 * sample, sample), CLOCK: (0.0, 20.0)}.get(port.role, (-full, full))
             columns.append(rng.uniform(*span, count))
         return np.column_stack(columns)
 
@@ -81,8 +102,8 @@ class Grown:
 @cache
 def grown(name, effect=None):
     """A plant with one effect, or with all it admits."""
-    plant, file = PLANTS[name]
-    plain = build(plant)
+    plant, file = MACHINES[name]
+    rig = read_rig(DATA / file)
+    plain = build(plant, **rig.options)
     effects = tuple(e for e in admitted(plain) if effect in (None, e.name))
-    values = dict(read_rig(DATA / file).parameters)
-    return Grown(name, plain, build(plant, effects), effects, values)
+    return Grown(name, plain, build(plant, effects, **rig.options), effects, dict(rig.parameters))

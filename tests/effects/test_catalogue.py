@@ -10,7 +10,7 @@ from optid.effects.anywhere import Anywhere
 from optid.effects.effect import SIGNALS
 from optid.effects.library import built_in
 from optid.rigs.rigfile import read_rig, with_effects, write_rig
-from tests.effects.plants import DATA, PLANTS, grown
+from tests.effects.plants import DATA, MACHINES, grown
 
 # The names that rig files and diagnoses rely on.
 PROMISED = {
@@ -43,9 +43,20 @@ PROMISED = {
     "sensor_drift",
     "presliding",
 }
+OF_OTHERS = {
+    "cogging",
+    "transmission_backlash",
+    "transmission_compliance",
+    "laminar_leakage",
+    "turbulent_leakage",
+    "air_in_oil",
+    "viscosity_drift",
+}
+OTHERS = [e for name in ("rotary-axis", "servo-hydraulic") for e in grown(name).effects]
 EFFECTS = [
     *grown("servo-pneumatic").effects,
     *(e for e in grown("cascaded-tanks").effects if not e.name.endswith(".outlet")),
+    *(e for e in OTHERS if e.name in OF_OTHERS or e.name == "spring_load"),
 ]
 
 
@@ -53,6 +64,11 @@ def test_every_promised_name_is_there_and_acts_on_the_axis():
     acting = {effect.name for effect in grown("servo-pneumatic").effects}
     assert acting.issuperset(PROMISED)
     assert {effect.name for effect in EFFECTS if not isinstance(effect, Anywhere)} == set(built_in())
+
+
+def test_what_only_other_machines_have_is_silent_on_the_pneumatic_axis():
+    assert OF_OTHERS.isdisjoint(effect.name for effect in grown("servo-pneumatic").effects)
+    assert {effect.name for effect in OTHERS} >= OF_OTHERS
 
 
 def test_what_any_site_can_carry_is_offered_where_nothing_else_acts():
@@ -97,9 +113,9 @@ def test_a_strength_of_either_sign_is_tried_on_both_sides(effect):
             assert {-1, 1} <= tried, q.name
 
 
-@pytest.mark.parametrize("name", PLANTS)
+@pytest.mark.parametrize("name", MACHINES)
 def test_a_rig_file_keeps_every_effect(name, tmp_path: Path):
-    rig, effects = read_rig(DATA / PLANTS[name][1]), grown(name).effects
+    rig, effects = read_rig(DATA / MACHINES[name][1]), grown(name).effects
     values = {}
     for effect in effects:  # numbers that only their shortest decimal texts give back
         inside = {

@@ -57,6 +57,7 @@ class CompliantLoad(Effect):
     )
     depends_on = ("acceleration",)
     needs = "quick changes of the command that make the load swing"
+    excludes = ("transmission_backlash", "transmission_compliance")
     look_alikes = ("sensor_backlash", "valve_lag", "sensor_lag", "input_delay")
     experiment = "an accelerometer on the load, or small steps of the command at 20 to 100 Hz"
     source = "Newton's second law for two masses; sizes from physics catalogue A.1, row 12"

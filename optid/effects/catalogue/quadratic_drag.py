@@ -51,6 +51,6 @@ class QuadraticDrag(Effect):
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
         """Friction force, N."""
-        v = near["v"]
-        more = (v**2 + SLOW**2) ** (sheet.param(EXPONENT) / 2 - 1)
+        v, one = near["v"], sheet.length(1.0)
+        more = ((v / one) ** 2 + SLOW**2) ** (sheet.param(EXPONENT) / 2 - 1)
         return nominal + sheet.param(DRAG) * v * ca.fabs(v) * more

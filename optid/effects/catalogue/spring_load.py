@@ -77,6 +77,6 @@ class SpringLoad(Effect):
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
         """External force, N."""
         drawn = near["x"] - sheet.param(RELAXED)
-        square = (drawn / FAR) ** 2
+        square = (drawn / sheet.length(FAR)) ** 2
         harder = square * (sheet.param(HARDENING) + sheet.param(STEEPENING) * ca.fmin(square, FARTHEST))
         return nominal - sheet.param(STIFFNESS) * drawn * (1 + harder)

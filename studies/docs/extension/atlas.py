@@ -16,6 +16,7 @@ KINDS = {
     "valve": "Valve: from the command to the spool",
     "flow": "Flow: valve flow, leaks, chamber pressures",
     "force": "Force: what acts on the moving mass",
+    "drive": "Drive: from the command to the motor's torque",
     "sensor": "Sensors",
 }
 HEAD = """# Effects atlas

@@ -124,8 +124,9 @@ def _plain(record: Record) -> bool:
 
 def _runs(plant: str, effects: list[Effect], excitation: Excitation) -> list[Record]:
     folder = _folder(plant)
-    model = build(find_plant(plant, folder), tuple(effects))
-    given = dict(read_rig(folder / excitation.file).parameters)
+    rig = read_rig(folder / excitation.file)
+    model = build(find_plant(plant, folder), tuple(effects), **rig.options)
+    given = dict(rig.parameters)
     points = [dict(effect.usual[len(effect.usual) // 2]) for effect in effects]
     sets = [{}, *(e.qualified(point) for e, point in zip(effects, points, strict=True))]
     P = np.array([model.vector({**given, **own}) for own in sets])
@@ -247,9 +248,38 @@ def _last(seen: Array) -> Array:
     return np.asarray(seen[:, -1]) if seen.shape[1] else np.zeros(len(seen))
 
 
+def _arm() -> list[Excitation]:
+    """The rotary axis under proportional and derivative action, V."""
+    step, samples, hold = 1e-3, 6000, 5
+    moves = ((1.5, 0.15), (0.3, 1.0), (0.6, -0.8), (1.0, -0.7), (0.4, 0.0))
+    reference = _path(moves, samples, step)
+
+    def follow(k: int, seen: Array) -> Array:
+        back = seen[:, -1 - hold] if k > hold else _last(seen)
+        speed = (_last(seen) - back) / (hold * step)
+        return np.asarray(np.clip(40.0 * (reference[k] - _last(seen)) - 1.5 * speed, -12.0, 12.0))
+
+    return [Excitation("rotary_axis.toml", step, samples, hold, reference, follow, {"position": 3e-4})]
+
+
+def _cylinder() -> list[Excitation]:
+    """The servo-hydraulic axis under a proportional controller."""
+    step, samples = 1e-3, 6000
+    moves = ((1.0, 0.01), (0.4, 0.06), (0.8, -0.06), (1.0, -0.05), (0.5, 0.07))
+    reference = _path(moves, samples, step)
+
+    def follow(k: int, seen: Array) -> Array:
+        return np.asarray(np.clip(10.0 * (reference[k] - _last(seen)), -1.0, 1.0))
+
+    noise = {"position": 2e-5, "pressure_a": 2e4, "pressure_b": 2e4}
+    return [Excitation("servo_hydraulic.toml", step, samples, 5, reference, follow, noise)]
+
+
 EXCITATIONS: dict[str, Callable[[], list[Excitation]]] = {
     "servo-pneumatic": _axis,
     "emps": _drive,
     "cascaded-tanks": _tanks,
+    "rotary-axis": _arm,
+    "servo-hydraulic": _cylinder,
     "winch.py:winch": _winch,
 }

@@ -1,0 +1,115 @@
+"""Parameters that each recording, or each group of them, has of its own: a payload, a load, a gain.
+
+`[fit]` says `per = "recording"`, or the name of a tag that `[recordings]` gives to each file. The model then has such
+a parameter once for each group, and an input that tells a recording's group; nothing else of a fit or a diagnosis
+differs. A recording of no known group has the groups' mean.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from optid.core.model import Model, Port
+from optid.core.recording import Channel, Recording
+from optid.core.sheet import GROUP, group_role, member
+from optid.errors import RigError
+from optid.rigs.rigfile import Freed, Rig, rebuilt
+
+EACH = "recording"  # per what, where every recording is a group
+
+
+def for_recordings(rig: Rig, recordings: Sequence[Recording]) -> Rig:
+    """The rig with the parameters that these recordings have of their own; itself where there is none.
+
+    Parameters
+    ----------
+    rig : Rig
+        as read.
+    recordings : Sequence[Recording]
+        to fit to, or to simulate.
+
+    Raises
+    ------
+    RigError
+        a recording has no value of a tag by which a parameter differs.
+    """
+    per = _per(rig)
+    if not per or rig.groups:
+        return rig
+    files = [one.name for one in recordings]
+    labels = {
+        name: tuple(dict.fromkeys(_label(rig, way, file, name) for file in files))
+        for name, way in per.items()
+    }
+    parameters = {name: value for name, value in rig.parameters.items() if name not in per}
+    for name, way in per.items():
+        for file in files:
+            own = rig.recordings.get(file, {}).get(name, rig.parameters.get(name))
+            if own is not None:
+                parameters[member(name, _label(rig, way, file, name))] = float(own)
+    freed: list[Freed] = []
+    for f in rig.freed:
+        freed += [replace(f, name=member(f.name, label)) for label in labels.get(f.name, ())] or [f]
+    return rebuilt(replace(rig, parameters=parameters, freed=tuple(freed), groups=labels, plain=rig))
+
+
+def told(rig: Rig, recording: Recording) -> Recording:
+    """A recording that tells a rig's model of which groups it is."""
+    if rig.plain is None:
+        return recording
+    per = _per(rig.plain)
+    own = {_own_label(rig.plain, way, recording.name) for way in per.values()}
+    channels = dict(recording.channels)
+    for label in dict.fromkeys(label for labels in rig.groups.values() for label in labels):
+        role, count = group_role(label), len(recording.time)
+        channels[role] = Channel(role, "", "1", np.full(count, float(label in own)), held=True)
+    return replace(recording, channels=channels)
+
+
+def stated(rig: Rig, values: Mapping[str, float], files: Sequence[str]) -> dict[str, dict[str, float]]:
+    """What `[recordings]` says of each of these files then: name -> SI value."""
+    per = _per(rig.plain) if rig.plain else {}
+    found: dict[str, dict[str, float]] = {}
+    for file in files:
+        for name, way in per.items():
+            key = member(name, _own_label(rig.plain, way, file) if rig.plain else "")
+            if key in values:
+                found.setdefault(file, {})[name] = values[key]
+    return found
+
+
+def measured_inputs(model: Model) -> tuple[Port, ...]:
+    """The inputs that come from a file, and do not only tell of which group a recording is."""
+    return tuple(port for port in model.recorded if not port.role.startswith(GROUP))
+
+
+def _per(rig: Rig) -> dict[str, str]:
+    """Name of a parameter -> by what it differs."""
+    known = {q.name for q in rig.model.parameters}
+    own = {key for entry in rig.recordings.values() for key in entry if key in known}
+    return dict.fromkeys(sorted(own), EACH) | {f.name: f.per for f in rig.freed if f.per}
+
+
+def _own_label(rig: Rig, way: str, file: str) -> str:
+    """The group of a file by one way to group them, or nothing."""
+    if way == EACH:
+        return Path(file).stem.replace(".", "_")
+    tag: Any = rig.recordings.get(file, {}).get(way, "")
+    return f"{way} {tag}" if tag != "" else ""
+
+
+def _label(rig: Rig, way: str, file: str, name: str) -> str:
+    label = _own_label(rig, way, file)
+    if not label:
+        raise RigError(
+            f'"{file}" has no tag "{way}", by which {name} differs',
+            where=rig.path,
+            field="recordings",
+            expected=f'"{file}" = {{ {way} = "..." }}',
+        )
+    return label
