@@ -19,6 +19,8 @@ import numpy as np
 
 from optid.armax.audit import pole_errors, static_gain_error
 from optid.armax.batch import STABLE_RADIUS, equilibrated, placed
+from optid.armax.constraints import Constraint, across, fixed_gain, fixed_pair, fixed_pole
+from optid.armax.freedom import VarianceSlopes
 from optid.armax.gradient import Problem
 from optid.armax.model import Armax
 from optid.armax.signals import Signals
@@ -26,7 +28,7 @@ from optid.armax.stability import roots_inside
 from optid.armax.trend import Trend
 from optid.core.model import Array
 
-LIMIT = 1.96  # root of the growth of -2 log likelihood at a 95 % interval's end
+LIMIT = 1.96  # standard errors at a 95 % interval's end, of one whose variance is known
 NEAR = 0.05  # of that root: near enough
 WALKS = 14  # places looked at on either side
 STEPS = 12  # Gauss-Newton steps for a place
@@ -69,10 +71,6 @@ class Place:
     theta: Array
     angle: float
     growth: float
-
-
-# (theta, angle) -> rows L and right side d of L theta = d, and the change of L theta - d with the angle.
-Constraint = Callable[[Array, float], tuple[Array, Array, Array]]
 
 
 def wald_intervals(model: Armax) -> Intervals:
@@ -133,6 +131,7 @@ class Profile:
         loss: there.
         metric: inverse of the information there, of parameters times their sizes, and these.
         spent: samples gone through so far, in a list of one.
+        told: how the variance changes with C, in a list of one, where asked for.
     """
 
     problem: Problem
@@ -140,6 +139,7 @@ class Profile:
     loss: float
     metric: tuple[Array, Array]
     spent: list[int] = field(default_factory=lambda: [0])
+    told: list[VarianceSlopes] = field(default_factory=list)
 
     @classmethod
     def around(cls, problem: Problem, theta: Array) -> Profile:
@@ -148,23 +148,26 @@ class Profile:
         weight = np.linalg.inv(R.T @ R + 1e-10 * np.eye(size.size))
         return cls(problem, theta, problem.loss(theta), (np.asarray(weight), size))
 
+    def _inside(self, theta: Array) -> bool:
+        orders = self.problem.orders
+        return bool(roots_inside(theta[orders.c_block], orders.nc, STABLE_RADIUS, np.empty(2 * orders.nc)))
+
+    def limit(self, constraint: Constraint, angle: float) -> float:
+        """Root of the growth of -2 log likelihood at a 95 % interval's end."""
+        if not self.told:
+            self.spent[0] += 2 * self.problem.orders.nc * self.problem.count
+            self.told.append(VarianceSlopes.at(self.problem, self.theta, self.loss))
+        return self.told[0].quantile(across(constraint, self.theta, angle))
+
     def gain(self, input: int, first: Interval) -> Interval:
         """How far a static gain may lie, from a first guess of its interval."""
-        orders = self.problem.orders
-        block = list(orders.blocks())[input]
-
-        def at(value: float) -> Constraint:
-            row = np.zeros(self.theta.size)
-            row[: orders.na], row[block] = -value, 1.0
-            return lambda theta, angle: (row[None, :], np.array([value]), np.zeros(1))
-
-        middle, half = (first[0] + first[1]) / 2, (first[1] - first[0]) / 2
-        ends = []
+        orders, middle, half = self.problem.orders, (first[0] + first[1]) / 2, (first[1] - first[0]) / 2
+        limit, ends = self.limit(fixed_gain(orders, input, middle), 0.0), []
         for side in (-1.0, 1.0):
-            walk = _Walk(self)
+            walk = _Walk(self, limit)
             end = _end(
-                lambda x, walk=walk: walk.to([(at(x), 0.0)]),  # type: ignore[misc]
-                middle,
+                lambda x, walk=walk: walk.to([(fixed_gain(orders, input, x), 0.0)]),  # type: ignore[misc]
+                (middle, limit),
                 side * half,
                 middle + side * FARTHEST * half,
             )
@@ -182,14 +185,14 @@ class Profile:
         sign = -1.0 if pole.real < 0.0 else 1.0
         sign_of = 1.0 if pole.imag else sign
         start = abs(pole) if pole.imag else pole.real
-        ends = []
+        limit, ends = self.limit(*self._kinds(start, pole, sign)[0]), []
         for side in (-1.0, 1.0):
-            walk, step = _Walk(self), side * min(half, 0.5)
+            walk, step = _Walk(self, limit), side * min(half, 0.5)
             reached = [start + step]
 
             def root(x: float, walk: _Walk = walk, reached: list[float] = reached) -> float:
                 now = walk.to(self._kinds(x, pole, sign))
-                if now <= LIMIT:
+                if now <= limit:
                     other = self._nearer(walk.last, abs(x), pole)
                     if other is not None:
                         reached.append(other.real if not (pole.imag or other.imag) else sign_of * abs(other))
@@ -199,7 +202,7 @@ class Profile:
 
             bound = side * OUTERMOST if not pole.imag or side > 0 else 0.0
             try:
-                ends.append(_end(root, start, step, bound))
+                ends.append(_end(root, (start, limit), step, bound))
             except _Replaced:
                 farthest = max(reached, key=lambda x: side * x)
                 ends.append(max(farthest, 0.0) if pole.imag else farthest)
@@ -223,36 +226,13 @@ class Profile:
 
     def _kinds(self, x: float, pole: complex, sign: float) -> list[tuple[Constraint, float]]:
         """A real pole there, or a pair of that modulus; what the pole is now comes first."""
-        n = self.problem.orders.na
-        real = (self._real(x if not pole.imag else sign * x), 0.0)
-        if n < 2 or x == 0.0:
+        orders = self.problem.orders
+        real = (fixed_pole(orders, x if not pole.imag else sign * x), 0.0)
+        if orders.na < 2 or x == 0.0:
             return [real]
         angle = abs(np.angle(pole)) if pole.imag else (0.1 if x > 0 else math.pi - 0.1)
-        pair = (self._pair(abs(x)), float(angle))
+        pair = (fixed_pair(orders, abs(x)), float(angle))
         return [pair, real] if pole.imag else [real, pair]
-
-    def _real(self, x: float) -> Constraint:
-        n = self.problem.orders.na
-        row = np.zeros(self.theta.size)
-        row[:n] = x ** np.arange(n - 1.0, -1.0, -1.0)
-        return lambda theta, angle: (row[None, :], np.array([-(x**n)]), np.zeros(1))
-
-    def _pair(self, modulus: float) -> Constraint:
-        n = self.problem.orders.na
-        powers = np.arange(n, -1.0, -1.0)
-
-        def rows(theta: Array, angle: float) -> tuple[Array, Array, Array]:
-            """Re A(z) and Im A(z) / sin(angle), which stays of use where the pair becomes a double pole."""
-            of, slope = np.zeros((2, n + 1)), np.zeros((2, n + 1))
-            size, s, c = modulus**powers, math.sin(angle), math.cos(angle)
-            of[0], of[1] = size * np.cos(powers * angle), size * np.sin(powers * angle) / s
-            slope[0] = -powers * size * np.sin(powers * angle)
-            slope[1] = (powers * size * np.cos(powers * angle) - of[1] * c) / s
-            full, turned = np.zeros((2, self.theta.size)), np.zeros((2, self.theta.size))
-            full[:, :n], turned[:, :n] = of[:, 1:], slope[:, 1:]
-            return full, -of[:, 0], slope[:, 0] + turned @ theta
-
-        return rows
 
     def nearest(self, constraint: Constraint, start: Place) -> Place:
         """The least sum of squares under a constraint, searched from a place."""
@@ -307,8 +287,7 @@ class Profile:
         across = scaled @ weight @ scaled.T
         step = weight @ scaled.T @ np.linalg.lstsq(across, lacking, rcond=1e-12)[0] / size
         theta = place.theta + step
-        orders = self.problem.orders
-        if not roots_inside(theta[orders.c_block], orders.nc, STABLE_RADIUS, np.empty(2 * orders.nc)):
+        if not self._inside(theta):
             return Place(theta, place.angle, math.inf)
         loss = self.problem.loss(theta)
         ratio = loss / self.loss if self.loss > 0.0 else math.inf
@@ -318,8 +297,8 @@ class Profile:
 class _Walk:
     """Places one after another, each searched from the one before and from the best one."""
 
-    def __init__(self, profile: Profile) -> None:
-        self._profile, self.last = profile, profile.theta
+    def __init__(self, profile: Profile, limit: float) -> None:
+        self._profile, self.last, self._limit = profile, profile.theta, limit
 
     def to(self, kinds: Sequence[tuple[Constraint, float]]) -> float:
         """Root of the growth under the first constraint that chance allows, else under the best one."""
@@ -329,32 +308,33 @@ class _Walk:
                 place = self._profile.nearest(constraint, Place(theta, angle, 0.0))
                 if place.growth < best:
                     best, found = place.growth, place.theta
-                if best <= LIMIT**2:
+                if best <= self._limit**2:
                     self.last = found
                     return math.sqrt(max(best, 0.0))
         return math.sqrt(max(best, 0.0))
 
 
-def _end(root: Callable[[float], float], start: float, step: float, bound: float) -> float:
-    """Where, from `start` in the direction of `step`, the root of the growth first exceeds its limit."""
+def _end(root: Callable[[float], float], begin: Interval, step: float, bound: float) -> float:
+    """Where, from a start in the direction of `step`, the root of the growth first exceeds the limit beside it."""
+    start, limit = begin
     inner, low, outer, high = start, 0.0, math.nan, math.nan
     x = start + step
     for _ in range(WALKS):
         x = min(x, bound) if step > 0 else max(x, bound)
         now = root(x)
-        if abs(now - LIMIT) <= NEAR:
-            end = start + (x - start) * LIMIT / now
+        if abs(now - limit) <= NEAR:
+            end = start + (x - start) * limit / now
             return min(end, bound) if step > 0 else max(end, bound)
-        if now < LIMIT:
+        if now < limit:
             inner, low = x, now
             if x == bound:
                 return bound
         else:
             outer, high = x, min(now, 10.0)
         if math.isnan(outer):
-            x = start + (x - start) * min(max(LIMIT / max(now, 0.1), 1.1), FLATTEST)
+            x = start + (x - start) * min(max(limit / max(now, 0.1), 1.1), FLATTEST)
         else:
-            x = inner + (outer - inner) * min(max((LIMIT - low) / (high - low), 0.1), 0.9)
+            x = inner + (outer - inner) * min(max((limit - low) / (high - low), 0.1), 0.9)
     return inner if math.isnan(outer) else x
 
 

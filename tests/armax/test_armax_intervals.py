@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 from scipy.stats import chi2
+from scipy.stats import t as student
 
 from optid.armax import Armax, Orders
 from optid.armax.audit import audit
 from optid.armax.batch import fit_batch, placed
+from optid.armax.freedom import VarianceSlopes
 from optid.armax.gradient import Problem
 from optid.armax.identifiability import follows_output, loop_share
 from optid.armax.prediction import innovations
@@ -100,6 +102,33 @@ def test_ends_of_an_interval_cost_what_chance_allows():
 
     assert [growth(end) for end in ends] == pytest.approx([3.84, 3.84], abs=0.25)
     assert max(abs(growth(end) - 3.84) for end in first) > 0.5
+
+
+def slopes(record, orders):
+    fit = fit_batch([record], orders)
+    _, problem, theta = placed([record], fit.model, Trend.NONE)
+    found = VarianceSlopes.at(problem, theta, problem.loss(theta))
+    gain = np.r_[-np.ones(orders.na) * sum(fit.model.b[0]) / sum(fit.model.a), np.ones(orders.nb[0])]
+    return fit.model, problem, found, np.r_[gain, np.zeros(orders.nc)]
+
+
+def test_a_regression_has_as_many_degrees_of_freedom_as_residuals_less_parameters():
+    _, record = of_sensor(0, (0.9,), 300)
+    _, problem, found, row = slopes(record, Orders.of(1, 1, 0))
+    assert found.freedom(row) == pytest.approx(problem.count - 2)
+    assert found.quantile(row) == pytest.approx(student.ppf(0.975, problem.count - 2))
+
+
+def test_a_gain_s_variance_varies_from_draw_to_draw_as_its_degrees_of_freedom_say():
+    logs, freedoms = [], []
+    for seed in range(40):
+        _, record = of_sensor(seed, (0.9,), 2000)
+        model, _, found, row = slopes(record, Orders.of(1, 1, 1))
+        wald = wald_intervals(model).static_gains[0]
+        logs.append(2 * math.log(wald[1] - wald[0]))
+        freedoms.append(found.freedom(row))
+    assert 0.5 < np.median(freedoms) * np.var(logs) / 2 < 2.0  # exactly 1 in endless recordings
+    assert np.median(freedoms) < 200
 
 
 def test_a_pole_too_many_has_a_wide_interval_and_leaves_the_others_theirs():

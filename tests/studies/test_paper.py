@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from optid.armax.table2 import last_value
+from studies import physical_rows
 from studies.independent_rig import Rig
 from studies.paper import draw_all
 from studies.paper_claims import claims
@@ -30,6 +32,17 @@ def test_claims_are_judged_with_numbers():
     for sentence in said:
         assert "stand" in sentence
         assert any(character.isdigit() for character in sentence)
+
+
+def test_the_physical_model_predicts_ten_samples_a_tenth_as_wrong_as_the_last_value(monkeypatch):
+    monkeypatch.setattr(physical_rows, "SHARES", (1e-2,))
+    monkeypatch.setattr(physical_rows, "MOST_LOOKS", 1)
+    experiment = impulse_experiment(np.random.default_rng(0), seconds=1.4)
+    found = physical_rows.physical_entries(experiment.y, experiment.u, 1e-3)
+    moving = slice(physical_rows.REST, round(0.7 * experiment.y.size))
+    still = np.nanstd((experiment.y - last_value(experiment.y, 10))[moving])
+    assert found["in sample"][10] < 0.1 * still
+    assert found["in sample"][1] < 2.0 * 100 * physical_rows.NOISE
 
 
 def test_the_force_that_the_print_leaves_out_by_hand():
