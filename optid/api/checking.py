@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,6 +28,7 @@ def check(
     recordings: Recordings,
     *,
     rate: float | None = None,
+    detectability: bool = False,
     progress: Progress = silent,
 ) -> CheckResult:
     """Look at recordings before any fit.
@@ -40,6 +41,8 @@ def check(
         a path, a DataFrame, a Recording, or a list of them.
     rate : float | None
         Hz to bring faster recordings down to; what the axis's fastest pole asks for when absent.
+    detectability : bool
+        say, too, from what size each effect of the catalogue would show in these recordings, and be told from others.
     progress : Progress
         called with the share done and a few words.
 
@@ -61,6 +64,10 @@ def check(
     if understood.freed and not grave:
         progress(0.2, "examining what the data can tell")
         told = what_they_tell(understood, [one.recording for one in data])
+    seen = None
+    if detectability and not grave:
+        progress(0.4, "what each effect would change")
+        seen = what_they_could_show(understood, [one.recording for one in data])
     paths = [place_of(one.recording) for one in data]
     found = verdict(
         read,
@@ -68,10 +75,16 @@ def check(
         [parameter.name for parameter in understood.freed],
         shlex.join([str(understood.path), *paths]),
     )
-    return result_of(understood, read, found, told)
+    return result_of(understood, read, found, told, seen)
 
 
-def result_of(rig: Rig, read: Read, found: Verdict, told: Mapping[str, Any] | None) -> CheckResult:
+def result_of(
+    rig: Rig,
+    read: Read,
+    found: Verdict,
+    told: Mapping[str, Any] | None,
+    seen: Sequence[Mapping[str, Any]] | None = None,
+) -> CheckResult:
     """A check as a result.
 
     Parameters
@@ -84,11 +97,13 @@ def result_of(rig: Rig, read: Read, found: Verdict, told: Mapping[str, Any] | No
         the verdict on them.
     told : Mapping[str, Any] | None
         what they tell of the parameters; ``None`` where it was not asked.
+    seen : Sequence[Mapping[str, Any]] | None
+        what they could show of effects; ``None`` where it was not asked.
     """
     data = [recording for recording, _ in read]
     document = {
         **stamp(CheckResult.SCHEMA, "check", rig, data),
-        **check_document(rig, read, found, told),
+        **check_document(rig, read, found, told, seen),
         "about": {
             "rig": rig.name,
             "rig_file": str(rig.path),
@@ -112,6 +127,28 @@ def what_they_tell(rig: Rig, recordings: list[Recording]) -> dict[str, Any]:
         "without_influence": [name for name in ties.idle if name in freed],
         "sentences": list(ties.sentences) or [alone],
     }
+
+
+def what_they_could_show(rig: Rig, recordings: list[Recording]) -> list[dict[str, Any]]:
+    """From what size each effect of the catalogue would show, as check.json holds it; the plainest first."""
+    from optid.effects.library import admitted
+    from optid.experiments.detectability import detectability
+
+    def sizes(values: Mapping[str, float], units: Mapping[str, str]) -> dict[str, Any]:
+        return {name: {"value": value, "unit": units[name]} for name, value in values.items()}
+
+    found = detectability(rig, recordings, admitted(rig.model))
+    return [
+        {
+            "effect": one.effect,
+            "separation": number(one.separation),
+            "apart": number(one.apart),
+            "shows_from": sizes(one.shows_from, one.units),
+            "told_from": sizes(one.told_from, one.units),
+            "alike": list(one.alike),
+        }
+        for one in sorted(found, key=lambda one: -one.separation)
+    ]
 
 
 def _units(data: list[Recording]) -> dict[str, str]:

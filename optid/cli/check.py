@@ -18,9 +18,16 @@ if TYPE_CHECKING:
 @click.argument("rig")
 @click.argument("recordings", metavar="RECORDING...", nargs=-1, required=True)
 @click.option("--out", metavar="DIR", help="Write check.json and report.html there; made if absent.")
+@click.option(
+    "--detectability",
+    is_flag=True,
+    help="Say, too, from what size each effect would show in these recordings, and be told from others.",
+)
 @RATE
 @click.pass_context
-def check(context: click.Context, rig: str, recordings: tuple[str, ...], out: str | None) -> None:
+def check(
+    context: click.Context, rig: str, recordings: tuple[str, ...], out: str | None, detectability: bool
+) -> None:
     """Read a rig file and recordings; remark on the data and on what they can tell of the parameters.
 
     Exit status 0 with or without remarks, 1 when a recording cannot serve a fit or a parameter to fit has no influence
@@ -40,10 +47,19 @@ def check(context: click.Context, rig: str, recordings: tuple[str, ...], out: st
     told = _identifiability(understood, [r for r, _ in read]) if understood.freed and not grave else None
     idle = told["without_influence"] if told else []
     found = verdict(read, idle, [p.name for p in understood.freed], shlex.join([rig, *recordings]))
-    if folder is not None:
+    seen = None
+    if detectability and not grave:
+        from optid.api.checking import what_they_could_show
+
+        with waiting("what each effect would change"):
+            seen = what_they_could_show(understood, [r for r, _ in read])
+    if folder is not None or seen is not None:
         from optid.api.checking import result_of
 
-        result = result_of(understood, read, found, told)
+        result = result_of(understood, read, found, told, seen)
+        for line in result.detectability:
+            click.echo(line)
+    if folder is not None:
         deliver(folder, result.write)
         click.echo(f"written to {out}: {', '.join(result.written)}")
     click.echo(found.sentence)

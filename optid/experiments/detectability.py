@@ -64,7 +64,7 @@ def detectability(
     """
     each = MOST // len(recordings)
     parts = [one if len(one) <= each else one.taken(np.arange(each)) for one in recordings]
-    found = grams(rig, effects, parts)
+    found = grams(rig, effects, parts, robust=False)
     total, layout = found.values.sum(axis=0), found.layout
     if len(effects) == 1:
         alone = separations(total, layout, pairs(1))

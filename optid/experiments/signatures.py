@@ -52,7 +52,9 @@ class Grams:
     values: Array
 
 
-def grams(rig: Rig, rivals: Sequence[Effect], recordings: Sequence[Recording], skip: int = 0) -> Grams:
+def grams(
+    rig: Rig, rivals: Sequence[Effect], recordings: Sequence[Recording], skip: int = 0, robust: bool = True
+) -> Grams:
     """The inner products along recordings of the rig's own model.
 
     Args:
@@ -60,6 +62,8 @@ def grams(rig: Rig, rivals: Sequence[Effect], recordings: Sequence[Recording], s
         rivals: effects that its model can take.
         recordings: of one run each.
         skip: samples at the beginning of each that do not count.
+        robust: weigh samples as a likelihood would where the largest rival is there; it says little where rivals
+            of very different size are asked after.
 
     Raises:
         SolveError: the model cannot be simulated along them.
@@ -79,7 +83,7 @@ def grams(rig: Rig, rivals: Sequence[Effect], recordings: Sequence[Recording], s
         worth.append(tuple(range(count, count + near.shape[1])))
         count += near.shape[1] + far.shape[1]
         forms.append(tuple(range(worth[-1][0], count)))
-    C = _weighted(np.concatenate(columns, axis=1), [k for each in worth for k in each])
+    C = _weighted(np.concatenate(columns, axis=1), [k for each in worth for k in each] if robust else [])
     layout = Layout(view.slopes.shape[1], tuple(worth), tuple(forms))
     parts = (C[view.owner == k] for k in range(len(recordings)))
     return Grams(layout, np.array([part.T @ part for part in parts]))
@@ -91,7 +95,7 @@ def _weighted(C: Array, worth: Sequence[int]) -> Array:
     Whole rows, slopes and all: what one column imitates of another one, it still imitates.
     """
     sound = np.asarray(np.isfinite(C).all(axis=1))
-    far = np.abs(C[:, worth]).max(axis=1, where=np.isfinite(C[:, worth]), initial=0.0)
+    far = np.abs(C[:, worth]).max(axis=1, where=np.isfinite(C[:, worth]), initial=0.0) if worth else 0.0
     weight = np.where(sound, np.sqrt(FAR / np.maximum(far, FAR)), 0.0)
     return np.asarray(np.where(sound[:, None], C, 0.0) * weight[:, None])
 

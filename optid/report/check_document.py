@@ -15,7 +15,11 @@ Read = Sequence[tuple[Recording, Sequence[Remark]]]
 
 
 def check_document(
-    rig: Rig, read: Read, verdict: Verdict, identifiability: Mapping[str, Any] | None
+    rig: Rig,
+    read: Read,
+    verdict: Verdict,
+    identifiability: Mapping[str, Any] | None,
+    detectability: Sequence[Mapping[str, Any]] | None = None,
 ) -> dict[str, Any]:
     """Content of check.json.
 
@@ -24,6 +28,7 @@ def check_document(
         read: recordings with their remarks.
         verdict: on them.
         identifiability: what the data tell of the parameters; None where it was not asked.
+        detectability: what the data could show of effects; None where it was not asked.
     """
     return {
         "schema": SCHEMA,
@@ -34,6 +39,7 @@ def check_document(
         "summary": verdict.sentence,
         "recordings": [_recording(recording, remarks) for recording, remarks in read],
         "identifiability": dict(identifiability) if identifiability is not None else None,
+        "detectability": [dict(one) for one in detectability] if detectability is not None else None,
     }
 
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, ClassVar
 
-from optid.core.quantity import typeset
+from optid.core.quantity import quantity, typeset
 from optid.results.result import Result
 
 if TYPE_CHECKING:
@@ -40,7 +41,7 @@ class CheckResult(Result):
             lines += [f"  {remark['severity']:8}{typeset(remark['message'])}" for remark in one["remarks"]]
             lines += [f"  {'note':8}{note}" for note in one["notes"]]
             lines += [f"  {'lag':8}{lag['words']}" for lag in one.get("lags", ())]
-        return "\n".join([*lines, *self.identifiability, str(self.document["summary"])])
+        return "\n".join([*lines, *self.identifiability, *self.detectability, str(self.document["summary"])])
 
     @property
     def identifiability(self) -> list[str]:
@@ -55,6 +56,15 @@ class CheckResult(Result):
         idle = told["without_influence"]
         missing = [f"  without influence: {', '.join(idle)}; a fit would be refused"] if idle else []
         return [head, f"  {known}", *missing, *(f"  {sentence}" for sentence in told["sentences"])]
+
+    @property
+    def detectability(self) -> list[str]:
+        """From what size each effect would show and be told from others, in lines; none where it was not asked."""
+        told = self.document.get("detectability")
+        if told is None:
+            return []
+        head = "what these recordings could show, at the rig file's values (effect: shows from; told from others from):"
+        return [head, *(f"  {_detectable(one)}" for one in told)]
 
     def to_frame(self) -> pd.DataFrame:
         """One row a remark: recording, severity, channel, kind, message, from and to (s).
@@ -80,3 +90,15 @@ class CheckResult(Result):
             for r in one["remarks"]
         ]
         return pd.DataFrame(rows, columns=list(columns))
+
+
+def _detectable(one: Mapping[str, Any]) -> str:
+    shows, told = (_sizes(one[name]) for name in ("shows_from", "told_from"))
+    if not shows:
+        return f"{one['effect']}: not in any size"
+    alike = f"; alike: {', '.join(one['alike'])}" if one["alike"] else ""
+    return f"{one['effect']}: {shows}; {told or 'not in any size'}{alike}"
+
+
+def _sizes(values: Mapping[str, Any]) -> str:
+    return ", ".join(f"{name} {quantity(one['value'], one['unit'])}" for name, one in values.items())

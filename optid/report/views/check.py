@@ -54,6 +54,7 @@ def page(result: CheckResult) -> str:
         lead=d["summary"].removesuffix(f" Next: {d['next']}").removesuffix("."),
         recordings=[{**entry, "figure": _figure(result, entry)} for entry in d["recordings"]],
         identifiability=d["identifiability"],
+        detectability=result.detectability[1:],
         next_command=d["next"],
     )
 
