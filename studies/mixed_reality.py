@@ -28,11 +28,11 @@ from optid.live.gains import gentle
 from optid.live.lockstep import run_lockstep
 from optid.live.log import Layout, Log
 from optid.live.loop import Choices, Loop
-from optid.live.plan import Plan
+from optid.live.plan import ROOM, Plan
 from optid.live.reference import Reference, tour
 from optid.live.review import Review, case_of
 from optid.live.settings import live_settings, wiring_of
-from optid.live.tuning import ROOM, tuned
+from optid.live.tuning import tuned
 from optid.pid.controller import Gains
 from optid.rigs.rigfile import read_rig
 from studies.live_rig import REAL, LiveRig

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import signal
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,9 +22,12 @@ if TYPE_CHECKING:
 
     from optid.armax.identifier import Settings as Learning
     from optid.armax.structure import Orders
+    from optid.live.excitation import Excitation
     from optid.live.page.door import Door
     from optid.live.plan import Plan
     from optid.live.session import Session
+    from optid.live.settings import Settings
+    from optid.rigs.rigfile import Rig
 
 POLL = 0.05  # s between looks at a running session
 POSITIVE = click.FloatRange(min=0, min_open=True)
@@ -43,6 +46,11 @@ POSITIVE = click.FloatRange(min=0, min_open=True)
 @click.option("--seconds", type=POSITIVE, metavar="S", help="Until it is stopped where absent.")
 @click.option("--rate", type=POSITIVE, metavar="HZ", help="Samples a second; the rig file's where absent.")
 @click.option("--reference", metavar="WHAT", help='"60 mm", "0:0 mm, 2:60 mm", or a recording with one.')
+@click.option(
+    "--command",
+    metavar="WHAT",
+    help='Open loop: "impulse 2 V 40 ms", steps, ramp, multisine, or a recording with a command.',
+)
 @click.option("--gains", metavar="WHAT", help='A pid.json, or "kp=40 ki=60"; gentle ones where absent.')
 @click.option(
     "--order", type=click.IntRange(1, 12), metavar="N", help="na = nb = nc of the ARMAX model; 4 by default."
@@ -62,6 +70,14 @@ POSITIVE = click.FloatRange(min=0, min_open=True)
 @click.option("--dither", default=0.0, type=click.FloatRange(min=0), metavar="V", help="Random signs added.")
 @click.option(
     "--tune", "tune_after", type=POSITIVE, metavar="S", help="Tune after so many seconds, and apply."
+)
+@click.option(
+    "--sensitivity",
+    default=1.2,
+    type=click.FloatRange(min=1, min_open=True),
+    show_default=True,
+    metavar="MS",
+    help="Largest maximum sensitivity of tuned gains; 2 is brisk, 1.2 careful.",
 )
 @click.option("--page", is_flag=True, help="Show and steer it in a browser; on this machine alone.")
 @click.option(
@@ -105,7 +121,13 @@ def live(rig: str, driver: str, out: str, **choices: Any) -> None:
 
     deliver(folder, write)
     _say(document)
-    click.echo(f"written to {out}: {LOG}, live.json, report.html" + (", armax.json" if model else ""))
+    names = [
+        *([LOG] if (folder / LOG).exists() else []),
+        "live.json",
+        "report.html",
+        *(["armax.json"] if model else []),
+    ]
+    click.echo(f"written to {out}: {', '.join(names)}")
     if document["parted"]:
         click.echo(f"rig and model have parted; what is missing finds\n  {document['diagnosis']}")
     else:
@@ -118,8 +140,9 @@ def _plan(rig: Path, driver: str, folder: Path, choices: dict[str, Any]) -> Plan
     from optid.live.gains import gentle, read_gains
     from optid.live.loop import Choices
     from optid.live.plan import Plan
-    from optid.live.reference import read_reference, tour
+    from optid.live.reference import Reference, read_reference, tour
     from optid.live.settings import live_settings, wiring_of
+    from optid.pid.controller import Gains
     from optid.rigs.rigfile import read_rig
 
     for name in ("seconds", "rate", "dither"):
@@ -130,25 +153,49 @@ def _plan(rig: Path, driver: str, folder: Path, choices: dict[str, Any]) -> Plan
     understood = read_rig(rig)
     settings, wiring = live_settings(understood, choices["rate"]), wiring_of(understood)
     limits, wanted = settings.limits, choices["reference"]
-    reference = (
-        read_reference(wanted, understood, limits, wiring.measured[0].recorded_unit)
-        if wanted
-        else tour(limits)
-    )
-    gains, pid = read_gains(choices["gains"], settings) if choices["gains"] else (gentle(limits), None)
+    command = _command(choices, understood, settings)
+    if command is not None:
+        reference, gains, pid = Reference((0.0,), (math.nan,)), Gains(0.0), None
+    else:
+        unit = wiring.measured[0].recorded_unit
+        reference = read_reference(wanted, understood, limits, unit) if wanted else tour(limits)
+        gains, pid = read_gains(choices["gains"], settings) if choices["gains"] else (gentle(limits), None)
     recording = Path(choices["recording"]) if choices["recording"] else None
     return Plan(
         rig,
         driver,
         folder,
         reference,
-        Choices(gains, _orders(choices), _learning(choices), choices["dither"], choices["seed"], pid),
-        choices["seconds"],
+        Choices(
+            gains, _orders(choices), _learning(choices), choices["dither"], choices["seed"], pid, command
+        ),
+        choices["seconds"] or (command.seconds if command else None),
         choices["rate"],
         choices["fast"],
         recording,
         choices["seed"],
+        choices["sensitivity"],
+        choices["tune_after"] if choices["fast"] else None,
     )
+
+
+def _command(choices: dict[str, Any], rig: Rig, settings: Settings) -> Excitation | None:
+    """The experiment in open loop, where one is asked for."""
+    from optid.live.excitation import read_command
+    from optid.live.settings import wiring_of
+
+    if not choices["command"]:
+        return None
+    for name in ("reference", "gains", "tune_after", "dither"):
+        if choices[name]:
+            option = name.removesuffix("_after")
+            raise InputError(
+                f"with --{option}",
+                where="--command",
+                expected="one of them: nothing is controlled in open loop",
+            )
+    channel = wiring_of(rig).command
+    return read_command(choices["command"], rig, settings, channel.role, channel.recorded_unit)
 
 
 def _orders(choices: dict[str, Any]) -> Orders:
@@ -205,11 +252,13 @@ def _stopped_by_signals(session: Session) -> Iterator[None]:
 
 def _run(session: Session, tune_after: float | None, way_in: tuple[Door, socket.socket] | None) -> None:
     """From the first sample to the last, with a page or without."""
-    said, look = 0, _pilot(session, tune_after)
+    from optid.live.pilot import Pilot
+
+    said, pilot = 0, Pilot(session, tune_after)
 
     def after_poll() -> None:
         nonlocal said
-        look()
+        pilot.look()
         for event in session.events.since(said):
             click.echo(f"{event.time:8.1f} s  {event.words}")
             share = None if session.plan.seconds is None else min(event.time / session.plan.seconds, 1.0)
@@ -233,28 +282,6 @@ def _run(session: Session, tune_after: float | None, way_in: tuple[Door, socket.
         time.sleep(POLL)
         session.poll()
         after_poll()
-
-
-def _pilot(session: Session, tune_after: float | None) -> Callable[[], None]:
-    """Tunes once, and applies what the review finds better."""
-    begun, asked, settled = time.monotonic(), False, False
-
-    def look() -> None:
-        nonlocal asked, settled
-        if tune_after is None or settled:
-            return
-        if not asked and time.monotonic() - begun > tune_after:
-            asked = True
-            session.tune()
-        review = session.tuning.review
-        if asked and not session.busy:
-            settled = True
-            if review is not None and review.better:
-                session.apply()
-            elif review is not None:
-                session.events.note("not applied: the review does not find them better")
-
-    return look
 
 
 def _report(session: Session, document: dict[str, Any], following: str) -> str:

@@ -110,6 +110,7 @@ def load_file(path: Path) -> ModuleType:
     key = f"{_PREFIX}{hashlib.sha256(os.fsencode(path.resolve())).hexdigest()[:16]}"
     loader = _Source(path, content)
     module = importlib.util.module_from_spec(importlib.machinery.ModuleSpec(key, loader, origin=str(path)))
+    module.__file__ = str(path.resolve())  # a file finds its neighbours by it
     sys.modules[key] = module  # dataclasses and type hints inside look their module up here
     try:
         loader.exec_module(module)

@@ -83,6 +83,10 @@ class Alongside:
             )
         return float(windowed), float(simulated)
 
+    def follow(self, command: float) -> None:
+        """The command (V) of an experiment in open loop, for the simulated rig too."""
+        self._command = command
+
     def control(self, reference: float, dither: float, simulated: float) -> None:
         """The command of the simulated loop, under the same limits."""
         wish = self.controller.step(reference, simulated) + dither

@@ -24,7 +24,8 @@ class Driver(Protocol):
 
     It lives in the guard's process, which no death of the loop reaches. `read` and `write` may take a part of
     the sampling period; what they raise ends the session with the safe command. `time` is the session's, in
-    seconds from sample 0.
+    seconds from sample 0. A driver that rounds the command may have an attribute `resolution`, the step of it in
+    the unit of its column.
     """
 
     def read(self, time: float) -> Sequence[float]:
@@ -84,6 +85,7 @@ class Order:
     seed: int = 0
 
 
+VIRTUAL = ("simulated", "replay")  # no hardware behind them: they live and die with the guard's process
 Maker = Callable[[Order], Driver]
 
 # Name -> "module:function"; a module, and the package it needs, is imported when its driver is asked for.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 KEPT = 200
@@ -19,19 +19,20 @@ class Event:
 
 
 class Events:
-    """The newest events; `number` counts all that ever were."""
+    """The newest events; `number` counts all that ever were.
 
-    def __init__(self) -> None:
+    Args:
+        clock: the session's time, s; real time where absent.
+    """
+
+    def __init__(self, clock: Callable[[], float] | None = None) -> None:
         self._kept: deque[Event] = deque(maxlen=KEPT)
-        self._zero, self.number = time.monotonic(), 0
-
-    def begin(self) -> None:
-        """The session's time is zero now."""
-        self._zero = time.monotonic()
+        zero, self.number = time.monotonic(), 0
+        self._clock = clock or (lambda: time.monotonic() - zero)
 
     def note(self, words: str) -> None:
         """Add one that happens now."""
-        self._kept.append(Event(time.monotonic() - self._zero, words))
+        self._kept.append(Event(self._clock(), words))
         self.number += 1
 
     def since(self, seen: int) -> list[Event]:

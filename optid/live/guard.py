@@ -14,13 +14,17 @@ from dataclasses import dataclass, field
 from optid.errors import JobError
 from optid.live.clock import Clock
 from optid.live.driver import Driver, EndOfData
+from optid.live.failsafe import Failsafe
+from optid.live.fence import Fence
 from optid.live.log import Layout, Log
 from optid.live.messages import Link, LoopLost, Reply, Sample
 from optid.live.settings import Settings, Wiring
 from optid.live.timing import Durations
 
 ANSWER = 0.8  # share of a period within which the loop must have answered
-TRIES = 3  # to put the safe command
+ROUNDING = 0.01  # of the command's range: a converter may put so much less or more than it was given
+ABSURD = 10.0  # stroke limits' spans from their middle: no sensor that works shows such a position
+NOWHERE = 1e6  # SI, the same where no stroke is known
 
 
 class How(enum.Enum):
@@ -50,6 +54,7 @@ class End:
         missed: deadlines: samples without an answer in time, and samples that were not taken at all.
         held_back: samples in which a limit changed the loop's wish.
         safe: the safe command stands; False where it could not be put.
+        safe_after: s from the end of the samples until it stood; ``None`` where it could not be put.
         timing: summaries of "lateness" (of samples, from their due time), "response" (from a sample to its
             command) and "numbers" (of the loop).
     """
@@ -61,6 +66,11 @@ class End:
     held_back: int
     safe: bool
     timing: dict[str, dict[str, float | int] | None]
+    safe_after: float | None = None
+
+
+class Absurd(JobError):
+    """A reading that no working sensor gives."""
 
 
 @dataclass
@@ -84,14 +94,30 @@ class Guard:
         clock: the pace.
         wiring, settings: of the session.
         log: gets every sample.
+        failsafe: how long the safe command is tried, and through what.
+
+    Attributes:
+        driver: in use; another one after the safe command took a fresh connection, ``None`` where none could be had.
     """
 
     def __init__(
-        self, driver: Driver, link: Link, clock: Clock, wiring: Wiring, settings: Settings, log: Log
+        self,
+        driver: Driver,
+        link: Link,
+        clock: Clock,
+        wiring: Wiring,
+        settings: Settings,
+        log: Log,
+        failsafe: Failsafe | None = None,
     ) -> None:
+        self.driver: Driver | None = driver
         self._driver, self._link, self._clock, self._log = driver, link, clock, log
         self._wiring, self._settings, self._limits = wiring, settings, settings.limits
-        self._standing = settings.limits.safe
+        self._failsafe, self._fence = failsafe or Failsafe(), Fence(settings)
+        self._standing = self._accepted = settings.limits.safe
+        command, width = wiring.command, self._limits.high - self._limits.low
+        resolution = abs(getattr(driver, "resolution", 0.0) * command.factor * command.per_unit)
+        self._rounding = max(ROUNDING * width, resolution)
         self._layout = Layout(wiring)
         self._silent = 0.0  # s without a command or a measurement
         self.tally = Tally()
@@ -116,11 +142,12 @@ class Guard:
             how, why = How.STOPPED, str(stop)
         except LoopLost as lost:
             how, why = How.FAILED, f"the loop has gone ({lost})"
-        except Silence as silence:
-            how, why = How.FAILED, str(silence)
-        except Exception as error:  # whatever a driver raises
+        except (Silence, Absurd) as wrong:
+            how, why = How.FAILED, str(wrong)
+        except (Exception, SystemExit) as error:  # whatever a driver raises
             how, why = How.FAILED, f"{type(error).__name__}: {error}"
-        safe = self.make_safe()
+        after = self.make_safe()
+        safe = after is not None
         t = self.tally
         timing = {
             "lateness": t.lateness.summary(),
@@ -135,32 +162,29 @@ class Guard:
             t.held_back,
             safe,
             timing,
+            after,
         )
 
-    def make_safe(self) -> bool:
-        """Put the safe command; True once the driver took it."""
-        for _ in range(TRIES):
-            try:
-                self._put(self._limits.safe)
-                return True
-            except Exception:
-                continue
-        return False
+    def make_safe(self) -> float | None:
+        """Put the safe command; s until a driver took it, ``None`` where none did."""
+        safe = self._wiring.put(self._limits.safe)
+        done = self._failsafe.put(self.driver, lambda driver: driver.write(safe, self._clock.now()))
+        self.driver = done.driver
+        return done.seconds
 
     def _sample(self, number: int) -> int:
         """Take one sample; the number of the next one that is still to come."""
         clock, limits, tally = self._clock, self._limits, self.tally
         begun = clock.wait(number)
-        values = self._driver.read(begun)
-        position = self._wiring.measured[0]
-        measured = position.factor * values[0] + position.shift
-        self._link.send(Sample(number, begun, self._standing, values))
+        values, measured = self._read(begun)
+        self._link.send(Sample(number, begun, self._standing, self._accepted, values))
         reply = self._link.receive(number, clock.left(number, ANSWER))
         if reply is None:
             tally.missed += 1
             command = limits.safe
         else:
-            command = limits.allowed(reply.command, self._standing, measured, self._settings.span)
+            wish = self._fence.held(begun, measured, reply.command)
+            command = limits.allowed(wish, self._accepted, measured, self._settings.span)
             tally.held_back += abs(command - reply.command) > 1e-9 * (limits.high - limits.low)
             tally.numbers.add(reply.seconds)
         self._put(command)
@@ -181,9 +205,30 @@ class Guard:
             tally.missed += 1
         return following
 
+    def _read(self, time: float) -> tuple[Sequence[float], float]:
+        """The driver's values as columns hold them, and the position, SI."""
+        values, channels = self._driver.read(time), self._wiring.measured
+        if len(values) != len(channels):
+            raise JobError(
+                f"the driver read {len(values)} values; expected {', '.join(c.role for c in channels)}"
+            )
+        for value, channel in zip(values, channels, strict=True):
+            if math.isinf(value):
+                raise Absurd(f"{channel.role} reads {value:g}")
+        position, (low, high) = channels[0], self._limits.stroke
+        measured = position.factor * values[0] + position.shift
+        known = math.isfinite(high - low)
+        middle, most = ((low + high) / 2, ABSURD * (high - low)) if known else (0.0, NOWHERE)
+        if abs(measured - middle) > most:
+            raise Absurd(
+                f"{position.role} reads {measured:g} {position.recorded_unit}, far beyond the stroke"
+            )
+        return values, measured
+
     def _put(self, command: float) -> None:
         wiring = self._wiring
-        self._standing = wiring.taken(self._driver.write(wiring.put(command), self._clock.now()))
+        taken = wiring.taken(self._driver.write(wiring.put(command), self._clock.now()))
+        self._standing, self._accepted = taken, taken if abs(taken - command) > self._rounding else command
 
     def _watch(self, answered: bool, measured: bool) -> None:
         self._silent = 0.0 if answered and measured else self._silent + self._settings.span

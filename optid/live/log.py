@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import os
+import re
 import threading
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,6 +16,7 @@ from optid.live.settings import Wiring
 PREDICTIONS = ("predicted", "simulated", "windowed")  # of the position, see `Reply`
 NOTHING = Reply(0, *(math.nan,) * 6)
 LOG = "recording.csv"
+_PLAIN = re.compile(r"[\w .()/°%+*^-]*")
 SYNC = 1.0  # s between the moments at which the disk itself is asked to have everything
 
 
@@ -21,7 +24,8 @@ class Log:
     """A CSV table that grows by whole rows, one system call each.
 
     A row is with the operating system before the next sample is taken, so the death of any process loses
-    none. Once a second a thread of its own makes the disk hold them too, against the loss of power.
+    none, and a full disk ends the table with its last whole row. Once a second a thread of its own makes the
+    disk hold them too, against the loss of power.
 
     Args:
         path: file to write; must not exist.
@@ -34,7 +38,8 @@ class Log:
     def __init__(self, path: Path, columns: Sequence[str]) -> None:
         flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND | getattr(os, "O_BINARY", 0)
         self._file = os.open(path, flags, 0o644)
-        os.write(self._file, (",".join(columns) + "\n").encode())
+        self._whole = 0
+        self._append(",".join(_quoted(name) for name in columns) + "\n")
         # A year to the microsecond, then nine digits: beyond any converter's.
         self._form = "%.14g" + ",%.9g" * (len(columns) - 1) + "\n"
         self._done = threading.Event()
@@ -47,18 +52,51 @@ class Log:
         if "n" in text:  # nan, inf
             cells = text.rstrip("\n").split(",")
             text = ",".join("" if "n" in cell else cell for cell in cells) + "\n"
-        os.write(self._file, text.encode())
+        self._append(text)
+
+    def _append(self, text: str) -> None:
+        """A line, wholly or not at all.
+
+        Raises:
+            OSError: the disk is full, or fails; what stood of the line is taken back.
+        """
+        data = text.encode()
+        left = data
+        try:
+            while left:
+                left = left[os.write(self._file, left) :]
+        except OSError:
+            os.ftruncate(self._file, self._whole)
+            raise
+        self._whole += len(data)
 
     def _sync(self) -> None:
         while not self._done.wait(SYNC):
-            os.fsync(self._file)
+            with contextlib.suppress(OSError):  # the next row says so
+                os.fsync(self._file)
 
     def close(self) -> None:
         """Everything is on the disk when this returns."""
         self._done.set()
         self._thread.join()
-        os.fsync(self._file)
+        with contextlib.suppress(OSError):
+            os.fsync(self._file)
         os.close(self._file)
+
+
+def sweep(folder: Path) -> None:
+    """Remove a session's log that holds no row: it would only stop the next session."""
+    path = folder / LOG
+    with contextlib.suppress(OSError):
+        with path.open("rb") as file:
+            empty = not file.readline() or not file.read(1)
+        if empty:
+            path.unlink()
+
+
+def _quoted(name: str) -> str:
+    """A column's name that no reader takes for two."""
+    return name if _PLAIN.fullmatch(name) else '"' + name.replace('"', '""') + '"'
 
 
 class Layout:

@@ -14,18 +14,18 @@ from optid.armax.structure import Orders
 from optid.errors import InputError
 from optid.live.ahead import one_ahead
 from optid.live.alongside import Alongside
+from optid.live.excitation import Excitation
 from optid.live.gains import controller_settings
 from optid.live.messages import Reply, Sample
 from optid.live.reference import Reference
 from optid.live.settings import Settings, Wiring
 from optid.live.swings import Swings
+from optid.live.trial import SMALLEST, Trial, Verdict
 from optid.pid.controller import Controller, Gains
 from optid.pid.controller import Settings as PidSettings
 from optid.rigs.rigfile import Rig
 
-ROUNDING = (
-    0.01  # of the command's range: what stands may differ so much from what was asked for, by a converter
-)
+SAME = 1e-9  # of the command's range: less is no other command than the one that was asked for
 ORDERS = Orders(4, (4,), 4, (1,))  # of eq. 12, where nobody says otherwise
 DITHER_HOLD = 0.01  # s for which the dither keeps its sign at least
 
@@ -41,6 +41,7 @@ class Choices:
         dither: amplitude, V, of the random signs added to the command so that the loop's data can be identified.
         seed: of these.
         pid: all of the controller but its gains, where a pid.json said more than gains.
+        command: of an experiment in open loop, in the controller's place.
     """
 
     gains: Gains
@@ -49,6 +50,7 @@ class Choices:
     dither: float = 0.0
     seed: int = 0
     pid: PidSettings | None = None
+    command: Excitation | None = None
 
     def __post_init__(self) -> None:
         if self.orders.inputs != 1 or self.orders.nk[0] < 1:
@@ -70,7 +72,9 @@ class Loop:
 
     Attributes:
         measured, innovation: of the last sample, m: what the page shows beside a reply.
-        taken_back: the gains that are in use again since the newer ones made the loop oscillate.
+        taken_back: the gains that are in use again since the newer ones made the loop oscillate or were worse.
+        trial: of new gains against the ones before.
+        verdict: of the last trial, until somebody sets it to ``None``; ``None`` for an oscillation.
     """
 
     def __init__(
@@ -85,13 +89,16 @@ class Loop:
         scales = (scale, (limits.high - limits.low) / 4)
         about = (choices.orders, settings.span, choices.learning, scales)
         self.identifier = Identifier(*about)
+        self._open = choices.command
         self._dither, self._rng = choices.dither, np.random.default_rng(choices.seed)
         self._sign, self._hold = 0.0, max(1, round(DITHER_HOLD * settings.rate))
         self._time = self._position = self._asked = math.nan  # of the last sample; asked: its command
-        self._small = ROUNDING * (limits.high - limits.low)
+        self._small = SAME * (limits.high - limits.low)
         self.measured = self.innovation = math.nan
         self._swings, self._before = Swings(settings.span, limits.high - limits.low), choices.gains
         self.taken_back: Gains | None = None
+        self.trial = Trial(settings.span, SMALLEST * 4 * scale)
+        self.verdict: Verdict | None = None
         # Compile or load now what a first sample calls: on a new machine each of these takes longer than a watchdog.
         one_ahead(self.identifier.state)
         Identifier(*about).step(0.0, 0.0)
@@ -116,12 +123,13 @@ class Loop:
         if self._dither and sample.number % self._hold == 0:
             self._sign = 1.0 if self._rng.random() < 0.5 else -1.0
         dither = self._dither * self._sign
-        command = self._control(sample.standing, r, y, dither)
-        self.alongside.control(r, dither, simulated)
-        if self._swings.add(command) and self.controller.gains != self._before:
-            self.taken_back = self._before
-            self.change(self.taken_back)
-            self._before = self.taken_back
+        if self._open is None:
+            command = self._control(sample.accepted, r, y, dither)
+            self.alongside.control(r, dither, simulated)
+        else:
+            command = self._open.at(sample.time)
+            self.alongside.follow(command)
+        self._supervise(sample.time, r, y, command)
         self.measured, self.innovation = y, y - predicted
         self._time, self._position = sample.time, y
         self._asked = command if y - y == 0.0 else math.nan  # after a missing measurement it begins anew
@@ -130,20 +138,40 @@ class Loop:
     def change(self, gains: Gains) -> None:
         """Take new gains without a jump of the command, in the rig's loop and in the simulated one.
 
-        Should the loop oscillate with them, it takes the old ones back by itself.
+        Should the loop oscillate with them, or answer worse than before (`optid.live.trial`), it takes the old ones
+        back by itself. Gains that replace others on trial are held against those before.
         """
-        self._before = self.controller.gains
+        if not self.trial.running:
+            self._before = self.controller.gains
+        self._switch(gains)
+        if gains == self._before:
+            self.trial.withdraw()
+        else:
+            self.verdict = self.trial.begin()
+
+    def _switch(self, gains: Gains) -> None:
         self._swings.forget()
         self.controller.change(gains)
         self.alongside.controller.change(gains)
 
-    def _control(self, standing: float, r: float, y: float, dither: float) -> float:
+    def _supervise(self, time: float, r: float, y: float, command: float) -> None:
+        """Take the old gains back where the newer ones oscillate or have lost their trial."""
+        verdict = self.trial.add(time, r, y)
+        self.verdict = verdict or self.verdict
+        oscillates = self._swings.add(command) and self.controller.gains != self._before
+        if oscillates or (verdict is not None and not verdict.kept):
+            self.verdict = None if oscillates else verdict
+            self.trial.withdraw()
+            self.taken_back = self._before
+            self._switch(self._before)
+
+    def _control(self, accepted: float, r: float, y: float, dither: float) -> float:
         limits, known = self.settings.limits, y - y == 0.0
-        if known and not abs(standing - self._asked) <= self._small:
+        if known and not abs(accepted - self._asked) <= self._small:
             # The first sample, or the guard put something else: go on from what stands.
-            self.controller.reset(r, y, standing)
+            self.controller.reset(r, y, accepted)
         wish = self.controller.step(r, y) + dither
-        command = limits.allowed(wish, standing, y, self.settings.span)
+        command = limits.allowed(wish, accepted, y, self.settings.span)
         if known and command == limits.safe != wish:  # at the stroke's limits: no wind-up against them
             self.controller.reset(r, y, command)
         return command

@@ -6,18 +6,20 @@ import struct
 from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
-_HEAD, _REPLY = struct.Struct("<qdd"), struct.Struct("<q6d")
+_HEAD, _REPLY = struct.Struct("<q3d"), struct.Struct("<q6d")
 
 
 class Sample(NamedTuple):
     """From the guard: sample number, its time (s), the command that stood since the last one (V), what was measured.
 
-    `values` are in the units of the rig file's columns; the command is SI.
+    `values` are in the units of the rig file's columns; the commands are SI. `accepted` is what the driver was given,
+    unless it put something else by more than a converter's rounding: what a controller goes on from.
     """
 
     number: int
     time: float
     standing: float
+    accepted: float
     values: Sequence[float]
 
 
@@ -68,14 +70,14 @@ class Link(Protocol):
 def pack_sample(sample: Sample) -> bytes:
     """As bytes."""
     values = sample.values
-    return _HEAD.pack(*sample[:3]) + struct.pack(f"<{len(values)}d", *values)
+    return _HEAD.pack(*sample[:4]) + struct.pack(f"<{len(values)}d", *values)
 
 
 def unpack_sample(data: bytes) -> Sample:
     """From bytes."""
-    number, time, standing = _HEAD.unpack_from(data)
+    number, time, standing, accepted = _HEAD.unpack_from(data)
     values = struct.unpack_from(f"<{(len(data) - _HEAD.size) // 8}d", data, _HEAD.size)
-    return Sample(number, time, standing, values)
+    return Sample(number, time, standing, accepted, values)
 
 
 def pack_reply(reply: Reply) -> bytes:

@@ -13,15 +13,17 @@ from types import FrameType
 from typing import Any
 
 from optid.live.clock import FastClock, RealClock
-from optid.live.driver import open_driver
+from optid.live.driver import VIRTUAL, Driver, open_driver
+from optid.live.failsafe import Failsafe
 from optid.live.guard import End, Guard, Stop
 from optid.live.log import LOG, Layout, Log
 from optid.live.loop import Loop
 from optid.live.messages import pack_reply, unpack_sample
 from optid.live.pipes import PipeLink, ready, refuse, tell, told
-from optid.live.plan import SLOW, Plan, ring_sizes
+from optid.live.plan import SLOW, Plan, ring_sizes, session_settings
 from optid.live.ring import Ring
-from optid.live.settings import live_settings, wiring_of
+from optid.live.settings import wiring_of
+from optid.live.trial import Verdict
 from optid.pid.controller import Gains
 from optid.rigs.rigfile import read_rig
 
@@ -33,45 +35,66 @@ def guard_process(plan: Plan, link: Connection, session: Connection) -> None:
     """Open the driver, wait for the word to go, run the samples, say how it ended."""
     stops = _deaf_but_for_terminate()
     try:
-        rig = read_rig(plan.rig)
-        wiring, settings = wiring_of(rig), live_settings(rig, plan.rate)
-        order = {"wiring": wiring, "settings": settings, "recording": plan.recording, "seed": plan.seed}
-        driver = open_driver(plan.driver, rig, order)
+        guard, log, rate = _prepared(plan, link, session)
     except Exception as error:
         refuse(session, error)
         return
-    try:
-        log = Log(plan.out / LOG, Layout(wiring).columns)
-    except OSError as error:
-        driver.close()
-        refuse(session, error)
-        return
-    clock = FastClock(settings.span) if plan.fast else RealClock(settings.span)
-    guard = Guard(driver, PipeLink(link), clock, wiring, settings, log)
+    _steady(plan)
     tell(session, say="ready")
+    hold = None if plan.hold is None else round(plan.hold * rate)
 
     def asked() -> None:
+        nonlocal hold
         if stops:
             raise Stop("SIGTERM")
+        if hold is not None and guard.tally.samples >= hold:
+            hold = None
+            tell(session, say="holding")
+            _orders(session)  # blocks until the word to go on
         if ready([session], 0.0):
             _orders(session)
 
     end: End | None = None
     try:
         _orders(session)  # blocks until the word to go
-        _steady(plan)
-        samples = None if plan.seconds is None else max(1, round(plan.seconds * settings.rate))
+        samples = None if plan.seconds is None else max(1, round(plan.seconds * rate))
         end = guard.run(samples, asked)
     except Stop as stop:  # before it began
-        refuse(session, stop, guard.make_safe())
+        refuse(session, stop, guard.make_safe() is not None)
     finally:
         with contextlib.suppress(Exception):
-            driver.close()
+            if guard.driver is not None:
+                guard.driver.close()
         log.close()
         if end is not None:
             document = {**dataclasses.asdict(end), "how": end.how.name.lower()}
             _whole(plan, document)
             tell(session, say="end", **document)
+
+
+def _prepared(plan: Plan, link: Connection, session: Connection) -> tuple[Guard, Log, float]:
+    """The guard with its driver open, its log, and the rate, Hz."""
+    rig = read_rig(plan.rig)
+    wiring, settings = wiring_of(rig), session_settings(plan, rig)
+    order = {"wiring": wiring, "settings": settings, "recording": plan.recording, "seed": plan.seed}
+
+    def opened() -> Driver:
+        return open_driver(plan.driver, rig, order)
+
+    def unsafe() -> None:
+        tell(session, say="unsafe")
+
+    driver = opened()
+    try:
+        log = Log(plan.out / LOG, Layout(wiring).columns)
+    except OSError:
+        driver.close()
+        raise
+    clock = FastClock(settings.span) if plan.fast else RealClock(settings.span)
+    virtual = plan.driver in VIRTUAL
+    failsafe = Failsafe(0.0 if virtual else settings.safe_time, None if virtual else opened, unsafe)
+    guard = Guard(driver, PipeLink(link), clock, wiring, settings, log, failsafe)
+    return guard, log, settings.rate
 
 
 def _orders(session: Connection) -> None:
@@ -121,7 +144,7 @@ def loop_process(plan: Plan, link: Connection, session: Connection, rings: tuple
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
         rig = read_rig(plan.rig)
-        settings, wiring = live_settings(rig, plan.rate), wiring_of(rig)
+        settings, wiring = session_settings(plan, rig), wiring_of(rig)
         loop = Loop(rig, settings, wiring, plan.reference, plan.choices)
         signals, slow = (
             Ring(*size, name) for size, name in zip(ring_sizes(plan, settings.rate), rings, strict=True)
@@ -129,12 +152,17 @@ def loop_process(plan: Plan, link: Connection, session: Connection, rings: tuple
     except Exception as error:
         refuse(session, error)
         return
-    tell(session, say="ready")
     _steady(plan)
+    tell(session, say="ready")
     every, due = max(1, round(settings.rate / SLOW)), 0
     try:
         with contextlib.suppress(EOFError, OSError):
+            heard = [link, session]
             while True:
+                if session in ready(heard, None):
+                    if not _heed(loop, session):
+                        heard = [link]  # the guard ends the samples
+                    continue
                 sample = unpack_sample(link.recv_bytes())
                 reply = loop.step(sample)
                 link.send_bytes(pack_reply(reply))
@@ -144,13 +172,12 @@ def loop_process(plan: Plan, link: Connection, session: Connection, rings: tuple
                 if sample.number >= due:  # not "every so many": that very sample may have been missed
                     due = sample.number + every
                     _slow(loop, slow, sample.time)
-                    if loop.taken_back is not None:
-                        tell(session, say="taken back", gains=vars(loop.taken_back))
-                        loop.taken_back = None
-                    while session.poll():
-                        _heed(loop, told(session), session)
+                    _supervision(loop, session)
     except Exception as error:
         tell(session, say="failed", why=f"{type(error).__name__}: {error}")
+    _supervision(loop, session)
+    if loop.trial.running:
+        _tell_verdict(session, "undecided", loop.trial.standing)
     link.close()  # the guard puts the safe command, if it has not done so
     tell(session, say="model", state=loop.identifier.state.tolist(), final=True)
     signals.close()
@@ -163,9 +190,31 @@ def _slow(loop: Loop, ring: Ring, time: float) -> None:
     ring.add((time, verdict.fit_percent, float(verdict.parted), noise, *identifier.theta.tolist()))
 
 
-def _heed(loop: Loop, message: dict[str, Any], session: Connection) -> None:
+def _supervision(loop: Loop, session: Connection) -> None:
+    """Tell once what became of new gains."""
+    verdict, loop.verdict = loop.verdict, None
+    if verdict is not None:
+        _tell_verdict(session, "kept" if verdict.kept else "worse", verdict)
+    if loop.taken_back is not None:
+        why = "the loop oscillated" if verdict is None else "they were worse"
+        tell(session, say="taken back", why=why, gains=vars(loop.taken_back))
+        loop.taken_back = None
+
+
+def _tell_verdict(session: Connection, say: str, verdict: Verdict) -> None:
+    ratio = verdict.ratio if verdict.episodes else None
+    tell(session, say=say, words=verdict.words, ratio=ratio, episodes=verdict.episodes)
+
+
+def _heed(loop: Loop, session: Connection) -> bool:
+    """One order; False once nobody is left to give any."""
+    try:
+        message = told(session)
+    except (EOFError, OSError):
+        return False
     if message["do"] == "gains":
         loop.change(Gains(**message["gains"]))
         tell(session, say="applied", gains=message["gains"])
     elif message["do"] == "model":
         tell(session, say="model", state=loop.identifier.state.tolist(), final=False)
+    return True

@@ -2,25 +2,35 @@
 
 from __future__ import annotations
 
-from optid.live.driver import open_driver
-from optid.live.plan import Plan
-from optid.live.settings import live_settings, wiring_of
+import contextlib
+
+from optid.live.driver import VIRTUAL, open_driver
+from optid.live.failsafe import Failsafe
+from optid.live.plan import Plan, session_settings
+from optid.live.settings import wiring_of
 from optid.rigs.rigfile import read_rig
 
-NO_RIG = ("simulated", "replay")  # these live in the guard's process and died with it
 
+def rescue(plan: Plan) -> tuple[float | None, str]:
+    """Open the driver anew and put the safe command, again and again for the safe time.
 
-def rescue(plan: Plan) -> tuple[bool, str]:
-    """Open the driver anew and put the safe command; whether it stands, and the words for it."""
-    if plan.driver in NO_RIG:
-        return True, "the simulated rig died with it"
+    Returns:
+        s until it stood, ``None`` where it could not be put; and the words for it.
+    """
+    if plan.driver in VIRTUAL:  # it lives in the guard's process
+        return 0.0, "the simulated rig died with it"
     try:
         rig = read_rig(plan.rig)
-        wiring, settings = wiring_of(rig), live_settings(rig, plan.rate)
-        order = {"wiring": wiring, "settings": settings, "recording": None, "seed": plan.seed}
-        driver = open_driver(plan.driver, rig, order)
-        driver.write(wiring.put(settings.limits.safe), 0.0)
-        driver.close()
+        wiring, settings = wiring_of(rig), session_settings(plan, rig)
     except Exception as error:
-        return False, f"the safe command could not be put ({type(error).__name__}: {error})"
-    return True, "the safe command was put through a new door"
+        return None, f"the safe command could not be put ({type(error).__name__}: {error})"
+    order = {"wiring": wiring, "settings": settings, "recording": None, "seed": plan.seed}
+    failsafe = Failsafe(settings.safe_time, lambda: open_driver(plan.driver, rig, order))
+    safe = wiring.put(settings.limits.safe)
+    done = failsafe.put(None, lambda driver: driver.write(safe, 0.0))
+    if done.driver is not None:
+        with contextlib.suppress(Exception):
+            done.driver.close()
+    if done.seconds is None:
+        return None, f"the safe command could not be put ({done.error})"
+    return done.seconds, f"the safe command was put through a new door after {done.seconds:.2g} s"

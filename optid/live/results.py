@@ -13,6 +13,7 @@ from optid.armax.audit import audit
 from optid.armax.files import ArmaxFile, SavedModel
 from optid.core.model import Array
 from optid.live.log import LOG, PREDICTIONS, Layout
+from optid.live.review import Review
 from optid.live.settings import Settings, Wiring
 from optid.live.slices import last_rows
 
@@ -35,6 +36,7 @@ def live_document(session: Session) -> dict[str, Any]:
         "outcome": end.get("how", "failed"),
         "why": end.get("why", ""),
         "safe": end.get("safe", False),
+        "safe_after": end.get("safe_after"),
         "driver": session.plan.driver,
         "rate": settings.rate,
         "samples": end.get("samples", 0),
@@ -42,11 +44,37 @@ def live_document(session: Session) -> dict[str, Any]:
         "held_back": end.get("held_back", 0),
         "timing": end.get("timing", {}),
         "gains": asdict(session.gains),
+        "trials": session.trials,
+        "review": None if session.tuning.review is None else _reviewed(session.tuning.review),
         "fit_percent": fit,
         "parted": session.parted,
         "diagnosis": session.diagnosis,
         "events": [{"time": round(event.time, 3), "words": event.words} for event in session.events],
     }
+
+
+def _reviewed(review: Review) -> dict[str, Any]:
+    """What was expected of the last tuning."""
+    responses = review.responses.items()
+    return {
+        "old": asdict(review.old),
+        "new": asdict(review.new),
+        "worse": list(review.worse),
+        "maximum_sensitivity": {
+            "asked": review.sensitivity,
+            **{
+                name: finite(one.maximum_sensitivity)
+                for name, one in zip(("old", "new"), review.margins, strict=True)
+            },
+        },
+        "itae": {model: [finite(one.measures["itae"]) for one in pair] for model, pair in responses},
+        "hunting": {model: [finite(one.hunting) for one in pair] for model, pair in responses},
+    }
+
+
+def finite(value: float) -> float | None:
+    """As JSON can hold it."""
+    return value if math.isfinite(value) else None
 
 
 def identified(session: Session) -> ArmaxFile | None:

@@ -14,13 +14,15 @@ from optid.pid.controller import Gains
 from optid.pid.controller import Settings as PidSettings
 from optid.tuning.bench import PhysicalBench
 from optid.tuning.demand import Episode, step
-from optid.tuning.margins import Required
+from optid.tuning.margins import Margins, Required, margins
 from optid.tuning.plant import plant_of
 from optid.tuning.score import Response, response
 from optid.tuning.task import Task
 
 STEP_SHARE = 0.25  # of the stroke limits' span: the step that is tuned for and reviewed
 SECONDS = 1.5  # of the response
+HUNTS = 0.005  # of the step: less movement at rest is no hunting
+SLACK = 1.001  # on a maximum sensitivity that stands at its limit
 ARRIVED = 0.05  # of the step: an error at its end that counts as having arrived
 
 
@@ -55,24 +57,67 @@ class Case:
 
 @dataclass(frozen=True, eq=False)
 class Review:
-    """Gains beside each other: responses by model ("identified", "physical") to the old and to the new ones."""
+    """Gains beside each other.
+
+    Attributes:
+        old, new: gains.
+        step: m.
+        sample_time: s.
+        responses: by model ("identified", "physical"), to the old and to the new gains.
+        margins: of the identified model with the old and with the new gains.
+        sensitivity: largest maximum sensitivity that was asked for.
+    """
 
     old: Gains
     new: Gains
     step: float
     sample_time: float
     responses: dict[str, tuple[Response, Response]]
+    margins: tuple[Margins, Margins]
+    sensitivity: float
+
+    @property
+    def worse(self) -> tuple[str, ...]:
+        """What speaks against the new gains, in words; empty where they are better.
+
+        Either model expects no less ITAE, the physical one does not arrive or hunts more, or the identified one's
+        margins are less than asked for and less than before.
+        """
+        found = []
+        for model, (old, new) in self.responses.items():
+            if not new.measures["itae"] < old.measures["itae"]:
+                before, after = old.measures["itae"], new.measures["itae"]
+                found.append(f"the {model} model expects more ITAE ({before:.3g} -> {after:.3g} m s2)")
+        old, new = self.responses["physical"]
+        if not abs(new.output[-1] - self.step) < ARRIVED * abs(self.step):
+            found.append("the physical model does not arrive")
+        if new.hunting > max(old.hunting, HUNTS * abs(self.step)):
+            found.append(f"the physical model hunts ({new.hunting:.3g} m peak to peak at rest)")
+        before, after = (one.maximum_sensitivity for one in self.margins)
+        if not after <= max(before, self.sensitivity * SLACK):
+            found.append(f"less margin (Ms {before:.3g} -> {after:.3g}, asked for {self.sensitivity:.3g})")
+        return tuple(found)
 
     @property
     def better(self) -> bool:
-        """The identified model expects less ITAE, and the physical one also arrives with the new gains.
+        """Nothing speaks against the new gains."""
+        return not self.worse
 
-        The identified model has learnt from the rig; the physical one may lack what makes the rig hard, so it
-        has a veto, but no vote.
-        """
-        old, new = self.responses["identified"]
-        last = abs(self.responses["physical"][1].output[-1] - self.step)
-        return bool(new.measures["itae"] < old.measures["itae"] and last < ARRIVED * abs(self.step))
+    @property
+    def words(self) -> str:
+        """Both models' expectation, margins and hunting, old to new."""
+        parts = [
+            f"the {name} model expects ITAE {old.measures['itae']:.3g} -> {new.measures['itae']:.3g} m s2"
+            for name, (old, new) in self.responses.items()
+        ]
+        before, after = self.margins
+        old, new = self.responses["physical"]
+        parts.append(
+            f"Ms {before.maximum_sensitivity:.3g} -> {after.maximum_sensitivity:.3g} "
+            f"(at most {self.sensitivity:.3g} asked for)"
+        )
+        parts.append(f"hunting {old.hunting:.2g} -> {new.hunting:.2g} m")
+        return "; ".join(parts)
 
 
 def case_of(model: Armax, session: tuple[Settings, Wiring], choices: Choices, gains: Gains) -> Case:
@@ -91,7 +136,7 @@ def case_of(model: Armax, session: tuple[Settings, Wiring], choices: Choices, ga
     return Case(replace(model, covariance=None), gains, pid, size, wiring.measured[0].role)
 
 
-def review(case: Case, new: Gains, bench: PhysicalBench) -> Review:
+def review(case: Case, new: Gains, bench: PhysicalBench, sensitivity: float) -> Review:
     """Simulate a step with old and new gains on the identified model and on the physical one of the bench."""
     episode, course, pid = case.episode, case.task().course, case.pid
 
@@ -102,4 +147,6 @@ def review(case: Case, new: Gains, bench: PhysicalBench) -> Review:
         "identified": (identified(case.gains), identified(new)),
         "physical": (bench(case.gains, pid)[0], bench(new, pid)[0]),
     }
-    return Review(case.gains, new, case.step, pid.sample_time, responses)
+    plant = plant_of(case.model)
+    both = (margins(plant, case.gains.vector), margins(plant, new.vector))
+    return Review(case.gains, new, case.step, pid.sample_time, responses, both, sensitivity)

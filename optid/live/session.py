@@ -14,19 +14,20 @@ from optid.armax.model import Armax
 from optid.core.model import Array
 from optid.errors import InputError, JobError
 from optid.live.events import Events
+from optid.live.log import LOG, sweep
 from optid.live.pipes import ready, tell, told
-from optid.live.plan import Plan, ring_sizes
+from optid.live.plan import Plan, ring_sizes, session_settings
 from optid.live.processes import guard_process, loop_process
 from optid.live.rescue import rescue
 from optid.live.review import case_of
 from optid.live.ring import Ring
-from optid.live.settings import live_settings, wiring_of
+from optid.live.settings import wiring_of
 from optid.live.slices import offer_diagnosis
 from optid.live.tuning import Tuning
 from optid.pid.controller import Gains
 from optid.rigs.rigfile import read_rig
 
-START = 120.0  # s for both processes to be ready: the first run on a machine compiles
+START = 300.0  # s for both processes to be ready: the first run on a machine compiles, and that may be busy
 GRACE = 5.0  # s for the processes to end by themselves
 HUNG = 2.0  # s without a sample, and ten watchdogs, after which the guard is taken to hang in its driver
 
@@ -42,7 +43,9 @@ class Session:
         gains: the controller has now.
         model: identified so far, as of the last tuning; the last one of all after the end.
         tuning: in the background, and its review.
+        trials: verdicts on applied gains: "kept", "worse" (taken back) or "undecided", ratio of real ITAE, episodes.
         parted, diagnosis: whether rig and model disagree, and the command that finds out why.
+        holding: a fast session waits for `resume`.
         end: how it ended (fields of `optid.live.guard.End`); ``None`` while it runs.
         signals, slow: rings that the loop fills, see `optid.live.plan`.
 
@@ -53,9 +56,11 @@ class Session:
     def __init__(self, plan: Plan) -> None:
         self.plan = plan
         rig = read_rig(plan.rig)
-        self.settings, self.wiring = live_settings(rig, plan.rate), wiring_of(rig)
-        self.events, self.gains, self.parted = Events(), plan.choices.gains, False
-        self.diagnosis = ""
+        self.settings, self.wiring = session_settings(plan, rig), wiring_of(rig)
+        self.events, self.gains, self.parted = Events(self.now), plan.choices.gains, False
+        self._begun, self.holding = math.inf, False
+        self._first = not (plan.out / LOG).exists()
+        self.diagnosis, self.trials = "", []
         self.rig_name, self.model = rig.name, None
         self.tuning, self._wants = Tuning(plan, self.events.note), False
         self.end: dict[str, Any] | None = None
@@ -73,6 +78,7 @@ class Session:
             raise
 
     model: Armax | None
+    trials: list[dict[str, Any]]
 
     def _start(self) -> None:
         context = multiprocessing.get_context("spawn")
@@ -94,10 +100,24 @@ class Session:
 
     def go(self) -> None:
         """Sample 0 is due."""
-        self.events.begin()
-        self._progress = (0, time.monotonic())
+        self._begun = time.monotonic()
+        self._progress = (0, self._begun)
         tell(self._pipes[0], do="go")
         self.events.note("the loop runs")
+
+    def now(self) -> float:
+        """The session's time, s; 0 before it began."""
+        if self.plan.fast:
+            _, rows = self.signals.since(max(self.signals.count - 1, 0))
+            return float(rows[-1][0]) if len(rows) else 0.0
+        return max(time.monotonic() - self._begun, 0.0)
+
+    def resume(self) -> None:
+        """Let a session go on that waits."""
+        if self.holding:
+            self.holding = False
+            self._progress = (self.signals.count, time.monotonic())
+            tell(self._pipes[0], do="resume")
 
     def stop(self, why: str = "stopped") -> None:
         """Ask the guard to put the safe command and end; `poll` until `end` is there."""
@@ -119,13 +139,23 @@ class Session:
     def applicable(self) -> bool:
         """There are reviewed gains that the loop does not have yet."""
         review = self.tuning.review
-        return self.end is None and review is not None and review.new != self.gains
+        closed = self.plan.choices.command is None
+        return self.end is None and closed and review is not None and review.new != self.gains
 
-    def apply(self) -> None:
-        """Give the reviewed gains to the loop, which takes them without a jump of the command."""
+    def apply(self, confirmed: bool = False) -> None:
+        """Give the reviewed gains to the loop, which takes them without a jump of the command.
+
+        Gains that the review finds worse are refused, and the reasons noted, unless the user has confirmed them.
+        """
         review = self.tuning.review
-        if self.applicable and review is not None:
-            tell(self._pipes[1], do="gains", gains=vars(review.new))
+        if not self.applicable or review is None:
+            return
+        if review.worse and not confirmed:
+            self.events.note(f"not applied: {'; '.join(review.worse)}")
+            return
+        if review.worse:
+            self.events.note(f"confirmed by the user although {'; '.join(review.worse)}")
+        tell(self._pipes[1], do="gains", gains=vars(review.new))
 
     def poll(self) -> None:
         """Hear what guard and loop have to say; never waits."""
@@ -149,8 +179,8 @@ class Session:
         if self._pipes:
             self.stop("closed")
         for process in self._processes:
-            if process.pid is not None:
-                _end(process)
+            if process.pid is not None:  # the guard may still be trying to put the safe command
+                _end(process, GRACE + self.settings.safe_time * (process.name == "guard"))
         if self._pipes:
             self.poll()
         if self.parted:  # the newest minutes
@@ -161,14 +191,27 @@ class Session:
         self._pipes = []
         self.signals.close()
         self.slow.close()
+        if self._first:
+            sweep(self.plan.out)
 
     def _heed_guard(self, message: dict[str, Any]) -> None:
-        if message["say"] == "end":
-            self.end = message
+        if message["say"] == "holding":
+            self.holding = True
+        elif message["say"] == "unsafe":
+            self._progress = (self.signals.count, time.monotonic() + self.settings.safe_time)
+            self.events.note("the driver does not take the safe command; trying on")
+        elif message["say"] == "end":
+            self.end = message if message["safe"] else self._rescued(message)
         elif message["say"] == "refused":
             self.end = {"how": "failed", "why": message["why"], "safe": message["safe"]}
         if self.end is not None:
             self.events.note(f"ended: {self.end['why']}")
+
+    def _rescued(self, end: dict[str, Any]) -> dict[str, Any]:
+        """The guard could not put the safe command: try once more, through a connection of our own."""
+        self._processes[0].join(GRACE)  # it holds the rig
+        after, words = rescue(self.plan)
+        return {**end, "safe": after is not None, "safe_after": None, "why": f"{end['why']}; {words}"}
 
     def _heed_loop(self, message: dict[str, Any]) -> None:
         if message["say"] == "model":
@@ -178,8 +221,11 @@ class Session:
                 self._begin_tuning()
         elif message["say"] in ("applied", "taken back"):
             self.gains = Gains(**message["gains"])
-            why = "the loop oscillated; back to " if message["say"] == "taken back" else "applied: "
+            why = f"{message['why']}; back to " if message["say"] == "taken back" else "applied: "
             self.events.note(why + ", ".join(f"{k} {v:.4g}" for k, v in message["gains"].items()))
+        elif message["say"] in ("kept", "worse", "undecided"):
+            self.trials.append({"verdict": message.pop("say"), **message})
+            self.events.note(f"gains on trial, {self.trials[-1]['verdict']}: {message['words']}")
         elif message["say"] == "failed":
             self.events.note(f"the loop failed: {message['why']}")
 
@@ -197,7 +243,7 @@ class Session:
         samples, since = self._progress
         if self.signals.count != samples:
             self._progress = (self.signals.count, time.monotonic())
-        elif time.monotonic() - since > HUNG + 10 * self.settings.watchdog:
+        elif not self.holding and time.monotonic() - since > HUNG + 10 * self.settings.watchdog:
             self._processes[0].kill()
             self._processes[0].join()
             self._guard_died("the driver did not come back")
@@ -207,8 +253,13 @@ class Session:
             while ready([self._pipes[0]], 0.0):
                 self._heed_guard(told(self._pipes[0]))
         if self.end is None:
-            safe, words = rescue(self.plan)
-            self.end = {"how": "failed", "why": f"{why}; {words}", "safe": safe}
+            after, words = rescue(self.plan)
+            self.end = {
+                "how": "failed",
+                "why": f"{why}; {words}",
+                "safe": after is not None,
+                "safe_after": after,
+            }
             self.events.note(self.end["why"])
 
     def _look(self) -> None:
@@ -236,11 +287,11 @@ def _await_ready(pipe: Connection, who: str) -> None:
         raise (InputError if message["input"] else JobError)(message["why"])
 
 
-def _end(process: Any) -> None:
+def _end(process: Any, grace: float) -> None:
     """Wait for a process, then ask it, then kill it; the guard puts the safe command when it is asked, too."""
     for insist in (None, process.terminate, process.kill):
         if insist is not None:
             insist()
-        process.join(GRACE)
+        process.join(grace)
         if not process.is_alive():
             return

@@ -18,8 +18,21 @@ RATE = 1000.0  # Hz, where neither the rig file nor the call says otherwise
 FULL_SWING = 0.02  # s from one command limit to the other, where no rate limit is stated
 STROKE_SHARE = 0.45  # of the stroke to either side of its middle, where no stroke limits are stated
 WATCHDOG = 0.05  # s without a command after which the session ends
+RELAXED = 10.0  # s, the same for a rig that is simulated: a busy machine is no danger to it
+SAFE_TIME = 10.0  # s for which the safe command is tried
 DRIVERS = ("simulated", "replay", "nidaqmx", "opcua", "file")
-_KEYS = ("rate", "command_limits", "command_rate", "safe_command", "stroke_limits", "watchdog", *DRIVERS)
+_KEYS = (
+    *(
+        "rate",
+        "command_limits",
+        "command_rate",
+        "safe_command",
+        "stroke_limits",
+        "speed_limit",
+        "travel_limit",
+    ),
+    *("watchdog", "safe_time", *DRIVERS),
+)
 
 
 @dataclass(frozen=True)
@@ -31,6 +44,8 @@ class Limits:
         rate: largest change of the command per second.
         safe: the command that is put when anything goes wrong.
         stroke: positions beyond which only commands that lead back are let through.
+        speed: beyond which a command that drives on the same way becomes the safe one.
+        travel: the same for the distance from where the session began.
     """
 
     low: float
@@ -38,6 +53,8 @@ class Limits:
     rate: float
     safe: float
     stroke: tuple[float, float] = (-math.inf, math.inf)
+    speed: float = math.inf
+    travel: float = math.inf
 
     def allowed(self, wish: float, before: float, position: float, span: float) -> float:
         """The command nearest to a wish that keeps the limits.
@@ -92,11 +109,21 @@ class Wiring:
 
 @dataclass(frozen=True)
 class Settings:
-    """How a session runs: sampling rate in Hz, limits, and s without a command after which it ends."""
+    """How a session runs.
+
+    Attributes:
+        rate: Hz.
+        limits: of the command and the axis.
+        watchdog: s without a command or a measurement after which it ends.
+        safe_time: s for which the safe command is tried where a driver does not take it.
+        ahead: s for which the axis is taken to go on as fast when it is looked whether the stroke ends; 0 not at all.
+    """
 
     rate: float
     limits: Limits
     watchdog: float
+    safe_time: float = SAFE_TIME
+    ahead: float = 0.0
 
     @property
     def span(self) -> float:
@@ -119,12 +146,13 @@ def wiring_of(rig: Rig) -> Wiring:
     return Wiring(rig.channels[inputs[0]], measured, rig.channels["time"], rig.channels.get(REFERENCE))
 
 
-def live_settings(rig: Rig, rate: float | None = None) -> Settings:
+def live_settings(rig: Rig, rate: float | None = None, relaxed: bool = False) -> Settings:
     """Settings from the rig file's `[live]` table.
 
     Args:
         rig: as read.
         rate: Hz, overrides the table.
+        relaxed: no hardware is driven, so the watchdog waits long unless the table says how long.
 
     Raises:
         RigError: an unknown entry, a wrong unit, limits that are empty or do not hold the safe command.
@@ -146,7 +174,8 @@ def live_settings(rig: Rig, rate: float | None = None) -> Settings:
             field="live.rate",
             expected="the same rate, or a time column in [channels]",
         )
-    watchdog = number("watchdog", "s", max(WATCHDOG, 5 / rate if rate > 0 else WATCHDOG))
+    waits = RELAXED if relaxed else max(WATCHDOG, 5 / rate if rate > 0 else WATCHDOG)
+    watchdog, safe_time = number("watchdog", "s", waits), number("safe_time", "s", SAFE_TIME)
     full = None if command.full_scale is None else command.full_scale * command.per_unit
     if full is None and "command_limits" not in table:
         raise RigError(
@@ -156,7 +185,7 @@ def live_settings(rig: Rig, rate: float | None = None) -> Settings:
             expected=f'command_limits = ["-5 {volts}", "5 {volts}"], or a full_scale of the command',
         )
     low, high = _pair(table, "command_limits", volts, (-(full or 0.0), full or 0.0), where)
-    for name, value in (("rate", rate), ("watchdog", watchdog)):
+    for name, value in (("rate", rate), ("watchdog", watchdog), ("safe_time", safe_time)):
         if not 0 < value < math.inf:
             raise RigError(f"{value:g}", where=where, field=f"live.{name}", expected="a positive value")
     limits = Limits(
@@ -165,6 +194,8 @@ def live_settings(rig: Rig, rate: float | None = None) -> Settings:
         number("command_rate", f"{volts}/s" if volts != "1" else "Hz", (high - low) / FULL_SWING),
         number("safe_command", volts, 0.0),
         _pair(table, "stroke_limits", metres, _stroke(rig), where),
+        number("speed_limit", f"{metres}/s" if metres != "1" else "Hz", math.inf),
+        number("travel_limit", metres, math.inf),
     )
     if not low <= limits.safe <= high:
         raise RigError(
@@ -173,9 +204,19 @@ def live_settings(rig: Rig, rate: float | None = None) -> Settings:
             field="live.safe_command",
             expected=f"{low:g} to {high:g} {volts}",
         )
-    if not limits.rate > 0:
-        raise RigError(f"{limits.rate:g}", where=where, field="live.command_rate", expected="a positive rate")
-    return Settings(rate, limits, watchdog)
+    for name, value in (
+        ("command_rate", limits.rate),
+        ("speed_limit", limits.speed),
+        ("travel_limit", limits.travel),
+    ):
+        if not value > 0:
+            raise RigError(
+                f"{value:g}",
+                where=where,
+                field=f"live.{name}",
+                expected="a positive rate" if name == "command_rate" else "a positive limit",
+            )
+    return Settings(rate, limits, watchdog, safe_time)
 
 
 def live_table(rig: Rig) -> Table:

@@ -13,14 +13,13 @@ from optid.live.plan import Plan
 from optid.live.review import Case, Review, review
 from optid.rigs.rigfile import read_rig
 from optid.tuning.bench import PhysicalBench
-from optid.tuning.margins import Required
+from optid.tuning.margins import Required, margins
 from optid.tuning.optimise import Options
+from optid.tuning.plant import plant_of
 from optid.tuning.tuning import tune
 
+BRISK = 2.0  # maximum sensitivity up to which gains in use are a measure of how brisk new ones may be
 NICENESS = 10  # a loop that runs by the clock goes first
-# Maximum sensitivity of a tuned loop. Åström and Hägglund (Advanced PID Control, 2006, sec. 4.6) name 1.2 to 2.0;
-# its low end because a linear model knows neither friction nor valve: studies/mixed_reality.py shows the price.
-ROOM = 1.2
 
 
 class Tuning:
@@ -62,11 +61,7 @@ class Tuning:
         except Exception as error:  # whatever the tuning's process met, the loop goes on
             self._note(f"not tuned: {error}")
             return
-        expected = (
-            f"the {name} model expects ITAE {old.measures['itae']:.3g} -> {new.measures['itae']:.3g} m s2"
-            for name, (old, new) in self.review.responses.items()
-        )
-        self._note("tuned: " + "; ".join(expected))
+        self._note(f"tuned: {self.review.words}")
 
     def close(self) -> None:
         """Drop what is under way."""
@@ -82,18 +77,21 @@ def _step_back() -> None:
         os.nice(NICENESS)
 
 
-def tuned(case: Case, plan: Plan, room: float = ROOM) -> Review:
+def tuned(case: Case, plan: Plan, room: float | None = None) -> Review:
     """Gains that are good on the identified and on the physical model, with room for what neither knows.
 
     Args:
         case: the loop.
         plan: of the session.
-        room: largest maximum sensitivity on the identified model.
+        room: largest maximum sensitivity on the identified model; the plan's where absent. Gains in use that are
+            brisker than that are no worse a measure, up to `BRISK`.
 
     Raises:
         OptidError: nothing stabilises the identified model.
     """
+    present = margins(plant_of(case.model), case.gains.vector).maximum_sensitivity
+    room = max(plan.sensitivity if room is None else room, min(present, BRISK))
     bench = PhysicalBench(read_rig(plan.rig), (case.episode,), case.output)
     task = case.task(Required(maximum_sensitivity=room), bench)
     gains = tune(task, np.random.default_rng(plan.seed), Options(grid=0)).gains
-    return review(case, gains, bench)
+    return review(case, gains, bench, room)

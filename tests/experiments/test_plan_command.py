@@ -9,6 +9,7 @@ from click.testing import CliRunner
 
 from optid import cli
 from optid.core.readers import read_recording
+from optid.live.excitation import read_command
 from optid.live.reference import read_reference
 from optid.live.settings import live_settings
 from optid.rigs.rigfile import read_rig
@@ -98,6 +99,13 @@ def test_the_live_loop_takes_it_as_its_reference(axis, planned):
         read_recording(path, rig),
     )
     assert reference.values == tuple(record["reference"].values)
+
+
+def test_the_live_loop_puts_its_command_in_open_loop(axis, planned):
+    rig = read_rig(axis)
+    path = planned[0] / "experiment.csv"
+    excitation = read_command(str(path), rig, live_settings(rig), "command", "V")
+    assert excitation.values == (*read_recording(path, rig)["command"].recorded, 0.0)
 
 
 def test_the_plan_separates_better_than_plain_steps(planned):

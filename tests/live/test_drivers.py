@@ -2,6 +2,7 @@
 
 import socket
 import time
+from contextlib import closing
 from unittest import mock
 
 import numpy as np
@@ -53,6 +54,11 @@ def test_what_a_session_logs_can_be_replayed_to_the_same_identified_model(bench,
 # A user's own.
 
 OWN = '''
+from pathlib import Path
+
+assert Path(__file__).is_absolute()
+
+
 class Lag:
     """A first-order axis."""
 
@@ -86,7 +92,7 @@ def test_a_drivers_file_is_all_a_user_writes(bench, tmp_path, run_live):
 
 def test_a_drivers_file_that_raises_is_told_by_its_line(bench, tmp_path):
     (tmp_path / "mine.py").write_text(OWN, encoding="utf-8")
-    with pytest.raises(RigError, match=r"ZeroDivisionError.*\(line 21\)"):
+    with pytest.raises(RigError, match=r"ZeroDivisionError.*\(line 26\)"):
         opened(f"{tmp_path}/mine.py:broken", bench)
     with pytest.raises(InputError, match='did you mean "broken"'):
         find_driver(f"{tmp_path}/mine.py:brokn")
@@ -220,9 +226,10 @@ def server():
     nodes = {
         "Position": rig.add_variable(ua.NodeId("Position", 2), "2:Position", 12.5),
         "Command": rig.add_variable(ua.NodeId("Command", 2), "2:Command", 0.0, ua.VariantType.Float),
+        "Whole": rig.add_variable(ua.NodeId("Whole", 2), "2:Whole", 0, ua.VariantType.Int16),
         "Alive": rig.add_variable(ua.NodeId("Alive", 2), "2:Alive", 0, ua.VariantType.Int16),
     }
-    for name in ("Command", "Alive"):
+    for name in ("Command", "Whole", "Alive"):
         nodes[name].set_writable()
     running.start()
     running.url, running.own, running.up = f"opc.tcp://127.0.0.1:{port}", nodes, True
@@ -232,13 +239,24 @@ def server():
 
 
 def test_a_server_is_read_and_written(bench, tmp_path, server):
-    door = opened("opcua", with_live(bench, tmp_path, NODES.format(url=server.url)))
-    assert list(door.read(0.0)) == [12.5]
-    for _ in range(3):
-        assert door.write(1.5, 0.0) == 1.5
-    assert server.own["Command"].read_value() == 1.5
-    assert server.own["Alive"].read_value() == 3
-    door.close()
+    ua, table = pytest.importorskip("asyncua.ua"), NODES.format(url=server.url)
+    with closing(opened("opcua", with_live(bench, tmp_path, table))) as door:
+        assert list(door.read(0.0)) == [12.5]
+        for _ in range(3):
+            assert door.write(1.5, 0.0) == 1.5
+        assert server.own["Command"].read_value() == 1.5
+        assert server.own["Alive"].read_value() == 3
+        assert door.write(0.1, 0.0) == float(np.float32(0.1)) != 0.1  # what a node of single precision holds
+        assert door.resolution == 0.0
+        codes = ua.StatusCodes
+        for code in (codes.UncertainLastUsableValue, codes.BadSensorFailure, codes.Good):
+            value = ua.DataValue(ua.Variant(12.5, ua.VariantType.Double), ua.StatusCode(code))
+            server.own["Position"].write_value(value)
+            np.testing.assert_equal(list(door.read(0.0)), [12.5 if code == codes.Good else np.nan])
+    with closing(opened("opcua", with_live(bench, tmp_path, table.replace("s=Command", "s=Whole")))) as whole:
+        assert whole.resolution == 1.0
+        assert [whole.write(u, 0.0) for u in (0.4, 1.7, -2.6)] == [0.0, 2.0, -3.0]
+        assert server.own["Whole"].read_value() == -3
 
 
 def test_a_server_runs_a_session(bench, tmp_path, server, run_live):

@@ -11,6 +11,8 @@ from hypothesis import strategies as st
 from optid.core.recording import ChannelMap
 from optid.live.clock import FastClock
 from optid.live.driver import EndOfData
+from optid.live.failsafe import Failsafe
+from optid.live.fence import Fence
 from optid.live.guard import Guard, How, Stop
 from optid.live.log import Layout, Log
 from optid.live.messages import LoopLost, Reply
@@ -97,6 +99,7 @@ def test_a_sound_session_is_logged_whole_and_ends_safe(guarded):
     ("rig", "wishes", "how", "samples", "words"),
     [
         (Rig(read={8: OSError("cable")}), lambda n: 1.0, How.FAILED, 7, "OSError: cable"),
+        (Rig(read={8: SystemExit("bye")}), lambda n: 1.0, How.FAILED, 7, "SystemExit: bye"),
         (Rig(read={8: EndOfData("over")}), lambda n: 1.0, How.ENDED, 7, "over"),
         (Rig(write={8: OSError("cable")}), lambda n: 1.0, How.FAILED, 7, "OSError: cable"),
         (Rig(), lambda n: LoopLost("gone") if n == 7 else 1.0, How.FAILED, 7, "the loop has gone"),
@@ -123,6 +126,160 @@ def test_somebody_stops_it(guarded):
 
     end, log = guarded(rig, lambda n: 1.0, asked=asked)
     assert (end.how, end.why, len(log), rig.put[-1]) == (How.STOPPED, "Ctrl-C", 5, SAFE)
+
+
+@pytest.mark.parametrize(
+    ("position", "words"),
+    [(math.inf, "position reads inf"), (-1e67, "far beyond the stroke"), (2.1, "far beyond the stroke")],
+)
+def test_a_reading_that_no_sensor_gives_ends_it_at_once(guarded, position, words):
+    class Mad(Rig):
+        def read(self, time):
+            if self.reads == 7:
+                self.position = position
+            return super().read(time)
+
+    rig = Mad()
+    end, log = guarded(rig, lambda n: 1.0)
+    assert (end.how, end.safe, len(log), rig.put[-1]) == (How.FAILED, True, 7, SAFE)
+    assert words in end.why
+
+
+def test_another_sensor_that_reads_infinite_ends_it_too(tmp_path):
+    class Two(Rig):
+        def read(self, time):
+            return [0.0, math.inf if self.put[3:] else 1e5]
+
+    pressure = ChannelMap("pressure", "p", "Pa", "Pa", recorded_unit="Pa")
+    wiring = replace(WIRING, measured=(*WIRING.measured, pressure))
+    log = Log(tmp_path / "log.csv", Layout(wiring).columns)
+    end = Guard(Two(), Loop(lambda n: 1.0), FastClock(1e-3), wiring, SETTINGS, log).run(9)
+    log.close()
+    assert (end.how, end.why, end.safe) == (How.FAILED, "pressure reads inf", True)
+
+
+def test_a_driver_that_reads_too_much_is_told(guarded):
+    class Two(Rig):
+        def read(self, time):
+            return [0.0, 0.0]
+
+    end, _ = guarded(Two(), lambda n: 1.0)
+    assert "2 values; expected position" in end.why
+
+
+class Coarse(Rig):
+    """A driver that rounds to whole volts."""
+
+    resolution = 1.0
+
+    def write(self, command, time):
+        return float(round(super().write(command, time)))
+
+
+@pytest.mark.parametrize(("resolution", "accepted"), [(1.0, [SAFE] + [1.3] * 5), (0.0, [0.0] + [1.0] * 5)])
+def test_what_stands_is_logged_and_rounding_is_no_interference(tmp_path, resolution, accepted):
+    rig, loop, seen = Coarse(), Loop(lambda n: 1.3), []
+    rig.resolution = resolution
+    loop.send = seen.append
+    log = Log(tmp_path / "log.csv", Layout(WIRING).columns)
+    Guard(rig, loop, FastClock(1e-3), WIRING, SETTINGS, log).run(6)
+    log.close()
+    assert [sample.accepted for sample in seen] == pytest.approx(accepted)
+    assert [sample.standing for sample in seen] == [0.0] + [1.0] * 5
+    assert pd.read_csv(tmp_path / "log.csv")["u"].tolist() == [1.0] * 6
+
+
+# The safe command, until it is put.
+
+
+class Plc:
+    """A rig whose connections break at the seventh write and which lets nobody in for so many tries."""
+
+    def __init__(self, away):
+        self.away, self.put, self.opened, self.closed = away, [], 0, 0
+
+    def open(self):
+        self.away -= 1
+        if self.away >= 0:
+            raise ConnectionRefusedError("away")
+        self.opened += 1
+        return PlcLink(self)
+
+
+class PlcLink(Rig):
+    def __init__(self, plc):
+        super().__init__()
+        self.plc, self.broken = plc, False
+
+    def write(self, command, time):
+        self.broken = self.broken or (len(self.plc.put) == 6 and self.plc.opened == 1)
+        if self.broken:
+            raise ConnectionResetError("away")
+        self.plc.put.append(command)
+        return command
+
+    def close(self):
+        self.plc.closed += 1
+
+
+@pytest.mark.parametrize(("away", "seconds", "safe"), [(0, 5.0, True), (4, 5.0, True), (10**6, 0.1, False)])
+def test_the_safe_command_is_tried_through_fresh_connections_as_long_as_the_time_allows(
+    tmp_path, away, seconds, safe
+):
+    plc, said = Plc(0), []
+    first = plc.open()
+    plc.away = away
+    log = Log(tmp_path / "log.csv", Layout(WIRING).columns)
+    failsafe = Failsafe(seconds, plc.open, lambda: said.append(1))
+    guard = Guard(first, Loop(lambda n: 1.0), FastClock(1e-3), WIRING, SETTINGS, log, failsafe)
+    end = guard.run(20)
+    log.close()
+    assert (end.how, end.safe, said, plc.closed) == (How.FAILED, safe, [1], 1)
+    assert (plc.put[-1] == SAFE, end.safe_after is not None) == (safe, safe)
+    assert (guard.driver is None) is not safe
+
+
+def test_tries_come_ever_more_rarely(monkeypatch):
+    waits = []
+    monkeypatch.setattr("optid.live.failsafe.time", Stopwatch(waits))
+    assert Failsafe(10.0, Plc(10**6).open).put(None, lambda driver: None).seconds is None
+    assert waits[:3] == pytest.approx([0.01, 0.02, 0.04])
+    assert max(waits) == 0.5
+    assert sum(waits) == pytest.approx(10.0)
+
+
+class Stopwatch:
+    def __init__(self, waits):
+        self.waits, self.now = waits, 0.0
+
+    def monotonic(self):
+        return self.now
+
+    def sleep(self, seconds):
+        self.waits.append(seconds)
+        self.now += seconds
+
+
+# Speed, travel, and the end of the stroke.
+
+
+@pytest.mark.parametrize(
+    ("limits", "ahead", "sample"),
+    [
+        ({"speed": 0.05}, 0.0, 110),  # half of the speed's base after the axis began to move
+        ({"travel": 0.02}, 0.0, 300),
+        ({}, 0.05, 750),  # 50 ms before the end
+        ({}, 0.0, None),
+    ],
+)
+def test_a_fence_lets_only_what_leads_back_through(limits, ahead, sample):
+    fence, held = Fence(replace(SETTINGS, limits=replace(LIMITS, **limits), ahead=ahead)), None
+    for n in range(790):  # 0.1 m/s from 0.1 s on: at the end of the stroke, 0.1 m, after 0.8 s
+        y = math.nan if n == 50 else 0.03 + 1e-4 * max(n - 100, 0)
+        if fence.held(1e-3 * n, y, 3.0) == SAFE and held is None:
+            held = n
+            assert fence.held(1e-3 * n, y, -3.0) == -3.0
+    assert held == (None if sample is None else pytest.approx(sample, abs=2))
 
 
 def test_a_driver_that_takes_nothing_is_said(guarded):

@@ -1,7 +1,9 @@
 """The small parts of a session: log, ring, durations, messages, reference, gains, settings, slices."""
 
+import errno
 import json
 import math
+import os
 import tracemalloc
 
 import numpy as np
@@ -29,7 +31,7 @@ number = st.floats(allow_nan=False)
 
 @given(st.integers(0, 2**62), number, number, st.lists(number, max_size=5), st.tuples(*[number] * 6))
 def test_messages_arrive_as_they_were(count, time, standing, values, rest):
-    sample, reply = Sample(count, time, standing, tuple(values)), Reply(count, *rest)
+    sample, reply = Sample(count, time, standing, -standing, tuple(values)), Reply(count, *rest)
     assert unpack_sample(pack_sample(sample)) == sample
     assert unpack_reply(pack_reply(reply)) == reply
 
@@ -82,6 +84,35 @@ def test_a_log_holds_each_row_as_soon_as_it_is_written(tmp_path):
     assert frame["u"].isna().all()
     with pytest.raises(FileExistsError):
         Log(tmp_path / "log.csv", ["t"])
+
+
+def test_a_full_disk_never_cuts_a_row(tmp_path, monkeypatch):
+    log, real, left = Log(tmp_path / "log.csv", ["t", "u"]), os.write, [25]
+
+    def write(file, data):  # a disk with room for so many bytes, of which it takes three at a time
+        if not left[0]:
+            raise OSError(errno.ENOSPC, "no space left on device")
+        taken = real(file, data[: min(3, left[0])])
+        left[0] -= taken
+        return taken
+
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "write", write)
+        log.row((1.0, 2.0))
+        log.row((1.25, 2.25))
+        log.row((1.5, 2.5))
+        with pytest.raises(OSError, match="no space"):
+            log.row((1.75, 2.75))
+    log.row((2.0, 3.0))  # somebody made room
+    log.close()
+    assert (tmp_path / "log.csv").read_text() == "t,u\n1,2\n1.25,2.25\n1.5,2.5\n2,3\n"
+
+
+def test_column_names_are_quoted(tmp_path):
+    names = ["t", "u, command", 'the "x"', "a;b", "plain name (mm)"]
+    Log(tmp_path / "log.csv", names).close()
+    assert pd.read_csv(tmp_path / "log.csv").columns.tolist() == names
+    assert (tmp_path / "log.csv").read_text().endswith('"a;b",plain name (mm)\n')
 
 
 def with_table(rig, tmp_path, change):
@@ -175,10 +206,20 @@ command_rate = "100 V/s"
 safe_command = "0.1 V"
 stroke_limits = ["-50 mm", "40 mm"]
 watchdog = "20 ms"
+safe_time = "3 s"
+speed_limit = "400 mm/s"
+travel_limit = "30 mm"
 """
     settings = live_settings(with_table(bench, tmp_path, lambda source: source + table))
-    assert (settings.rate, settings.watchdog) == (500.0, 0.02)
-    assert settings.limits == Limits(-2.0, 3.0, 100.0, 0.1, (-0.05, 0.04))
+    assert (settings.rate, settings.watchdog, settings.safe_time) == (500.0, 0.02, 3.0)
+    assert settings.limits == Limits(-2.0, 3.0, 100.0, 0.1, (-0.05, 0.04), 0.4, 0.03)
+
+
+def test_the_watchdog_of_a_simulated_rig_waits_long_unless_the_table_says_how_long(bench, tmp_path):
+    assert live_settings(bench).watchdog == 0.05
+    assert live_settings(bench, relaxed=True).watchdog == 10.0
+    own = with_table(bench, tmp_path, lambda source: source + '\n[live]\nwatchdog = "20 ms"\n')
+    assert live_settings(own, relaxed=True).watchdog == 0.02
 
 
 @pytest.mark.parametrize(
@@ -192,6 +233,9 @@ watchdog = "20 ms"
         ('command_rate = "0 V/s"', "positive rate"),
         ('stroke_limits = "5 mm"', "stroke_limits"),
         ('watchdog = "-1 s"', "watchdog"),
+        ('safe_time = "0 s"', "safe_time"),
+        ('speed_limit = "1 mm"', "speed_limit"),
+        ('travel_limit = "0 mm"', "positive limit"),
     ],
 )
 def test_a_wrong_live_table_is_refused_by_field(bench, tmp_path, line, words):

@@ -90,7 +90,7 @@ def test_gains_that_make_the_loop_oscillate_are_taken_back(bench):
     def run(first, last):
         nonlocal command
         for n in range(first, last):
-            reply = loop.step(Sample(n, n * 1e-3, command, door.read(n * 1e-3)))
+            reply = loop.step(Sample(n, n * 1e-3, command, command, door.read(n * 1e-3)))
             command = door.write(reply.command, n * 1e-3)
 
     run(0, 2500)

@@ -47,7 +47,7 @@ def session(bench):
         orders=orders,
         stop=lambda why: orders.append(why),
         tune=lambda: orders.append("tune"),
-        apply=lambda: orders.append("apply"),
+        apply=lambda confirmed: orders.append(("apply", confirmed)),
     )
     yield made
     made.signals.close()
@@ -138,13 +138,14 @@ def test_a_reader_hears_what_stays_then_what_is_new(session):
             assert later[0, 0] == rows[-1, 0] + 4  # without a gap
             for wish in ("tune", "apply", "stop", "nonsense"):
                 await socket.send_str(json.dumps({"do": wish}))
+            await socket.send_str(json.dumps({"do": "apply", "confirmed": True}))
             await socket.send_str("{no json")
             await socket.send_str("[]")
             session.end = {"how": "stopped", "why": "the page's stop"}
             while (said := await heard(socket))["end"] is None:
                 pass
             assert said["end"]["why"] == "the page's stop"
-        assert session.orders == ["tune", "apply", "the page's stop"]
+        assert session.orders == ["tune", ("apply", False), "the page's stop", ("apply", True)]
 
     with_client(session, Door(), job)
 
@@ -264,9 +265,9 @@ def test_the_whole_page_by_keyboard_and_a_stop_under_load(browser, live):
     assert "ITAE" in page.inner_text("#verdict"), page.inner_text("#events")
     until(page, f"({DRAWN})('review') > 500")
     assert page.is_enabled("#apply")
-    page.focus("#tune")
-    page.keyboard.press("Tab")
+    page.keyboard.press("a")  # goes there and does no more
     assert page.evaluate("document.activeElement.id") == "apply"
+    assert "applied:" not in page.inner_text("#events")
     page.keyboard.press("Enter")
     until(page, "document.getElementById('events').textContent.includes('applied:')")
     until(page, "document.getElementById('apply').disabled")

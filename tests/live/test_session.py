@@ -282,3 +282,29 @@ def test_the_death_of_a_process_is_a_failed_session(running, victim, words):
     assert (document["outcome"], document["safe"]) == ("failed", True)
     assert words in document["why"]
     assert len(pd.read_csv(running.out / "recording.csv")) > 10
+
+
+def test_a_fast_session_tunes_in_its_own_time_and_waits_meanwhile(tmp_path, monkeypatch):
+    def at_once(self, case):
+        self._note("tuned here")
+
+    monkeypatch.setattr("optid.live.tuning.Tuning.begin", at_once)
+    out = tmp_path / "out"
+    result = run(BENCH, "--out", out, "--fast", "--rate", 100, "--seconds", 4, "--tune", 3)
+    assert result.exit_code == 0, result.output
+    document = json.loads((out / "live.json").read_text())
+    assert document["samples"] == 400
+    times = {event["words"]: event["time"] for event in document["events"]}
+    assert times["tuned here"] == pytest.approx(3.0, abs=0.02)
+    assert max(times.values()) == pytest.approx(4.0, abs=0.02)
+
+
+def test_a_session_that_failed_at_the_start_stops_no_other(tmp_path):
+    rig, driver, out = tmp_path / "rig.toml", tmp_path / "shy.py", tmp_path / "out"
+    rig.write_text(BENCH.read_text())
+    driver.write_text(STUCK.replace("if self.reads > 30:", "if True:").replace("time.sleep(1e6)", "1 / 0"))
+    for _ in range(2):
+        result = run(rig, "--driver", f"{driver}:Rig", "--out", out)
+        assert result.exit_code == 1
+        assert "ZeroDivisionError" in result.stderr
+        assert not (out / "recording.csv").exists()

@@ -16,6 +16,8 @@ from collections.abc import Sequence
 from contextlib import suppress
 from typing import Any
 
+import numpy as np
+
 from optid.errors import RigError
 from optid.live.driver import Order, needed
 from optid.rigs.fields import known_keys, text
@@ -29,7 +31,11 @@ class LinkLost(ConnectionError):
 
 
 class Server:
-    """A session with the server; every call waits for its answer."""
+    """A session with the server; every call waits for its answer.
+
+    Attributes:
+        resolution: 1 where the command's node holds whole numbers, which round it, else 0.
+    """
 
     def __init__(self, sync: Any, ua: Any, url: str, nodes: dict[str, str], measured: Sequence[str]) -> None:
         self._ua, self._beats = ua, 0
@@ -48,21 +54,24 @@ class Server:
             raise
         self._heartbeat = found.pop(HEARTBEAT, None)
         ((self._role, self._command),) = found.items()
+        kind = self._types[self._role]
+        self._single = kind == ua.VariantType.Float
+        self.resolution = 1.0 if self._whole(kind) else 0.0
 
     def read(self, time: float) -> Sequence[float]:
-        """All nodes at once; one without a good value shows NaN."""
-        values = self._answer(self._client.read_values, self._measured)
-        return [float(value) if isinstance(value, int | float) else math.nan for value in values]
+        """All nodes at once; one whose status is not good, or without a number, shows NaN."""
+        return [_number(one) for one in self._answer(self._client.read_attributes, self._measured)]
 
     def write(self, command: float, time: float) -> float:
         """The command, and the heartbeat where there is one."""
-        nodes, values = [self._command], [self._typed(self._role, command)]
+        typed = self._typed(self._role, command)
+        nodes, values = [self._command], [typed]
         if self._heartbeat is not None:
             self._beats += 1
             nodes.append(self._heartbeat)
             values.append(self._typed(HEARTBEAT, self._beats % 2**15))
         self._answer(self._client.write_values, nodes, values)
-        return command
+        return float(np.float32(command)) if self._single else float(typed.Value.Value)
 
     def close(self) -> None:
         """End the session with the server."""
@@ -70,8 +79,11 @@ class Server:
 
     def _typed(self, role: str, value: float) -> Any:
         kind = self._types[role]
-        whole = kind not in (self._ua.VariantType.Double, self._ua.VariantType.Float)
-        return self._ua.DataValue(self._ua.Variant(round(value) if whole else float(value), kind))
+        number = round(value) if self._whole(kind) else float(value)
+        return self._ua.DataValue(self._ua.Variant(number, kind))
+
+    def _whole(self, kind: Any) -> bool:
+        return kind not in (self._ua.VariantType.Double, self._ua.VariantType.Float)
 
     def _answer(self, call: Any, *arguments: Any) -> Any:
         try:
@@ -82,6 +94,11 @@ class Server:
     def _hang_up(self) -> None:
         with suppress(Exception):  # a dead link cannot be ended in good order; its thread stops all the same
             self._client.disconnect()
+
+
+def _number(read: Any) -> float:
+    value = read.Value.Value if read.Value is not None else None
+    return float(value) if read.StatusCode.is_good() and isinstance(value, int | float) else math.nan
 
 
 def server(order: Order) -> Server:

@@ -42,13 +42,19 @@ function heed(news) {
   page.news = news;
   for (const row of news.slow) page.slow.add(row.map((x) => x === null ? NaN : x));
   for (const [time, words] of news.events) say(time, words);
-  by("tune").disabled = news.tuning || page.ended; by("apply").disabled = !news.applicable || page.ended;
+  by("tune").disabled = news.tuning || page.ended;
   by("stop").disabled = page.ended;
   const parted = news.parted ? `Rig and model have parted. What is missing finds: ${news.diagnosis}` : "";
   by("parted").hidden = !parted;
   if (by("parted").textContent !== parted) by("parted").textContent = parted;
-  table(news); verdict(news.review);
+  table(news); verdict(news.review); allow();
   if (news.end) { page.ended = true; over(`${news.end.how}: ${news.end.why}`); }
+}
+
+function allow() {  // worse gains want a tick first
+  const news = page.news, worse = Boolean(news.review && news.review.worse.length);
+  by("doubt").hidden = !(worse && news.applicable);
+  by("apply").disabled = !news.applicable || page.ended || (worse && !by("confirmed").checked);
 }
 
 function say(time, words) {
@@ -79,14 +85,14 @@ function verdict(review) {
     value: (k) => one.position[k] === null ? NaN : page.factor * one.position[k] }));
   page.review = new Chart(by("review"), page.unit, lines, [page.factor * review.step]);
   page.reviewLength = review.responses.physical[0].position.length; page.reviewInterval = review.interval;
-  const itae = (x) => x === null ? "it runs away" : x.toPrecision(3);
-  by("verdict").textContent = Object.entries(review.responses).map(([model, [old, now]]) =>
-    `${model} model: ITAE ${itae(old.itae)} → ${itae(now.itae)}`).join("; ") + (review.better ? "." : ": not better on both.");
+  by("confirmed").checked = false;
+  by("verdict").textContent = review.words.replaceAll("->", "→") + (review.worse.length ? `. Worse: ${review.worse.join("; ")}.` : ".");
 }
 
 function over(words) {
   by("state").textContent = words;
-  for (const id of ["tune", "apply", "stop"]) by(id).disabled = true;
+  by("confirmed").addEventListener("change", allow);
+for (const id of ["tune", "apply", "stop"]) by(id).disabled = true;
 }
 
 function draw() {
@@ -121,7 +127,7 @@ function receive(event) {
   page.stale = true;
 }
 
-function order(wish) { if (page.socket.readyState === WebSocket.OPEN && !by(wish).disabled) page.socket.send(JSON.stringify({ do: wish })); }
+function order(wish) { if (page.socket.readyState === WebSocket.OPEN && !by(wish).disabled) page.socket.send(JSON.stringify({ do: wish, confirmed: wish === "apply" && by("confirmed").checked })); }
 
 function connect() {
   page.socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/live`);
@@ -137,6 +143,6 @@ for (const id of ["tune", "apply", "stop"]) by(id).addEventListener("click", () 
 document.addEventListener("keydown", (event) => {
   if (event.ctrlKey || event.metaKey || event.altKey || event.repeat) return;
   const wish = { t: "tune", a: "apply", Escape: "stop" }[event.key.length === 1 ? event.key.toLowerCase() : event.key];
-  if (wish) { event.preventDefault(); order(wish); }
+  if (wish) { event.preventDefault(); if (wish === "apply") by(wish).focus(); else order(wish); }
 });
 connect(); requestAnimationFrame(draw);

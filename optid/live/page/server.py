@@ -106,7 +106,7 @@ class Page:
         elif wish == "tune":
             self._session.tune()
         elif wish == "apply":
-            self._session.apply()
+            self._session.apply(confirmed=message.get("confirmed") is True)
 
     async def _feed(self, socket: web.WebSocketResponse) -> None:
         """Send what is new, again and again; the next message is made when the last one has left."""

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import asdict
 from typing import Any
 
 from optid.core.model import Array
 from optid.live.plan import KEEP, SIGNALS, slow_columns
+from optid.live.results import finite
 from optid.live.review import Review
 from optid.live.session import Session
 
@@ -28,7 +28,7 @@ def hello(session: Session) -> dict[str, Any]:
         "keep": KEEP,
         "output": {"name": position.role, "unit": position.recorded_unit},
         "input": {"name": command.role, "unit": command.recorded_unit},
-        "limits": {"low": limits.low, "high": limits.high, "stroke": [_number(x) for x in limits.stroke]},
+        "limits": {"low": limits.low, "high": limits.high, "stroke": [finite(x) for x in limits.stroke]},
     }
 
 
@@ -49,7 +49,7 @@ def news(session: Session, parameters: Array, events_seen: int) -> dict[str, Any
         "tuning": session.busy,
         "review": None if review is None else _review(review),
         "applicable": session.applicable,
-        "slow": [[_number(x) for x in row] for row in parameters.tolist()],
+        "slow": [[finite(x) for x in row] for row in parameters.tolist()],
         "events": [[round(event.time, 1), event.words] for event in session.events.since(events_seen)],
         "end": None if session.end is None else {"how": session.end["how"], "why": session.end["why"]},
     }
@@ -61,21 +61,18 @@ def _review(review: Review) -> dict[str, Any]:
         "old": asdict(review.old),
         "new": asdict(review.new),
         "step": review.step,
-        "better": review.better,
+        "worse": list(review.worse),
+        "words": review.words,
         "interval": stride * review.sample_time,
         "responses": {
             model: [
                 {
-                    "position": [_number(x) for x in one.output[::stride].tolist()],
-                    "itae": _number(one.measures["itae"]),
-                    "overshoot": _number(one.overshoot),
+                    "position": [finite(x) for x in one.output[::stride].tolist()],
+                    "itae": finite(one.measures["itae"]),
+                    "overshoot": finite(one.overshoot),
                 }
                 for one in pair
             ]
             for model, pair in review.responses.items()
         },
     }
-
-
-def _number(value: float) -> float | None:
-    return value if math.isfinite(value) else None
