@@ -21,6 +21,7 @@ from optid.core.resultset import located
 from optid.errors import RigError, nearest
 
 MOST = 4 * 2**20  # bytes of a file: more is no program that someone wrote
+LONGEST = 200  # signs of a path that a message holds
 OUTSIDE = "--outside-files"
 _PREFIX = "optid_user_"
 # A session's processes read the rig file again: what is allowed here goes on to them with the environment.
@@ -98,7 +99,8 @@ def load_file(path: Path) -> ModuleType:
     try:
         there = path.is_file() or located(path).is_file()
     except OSError as error:  # a name that no file can have
-        raise RigError(f'"{path}" is no path ({error.strerror})', expected="a Python file") from None
+        shown = str(path) if len(str(path)) <= LONGEST else f"...{str(path)[-LONGEST:]}"
+        raise RigError(f'"{shown}" is no path ({error.strerror})', expected="a Python file") from None
     if not there:
         what = "is a directory" if path.is_dir() else "does not exist"
         near = sorted(p.name for p in path.parent.glob("*.py")) if path.parent.is_dir() else []

@@ -176,6 +176,7 @@ BEYOND = {
 }
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", BEYOND)
 def test_physics_beyond_the_base_moves_on_and_bends_the_path_a_little(name):
     """Every element with states of its own: the axis still follows, neither frozen nor left as it was."""
