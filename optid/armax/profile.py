@@ -98,7 +98,7 @@ def profile_intervals(records: Sequence[Signals], model: Armax, trend: Trend) ->
     profile = Profile.around(problem, theta)
     poles = np.roots(np.array(model.a)).astype(complex)
     gains, every = list(first.static_gains), list(first.poles)
-    with contextlib.suppress(_Spent):
+    with contextlib.suppress(_WorkExceeded):
         for i, (low, high) in enumerate(first.static_gains):
             unit = float(frame.output / frame.inputs[i])
             if math.isfinite(low + high):
@@ -117,7 +117,7 @@ class _Replaced(Exception):
     """Another pole went to the place."""
 
 
-class _Spent(Exception):
+class _WorkExceeded(Exception):
     """As much has been computed as intervals may cost."""
 
 
@@ -164,7 +164,7 @@ class Profile:
         orders, middle, half = self.problem.orders, (first[0] + first[1]) / 2, (first[1] - first[0]) / 2
         limit, ends = self.limit(fixed_gain(orders, input, middle), 0.0), []
         for side in (-1.0, 1.0):
-            walk = _Walk(self, limit)
+            walk = _Steps(self, limit)
             end = _end(
                 lambda x, walk=walk: walk.to([(fixed_gain(orders, input, x), 0.0)]),  # type: ignore[misc]
                 (middle, limit),
@@ -187,10 +187,10 @@ class Profile:
         start = abs(pole) if pole.imag else pole.real
         limit, ends = self.limit(*self._kinds(start, pole, sign)[0]), []
         for side in (-1.0, 1.0):
-            walk, step = _Walk(self, limit), side * min(half, 0.5)
+            walk, step = _Steps(self, limit), side * min(half, 0.5)
             reached = [start + step]
 
-            def root(x: float, walk: _Walk = walk, reached: list[float] = reached) -> float:
+            def root(x: float, walk: _Steps = walk, reached: list[float] = reached) -> float:
                 now = walk.to(self._kinds(x, pole, sign))
                 if now <= limit:
                     other = self._nearer(walk.last, abs(x), pole)
@@ -242,7 +242,7 @@ class Profile:
                 break
             self.spent[0] += self.problem.count
             if self.spent[0] > MOST:
-                raise _Spent
+                raise _WorkExceeded
             R, target, size = equilibrated(self.problem.information(place.theta))
             rows, _, turn = constraint(place.theta, place.angle)
             free = _free(np.column_stack([rows / size, turn]))
@@ -294,7 +294,7 @@ class Profile:
         return Place(theta, place.angle, self.problem.count * math.log(ratio) if ratio < math.inf else ratio)
 
 
-class _Walk:
+class _Steps:
     """Places one after another, each searched from the one before and from the best one."""
 
     def __init__(self, profile: Profile, limit: float) -> None:

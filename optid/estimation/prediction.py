@@ -284,7 +284,10 @@ def _best(o: Objective, at: Point, q: Array) -> tuple[Point, Terms]:
 
 
 def _likeliest(o: Objective, at: Point) -> Point:
-    """The free run that explains the data best, of starts spread over what is thought possible of hidden states."""
+    """The free run that explains the data best, of starts spread over states that no output of the model shows.
+
+    Pressures that the model could show stay as guessed, recorded or not: a first window alone would take a wrong pair.
+    """
     b, (direct, rates) = o.problem, measured_states(o.model)
     hidden = [i for i in range(len(o.spread)) if i not in direct and i not in rates]
     z = stats.norm.ppf(stats.qmc.Sobol(max(len(hidden), 1), scramble=False).random(STARTS) + 0.5 / STARTS)

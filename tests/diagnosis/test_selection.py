@@ -3,6 +3,7 @@
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 
 from optid.diagnosis import selection
 from optid.diagnosis.criteria import Criteria, SearchOptions
@@ -51,3 +52,12 @@ def test_a_contender_is_fitted_from_the_better_start_and_lives_if_one_diverges(m
     assert fit_proposal(current, problem, proposal(1.0)) == 1.0
     losses[1.0] = None
     assert fit_proposal(current, problem, proposal(1.0)) is None
+
+
+@pytest.mark.parametrize(("left", "again"), [(5.0, True), (1.1, False)])
+def test_a_first_effect_that_left_nothing_is_not_held_against_the_catalogue_again(left, again):
+    taken = SimpleNamespace(validated=SimpleNamespace(error_over_noise=left))
+    rounds = (SimpleNamespace(taken=None), SimpleNamespace(taken=taken))
+    path = SimpleNamespace(best=SimpleNamespace(effects=("a", "b")), rounds=rounds)
+    problem = SimpleNamespace(budget=SimpleNamespace(is_over=False), criteria=Criteria())
+    assert selection._first_is_open(path, problem) is again
