@@ -15,6 +15,7 @@ from optid.core import kernel
 from optid.core.cache import sources, stored
 from optid.core.llvm_codegen import source, source_of_lanes, source_of_runs, width
 from optid.core.model import Model
+from optid.core.threads import one_at_a_time
 
 _COMPILING = threading.Lock()
 
@@ -65,6 +66,7 @@ def compiled_lanes(model: Model) -> Compiled:
     return _bound("lanes", model, lambda: source_of_lanes(model), len(model.states))
 
 
+@one_at_a_time
 def _bound(kind: str, model: Model, write: Callable[[], str], directions: int) -> Compiled:
     equations = [f.serialize() for f in (model.rates, model.sensors, model.halves) if f is not None]
     engine = machine_code(" ".join([kind, *equations]), write)

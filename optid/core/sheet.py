@@ -18,6 +18,7 @@ import casadi as ca
 from optid.core.axis import Axis
 from optid.core.model import CLOCK, INTERVAL, Constraint, Model, Port, State
 from optid.core.parameter import Parameter
+from optid.core.threads import one_at_a_time
 from optid.errors import PlantError, nearest
 
 Plant = Callable[..., None]
@@ -649,6 +650,7 @@ def group_role(label: str) -> str:
     return f"{GROUP}{label}"
 
 
+@one_at_a_time
 def build(
     plant: Plant,
     effects: Sequence[Effect] = (),

@@ -1,14 +1,15 @@
-"""Work on all cores: kernels hold no lock, so threads are enough."""
+"""Work on all cores: kernels hold no lock, so threads are enough. Symbolic work is for one thread at a time."""
 
 from __future__ import annotations
 
+import gc
 import itertools
 import os
 import threading
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
-from functools import lru_cache
-from typing import TypeVar
+from functools import lru_cache, wraps
+from typing import ParamSpec, TypeVar
 
 VARIABLE = "OPTID_THREADS"
 
@@ -24,8 +25,10 @@ WORKERS = _allowed()
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
+Given = ParamSpec("Given")
 
 _here = threading.local()
+_symbolic = threading.RLock()
 
 
 def limit(cores: int | None) -> None:
@@ -64,6 +67,27 @@ def parallel_map(work: Callable[[Item], Result], items: Iterable[Item]) -> list[
         return [work(item) for item in items]
 
     return list(_searches().map(work, items))
+
+
+def one_at_a_time(work: Callable[Given, Result]) -> Callable[Given, Result]:
+    """Let a function that builds expressions run in no two threads at once, nor while garbage is collected.
+
+    CasADi gives up Python's lock while it builds. Expressions of different models share their constants, and a thread
+    that lets go of one while another takes hold of it has been seen to end the process.
+    """
+
+    @wraps(work)
+    def alone(*args: Given.args, **kwargs: Given.kwargs) -> Result:
+        with _symbolic:
+            collects = gc.isenabled()
+            gc.disable()
+            try:
+                return work(*args, **kwargs)
+            finally:
+                if collects:
+                    gc.enable()
+
+    return alone
 
 
 # Apart, as a search waits for the kernels that it calls.

@@ -11,6 +11,7 @@ import numpy as np
 
 from optid.core.model import Array, Model
 from optid.core.simulation import carry
+from optid.core.threads import one_at_a_time
 
 if TYPE_CHECKING:
     from optid.estimation.problem import Problem
@@ -20,6 +21,7 @@ COARSE = 1e-4  # local error of the simulation that carries what is not measured
 
 
 @lru_cache(maxsize=64)
+@one_at_a_time
 def measured_states(model: Model) -> tuple[Mapping[int, int], Mapping[int, int]]:
     """States an output shows directly (state -> output), and those that are the rate of such a one."""
     x, u = ca.SX.sym("x", len(model.states)), ca.SX.sym("u", len(model.inputs))

@@ -19,7 +19,7 @@ from optid.core import ddf2 as kernel
 from optid.core.jit import compiled_lanes
 from optid.core.llvm_simd import LANES
 from optid.core.model import Array, Model
-from optid.core.threads import parallel_for
+from optid.core.threads import one_at_a_time, parallel_for
 from optid.estimation.problem import Booleans, Integers, Problem
 
 TOLERANCE = 1e-5  # local error of the integration as a share of each state's usual size,
@@ -94,6 +94,7 @@ class Noise:
         return Q
 
 
+@one_at_a_time
 def noisy_states(model: Model, plain: Sequence[str] | None = None) -> tuple[tuple[int, ...], ...]:
     """States that take process noise, grouped by unit: those with equations that physics could be missing from.
 
@@ -156,6 +157,7 @@ def run_filter(
 
 
 @lru_cache(maxsize=128)
+@one_at_a_time
 def linear_outputs(model: Model) -> Booleans:
     """Outputs whose slopes by the states depend on parameters alone, (outputs,)."""
     x, u, p = (ca.SX.sym(n, k) for n, k in zip("xup", _sizes(model), strict=True))

@@ -29,6 +29,7 @@ FEWEST = 50  # samples of it, where sampling is too slow for that many in HORIZO
 MEMORY = 4  # windows of the past that are estimated anew; what lies before them is a Gaussian prior
 LOOSER = (0.3, 0.03, 3e-3)  # shares of each state's size through which the process noise is annealed
 STARTS = 64  # of a young estimate, evenly spread: a power of two
+LIKELIEST = 3  # of them that are gone on from
 PINNED = 0.1  # of a sensor's noise: how far the windows may move what it shows as a free run begins
 PROCESS_NOISE = 3e-3  # per window as a share of each state's size, when no fit says better
 
@@ -270,12 +271,13 @@ def _pin(o: Objective, output: int, spread: float) -> float:
 
 
 def _best(o: Objective, at: Point, q: Array) -> tuple[Point, Terms]:
-    """The estimate from the guess, or from the likeliest of many starts if that explains the data better.
+    """The likeliest estimate, of those from the guess and from the likeliest of many starts.
 
-    An axis that sticks in the model and moves on the rig leaves no slope to follow.
+    An axis that sticks in the model and moves on the rig leaves no slope to follow, and two pairs of pressures that
+    nothing shows may suit a first window.
     """
     found = []
-    for near in (at, _likeliest(o, at)):
+    for near in (at, *_likeliest(o, at)):
         with contextlib.suppress(SolveError):
             found.append(_annealed(o, near, q))
     if not found:
@@ -283,22 +285,22 @@ def _best(o: Objective, at: Point, q: Array) -> tuple[Point, Terms]:
     return min(found, key=lambda one: one[1].cost)
 
 
-def _likeliest(o: Objective, at: Point) -> Point:
-    """The free run that explains the data best, of starts spread over states that no output of the model shows.
-
-    Pressures that the model could show stay as guessed, recorded or not: a first window alone would take a wrong pair.
-    """
-    b, (direct, rates) = o.problem, measured_states(o.model)
-    hidden = [i for i in range(len(o.spread)) if i not in direct and i not in rates]
-    z = stats.norm.ppf(stats.qmc.Sobol(max(len(hidden), 1), scramble=False).random(STARTS) + 0.5 / STARTS)
+def _likeliest(o: Objective, at: Point) -> list[Point]:
+    """The free runs that explain the data best, of starts spread over the states that no recorded output shows."""
+    b = o.problem
+    recorded = np.isfinite(b.measured).any(axis=0)
+    shown = {i for states in measured_states(o.model) for i, j in states.items() if recorded[j]}
+    hidden = [i for i in range(len(o.spread)) if i not in shown]
+    if not hidden:
+        return []
+    z = stats.norm.ppf(stats.qmc.Sobol(len(hidden), scramble=False).random(STARTS) + 0.5 / STARTS)
     starts = np.tile(at.X[0], (STARTS, 1))
-    starts[:, hidden] = o.start[hidden] + o.spread[hidden] * z[:, : len(hidden)]
+    starts[:, hidden] = o.start[hidden] + o.spread[hidden] * z
     run = simulate(o.model, at.p, starts, b.dt, b.inputs, tolerance=COARSE)
-    rows = slice(0, run.outputs.shape[1])
-    off = (run.outputs - b.measured[rows]) * o.weight[rows]
+    off = (run.outputs - b.measured[: run.outputs.shape[1]]) * o.weight[: run.outputs.shape[1]]
     lost = ~np.isfinite(run.outputs).all(axis=(1, 2))
     cost = np.where(lost, np.inf, np.nansum(off**2, axis=(1, 2)) + (z**2).sum(axis=1))
-    return Point(run.states[int(np.argmin(cost)), b.begins - b.begins[0]], at.p)
+    return [Point(run.states[k, b.begins - b.begins[0]], at.p) for k in np.argsort(cost)[:LIKELIEST]]
 
 
 def _annealed(o: Objective, at: Point, q: Array) -> tuple[Point, Terms]:
@@ -330,7 +332,7 @@ def _windows(o: Objective, at: Point, q: Array) -> Iterator[tuple[int, Array, Ar
             near = Point(X[first:w], at.p)
             found, terms = _best(past, near, q) if first == 0 else _tight(past, near, q)
             X[first:w], X[w] = found.X, terms.end[-1]
-            covariance = _carried(covariance, terms)
+            covariance = _carried(covariance, terms, o.model.scales)
             if w - first >= MEMORY:
                 mean, spread = _arrival(past, found, terms, q)
                 first += 1
@@ -343,11 +345,14 @@ def _windows(o: Objective, at: Point, q: Array) -> Iterator[tuple[int, Array, Ar
         yield w, X[w].copy(), covariance, run.outputs[0]
 
 
-def _carried(covariance: Array, terms: Terms) -> Array:
+def _carried(covariance: Array, terms: Terms, scales: Array) -> Array:
     """Covariance where the newest window ends, from that where it began and what was read in it."""
     nx = len(covariance)
     H, slope = terms.H[-1, :nx, :nx], terms.slope[-1, :, :nx]
-    return np.asarray(slope @ np.linalg.solve(np.eye(nx) + covariance @ H, covariance) @ slope.T)
+    values, vectors = np.linalg.eigh(covariance / np.outer(scales, scales))
+    root = scales[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
+    moved = slope @ root
+    return np.asarray(moved @ np.linalg.solve(np.eye(nx) + root.T @ H @ root, moved.T))
 
 
 def _arrival(past: Objective, found: Point, terms: Terms, q: Array) -> tuple[Array, Array]:

@@ -115,7 +115,8 @@ def priced(o: Objective, at: Point, t: Terms, q: Array) -> Terms:
         + float((((at.X - o.start) / o.spread) ** 2).sum(axis=1) @ o.heads)
         + float((((theta - o.prior) / o.prior_sd) ** 2).sum())
     )
-    return replace(t, cost=cost if math.isfinite(cost) else math.inf)
+    known = math.isfinite(cost) and bool(np.isfinite(t.H).all())  # a cost without slopes leads nowhere
+    return replace(t, cost=cost if known else math.inf)
 
 
 def system(o: Objective, at: Point, t: Terms, q: Array, damping: float, held: Booleans) -> System:

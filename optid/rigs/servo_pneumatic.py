@@ -224,12 +224,13 @@ def flux(
     C_k2 = 2 / (K - 1) * ((K + 1) / 2) ** ((K + 1) / (K - 1))  # C_k squared
     C_r = (2 / (K + 1)) ** (K / (K - 1))  # eq. 8
 
-    P_u, P_d = ca.fmax(P_port, P), ca.fmin(P_port, P)
+    # Not fmax and fmin: where both pressures are the same to the last bit, neither has a slope by the chamber's.
+    inwards = P_port > P
+    P_u, P_d = ca.if_else(inwards, P_port, P), ca.if_else(inwards, P, P_port)
     ratio = ca.fmax(s.site("flow.ratio", P_d / P_u, critical=C_r), C_r)
     a = ca.exp((K - 1) / K * ca.log(ratio))
     # eq. 7 squared, P_r^(2/K) - P_r^((K+1)/K), with one power instead of two
     f2 = C_k2 * (ratio / a) ** 2 * (1 - a)
-    inwards = P_port > P
     if reversed_flow:
         f2 = ca.if_else(inwards, f2, -f2)
     else:

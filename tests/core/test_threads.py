@@ -1,6 +1,9 @@
 """Work on all cores is done once, in its order, at once, and does not wait for itself."""
 
+import gc
 import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
@@ -55,3 +58,34 @@ def test_what_works_together_may_call_for_more_of_it(cores):
     thread.start()
     thread.join(timeout=10.0)
     assert done == [10 * x for x in range(8)]
+
+
+def test_symbolic_work_is_never_in_two_threads_at_once_nor_while_garbage_is_collected():
+    inside, most, collecting = [], [], []
+
+    @threads.one_at_a_time
+    def build(number):
+        inside.append(number)
+        most.append(len(inside))
+        collecting.append(gc.isenabled())
+        time.sleep(0.01)
+        inside.remove(number)
+        return number
+
+    with ThreadPoolExecutor(4) as pool:
+        assert list(pool.map(build, range(8))) == list(range(8))
+    assert max(most) == 1
+    assert not any(collecting)
+    assert gc.isenabled()
+
+
+def test_a_builder_may_build_and_may_fail():
+    @threads.one_at_a_time
+    def build(depth):
+        if depth:
+            return build(depth - 1)
+        raise ValueError("no")
+
+    with pytest.raises(ValueError, match="no"):
+        build(2)
+    assert gc.isenabled()
