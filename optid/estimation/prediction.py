@@ -288,8 +288,8 @@ def _best(o: Objective, at: Point, q: Array) -> tuple[Point, Terms]:
 def _likeliest(o: Objective, at: Point) -> list[Point]:
     """The free runs that explain the data best, of starts spread over the states that no recorded output shows."""
     b = o.problem
-    recorded = np.isfinite(b.measured).any(axis=0).tolist()
-    shown = {i for states in measured_states(o.model) for i, j in states.items() if recorded[j]}
+    recorded = set(np.flatnonzero(np.isfinite(b.measured).any(axis=0)).tolist())
+    shown = {i for states in measured_states(o.model) for i, j in states.items() if j in recorded}
     hidden = [i for i in range(len(o.spread)) if i not in shown]
     if not hidden:
         return []
