@@ -59,8 +59,19 @@ def _at_bound(d: Diagnosis, estimates: Sequence[Estimate]) -> list[str]:
 def _consistent(d: Diagnosis) -> str:
     return (
         f"The fitted model is good to the noise: held out, its {_span(d)} windows err by "
-        f"{_errors(d.test.base.scores)}; the noise is {_floor(d)}. "
-        f"No effect of the catalogue improves it ({p_told(d.test.p_value)}). {_blind(d)}"
+        f"{_errors(d.test.base.scores)}; the noise is {_floor(d)}. {_nothing_more(d)} {_blind(d)}"
+    )
+
+
+def _nothing_more(d: Diagnosis) -> str:
+    """Whether anything of the catalogue predicts the hold-out better, though not by enough to be named."""
+    strongest, p = d.path.strongest, d.test.p_value
+    if strongest is None or not p <= d.test.level:
+        return f"No effect of the catalogue improves it ({p_told(p)})."
+    name = strongest.effects[-1].name
+    return (
+        f"{name.replace('_', ' ').replace('@', ' at ').capitalize()} predicts it better ({p_told(p)}), too little to be "
+        f"named: {dict(d.rejected)[name]}."
     )
 
 

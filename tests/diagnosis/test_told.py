@@ -1,0 +1,28 @@
+"""What a diagnosis says agrees with the figures beside it."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from optid.diagnosis.summary import _nothing_more
+
+
+def diagnosis(p, strongest="sensor_backlash"):
+    model = strongest and SimpleNamespace(effects=(SimpleNamespace(name=strongest),))
+    return SimpleNamespace(
+        path=SimpleNamespace(strongest=model),
+        test=SimpleNamespace(p_value=p, level=0.01),
+        rejected=((strongest, "cross-validated, windows err by 2.0 % less: too little to matter"),),
+    )
+
+
+def test_what_the_hold_out_prefers_is_never_said_to_improve_nothing():
+    """A small backlash below the noise: the test sees it, and 2 % of the error are not worth a name."""
+    told = _nothing_more(diagnosis(6e-4))
+    assert told.startswith("Sensor backlash predicts it better (p = 0.0006), too little to be named: ")
+    assert "2.0 % less" in told
+
+
+@pytest.mark.parametrize("found", [diagnosis(0.2), diagnosis(1.0, strongest=None)])
+def test_what_chance_explains_is_no_improvement(found):
+    assert _nothing_more(found).startswith("No effect of the catalogue improves it (p = ")
