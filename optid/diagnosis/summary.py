@@ -70,8 +70,8 @@ def _nothing_more(d: Diagnosis) -> str:
         return f"No effect of the catalogue improves it ({p_told(p)})."
     name = strongest.effects[-1].name
     return (
-        f"{name.replace('_', ' ').replace('@', ' at ').capitalize()} predicts it better ({p_told(p)}), too little to be "
-        f"named: {dict(d.rejected)[name]}."
+        f"{name.replace('_', ' ').replace('@', ' at ').capitalize()} predicts it better ({p_told(p)}), too little "
+        f"to be named: {dict(d.rejected)[name]}."
     )
 
 
