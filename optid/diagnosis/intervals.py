@@ -31,7 +31,7 @@ def intervals(model: RefinedModel, ratio: float = 1.0) -> tuple[Estimate, ...]:
     # A bound that holds a parameter takes its freedom from the others, too.
     own, others = (np.diag(_covariance(answer, fixed)) for fixed in (np.zeros_like(bound), bound))
     sd = np.sqrt(np.maximum(np.where(bound, own, others), 0.0)) * q.typical
-    half = np.maximum(max(ratio, 1.0) * stats.norm.ppf(0.975) * sd, _resolution(model)) + model.shift
+    half = np.maximum(max(ratio, 1.0) * stats.norm.ppf(0.5 + 0.95 / 2) * sd, _resolution(model)) + model.shift
     found = []
     for k, i in enumerate(q.free):
         parameter = q.model.parameters[i]

@@ -53,7 +53,7 @@ def covariance(o: Objective, at: Point, t: Terms, q: Array, held: np.ndarray) ->
     prior = solve_schur(s, np.diag((o.typical * ~held / o.prior_sd) ** 2))
     prior = solve_schur(s, prior.T)  # what the prior adds: S^-1 (1/sd^2) S^-1
     more = np.diag(blocks) > special.chdtri(freedom, SCATTER) / freedom * np.diag(stationary)
-    wider = (special.stdtrit(freedom, 0.975) / special.ndtri(0.975)) ** 2
+    wider = (special.stdtrit(freedom, 0.5 + 0.95 / 2) / special.ndtri(0.5 + 0.95 / 2)) ** 2
     sd = np.sqrt(np.where(more, wider * np.diag(blocks), np.diag(stationary)))
     correlation = stationary / np.maximum(np.sqrt(np.outer(np.diag(stationary), np.diag(stationary))), 1e-300)
     total = correlation * np.outer(sd, sd) + prior

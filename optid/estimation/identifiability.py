@@ -105,7 +105,7 @@ def examine(o: Objective, at: Point) -> tuple[Collinearity, Terms]:
     """
     theta, q = at.p[list(o.free)], LOOSE * o.model.scales
     pinned, start = replace(o, low=theta, high=theta), evaluate(o, at, q)
-    at, terms, _ = descend(pinned, at, q, iterations=20, precision=1e-3, terms=start)
+    at, terms, _ = descend(pinned, at, q, precision=1e-3, terms=start)
     return find_ties(o, at, terms, q, np.zeros(len(o.free), dtype=bool)), start
 
 

@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from scipy import special
+from scipy import special, stats
 
 from optid.core.model import Array
 from optid.core.recording import Recording
@@ -221,7 +221,7 @@ def _result(
     if compare and best.outcome is Outcome.CONVERGED:
         cov = cov + np.diag(_imperfection(o, best, cov, fixed))
     cov = cov + np.diag(_stand_ins(o, theta, fixed))
-    half = special.ndtri(0.975) * np.sqrt(np.maximum(np.diag(cov), 0.0))
+    half = special.ndtri(0.5 + 0.95 / 2) * np.sqrt(np.maximum(np.diag(cov), 0.0))
     half = np.where(ties.mute, np.inf, half)
     reach = _one_sided(o, best, bound, np.asarray(ties.mute))
     estimates = []
@@ -352,7 +352,7 @@ def _certificate(o: Objective, t: Terms, q: Array) -> Certificate:
     def outlying(values: Array) -> Booleans:
         logs = np.log(np.maximum(values, 1e-9))
         middle = np.median(logs)
-        scale = max(1.4826 * float(np.median(np.abs(logs - middle))), math.sqrt(2.0 / 50.0))
+        scale = max(float(stats.median_abs_deviation(logs, scale="normal")), math.sqrt(2.0 / 50.0))
         return np.asarray((logs - middle) / scale > limit)
 
     big = outlying(defect) & (defect > math.sqrt(special.chdtri(len(q), 0.01 / n)))

@@ -111,7 +111,7 @@ def _units(model: Model) -> dict[str, list[int]]:
 
 
 def _descended(o: Objective, at: Point, terms: Terms | None, q: Array, watch: Watch) -> Solution:
-    at, terms, _ = descend(o, at, q, iterations=50, precision=1e-4, terms=terms, watch=watch)
+    at, terms, _ = descend(o, at, q, precision=1e-4, terms=terms, watch=watch)
     return Solution(at, terms, q, marginal(o, at, terms, q), Outcome.TIME_LIMIT)
 
 
@@ -120,7 +120,6 @@ def _settled(o: Objective, best: Solution, pace: Pace) -> Solution:
         o,
         best.at,
         best.q,
-        iterations=60,
         precision=SETTLED,
         terms=best.terms,
         watch=pace.watch("settling", 1.0),
@@ -141,7 +140,7 @@ def tightened(o: Objective, best: Solution) -> tuple[Point, Terms]:
     for level in (*LEVELS, TIGHT):
         q = np.minimum(best.q, level * scales)
         if (q < best.q).any():
-            at, terms, _ = descend(o, at, q, iterations=40, precision=1e-6, terms=terms)
+            at, terms, _ = descend(o, at, q, precision=1e-6, terms=terms)
     return at, terms
 
 

@@ -308,13 +308,13 @@ def _annealed(o: Objective, at: Point, q: Array) -> tuple[Point, Terms]:
     terms = None
     for looser in LOOSER:
         level = np.maximum(q, looser * o.model.scales)
-        at, terms, _ = descend(o, at, level, iterations=30, precision=1e-4, terms=terms)
+        at, terms, _ = descend(o, at, level, precision=1e-4, terms=terms)
     return _tight(o, at, q, terms)
 
 
 def _tight(o: Objective, at: Point, q: Array, terms: Terms | None = None) -> tuple[Point, Terms]:
     """From a start that is near: the window before carried most of it here."""
-    at, terms, _ = descend(o, at, q, iterations=30, precision=1e-6, terms=terms)
+    at, terms, _ = descend(o, at, q, precision=1e-6, terms=terms)
     return at, terms
 
 

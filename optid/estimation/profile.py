@@ -134,9 +134,7 @@ def profile(
     problem = build_problem(rig.model, recordings, options.window or window_length(rig.model, recordings))
     o, _ = objective_of(rig, with_nuisance_parameters(rig), problem, options.huber)
     o, q = replace(o, tolerance=SMOOTH), fit.process_noise
-    best, terms, _ = descend(
-        o, Point(fit.states, rig.model.vector(fit.values)), q, iterations=40, precision=PRECISION / 100
-    )
+    best, terms, _ = descend(o, Point(fit.states, rig.model.vector(fit.values)), q, precision=PRECISION / 100)
     curved, sd = _curved(o, best, terms, fit, k), math.sqrt(fit.covariance[k, k])
     limit = float(special.chdtri(1, 0.05))
     walk = _ProfilePath(
@@ -242,9 +240,7 @@ def _fixed(walk: _ProfilePath, start: Point, value: float) -> tuple[Point, float
     """The rest fitted with the parameter at a value."""
     low, high = walk.o.low.copy(), walk.o.high.copy()
     low[walk.k] = high[walk.k] = value
-    at, terms, _ = descend(
-        replace(walk.o, low=low, high=high), start, walk.q, iterations=40, precision=PRECISION
-    )
+    at, terms, _ = descend(replace(walk.o, low=low, high=high), start, walk.q, precision=PRECISION)
     return at, terms.cost
 
 

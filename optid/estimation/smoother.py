@@ -23,6 +23,7 @@ from optid.core.threads import parallel_for
 from optid.errors import SolveError
 from optid.estimation.problem import Booleans, Problem
 
+ENOUGH = 50  # iterations: what needs more does not settle
 TRUSTED = 1e-3  # damping up to which a step's promise is that of the undamped step
 
 
@@ -221,8 +222,8 @@ def descend(
     at: Point,
     q: Array,
     *,
-    iterations: int,
     precision: float,
+    iterations: int = ENOUGH,
     terms: Terms | None = None,
     watch: Watch | None = None,
 ) -> tuple[Point, Terms, bool]:
