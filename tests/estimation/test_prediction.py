@@ -5,7 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from optid.estimation.prediction import predict
+from optid.estimation import prediction
+from optid.estimation.objective import objective_of
+from optid.estimation.prediction import PROCESS_NOISE, predict, predict_windows
+from optid.estimation.problem import build_problem
 from optid.estimation.result import Score
 from tests.estimation.cart import RATE, SD, TRUTH, moved, record, recording, rig
 
@@ -122,3 +125,30 @@ def test_a_prediction_that_leaves_the_numbers_is_said_with_its_time(cart):
     found = predict(cart, recording(np.random.default_rng(8), seconds=4.0), runaway)
     assert "free run of position is not finite from" in " ".join(found.notes)
     assert not np.isinf(found.frame["position_free_run"].to_numpy()).any()
+
+
+def test_windows_of_a_wrong_model_begin_where_the_newest_data_are(tmp_path, monkeypatch):
+    """No state lets a wrong drag fit half a second: what is fitted to a whole window is off at its end."""
+    wrong = rig(tmp_path, gain=TRUTH["gain"], drag=3 * TRUTH["drag"])
+    data = recording(np.random.default_rng(9), seconds=6.0)
+    in_pieces = predict(wrong, data).scores["window"]["position"].rmse
+    monkeypatch.setattr(prediction, "PIECES", 1)
+    assert in_pieces < 0.9 * predict(wrong, data).scores["window"]["position"].rmse
+
+
+def test_how_surely_windows_begin_is_what_the_noise_makes_of_it(cart):
+    """Squared errors of starts over their covariance average one a state, whatever process noise the filter has."""
+    p = cart.model.vector(cart.parameters)
+    squares = []
+    for seed in range(20):
+        data = recording(np.random.default_rng(seed), seconds=4.0)
+        objective, _ = objective_of(cart, (), build_problem(cart.model, [data], 0.5))
+        found = predict_windows(objective, p, PROCESS_NOISE * cart.model.scales)
+        x = moved(data["command"].values, 1 / RATE)
+        fade = (1 - np.exp(-TRUTH["drag"] / RATE)) / TRUTH["drag"]
+        final = TRUTH["gain"] * data["command"].values[:-1] / TRUTH["drag"]
+        v = final + (np.diff(x) - final / RATE) / fade
+        for w, begin in list(enumerate(objective.problem.begins))[1:]:
+            off = found.starts[w] - [x[begin], v[begin]]
+            squares.append(off @ np.linalg.solve(found.covariances[w], off) / 2)
+    assert np.mean(squares) == pytest.approx(1.0, abs=0.2)
