@@ -7,6 +7,7 @@ import inspect
 from pathlib import Path
 
 from optid.core.document import read_document, read_json
+from optid.core.paths import is_folder
 from optid.core.resultset import located
 from optid.errors import InputError
 from optid.results.check import CheckResult
@@ -19,7 +20,6 @@ from optid.results.result import Result
 from optid.results.simulation import SimulationResult
 from optid.results.tuning import TuningResult
 from optid.results.validity import parts, refuse_invalid
-from optid.results.with_rig import ResultWithRig
 
 RESULTS: tuple[type[Result], ...] = (
     CheckResult,
@@ -54,7 +54,7 @@ def load(path: str | Path) -> Result:
         no result there, several, a damaged one, one of a newer optid, or files of more than one run.
     """
     place = Path(path)
-    if not place.is_dir():
+    if not is_folder(place):
         return _read(_kind_of(place), place.parent, place)
     held = [kind for kind in RESULTS if located(place / kind.FILE).is_file()]
     if len(held) != 1:
@@ -97,8 +97,4 @@ def _read(kind: type[Result], folder: Path, file: Path) -> Result:
 
 def _figures(kind: type[Result]) -> list[str]:
     """Properties of a kind that come from its document and tables alone."""
-    return [
-        name
-        for name, held in inspect.getmembers(kind)
-        if isinstance(held, property) and held is not ResultWithRig.rig
-    ]
+    return [name for name, held in inspect.getmembers(kind) if isinstance(held, property) and name != "rig"]
