@@ -94,6 +94,7 @@ class Sheet:
         self._starts: dict[str, tuple[Expression, Expression]] = {}
         self._inputs: dict[str, tuple[Port, ca.SX]] = {}
         self._outputs: dict[str, tuple[Port, Expression]] = {}
+        self._reach: dict[str, tuple[Expression, Expression]] = {}
         self._parameters: dict[str, tuple[Parameter, ca.SX]] = {}
         self._sites: dict[str, tuple[float, tuple[str, ...]]] = {}
         self._notes: dict[str, Expression] = {}
@@ -532,7 +533,14 @@ class Sheet:
         self._fresh(name, self._rates)
         self._rates[name] = expression
 
-    def output(self, role: str, unit: str, expression: Expression) -> None:
+    def output(
+        self,
+        role: str,
+        unit: str,
+        expression: Expression,
+        *,
+        within: tuple[Expression, Expression] | None = None,
+    ) -> None:
         """Write what a sensor shows.
 
         Parameters
@@ -543,8 +551,12 @@ class Sheet:
             SI.
         expression : Expression
             what the sensor shows.
+        within : tuple[Expression, Expression] | None
+            what it can reach, from and to, by the parameters; a recording that goes further is not the plant's.
         """
         self._fresh(role, self._outputs)
+        if within is not None:
+            self._reach[role] = within
         self._outputs[role] = (Port(role, unit), expression)
 
     def _fresh(self, name: str, known: Mapping[str, object]) -> None:
@@ -614,6 +626,10 @@ class Sheet:
                 biases=dict(self._biases),
                 axis=self._axis,
                 constraints=tuple(self._constraint(words, margin, p) for words, margin in self._required),
+                reach={
+                    role: ca.Function("reach", [p], [self._of_any(ca.vertcat(*ends))])
+                    for role, ends in self._reach.items()
+                },
             )
         except RuntimeError as error:  # CasADi: an expression holds a symbol that was never declared
             raise PlantError(
