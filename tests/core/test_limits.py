@@ -174,7 +174,7 @@ def test_a_small_file_has_no_endless_rows(name, tmp_path, monkeypatch):
         zeros = np.zeros(count, dtype=np.int8)
         pd.DataFrame({"t": zeros, "y": zeros}).to_parquet(path, compression="zstd")
     assert path.stat().st_size < 4000
-    with pytest.raises(RecordingError, match="10000[01] rows, far more than a file of this size holds"):
+    with pytest.raises(RecordingError, match=r"10000[01] rows, far more than a file of this size holds"):
         read_table(path, ["t", "y"])
 
 
