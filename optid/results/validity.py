@@ -25,6 +25,9 @@ _TYPES: dict[str, Callable[[Any], bool]] = {
 class MissingField(InputError, KeyError):
     """A document lacks a field; a `KeyError` too, for templates that ask whether it is there."""
 
+    def __str__(self) -> str:
+        return Exception.__str__(self)  # a `KeyError` shows its argument in quotes
+
 
 class Part(dict[str, Any]):
     """An object of a document: a field that somebody asks for and that it lacks is a fault of the file."""
