@@ -106,16 +106,16 @@ def example(folder: str | Path) -> list[Path]:
     target = Path(folder)
     names = [name for entry in SHIPPED.values() for name in entry]
     with folder_of_data() as place:
-        there = [name for name in dict.fromkeys(names) if (target / name).exists()]
-        if there:
-            raise InputError(
-                f"{', '.join(there)} there already", where=target, expected="an empty or a new folder"
-            )
         try:
+            there = [name for name in dict.fromkeys(names) if (target / name).exists()]
+            if there:
+                raise InputError(
+                    f"{', '.join(there)} there already", where=target, expected="an empty or a new folder"
+                )
             target.mkdir(parents=True, exist_ok=True)
             for name in dict.fromkeys(names):
                 (target / name).write_bytes((place / name).read_bytes())
-        except OSError as error:
+        except (OSError, ValueError) as error:  # the latter of a name with a null
             raise InputError(f"cannot be written ({error})", where=target) from None
     return [target / name for name in dict.fromkeys(names)]
 

@@ -55,11 +55,12 @@ def record(path, gain, leak, bend=0.0):
     )
 
 
-def fitted(folder, low, high, more="", **truth):
+def fitted(folder, low, high, more="", held=None, **truth):
     (folder / "axis.py").write_text(AXIS)
     (folder / "rig.toml").write_text(RIG.format(low=low, high=high, more=more))
     record(folder / "run.csv", **truth)
     call = ["fit", folder / "rig.toml", folder / "run.csv", "--out", folder / "out", "--no-resume"]
+    call += ["--holdout", held] if held else []
     result = CliRunner().invoke(cli.cli, [str(word) for word in call], prog_name="optid")
     assert (folder / "out" / "fit.json").exists(), result.output
     return result, json.loads((folder / "out" / "fit.json").read_text())
@@ -85,6 +86,21 @@ def test_a_right_model_says_nothing_and_one_that_lacks_something_what_to_do(tmp_
         assert low < document["parameters"]["gain"]["value"] < high
         assert ("run `optid diagnose`" in result.stdout) == bool(bend)
         assert bool(document["missed"]) == bool(bend)
+
+
+def test_what_was_held_out_and_fits_nothing_is_a_failure_too(tmp_path):
+    """The axis held out has the other sign: the training says nothing of it."""
+    held = tmp_path / "held.csv"
+    record(held, gain=-0.3, leak=2.0)
+    result, document = fitted(tmp_path, 0.01, 1.0, held=held, gain=0.3, leak=2.0)
+    assert document["outcome"] == "converged"
+    assert document["missed"] == []
+    assert result.exit_code == 1
+    assert "held out, it predicts worse than the mean of the measurement" in result.stderr
+    record(held, gain=0.31, leak=2.0)
+    result, document = fitted(tmp_path, 0.01, 1.0, held=held, gain=0.3, leak=2.0)
+    assert result.exit_code == 0, result.output
+    assert "held out, the model misses" in result.stdout
 
 
 def test_values_that_contradict_each_other_are_kept_and_called_a_failure(tmp_path):

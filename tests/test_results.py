@@ -216,9 +216,11 @@ def test_a_signal_is_told_and_leaves_nothing(sound, tmp_path, number):
     assert not (tmp_path / "out").exists()
 
 
-def test_a_shut_terminal_ends_a_run_like_the_other_signals():
+def test_a_shut_terminal_ends_a_run_like_the_other_signals(request):
     from optid.cli.run import begun
 
+    inherited = signal.signal(signal.SIGHUP, signal.SIG_DFL)  # `nohup` ignores it, and so does its child
+    request.addfinalizer(lambda: signal.signal(signal.SIGHUP, inherited))
     before = {number: signal.getsignal(number) for number in (signal.SIGHUP, signal.SIGTERM, signal.SIGINT)}
     with begun(["check"]):
         assert (

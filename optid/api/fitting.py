@@ -239,7 +239,8 @@ def _result(
 ) -> FitResult:
     asked = [freed.name for freed in rig.freed]
     used = {use: [e.prediction for e in exhibits if e.use == use] for use in ("training", "held out")}
-    document = fit_document(found, used["training"], used["held out"], profiles, missed)
+    beyond = misses(used["held out"], [one.recording for one in exhibits if one.use == "held out"])
+    document = fit_document(found, used["training"], used["held out"], profiles, missed, beyond)
     for one in found.parameters:
         document["parameters"][one.name]["start"] = number(one.start)
     document = {

@@ -88,10 +88,17 @@ def given(
     first = recordings_of(rig, train)
     held = [] if is_nothing(holdout) else recordings_of(rig, holdout, "holdout")
     every = [
-        Given(_at_rate(rig, one, rate), quality(one, rig.model, rig.parameters))
+        Given(_at_rate(rig, one, rate), quality(one, rig.model, _values(rig, one.name)))
         for one in Experiments.of([*first, *held])
     ]
     return every[: len(first)], every[len(first) :]
+
+
+def _values(rig: Rig, file: str) -> dict[str, float]:
+    """Parameters of a recording: the rig's, and what it has of its own."""
+    known = {q.name for q in rig.model.parameters}
+    own = {name: float(value) for name, value in rig.recordings.get(file, {}).items() if name in known}
+    return {**rig.parameters, **own}
 
 
 def _at_rate(rig: Rig, recording: Recording, rate: float | None) -> Recording:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,6 +13,7 @@ from optid.api.document import version
 from optid.api.inputs import Progress, rig_of, silent
 from optid.armax.files import ArmaxFile
 from optid.armax.files import load as load_models
+from optid.core.paths import digest_of
 from optid.errors import SolveError
 from optid.report.tuning_page import tuning_page
 from optid.results.identification import IdentificationResult
@@ -121,14 +121,10 @@ def tune(
         **document(found, problem.command_unit, problem.output_unit, problem.judged_on, chosen),
         "version": version(),
         "command": "tune",
-        "inputs": {str(source): _digest(source)},
+        "inputs": {str(source): digest_of(source)},
     }
     tables = {"responses": _responses(found), "loop": _plant(found)}
     return TuningResult(content, tables, {"report.html": tuning_page(found, problem, source.name, chosen)})
-
-
-def _digest(source: Path) -> str | None:
-    return hashlib.sha256(source.read_bytes()).hexdigest() if source.is_file() else None
 
 
 def _contents(model: Any) -> tuple[ArmaxFile, Path]:

@@ -45,8 +45,14 @@ def about_fit(fit: Fit, asked: Sequence[str], exhibits: Sequence[Exhibit]) -> li
 
 
 def notes(exhibits: Sequence[Exhibit]) -> list[str]:
-    """What the predictions say that their scores do not show."""
-    return [note for one in exhibits for note in one.prediction.notes]
+    """What makes a recording unfit, and what the predictions say that their scores do not show."""
+    unfit = [
+        f"{one.recording.name}: {remark.message}"
+        for one in exhibits
+        for remark in one.remarks
+        if remark.severity == "error"
+    ]
+    return [*unfit, *(note for one in exhibits for note in one.prediction.notes)]
 
 
 def about_data(exhibits: Sequence[Exhibit], rig: Rig) -> list[str]:

@@ -36,6 +36,7 @@ SETTLED = 0.02  # change of -2 log likelihood below which a place is settled
 FLATTEST = 2.0  # factor by which a step outwards may grow
 OUTERMOST = 1.2  # modulus up to which a pole is followed
 FARTHEST = 1e3  # standard errors up to which a static gain is followed
+BESIDE = 1e-3  # of them, within which no true end lies
 MOST = (
     4_000_000  # samples gone through for all intervals of a model; what is left then keeps the delta method's
 )
@@ -171,7 +172,9 @@ class Profile:
                 side * half,
                 middle + side * FARTHEST * half,
             )
-            ends.append(end if abs(end - middle) < FARTHEST * half else side * math.inf)
+            # A likelihood has no edge beside its top: where no step succeeds, nothing is known of that side.
+            known = BESIDE * half < abs(end - middle) < FARTHEST * half
+            ends.append(end if known else side * math.inf)
         return ends[0], ends[1]
 
     def pole(self, pole: complex, first: Interval) -> Interval:

@@ -62,3 +62,5 @@ def fit(rig: str, recordings: tuple[str, ...], holdout: tuple[str, ...], out: st
         say_next("simulate", rig, (holdout or recordings)[0], "--fit", out, "--out", "DIR")
     if result.outcome.failed:
         raise JobError(f"{result.outcome.value} The best found is in {out}.")
+    if result.refuted:
+        raise JobError(f"{result.refuted}. The fit is in {out}.")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import hashlib
 import importlib.metadata
 import logging
 import os
@@ -22,6 +21,7 @@ from typing import Any
 import click
 
 from optid.core.loading import Loaded, loaded
+from optid.core.paths import digest_of
 
 
 @dataclass
@@ -99,18 +99,14 @@ def note_inputs(context: click.Context) -> None:
     run = this_run()
     for name, value in context.params.items():
         for text in value if isinstance(value, tuple) else (value,):
-            if name != "out" and isinstance(text, str) and 0 < len(text) < 4096 and "\0" not in text:
+            if name != "out" and isinstance(text, str) and text:
                 _note(run, text)
 
 
 def _note(run: Run, text: str) -> None:
-    try:
-        path = Path(text)
-        if path.is_file():
-            with path.open("rb") as file:
-                run.inputs[text] = hashlib.file_digest(file, "sha256").hexdigest()
-    except OSError:
-        return  # who reads it says what is wrong
+    digest = digest_of(text)
+    if digest is not None:  # else who reads it says what is wrong
+        run.inputs[text] = digest
 
 
 def _listen(run: Run) -> dict[int, Any]:

@@ -109,6 +109,8 @@ class Model:
         what must hold between parameters.
     axis : Axis | None
         unit and size of travel and effort, where the plant states them.
+    reach : Mapping[str, ca.Function]
+        output -> p -> (from, to): what it can reach, where the plant knows.
     """
 
     name: str
@@ -130,6 +132,7 @@ class Model:
     biases: Mapping[str, float] = field(default_factory=dict)
     constraints: tuple[Constraint, ...] = ()
     axis: Axis | None = None
+    reach: Mapping[str, ca.Function] = field(default_factory=dict)
 
     @property
     def recorded(self) -> tuple[Port, ...]:

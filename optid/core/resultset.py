@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import contextlib
 import errno
-import hashlib
 import json
 import os
 import shutil
@@ -19,6 +18,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+from optid.core.paths import digest_of, is_file, is_folder
 from optid.errors import InputError
 
 MANIFEST = "manifest.json"
@@ -95,12 +95,12 @@ def commit(folder: Path, staged: Path, facts: Mapping[str, Any]) -> None:
             raise IsADirectoryError(errno.EISDIR, f"{name} is a folder there", str(folder / name))
     before = manifest(folder) or {}
     known: dict[str, str] = {**before.get("earlier", {}), **before.get("files", {})}
-    here = {name: digest for name in {*known, *names} if (digest := _digest(folder / name))}
+    here = {name: digest for name in {*known, *names} if (digest := digest_of(folder / name))}
     for name in names:
         if (
             name.endswith(".py")
             and name in here
-            and here[name] not in (known.get(name), _digest(staged / name))
+            and here[name] not in (known.get(name), digest_of(staged / name))
         ):
             raise FileExistsError(errno.EEXIST, "another program of this name is there", str(folder / name))
     rest = {name: digest for name, digest in known.items() if name not in names and here.get(name) == digest}
@@ -109,7 +109,7 @@ def commit(folder: Path, staged: Path, facts: Mapping[str, Any]) -> None:
     content = {
         "schema": SCHEMA,
         **facts,
-        "files": {name: _digest(staged / name) for name in names},
+        "files": {name: digest_of(staged / name) for name in names},
         "earlier": {name: digest for name, digest in rest.items() if name not in removed},
         "replaced": {name: here[name] for name in names if name in here},
         "removed": removed,
@@ -157,16 +157,16 @@ def located(path: Path) -> Path:
     """
     folder, name = path.parent, path.name
     for half, place in ((COMMITTED, folder / COMMITTED / name), (UNDONE, folder / UNDONE / OLD / name)):
-        if place.is_file():
+        if is_file(place):
             return place
-        if (folder / half).is_dir():
+        if is_folder(folder / half):
             told = manifest(folder / half) or {"files": {}, "replaced": {}, "removed": []}
             new = name in told["files"] and name not in told["replaced"]
             gone = name in told["removed"] if half == COMMITTED else new
             return place if gone else path
     told = manifest(folder) or {"replaced": {}, "files": {}}
     old = told["replaced"].get(name)
-    if old is not None and old != told["files"].get(name) and _digest(path) == old:
+    if old is not None and old != told["files"].get(name) and digest_of(path) == old:
         raise InputError(
             f"this is the file that stood there before the results that {MANIFEST} tells of",
             where=path,
@@ -219,15 +219,6 @@ def _put_back(folder: Path) -> None:
             path.replace(folder / path.name)
     _settle(folder)
     shutil.rmtree(source, ignore_errors=True)
-
-
-def _digest(path: Path) -> str | None:
-    """SHA-256 of a file, hexadecimal; ``None`` where there is none."""
-    try:
-        with path.open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
-    except OSError:
-        return None
 
 
 def _write(path: Path, content: bytes) -> None:

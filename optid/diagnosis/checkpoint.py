@@ -1,7 +1,8 @@
 """What a diagnosis has done so far, stage by stage, so that one that died goes on where it was.
 
-One JSON file. Numbers are written so that they come back to the last bit; models come back by running their filter at
-the parameters written, so that the answer is the same as without a break.
+One JSON file with a digest of its stages: one that was damaged counts as empty. Numbers are written so that they come
+back to the last bit; models come back by running their filter at the parameters written, so that the answer is the same
+as without a break.
 """
 
 from __future__ import annotations
@@ -10,16 +11,18 @@ import contextlib
 import hashlib
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from optid.core.model import Array
+from optid.core.cache import sources
+from optid.core.document import optional_document
+from optid.core.model import Array, Model
 from optid.diagnosis.fitted import FittedModel
-from optid.diagnosis.problem import DiagnosisProblem
+from optid.diagnosis.problem import DiagnosisProblem, with_effect
 from optid.diagnosis.proposals import Proposal, Proposals
 from optid.diagnosis.selection import Contender, Round, SelectionPath
 from optid.diagnosis.validation import Validated
@@ -28,7 +31,8 @@ from optid.effects.library import admitted
 from optid.estimation.multistep import multistep_at
 from optid.rigs.rigfile import with_effects
 
-SCHEMA = "optid.checkpoint/3"
+SCHEMA = "optid.checkpoint/4"
+_MOST = 2**28  # bytes of a file; three rounds of selection take some 100 kB
 
 
 @dataclass(frozen=True)
@@ -51,11 +55,15 @@ class Checkpoint:
         """Keep what a stage found; the file is replaced whole."""
         if self.path is None:
             return
-        document = {"schema": SCHEMA, "key": self.key, "stages": {**self._stages(), stage: content}}
-        part = self.path.with_suffix(f".{os.getpid()}.part")
-        with contextlib.suppress(OSError):  # a full disk costs the way back, not the job
+        stages = {**self._stages(), stage: content}
+        document = {"schema": SCHEMA, "key": self.key, "digest": _digest(stages), "stages": stages}
+        part = self.path.with_name(f"{self.path.name}.{os.getpid()}.part")
+        try:
             part.write_text(json.dumps(document), encoding="utf-8")
             part.replace(self.path)
+        except OSError:  # a full disk costs the way back, not the job
+            with contextlib.suppress(OSError):
+                part.unlink(missing_ok=True)
 
     def clear(self) -> None:
         """Done: nothing is left to go on from."""
@@ -63,42 +71,60 @@ class Checkpoint:
             self.path.unlink(missing_ok=True)
 
     def _stages(self) -> dict[str, Any]:
-        if self.path is None:
+        document = None if self.path is None else optional_document(self.path, _MOST)
+        if document is None or (document.get("schema"), document.get("key")) != (SCHEMA, self.key):
             return {}
-        with contextlib.suppress(OSError, ValueError):
-            document = json.loads(self.path.read_text(encoding="utf-8"))
-            if isinstance(document, dict) and (document.get("schema"), document.get("key")) == (
-                SCHEMA,
-                self.key,
-            ):
-                return dict(document["stages"])
-        return {}
+        stages = document.get("stages")
+        return stages if isinstance(stages, dict) and document.get("digest") == _digest(stages) else {}
+
+
+def _digest(stages: Mapping[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(stages).encode()).hexdigest()
 
 
 def key_of(problem: DiagnosisProblem) -> str:
-    """A digest of rig, recordings, effects and everything that decides."""
-    digest = hashlib.sha256()
-    values = sorted(problem.rig.parameters.items())
-    freed = [(f.name, f.low, f.high, f.sd) for f in problem.rig.freed]
-    own = [effect.name for effect in problem.own]
-    digest.update(
-        repr(
-            (
-                problem.rig.model_name,
-                values,
-                freed,
-                own,
-                problem.validation,
-                problem.criteria,
-                problem.options,
-            )
-        ).encode()
+    """A digest of all that decides what the stages find.
+
+    That is the rig's values, bounds and equations, the user's effects by what each does to them, the recordings with
+    their noise, what counts as proof, and optid's own code.
+    """
+    rig = problem.rig
+    freed = [(f.name, f.low, f.high, f.sd) for f in rig.freed]
+    facts = (
+        sources(str(Path(__file__).with_name("pipeline.py"))),
+        rig.model_name,
+        sorted(rig.parameters.items()),
+        freed,
+        [[getattr(effect, name, None) for name in Effect.__annotations__] for effect in problem.own],
+        problem.validation,
+        problem.criteria,
+        problem.options,
+        sorted(problem.noise.items()),
     )
+    digest = hashlib.sha256(repr(facts).encode())
+    for model in (problem.plain, *_with_each(problem)):
+        digest.update(_equations(model))
     for one in problem.train:
         digest.update(one.name.encode() + one.time.tobytes())
         for role, channel in sorted(one.channels.items()):
             digest.update(role.encode() + np.ascontiguousarray(channel.values).tobytes())
     return digest.hexdigest()
+
+
+def _with_each(problem: DiagnosisProblem) -> Iterator[Model]:
+    """The plant with each effect of the user's that it can take; the search builds the same."""
+    names = {effect.name for effect in problem.own}
+    for effect in admitted(problem.plain, problem.own):
+        if effect.name in names:
+            yield with_effect(problem.rig, effect).model
+
+
+def _equations(model: Model) -> bytes:
+    """What a model computes, as text of its functions and numbers: an edited program or option shows here."""
+    functions = [
+        f.serialize() for f in (model.rates, model.sensors, model.start, model.halves) if f is not None
+    ]
+    return repr((functions, model.parameters, model.suspects, model.form_error, model.biases)).encode()
 
 
 def base_document(base: FittedModel, problem: DiagnosisProblem) -> dict[str, Any]:

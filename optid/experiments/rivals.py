@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from optid.core.document import read_document
+from optid.core.paths import is_folder
 from optid.effects.effect import Effect
 from optid.effects.library import admitted
 from optid.errors import InputError, nearest
@@ -63,7 +64,7 @@ def from_diagnosis(path: Path) -> tuple[str, ...]:
     Raises:
         InputError: no such file, not one of `optid diagnose`, or it left nothing open.
     """
-    path = path / "diagnosis.json" if path.is_dir() else path
+    path = path / "diagnosis.json" if is_folder(path) else path
     content = read_document(path, SCHEMA, "a diagnosis.json or its folder")
     try:
         findings = [f for f in content["findings"] if f["effect"] is not None]

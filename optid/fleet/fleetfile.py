@@ -216,7 +216,7 @@ def _expression(pattern: str) -> str:
 
 def _text(table: Mapping[str, Any], key: str, field: str, path: Path) -> str:
     value = table.get(key)
-    if not isinstance(value, str) or not value.strip():
+    if not isinstance(value, str) or not value.strip() or "\0" in value:
         found = "missing" if value is None else f"found {value!r}"
         raise InputError(found, where=path, field=field, expected="a text")
     return value
@@ -225,7 +225,9 @@ def _text(table: Mapping[str, Any], key: str, field: str, path: Path) -> str:
 def _texts(row: Mapping[str, Any], key: str, field: str, path: Path) -> tuple[str, ...]:
     """Paths, as seen from the fleet file's folder."""
     value = row.get(key, [])
-    if not isinstance(value, list) or not all(isinstance(one, str) and one for one in value):
+    if not isinstance(value, list) or not all(
+        isinstance(one, str) and one and "\0" not in one for one in value
+    ):
         raise InputError(f"found {value!r}", where=path, field=f"{field}: {key}", expected="a list of paths")
     return tuple(str((path.parent / one).resolve()) for one in value)
 

@@ -10,6 +10,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+from optid.core.paths import digest_of
 from optid.errors import InputError, nearest
 from optid.rigs.programs import programs
 
@@ -155,7 +156,7 @@ def inputs_of(job: Job) -> dict[str, str | None]:
     for name in ("validate", "effects"):
         value = job.options.get(name, [])
         paths += [Path(str(one)) for one in (value if isinstance(value, list) else [value])]
-    return {str(path): _digest(path) for path in dict.fromkeys(paths)}
+    return {str(path): digest_of(path) for path in dict.fromkeys(paths)}
 
 
 def key_of(job: Job, inputs: Mapping[str, str | None], version: str) -> str:
@@ -166,11 +167,3 @@ def key_of(job: Job, inputs: Mapping[str, str | None], version: str) -> str:
     content = {name: value for name, value in job.document().items() if name != "limits"}
     text = json.dumps({"job": content, "inputs": dict(inputs), "version": version}, sort_keys=True)
     return hashlib.sha256(text.encode("utf-8")).hexdigest()
-
-
-def _digest(path: Path) -> str | None:
-    try:
-        with path.open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
-    except OSError:
-        return None

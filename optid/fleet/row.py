@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import shlex
 import socket
 import time
 from collections.abc import Iterator
@@ -86,6 +87,7 @@ def _work(job: Job, place: Path, key: str, inputs: dict[str, str | None]) -> dic
     fresh = ended.outcome in (Outcome.DONE, Outcome.FAILED) and _written(place) != before
     content = _document(job, key, inputs, ended, manifest(place) if fresh else None)
     content |= {
+        "command": shlex.join(["optid", *job.arguments(place.resolve())]),
         "began": began.isoformat(timespec="seconds"),
         "attempts": attempts,
         "host": socket.gethostname(),

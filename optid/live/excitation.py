@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from optid.core.model import Array
+from optid.core.paths import is_file
 from optid.core.readers import read_recording
 from optid.core.units import to_si
 from optid.errors import InputError, nearest
@@ -52,7 +53,7 @@ def read_command(text: str, rig: Rig, settings: Settings, role: str, unit: str) 
         InputError: neither, an unknown part, a wrong unit, or a command beyond the limits.
     """
     safe = settings.limits.safe
-    if Path(text).suffix and Path(text).is_file():
+    if Path(text).suffix and is_file(text):
         record = read_recording(Path(text), rig)
         time, values = record.time - record.time[0], record[role].recorded
         end = float(time[-1] + (time[-1] - time[-2]))

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from optid.core.paths import is_file
 from optid.core.readers import read_recording
 from optid.core.units import to_si
 from optid.errors import InputError
@@ -65,7 +66,7 @@ def read_reference(text: str, rig: Rig, limits: Limits, unit: str) -> Reference:
         InputError: none of these, times that do not increase, or a position beyond the stroke limits.
     """
     where = "--reference"
-    if Path(text).suffix and Path(text).is_file():
+    if Path(text).suffix and is_file(text):
         record = read_recording(Path(text), rig)
         times = (record.time - record.time[0]).tolist()
         return _within(Reference(tuple(times), tuple(record[REFERENCE].values.tolist())), limits, unit)

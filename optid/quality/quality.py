@@ -14,6 +14,7 @@ from optid.core.recording import Recording
 from optid.quality.faults import jumps, outliers, repaired
 from optid.quality.feedback import feedback, single_line, tied
 from optid.quality.motion import anticipation, one_sided, polarity, still, travel
+from optid.quality.reach import reach
 from optid.quality.remark import Remark
 from optid.quality.response import signs
 from optid.quality.sampling import enough, gaps, missing, pace
@@ -82,6 +83,7 @@ def _remarks(
         *_together(parts, lambda one: saturation(one, inputs)),
         *one_sided(recording, inputs),
         *(remark for role in positions for remark in travel(slow, role)),
+        *reach(recording, model, parameters),
         *_together(some, lambda one: quantisation(one, outputs)),
         *_together(some, lambda one: constant_runs(one, outputs)),
         *_together(parts, lambda one: jumps(one, outputs, angular)),

@@ -14,7 +14,8 @@ class Remark:
 
     Attributes:
         kind: "gap", "jitter", "slow", "missing", "saturated", "beyond_scale", "quantised", "clipped",
-            "stuck", "lag", "still", "excitation", "repaired", "jump", "outliers", "polarity", "feedback" or "tied".
+            "stuck", "lag", "still", "excitation", "repaired", "jump", "outliers", "polarity", "feedback", "tied" or
+            "reach".
         severity: "note" does no harm by itself, "warning" bends results, "error" makes a fit pointless.
         channel: role of the channel, or "time".
         message: a plain sentence with the numbers, in SI units.

@@ -11,6 +11,7 @@ from optid.quality.remark import Remark
 # What a remark of each kind asks for; the first that occurs, in this order, is the next thing to do.
 _NEXT = {
     "polarity": "put the sign right, in the rig file or at the terminals",
+    "reach": "put the offset, the unit or the stroke right in the rig file",
     "jump": "cut the file at the jump",
     "still": "record again with more motion",
     "missing": "record again, or give another recording",
@@ -72,8 +73,8 @@ def verdict(
     why: dict[str, str] = {}
     if grave is not None:
         what = f"{grave.channel} ({grave.kind})"
-        # A black box learns either sign; a plant with its sign fixed cannot.
-        blind = () if grave.kind == "polarity" else ("identify",)
+        # A black box learns either sign and any zero; a plant with its own cannot.
+        blind = () if grave.kind in ("polarity", "reach") else ("identify",)
         why |= dict.fromkeys((*blind, "fit", "diagnose"), what)
     elif idle:
         why |= dict.fromkeys(("fit", "diagnose"), f"no influence of {', '.join(idle)}")

@@ -86,6 +86,16 @@ class Miss:
             f"({self.role}: {self.rmse * factor:.3g} {unit} rms, its noise is {self.noise * factor:.2g} {unit})"
         )
 
+    @property
+    def held_sentence(self) -> str:
+        """The same of what was held out, where nobody fitted it away."""
+        if self.fit_percent >= 0.0:
+            return f"held out, {self.sentence}"
+        return (
+            f"held out, it predicts worse than the mean of the measurement does ({self.role}: "
+            f"{self.fit_percent:.4g} %): another axis, a sign or unit that changed, or a fit to too little"
+        )
+
 
 def misses(predictions: Sequence[Prediction], recordings: Sequence[Recording]) -> tuple[Miss, ...]:
     """Channels whose windowed error is far more than their noise; a right model errs by little more than that.
@@ -110,6 +120,7 @@ def fit_document(
     holdout: Sequence[Prediction],
     profiles: Sequence[Profile] = (),
     missed: Sequence[Miss] = (),
+    held_missed: Sequence[Miss] = (),
 ) -> dict[str, Any]:
     """The content of fit.json."""
     units = {port: score["unit"] for port, score in pooled(train, "window").items()}
@@ -129,6 +140,7 @@ def fit_document(
         "at_bound": [p.name for p in fit.parameters if p.at_bound],
         "ties": list(fit.ties),
         "missed": [{**vars(one), "advice": one.sentence} for one in missed],
+        "holdout_missed": [{**vars(one), "advice": one.held_sentence} for one in held_missed],
         "noise": {role: {"sd": number(sd), "unit": units.get(role)} for role, sd in fit.noise.items()},
         "profiles": {
             p.name: {

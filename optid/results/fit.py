@@ -65,6 +65,12 @@ class FitResult(ResultWithRig):
         """Channel -> fit_percent, rmse, unit of the windows on the recordings held out; empty without any."""
         return dict(self.document["holdout"])
 
+    @property
+    def refuted(self) -> str:
+        """Why the recordings held out speak against the fit as a whole; nothing where they do not."""
+        missed = self.document.get("holdout_missed", ())
+        return "; ".join(one["advice"] for one in missed if one["fit_percent"] < 0.0)
+
     def _estimate(self, name: str, entry: Mapping[str, Any]) -> Estimate:
         low, high = entry["ci95"]
         return Estimate(
@@ -101,7 +107,8 @@ class FitResult(ResultWithRig):
         for use, scores in (("training", self.train), ("held out", self.holdout)):
             if scores:
                 lines += table((f"{use}, {d['horizon']:g} s windows", "fit", "rmse"), score_rows(scores))
-        lines += [miss["advice"] for miss in ([] if self.outcome.failed else d["missed"])]
+        told = [] if self.outcome.failed else [*d["missed"], *d.get("holdout_missed", ())]
+        lines += [miss["advice"] for miss in told]
         return "\n".join(lines)
 
     def to_frame(self) -> pd.DataFrame:

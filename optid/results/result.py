@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 from optid.core import resultset
 from optid.core.document import read_bounded
 from optid.results.tables import TABLES, read_tables, same_tables, write_tables
+from optid.results.validity import parts
 from optid.results.views import view_of
 
 if TYPE_CHECKING:
@@ -165,7 +166,8 @@ class Result:
         files = {
             name: read_bounded(path, MOST).decode("utf-8") for name, path in found.items() if path.is_file()
         }
-        return cls(document, read_tables(resultset.located(place / TABLES)), files, place)
+        tables = parts(read_tables(resultset.located(place / TABLES)), place / TABLES)
+        return cls(document, tables, files, place)
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Result) or type(self) is not type(other):

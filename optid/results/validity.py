@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable, Iterator, Mapping
 from functools import cache
 from importlib import resources
+from pathlib import Path
 from typing import Any
 
 from optid.errors import InputError
@@ -19,6 +20,33 @@ _TYPES: dict[str, Callable[[Any], bool]] = {
     "number": lambda value: isinstance(value, int | float) and not isinstance(value, bool),
     "integer": lambda value: isinstance(value, int) and not isinstance(value, bool),
 }
+
+
+class MissingField(InputError, KeyError):
+    """A document lacks a field; a `KeyError` too, for templates that ask whether it is there."""
+
+    def __str__(self) -> str:
+        return Exception.__str__(self)  # a `KeyError` shows its argument in quotes
+
+
+class Part(dict[str, Any]):
+    """An object of a document: a field that somebody asks for and that it lacks is a fault of the file."""
+
+    file: Path | None = None
+
+    def __missing__(self, field: str) -> Any:
+        raise MissingField(
+            "missing", where=self.file, field=field, expected="a result of optid that is whole"
+        )
+
+
+def parts(value: Any, file: Path) -> Any:
+    """A parsed document whose objects, however deep, are parts."""
+    if isinstance(value, dict):
+        part = Part({name: parts(one, file) for name, one in value.items()})
+        part.file = file
+        return part
+    return [parts(one, file) for one in value] if isinstance(value, list) else value
 
 
 def refuse_invalid(document: Mapping[str, Any], schema: str, where: object) -> None:

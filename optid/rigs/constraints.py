@@ -22,8 +22,10 @@ def broken(model: Model, parameters: Mapping[str, float]) -> tuple[Constraint, .
     return tuple(constraint for constraint in model.constraints if not constraint.holds(p))
 
 
-def refuse_contradictions(model: Model, parameters: Mapping[str, float], path: Path) -> None:
-    """Refuse values that contradict each other.
+def refuse_contradictions(
+    model: Model, parameters: Mapping[str, float], path: Path, table: str = "parameters"
+) -> None:
+    """Refuse values that contradict each other; `table` of the rig file states the last of them.
 
     Raises:
         RigError: names the parameters with their values, and what must hold.
@@ -35,9 +37,10 @@ def refuse_contradictions(model: Model, parameters: Mapping[str, float], path: P
             f"{name} = {p[model.index(name)]:.6g}{units[name]}" for name in constraint.parameters
         )
         stated = next((name for name in constraint.parameters if name in parameters), "")
+        field = f"parameters.{stated}".rstrip(".") if table == "parameters" else table
         raise RigError(
             f"{found} cannot be",
             where=path,
-            field=f"parameters.{stated}".rstrip("."),
+            field=field,
             expected=constraint.words,
         )

@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
+from optid.core.declarations import GROUP, group_role, member
 from optid.core.model import Model, Port
 from optid.core.recording import Channel, Recording
-from optid.core.sheet import GROUP, group_role, member
 from optid.errors import RigError
 from optid.rigs.rigfile import Freed, Rig, rebuilt
 

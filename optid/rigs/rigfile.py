@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import os
 import re
 from collections.abc import Iterable, Mapping
@@ -29,6 +30,7 @@ from optid.rigs.fields import Table, known_keys, span, subtable, text
 
 TABLES = ("name", "model", "options", "parameters", "fit", "channels", "recordings", "effects", "live")
 MOST = 4 * 2**20  # bytes of a rig file
+_MISTYPED = 0.85  # likeness of a tag to a parameter's name, from which on it is one mistyped
 ATMOSPHERE = "atmospheric_pressure"  # what gauge pressures count from
 _ON_BOUND = (
     1e-9  # relative: a fitted value that stands on its bound may miss it by rounding on the way to text
@@ -302,6 +304,9 @@ def _parse(source: str, path: Path, *, constrained: bool = True) -> Rig:
     own = _recordings(
         subtable(document, "recordings", path, "recordings", "a table of files"), model, air, path
     )
+    for file, entry in own.items() if constrained else ():
+        values = {name: value for name, value in entry.items() if isinstance(value, float)}
+        refuse_contradictions(model, {**parameters, **values}, path, f"recordings.{file}")
     return Rig(
         name, model_name, dict(options), effects, model, parameters, freed, channels, path, source, own
     )
@@ -313,12 +318,23 @@ def _recordings(table: Table, model: Model, air: float | None, path: Path) -> di
     for file in table:
         entry = subtable(table, file, path, f"recordings.{file}", "tags and parameters of that file")
         found[file] = {
-            key: to_si(value, known[key].unit, atmospheric=air, where=path, field=f"recordings.{file}.{key}")
-            if key in known
-            else str(value)
+            key: _own_value(known, key, value, air, path, f"recordings.{file}.{key}")
             for key, value in entry.items()
         }
     return found
+
+
+def _own_value(
+    known: Mapping[str, Parameter], key: str, value: object, air: float | None, path: Path, at: str
+) -> str | float:
+    """A tag, as text, or a parameter's value, SI."""
+    if key not in known:
+        if meant := difflib.get_close_matches(key, known, 1, _MISTYPED):
+            raise RigError(f'no parameter "{key}"', where=path, field=at, hint=f'did you mean "{meant[0]}"?')
+        return str(value)
+    number = to_si(value, known[key].unit, atmospheric=air, where=path, field=at)
+    _within(known[key], number, value, path, at)
+    return number
 
 
 def rebuilt(rig: Rig) -> Rig:

@@ -20,7 +20,7 @@ from optid.core.parameter import Parameter
 from optid.core.sheet import Sheet
 from optid.core.smooth import signed_root, soft_floor
 from optid.rigs.end_stops import SAMPLING_SKEW, end_stops
-from optid.rigs.friction import dry_friction
+from optid.rigs.friction import COULOMB_FRICTION, dry_friction
 
 MERRITT = "Merritt, Hydraulic Control Systems, 1967"
 JELALI = "Jelali and Kroll, Hydraulic Servo-systems, 2003"
@@ -161,6 +161,7 @@ def servo_hydraulic(
     drive = A_a * P_a - A_b * P_b - A_rod * s.param(ATMOSPHERIC_PRESSURE)
     viscous = s.site("force.viscous", s.param(VISCOUS_FRICTION) * v, size=EFFORT / 10, v=v, x=x)
     dry = dry_friction(s, v, friction, x=x, L=L, P_a=P_a, P_b=P_b, drive=drive)
+    s.require("the supply overcomes Coulomb friction", (P_s - P_t) * A_a - s.param(s.sized(COULOMB_FRICTION)))
     drag = s.site("force.friction", viscous + dry, size=EFFORT / 10, x=x, v=v, P_a=P_a, P_b=P_b)
     external = s.param(LOAD_FORCE) + end_stops(s, x, v, L)
     external = s.site("force.external", external, size=EFFORT / 10, x=x, v=v, L=L)
@@ -171,7 +172,8 @@ def servo_hydraulic(
     s.rate(v, a)
 
     shown = x - s.param(SAMPLING_SKEW) * v
-    s.output("position", "m", s.site("sensor.position", shown, size=TRAVEL, x=x, v=v, a=a, L=L))
+    position = s.site("sensor.position", shown, size=TRAVEL, x=x, v=v, a=a, L=L)
+    s.output("position", "m", position, within=(-L / 2, L / 2))
     s.output("pressure_a", "Pa", s.site("sensor.pressure_a", P_a, size=1e7))
     s.output("pressure_b", "Pa", s.site("sensor.pressure_b", P_b, size=1e7))
 

@@ -15,7 +15,7 @@ from optid.core.parameter import Parameter
 from optid.core.sheet import Sheet
 from optid.core.smooth import signed_root, soft_floor
 from optid.rigs.end_stops import SAMPLING_SKEW, end_stops
-from optid.rigs.friction import dry_friction
+from optid.rigs.friction import COULOMB_FRICTION, dry_friction
 
 TABLE_1 = "paper, table 1"
 POSITIVE = (1e-12, math.inf)
@@ -191,6 +191,7 @@ def servo_pneumatic(
     drive = A_a * P_a - A_b * P_b - (A_rod * P_atm if rod_force else 0)
     viscous = s.site("force.viscous", s.param(VISCOUS_FRICTION) * v, v=v, x=x)
     drag = viscous + dry_friction(s, v, friction, x=x, L=L, P_a=P_a, P_b=P_b, P_atm=P_atm, drive=drive)
+    s.require("the supply overcomes Coulomb friction", (P_s - P_e) * A_a - s.param(s.sized(COULOMB_FRICTION)))
     drag = s.site("force.friction", drag, x=x, v=v, P_a=P_a, P_b=P_b)
     external = s.site("force.external", end_stops(s, x, v, L), x=x, v=v, L=L)
     net = drive - drag + external
@@ -199,7 +200,7 @@ def servo_pneumatic(
     s.rate(v, a)
 
     skewed = x - s.param(SAMPLING_SKEW) * v
-    s.output("position", "m", s.site("sensor.position", skewed, x=x, v=v, a=a, L=L))
+    s.output("position", "m", s.site("sensor.position", skewed, x=x, v=v, a=a, L=L), within=(-L / 2, L / 2))
     s.output("pressure_a", "Pa", s.site("sensor.pressure_a", P_a))
     s.output("pressure_b", "Pa", s.site("sensor.pressure_b", P_b))
 

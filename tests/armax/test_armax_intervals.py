@@ -10,7 +10,7 @@ from scipy.signal import lfilter
 from scipy.stats import chi2
 from scipy.stats import t as student
 
-from optid.armax import Armax, Orders
+from optid.armax import Armax, Orders, profile
 from optid.armax.audit import audit
 from optid.armax.batch import fit_batch, placed
 from optid.armax.freedom import VarianceSlopes
@@ -159,6 +159,23 @@ def test_a_gain_s_lopsided_interval_is_told_by_its_limits():
     assert "between 0.9 and 1.4" in said
     open_ = type(intervals)(intervals.poles, ((-0.2, math.inf),))
     assert any(f.name == "static_gain_unknown" and f.grave for f in audit(model, intervals=open_).findings)
+
+
+def test_a_side_on_which_no_step_succeeds_is_open(monkeypatch):
+    """Nearly an integrator: beside the best gain the search may find no place at all; that is no end."""
+    real = profile._end
+
+    def stuck_above(root, begin, step, bound):
+        return begin[0] + 1e-9 * step if step > 0 else real(root, begin, step, bound)
+
+    _, record = of_sensor(5)
+    model = fit_batch([record], Orders.of(3, 3, 3)).model
+    whole = profile_intervals([record], model, Trend.NONE).static_gains[0]
+    monkeypatch.setattr(profile, "_end", stuck_above)
+    low, high = profile_intervals([record], model, Trend.NONE).static_gains[0]
+    assert low == pytest.approx(whole[0])
+    assert math.isfinite(whole[1])
+    assert high == math.inf
 
 
 def test_a_loop_that_only_its_converter_excites():

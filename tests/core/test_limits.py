@@ -163,6 +163,21 @@ def test_a_text_that_repeats_is_not_unfolded(tmp_path):
     assert found.tolist() == numbers
 
 
+@pytest.mark.parametrize("name", ["rows.csv.gz", "rows.parquet"])
+def test_a_small_file_has_no_endless_rows(name, tmp_path, monkeypatch):
+    """Rows of two or three bytes, or of none: what is made of each takes 80."""
+    monkeypatch.setattr(limits, "ROWS", 1000)
+    path, count = tmp_path / name, 100_000
+    if path.suffix == ".gz":
+        path.write_bytes(gzip.compress(b"t,y\n" + b"0,0\n" * count))
+    else:
+        zeros = np.zeros(count, dtype=np.int8)
+        pd.DataFrame({"t": zeros, "y": zeros}).to_parquet(path, compression="zstd")
+    assert path.stat().st_size < 4000
+    with pytest.raises(RecordingError, match=r"10000[01] rows, far more than a file of this size holds"):
+        read_table(path, ["t", "y"])
+
+
 def test_lists_count_with_all_they_hold(small, tmp_path):
     path = parquet(tmp_path / "run.parquet", x=pa.array([np.zeros(100_000)] * N))
     with pytest.raises(RecordingError, match="would take 48"):

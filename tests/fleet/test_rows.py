@@ -36,6 +36,8 @@ def test_a_row_is_answered_once(scripted, tmp_path, job):
     first, second = (answer(job.document(), str(tmp_path / "out")) for _ in range(2))
     assert (first["fresh"], second["fresh"]) == (True, False)
     assert times(tmp_path / "out") == 1
+    kept = json.loads((tmp_path / "out" / "a" / "run.json").read_text())
+    assert kept["command"].startswith(f"optid check {job.rig} {job.train[0]} --out")
     assert not is_running(tmp_path / "out" / "a")
 
 

@@ -125,6 +125,25 @@ def test_a_pickle_is_not_opened(tmp_path):
         optid.load(tmp_path)
 
 
+FIT = {
+    "schema": "optid.fit/1",
+    "outcome": "converged",
+    "seconds": 3.0,
+    "horizon": 0.5,
+    "asked": ["mass"],
+    "parameters": {"mass": {"value": 2.0, "unit": "kg", "ci95": [1.9, None], "start": 1.0}},
+    "values": {"mass": 2.0},
+    "process_noise": [1e-6],
+    "train": {},
+    "holdout": {},
+    "not_identifiable": [],
+    "at_bound": [],
+    "ties": [],
+    "profiles": {},
+    "missed": [],
+}
+
+
 @pytest.fixture
 def saved(tmp_path):
     place = MAKERS[optid.results.plan.PlanResult]().save(tmp_path / "out")
@@ -146,6 +165,30 @@ def test_a_result_that_is_not_whole_is_refused_by_its_field(change, said, saved)
     (place / "plan.json").write_text(json.dumps(document))
     with pytest.raises(InputError, match=said):
         optid.load(place)
+
+
+def test_a_field_that_is_missing_is_named_when_it_is_asked_for(tmp_path):
+    """Nothing but what a schema asks for is known to be there; whatever reads the rest says what it lacks."""
+    place = tmp_path / "fit.json"
+    whole = json.loads(json.dumps(FIT))
+    place.write_text(json.dumps(whole))
+    assert optid.load(place).parameters["mass"].start == 1.0
+    del whole["parameters"]["mass"]["start"], whole["values"]
+    place.write_text(json.dumps(whole))
+    found = optid.load(place)
+    for ask, field in (
+        (lambda: found.parameters, "start"),
+        (lambda: found.values, "values"),
+        (lambda: found.covariance, "covariance"),
+    ):
+        with pytest.raises(InputError, match=f"^[^'].*{field}: missing"):
+            ask()
+
+
+def test_a_field_of_another_type_is_refused_at_once(tmp_path):
+    (tmp_path / "fit.json").write_text(json.dumps({**FIT, "values": 3}))
+    with pytest.raises(InputError, match="not whole"):
+        optid.load(tmp_path)
 
 
 def test_an_older_schema_is_read(saved):

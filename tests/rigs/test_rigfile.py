@@ -188,7 +188,7 @@ UNITS = {
             "viscous_friction": st.floats(0.0, 400.0, allow_subnormal=False),
             "supply_temperature": st.floats(150.0, 1000.0),
             "specific_heat_ratio": st.floats(1.001, 1.69),
-            "coulomb_friction": st.floats(0.0, 1e5),
+            "coulomb_friction": st.floats(0.0, 130.0),  # what 2 bar overcome
         },
     ),
 )

@@ -101,8 +101,18 @@ def read_table(path: Path, wanted: Iterable[str]) -> tuple[Table, str]:
     if data[:2] == b"\x1f\x8b" or name.endswith(".gz"):
         data, name = unzipped(data, budget, path), name.removesuffix(".gz")
     reader, held = reader_of(data, name, path), [data]
+    if name != path.name.lower():
+        budget.rows(max(data.count(b"\n"), data.count(b"\r")) if _is_text(reader) else 0)
     del data  # the reader may let go of it once it has what it needs
-    return reader(held.pop(), path, tuple(dict.fromkeys(wanted)), budget), digest
+    table = reader(held.pop(), path, tuple(dict.fromkeys(wanted)), budget)
+    budget.rows(max((len(column.values) for column in table.columns.values()), default=0))
+    return table, digest
+
+
+def _is_text(reader: Reader) -> bool:
+    from optid.core.readers import text
+
+    return reader is text.read
 
 
 def reader_of(data: bytes, name: str, path: Path) -> Reader:

@@ -9,6 +9,10 @@ from optid.errors import RecordingError
 
 FLOOR = 64 << 20  # bytes that any file may ask for
 RATIO = 100  # times its size that a file may unpack to: logs shrink 3 to 20 times, one of a channel at rest 100 times
+ROWS = 1_000_000  # that any file may have
+ROWS_PER_BYTE = (
+    8  # of the file, that it may have beside these: of a bit each, and a row takes 80 bytes of memory
+)
 PIPE = 512 << 20  # bytes taken from a pipe, which has no size
 MEMBERS = 100_000  # gzip streams one after the other in a file: block-wise tools write one for 64 kB
 _PIECE = 4 << 20  # bytes unpacked at a time
@@ -27,6 +31,7 @@ class Budget:
 
     def __init__(self, size: int, path: Path) -> None:
         self.left, self.path = FLOOR + RATIO * size, path
+        self.most_rows = ROWS + ROWS_PER_BYTE * size
 
     def take(self, count: int, what: str) -> None:
         """Count bytes that are about to be made.
@@ -42,6 +47,20 @@ class Budget:
                 hint="if it is sound, save it again without compression or fill values",
             )
         self.left -= count
+
+    def rows(self, count: int) -> None:
+        """Look at how many rows a table has.
+
+        Raises:
+            RecordingError: more than the file can really hold.
+        """
+        if count > self.most_rows:
+            raise RecordingError(
+                f"{count} rows, far more than a file of this size holds",
+                where=self.path,
+                expected=f"at most {self.most_rows}",
+                hint="if it is sound, save it again without compression, or in parts",
+            )
 
     def inflate(self, data: bytes | memoryview, what: str, window: int = zlib.MAX_WBITS) -> bytes:
         """Decompress a zlib (or, with `window` 31, one gzip) stream within the budget.
