@@ -14,6 +14,7 @@ from optid.api.inputs import Progress, given, rig_of, silent
 from optid.armax.files import from_survey, to_json
 from optid.armax.plan import Plan
 from optid.armax.resample import Sampled, resample
+from optid.armax.sliding import axis_shown
 from optid.armax.survey import survey
 from optid.core.recording import Recording
 from optid.errors import NotIdentifiable
@@ -87,7 +88,7 @@ def identify(
     found = survey(sampled.signals.y, sampled.signals.u, sampled.sample_time, wanted, progress)
     page = armax_page(found, sampled, Source(understood, one.recording, one.remarks))
     document = {
-        **json.loads(to_json(from_survey(found))),
+        **json.loads(to_json(from_survey(found, axis_shown(sampled.signals, found.chosen.model)))),
         **stamp(IdentificationResult.SCHEMA, "identify", understood, [one.recording]),
     }
     return IdentificationResult(document, {}, {TABLE2: found.table2.csv(), "report.html": page})

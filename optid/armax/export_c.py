@@ -8,8 +8,8 @@ from pathlib import Path
 from optid.armax import delay_line, recursion, stability, ud_factor, update
 from optid.armax.identifier import Identifier
 from optid.armax.model import Armax
-from optid.armax.translate import translate
 from optid.core.model import Array
+from optid.core.translate import C, Translation, translated
 from optid.errors import InputError
 
 KERNELS = (
@@ -35,6 +35,8 @@ KERNELS = (
     recursion.reset_after_gap,
     recursion.advance,
 )
+
+_TYPES = {"Array": "double *", "float": "double ", "int": "long "}
 
 _IDENTIFIER = """\
 /* Recursive ARMAX identifier ({orders}), sampled every {sample_time!r} s.
@@ -178,7 +180,9 @@ def identifier_header(identifier: Identifier, name: str = "optid", constant: boo
         scale=float(state[layout.SCALE]),
         input_scales=_numbers(scales or [1.0]),
         memory=_rows(state),
-        functions=translate(KERNELS, f"{name}_", layout.shape(orders)._asdict()),
+        functions="\n".join(
+            _function(one) for one in translated(KERNELS, C, f"{name}_", layout.shape(orders)._asdict())
+        ),
     )
 
 
@@ -206,6 +210,15 @@ def model_header(model: Armax, name: str = "optid") -> str:
         c=_numbers(model.c),
         b=", ".join(f"{{{_numbers(row + [0.0] * (taps - len(row)))}}}" for row in rows),
     )
+
+
+def _function(one: Translation) -> str:
+    """A static function."""
+    parameters = ", ".join(f"{_TYPES[kind]}{name}" for name, kind in one.arguments.items())
+    comment = f"/* {one.about} */\n" if one.about else ""
+    declared = [f"    {_TYPES[kind]}{name};" for name, kind in one.types.items() if name not in one.arguments]
+    head = f"{comment}static inline double {one.prefix}{one.name}({parameters})\n{{"
+    return "\n".join([head, *declared, *one.lines, "}", ""])
 
 
 def write_header(path: Path, thing: Identifier | Armax, name: str = "optid") -> None:

@@ -8,9 +8,12 @@ from optid.armax import layout
 from optid.armax.export_c import KERNELS
 from optid.armax.identifier import Identifier
 from optid.armax.model import Armax
-from optid.armax.translate_st import MEMORY, literal, translate_st
+from optid.core.languages import MEMORY, STRUCTURED_TEXT, literal
 from optid.core.model import Array
+from optid.core.translate import Translation, translated
 from optid.errors import InputError
+
+_TYPES = {"Array": "DINT", "int": "DINT", "float": "LREAL", "bool": "BOOL"}
 
 _IDENTIFIER = """\
 (* Recursive ARMAX identifier ({orders}), to be called every {sample_time} s by a cyclic task. Written by optid from
@@ -127,11 +130,12 @@ def identifier_block(identifier: Identifier, name: str = "optid", constant: bool
     state, orders = identifier.state, identifier.orders
     now = layout.HEADER + 3 * orders.inputs
     unscale = _unscaled(identifier)
+    functions = translated(KERNELS, STRUCTURED_TEXT, f"{name}_", layout.shape(orders)._asdict())
     return _IDENTIFIER.format(
         name=name,
         orders=orders,
         sample_time=literal(identifier.sample_time),
-        functions=translate_st(KERNELS, f"{name}_", layout.shape(orders)._asdict(), state.size),
+        functions="\n".join(_function(one, state.size) for one in functions),
         last=state.size - 1,
         last_input=max(orders.inputs - constant - 1, 0),
         last_parameter=orders.parameters - 1,
@@ -170,6 +174,36 @@ def model_block(model: Armax, name: str = "optid") -> str:
         c=_numbers(model.c),
         b=_numbers(b),
         constant=literal(model.constant),
+    )
+
+
+def _function(one: Translation, size: int) -> str:
+    """A function that takes the whole memory in and out; arguments that it changes are copied first."""
+
+    def said(name: str) -> str:
+        return f"{'p' if one.types[name] == 'Array' else 'v'}_{name}"
+
+    copied = [name for name in one.arguments if name in one.assigned]
+    held = [name for name in one.types if name not in one.arguments or name in copied]
+    comment = f" (* {one.about} *)" if one.about else ""
+    return "\n".join(
+        [
+            f"FUNCTION {one.prefix}{one.name} : LREAL{comment}",
+            "VAR_IN_OUT",
+            f"    {MEMORY} : ARRAY[0..{size - 1}] OF LREAL;",
+            "END_VAR",
+            "VAR_INPUT",
+            *(f"    {said(n)}{'_in' * (n in copied)} : {_TYPES[kind]};" for n, kind in one.arguments.items()),
+            "END_VAR",
+            "VAR",
+            *(f"    {said(name)} : {_TYPES[one.types[name]]};" for name in held),
+            "    ignored : LREAL;",
+            "END_VAR",
+            *(f"    {said(name)} := {said(name)}_in;" for name in copied),
+            *one.lines,
+            "END_FUNCTION",
+            "",
+        ]
     )
 
 

@@ -10,9 +10,11 @@ from typing import Any
 
 import numpy as np
 
+from optid.armax import sliding
 from optid.armax.model import Armax
 from optid.armax.offline import names
 from optid.armax.profile import Interval, Intervals, wald_intervals
+from optid.armax.sliding import SlidingAxis
 from optid.armax.survey import Survey
 from optid.armax.words import Finding
 from optid.core.document import finite, known, read_document, whole
@@ -41,6 +43,7 @@ class ArmaxFile:
         words: why.
         models: all of them.
         input_unit, output_unit: in which the models take and give them; empty where nobody said.
+        axis: with dry friction, fitted to the recording beside the linear models; None where it shows none.
     """
 
     input: str
@@ -50,6 +53,7 @@ class ArmaxFile:
     words: str = ""
     input_unit: str = ""
     output_unit: str = ""
+    axis: SlidingAxis | None = None
 
     @property
     def chosen(self) -> Armax:
@@ -57,11 +61,11 @@ class ArmaxFile:
         return next(saved.model for saved in self.models if saved.model.orders.na == self.recommended)
 
 
-def from_survey(survey: Survey) -> ArmaxFile:
-    """What of a survey goes into armax.json."""
+def from_survey(survey: Survey, axis: SlidingAxis | None = None) -> ArmaxFile:
+    """What of a survey goes into armax.json, with the axis that its recording shows."""
     models = tuple(SavedModel(c.model, c.audit.findings, c.intervals) for c in survey.candidates)
     units = survey.input_unit, survey.table2.unit
-    return ArmaxFile(survey.input, survey.output, survey.recommended, models, survey.words, *units)
+    return ArmaxFile(survey.input, survey.output, survey.recommended, models, survey.words, *units, axis)
 
 
 def to_json(contents: ArmaxFile) -> str:
@@ -73,6 +77,7 @@ def to_json(contents: ArmaxFile) -> str:
         "units": {"input": contents.input_unit, "output": contents.output_unit},
         "recommended": contents.recommended,
         "words": contents.words,
+        "axis": sliding.to_document(contents.axis),
         "models": [_model_out(saved) for saved in contents.models],
     }
     return json.dumps(document, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
@@ -108,6 +113,7 @@ def from_document(document: Any, where: object = None) -> ArmaxFile:
             str(document.get("words", "")),
             str(units.get("input", "")),
             str(units.get("output", "")),
+            sliding.from_document(document.get("axis"), where),
         )
     except KeyError as error:
         raise InputError("missing", where=where, field=str(error.args[0])) from error

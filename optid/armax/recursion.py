@@ -14,7 +14,7 @@ P is kept as U D U' and updated by Bierman's algorithm (`optid.armax.ud_factor`)
 data, and so P positive definite; updating P itself loses symmetry and then positivity.
 
 The kernels keep to a small language (floats, whole numbers, ranges, parts of one array) because
-`optid.armax.translate` writes the same functions in C.
+`optid.core.translate` writes the same functions in C.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The arithmetic of P = U D U' over padded arrays, in the small language that `optid.armax.translate` writes in C.
+"""The arithmetic of P = U D U' over padded arrays, in the small language that `optid.core.translate` writes in C.
 
 Bierman's update (Factorization Methods for Discrete Sequential Estimation, 1977, ch. V), written with
 beta_j = 1 + w (f_1 v_1 + .. + f_j v_j) so that the weight w of a sample may be zero or, for directional

@@ -120,6 +120,7 @@ def identify(
 
     from optid.api.identifying import sampled_of
     from optid.armax.files import from_survey, to_json
+    from optid.armax.sliding import axis_shown
     from optid.armax.survey import survey
     from optid.report.armax_page import Source, armax_page
 
@@ -135,7 +136,8 @@ def identify(
         found = survey(sampled.signals.y, sampled.signals.u, sampled.sample_time, plan, tell)
         tell(0.95, "report")
         page = armax_page(found, sampled, Source(understood, read, remarks), out)
-    files = {"armax.json": to_json(from_survey(found)), "table2.csv": found.table2.csv(), "report.html": page}
+    contents = from_survey(found, axis_shown(sampled.signals, found.chosen.model))
+    files = {"armax.json": to_json(contents), "table2.csv": found.table2.csv(), "report.html": page}
     if export_c:
         files |= _headers(found, sampled)
     if export_st:

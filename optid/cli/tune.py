@@ -17,6 +17,7 @@ from optid.cli.tune_options import RangeCommand, present_gains, search_options, 
 from optid.errors import JobError, SolveError
 
 if TYPE_CHECKING:
+    from optid.rigs.rigfile import Rig
     from optid.tuning.problem import TuningProblem
     from optid.tuning.structures import Structure
     from optid.tuning.tuning import Scored, Tuning
@@ -69,6 +70,17 @@ if TYPE_CHECKING:
 @click.option("--present", metavar="KP,KI,KD", help="Gains now in force (SI, as in pid.json): a baseline.")
 @click.option(
     "--structure", metavar="NAME", help="pid, pid2, pd, pi, p, or p-pi: P position over PI velocity."
+)
+@click.option(
+    "--notch",
+    metavar="HZ[,WIDTH[,DEPTH]]",
+    help="Take out one frequency of the command; a third as wide, in full.",
+)
+@click.option(
+    "--acceleration", metavar="GAIN", help="Feed-forward: command per acceleration of the set-point."
+)
+@click.option(
+    "--compensate", is_flag=True, help="Friction and dead band of RIG's model are overcome by the controller."
 )
 @click.option("--free", metavar="NAMES", help="Gains that may move; the structure's by default.")
 @click.option(
@@ -135,6 +147,8 @@ def tune(model: str, out: str, **choices: Any) -> None:
                 raise
             problem = problem.without_sensitivity()
             result = tuned(problem.task, rng, options, problem.bench, present)
+    if choices["compensate"] and rig is not None:
+        result = _compensated(result, rig, contents.output)
     if patience.words:
         result = replace(result, remarks=(*result.remarks, patience.words))
     content = document(result, problem.command_unit, problem.output_unit, problem.judged_on, structure)
@@ -157,6 +171,21 @@ def tune(model: str, out: str, **choices: Any) -> None:
     say_next("live", choices["rig"] or "RIG", "--driver", "simulated", *gains)
     if patience.interrupted:
         raise JobError(f"interrupted: the best gains so far are in {out}")
+
+
+def _compensated(result: Tuning, rig: Rig, output: str) -> Tuning:
+    """With what overcomes the friction of the rig's model, and words on all that is compensated."""
+    from optid.tuning.compensation import friction_of
+
+    size = max((episode.size for episode in result.task.episodes), default=0.0)
+    s = friction_of(rig, output, result.gains, result.settings, size)
+    said = [
+        f"dead band {s.deadband_low:.3g} to {s.deadband_high:.3g}" if s.deadband_high else "",
+        f"dry friction {s.friction:.3g} along the set-point's motion" if s.friction else "",
+    ]
+    words = " and ".join(filter(None, said)) or "nothing: no command holds against its friction"
+    remark = f"Compensated as the rig's model says: {words}."
+    return replace(result, settings=s, remarks=(*result.remarks, remark))
 
 
 class _Patience:

@@ -12,7 +12,7 @@ from optid.errors import InputError
 
 if TYPE_CHECKING:
     from optid.core.model import Array
-    from optid.pid.controller import Gains
+    from optid.pid.controller import Gains, Notch
     from optid.tuning.bench_search import Effort
     from optid.tuning.optimise import Options
     from optid.tuning.specification import TuningSpec
@@ -53,6 +53,21 @@ def present_gains(text: str | None) -> Gains | None:
     return Gains(*(_known(part.strip(), "1", "--present") for part in parts))
 
 
+def notch_of(text: str | None) -> Notch | None:
+    """HZ[,WIDTH[,DEPTH]]."""
+    from optid.pid.controller import Notch
+
+    if text is None:
+        return None
+    parts = [part.strip() for part in text.split(",")]
+    if not 1 <= len(parts) <= 3:
+        raise InputError(f'"{text}"', where="--notch", expected="HZ[,WIDTH[,DEPTH]], as in 25,8,0.1")
+    frequency = _known(parts[0], "Hz", "--notch")
+    width = _known(parts[1], "Hz", "--notch") if len(parts) > 1 else frequency / 3.0
+    depth = _known(parts[2], "1", "--notch") if len(parts) > 2 else 0.0
+    return Notch(2.0 * math.pi * frequency, 2.0 * math.pi * width, depth)
+
+
 def search_options(choices: dict[str, Any], structure: Structure, effort: Effort, simulated: bool) -> Options:
     """How to search; `simulated` says that a simulation with friction judges."""
     from optid.pid.controller import Gains
@@ -60,7 +75,7 @@ def search_options(choices: dict[str, Any], structure: Structure, effort: Effort
     from optid.tuning.structures import free_gains
 
     lag = _quantity(choices["derivative_filter"], "s", "--derivative-filter")
-    free = free_gains(structure, simulated and lag is None)
+    free = free_gains(structure, simulated and lag is None, bool(choices["profiles"]))
     if choices["free"] is not None:
         free = tuple(name.strip() for name in choices["free"].split(","))
     fixed = None if lag is None else Gains(kp=1.0, derivative_filter=lag)
@@ -109,6 +124,9 @@ def specification(choices: dict[str, Any], contents: Any) -> TuningSpec:
         scenarios=choices["scenarios"],
         integrator=Integrator[choices["integrator"].upper()],
         dead_zone=_dead_zone(choices["dead_zone"], u),
+        notch=notch_of(choices["notch"]),
+        acceleration=_quantity(choices["acceleration"], f"{u} s**2/{y}", "--acceleration") or 0.0,
+        compensate=choices["compensate"],
         usual_sensitivity=choices["ms"] is None,
     )
 

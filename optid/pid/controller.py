@@ -23,6 +23,8 @@ from optid.errors import InputError
 from optid.pid import law
 from optid.pid.law import Array
 
+NO_NOTCH = (1.0, 0.0, 0.0, 0.0, 0.0)
+
 
 @dataclass(frozen=True)
 class Gains:
@@ -79,6 +81,48 @@ class AntiWindup(Enum):
 
 
 @dataclass(frozen=True)
+class Notch:
+    """A filter of the command that takes out one frequency.
+
+    Attributes:
+        frequency: rad/s, below half the sampling frequency.
+        width: rad/s.
+        depth: gain at the frequency, 0 to 1; 1 for none.
+    """
+
+    frequency: float
+    width: float
+    depth: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("frequency", "width"):
+            value = getattr(self, name)
+            if not 0.0 < value < math.inf:
+                raise InputError(f"{value:g}", where="notch", field=name, expected="rad/s, more than 0")
+        if not 0.0 <= self.depth <= 1.0:
+            raise InputError(f"{self.depth:g}", where="notch", field="depth", expected="0 to 1")
+
+    def coefficients(self, sample_time: float) -> Array:
+        """b0, b1, b2, a1, a2 of (b0 + b1/z + b2/z2) / (1 + a1/z + a2/z2): bilinear, exact at its frequency.
+
+        Raises:
+            InputError: the frequency is beyond half the sampling frequency.
+        """
+        if not self.frequency * sample_time < math.pi:
+            raise InputError(
+                f"{self.frequency:g} rad/s",
+                where="notch",
+                field="frequency",
+                expected=f"less than {math.pi / sample_time:g} rad/s, half the sampling frequency",
+            )
+        K = math.tan(0.5 * self.frequency * sample_time)
+        share = K * self.width / self.frequency
+        whole, middle = 1.0 + share + K * K, 2.0 * (K * K - 1.0)
+        ends = 1.0 + self.depth * share + K * K, middle, 1.0 - self.depth * share + K * K
+        return np.array([*ends, middle, 1.0 - share + K * K]) / whole
+
+
+@dataclass(frozen=True)
 class Settings:
     """All of a controller but its gains, in the command's own unit.
 
@@ -91,6 +135,10 @@ class Settings:
         resolution: step of the output converter, counted from 0; 0 for none.
         anti_windup: see there.
         tracking_time: of back-calculation, s.
+        acceleration: feed-forward, command per acceleration of the set-point (filtered as the derivative is).
+        friction: command that overcomes dry friction, given in the direction in which the set-point moves.
+        friction_speed: of the set-point, over which that comes in, output's unit/s.
+        notch: of the command; None for none.
     """
 
     sample_time: float
@@ -103,6 +151,10 @@ class Settings:
     resolution: float = 0.0
     anti_windup: AntiWindup = AntiWindup.CLAMPING
     tracking_time: float = 0.0
+    acceleration: float = 0.0
+    friction: float = 0.0
+    friction_speed: float = 0.0
+    notch: Notch | None = None
 
     def __post_init__(self) -> None:
         if not (0 < self.sample_time < math.inf):
@@ -114,12 +166,27 @@ class Settings:
         if not self.rate > 0:
             raise InputError(f"{self.rate:g}", field="rate", expected="more than 0 per second")
         self._check_valve()
+        self._check_ahead()
         if self.anti_windup is AntiWindup.BACK_CALCULATION and not self.tracking_time >= self.sample_time:
             raise InputError(
                 f"{self.tracking_time:g}",
                 field="tracking_time",
                 expected=f"at least one sample, {self.sample_time:g} s",
             )
+
+    def _check_ahead(self) -> None:
+        for name in ("acceleration", "friction"):
+            if not math.isfinite(getattr(self, name)):
+                raise InputError(f"{getattr(self, name)}", field=name, expected="a finite number")
+        if self.friction and not 0.0 < self.friction_speed < math.inf:
+            raise InputError(
+                f"{self.friction_speed:g}",
+                field="friction_speed",
+                expected="a speed greater than 0",
+                hint="a jump with the sign of a set-point at rest would be noise",
+            )
+        if self.notch is not None:
+            self.notch.coefficients(self.sample_time)
 
     def _check_valve(self) -> None:
         if not (-math.inf < self.deadband_low <= 0.0 <= self.deadband_high < math.inf):
@@ -169,6 +236,10 @@ class Settings:
                 1.0 / self.resolution if self.resolution > 0 else 0.0,
                 float(self.anti_windup is AntiWindup.CLAMPING),
                 self.sample_time / self.tracking_time if back else 0.0,
+                self.acceleration,
+                self.friction,
+                1.0 / self.friction_speed if self.friction else 0.0,
+                *(NO_NOTCH if self.notch is None else self.notch.coefficients(self.sample_time)),
             ]
         )
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import re
 import textwrap
 
+from optid.core.translate import STRUCTURED_TEXT, C, Translation, literal
 from optid.errors import InputError
 from optid.pid import law
 from optid.pid.controller import Controller
-from optid.pid.translate import STRUCTURED_TEXT, C, literal, translate
 
 _FUNCTIONS = {"law": law.law, "start": law.start, "change": law.change}
 _SETTINGS = (
@@ -29,8 +29,25 @@ _SETTINGS = (
     "per_step",
     "clamping",
     "tracking",
+    "acceleration",
+    "friction",
+    "per_speed",
+    "notch_b0",
+    "notch_b1",
+    "notch_b2",
+    "notch_a1",
+    "notch_a2",
 )
-_MEMORY = ("integral", "slope", "last_command", "last_setpoint", "last_measured")
+_MEMORY = (
+    "integral",
+    "slope",
+    "last_command",
+    "last_setpoint",
+    "last_measured",
+    "speed",
+    "notch_1",
+    "notch_2",
+)
 
 _HEADER = """\
 /* Discrete PID controller, to be called every {sample_time} s. Written by optid from the law that runs in Python;
@@ -181,8 +198,11 @@ def structured_text(controller: Controller, name: str = "optid_pid") -> str:
         InputError: `name` is no name.
     """
     _check(name)
-    bodies = {key: translate(function, STRUCTURED_TEXT, f"{name}_") for key, function in _FUNCTIONS.items()}
-    taken = dict.fromkeys(local for body in bodies.values() for local in body.names if local != "command")
+    bodies = {
+        key: Translation(function, STRUCTURED_TEXT, f"{name}_", structures=True)
+        for key, function in _FUNCTIONS.items()
+    }
+    taken = dict.fromkeys(local for body in bodies.values() for local in _locals(body) if local != "command")
     indent = "        "
     return _BLOCK.format(
         name=name,
@@ -190,18 +210,22 @@ def structured_text(controller: Controller, name: str = "optid_pid") -> str:
         settings="\n".join(f"    {field} : LREAL := {literal(v)};" for field, v in _values(controller)),
         memory="\n".join(f"    {field} : LREAL;" for field in _MEMORY),
         locals="\n".join(f"    {local} : LREAL;" for local in taken),
-        law="\n".join(bodies["law"].statements[:-1]),  # the last one gives back what is the block's output
-        start="\n".join(indent + line.strip() for line in bodies["start"].statements),
-        change="\n".join(indent + line.strip() for line in bodies["change"].statements),
+        law="\n".join(bodies["law"].lines[:-1]),  # the last one gives back what is the block's output
+        start="\n".join(indent + line.strip() for line in bodies["start"].lines),
+        change="\n".join(indent + line.strip() for line in bodies["change"].lines),
     )
 
 
 def _with_locals(key: str, name: str) -> str:
-    body = translate(_FUNCTIONS[key], C, f"{name}_")
+    body = Translation(_FUNCTIONS[key], C, f"{name}_", structures=True)
     declared = textwrap.fill(
-        f"double {', '.join(body.names)};", 110, initial_indent="    ", subsequent_indent="        "
+        f"double {', '.join(_locals(body))};", 110, initial_indent="    ", subsequent_indent="        "
     )
-    return "\n".join(line for line in (declared, *body.statements) if line)
+    return "\n".join(line for line in (declared, *body.lines) if line)
+
+
+def _locals(body: Translation) -> list[str]:
+    return [name for name in body.types if name not in body.arguments]
 
 
 def _values(controller: Controller) -> list[tuple[str, float]]:

@@ -2,14 +2,16 @@
 
 `law` is straight-line code over two arrays, settings `s` and memory `m`; so are `start` and `change`. The same text
 is compiled by numba (the live loop and every simulation), run with CasADi operands (`optid.pid.symbolic`: gradients),
-and rewritten as C and as IEC 61131-3 structured text (`optid.pid.translate`). Conditions are therefore written with
+and rewritten as C and as IEC 61131-3 structured text (`optid.core.translate`). Conditions are therefore written with
 the helpers below, never with `if`, and nothing is divided by a setting that may be zero.
 
 Two degrees of freedom (Åström and Hägglund, Advanced PID Control, 2006, ch. 3), backward differences:
 
     u = kp (b r - y) + integral of ki (r - y) + kd d(c r - y)/dt, the derivative lagged by the time constant Tf
 
-then dead-band compensation, limits, rate limit, resolution; the integral learns what the limits took away.
+then a notch (Franklin, Powell and Workman, Digital Control of Dynamic Systems, 1998, ch. 8), acceleration feed-forward
+and friction compensation, which go by the set-point and so meet no noise, then dead-band compensation, limits, rate
+limit, resolution; the integral learns what the limits took away.
 """
 
 from __future__ import annotations
@@ -36,13 +38,18 @@ ONSET = 12  # 1 / (command over which the jump comes in)
 RESOLUTION, PER_STEP = 13, 14  # smallest step of the command and its inverse; both 0 for none
 CLAMPING = 15  # 1: the integral rests while it would push further into a limit
 TRACKING = 16  # share of the excess that the integral gives back each sample
-SETTINGS = 17
+ACCELERATION = 17  # command per acceleration of the set-point
+FRICTION, PER_SPEED = 18, 19  # command that overcomes dry friction, and 1 / (speed over which it comes in)
+NOTCH_B0, NOTCH_B1, NOTCH_B2, NOTCH_A1, NOTCH_A2 = range(20, 25)  # (b0 + b1/z + b2/z2) / (1 + a1/z + a2/z2)
+SETTINGS = 25
 
 # Memory.
 INTEGRAL = 0  # integral part, in the command's unit, so that a change of gains leaves it alone
 SLOPE = 1  # filtered derivative of c r - y, per second
 LAST_COMMAND, LAST_SETPOINT, LAST_MEASURED = 2, 3, 4
-MEMORY = 5
+SPEED = 5  # of the set-point, filtered, per second
+NOTCH_1, NOTCH_2 = 6, 7  # of the notch, transposed direct form II
+MEMORY = 8
 
 SLACK = 1e-9  # of a resolution step: a limit that stands on a step may miss it by rounding
 
@@ -100,9 +107,19 @@ def law(s: Array, m: Array, setpoint: float, measured: float) -> float:
     slope = (s[DERIVATIVE_FILTER] * m[SLOPE] + rise) / (s[DERIVATIVE_FILTER] + s[SAMPLE_TIME])
     growth = s[KI] * s[SAMPLE_TIME] * error
     wish = s[KP] * (s[SETPOINT_WEIGHT] * target - seen) + (m[INTEGRAL] + growth) + s[KD] * slope
+    # Notch.
+    passed = s[NOTCH_B0] * wish + m[NOTCH_1]
+    m[NOTCH_1] = s[NOTCH_B1] * wish - s[NOTCH_A1] * passed + m[NOTCH_2]
+    m[NOTCH_2] = s[NOTCH_B2] * wish - s[NOTCH_A2] * passed
+    # Acceleration feed-forward and friction compensation, by the set-point.
+    speed = (s[DERIVATIVE_FILTER] * m[SPEED] + (target - m[LAST_SETPOINT])) / (
+        s[DERIVATIVE_FILTER] + s[SAMPLE_TIME]
+    )
+    ahead = s[ACCELERATION] * ((speed - m[SPEED]) / s[SAMPLE_TIME])
+    drive = passed + ahead + s[FRICTION] * bounded(speed * s[PER_SPEED], -1.0, 1.0)
     # Dead-band compensation: a jump to the edge of the dead band, spread over a small command.
-    edge = chosen(wish > 0.0, s[DEADBAND_HIGH], s[DEADBAND_LOW])
-    asked = wish + edge * smaller(abs(wish) * s[ONSET], 1.0)
+    edge = chosen(drive > 0.0, s[DEADBAND_HIGH], s[DEADBAND_LOW])
+    asked = drive + edge * smaller(abs(drive) * s[ONSET], 1.0)
     # Limits and rate limit.
     most = smaller(s[HIGH], m[LAST_COMMAND] + s[MAX_MOVE])
     least = larger(s[LOW], m[LAST_COMMAND] - s[MAX_MOVE])
@@ -117,6 +134,7 @@ def law(s: Array, m: Array, setpoint: float, measured: float) -> float:
     steps = bounded(whole(limited * s[PER_STEP] + 0.5), lowest, highest)
     command = chosen(s[RESOLUTION] > 0.0, bounded(s[RESOLUTION] * steps, s[LOW], s[HIGH]), limited)
     m[SLOPE] = slope
+    m[SPEED] = speed
     m[LAST_COMMAND] = command
     m[LAST_SETPOINT] = target
     m[LAST_MEASURED] = seen
@@ -138,6 +156,10 @@ def start(s: Array, m: Array, setpoint: float, measured: float, standing: float)
     share = s[KP] * (s[SETPOINT_WEIGHT] * setpoint - measured)
     m[INTEGRAL] = chosen(s[KI] != 0.0, wish - share - growth, 0.0)
     m[SLOPE] = 0.0
+    m[SPEED] = 0.0
+    # A notch leaves alone what stands.
+    m[NOTCH_1] = wish - s[NOTCH_B0] * wish
+    m[NOTCH_2] = s[NOTCH_B2] * wish - s[NOTCH_A2] * wish
     m[LAST_COMMAND] = held
     m[LAST_SETPOINT] = setpoint
     m[LAST_MEASURED] = measured

@@ -98,7 +98,7 @@ def _interesting(tuning: Tuning, episode: int, bench: bool, time: Array) -> floa
 
 def loop(tuning: Tuning) -> str:
     """Nyquist curve around the critical point, and the sensitivity over frequency."""
-    plant, gains = tuning.task.plant, tuning.gains.vector
+    plant, gains = tuning.task.loops[0], tuning.gains.vector
     grid = Frequencies.of(plant, 3000).at
     L = loop_response(plant, gains, grid)
     margins = tuning.found.margins
@@ -129,6 +129,42 @@ def loop(tuning: Tuning) -> str:
         right.set_ylim(max(1e-3, float(np.abs(S).min())), 3.0 * highest)
         right.set_xlabel("frequency (Hz)")
         right.legend(loc="lower left", ncols=2, bbox_to_anchor=(0, 1.0), borderaxespad=0.2)
+        return interactive(figure)
+
+
+def bode(tuning: Tuning) -> str:
+    """Magnitude and phase of the open loop, with the gain and the phase margin where they are read."""
+    plant, margins = tuning.task.loops[0], tuning.found.margins
+    assert margins is not None
+    grid = Frequencies.of(plant, 3000).at
+    L = loop_response(plant, tuning.gains.vector, grid)
+    hertz = grid / (2.0 * math.pi * plant.sample_time)
+    size, phase = np.abs(L), np.degrees(np.unwrap(np.angle(L)))
+    phase -= 360.0 * round((phase[0] + 90.0) / 360.0)  # an integrator begins at -90 degrees
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(9.2, 3.6), layout="constrained")
+        upper, lower = figure.subplots(2, 1, sharex=True)
+        upper.loglog(hertz, size, color=WINDOW, label="open loop |L|")
+        lower.semilogx(hertz, phase, color=WINDOW)
+        upper.axhline(1.0, color=QUIET, lw=0.8)
+        lower.axhline(-180.0, color=QUIET, lw=0.8)
+        if margins.stable and margins.crossover > 0.0:
+            at = margins.crossover / (2.0 * math.pi)
+            there = float(np.interp(at, hertz, phase))
+            label = f"phase margin {margins.phase_margin:.3g}°"
+            lower.plot([at, at], [-180.0, there], color=ALARM, lw=1.4, label=label)
+        crossed = np.flatnonzero((phase[1:] + 180.0) * (phase[:-1] + 180.0) < 0.0)
+        if margins.stable and crossed.size and math.isfinite(margins.gain_margin):
+            nearest = crossed[np.argmin(np.abs(np.log(size[crossed] * margins.gain_margin)))]
+            label = f"gain margin {margins.gain_margin:.3g}"
+            upper.plot([hertz[nearest]] * 2, [size[nearest], 1.0], color=ALARM, lw=1.4, label=label)
+        upper.set_ylim(1e-3, float(min(size.max(), 1e4)))
+        upper.set_ylabel("|L|")
+        lower.set_ylabel("phase (°)")
+        lower.set_xlabel("frequency (Hz)")
+        for axes in (upper, lower):
+            if axes.get_legend_handles_labels()[0]:
+                axes.legend(loc="lower left")
         return interactive(figure)
 
 

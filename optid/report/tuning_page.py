@@ -11,6 +11,7 @@ from optid.core.quantity import quantity
 from optid.report import tuning_figures as figures
 from optid.report.shell import render
 from optid.tuning.files import units
+from optid.tuning.judges import FITTED
 from optid.tuning.problem import TuningProblem
 from optid.tuning.score import Response, by_size
 from optid.tuning.structures import STRUCTURES, Structure, drive_values
@@ -76,6 +77,7 @@ def tuning_page(
         episodes=_episodes(tuning, problem),
         margins=_margins(tuning),
         loop_figure=Markup(figures.loop(tuning)),
+        bode_figure=Markup(figures.bode(tuning)),
         rows=[_row(one, problem.bench is not None) for one in _everyone(tuning)],
         bench=problem.bench is not None,
         unit=named["itae"],
@@ -160,7 +162,7 @@ def _sizes_figure(tuning: Tuning, problem: TuningProblem) -> Markup | None:
 
 def _shown(tuning: Tuning) -> list[tuple[int, Response]]:
     """Number and run of what is drawn: of the runs without noise the first of the largest and smallest steps."""
-    quiet = [(n, run) for n, run in enumerate(tuning.found.responses) if not run.episode.noise.any()]
+    quiet = [(n, run) for n, run in enumerate(tuning.found.responses) if run.episode.run <= 0]
     steps = sorted((one for one in quiet if one[1].episode.size), key=lambda one: -one[1].episode.size)
     others = [one for one in quiet if not one[1].episode.size]
     return [*steps[:DRAWN], *([steps[-1]] if len(steps) > DRAWN else []), *others]
@@ -246,7 +248,12 @@ def _limits(tuning: Tuning) -> str:
 
 def _unknowns(tuning: Tuning, problem: TuningProblem) -> list[str]:
     said = []
-    if problem.bench is None:
+    if problem.judged_on == FITTED:
+        said.append(
+            "What else bends beside the dry friction, break-away, load and dead zone that the recording shows: with "
+            "--rig the gains are tuned for the rig's physical model."
+        )
+    elif problem.bench is None:
         said.append(
             "Friction, dead band and everything else that bends: the identified model is linear. "
             "With --rig the gains are tried on the rig's physical model, and tuned for it."

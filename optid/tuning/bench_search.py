@@ -3,7 +3,9 @@
 Where an axis that sticks comes to rest is as good as random, so the best of many candidates on few runs is mostly the
 luckiest one. Candidates are raced: many meet one run of each size, samples around the best ones meet other runs, and
 the last few meet all runs (a cross-entropy search: Rubinstein and Kroese, The Cross-Entropy Method, 2004, with the
-racing of Maron and Moore, Artificial Intelligence Review 11, 1997). A stage never reuses the runs of the one before.
+racing of Maron and Moore, Artificial Intelligence Review 11, 1997). A stage never reuses the runs of the one before,
+and which candidates go on is decided by the mean over their neighbours, with all that was seen of them (kernel
+regression: Nadaraya 1964, Watson 1964): luck is not shared among neighbours, merit is.
 """
 
 from __future__ import annotations
@@ -42,14 +44,17 @@ class Stage:
     runs: tuple[int, ...]
 
 
-FIRST = 300  # candidates on run 1
+FIRST = 500  # candidates on run 1
 STAGES = (
-    Stage(200, 25, 0.035, (2,)),
-    Stage(100, 20, 0.02, (3, 4)),
-    Stage(40, 12, 0.012, (5, 6, 7)),
+    Stage(300, 30, 0.035, (2,)),
+    Stage(200, 25, 0.025, (3,)),
+    Stage(120, 20, 0.02, (4, 5)),
+    Stage(60, 15, 0.015, (6, 7)),
     Stage(0, 16, 0.0, tuple(range(8, 16))),
-    Stage(0, 5, 0.0, ()),
+    Stage(0, 6, 0.0, ()),
 )
+NEAR = 0.025  # sd of the kernel, in the cube
+HOPELESS = 30.0  # times the best cost: what costs more counts as much
 
 Said = Callable[[float, str], None]
 
@@ -81,19 +86,46 @@ def search_on_bench(
     """
     points = np.vstack([seeds, _spread_out(task, within, FIRST, rng)])
     values, used = _judged(task, within, points, (1,), effort), len(points)
+    seen = Seen(points, values, np.ones(len(points)))
     for number, stage in enumerate(STAGES):
         if effort.over():
             break
         effort.said(0.3 + 0.7 * number / len(STAGES), "")
-        best = points[np.argsort(values)[: stage.parents]]
+        best = seen.best(points, stage.parents)
         points = np.vstack([best, _around(best, stage, rng)]) if stage.count else best
         values = _judged(task, within, points, stage.runs, effort)
+        seen = seen.and_also(points, values, len(stage.runs))
         used += len(points)
     order = np.argsort(values)
     ends = [
         Evolved(points[i], float(task.fitness(within.gains(points[i][None]))[0]), used) for i in order[:2]
     ]
     return sorted(ends, key=lambda end: end.fitness)
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """What candidates cost so far: points (n, free), costs (n,), and in how many runs of each size (n,)."""
+
+    points: Array
+    costs: Array
+    runs: Array
+
+    def and_also(self, points: Array, costs: Array, runs: int) -> Seen:
+        """With more of them."""
+        return Seen(
+            np.vstack([self.points, points]),
+            np.r_[self.costs, costs],
+            np.r_[self.runs, np.full(len(points), float(max(runs, 1)))],
+        )
+
+    def best(self, points: Array, count: int) -> Array:
+        """Of some points those that are best by the mean of their neighbours' logarithmic costs, the best first."""
+        lowest = float(self.costs.min())
+        logs = np.log(np.minimum(self.costs, HOPELESS * lowest) / lowest) if lowest > 0.0 else self.costs
+        squares = ((points[:, None, :] - self.points[None, :, :]) ** 2).sum(axis=2)
+        weights = self.runs * np.exp(-0.5 * squares / NEAR**2)
+        return points[np.argsort(weights @ logs / weights.sum(axis=1), kind="stable")[:count]]
 
 
 def runs_of(task: Task, runs: Sequence[int]) -> list[int]:
@@ -131,7 +163,7 @@ def _around(best: Array, stage: Stage, rng: np.random.Generator) -> Array:
 
 def _spread_out(task: Task, within: Box, count: int, rng: np.random.Generator) -> Array:
     """Points over the region, a share of them without integral action, that keep the margins if enough can be found."""
-    low, high = _region(within, ultimate(task.plant))
+    low, high = _region(within, ultimate(task.loops[0]))
     points = low + (high - low) * rng.random((DRAWN * count, low.size))
     if "ki" in within.free:
         points[rng.random(len(points)) < WITHOUT, within.free.index("ki")] = 0.0

@@ -92,6 +92,8 @@ def controller_settings(spec: TuningSpec, plant: Plant, limits: tuple[float, flo
         spec.resolution,
         spec.anti_windup,
         tracking,
+        spec.acceleration,
+        notch=spec.notch,
     )
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from optid.core.document import finite, read_document
 from optid.errors import InputError
-from optid.pid.controller import AntiWindup, Controller, Gains, Settings
+from optid.pid.controller import AntiWindup, Controller, Gains, Notch, Settings
 from optid.tuning.margins import Margins
 from optid.tuning.score import Response, SizeRow, by_size
 from optid.tuning.structures import STRUCTURES, Structure, drive_values
@@ -52,12 +52,13 @@ def document(
         "drive": [{"name": name, "value": _number(value), "unit": unit} for name, value, unit in drive],
         "structure": structure.name,
         "control_law": {
-            "equation": EQUATION,
+            "equation": EQUATION + _then(settings),
             "limits": CLAMPING[settings.anti_windup],
             "structure": structure.words,
         },
         "sample_time": settings.sample_time,
         "limits": _limits(settings),
+        **_ahead(settings),
         "anti_windup": {"kind": settings.anti_windup.name.lower(), "tracking_time": settings.tracking_time},
         "cost": {**_measures(found, tuning.on_bench), "minimised": _number(found.cost), "plant": plant},
         "baselines": {one.name: _scored(one, tuning.on_bench) for one in tuning.baselines},
@@ -114,6 +115,31 @@ def _limits(settings: Settings) -> dict[str, float | None]:
     return said
 
 
+AHEAD = ("acceleration", "friction", "friction_speed")
+
+
+def _ahead(settings: Settings) -> dict[str, dict[str, float]]:
+    """Feed-forward and notch, where there are any."""
+    said: dict[str, dict[str, float]] = {}
+    if settings.acceleration or settings.friction:
+        said["feed_forward"] = {name: float(getattr(settings, name)) for name in AHEAD}
+    if settings.notch is not None:
+        said["notch"] = {name: float(value) for name, value in vars(settings.notch).items()}
+    return said
+
+
+def _then(settings: Settings) -> str:
+    """What follows the law, in words."""
+    said = [
+        "; that passes a notch" if settings.notch is not None else "",
+        "; plus feed_forward.acceleration times the set-point's acceleration"
+        if settings.acceleration
+        else "",
+        "; plus feed_forward.friction in the set-point's direction" if settings.friction else "",
+    ]
+    return "".join(said)
+
+
 def _measures(one: Scored, bench: bool) -> dict[str, float | None]:
     return {name: _number(one.total(name, bench)) for name in ("itae", "iae", "itse", "ise")}
 
@@ -167,6 +193,15 @@ def _number(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
+def _notch(content: Any, path: Path) -> Notch | None:
+    if content is None:
+        return None
+    frequency, width, depth = (
+        finite(content[name], f"notch.{name}", path) for name in ("frequency", "width", "depth")
+    )
+    return Notch(frequency, width, depth)
+
+
 LIMITS = ("low", "high", "rate")  # that every file states, null for none
 
 
@@ -190,6 +225,9 @@ def controller_of(content: Any, path: Path) -> Controller:
         value = limits[name] if name in LIMITS else limits.get(name)
         return open_end if value is None else finite(value, f"limits.{name}", path)
 
+    def ahead(name: str) -> float:
+        return finite(content.get("feed_forward", {}).get(name, 0.0), f"feed_forward.{name}", path)
+
     try:
         gains, limits = content["gains"], content["limits"]
         windup = content.get("anti_windup", {"kind": "clamping", "tracking_time": 0.0})
@@ -204,6 +242,10 @@ def controller_of(content: Any, path: Path) -> Controller:
             bound("resolution", 0.0),
             AntiWindup[str(windup["kind"]).upper()],
             finite(windup["tracking_time"], "anti_windup.tracking_time", path),
+            ahead("acceleration"),
+            ahead("friction"),
+            ahead("friction_speed"),
+            _notch(content.get("notch"), path),
         )
         return Controller(
             Gains(**{name: finite(value, f"gains.{name}", path) for name, value in gains.items()}), settings

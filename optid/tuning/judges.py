@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from optid.armax.model import Armax
+from optid.armax.sliding import SlidingAxis
 from optid.pid.controller import Settings
 from optid.rigs.rigfile import Rig
 from optid.tuning.bench import Bench, PhysicalBench
@@ -17,11 +18,12 @@ from optid.tuning.known import fitted, parameter_sets
 from optid.tuning.plant import Plant
 from optid.tuning.specification import TuningSpec
 from optid.tuning.step_tests import STRONGER, StepPlan
-from optid.tuning.sticking_axis import OTHERS, StickingAxis, mechanics
+from optid.tuning.sticking_axis import Mechanics, StickingAxis, assumed_mechanics, fitted_mechanics
 
 UNIT = "V"  # of a standing load
 RUNS, BENCH_RUNS, SHOWN_RUNS = 2, 16, 5  # of each size; where a rig's model judges; of those in tables
-STICKING_RUNS = 9  # where friction is only assumed
+STICKING_RUNS, FITTED_RUNS = 9, 13  # where friction is only assumed; where a recording showed it
+MUCH_STRONGER = 1.4  # factor on the command in every third run where an axis of third order judges
 BENCH_TOLERANCE = 2e-4  # of its integration: costs differ by 0.2 % from those at 1e-7
 # Largest maximum sensitivity where nobody says one: of what is recommended (Astrom and Hagglund, Advanced PID Control,
 # 2006, section 4.6); and on the identified model with an assumed dry friction, which damps small motions as no linear
@@ -31,10 +33,15 @@ SIMULATED_MARGIN = (
     f"No bound on the maximum sensitivity: the gains are tried with {STRONGER:g} times the command, friction and "
     "limits included; the identified linear model knows no friction (--ms 2 asks for gains that it bears, too)."
 )
+FITTED_MARGIN = (
+    f"No bound on the maximum sensitivity: the gains are tried with {MUCH_STRONGER:g} times the command, friction and "
+    "limits included; the identified linear model knows no friction (--ms 2 asks for gains that it bears, too)."
+)
 SMALLEST_LOAD = 2e-3  # of half the command's range: standing loads below it are none
 SURE = 3.0  # standard errors by which a standing load must differ from 0
 LINEAR = "the identified linear model"
 STICKING = "the identified model with dry friction"
+FITTED = "the axis with dry friction that the recording shows"
 PHYSICAL = "the rig's physical model"
 
 
@@ -51,16 +58,65 @@ class Judges:
 
 
 def judges_of(
-    plan: StepPlan, plant: Plant, model: Armax, spec: TuningSpec, settings: Settings, rig: Rig | None
+    plan: StepPlan,
+    plant: Plant,
+    known: tuple[Armax, SlidingAxis | None],
+    spec: TuningSpec,
+    settings: Settings,
+    rig: Rig | None,
 ) -> Judges:
-    """Without a rig: the identified model, with dry friction where it is an axis."""
-    axis = mechanics(plant) if rig is None and math.isfinite(half_range(settings)) else None
-    if axis is None:
+    """Without a rig: the axis that the recording shows, else the identified model, with friction where it is an axis.
+
+    Args:
+        plan: of the steps.
+        plant: of the model.
+        known: the model, and the axis that was fitted to its recording.
+        spec: what is asked.
+        settings: of the controller.
+        rig: whose physical model judges.
+    """
+    model, shown = known
+    half = half_range(settings)
+    assumed = assumed_mechanics(plant, half) if rig is None and math.isfinite(half) else None
+    if assumed is None:
         return Judges(None, episodes_of(replace(plan, runs=RUNS), spec), LINEAR)
-    load = standing_load(model, plant, half_range(settings))
-    episodes = episodes_of(replace(plan, runs=STICKING_RUNS, variants=len(OTHERS), load=load), spec)
-    judge = StickingAxis(axis, episodes, half_range(settings), spec.dead_zone)
+    if shown is not None:
+        return _judged_by_shown(plan, shown, spec, half)
+    load = standing_load(model, plant, half)
+    plan = replace(plan, runs=STICKING_RUNS, variants=len(assumed.frictions) - 1, load=load, quiet=False)
+    episodes = episodes_of(plan, spec)
+    judge = StickingAxis(assumed, episodes, spec.dead_zone)
     return Judges(judge, episodes, STICKING, tuple(_said_of_axis(load, UNIT)), sensitivity=BESIDE_FRICTION)
+
+
+def _judged_by_shown(plan: StepPlan, shown: SlidingAxis, spec: TuningSpec, half: float) -> Judges:
+    """By the axis that was fitted to the recording."""
+    axis = fitted_mechanics(shown, half)
+    plan = replace(
+        plan,
+        runs=FITTED_RUNS,
+        variants=len(axis.frictions) - 1,
+        load=shown.load,
+        stronger=MUCH_STRONGER,
+        quiet=False,
+    )
+    episodes = episodes_of(plan, spec)
+    dead = spec.dead_zone if any(spec.dead_zone) else (-shown.dead_zone, shown.dead_zone)
+    said = _said_of_shown(shown, axis)
+    return Judges(StickingAxis(axis, episodes, dead), episodes, FITTED, said, sensitivity=None)
+
+
+def _said_of_shown(shown: SlidingAxis, axis: Mechanics) -> tuple[str, ...]:
+    speed = shown.dry_friction / max(shown.damping, 1e-9)
+    more = f"{100 * (shown.breakaway_ratio - 1):.0f} % more at rest"
+    said = (
+        f"Dry friction as the recording shows it: as much as the damping at {speed:.3g} m/s, "
+        f"{more if shown.breakaway_ratio > 1.0 else 'no more at rest'}; {len(axis.frictions) - 1} sets beside it "
+        "(--rig knows it better)."
+    )
+    dead = f"A dead zone of ±{shown.dead_zone:.3g} {UNIT}, which the recording shows, is part of the plant."
+    load = f"A standing load of {shown.load:.3g} {UNIT}, which the recording shows."
+    return (said, *((dead,) if shown.dead_zone else ()), *((load,) if shown.load else ()), FITTED_MARGIN)
 
 
 def with_rig(
@@ -74,7 +130,7 @@ def with_rig(
         return replace(
             judges, bench=PhysicalBench(rig, judges.episodes, output, 0.0, variants, BENCH_TOLERANCE)
         )
-    plan = replace(plan, variants=len(variants), stronger=STRONGER)
+    plan = replace(plan, variants=len(variants), stronger=STRONGER, quiet=False)
     episodes = episodes_of(replace(plan, runs=BENCH_RUNS), spec)
     shown = episodes_of(replace(plan, runs=SHOWN_RUNS), spec)
     judge, bench = (

@@ -85,7 +85,7 @@ def optimise(task: Task, options: Options, rng: np.random.Generator, scale: Ulti
     Raises:
         SolveError: nothing in the box keeps what is required.
     """
-    scale = scale or ultimate(task.plant)
+    scale = scale or ultimate(task.loops[0])
     within = box(options.free, options.fixed or default_gains(task, scale), scale)
     within = replace(within, cascade=options.cascade)
     if task.bench is not None and task.bench_alone:
@@ -134,7 +134,7 @@ def _on_bench(task: Task, within: Box, rng: np.random.Generator, effort: Effort)
 def _keeping(task: Task, within: Box, rng: np.random.Generator) -> Array:
     """Points that keep the margins and do well on the linear model, with and without integral action, best first."""
     without = replace(within, fixed=np.where(np.arange(GAINS) == KI, 0.0, within.fixed))
-    quiet = [e for e in task.episodes if not e.noise.any()] or list(task.episodes)
+    quiet = [e for e in task.episodes if e.run <= 0] or list(task.episodes)
     swift = replace(task, bench=None, bench_alone=False, hunting=math.inf, episodes=tuple(quiet))
     ends = [_evolved(swift, within, slices(within, 1)[0], rng, None, SWIFT)]
     if "ki" in within.free:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from optid.armax.model import Armax
 from optid.core.model import Array
 from optid.errors import InputError
+from optid.pid.controller import Notch
 
 Complex = NDArray[np.complex128]
 
@@ -116,6 +117,15 @@ def plant_of(model: Armax, input: int = 0, where: object = None) -> Plant:
     taps = np.pad(np.r_[np.zeros(delay - 1), b], (0, order - (delay - 1 + b.size)))
     plant = Plant(a, taps, model.sample_time, math.sqrt(max(model.noise_variance, 0.0)))
     return Plant(a, taps, plant.sample_time, plant.noise, (*remarks, *_difficulties(plant)))
+
+
+def behind(plant: Plant, notch: Notch | None) -> Plant:
+    """A plant whose command passes a notch first: what the linear loop's margins are looked at on."""
+    if notch is None:
+        return plant
+    b0, b1, b2, a1, a2 = notch.coefficients(plant.sample_time)
+    a = np.convolve(np.r_[1.0, plant.a], (1.0, a1, a2))[1:]
+    return replace(plant, a=a, b=np.convolve(plant.b, (b0, b1, b2)))
 
 
 def _difficulties(plant: Plant) -> list[str]:

@@ -13,6 +13,7 @@ from optid.armax.model import Armax
 from optid.errors import InputError
 from optid.rigs.rigfile import Rig
 from optid.tuning.bench import PhysicalBench
+from optid.tuning.compensation import dead_band_of
 from optid.tuning.defaults import (
     command_limits,
     controller_settings,
@@ -23,7 +24,7 @@ from optid.tuning.defaults import (
     usual_step,
 )
 from optid.tuning.integrator import with_integrator
-from optid.tuning.judges import LINEAR, judges_of, with_rig
+from optid.tuning.judges import LINEAR, STICKING, judges_of, with_rig
 from optid.tuning.known import sensor_noise
 from optid.tuning.plant import plant_of, scenarios
 from optid.tuning.specification import TuningSpec
@@ -58,7 +59,7 @@ class TuningProblem:
     @property
     def structure(self) -> str:
         """Name of the control structure where nobody says one."""
-        return usual_structure(self.task.bench_alone, isinstance(self.task.bench, PhysicalBench))
+        return usual_structure(self.task.bench_alone, self.judged_on != STICKING)
 
     def without_sensitivity(self) -> TuningProblem:
         """The same with no bound on the maximum sensitivity, for a model that allows none."""
@@ -127,6 +128,8 @@ def build_problem(
     low, high, words = command_limits(spec, command_unit, rig)
     assumed += words
     settings = controller_settings(spec, plant, (low, high), where)
+    if spec.compensate:
+        settings = dead_band_of(settings, rig)
     samples = episode_samples(spec, plant)
     wanted = spec.setpoints
     refuse_no_step(wanted)
@@ -141,7 +144,8 @@ def build_problem(
         replace(with_integrator(one, model, spec.integrator)[0], dead_zone=spec.dead_zone)
         for one in scenarios(model, spec.scenarios, rng)
     )
-    judges = judges_of(plan, plants[0], model, spec, settings, rig if tune_on_rig else None)
+    known = model, contents.axis if model is contents.chosen else None
+    judges = judges_of(plan, plants[0], known, spec, settings, rig if tune_on_rig else None)
     if rig is not None:
         judges = with_rig(judges, plan, spec, (rig, contents.output, tune_on_rig), rng)
     required = spec.required

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from optid.core.model import Array
-from optid.pid.controller import AntiWindup
+from optid.pid.controller import AntiWindup, Notch
 from optid.tuning.criterion import Criterion
 from optid.tuning.integrator import Integrator
 from optid.tuning.margins import Required
@@ -28,6 +28,9 @@ class TuningSpec:
         scenarios: plants drawn from the model's covariance, the model itself counted.
         integrator: whether the pole nearest to 1 is carried as exactly 1.
         dead_zone: (low, high) of the valve, part of the plant; command's unit.
+        notch: of the command.
+        acceleration: feed-forward, command per acceleration of the set-point.
+        compensate: the rig's model says what overcomes its friction and its valve's dead band.
         usual_sensitivity: bound the maximum sensitivity as usual for what judges: nobody said a bound.
     """
 
@@ -49,4 +52,7 @@ class TuningSpec:
     scenarios: int = 1
     integrator: Integrator = Integrator.AUTO
     dead_zone: tuple[float, float] = (0.0, 0.0)
+    notch: Notch | None = None
+    acceleration: float = 0.0
+    compensate: bool = False
     usual_sensitivity: bool = False

@@ -1,8 +1,9 @@
 """The steps by which gains are judged: several sizes in both directions, several seeds of the sensor's noise.
 
 One step of one size tells little about an axis with dry friction: it happens to stick on target, or not. Shares of
-the largest step are always added, small ones included. The first run has these very sizes and no noise. In each other
-run all steps are shorter by a share of their own, and the noise is new: where an axis with dry friction comes to rest
+the largest step are always added, small ones included. The first run has these very sizes, and no noise where a linear
+model judges; dry friction is another without the noise that dithers it, so there it has noise too. In each other run
+all steps are shorter by a share of their own, and the noise is new: where an axis with dry friction comes to rest
 depends on the step's size as if by chance, and gains must be good for all sizes, not for seven. In every third run the
 plant answers more strongly, so that the gains found bear it.
 """
@@ -39,7 +40,8 @@ class StepPlan:
         samples: of each episode.
         sample_time: s.
         noise: sd of the sensor, output's unit.
-        runs: of each size; the first one without noise and with the nominal plant.
+        runs: of each size; the first one with the nominal plant.
+        quiet: the first one without noise.
         variants: parameter sets of the physical model beside the nominal one, which the runs take in turn.
         load: standing disturbance added to the command.
         power: of the error in the criterion, for the scaling.
@@ -55,6 +57,7 @@ class StepPlan:
     load: float = 0.0
     power: int = 1
     stronger: float = 1.0
+    quiet: bool = True
 
     def episodes(self) -> tuple[Episode, ...]:
         """All of them, run by run; their weights sum to 1 for steps as large as the first."""
@@ -73,7 +76,7 @@ class StepPlan:
         weight = abs(self.sizes[0] / size) ** self.power / (count * len(self.sizes))
         bare = step(size, self.samples, self.sample_time, weight)
         noise = np.zeros(self.samples)
-        if run:
+        if run or not self.quiet:
             noise = self.noise * np.random.default_rng([SEED, run, number]).standard_normal(self.samples)
         load = np.full(self.samples, self.load)
         rest = self.samples - max(round(REST * self.samples), 2)

@@ -1,13 +1,14 @@
-"""The least axis that sticks: an identified model with an integrator as force, speed and position, and dry friction.
+"""The least axis that sticks: force, speed and position with dry friction, from an identified model or its recording.
 
 A linear model knows no dry friction, and what is best for it, integral action above all, makes a real axis hunt. The
-model's integrator and its slowest two other poles give position from speed from force:
+least axis with friction is
 
-    dF/dt = k u - w^2 v,    dv/dt = F - c v - f sgn v,    dx/dt = v    (per unit of mass)
+    dF/dt = k u - w^2 v,    dv/dt = F - c v - f(v) sgn v,    dx/dt = v    (per unit of mass)
 
-where s (s^2 + 2 z w s + w^2) are those poles and k / w^2 is the speed gain. In the recording dry friction passed for a
-part of the damping 2 z w. How much is not known from the model alone: a share of it is taken, at the speed to which
-half of the command's range drives the axis, and other shares in the runs that have noise.
+with k / w^2 the speed gain. `optid identify` fits it to the recording (`optid.armax.sliding`). Where a model file holds
+no such fit, s (s^2 + 2 z w s + w^2) are an integrator and the slowest two other poles of the model, and in the
+recording dry friction passed for a part of the damping 2 z w: a share of it is taken, at the speed to which half of the
+command's range drives the axis, and other shares in the runs that have noise.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from optid.armax.sliding import SlidingAxis
 from optid.core.model import Array
 from optid.pid.controller import Settings
 from optid.pid.law import GAINS, LAST_COMMAND, MEMORY, law
@@ -27,8 +29,14 @@ from optid.tuning.loop import ESCAPED, passed
 from optid.tuning.machine import compiled
 from optid.tuning.plant import MARGIN, Plant
 
-SHARE = 0.5  # of the damping that is dry friction: neither all nor nothing is known to be wrong
+SHARE = 0.5  # of the damping that is dry friction where nothing is fitted: neither all nor nothing is known to be wrong
 OTHERS = (0.25, 0.75)  # shares of the variants
+# Of a fitted axis: viscous and dry friction of the variants over the fitted ones. A regression takes some of either for
+# the other: on axes with known friction it found 1.4 to 1.6 times the viscous one and 0.6 times the dry one.
+FITTED = ((0.7, 1.5), (1.0, 0.7))
+CREEP = (
+    0.01  # share of the speed at half the command's range, over which break-away decays to friction in motion
+)
 FINE = 0.05  # steps of the integration times the fastest rate
 MOST = 64  # steps in a sample
 
@@ -40,25 +48,32 @@ class Mechanics:
     Attributes:
         speed_gain: steady speed per command.
         frequency: w, rad/s.
-        damping: 2 z w, 1/s, dry friction's share included.
+        frictions: viscous rate (1/s) and dry friction (output's unit/s2) of the nominal axis and its variants.
         delay: samples by which a command comes late beyond the first.
+        breakaway: friction at rest over that in motion.
+        creep: speed over which the one becomes the other.
     """
 
     speed_gain: float
     frequency: float
-    damping: float
-    delay: int
-
-    def friction(self, share: float, command: float) -> tuple[float, float]:
-        """Viscous rate (1/s) and dry friction (output's unit/s2) if a share of the damping is dry at half a command."""
-        speed = 0.5 * command * abs(self.speed_gain)
-        return (1.0 - share) * self.damping, share * self.damping * speed * math.pi / 4.0
+    frictions: tuple[tuple[float, float], ...]
+    delay: int = 0
+    breakaway: float = 1.0
+    creep: float = 1.0
 
 
-def mechanics(plant: Plant) -> Mechanics | None:
+def fitted_mechanics(axis: SlidingAxis, command: float) -> Mechanics:
+    """Of the axis that was fitted to the recording; `command` is half the range of the command."""
+    pairs = ((1.0, 1.0), *FITTED)
+    frictions = tuple((v * axis.damping, d * axis.dry_friction) for v, d in pairs)
+    creep = CREEP * command * abs(axis.speed_gain)
+    return Mechanics(axis.speed_gain, axis.frequency, frictions, 0, axis.breakaway_ratio, creep)
+
+
+def assumed_mechanics(plant: Plant, command: float) -> Mechanics | None:
     """Of a plant with one exact integrator and two stable poles behind it at least; None for any other."""
-    others = [p for p in plant.poles if abs(p - 1.0) > MARGIN]
-    slow = sorted((p for p in others if abs(p) > MARGIN), key=lambda p: -abs(p))
+    others = [complex(p) for p in plant.poles if abs(p - 1.0) > MARGIN]
+    slow = sorted((p for p in others if abs(p) > MARGIN), key=lambda p: abs(np.log(p)))
     if len(others) != plant.a.size - 1 or any(abs(p) >= 1.0 for p in others) or len(slow) < 2:
         return None
     pair = [slow[0], slow[1]] if slow[0].imag == 0.0 else [slow[0], slow[0].conjugate()]
@@ -67,7 +82,12 @@ def mechanics(plant: Plant) -> Mechanics | None:
     s = np.log(np.array(pair, dtype=complex)) / plant.sample_time
     rest = np.real(np.poly(others))
     gain = float(plant.b.sum()) / (float(rest.sum()) * plant.sample_time)
-    return Mechanics(gain, math.sqrt(float(np.real(s[0] * s[1]))), -float(np.real(s.sum())), plant.delay - 1)
+    square, damping = float(np.real(s[0] * s[1])), -float(np.real(s.sum()))
+    speed = 0.5 * command * abs(gain)
+    frictions = tuple(
+        ((1.0 - share) * damping, share * damping * speed * math.pi / 4.0) for share in (SHARE, *OTHERS)
+    )
+    return Mechanics(gain, math.sqrt(square), frictions, plant.delay - 1, creep=speed)
 
 
 class StickingAxis(Bench):
@@ -75,29 +95,25 @@ class StickingAxis(Bench):
 
     Args:
         axis: its mechanics.
-        episodes: to run; those of variant k > 0 have the k-th of the other shares of dry friction.
-        command: half the range of the command, its unit.
+        episodes: to run; those of variant k have the k-th friction.
         dead_zone: of the valve, (low, high).
     """
 
     def __init__(
-        self,
-        axis: Mechanics,
-        episodes: tuple[Episode, ...],
-        command: float,
-        dead_zone: tuple[float, float] = (0.0, 0.0),
+        self, axis: Mechanics, episodes: tuple[Episode, ...], dead_zone: tuple[float, float] = (0.0, 0.0)
     ) -> None:
         super().__init__(episodes)
         self.axis, self._dead = axis, np.array(dead_zone)
-        self._friction = [axis.friction(share, command) for share in (SHARE, *OTHERS)]
 
     def _run(self, vector: Array, settings: Settings, episode: Episode) -> tuple[Array, Array]:
         n, axis = episode.reference.size, self.axis
         y, u = np.empty(n), np.empty(n)
-        viscous, dry = self._friction[min(episode.variant, len(self._friction) - 1)]
+        viscous, dry = axis.frictions[min(episode.variant, len(axis.frictions) - 1)]
         T = settings.sample_time
         steps = min(max(math.ceil(T * max(axis.frequency, viscous) / FINE), 1), MOST)
-        physics = np.array([axis.speed_gain * axis.frequency**2, axis.frequency**2, viscous, dry, T / steps])
+        gain = episode.gain * axis.speed_gain * axis.frequency**2
+        excess = (axis.breakaway - 1.0) * dry
+        physics = np.array([gain, axis.frequency**2, viscous, dry, T / steps, excess, axis.creep])
         one = episode.reference, episode.load, episode.noise
         _stuck_and_slid(vector, physics, self._dead, steps, axis.delay, one, y, u)
         return y, u
@@ -109,7 +125,7 @@ def _stuck_and_slid(
 ) -> None:
     """One episode; friction is implicit, so that a speed within its reach is exactly 0."""
     reference, load, noise = episode
-    k, stiffness, viscous, dry, h = physics
+    k, stiffness, viscous, dry, h, excess, creep = physics
     m = np.zeros(MEMORY)
     m[LAST_COMMAND] = min(max(0.0, s[GAINS + 1]), s[GAINS + 2])
     bound = ESCAPED * (np.max(np.abs(reference)) + np.max(np.abs(load)))
@@ -126,6 +142,7 @@ def _stuck_and_slid(
         for _ in range(steps):
             force += h * (drive - stiffness * v)
             free = (v + h * force) / (1.0 + h * viscous)
-            reach = h * dry / (1.0 + h * viscous)
+            level = dry + (excess * math.exp(-abs(v) / creep) if excess > 0.0 else 0.0)
+            reach = h * level / (1.0 + h * viscous)
             v = 0.0 if abs(free) <= reach else free - math.copysign(reach, free)
             x += h * v

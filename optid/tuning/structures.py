@@ -58,7 +58,7 @@ def structure_of(name: str) -> Structure:
     return STRUCTURES[name]
 
 
-def usual_structure(simulated: bool, rig: bool) -> str:
+def usual_structure(simulated: bool, known: bool) -> str:
     """Name of the structure where nobody says one.
 
     An axis integrates by itself. Where its friction is only assumed, the simulation does not tell how far integral
@@ -67,17 +67,22 @@ def usual_structure(simulated: bool, rig: bool) -> str:
 
     Args:
         simulated: a simulation with friction judges.
-        rig: that simulation is of the rig's own model.
+        known: that friction is the rig's own, or a recording's.
     """
     if not simulated:
         return "pid2"
-    return "pid" if rig else "pd"
+    return "pid" if known else "pd"
 
 
-def free_gains(structure: Structure, simulated: bool) -> tuple[str, ...]:
-    """The gains that a search moves; against a simulation with sensor noise a PID's derivative filter is one."""
-    filtered = simulated and structure.name == "pid"
-    return (*structure.free, "derivative_filter") if filtered else structure.free
+def free_gains(structure: Structure, simulated: bool, paths: bool = False) -> tuple[str, ...]:
+    """The gains that a search moves.
+
+    Against a simulation with sensor noise a PID's derivative filter is one, and along paths a cascade's velocity
+    feed-forward.
+    """
+    filtered = ("derivative_filter",) if simulated and structure.name == "pid" else ()
+    ahead = ("derivative_weight",) if structure.cascade and paths else ()
+    return (*structure.free, *filtered, *ahead)
 
 
 def cascaded(gains: Array) -> Array:

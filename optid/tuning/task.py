@@ -17,7 +17,7 @@ from optid.tuning.criterion import Criterion
 from optid.tuning.demand import Episode
 from optid.tuning.loop import Course
 from optid.tuning.margins import COARSE, Frequencies, Required, excess, look
-from optid.tuning.plant import Plant
+from optid.tuning.plant import Plant, behind
 
 STRICTER = 1.0002
 REFUSED = 1e20  # cost of gains that miss what is required; the more they miss, the more
@@ -91,9 +91,14 @@ class Task:
         return Course(self.plants, self.episodes, self.criterion, self.settings.vector, self.command_size)
 
     @cached_property
+    def loops(self) -> tuple[Plant, ...]:
+        """The plants with the controller's notch, for whatever is linear; the model itself first."""
+        return tuple(behind(plant, self.settings.notch) for plant in self.plants)
+
+    @cached_property
     def grids(self) -> tuple[Frequencies, ...]:
         """For the margins on each plant."""
-        return tuple(Frequencies.of(plant, COARSE) for plant in self.plants)
+        return tuple(Frequencies.of(plant, COARSE) for plant in self.loops)
 
     @cached_property
     def bounds(self) -> Array:
@@ -104,7 +109,7 @@ class Task:
 
     def margins(self, gains: Array) -> list[Array]:
         """Of one set of gains on every plant, in the order of `optid.tuning.margins`, as the search sees them."""
-        return [look(p, grid, gains) for p, grid in zip(self.plants, self.grids, strict=True)]
+        return [look(p, grid, gains) for p, grid in zip(self.loops, self.grids, strict=True)]
 
     def missed(self, gains: Array) -> Array:
         """By how much gains (n, GAINS) miss what is required, shape (n,); 0 where they keep it.
@@ -113,7 +118,7 @@ class Task:
         """
         if self.bench_alone and self.required == Required():
             return np.zeros(len(np.atleast_2d(gains)))
-        each = [excess(p, grid, self.bounds, gains) for p, grid in zip(self.plants, self.grids, strict=True)]
+        each = [excess(p, grid, self.bounds, gains) for p, grid in zip(self.loops, self.grids, strict=True)]
         return np.asarray(np.max(each, axis=0))
 
     def fitness(self, gains: Array, bar: Array | None = None) -> Array:

@@ -131,18 +131,18 @@ class Tuning:
 
     @property
     def open_loop(self) -> control.TransferFunction:
-        """Controller and identified model in a row, without limits; its margins are those of `found`."""
-        return open_loop(self.task.plant, self.gains)
+        """Controller, notch and identified model in a row, without limits; its margins are those of `found`."""
+        return open_loop(self.task.loops[0], self.gains)
 
     @property
     def controller_system(self) -> control.StateSpace:
-        """The controller without limits as python-control has it: from set-point and measurement to command."""
+        """The controller without limits and notch, from set-point and measurement to command, for python-control."""
         return controller_system(self.gains, self.task.plant.sample_time)
 
     @property
     def closed_loop(self) -> control.StateSpace:
         """From set-point to output, both degrees of freedom, without limits."""
-        return closed_loop(self.task.plant, self.gains)
+        return closed_loop(self.task.loops[0], self.gains)
 
 
 def tune(
@@ -164,7 +164,7 @@ def tune(
     Raises:
         SolveError: nothing keeps what is required, or nothing stabilises the model.
     """
-    options, scale = options or Options(), ultimate(task.plant)
+    options, scale = options or Options(), ultimate(task.loops[0])
     bench = bench or (None if isinstance(task.bench, StickingAxis) else task.bench)
     search = optimise(task, options, rng, scale)
     gains, within = search.gains, search.within
@@ -246,9 +246,7 @@ def _remarks(task: Task, found: Scored) -> tuple[str, ...]:
     """About the model, and about what the tuned loop does."""
     alone = task.bench_alone and bool(found.bench)
     judged = found.bench if alone else found.responses
-    slow = [
-        r for r in judged if r.episode.rise[-1] != 0.0 and math.isinf(r.settled) and not r.episode.noise.any()
-    ]
+    slow = [r for r in judged if r.episode.rise[-1] != 0.0 and math.isinf(r.settled) and r.episode.run <= 0]
     swings = max((run.hunting for run in judged), default=0.0)
     hunts = [f"It hunts: {swings:.3g} peak to peak at rest, and no gains were found that rest."]
     Ms = found.margins.maximum_sensitivity if found.margins else math.inf
@@ -296,4 +294,4 @@ def score(task: Task, one: Baseline, bench: Bench | None = None) -> Scored:
         float(task.fitness(vector)[0]) if task.bench_alone else float(task.together(course.costs(vector))[0])
     )
     tried = bench(one.gains, task.settings) if bench else ()
-    return Scored(one.name, one.gains, one.note, cost, margins(task.plant, vector), runs, tried)
+    return Scored(one.name, one.gains, one.note, cost, margins(task.loops[0], vector), runs, tried)

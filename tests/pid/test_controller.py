@@ -1,12 +1,13 @@
 """What the controller promises, checked against formulas written out here."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from optid.errors import InputError
-from optid.pid.controller import AntiWindup, Controller, Gains, Settings
+from optid.pid.controller import AntiWindup, Controller, Gains, Notch, Settings
 
 T = 1e-3
 
@@ -113,3 +114,45 @@ def test_memory_is_kept_and_restored():
     assert controller.step(0.05, 0.012) == first
     with pytest.raises(InputError):
         controller.restore(np.full(5, np.nan))
+
+
+def test_a_notch_takes_out_its_frequency_alone():
+    notch = Notch(150.0, 60.0, 0.1)
+    b0, b1, b2, a1, a2 = notch.coefficients(1e-3)
+
+    def gain(frequency):
+        z = np.exp(-1j * frequency * 1e-3)
+        return abs((b0 + b1 * z + b2 * z * z) / (1 + a1 * z + a2 * z * z))
+
+    assert gain(150.0) == pytest.approx(0.1, rel=1e-9)
+    assert gain(1e-6) == pytest.approx(1.0, abs=1e-9) and gain(math.pi * 1e3) == pytest.approx(1.0, abs=1e-9)
+    # As wide as it says: where the gain of a full notch is 1 / sqrt 2.
+    full = Notch(150.0, 60.0)
+    b0, b1, b2, a1, a2 = full.coefficients(1e-3)
+    edges = [-30.0 + math.hypot(30.0, 150.0), 30.0 + math.hypot(30.0, 150.0)]
+    assert [gain(edge) for edge in edges] == pytest.approx([math.sqrt(0.5)] * 2, rel=5e-3)
+    for bad in ({"frequency": 4e3}, {"width": 0.0}, {"depth": 1.5}):
+        with pytest.raises(InputError, match="notch"):
+            Settings(1e-3, notch=replace(notch, **bad))
+
+
+def test_a_start_with_a_notch_gives_no_bump():
+    controller = Controller(
+        Gains(20.0, 50.0, 0.3, 2e-3), Settings(1e-3, -5, 5, notch=Notch(150.0, 60.0, 0.2))
+    )
+    controller.reset(0.02, 0.02, 1.5)
+    assert [controller.step(0.02, 0.02) for _ in range(50)] == pytest.approx([1.5] * 50, abs=1e-12)
+
+
+def test_what_is_fed_forward_goes_by_the_set_point():
+    """On a ramp friction is overcome in its direction; while the ramp bends, mass is; noise on the sensor adds none."""
+    settings = Settings(1e-3, acceleration=0.5, friction=0.4, friction_speed=0.01)
+    controller = Controller(Gains(1e-9, 0.0, 0.0, 0.0, 1.0), settings)
+    path = np.r_[0.0, 0.05 * 1e-3 * np.arange(1, 51), np.full(20, 0.05 * 50e-3)]
+    path[51:] -= 0.05 * 1e-3 * np.arange(1, 21)  # and back
+    out = [controller.step(float(r), 0.0) for r in path]
+    assert out[20:50] == pytest.approx([0.4] * 30, abs=1e-6)
+    assert out[55:] == pytest.approx([-0.4] * (len(out) - 55), abs=1e-6)
+    assert out[1] == pytest.approx(0.4 + 0.5 * 0.05 / 1e-3, rel=1e-6)
+    with pytest.raises(InputError, match="friction_speed"):
+        Settings(1e-3, friction=0.4)

@@ -10,7 +10,7 @@ import pytest
 
 from optid.errors import InputError
 from optid.pid import law
-from optid.pid.controller import AntiWindup, Controller, Gains, Settings
+from optid.pid.controller import AntiWindup, Controller, Gains, Notch, Settings
 from optid.pid.export import c_header, structured_text
 from optid.pid.symbolic import controller as symbolic_controller
 from tests.pid.structured_text import Instance, Program
@@ -26,6 +26,12 @@ CASES = {
         Settings(1e-3, -1, 1, anti_windup=AntiWindup.BACK_CALCULATION, tracking_time=0.02),
     ),
     "no integral": (Gains(60.0, 0.0, 1.0), Settings(1e-3, -5, 5, rate=300.0)),
+    "notch and feed-forward": (
+        GAINS,
+        Settings(
+            1e-3, -5, 5, acceleration=0.02, friction=0.3, friction_speed=0.05, notch=Notch(150.0, 60.0, 0.1)
+        ),
+    ),
     "negative gains": (Gains(-60.0, -200.0, -1.0, 1e-3), Settings(2e-3, -5, 5, resolution=0.25)),
 }
 SAMPLES = 400
@@ -142,7 +148,7 @@ def test_casadi_gradient_is_that_of_the_command():
     s, m = ca.SX.sym("s", law.SETTINGS), ca.SX.sym("m", law.MEMORY)
     slope = ca.Function("slope", [s, m], [ca.jacobian(function(s, m, 0.06, 0.01)[0], s)])
     vector = Controller(GAINS, Settings(1e-3, -50, 50)).vector
-    memory = np.array([0.3, -0.5, 0.2, 0.05, 0.012])
+    memory = np.array([0.3, -0.5, 0.2, 0.05, 0.012, 0.1, 0.02, -0.03])
     exact = np.array(slope(vector, memory)).ravel()[: law.GAINS]
     for i in range(law.GAINS):
         h = 1e-6 * max(abs(vector[i]), 1e-3)

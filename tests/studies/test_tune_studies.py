@@ -25,7 +25,7 @@ def test_three_routes_one_cost(gains):
 
 
 def test_the_real_system_answers():
-    from studies.pid_gains import SETTINGS, profiles, real
+    from studies.paper_gains import SETTINGS, profiles, real
 
     run = real(Gains(60.0, 50.0, 0.5, 2e-3), step(0.06, 300, T))
     assert abs(run.output[-1] - 0.06) < 2e-3

@@ -3,23 +3,37 @@
 import json
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from optid.armax.files import ArmaxFile, SavedModel
 from optid.armax.model import Armax
+from optid.armax.sliding import SlidingAxis
 from optid.errors import InputError
 from optid.pid.controller import Controller, Gains, Settings
 from optid.tuning.baselines import Baseline
+from optid.tuning.bench_search import Seen
 from optid.tuning.criterion import Criterion
 from optid.tuning.integrator import Integrator, with_integrator
+from optid.tuning.judges import FITTED
 from optid.tuning.loop import Course
 from optid.tuning.plant import Plant, plant_of
+from optid.tuning.problem import build_problem
 from optid.tuning.score import by_size
 from optid.tuning.search import box
+from optid.tuning.specification import TuningSpec
 from optid.tuning.step_tests import StepPlan, hunting_limit, sizes_for
-from optid.tuning.sticking_axis import SHARE, StickingAxis, mechanics
-from optid.tuning.structures import STRUCTURES, cascaded, drive_values, structure_of, usual_structure
+from optid.tuning.sticking_axis import StickingAxis, assumed_mechanics
+from optid.tuning.structures import (
+    STRUCTURES,
+    cascaded,
+    drive_values,
+    free_gains,
+    structure_of,
+    usual_structure,
+)
 from optid.tuning.systems import closed_loop, controller_system
 from optid.tuning.task import Task
 from optid.tuning.tuning import UNSTABLE, _remarks, score
@@ -74,11 +88,12 @@ def test_noise_and_dead_zone_in_the_linear_loop():
 def test_without_friction_the_axis_is_the_model():
     """Its mechanics are the model's poles and gain, and with no share of dry friction it answers alike."""
     plant = plant_of(axis())
-    found = mechanics(plant)
-    assert (found.speed_gain, found.frequency, found.damping) == pytest.approx((0.55, 60.0, 48.0), rel=1e-3)
+    found = assumed_mechanics(plant, 5.0)
+    viscous = [v / (1.0 - share) for (v, _), share in zip(found.frictions, (0.5, 0.25, 0.75), strict=True)]
+    assert (found.speed_gain, found.frequency) == pytest.approx((0.55, 60.0), rel=1e-3)
+    assert viscous == pytest.approx([48.0] * 3, rel=1e-3)
     [episode] = StepPlan((0.06,), 400, T).episodes()
-    bench = StickingAxis(found, (episode,), 5.0)
-    bench._friction = [found.friction(0.0, 5.0)]
+    bench = StickingAxis(replace(found, frictions=((48.0, 0.0),)), (episode,))
     gains = Gains(12.0, 0.0, 0.05, 2e-3)
     [run] = bench(gains, LIMITS)
     y, _ = Course((plant,), (episode,), Criterion(), LIMITS.vector, 10.0).trace(gains.vector)
@@ -86,8 +101,8 @@ def test_without_friction_the_axis_is_the_model():
 
 
 def test_what_friction_holds_does_not_move():
-    found = mechanics(plant_of(axis()))
-    viscous, dry = found.friction(SHARE, 5.0)
+    found = assumed_mechanics(plant_of(axis()), 5.0)
+    viscous, dry = found.frictions[0]
     assert viscous == pytest.approx(24.0, rel=1e-3) and dry == pytest.approx(
         24.0 * 0.55 * 2.5 * math.pi / 4, rel=1e-3
     )
@@ -95,9 +110,15 @@ def test_what_friction_holds_does_not_move():
     # The force of a standing command grows at k u: it breaks away after dry / (k u).
     after = 20
     held = Gains(dry / (0.55 * 60.0**2 * after * T))
-    [run] = StickingAxis(found, (episode,), 5.0)(held, Settings(T))
+    [run] = StickingAxis(found, (episode,))(held, Settings(T))
     first = int(np.flatnonzero(run.output)[0])
     assert first == pytest.approx(after, abs=2)
+    # With more friction at rest it breaks away later, and once it slides it goes further.
+    [late] = StickingAxis(replace(found, breakaway=1.5, creep=0.02), (episode,))(held, Settings(T))
+    assert int(np.flatnonzero(late.output)[0]) == pytest.approx(1.5 * after, abs=2)
+    # Behind a dead zone the command is smaller.
+    [less] = StickingAxis(found, (episode,), (-0.2 * held.kp, 0.2 * held.kp))(held, Settings(T))
+    assert int(np.flatnonzero(less.output)[0]) == pytest.approx(after / 0.8, abs=2)
 
 
 @pytest.mark.parametrize("gain", [0.55, -0.55])
@@ -108,7 +129,7 @@ def test_hunting_multiplies_the_cost(gain):
     episodes, sign = plan.episodes(), math.copysign(1.0, gain)
     rest, hunt = (sign * np.array([20.0, ki, 0.1, 0, 0, 0]) + [0, 0, 0, 2e-3, 1, 0] for ki in (0.0, 600.0))
     assert Task((plant,), episodes, LIMITS).missed(hunt[None])[0] == 0.0
-    bench = StickingAxis(mechanics(plant), episodes, 5.0)
+    bench = StickingAxis(assumed_mechanics(plant, 5.0), episodes)
     task = Task((plant,), episodes, LIMITS, bench=bench, bench_alone=True, hunting=hunting_limit(0.06, 3e-5))
     costs = task.fitness(np.array([rest, hunt]))
     bare = replace(task, hunting=math.inf).fitness(np.array([rest, hunt]))
@@ -119,15 +140,21 @@ def test_hunting_multiplies_the_cost(gain):
 
 
 def test_assumed_friction_does_not_judge_integral_action():
-    assert usual_structure(simulated=True, rig=False) == "pd"
-    assert usual_structure(simulated=True, rig=True) == "pid"
-    assert usual_structure(simulated=False, rig=False) == "pid2"
+    assert usual_structure(simulated=True, known=False) == "pd"
+    assert free_gains(STRUCTURES["pid"], True) == ("kp", "ki", "kd", "derivative_filter")
+    assert free_gains(STRUCTURES["p-pi"], True, True) == ("kp", "ki", "kd", "derivative_weight")
+    assert usual_structure(simulated=True, known=True) == "pid"
+    assert usual_structure(simulated=False, known=False) == "pid2"
 
 
 def test_a_loop_that_only_friction_and_limits_hold_is_told():
     plant, episodes = plant_of(axis()), PLAN.episodes()
     task = Task(
-        (plant,), episodes, LIMITS, bench=StickingAxis(mechanics(plant), episodes, 5.0), bench_alone=True
+        (plant,),
+        episodes,
+        LIMITS,
+        bench=StickingAxis(assumed_mechanics(plant, 5.0), episodes),
+        bench_alone=True,
     )
     wild, calm = (score(task, Baseline("tuned", Gains(kp, 0.0, 0.1, 2e-3), "")) for kp in (2000.0, 5.0))
     assert task.missed(wild.gains.vector)[0] == 0.0 and not wild.stable
@@ -136,7 +163,7 @@ def test_a_loop_that_only_friction_and_limits_hold_is_told():
 
 def test_candidates_that_are_beaten_are_not_run_to_the_end():
     plant, episodes = plant_of(axis()), PLAN.episodes()
-    bench = StickingAxis(mechanics(plant), episodes, 5.0)
+    bench = StickingAxis(assumed_mechanics(plant, 5.0), episodes)
     gains = np.array([Gains(20.0, 0.0, 0.1, 2e-3).vector])
     whole, _ = bench.judged(gains, LIMITS, Criterion(), 10.0)
     part, _ = bench.judged(gains, LIMITS, Criterion(), 10.0, bar=whole / 2)
@@ -249,3 +276,41 @@ def test_a_model_whose_gains_leave_the_floats_is_refused(size):
     model = Armax(a=(1.0, -0.9), b=((size,),), c=(1.0, 0.1), nk=(1,), sample_time=T, noise_variance=0.0)
     with pytest.raises(InputError, match="b: coefficients of 1e"):
         plant_of(model)
+
+
+SHOWN = SlidingAxis(0.55, 0.1, 60.0, 30.0, 20.0, 1.5, -0.04, 0.1, 0.9)
+
+
+def test_the_axis_that_a_recording_shows_judges():
+    """Its friction, break-away, load and dead zone; integral action is free, since what it does at rest is known."""
+    model = axis()
+    contents = ArmaxFile("command", "position", 3, (SavedModel(model),), axis=SHOWN)
+    problem = build_problem(contents, Path("armax.json"), TuningSpec(), np.random.default_rng(0))
+    judge, said = problem.task.bench, " ".join(problem.assumed)
+    assert problem.judged_on == FITTED and problem.structure == "pid"
+    assert judge.axis.frictions[0] == (30.0, 20.0) and judge.axis.breakaway == 1.5
+    assert {e.load[0] for e in judge.episodes} == {-0.04} and all(e.noise.any() for e in judge.episodes)
+    assert {e.variant for e in judge.episodes} == {0, 1, 2} and max(e.gain for e in judge.episodes) > 1.0
+    assert tuple(judge._dead) == (-0.1, 0.1)
+    assert "50 % more at rest" in said and "dead zone of ±0.1 V" in said and "load of -0.04 V" in said
+    own = build_problem(
+        contents, Path("armax.json"), TuningSpec(dead_zone=(-0.2, 0.3)), np.random.default_rng(0)
+    )
+    assert tuple(own.task.bench._dead) == (-0.2, 0.3)
+    plain = build_problem(
+        replace(contents, axis=None), Path("a.json"), TuningSpec(), np.random.default_rng(0)
+    )
+    assert plain.structure == "pd" and plain.task.bench.axis.breakaway == 1.0
+
+
+def test_luck_is_not_shared_among_neighbours():
+    """A lone point with a low cost does not go on before a valley; what was seen in more runs counts more."""
+    valley = 0.5 + 0.01 * np.random.default_rng(0).standard_normal((20, 2))
+    points = np.vstack([valley, [[0.52, 0.52]], 0.1 + 0.01 * np.random.default_rng(1).random((20, 2))])
+    costs = np.r_[np.full(20, 1.0), 5.0, np.full(19, 3.0), 0.9]
+    seen = Seen(points, costs, np.ones(41))
+    best = seen.best(points, 10)
+    assert np.all(np.linalg.norm(best - 0.5, axis=1) < 0.1)
+    more = seen.and_also(points[-1:], np.array([0.5]), 200)
+    assert np.linalg.norm(more.best(points, 1)[0] - points[-1]) < 0.02
+    assert np.isfinite(Seen(points, np.r_[costs[:-1], np.inf], np.ones(41)).best(points, 3)).all()

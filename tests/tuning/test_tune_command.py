@@ -14,10 +14,15 @@ from click.testing import CliRunner
 from optid.armax.files import ArmaxFile, SavedModel, load, save
 from optid.armax.model import Armax
 from optid.cli import cli
+from optid.core.translate import literal
 from optid.errors import InputError
-from optid.pid.controller import Controller, Gains, Settings
+from optid.pid.controller import Controller, Gains, Notch, Settings
+from optid.rigs.rigfile import read_rig
+from optid.tuning.compensation import dead_band_of, friction_of
 from optid.tuning.files import load as load_pid
 from optid.tuning.files import units
+from optid.tuning.margins import margins
+from optid.tuning.plant import behind, plant_of
 from tests.tuning.small_axis import T, axis
 
 DATA = Path(__file__).parents[2] / "data"
@@ -330,3 +335,53 @@ def test_time_that_is_up_keeps_the_best_so_far(model_file, tmp_path):
     content = strict(tmp_path / "pid.json")
     assert "Time was up" in " ".join(content["remarks"]) and content["structure"] == "p-pi"
     assert any(row["name"] == "Kv" and row["unit"] == "1/s" for row in content["drive"])
+
+
+def test_notch_and_feed_forward_reach_file_and_export(model_file, tmp_path):
+    arguments = ("--notch", "20,8,0.1", "--acceleration", "0.01", "--structure", "pd", "--export", *QUICK)
+    result = run(model_file, "--out", tmp_path, *arguments)
+    assert result.exit_code == 0, result.output
+    content = strict(tmp_path / "pid.json")
+    turn = 2 * math.pi
+    assert content["notch"] == pytest.approx({"frequency": turn * 20, "width": turn * 8, "depth": 0.1})
+    assert content["feed_forward"]["acceleration"] == 0.01
+    assert (
+        "notch" in content["control_law"]["equation"] and "acceleration" in content["control_law"]["equation"]
+    )
+    settings = load_pid(tmp_path / "pid.json").settings
+    assert settings.notch == Notch(turn * 20, turn * 8, 0.1) and settings.acceleration == 0.01
+    # The margins are of the loop with its notch.
+    plant, gains = (
+        behind(plant_of(load(model_file).chosen), settings.notch),
+        load_pid(tmp_path / "pid.json").gains,
+    )
+    assert content["margins"]["maximum_sensitivity"] == pytest.approx(
+        margins(plant, gains.vector).maximum_sensitivity, rel=1e-6
+    )
+    assert f".notch_b0 = {literal(float(settings.vector[14]))}," in (tmp_path / "pid.h").read_text()
+    for said in ("2000", "20,8,0.1,3", "20,0", "fast"):
+        assert run(model_file, "--out", tmp_path, "--notch", said).exit_code == 2
+
+
+def test_compensation_wants_a_rig(model_file, tmp_path):
+    result = run(model_file, "--out", tmp_path, "--compensate")
+    assert result.exit_code == 2 and "--rig" in result.output
+
+
+def test_friction_and_dead_band_of_the_rig_s_model():
+    """A motor's friction is a command, a cylinder's is none; a diagnosed dead band is the valve's width."""
+    emps = read_rig(DATA / "emps.toml")
+    gains, settings = Gains(100.0, 0.0, 8.0, 2e-3), Settings(1e-3, -10, 10)
+    found = friction_of(emps, "position", gains, settings, 0.2)
+    assert found.friction == pytest.approx(30.0 / 35.1507, rel=0.1)
+    assert dead_band_of(settings, emps) == settings
+    bench = read_rig(DATA / "bench.toml")
+    settings = Settings(1e-3, -5, 5)
+    assert friction_of(bench, "position", Gains(60.0, 0.0, 1.0, 2e-3), settings, 0.06).friction == 0.0
+
+
+def test_a_diagnosed_dead_band_is_jumped_over(tmp_path):
+    text = (DATA / "bench.toml").read_text() + "\n[effects.valve_deadband]\nwidth = 0.03\n"
+    (tmp_path / "rig.toml").write_text(text)
+    found = dead_band_of(Settings(1e-3, -5, 5), read_rig(tmp_path / "rig.toml"))
+    assert (found.deadband_low, found.deadband_high) == pytest.approx((-0.15, 0.15))

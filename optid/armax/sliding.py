@@ -1,0 +1,311 @@
+"""What a recording shows of an axis beside its linear model: dry friction, break-away, load, dead zone.
+
+The least axis with dry friction is a force that the command charges, a speed, and a position, per unit of mass:
+
+    dF/dt = k (u + alpha |u| + d) - w^2 v,    dv/dt = F - c v - f sgn v,    dx/dt = v
+
+Both equations integrated over time are linear in what is not known,
+
+    dv/dt = -c v - f sgn v - w^2 x + k (U + alpha |U| + d t) + constant,    U: the command's integral,
+
+so a regression over stretches in which the axis moves finds it all: smoothed position, speed and acceleration (Savitzky
+and Golay, Analytical Chemistry 36, 1964), a constant of its own for each stretch. A linear model cannot tell friction
+from damping, nor a load from a speed that differs by direction. The force at which the axis breaks away follows from
+the force law, which holds at rest too.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optid.armax.model import Armax
+from optid.armax.signals import Signals
+from optid.core.document import finite
+from optid.core.model import Array
+from optid.errors import InputError
+
+Mask = NDArray[np.bool_]
+
+NEAR = 2e-3  # of 1 in z: an integrator's pole
+SMOOTHED = 0.3  # of the mode's period: length of the smoothing polynomial
+STRETCH = 20.0  # over w: s that share a constant
+SLOW, NOISE = (
+    0.015,
+    5.0,
+)  # of the largest speed, and sd of the speed's noise: below it the axis may be at rest
+LEAST, EXPLAINED = 200, 0.5  # moving samples, and share of the acceleration's variance
+SURE = 3.0  # standard errors
+NARROW, WIDEST, TRIED = (
+    2e-3,
+    0.12,
+    25,
+)  # half-widths of a dead zone, shares of the largest command; how many of them
+BETTER = 0.95  # a dead zone must leave less than this of the squared residual
+STARTS = 5  # from rest that a break-away force wants
+
+
+@dataclass(frozen=True)
+class SlidingAxis:
+    """An axis with dry friction, per unit of mass, in the recording's SI units.
+
+    Attributes:
+        speed_gain: steady speed per command.
+        asymmetry: share by which it is larger for positive commands, smaller for negative ones.
+        frequency: w, rad/s.
+        damping: c, 1/s, without dry friction.
+        dry_friction: f, output's unit/s2.
+        breakaway_ratio: friction at which the axis breaks away over f, at least 1.
+        load: d, standing disturbance added to the command; 0 where it is not sure.
+        dead_zone: half-width, command's unit; 0 for none.
+        explained: share of the acceleration's variance.
+    """
+
+    speed_gain: float
+    asymmetry: float
+    frequency: float
+    damping: float
+    dry_friction: float
+    breakaway_ratio: float
+    load: float
+    dead_zone: float
+    explained: float
+
+
+def mode_frequency(model: Armax) -> float | None:
+    """Of the slowest two poles beside an integrator's, rad/s; None for a model of another kind."""
+    poles = np.roots(np.array(model.a)).astype(complex)
+    others = sorted((p for p in poles if abs(p - 1.0) > NEAR and abs(p) > 1e-9), key=lambda p: abs(np.log(p)))
+    if len(others) == len(poles) or len(others) < 2 or abs(others[0]) >= 1.0 or others[0].real <= 0.0:
+        return None
+    pair = [others[0], others[1] if others[0].imag == 0.0 else others[0].conjugate()]
+    if pair[1].real <= 0.0:
+        return None
+    return float(math.sqrt(abs(np.log(pair[0]) * np.log(pair[1]))) / model.sample_time)
+
+
+def axis_shown(signals: Signals, model: Armax) -> SlidingAxis | None:
+    """The axis that a recording shows, whose linear model is known; None for none, or for more than one input."""
+    frequency = mode_frequency(model)
+    if frequency is None or signals.u.shape[1] != 1:
+        return None
+    return sliding_axis(signals.y, signals.u[:, 0], model.sample_time, frequency)
+
+
+def sliding_axis(y: Array, u: Array, sample_time: float, frequency: float) -> SlidingAxis | None:
+    """Fit the axis to one recording.
+
+    Args:
+        y: output, shape (n,), NaN where missing.
+        u: command, shape (n,).
+        sample_time: s.
+        frequency: of its mode, roughly, rad/s.
+
+    Returns:
+        None where the recording does not show such an axis.
+    """
+    signals = _Signals.of(y, u, sample_time, frequency)
+    if signals is None:
+        return None
+    plain = signals.regression(0.0)
+    widths = np.geomspace(NARROW, WIDEST, TRIED) * float(np.nanmax(np.abs(u)))
+    tried = [signals.regression(float(width)) for width in widths]
+    best = min(tried, key=lambda one: one.squares)
+    found = best if best.squares < BETTER * plain.squares else plain
+    return _axis(signals, found)
+
+
+@dataclass(frozen=True, eq=False)
+class _Regression:
+    """theta: c, f, w2, k, k alpha, k d; their covariance; squared residual; the command that passed."""
+
+    theta: Array
+    covariance: Array
+    squares: float
+    explained: float
+    width: float
+    passed: Array
+
+
+@dataclass(frozen=True, eq=False)
+class _Signals:
+    """Smoothed signals, and where the axis moves; all (n,)."""
+
+    T: float
+    window: int
+    x: Array
+    v: Array
+    a: Array
+    u: Array
+    moving: Mask
+    slow: float
+    stretch: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, y: Array, u: Array, T: float, frequency: float) -> _Signals | None:
+        window = max(2 * round(0.5 * SMOOTHED * 2.0 * math.pi / (frequency * T)) + 1, 5)
+        known = np.isfinite(y) & np.isfinite(u)
+        if known.sum() < max(LEAST, 4 * window):
+            return None
+        times = np.arange(y.size)
+        whole = np.interp(times, times[known], y[known])
+        x, v, a = (_smooth(whole, window, T, order) for order in range(3))
+        sd = float(np.std((whole - x)[known])) * float(np.linalg.norm(_speed_weights(window, T)))
+        slow = max(SLOW * float(np.max(np.abs(v))), NOISE * sd)
+        near = np.ones(window)
+        lost = np.convolve(~known, near, "same") > 0.5
+        rests = np.convolve(np.abs(v) < 0.5 * slow, near, "same") > 0.5
+        moving = (np.abs(v) > slow) & ~lost & ~rests
+        moving[:window] = moving[-window:] = False
+        stretch = (times // max(round(STRETCH / (frequency * T)), 4)).astype(np.int64)
+        held = np.where(np.isfinite(u), u, 0.0)
+        return cls(T, window, x, v, a, held, moving, slow, stretch) if moving.sum() >= LEAST else None
+
+    def integral(self, values: Array) -> Array:
+        """Up to each sample, of what is held from sample to sample; smoothed as the position is."""
+        return _smooth(np.r_[0.0, np.cumsum(values)[:-1]] * self.T, self.window, self.T, 0)
+
+    def passed(self, width: float) -> Array:
+        """The command behind a dead zone."""
+        return np.asarray(np.sign(self.u) * np.maximum(np.abs(self.u) - width, 0.0))
+
+    def regression(self, width: float) -> _Regression:
+        """Least squares over the stretches in which the axis moves."""
+        passed, time = self.passed(width), self.T * np.arange(float(self.u.size))
+        table = np.column_stack(
+            [
+                self.v,
+                np.sign(self.v),
+                self.x,
+                -self.integral(passed),
+                -self.integral(np.abs(passed)),
+                -time,
+                -self.a,
+            ]
+        )[self.moving]
+        _, group = np.unique(self.stretch[self.moving], return_inverse=True)
+        count = np.bincount(group)
+        means = np.column_stack([np.bincount(group, column) / count for column in table.T])
+        table -= means[group]
+        A, b = table[:, :-1], table[:, -1]
+        theta = np.linalg.lstsq(A, b, rcond=None)[0]
+        squares = float(np.sum((b - A @ theta) ** 2))
+        # Smoothing makes neighbours alike: a window of them counts as two samples.
+        free = max(2.0 * b.size / self.window - theta.size - count.size, 1.0)
+        covariance = np.linalg.pinv(A.T @ A) * squares / free
+        explained = 1.0 - squares / max(float(np.sum(b**2)), 1e-300)
+        return _Regression(theta, covariance, squares, explained, width, passed)
+
+
+def _axis(signals: _Signals, found: _Regression) -> SlidingAxis | None:
+    """What the regression means; None where it makes no sense as an axis."""
+    c, f, w2, k, ka, kd = found.theta
+    sd = np.sqrt(np.diag(found.covariance))
+    if not (
+        found.explained >= EXPLAINED and w2 > SURE * sd[2] and abs(k) > SURE * sd[3] and f > SURE * sd[1]
+    ):
+        return None
+    load = kd / k if abs(kd) > SURE * sd[5] else 0.0
+    return SlidingAxis(
+        float(k / w2),
+        float(np.clip(ka / k, -0.5, 0.5)),
+        math.sqrt(w2),
+        max(float(c), 0.0),
+        float(f),
+        max(_breakaway(signals, found, float(sd[1])) / float(f), 1.0),
+        float(load),
+        found.width,
+        found.explained,
+    )
+
+
+def _breakaway(signals: _Signals, found: _Regression, sd: float) -> float:
+    """Median force at which the axis leaves a rest, per mass; that in motion where it is not surely more.
+
+    `sd` is the standard error of that in motion.
+    """
+    c, f, w2, k, ka, kd = found.theta
+    time = signals.T * np.arange(float(signals.u.size))
+    # The force up to a constant, which the motion after the rest tells.
+    grown = (
+        k * signals.integral(found.passed)
+        + ka * signals.integral(np.abs(found.passed))
+        + kd * time
+        - w2 * signals.x
+    )
+    whole = signals.a + c * signals.v + f * np.sign(signals.v) - grown
+    forces = []
+    for start in _departures(signals):
+        after = slice(start + signals.window // 2, start + signals.window // 2 + max(signals.window, 8))
+        way = math.copysign(1.0, signals.v[start])
+        if np.any(signals.v[start : after.stop] * way < 0.5 * signals.slow):
+            continue
+        leaves = start - 1
+        while leaves > 0 and abs(signals.v[leaves]) > 0.25 * signals.slow:
+            leaves -= 1
+        forces.append(way * float(np.median(whole[after]) + grown[max(leaves - signals.window // 4, 0)]))
+    if len(forces) < STARTS:
+        return float(f)
+    median, quarter = float(np.median(forces)), float(np.subtract(*np.percentile(forces, (75, 25)))) / 1.35
+    unsure = math.hypot(SURE * sd, SURE * quarter * math.sqrt(0.5 * math.pi / len(forces)))
+    return median if median - f > unsure else float(f)
+
+
+def _departures(signals: _Signals) -> list[int]:
+    """Samples at which it begins to move after a rest of a window and more."""
+    fast = np.abs(signals.v) > signals.slow
+    rest = signals.window + signals.window // 4
+    rested = np.convolve(fast, np.ones(rest), "full")[: fast.size] < 0.5
+    starts = np.flatnonzero(fast[1:] & rested[:-1]) + 1
+    return [int(s) for s in starts if 2 * rest < s < fast.size - 4 * signals.window]
+
+
+def _smooth(values: Array, window: int, T: float, order: int) -> Array:
+    from scipy.signal import savgol_filter
+
+    return np.asarray(savgol_filter(values, window, 3, order, T))
+
+
+def _speed_weights(window: int, T: float) -> Array:
+    from scipy.signal import savgol_coeffs
+
+    return np.asarray(savgol_coeffs(window, 3, 1, T))
+
+
+def to_document(axis: SlidingAxis | None) -> dict[str, float] | None:
+    """For armax.json."""
+    return None if axis is None else {field.name: getattr(axis, field.name) for field in fields(axis)}
+
+
+def from_document(content: Any, where: object) -> SlidingAxis | None:
+    """From armax.json.
+
+    Raises:
+        InputError: a field is missing, no number, or none that an axis can have.
+    """
+    if content is None:
+        return None
+    if not isinstance(content, dict):
+        raise InputError("no table", where=where, field="axis", expected="numbers by name")
+    names = [field.name for field in fields(SlidingAxis)]
+    for name in names:
+        if name not in content:
+            raise InputError("missing", where=where, field=f"axis.{name}")
+    axis = SlidingAxis(*(finite(content[name], f"axis.{name}", where) for name in names))
+    for name in ("frequency", "dry_friction", "damping", "dead_zone"):
+        if getattr(axis, name) < 0.0:
+            raise InputError(
+                f"{getattr(axis, name):g}", where=where, field=f"axis.{name}", expected="no negative number"
+            )
+    if (
+        axis.frequency == 0.0
+        or axis.speed_gain == 0.0
+        or axis.breakaway_ratio < 1.0
+        or abs(axis.asymmetry) > 0.5
+    ):
+        raise InputError("no axis", where=where, field="axis", expected="as optid identify writes it")
+    return axis
