@@ -34,17 +34,12 @@ Mask = NDArray[np.bool_]
 NEAR = 2e-3  # of 1 in z: an integrator's pole
 SMOOTHED = 0.3  # of the mode's period: length of the smoothing polynomial
 STRETCH = 20.0  # over w: s that share a constant
-SLOW, NOISE = (
-    0.015,
-    5.0,
-)  # of the largest speed, and sd of the speed's noise: below it the axis may be at rest
+# Of the largest speed, and sd of the speed's noise: below it the axis may be at rest.
+SLOW, NOISE = 0.015, 5.0
 LEAST, EXPLAINED = 200, 0.5  # moving samples, and share of the acceleration's variance
 SURE = 3.0  # standard errors
-NARROW, WIDEST, TRIED = (
-    2e-3,
-    0.12,
-    25,
-)  # half-widths of a dead zone, shares of the largest command; how many of them
+# Half-widths of a dead zone, shares of the largest command; how many of them.
+NARROW, WIDEST, TRIED = 2e-3, 0.12, 25
 BETTER = 0.95  # a dead zone must leave less than this of the squared residual
 STARTS = 5  # from rest that a break-away force wants
 
