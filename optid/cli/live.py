@@ -83,6 +83,11 @@ POSITIVE = click.FloatRange(min=0, min_open=True)
     metavar="MS",
     help="Largest maximum sensitivity of tuned gains; 2 is brisk, 1.2 careful.",
 )
+@click.option(
+    "--since",
+    metavar="FILE",
+    help="live.json of an earlier session: what has changed since; the rig file else.",
+)
 @click.option("--page", is_flag=True, help="Show and steer it in a browser; on this machine alone.")
 @click.option("--host", default="127.0.0.1", metavar="NAME", show_default=True, help="Serve the page there.")
 @click.option(
@@ -132,6 +137,8 @@ def live(rig: str, driver: str, out: str, **choices: Any) -> None:
         *(["armax.json"] if model else []),
     ]
     click.echo(f"written to {out}: {', '.join(names)}")
+    if document["followed"] is not None:
+        click.echo(document["followed"]["words"])
     if document["parted"]:
         click.echo(f"rig and model have parted; what is missing finds\n  {document['diagnosis']}")
     else:
@@ -180,6 +187,7 @@ def _plan(rig: Path, driver: str, folder: Path, choices: dict[str, Any]) -> Plan
         choices["seed"],
         choices["sensitivity"],
         choices["tune_after"] if choices["fast"] else None,
+        Path(choices["since"]) if choices["since"] else None,
     )
 
 

@@ -50,6 +50,7 @@ def live_document(session: Session) -> dict[str, Any]:
         "fit_percent": fit,
         "parted": session.parted,
         "diagnosis": session.diagnosis,
+        "followed": session.following.standing,
         "events": [{"time": round(event.time, 3), "words": event.words} for event in session.events],
     }
 

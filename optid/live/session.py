@@ -14,6 +14,7 @@ from optid.armax.model import Armax
 from optid.core.model import Array
 from optid.errors import InputError, JobError
 from optid.live.events import Events
+from optid.live.following import Following
 from optid.live.log import LOG, sweep
 from optid.live.pipes import ready, tell, told
 from optid.live.plan import Plan, ring_sizes, session_settings
@@ -45,6 +46,7 @@ class Session:
         gains: the controller has now.
         model: identified so far, as of the last tuning; the last one of all after the end.
         tuning: in the background, and its review.
+        following: parameters and effects in the background, and what may have changed.
         trials: verdicts on applied gains: "kept", "worse" (taken back) or "undecided", ratio of real ITAE, episodes.
         parted, diagnosis: whether rig and model disagree, and the command that finds out why.
         holding: a fast session waits for `resume`.
@@ -62,13 +64,13 @@ class Session:
         rig = read_rig(plan.rig)
         self.settings, self.wiring = session_settings(plan, rig), wiring_of(rig)
         self.hides = self.demanded = ""
-        self.followed: dict[str, Any] | None = None
         self.events, self.gains, self.parted = Events(self.now), plan.choices.gains, False
         self._begun, self.holding = math.inf, False
         self._first = not (plan.out / LOG).exists()
         self.diagnosis, self.trials = "", []
         self.rig_name, self.model = rig.name, None
         self.tuning, self._wants = Tuning(plan, self.events.note), False
+        self.following = Following(plan, self.settings.rate, self.events.note)
         self.end: dict[str, Any] | None = None
         self._progress = (0, math.inf)  # samples seen, and when the last new one was
         choices = plan.choices
@@ -191,6 +193,8 @@ class Session:
         elif self.end is None:
             self._look_for_life()
         self.tuning.poll()
+        if self.end is None:
+            self.following.poll(self.now())
         self._look()
 
     def parameters(self) -> tuple[int, Array]:
@@ -209,6 +213,7 @@ class Session:
         if self.parted:  # the newest minutes
             self.diagnosis = offer_diagnosis(self.plan.rig, self.plan.out, self.settings.rate)
         self.tuning.close()
+        self.following.close()
         for pipe in self._pipes:
             pipe.close()
         self._pipes = []

@@ -53,7 +53,7 @@ def session(bench):
         parted=False,
         hides="a leak",
         demanded="",
-        followed=None,
+        following=SimpleNamespace(standing=None),
         diagnosis="",
         busy=False,
         applicable=False,

@@ -12,6 +12,7 @@ from optid.live.results import finite
 from optid.live.review import Review
 from optid.live.session import Session
 
+EFFECTS = 5  # of those that stand out, the surest
 POINTS = 300  # of a reviewed response
 
 
@@ -53,12 +54,21 @@ def news(session: Session, parameters: Array, events_seen: int) -> dict[str, Any
         "diagnosis": session.diagnosis,
         "tuning": session.busy,
         "review": None if review is None else _review(review),
-        "followed": session.followed,
+        "followed": _followed(session.following.standing),
         "applicable": session.applicable,
         "slow": [[finite(x) for x in row] for row in parameters.tolist()],
         "events": [[round(event.time, 1), event.words] for event in session.events.since(events_seen)],
         "end": None if session.end is None else {"how": session.end["how"], "why": session.end["why"]},
     }
+
+
+def _followed(standing: dict[str, Any] | None) -> dict[str, Any] | None:
+    """Parameters, and the effects that stand out: the page has no room for all."""
+    if standing is None:
+        return None
+    own = [one for one in standing["rows"] if "." not in one["name"]]
+    effects = [one for one in standing["rows"] if "." in one["name"] and one["changed"]][:EFFECTS]
+    return {**standing, "rows": [*own, *effects]}
 
 
 def _review(review: Review) -> dict[str, Any]:
