@@ -160,19 +160,13 @@ def main() -> None:
     shutil.rmtree(out, ignore_errors=True)
     out.mkdir(parents=True)
     seconds = 60 * arguments.minutes
-    call = [sys.executable, "-m", "optid.cli", "live", str(ROOT / "data" / "bench.toml"), "--page"]
-    call += [
-        "--rate",
-        arguments.rate,
-        "--seconds",
-        f"{seconds:g}",
-        "--gains",
-        "kp=25 ki=20",
-        "--out",
-        str(out / "session"),
-    ]
+    shutil.copy(ROOT / "data" / "bench.toml", out)  # a page that is kept shows no folders of this machine
+    call = [sys.executable, "-m", "optid.cli", "live", "bench.toml", "--page", "--out", "session"]
+    call += ["--rate", arguments.rate, "--seconds", f"{seconds:g}", "--gains", "kp=25 ki=20"]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
+    where = {**os.environ, "PYTHONPATH": str(ROOT)}
     with (
-        subprocess.Popen(call, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as session,
+        subprocess.Popen(call, cwd=out, env=where, **pipes) as session,
         sync_playwright() as started,
     ):
         assert session.stdout is not None

@@ -217,7 +217,8 @@ def _heed(loop: Loop, session: Connection) -> bool:
         loop.change(Gains(**message["gains"]))
         tell(session, say="applied", gains=message["gains"])
     elif message["do"] == "reference":
-        loop.demand(Reference(**message["reference"]))
+        given = message["reference"]
+        loop.demand(Reference(**{**given, "times": tuple(given["times"]), "values": tuple(given["values"])}))
     elif message["do"] == "model":
         tell(session, say="model", state=loop.identifier.state.tolist(), final=False)
     return True
