@@ -178,6 +178,7 @@ def main() -> None:
         page = browser.new_page(viewport=SIZE)
         complaints: list[str] = []
         page.on("pageerror", lambda error: complaints.append(str(error)))
+        page.set_default_timeout(180e3)  # the machine may be busy
         page.goto(line.split()[-1])
         seen = tour(page, out)
         driver = next(
