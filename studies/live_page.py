@@ -137,6 +137,7 @@ def watch(page: Any, session: subprocess.Popen[str], browser: int, end: float) -
     for i, name in enumerate(names, 1):
         slope = float(np.polyfit(late[:, 0], late[:, i], 1)[0]) * 600 if len(late) > 2 else float("nan")
         found[name] = {
+            "every minute": table[:: round(60 / EVERY), i].round(1).tolist(),
             "first": round(table[0, i], 1),
             "last": round(table[-1, i], 1),
             "per 10 minutes": round(slope, 2),
@@ -184,7 +185,7 @@ def main() -> None:
         driver = next(
             pid for pid in descendants(os.getpid()) if b"chrom" in Path(f"/proc/{pid}/cmdline").read_bytes()
         )
-        grown = watch(page, session, driver, begun + seconds - 2.0)
+        grown = watch(page, session, driver, begun + seconds - 15.0)
         words = session.communicate(timeout=120)[0]
         browser.close()
     document = json.loads((out / "session" / "live.json").read_text(encoding="utf-8"))
