@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from optid.live.background import Background
-from optid.live.commissioning import RIG_FILE, Since, Standing, document, read_since, sentence
+from optid.live.commissioning import RIG_FILE, Since, document, read_since, sentence
 from optid.live.log import LOG
 from optid.live.plan import Plan
 from optid.live.slices import last_rows, offer_diagnosis
@@ -55,7 +55,7 @@ class Following:
         self._since = None if plan.since is None else read_since(plan.since)
         self._background: Background[Look | str] = Background(not plan.fast)
         self._looks: deque[Look] = deque(maxlen=LOOKS)
-        self._next, self._told, self._failed = SECONDS, "", ""
+        self._next, self._first, self._command, self._failed = SECONDS, "", "", ""
         self.standing: dict[str, Any] | None = None
 
     def poll(self, now: float) -> None:
@@ -71,6 +71,8 @@ class Following:
             found = self._background.result()
         except Exception as error:  # its process died: the loop goes on
             found = f"{type(error).__name__}: {error}"
+        if found is not None:
+            self._next = max(self._next, now + SECONDS)  # from the end of a look on: stretches do not overlap
         if isinstance(found, Look):
             self._looks.append(found)
             if len(self._looks) >= LEAST:
@@ -88,17 +90,14 @@ class Following:
         stated = {name: (value, 0.0, 0.0) for name, value in newest.stated.items()}
         since = self._since or Since(RIG_FILE, stated)
         standings = since.compare([one.found for one in self._looks], newest.bounds, SECONDS)
-        suspects = [one for one in standings if one.changed]
-        command = offer_diagnosis(self._plan.rig, self._plan.out, self._rate) if suspects else ""
-        words = sentence(standings, since.source, SECONDS * len(self._looks), command)
-        self.standing = document(standings, since.source, words, command)
-        self._tell(suspects, words)
-
-    def _tell(self, suspects: list[Standing], words: str) -> None:
-        """A line where the first suspect is another one than before."""
-        first = suspects[0].name if suspects else ""
-        if first != self._told:
-            self._told = first
+        first = next((one.name for one in standings if one.changed), "")
+        fresh, self._first = first != self._first, first
+        if fresh:
+            # The minutes that showed it first are kept: to write them each time would hold the session up.
+            self._command = offer_diagnosis(self._plan.rig, self._plan.out, self._rate) if first else ""
+        words = sentence(standings, since.source, SECONDS * len(self._looks), self._command)
+        self.standing = document(standings, since.source, words, self._command)
+        if fresh:
             self._note(words)
 
 
