@@ -167,7 +167,7 @@ def test_a_column_of_the_rigs_that_has_a_name_of_ours_keeps_it(bench, tmp_path):
 def test_periodic_references(bench, text, at, expected):
     reference = read_profile(text, live_settings(bench).limits, "m")
     assert reference.at(at) == pytest.approx(expected, abs=2e-6)
-    assert replace(reference, start=100.0).at(100.0 + at) == pytest.approx(expected, abs=2e-6)
+    assert replace(reference, start=100.3).at(100.3 + at) == pytest.approx(expected, abs=2e-6)
 
 
 @pytest.mark.parametrize(
