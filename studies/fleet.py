@@ -1,6 +1,6 @@
 """A fleet over nights: how soon and how surely wear is found, false alarms, and what a fleet costs.
 
-    python studies/fleet.py nights DIR [--rigs 200] [--nights 30] [--part 1-25]   simulate and test; resumes
+    python studies/fleet.py nights DIR [--seed 58] [--rigs 200] [--nights 30] [--part 1-25]   simulate, test; resumes
     python studies/fleet.py score DIR                                             what the fleet statistics tell
     python studies/fleet.py nights DIR --quick                                    a small fleet, and its score
     python studies/fleet.py throughput DIR [--rows 8] [--workers 1,2]             rows by hand, and through the fleet
@@ -29,7 +29,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))  # finds the studies beside i
 
 from studies.plant.drill import drill
 from studies.plant.load import paper, small, throughput
-from studies.plant.nights import Plant, nights
+from studies.plant.nights import SEED, Plant, nights
 from studies.plant.scoring import score, text
 
 
@@ -50,6 +50,7 @@ def arguments() -> argparse.ArgumentParser:
             one.add_argument("--rigs", type=int, default=200)
             one.add_argument("--nights", type=int, default=30)
             one.add_argument("--part", type=part)
+            one.add_argument("--seed", type=int, default=SEED)
             one.add_argument("--quick", action="store_true")
         if name in ("throughput", "small"):
             one.add_argument("--rows", type=int, default=8 if name == "throughput" else 1000)
@@ -66,9 +67,9 @@ def main() -> int:
     asked.folder.mkdir(parents=True, exist_ok=True)
     if asked.command == "nights":
         plant = (
-            Plant(rigs=8, nights=16, wearing=2, begins=(8, 8))
+            Plant(rigs=8, nights=16, wearing=2, begins=(8, 8), seed=asked.seed)
             if asked.quick
-            else Plant(asked.rigs, asked.nights)
+            else Plant(asked.rigs, asked.nights, seed=asked.seed)
         )
         nights(plant, asked.folder, (1, plant.rigs) if asked.part is None else asked.part)
         if not asked.quick:

@@ -1,11 +1,12 @@
 """Are the gains in force at the end of a session ever worse on the rig than those it began with?
 
-    python studies/live_gains.py [--seeds 10] [--quick] [--out DIR]
+    python studies/live_gains.py [--seeds 10] [--quick | --shown] [--out DIR]
 
 Rigs that share no line with optid (studies/independent_rig) run in lockstep beside the model of data/bench.toml: learn
 for one tour of the stroke, tune, apply what the review finds no worse, and go on until the trial has decided. Then both
 sets of gains run the tour on the same rig without noise. A row is the ratio of their ITAE, end over start. Rows are
-kept in DIR/live_gains.json, and a run that was cut goes on from there.
+kept in DIR/live_gains.json, and a run that was cut goes on from there. `--shown` runs two sessions instead: one that
+begins with sluggish gains, and one whose user insists on worse ones.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import json
 import sys
 import tempfile
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -28,14 +30,16 @@ from optid.live.gains import gentle  # noqa: E402
 from optid.live.lockstep import run_lockstep  # noqa: E402
 from optid.live.log import Layout, Log  # noqa: E402
 from optid.live.loop import Choices, Loop  # noqa: E402
-from optid.live.plan import Plan  # noqa: E402
+from optid.live.plan import ROOM, Plan  # noqa: E402
 from optid.live.reference import HOLD, TOUR, tour  # noqa: E402
-from optid.live.review import case_of  # noqa: E402
+from optid.live.review import Case, Review, case_of  # noqa: E402
+from optid.live.review import review as review_of  # noqa: E402
 from optid.live.settings import live_settings, wiring_of  # noqa: E402
 from optid.live.trial import WINDOW  # noqa: E402
 from optid.live.tuning import tuned  # noqa: E402
 from optid.pid.controller import Gains  # noqa: E402
 from optid.rigs.rigfile import read_rig  # noqa: E402
+from optid.tuning.bench import PhysicalBench  # noqa: E402
 from studies.live_rig import REAL, LiveRig  # noqa: E402
 
 RATE = 500.0  # Hz
@@ -90,9 +94,8 @@ def itae(real: Any, gains: Gains, seconds: float = LAP + HOLD) -> float:
     return float(sum(np.sum(((t - m) * error)[(t >= m) & (t < m + WINDOW)]) / RATE for m in moves))
 
 
-def row(real: Any, seed: int) -> dict[str, Any]:
-    """One session and its verdict."""
-    start = gentle(SETTINGS.limits)
+def row(real: Any, seed: int, start: Gains, insisted: Gains | None = None) -> dict[str, Any]:
+    """One session and its verdict; `insisted`: gains that are applied whatever the review says."""
     choices = Choices(start, seed=seed)
     plan = Plan(
         BENCH.path, "studies/live_rig.py:rig", Path(), tour(SETTINGS.limits), choices, rate=RATE, seed=seed
@@ -103,11 +106,12 @@ def row(real: Any, seed: int) -> dict[str, Any]:
     def asked(loop: Loop, time: float) -> None:
         if abs(time - learn) < 0.5 / RATE:
             case = case_of(loop.identifier.model, (SETTINGS, WIRING), choices, start)
-            review = tuned(case, plan)
+            review = tuned(case, plan) if insisted is None else insist(case, insisted)
             found.update(worse=list(review.worse), review=review.words, tuned=vars(review.new))
-            if review.better:
+            new = insisted or review.new
+            if review.better or insisted:
                 found["applied"] = True
-                loop.change(review.new)
+                loop.change(new)
         if loop.verdict is not None:
             found["verdict"] = {"kept": loop.verdict.kept, "words": loop.verdict.words}
         found["gains"] = loop.controller.gains
@@ -119,6 +123,30 @@ def row(real: Any, seed: int) -> dict[str, Any]:
     return {**found, "end": vars(end), "ratio": after / before, "offered": offered / before}
 
 
+def insist(case: Case, gains: Gains) -> Review:
+    """The review of gains that nobody has tuned."""
+    return review_of(case, gains, PhysicalBench(BENCH, (case.episode,), case.output), ROOM)
+
+
+def shown(path: Path) -> None:
+    """A session whose better gains are kept, and one whose worse gains go."""
+    gains = gentle(SETTINGS.limits)
+    for name, start, insisted in (
+        ("sluggish at the start", replace(gains, kp=0.3 * gains.kp), None),
+        ("worse ones insisted on", gains, replace(gains, kp=0.4 * gains.kp)),
+    ):
+        one = row(RIGS["bench"], 0, start, insisted)
+        words = one["verdict"]["words"] if one["verdict"] else "; ".join(one["worse"])
+        print(f"{name}: kp {start.kp:.3g} V/m, applied {one['applied']}, reviewed worse: {one['worse']}")
+        print(
+            f"  {words}; kept {one['verdict'] and one['verdict']['kept']}, at the end kp {one['end']['kp']:.3g} V/m"
+        )
+        print(
+            f"  noise-free ITAE over that at the start: in force {one['ratio']:.3f}, offered {one['offered']:.3f}"
+        )
+        path.write_text(json.dumps(one, indent=1) + "\n", encoding="utf-8")
+
+
 def main() -> None:
     """All rigs, all seeds."""
     parser = argparse.ArgumentParser(
@@ -126,16 +154,20 @@ def main() -> None:
     )
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--quick", action="store_true", help="one seed of the first rig")
+    parser.add_argument("--shown", action="store_true", help="the two sessions told above")
     parser.add_argument("--out", type=Path, default=ROOT / "out" / "live_gains")
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
+    if arguments.shown:
+        shown(arguments.out / "shown.json")
+        return
     path = arguments.out / "live_gains.json"
     rows: dict[str, Any] = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
     every = [(name, seed) for seed in range(arguments.seeds) for name in RIGS]
     for name, seed in every[:1] if arguments.quick else every:
         key = f"{name} {seed}"
         if key not in rows:
-            rows[key] = row(RIGS[name], seed)
+            rows[key] = row(RIGS[name], seed, gentle(SETTINGS.limits))
             path.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
         one = rows[key]
         words = one["verdict"]["words"] if one["verdict"] else "; ".join(one["worse"])

@@ -16,6 +16,7 @@ FLOORS = {
     "pid": 3,
     "quality": 3,
     "diagnosis": 4,
+    "monitoring": 4,
     "tuning": 4,
     "live": 4,
     "experiments": 4,
@@ -30,6 +31,8 @@ FLOORS = {
 NEIGHBOURS = {
     ("estimation", "quality"),
     ("rigs", "effects"),
+    ("monitoring", "diagnosis"),
+    ("live", "monitoring"),
     ("live", "tuning"),
     ("experiments", "tuning"),
     ("experiments", "live"),

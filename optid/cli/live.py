@@ -45,7 +45,11 @@ POSITIVE = click.FloatRange(min=0, min_open=True)
 @OUT
 @click.option("--seconds", type=POSITIVE, metavar="S", help="Until it is stopped where absent.")
 @click.option("--rate", type=POSITIVE, metavar="HZ", help="Samples a second; the rig file's where absent.")
-@click.option("--reference", metavar="WHAT", help='"60 mm", "0:0 mm, 2:60 mm", or a recording with one.')
+@click.option(
+    "--reference",
+    metavar="WHAT",
+    help='"60 mm", "0:0 mm, 2:60 mm", "sine 20 mm 0.5 Hz", "tour", or a recording.',
+)
 @click.option(
     "--command",
     metavar="WHAT",
@@ -79,14 +83,17 @@ POSITIVE = click.FloatRange(min=0, min_open=True)
     metavar="MS",
     help="Largest maximum sensitivity of tuned gains; 2 is brisk, 1.2 careful.",
 )
-@click.option("--page", is_flag=True, help="Show and steer it in a browser; on this machine alone.")
 @click.option(
-    "--host", default="127.0.0.1", metavar="NAME", help="Serve the page there, to who has the token."
+    "--since",
+    metavar="FILE",
+    help="live.json of an earlier session: what has changed since; the rig file else.",
 )
+@click.option("--page", is_flag=True, help="Show and steer it in a browser; on this machine alone.")
+@click.option("--host", default="127.0.0.1", metavar="NAME", show_default=True, help="Serve the page there.")
 @click.option(
     "--port", default=0, type=click.IntRange(0, 65535), help="Of the page; a free one where absent."
 )
-@click.option("--token", metavar="TEXT", help="Asked for at another --host; made at random where absent.")
+@click.option("--token", metavar="TEXT", help="That opens the page; made at random where absent.")
 @click.option("--recording", metavar="FILE", help="What the replay driver replays.")
 @click.option("--fast", is_flag=True, help="As fast as it goes: simulated and replay only.")
 @click.option("--seed", default=0, type=click.IntRange(min=0), help="Of everything random.")
@@ -102,6 +109,8 @@ def live(rig: str, driver: str, out: str, **choices: Any) -> None:
     if (folder / LOG).exists():
         raise InputError(f"{out} holds a {LOG} already", where="--out", expected="a folder without one")
     plan = _plan(Path(rig), driver, folder, choices)
+    if not choices["page"]:
+        _no_page()
     way_in = _way_in(choices) if choices["page"] else None
     folder.mkdir(parents=True, exist_ok=True)
     session = Session(plan)
@@ -128,6 +137,8 @@ def live(rig: str, driver: str, out: str, **choices: Any) -> None:
         *(["armax.json"] if model else []),
     ]
     click.echo(f"written to {out}: {', '.join(names)}")
+    if document["followed"] is not None:
+        click.echo(document["followed"]["words"])
     if document["parted"]:
         click.echo(f"rig and model have parted; what is missing finds\n  {document['diagnosis']}")
     else:
@@ -176,6 +187,7 @@ def _plan(rig: Path, driver: str, folder: Path, choices: dict[str, Any]) -> Plan
         choices["seed"],
         choices["sensitivity"],
         choices["tune_after"] if choices["fast"] else None,
+        Path(choices["since"]) if choices["since"] else None,
     )
 
 
@@ -219,8 +231,18 @@ def _learning(choices: dict[str, Any]) -> Learning:
     return Learning(method, **given)
 
 
+def _no_page() -> None:
+    """Options of the page without the page are a mistake, and one of them keeps others out."""
+    context = click.get_current_context()
+    for name in ("token", "host", "port"):
+        if context.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE:
+            raise InputError("without --page", where=f"--{name}", expected="--page beside it")
+
+
 def _way_in(choices: dict[str, Any]) -> tuple[Door, socket.socket]:
     """Who may open the page, and where it listens: taken before the session begins."""
+    if choices["token"] == "":
+        raise InputError("empty", where="--token", expected="a word that is hard to guess")
     try:
         from optid.live.page.door import Door
     except ImportError as error:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -97,6 +97,7 @@ class Loop:
         self.measured = self.innovation = math.nan
         self._swings, self._before = Swings(settings.span, limits.high - limits.low), choices.gains
         self.taken_back: Gains | None = None
+        self._demanded: Reference | None = None
         self.trial = Trial(settings.span, SMALLEST * 4 * scale)
         self.verdict: Verdict | None = None
         # Compile or load now what a first sample calls: on a new machine each of these takes longer than a watchdog.
@@ -119,6 +120,8 @@ class Loop:
             predicted = one_ahead(self.identifier.state)
             self.alongside.advance(sample.standing, sample.time - self._time)
         windowed, simulated = self.alongside.positions(sample.time, sample.standing, self.controller)
+        if self._demanded is not None:
+            self.reference, self._demanded = replace(self._demanded, start=sample.time), None
         r = self.reference.at(sample.time)
         if self._dither and sample.number % self._hold == 0:
             self._sign = 1.0 if self._rng.random() < 0.5 else -1.0
@@ -134,6 +137,10 @@ class Loop:
         self._time, self._position = sample.time, y
         self._asked = command if y - y == 0.0 else math.nan  # after a missing measurement it begins anew
         return Reply(sample.number, command, r, predicted, simulated, windowed, time.perf_counter() - begun)
+
+    def demand(self, reference: Reference) -> None:
+        """Follow another reference, whose times count from the next sample on."""
+        self._demanded = reference
 
     def change(self, gains: Gains) -> None:
         """Take new gains without a jump of the command, in the rig's loop and in the simulated one.

@@ -48,6 +48,7 @@ class Plan:
         hold: s of a fast session after which it waits for the word to go on; ``None`` never.
         recording: for `replay`.
         seed: of everything random.
+        since: live.json of an earlier session that what is found is held against; ``None`` for the rig file.
         sensitivity: largest maximum sensitivity of tuned gains on the identified model.
     """
 
@@ -63,6 +64,7 @@ class Plan:
     seed: int = 0
     sensitivity: float = ROOM
     hold: float | None = None
+    since: Path | None = None
 
 
 def session_settings(plan: Plan, rig: Rig) -> Settings:

@@ -21,6 +21,7 @@ from optid.live.loop import Loop
 from optid.live.messages import pack_reply, unpack_sample
 from optid.live.pipes import PipeLink, ready, refuse, tell, told
 from optid.live.plan import SLOW, Plan, ring_sizes, session_settings
+from optid.live.reference import Reference
 from optid.live.ring import Ring
 from optid.live.settings import wiring_of
 from optid.live.trial import Verdict
@@ -40,7 +41,7 @@ def guard_process(plan: Plan, link: Connection, session: Connection) -> None:
         refuse(session, error)
         return
     _steady(plan)
-    tell(session, say="ready")
+    tell(session, say="ready", hides=str(getattr(guard.driver, "hides", "")))
     hold = None if plan.hold is None else round(plan.hold * rate)
 
     def asked() -> None:
@@ -215,6 +216,9 @@ def _heed(loop: Loop, session: Connection) -> bool:
     if message["do"] == "gains":
         loop.change(Gains(**message["gains"]))
         tell(session, say="applied", gains=message["gains"])
+    elif message["do"] == "reference":
+        given = message["reference"]
+        loop.demand(Reference(**{**given, "times": tuple(given["times"]), "values": tuple(given["values"])}))
     elif message["do"] == "model":
         tell(session, say="model", state=loop.identifier.state.tolist(), final=False)
     return True

@@ -38,6 +38,7 @@ def live_document(session: Session) -> dict[str, Any]:
         "safe": end.get("safe", False),
         "safe_after": end.get("safe_after"),
         "driver": session.plan.driver,
+        "hides": session.hides,
         "rate": settings.rate,
         "samples": end.get("samples", 0),
         "missed": end.get("missed", 0),
@@ -49,6 +50,7 @@ def live_document(session: Session) -> dict[str, Any]:
         "fit_percent": fit,
         "parted": session.parted,
         "diagnosis": session.diagnosis,
+        "followed": session.following.standing,
         "events": [{"time": round(event.time, 3), "words": event.words} for event in session.events],
     }
 

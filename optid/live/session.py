@@ -14,10 +14,12 @@ from optid.armax.model import Armax
 from optid.core.model import Array
 from optid.errors import InputError, JobError
 from optid.live.events import Events
+from optid.live.following import Following
 from optid.live.log import LOG, sweep
 from optid.live.pipes import ready, tell, told
 from optid.live.plan import Plan, ring_sizes, session_settings
 from optid.live.processes import guard_process, loop_process
+from optid.live.reference import read_profile
 from optid.live.rescue import rescue
 from optid.live.review import case_of
 from optid.live.ring import Ring
@@ -29,6 +31,7 @@ from optid.rigs.rigfile import read_rig
 
 START = 300.0  # s for both processes to be ready: the first run on a machine compiles, and that may be busy
 GRACE = 5.0  # s for the processes to end by themselves
+WORDS = 80  # of a reference, in the list of what happened
 HUNG = 2.0  # s without a sample, and ten watchdogs, after which the guard is taken to hang in its driver
 
 
@@ -43,9 +46,12 @@ class Session:
         gains: the controller has now.
         model: identified so far, as of the last tuning; the last one of all after the end.
         tuning: in the background, and its review.
+        following: parameters and effects in the background, and what may have changed.
         trials: verdicts on applied gains: "kept", "worse" (taken back) or "undecided", ratio of real ITAE, episodes.
         parted, diagnosis: whether rig and model disagree, and the command that finds out why.
         holding: a fast session waits for `resume`.
+        hides: what a simulated rig has that the rig file does not say, in words; "" for a real one.
+        demanded: the reference in words, where somebody gave another one than the plan's.
         end: how it ended (fields of `optid.live.guard.End`); ``None`` while it runs.
         signals, slow: rings that the loop fills, see `optid.live.plan`.
 
@@ -57,12 +63,14 @@ class Session:
         self.plan = plan
         rig = read_rig(plan.rig)
         self.settings, self.wiring = session_settings(plan, rig), wiring_of(rig)
+        self.hides = self.demanded = ""
         self.events, self.gains, self.parted = Events(self.now), plan.choices.gains, False
         self._begun, self.holding = math.inf, False
         self._first = not (plan.out / LOG).exists()
         self.diagnosis, self.trials = "", []
         self.rig_name, self.model = rig.name, None
         self.tuning, self._wants = Tuning(plan, self.events.note), False
+        self.following = Following(plan, self.settings.rate, self.events.note)
         self.end: dict[str, Any] | None = None
         self._progress = (0, math.inf)  # samples seen, and when the last new one was
         choices = plan.choices
@@ -96,7 +104,8 @@ class Session:
         for end in (guard_link, loop_link, guard_end, loop_end):
             end.close()  # ours only: the children's death must close the pipes
         for pipe, who in ((to_guard, "guard"), (to_loop, "loop")):
-            _await_ready(pipe, who)
+            ready = _await_ready(pipe, who)
+            self.hides = ready.get("hides", "") or self.hides
 
     def go(self) -> None:
         """Sample 0 is due."""
@@ -104,6 +113,8 @@ class Session:
         self._progress = (0, self._begun)
         tell(self._pipes[0], do="go")
         self.events.note("the loop runs")
+        if self.hides:
+            self.events.note(f"the simulated rig differs from the rig file: {self.hides}")
 
     def now(self) -> float:
         """The session's time, s; 0 before it began."""
@@ -122,6 +133,20 @@ class Session:
     def stop(self, why: str = "stopped") -> None:
         """Ask the guard to put the safe command and end; `poll` until `end` is there."""
         tell(self._pipes[0], do="stop", why=why)
+
+    def demand(self, text: str) -> None:
+        """Give the loop another reference from now on, in the words of `read_profile`.
+
+        Raises:
+            InputError: it is none, lies beyond the stroke limits, or nothing is controlled.
+        """
+        if self.plan.choices.command is not None:
+            raise InputError("the loop is open", field="reference", expected="a session without --command")
+        unit = self.wiring.measured[0].recorded_unit
+        reference = read_profile(text, self.settings.limits, unit)
+        tell(self._pipes[1], do="reference", reference=vars(reference))
+        self.demanded = text
+        self.events.note(f"reference: {text if len(text) <= WORDS else text[:WORDS] + ' ...'}")
 
     def tune(self) -> None:
         """Look for better gains in the background, on the model identified so far; once at a time."""
@@ -168,6 +193,8 @@ class Session:
         elif self.end is None:
             self._look_for_life()
         self.tuning.poll()
+        if self.end is None:
+            self.following.poll(self.now())
         self._look()
 
     def parameters(self) -> tuple[int, Array]:
@@ -186,6 +213,7 @@ class Session:
         if self.parted:  # the newest minutes
             self.diagnosis = offer_diagnosis(self.plan.rig, self.plan.out, self.settings.rate)
         self.tuning.close()
+        self.following.close()
         for pipe in self._pipes:
             pipe.close()
         self._pipes = []
@@ -276,7 +304,7 @@ class Session:
             self.events.note("rig and model agree again")
 
 
-def _await_ready(pipe: Connection, who: str) -> None:
+def _await_ready(pipe: Connection, who: str) -> dict[str, Any]:
     try:
         if not pipe.poll(START):
             raise JobError(f"the {who} was not ready within {START:.0f} s")
@@ -285,6 +313,7 @@ def _await_ready(pipe: Connection, who: str) -> None:
         raise JobError(f"the {who}'s process died while it started") from None
     if message["say"] == "refused":
         raise (InputError if message["input"] else JobError)(message["why"])
+    return message
 
 
 def _end(process: Any, grace: float) -> None:

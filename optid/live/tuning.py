@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import multiprocessing
-import os
 from collections.abc import Callable
-from concurrent.futures import Future, ProcessPoolExecutor
 
 import numpy as np
 
+from optid.live.background import Background
 from optid.live.plan import Plan
 from optid.live.review import Case, Review, review
 from optid.rigs.rigfile import read_rig
@@ -19,7 +17,6 @@ from optid.tuning.plant import plant_of
 from optid.tuning.tuning import tune
 
 BRISK = 2.0  # maximum sensitivity up to which gains in use are a measure of how brisk new ones may be
-NICENESS = 10  # a loop that runs by the clock goes first
 
 
 class Tuning:
@@ -35,46 +32,32 @@ class Tuning:
 
     def __init__(self, plan: Plan, note: Callable[[str], None]) -> None:
         self._plan, self._note = plan, note
-        self._pool: ProcessPoolExecutor | None = None
-        self._future: Future[Review] | None = None
+        self._background: Background[Review] = Background(not plan.fast)
         self.review: Review | None = None
 
     @property
     def busy(self) -> bool:
         """A tuning is under way."""
-        return self._future is not None
+        return self._background.busy
 
     def begin(self, case: Case) -> None:
         """Start; `poll` until `busy` is over."""
-        if self._pool is None:
-            context = multiprocessing.get_context("spawn")
-            self._pool = ProcessPoolExecutor(1, context, None if self._plan.fast else _step_back)
-        self._future = self._pool.submit(tuned, case, self._plan)
+        self._background.begin(tuned, case, self._plan)
 
     def poll(self) -> None:
         """See whether it is done."""
-        if self._future is None or not self._future.done():
-            return
-        future, self._future = self._future, None
         try:
-            self.review = future.result()
+            found = self._background.result()
         except Exception as error:  # whatever the tuning's process met, the loop goes on
             self._note(f"not tuned: {error}")
             return
-        self._note(f"tuned: {self.review.words}")
+        if found is not None:
+            self.review = found
+            self._note(f"tuned: {found.words}")
 
     def close(self) -> None:
         """Drop what is under way."""
-        if self._pool is not None:
-            for process in multiprocessing.active_children():
-                if process.pid in (self._pool._processes or {}):
-                    process.terminate()
-            self._pool.shutdown(wait=True, cancel_futures=True)
-
-
-def _step_back() -> None:
-    if hasattr(os, "nice"):
-        os.nice(NICENESS)
+        self._background.close()
 
 
 def tuned(case: Case, plan: Plan, room: float | None = None) -> Review:

@@ -15,7 +15,7 @@ import pandas as pd
 from optid.api.fitting import fit
 from optid.core.recording import Channel, Recording
 from optid.fleet.fleetfile import WATCHED
-from optid.fleet.night import quantities
+from optid.monitoring.one_step import quantities
 from optid.rigs.rigfile import read_rig
 from studies.independent_rig import Rig, Sensors, recording, simulate
 from studies.references import mixed

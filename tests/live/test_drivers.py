@@ -112,6 +112,8 @@ def card(monkeypatch):
     """NI's package with a stand-in for the driver below it: every call is held to NI's own signatures."""
     nidaqmx = pytest.importorskip("nidaqmx")
     from nidaqmx import stream_readers, stream_writers
+    from nidaqmx.task import InStream
+    from nidaqmx.task._timing import Timing
     from nidaqmx.task.collections import AIChannelCollection, AOChannelCollection
 
     real, Reader, Writer = (
@@ -127,6 +129,8 @@ def card(monkeypatch):
         made = mock.create_autospec(real, instance=True)
         made.ai_channels = mock.create_autospec(AIChannelCollection, instance=True)
         made.ao_channels = mock.create_autospec(AOChannelCollection, instance=True)
+        made.timing = mock.create_autospec(Timing, instance=True)
+        made.in_stream = mock.create_autospec(InStream, instance=True)
         Card.tasks.append(made)
         return made
 
@@ -136,7 +140,11 @@ def card(monkeypatch):
         def read(data, timeout):
             data[:] = Card.volts
 
+        def read_many(data, number_of_samples_per_channel, timeout):
+            data[:] = Card.volts + np.linspace(-1.0, 1.0, number_of_samples_per_channel)
+
         made.read_one_sample.side_effect = read
+        made.read_many_sample.side_effect = read_many
         return made
 
     def writer(stream, auto_start):
@@ -167,6 +175,22 @@ def test_cards_read_and_put_volts(bench, tmp_path, card):
     assert all(task.close.called for task in card.tasks)
 
 
+@pytest.mark.parametrize(("said", "rate"), [("", 8000.0), ('sample_rate = "50 kHz"', 50e3)])
+def test_cards_average_their_newest_samples(bench, tmp_path, card, said, rate):
+    from nidaqmx.constants import AcquisitionType, OverwriteMode, ReadRelativeTo
+
+    door = opened("nidaqmx", with_live(bench, tmp_path, f"{CARDS}average = 8\n{said}"))
+    assert list(door.read(0.0)) == pytest.approx([26.0])
+    reading = card.tasks[0]
+    timing = reading.timing.cfg_samp_clk_timing.call_args
+    assert timing.args == (rate,)
+    assert timing.kwargs["sample_mode"] is AcquisitionType.CONTINUOUS
+    stream = reading.in_stream
+    assert (stream.relative_to, stream.offset) == (ReadRelativeTo.MOST_RECENT_SAMPLE, -8)
+    assert stream.overwrite is OverwriteMode.OVERWRITE_UNREAD_SAMPLES
+    door.close()
+
+
 def test_cards_run_a_session(bench, tmp_path, card, run_live):
     end, _, path = run_live(with_live(bench, tmp_path, CARDS), "nidaqmx", seconds=0.1)
     assert end.samples == 100
@@ -182,6 +206,9 @@ def test_cards_run_a_session(bench, tmp_path, card, run_live):
         (CARDS.replace("RSE", "RSI"), "terminal"),
         (CARDS.replace("52 mm", "52 kg"), "per_volt"),
         (CARDS.replace("position", "pasition"), "pasition"),
+        (CARDS + "average = 0", "average.*whole number"),
+        (CARDS + 'average = 8\nsample_rate = "5 kHz"', "at least 8000 Hz"),
+        (CARDS + 'sample_rate = "5 kHz"', "average = 8"),
     ],
 )
 def test_wrong_lines_are_refused(bench, tmp_path, table, words):

@@ -5,6 +5,7 @@ import json
 import math
 import os
 import tracemalloc
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -17,7 +18,7 @@ from optid.errors import InputError, RigError
 from optid.live.gains import controller_settings, gentle, read_gains
 from optid.live.log import LOG, Layout, Log
 from optid.live.messages import Reply, Sample, pack_reply, pack_sample, unpack_reply, unpack_sample
-from optid.live.reference import read_reference, tour
+from optid.live.reference import read_profile, read_reference, tour
 from optid.live.results import fit_percent, last_stretch
 from optid.live.ring import Ring
 from optid.live.settings import Limits, live_settings, wiring_of
@@ -149,6 +150,41 @@ def test_a_column_of_the_rigs_that_has_a_name_of_ours_keeps_it(bench, tmp_path):
     own = 'reference = { column = "r", unit = "mm" }'
     rig = with_table(bench, tmp_path, lambda s: s.replace(own, "").replace('"x", unit', '"reference", unit'))
     assert Layout(wiring_of(rig)).columns[2:4] == ["reference", "reference_live"]
+
+
+@pytest.mark.parametrize(
+    ("text", "at", "expected"),
+    [
+        ("sine 20 mm 0.5 Hz", 0.5, 0.02),
+        ("sine 20 mm 0.5 Hz", 0.25, 0.02 * 0.5**0.5),
+        ("sine 20 mm 0.5 Hz 10 mm", 3.5, -0.01),
+        ("square 20 mm 1 Hz", 0.49, 0.02),
+        ("square 20 mm 1 Hz", 1.51, -0.02),
+        ("triangle 20 mm 1 Hz", 0.125, 0.01),
+        ("triangle 20 mm 1 Hz", 0.75, -0.02),
+    ],
+)
+def test_periodic_references(bench, text, at, expected):
+    reference = read_profile(text, live_settings(bench).limits, "m")
+    assert reference.at(at) == pytest.approx(expected, abs=2e-6)
+    assert replace(reference, start=100.3).at(100.3 + at) == pytest.approx(expected, abs=2e-6)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("sinus 20 mm 1 Hz", 'did you mean "sine"'),
+        ("sine 20 mm", "sine 20 mm 0.5 Hz"),
+        ("sine 200 mm 1 Hz", "beyond the stroke limits"),
+        ("sine 20 mm 1 mm", "sine"),
+        ("sine 20 mm 1e-9 Hz", "0.001 to 1000 Hz"),
+        ("data/bench.csv", "does not start with a number"),  # what a page asks for opens no file
+        (", ".join(f"{n}:1 mm" for n in range(1001)), "at most 1000"),
+    ],
+)
+def test_profiles_that_are_none(bench, text, words):
+    with pytest.raises(InputError, match=words):
+        read_profile(text, live_settings(bench).limits, "m")
 
 
 def test_references(bench):

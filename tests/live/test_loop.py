@@ -13,7 +13,7 @@ from optid.live.ahead import one_ahead
 from optid.live.driver import open_driver
 from optid.live.loop import Choices, Loop
 from optid.live.messages import Sample
-from optid.live.reference import Reference, tour
+from optid.live.reference import Reference, read_profile, tour
 from optid.live.settings import live_settings, wiring_of
 from optid.live.swings import Swings
 from optid.pid.controller import Gains
@@ -69,6 +69,15 @@ def test_a_rig_that_is_the_model_never_parts(bench, run_live, tmp_path):
     late = log[log["t"] > 1.0]
     error = late["x"] - late["x_simulated"]
     assert math.sqrt((error**2).mean()) < 1.0  # mm: a loop of its own, on the same reference
+
+
+def test_another_reference_is_followed_from_the_next_sample_on(bench):
+    settings, wiring = live_settings(bench), wiring_of(bench)
+    loop = Loop(bench, settings, wiring, Reference((0.0,), (0.01,)), Choices(Gains(20.0)))
+    answered = [loop.step(Sample(n, n * 1e-3, 0.0, 0.0, [0.0])).reference for n in range(2)]
+    loop.demand(read_profile("0:0 mm, 0.002:30 mm", settings.limits, "m"))
+    answered += [loop.step(Sample(n, n * 1e-3, 0.0, 0.0, [0.0])).reference for n in range(2, 6)]
+    assert answered == [0.01, 0.01, 0.0, 0.0, 0.03, 0.03]
 
 
 def test_new_gains_come_without_a_jump(bench, run_live):

@@ -1,24 +1,31 @@
 """The page: who may come in, what it says, and the whole of it in a real browser, stopped under load."""
 
 import asyncio
+import contextlib
 import json
 import multiprocessing
 import re
 import shutil
 import subprocess
 import sys
+import threading
+from pathlib import Path
 from types import SimpleNamespace
+from urllib.parse import urlsplit
 
 import numpy as np
+import pandas as pd
 import pytest
 
 pytest.importorskip("aiohttp")
+from aiohttp import WSServerHandshakeError
 from aiohttp.test_utils import TestClient, TestServer
 
+from optid.errors import InputError
 from optid.live.events import Events
 from optid.live.loop import ORDERS, Choices
-from optid.live.page.door import Door
-from optid.live.page.server import READERS, Page
+from optid.live.page.door import ADDRESSES, PAUSE, PROTOCOL, WRONG, Attempts, Door
+from optid.live.page.server import CONNECTIONS, FILES, READERS, Page, served
 from optid.live.plan import SIGNALS, slow_columns
 from optid.live.ring import Ring
 from optid.live.settings import live_settings, wiring_of
@@ -29,8 +36,14 @@ from optid.pid.controller import Gains
 def session(bench):
     """What a page needs of a session, without one."""
     orders, gains = [], Gains(20.0)
+
+    def demand(text):
+        if "mm" not in text:
+            raise InputError("not like that", field="reference")
+        orders.append(text)
+
     made = SimpleNamespace(
-        plan=SimpleNamespace(driver="simulated", choices=Choices(gains)),
+        plan=SimpleNamespace(driver="simulated", choices=Choices(gains), out=Path("out")),
         rig_name="bench",
         gains=gains,
         settings=live_settings(bench),
@@ -38,6 +51,9 @@ def session(bench):
         events=Events(),
         end=None,
         parted=False,
+        hides="a leak",
+        demanded="",
+        following=SimpleNamespace(standing=None),
         diagnosis="",
         busy=False,
         applicable=False,
@@ -48,6 +64,7 @@ def session(bench):
         stop=lambda why: orders.append(why),
         tune=lambda: orders.append("tune"),
         apply=lambda confirmed: orders.append(("apply", confirmed)),
+        demand=demand,
     )
     yield made
     made.signals.close()
@@ -67,7 +84,7 @@ def with_client(session, door, job):
 
 def test_the_page_needs_nothing_from_elsewhere(session):
     async def job(client):
-        for path in ("/", "/page.js", "/chart.js", "/page.css"):
+        for path in FILES:
             answer = await client.get(path)
             text = await answer.text()
             assert answer.status == 200
@@ -78,35 +95,117 @@ def test_the_page_needs_nothing_from_elsewhere(session):
     with_client(session, Door(), job)
 
 
+def bearing(token):
+    return {"Authorization": f"Bearer {token}"}
+
+
 def test_on_loopback_other_names_and_other_sites_are_turned_away(session):
     async def job(client):
         assert (await client.get("/", headers={"Host": "evil.example:80"})).status == 403
-        assert (await client.get("/live", headers={"Origin": "http://evil.example"})).status == 403
+        own = bearing(door.token)
+        assert (await client.get("/live", headers={"Origin": "http://evil.example", **own})).status == 403
         assert (await client.get("/")).status == 200
 
-    with_client(session, Door(), job)
+    with_client(session, door := Door(), job)
 
 
-def test_elsewhere_only_the_token_opens(session):
+@pytest.mark.parametrize("host", ["127.0.0.1", "0.0.0.0"])
+def test_only_the_token_opens_on_this_machine_too(session, host):
     async def job(client):
-        assert (await client.get("/")).status == 403
-        assert (await client.get("/?token=wrong")).status == 403
+        assert (await client.get("/")).status == 200  # the page is no secret, and can show nothing
         assert (await client.get("/live")).status == 403
-        answer = await client.get("/?token=open+sesame")
-        assert answer.status == 200
-        assert "HttpOnly" in answer.headers["Set-Cookie"]
-        other = await client.get("/page.js", headers={"Cookie": answer.headers["Set-Cookie"].split(";")[0]})
-        assert other.status == 200
+        assert (await client.get("/live", headers=bearing("wrong"))).status == 403
+        assert (await client.get("/live?token=open+sesame")).status == 403  # an address is told to others
+        with pytest.raises(WSServerHandshakeError):
+            await client.ws_connect("/live", protocols=(PROTOCOL, b"wrong".hex()))
+        async with client.ws_connect("/live", protocols=(PROTOCOL, b"open sesame".hex())) as socket:
+            assert socket.protocol == PROTOCOL  # and not the token
+            assert (await heard(socket))["kind"] == "hello"
+        async with client.ws_connect("/live", headers=bearing("open sesame")) as socket:
+            assert (await heard(socket))["kind"] == "hello"
 
-    with_client(session, Door("0.0.0.0", token="open sesame"), job)
+    with_client(session, Door(host, token="open sesame"), job)
 
 
 def test_what_is_served_where():
     assert Door().local and Door("localhost").local and Door("::1").local
     assert not Door("0.0.0.0").local and not Door("rig.example").local
-    assert Door().url(8000) == "http://127.0.0.1:8000/"
-    assert Door("rig.example", token="abc").url(80) == "http://rig.example:80/?token=abc"
-    assert Door("0.0.0.0").token != Door("0.0.0.0").token
+    assert Door("rig.example", token="a c").url(80) == "http://rig.example:80/#token=a%20c"
+    assert Door().token != Door().token
+    assert Door(token="abc").url(8000) == "http://127.0.0.1:8000/#token=abc"
+    assert "abc" not in repr(Door(token="abc"))
+
+
+def test_after_too_many_wrong_tokens_an_address_waits(session):
+    async def job(client):
+        for _ in range(WRONG):
+            assert (await client.get("/live", headers=bearing("wrong"))).status == 403
+        answer = await client.get("/live", headers=bearing(door.token))
+        assert answer.status == 429
+        assert 0 < int(answer.headers["Retry-After"]) <= PAUSE
+        assert [event.words for event in session.events] == [
+            "the page: too many wrong tokens from 127.0.0.1; it has to wait"
+        ]
+
+    with_client(session, door := Door(), job)
+
+
+def test_who_waited_may_try_again_and_others_need_not_wait():
+    now = 0.0
+    attempts = Attempts(lambda: now)
+    for _ in range(WRONG):
+        attempts.wrong("one")
+        now += 1.0
+    assert attempts.wait("one") == pytest.approx(PAUSE - 1.0)
+    assert attempts.wait("other") == 0.0
+    now += PAUSE
+    assert attempts.wait("one") == 0.0
+    for number in range(10_000):
+        attempts.wrong(str(number))
+    assert len(attempts._seen) == ADDRESSES
+
+
+def with_gate(session, job, monkeypatch, header_time):
+    """Run a coroutine against the page as it is served."""
+    monkeypatch.setattr("optid.live.page.server.HEADER_TIME", header_time)
+    door = Door()
+
+    async def run():
+        page = Page(session, door)
+        async with served(page, door, door.listen()) as address:
+            await job(urlsplit(address).port)
+
+    asyncio.run(run())
+
+
+def test_who_says_nothing_is_cut_off_in_time(session, monkeypatch):
+    async def job(port):
+        silent, slow, prompt = [await asyncio.open_connection("127.0.0.1", port) for _ in range(3)]
+        slow[1].write(b"GET / HTTP/1.1\r\nHost: 127.0.0.1")
+        prompt[1].write(b"GET / HTTP/1.1\r\nHost: 127.0.0.1:1\r\n\r\n")
+        assert (await prompt[0].readline()).split()[1] == b"200"
+        for reader, writer in (silent, slow):
+            with contextlib.suppress(ConnectionError):
+                assert await asyncio.wait_for(reader.read(), 5.0) == b""
+            writer.close()
+        prompt[1].close()
+
+    with_gate(session, job, monkeypatch, 0.3)
+
+
+def test_only_so_many_connections(session, monkeypatch):
+    async def job(port):
+        held = []
+        for _ in range(CONNECTIONS):
+            held.append(await asyncio.open_connection("127.0.0.1", port))
+            await asyncio.sleep(0.002)
+        reader, writer = await asyncio.open_connection("127.0.0.1", port)
+        with contextlib.suppress(ConnectionError):
+            assert await asyncio.wait_for(reader.read(), 5.0) == b""
+        for one in [*held, (reader, writer)]:
+            one[1].close()
+
+    with_gate(session, job, monkeypatch, 60.0)
 
 
 async def heard(socket, binary=False):
@@ -124,10 +223,11 @@ def test_a_reader_hears_what_stays_then_what_is_new(session):
         for n in range(2000):  # twice the ring
             session.signals.add((float(n), *(0.0,) * (len(SIGNALS) - 1)))
         session.events.note("something")
-        async with client.ws_connect("/live") as socket:
+        async with client.ws_connect("/live", headers=bearing(door.token)) as socket:
             first = await heard(socket)
             assert (first["kind"], first["signals"], first["limits"]["high"]) == ("hello", list(SIGNALS), 5.0)
             rows = await heard(socket, binary=True)
+            assert first["hides"] == "a leak"
             assert rows[-1, 0] >= 1996
             assert np.all(np.diff(rows[:, 0]) == 4)  # 250 of 1000 a second
             said = await heard(socket)
@@ -141,26 +241,32 @@ def test_a_reader_hears_what_stays_then_what_is_new(session):
             await socket.send_str(json.dumps({"do": "apply", "confirmed": True}))
             await socket.send_str("{no json")
             await socket.send_str("[]")
+            await socket.send_str(json.dumps({"do": "reference", "text": "60 mm"}))
+            await socket.send_str(json.dumps({"do": "reference", "text": "60"}))
+            while (said := await heard(socket))["kind"] != "answer":
+                pass
+            assert "not like that" in said["words"]
             session.end = {"how": "stopped", "why": "the page's stop"}
             while (said := await heard(socket))["end"] is None:
                 pass
             assert said["end"]["why"] == "the page's stop"
-        assert session.orders == ["tune", ("apply", False), "the page's stop", ("apply", True)]
+        assert session.orders == ["tune", ("apply", False), "the page's stop", ("apply", True), "60 mm"]
 
-    with_client(session, Door(), job)
+    with_client(session, door := Door(), job)
 
 
 def test_only_so_many_readers(session):
     async def job(client):
-        sockets = [await client.ws_connect("/live") for _ in range(READERS)]
-        assert (await client.get("/live")).status == 503
+        own = bearing(door.token)
+        sockets = [await client.ws_connect("/live", headers=own) for _ in range(READERS)]
+        assert (await client.get("/live", headers=own)).status == 503
         for socket in sockets:
             await socket.close()
-        again = await client.ws_connect("/live")
+        again = await client.ws_connect("/live", headers=own)
         assert (await heard(again))["kind"] == "hello"
         await again.close()
 
-    with_client(session, Door(), job)
+    with_client(session, door := Door(), job)
 
 
 def test_what_happens_while_a_message_leaves_is_in_the_next_one(session):
@@ -202,6 +308,126 @@ def browser():
         opened = started.chromium.launch(executable_path=path, args=["--no-sandbox"])
         yield opened
         opened.close()
+
+
+@pytest.fixture
+def address(session):
+    """The page of a session that stands still, served by a thread of its own."""
+    door, ready, over = Door(), threading.Event(), threading.Event()
+    found = []
+
+    async def serve():
+        async with served(Page(session, door), door, door.listen()) as url:
+            found.append(url)
+            ready.set()
+            while not over.is_set():
+                await asyncio.sleep(0.02)
+            session.end = {"how": "stopped", "why": "by the test"}
+
+    thread = threading.Thread(target=asyncio.run, args=(serve(),))
+    thread.start()
+    assert ready.wait(30)
+    yield found[0]
+    over.set()
+    thread.join()
+
+
+def add(session, page, begin, end, size):
+    """Samples at 1 kHz, in pieces that the page has had: a reference that steps every second, and a position."""
+    for piece in np.arange(begin, end, 0.25):
+        add_at_once(session, piece, min(piece + 0.25, end), size)
+        until(
+            page,
+            f"page.signals && page.signals.at(page.signals.length - 1, 0) > {min(piece + 0.25, end) - 0.01}",
+        )
+
+
+def add_at_once(session, begin, end, size):
+    for n in range(round(1e3 * begin), round(1e3 * end)):
+        r = size * (n // 1000 % 2)
+        y = r * (1 - np.exp(-(n % 1000) / 50))
+        session.signals.add((n / 1e3, r, y, y, 0.9 * y, y, 0.1, 0.0))
+
+
+def test_what_an_operator_does_on_the_page(browser, address, session, tmp_path):
+    page = browser.new_page(viewport={"width": 1600, "height": 1000})
+    complaints = []
+    page.on("pageerror", lambda error: complaints.append(str(error)))
+    page.goto(address)
+    add(session, page, 0, 1.0, 0.05)
+    until(page, "page.signals && page.charts[0].scale.high > 0")
+    assert "token" not in page.url  # nobody reads it off the screen
+    assert "It has what the rig file does not say: a leak." in page.inner_text("#hides")
+    # A bare number is in the unit of the axis; what cannot be done is said.
+    page.fill("#wish", "60")
+    page.press("#wish", "Enter")
+    page.fill("#wish", "5 kg")
+    page.press("#wish", "Enter")
+    until(page, "document.getElementById('answer').textContent.includes('not like that')")
+    page.set_input_files(
+        "#profile", {"name": "p.csv", "mimeType": "text/csv", "buffer": b"t,x\n0,10\n1.5;-20\n"}
+    )
+    until(page, "document.getElementById('wish').value !== '5 kg'")
+    page.evaluate("document.activeElement.blur()")
+    for _ in range(100):
+        if len(session.orders) == 2:
+            break
+        page.wait_for_timeout(20)
+    assert session.orders == ["60 mm", "0:10 mm, 1.5:-20 mm"]
+    # Scales are steady: smaller moves leave the axis as it is.
+    for second in range(1, 4):
+        add(session, page, second, second + 1, 0.05 if second == 1 else 0.01)
+        page.wait_for_timeout(60)
+        if second == 1:
+            scale = page.evaluate("[page.charts[0].scale.low, page.charts[0].scale.high]")
+    assert scale[1] > 50.0
+    assert page.evaluate("[page.charts[0].scale.low, page.charts[0].scale.high]") == scale
+    # The last step, held still while samples come.
+    page.keyboard.press("s")
+    until(page, "view.held !== null")
+    shown = page.evaluate("[view.end - view.span, view.end]")
+    assert shown == pytest.approx([2.9, 4.4], abs=0.01)
+    add(session, page, 4, 4.3, 0.05)
+    assert page.evaluate("[view.end - view.span, view.end]") == shown
+    # A drag zooms, the pointer reads values off.
+    box = page.locator("#position").bounding_box()
+    x, y = (lambda share: box["x"] + share * box["width"]), box["y"] + 100
+    page.mouse.move(x(0.2), y)
+    page.mouse.down()
+    page.mouse.move(x(0.4), y, steps=4)
+    page.mouse.up()
+    until(page, "view.span < 0.5 && Number.isFinite(view.cursor)")
+    with page.expect_download() as download:
+        page.click("#table")
+    download.value.save_as(tmp_path / "view.csv")
+    table = pd.read_csv(tmp_path / "view.csv")
+    assert list(table.columns[:3]) == ["time_s", "reference_mm", "real_mm"]
+    assert 50 < len(table) < 130  # what is shown, 250 a second
+    np.testing.assert_allclose(table["reference_mm"], np.where(table["time_s"] >= 3.0, 10.0, 0.0), atol=1e-9)
+    with page.expect_download() as download:
+        page.click("#picture")
+    download.value.save_as(tmp_path / "view.png")
+    assert (tmp_path / "view.png").read_bytes()[:4] == b"\x89PNG"
+    # Back to the newest, and large.
+    page.keyboard.press("0")
+    until(page, "view.held === null")
+    page.keyboard.press("w")
+    until(page, "page.charts[0].size >= 26")  # pixels: half of 14 mm on a screen of 96 to the inch
+    assert (
+        page.evaluate("parseFloat(getComputedStyle(document.getElementById('read-measured')).fontSize)") >= 52
+    )
+    assert page.evaluate("document.documentElement.scrollHeight <= window.innerHeight")
+    assert complaints == []
+
+
+@pytest.mark.parametrize("fragment", ["", "#token=wrong"])
+def test_a_browser_without_the_token_sees_nothing(browser, address, session, fragment):
+    add_at_once(session, 0, 0.5, 0.05)
+    page = browser.new_page()
+    page.goto(address.split("#")[0] + fragment)
+    until(page, "document.getElementById('state').textContent.includes('not let in')")
+    assert page.evaluate("page.signals === null")
+    assert page.is_disabled("#stop")
 
 
 @pytest.fixture

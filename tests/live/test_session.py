@@ -1,6 +1,7 @@
 """The whole command in its processes: ends, signals and deaths. What is asserted never depends on speed."""
 
 import json
+import multiprocessing
 import os
 import signal
 import socket
@@ -8,6 +9,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -20,11 +22,15 @@ from optid.armax.identifier import Identifier, Method
 from optid.armax.identifier import Settings as Learning
 from optid.armax.structure import Orders
 from optid.core.readers import read_recording
+from optid.errors import InputError
+from optid.live.events import Events
+from optid.live.excitation import Excitation
 from optid.live.loop import Choices
 from optid.live.plan import Plan
-from optid.live.reference import tour
+from optid.live.processes import _heed
+from optid.live.reference import read_profile, tour
 from optid.live.session import Session
-from optid.live.settings import live_settings
+from optid.live.settings import live_settings, wiring_of
 from optid.pid.controller import Gains
 from optid.rigs.rigfile import read_rig
 
@@ -57,6 +63,8 @@ def test_the_whole_command(tmp_path):
     document = json.loads((out / "live.json").read_text())
     assert (document["outcome"], document["samples"], document["missed"]) == ("done", 4000, 0)
     assert document["safe"]
+    assert "stribeck friction (breakaway ratio 1.3" in document["hides"]
+    assert document["followed"] is None  # four seconds say nothing
     assert document["fit_percent"]["predicted"] > 99
     record = read_recording(out / "recording.csv", read_rig(BENCH))
     assert len(record) == 4000
@@ -155,6 +163,31 @@ def test_a_port_that_is_taken_is_said_before_anything_begins(tmp_path):
     assert result.exit_code == 2
     assert "the page cannot be served at 127.0.0.1" in result.stderr
     assert not (tmp_path / "out").exists()
+
+
+def test_a_demand_reaches_the_loop(bench):
+    here, there = multiprocessing.Pipe()
+    session, heard = Session.__new__(Session), []
+    session.plan = SimpleNamespace(choices=Choices(Gains(20.0)))
+    session.settings, session.wiring = live_settings(bench), wiring_of(bench)
+    session._pipes, session.events = [None, here], Events()
+    session.demand("square 20 mm 0.5 Hz")
+    assert _heed(SimpleNamespace(demand=heard.append), there)
+    assert heard == [read_profile("square 20 mm 0.5 Hz", session.settings.limits, "m")]
+    assert (session.demanded, session.events.number) == ("square 20 mm 0.5 Hz", 1)
+    with pytest.raises(InputError, match="beyond the stroke limits"):
+        session.demand("1 m")
+    session.plan = SimpleNamespace(choices=Choices(Gains(0.0), command=Excitation((0.0,), (0.0,))))
+    with pytest.raises(InputError, match="the loop is open"):
+        session.demand("1 mm")
+    assert not there.poll(0)
+
+
+@pytest.mark.parametrize("option", [("--token", "abc"), ("--host", "127.0.0.1"), ("--port", 0)])
+def test_an_option_of_the_page_is_never_ignored(tmp_path, option):
+    result = run(BENCH, "--out", tmp_path / "out", *option, "--seconds", 1)
+    assert result.exit_code == 2
+    assert f"{option[0]}: without --page" in result.stderr
 
 
 def test_an_older_recording_is_never_overwritten(tmp_path):

@@ -1,8 +1,9 @@
 """Which rigs have changed, by the night: p-values that stay valid however often one looks, false ones controlled.
 
 A rig's nights are compared with its own reference nights, so whatever its model has wrong from the start drops out. The
-scatter of nights is measured, not assumed. Three corrections stand between that and what is told: Bonferroni over
-quantities and lengths of look, a p-value that may be looked at every night, and Benjamini and Hochberg over all rigs.
+scatter of nights is measured, not assumed. Each quantity is tested alone and all of them together (`joint`). Three
+corrections stand between that and what is told: Bonferroni over quantities, tests and lengths of look, a p-value that
+may be looked at every night, and Benjamini and Hochberg over all rigs.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy import stats
 
+from optid.fleet.statistics.joint import joint
 from optid.fleet.statistics.moderated import common_degrees, moderated
 from optid.fleet.statistics.wander import spread, wander, weights
 
@@ -66,11 +68,13 @@ def changes(measures: pd.DataFrame, reference: int, level: float) -> Changes:
         Empty where no rig has more nights than the reference.
     """
     known = measures[np.isfinite(measures["value"]) & np.isfinite(measures["sd"])]
-    scores = _scores(known.groupby(["quantity", "rig", "date"], sort=True)[["value", "sd"]].mean(), reference)
+    nightly = known.groupby(["quantity", "rig", "date"], sort=True)[["value", "sd"]].mean()
+    scores, degrees = _scores(nightly, reference)
     if scores.empty:
         empty = pd.DataFrame(columns=["rig", "date", "p", "p_rig", "q", "told", "quantity", "t"])
         return Changes(empty, empty.assign(shift=[], sd=[]), pd.DataFrame())
-    nights = _by_fleet(_by_rig(scores), sorted(str(rig) for rig in known["rig"].unique()), level)
+    together = joint(nightly, reference, LOOKS, degrees)
+    nights = _by_fleet(_by_rig(scores, together), sorted(str(rig) for rig in known["rig"].unique()), level)
     first = nights[nights["told"]].groupby("rig", sort=True).head(1)
     about = scores.set_index(["rig", "date", "quantity"])[["shift", "sd"]]
     told = first.join(about, on=["rig", "date", "quantity"]).sort_values(["date", "rig"])
@@ -110,11 +114,14 @@ def _followed(nightly: pd.DataFrame, reference: int) -> dict[str, list[_Night]]:
     return found
 
 
-def _scores(nightly: pd.DataFrame, reference: int) -> pd.DataFrame:
-    """For each rig, night and quantity the look that tells most: t, p over looks, shift of the mean and its sd."""
+def _scores(nightly: pd.DataFrame, reference: int) -> tuple[pd.DataFrame, float]:
+    """For each rig, night and quantity the look that tells most: t, p over looks, shift of the mean and its sd.
+
+    Beside them the degrees of freedom of a variance.
+    """
     followed = _followed(nightly, reference)
     if not followed:
-        return pd.DataFrame()
+        return pd.DataFrame(), 0.0
     scatter = pd.DataFrame({q: {one.rig: one.scatter for one in some} for q, some in followed.items()})
     every = scatter.to_numpy(dtype=np.float64)
     prior = common_degrees(every, np.full(every.shape, reference - 1.0))
@@ -140,7 +147,10 @@ def _scores(nightly: pd.DataFrame, reference: int) -> pd.DataFrame:
             numbers = (t[pick], np.minimum(p, 1.0), shift[seen][pick], sd[seen][pick])
             for column, values in zip(columns.values(), (*names, *numbers), strict=True):
                 column.append(values)
-    return pd.DataFrame({name: np.concatenate(some) for name, some in columns.items() if some})
+    return (
+        pd.DataFrame({name: np.concatenate(some) for name, some in columns.items() if some}),
+        reference - 1.0 + prior,
+    )
 
 
 def _looks(
@@ -171,8 +181,9 @@ def _looks(
     return t, shift, sd
 
 
-def _by_rig(scores: pd.DataFrame) -> pd.DataFrame:
-    """One row a rig and night: Bonferroni over quantities; then over nights, of which the k-th may use 1 / (k (k + 1)).
+def _by_rig(scores: pd.DataFrame, together: pd.DataFrame) -> pd.DataFrame:
+    """One row a rig and night: Bonferroni over quantities, and over these and the test of all together; then over
+    nights, of which the k-th may use 1 / (k (k + 1)).
 
     The shares sum to one, so the least of the p-values divided by them is one that may be looked at on every night,
     whatever the nights have to do with each other.
@@ -180,6 +191,9 @@ def _by_rig(scores: pd.DataFrame) -> pd.DataFrame:
     count = scores.groupby(["rig", "date"])["p"].transform("size")
     scores = scores.assign(p=(scores["p"] * count).clip(upper=1.0))
     nights = scores.loc[scores.groupby(["rig", "date"])["p"].idxmin()].sort_values(["rig", "date"])
+    if len(together):
+        other = nights.merge(together, on=["rig", "date"], how="left", suffixes=("", "_all"))["p_all"]
+        nights["p"] = (2.0 * np.fmin(nights["p"].to_numpy(), other.to_numpy(dtype=float))).clip(max=1.0)
     k = nights.groupby("rig").cumcount() + 1
     spent = (nights["p"] * k * (k + 1)).clip(upper=1.0)
     nights = nights.assign(p_rig=spent)

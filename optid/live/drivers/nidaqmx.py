@@ -3,12 +3,17 @@
     [live.nidaqmx]
     command = { channel = "Dev1/ao0" }
     position = { channel = "Dev1/ai0", per_volt = "52 mm", zero = "2.5 V", range = ["0 V", "5 V"] }
+    average = 8                  # samples of the card in one of the session's; 1 where absent
+    sample_rate = "50 kHz"       # of the card then; "average" times the session's rate where absent
 
-Samples are taken and put on demand: the guard's clock is the pace, so any card serves.
+Samples are taken and put on demand: the guard's clock is the pace, so any card serves. With an average the card samples
+by its own clock without a pause, and each reading is the mean of its newest samples: half their span is delay.
 """
 
 from __future__ import annotations
 
+import math
+import time as clock
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,6 +28,8 @@ from optid.live.driver import Order, needed
 from optid.rigs.fields import Table, known_keys, subtable, text
 
 TIMEOUT = 0.05  # s that a card may take for one sample
+MOST = 10_000  # samples in an average
+BUFFERED = 10  # averages that the card's buffer holds
 TERMINALS = ("DEFAULT", "RSE", "NRSE", "DIFF", "PSEUDO_DIFF")
 
 
@@ -38,11 +45,28 @@ class Line:
     terminal: str
 
 
-class Cards:
-    """One task reads all inputs, another puts the command; both run from the start to the end."""
+@dataclass(frozen=True)
+class Average:
+    """So many of the card's samples in a reading, taken at a rate in Hz."""
 
-    def __init__(self, module: Any, command: Line, inputs: Sequence[Line]) -> None:
+    samples: int
+    rate: float
+
+
+class Cards:
+    """One task reads all inputs, another puts the command; both run from the start to the end.
+
+    Args:
+        module: NI's package.
+        command, inputs: lines.
+        average: of a reading; ``None`` for one sample on demand.
+    """
+
+    def __init__(
+        self, module: Any, command: Line, inputs: Sequence[Line], average: Average | None = None
+    ) -> None:
         self._command, self._inputs = command, tuple(inputs)
+        self._many = np.empty((len(inputs), average.samples)) if average else None
         self._tasks: list[Any] = []
         try:
             reading, writing = self._task(module), self._task(module)
@@ -53,6 +77,8 @@ class Cards:
                     max_val=line.high,
                     terminal_config=module.constants.TerminalConfiguration[line.terminal],
                 )
+            if average is not None:
+                _newest(module, reading, average)
             writing.ao_channels.add_ao_voltage_chan(
                 command.channel, min_val=command.low, max_val=command.high
             )
@@ -63,6 +89,8 @@ class Cards:
             self._reader.verify_array_shape = False
             reading.start()
             writing.start()
+            if average is not None:  # the card refuses to read what is older than its start
+                clock.sleep((average.samples + 1) / average.rate)
         except Exception:
             self.close()
             raise
@@ -75,8 +103,12 @@ class Cards:
         return self._tasks[-1]
 
     def read(self, time: float) -> Sequence[float]:
-        """One sample of every input."""
-        self._reader.read_one_sample(self._volts, timeout=TIMEOUT)
+        """One reading of every input."""
+        if self._many is None:
+            self._reader.read_one_sample(self._volts, timeout=TIMEOUT)
+        else:
+            self._reader.read_many_sample(self._many, self._many.shape[1], timeout=TIMEOUT)
+            self._many.mean(axis=1, out=self._volts)
         values: list[float] = ((self._volts - self._zero) * self._per_volt).tolist()
         return values
 
@@ -100,6 +132,54 @@ class Cards:
             raise failed
 
 
+def _newest(module: Any, task: Any, average: Average) -> None:
+    """Sample without a pause, and read the newest samples whatever was left unread."""
+    kinds = module.constants
+    task.timing.cfg_samp_clk_timing(
+        average.rate,
+        sample_mode=kinds.AcquisitionType.CONTINUOUS,
+        samps_per_chan=max(BUFFERED * average.samples, 1000),
+    )
+    task.in_stream.relative_to = kinds.ReadRelativeTo.MOST_RECENT_SAMPLE
+    task.in_stream.offset = -average.samples
+    task.in_stream.overwrite = kinds.OverwriteMode.OVERWRITE_UNREAD_SAMPLES
+
+
+def _average(order: Order, field: str) -> Average | None:
+    """What the table says of it.
+
+    Raises:
+        RigError: no whole number, or samples that would not be new at each reading.
+    """
+    where, options = order.rig.path, order.options
+    samples, rate = options.get("average", 1), order.settings.rate
+    if not isinstance(samples, int) or isinstance(samples, bool) or not 1 <= samples <= MOST:
+        raise RigError(
+            f"{shown(samples)}",
+            where=where,
+            field=f"{field}.average",
+            expected=f"a whole number, 1 to {MOST}",
+        )
+    if samples == 1 and "sample_rate" in options:
+        raise RigError(
+            "without an average", where=where, field=f"{field}.sample_rate", expected="average = 8"
+        )
+    if samples == 1:
+        return None
+    least = samples * rate
+    fast = least
+    if "sample_rate" in options:
+        fast = to_si(options["sample_rate"], "Hz", where=where, field=f"{field}.sample_rate")
+    if not least * (1 - 1e-9) <= fast < math.inf:
+        raise RigError(
+            f"{fast:g} Hz",
+            where=where,
+            field=f"{field}.sample_rate",
+            expected=f"at least {least:g} Hz: {samples} samples in each of the session's periods",
+        )
+    return Average(samples, fast)
+
+
 def cards(order: Order) -> Cards:
     """The lines of `[live.nidaqmx]`, one for every channel that the rig file maps.
 
@@ -109,7 +189,8 @@ def cards(order: Order) -> Cards:
     """
     roles = [order.wiring.command.role, *(c.role for c in order.wiring.measured)]
     where, field = order.rig.path, "live.nidaqmx"
-    known_keys(order.options, roles, where, f"{field}.", "role")
+    known_keys(order.options, [*roles, "average", "sample_rate"], where, f"{field}.", "role")
+    average = _average(order, field)
     limits = order.settings.limits
     command = _line(order.wiring.command, order.options, (limits.low, limits.high), where)
     inputs = [_line(channel, order.options, (-10.0, 10.0), where) for channel in order.wiring.measured]
@@ -117,7 +198,7 @@ def cards(order: Order) -> Cards:
     for part in ("constants", "stream_readers", "stream_writers"):
         needed(f"nidaqmx.{part}", "nidaqmx")
     try:
-        return Cards(module, command, inputs)
+        return Cards(module, command, inputs, average)
     except Exception as error:
         if type(error).__module__.startswith("nidaqmx"):
             raise RigError(f"the card says: {error}", where=where, field=field) from error

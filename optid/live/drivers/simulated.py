@@ -33,9 +33,13 @@ class Simulated:
         rig: the rig that is simulated.
         wiring, settings: of the session.
         rng: source of the noise.
+        hides: what the rig has that the session's rig file does not say, in words.
     """
 
-    def __init__(self, rig: Rig, wiring: Wiring, settings: Settings, rng: np.random.Generator) -> None:
+    def __init__(
+        self, rig: Rig, wiring: Wiring, settings: Settings, rng: np.random.Generator, hides: str = ""
+    ) -> None:
+        self.hides = hides
         self._twin, self._wiring, self._rng = Twin(rig.model, rig.model.vector(rig.parameters)), wiring, rng
         names = [port.role for port in rig.model.outputs]
         missing = [c.role for c in wiring.measured if c.role not in names]
@@ -92,7 +96,36 @@ def simulated(order: Order) -> Simulated:
         rig = read_rig(order.rig.path.parent / name)
     else:
         rig = unlike(order.rig, rng)
-    return Simulated(rig, order.wiring, order.settings, rng)
+    return Simulated(rig, order.wiring, order.settings, rng, differences(order.rig, rig))
+
+
+def differences(stated: Rig, real: Rig) -> str:
+    """What one rig has that another has not: effects with their parameters, and parameters of other values."""
+    known = {effect.name for effect in stated.effects}
+    one, other = (_values(rig) for rig in (stated, real))
+    units = {p.name: p.unit for p in real.model.parameters}
+    found = []
+    for effect in real.effects:
+        if effect.name not in known:
+            own = {q.name: f"{effect.name}.{q.name}" for q in effect.parameters}
+            shown = [
+                f"{name.replace('_', ' ')} {_value(other[key], units[key])}" for name, key in own.items()
+            ]
+            found.append(f"{effect.name.replace('_', ' ')} ({', '.join(shown)})")
+    for name, value in one.items():
+        if name in other and other[name] != value:
+            of = f"{_value(other[name], units[name])} instead of {_value(value, units[name])}"
+            found.append(f"{name.replace('_', ' ')} {of}")
+    return "; ".join(found)
+
+
+def _values(rig: Rig) -> dict[str, float]:
+    vector = rig.model.vector(rig.parameters).tolist()
+    return dict(zip((p.name for p in rig.model.parameters), vector, strict=True))
+
+
+def _value(value: float, unit: str) -> str:
+    return f"{value:.4g}" if unit == "1" else f"{value:.4g} {unit.replace('**', '^')}"
 
 
 def unlike(rig: Rig, rng: np.random.Generator) -> Rig:

@@ -1,4 +1,4 @@
-"""Who may open the page: this machine alone, unless a host was named; then whoever holds the token."""
+"""Who may open the page: whoever holds the token, on this machine too; and how often one may try."""
 
 from __future__ import annotations
 
@@ -6,28 +6,36 @@ import hmac
 import ipaddress
 import secrets
 import socket
+import time
+from collections import OrderedDict
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from urllib.parse import urlsplit
+from urllib.parse import quote, urlsplit
 
 from aiohttp import web
 
 LOCAL = "127.0.0.1"
 NAMES = ("localhost", LOCAL, "[::1]")
-COOKIE = "optid"
+PROTOCOL = "optid.live"  # of the socket
+WRONG, PAUSE = 10, 60.0  # wrong tokens of an address within so many seconds, after which it waits as long
+ADDRESSES = 256  # that are remembered
 
 
 @dataclass(frozen=True)
 class Door:
     """Where the page is served, and to whom.
 
+    The page itself is no secret. What it shows and the orders it gives go through a socket that opens for the token
+    alone. The token stands in the fragment of the address, which no browser sends or tells other pages.
+
     Attributes:
         host, port: to listen at; port 0 takes a free one.
-        token: asked for on every request, and made at random where none is given; not asked for on loopback.
+        token: made at random where none is given.
     """
 
     host: str = LOCAL
     port: int = 0
-    token: str = field(default_factory=lambda: secrets.token_urlsafe(16))
+    token: str = field(default_factory=lambda: secrets.token_urlsafe(16), repr=False)
 
     @property
     def local(self) -> bool:
@@ -51,13 +59,13 @@ class Door:
     def url(self, port: int) -> str:
         """What the user opens."""
         host = f"[{self.host}]" if ":" in self.host else self.host
-        return f"http://{host}:{port}/" + ("" if self.local else f"?token={self.token}")
+        return f"http://{host}:{port}/#token={quote(self.token, safe='')}"
 
     def admit(self, request: web.Request) -> None:
-        """Let a request through.
+        """Let a request through that comes from the page itself.
 
-        On loopback the name it was asked for by must be a loopback one, and a socket must come from the page
-        itself: another site's page, open in the same browser, can send requests here but cannot forge these.
+        On loopback the name it was asked for by must be a loopback one: another site's page, open in the same
+        browser, can send requests here but cannot forge that, nor its own origin.
 
         Raises:
             web.HTTPForbidden: it may not come in.
@@ -67,7 +75,44 @@ class Door:
         origin = request.headers.get("Origin")
         if origin is not None and urlsplit(origin).netloc != request.host:
             raise web.HTTPForbidden(text="this page takes no orders from other pages\n")
-        if not self.local:
-            given = request.query.get("token") or request.cookies.get(COOKIE) or ""
-            if not hmac.compare_digest(given.encode(), self.token.encode()):
-                raise web.HTTPForbidden(text="the token is missing or wrong\n")
+
+    def opens(self, request: web.Request) -> bool:
+        """The request has the token: as `Authorization: Bearer`, or beside the socket's protocol in hexadecimal."""
+        offered = [one.strip() for one in request.headers.get("Sec-WebSocket-Protocol", "").split(",")]
+        scheme, _, bearer = request.headers.get("Authorization", "").partition(" ")
+        given = [bearer.strip().encode()] if scheme.lower() == "bearer" else []
+        for one in offered:
+            if one != PROTOCOL:
+                try:
+                    given.append(bytes.fromhex(one))
+                except ValueError:
+                    continue
+        return any(hmac.compare_digest(one, self.token.encode()) for one in given)
+
+
+class Attempts:
+    """Wrong tokens by address: after `WRONG` of them within `PAUSE` seconds, that address waits as long.
+
+    Args:
+        clock: s.
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock, self._seen = clock, OrderedDict[str, list[float]]()
+
+    def wait(self, address: str) -> float:
+        """s for which an address may not try; 0 where it may."""
+        times = self._recent(address)
+        return times[-1] + PAUSE - self._clock() if len(times) >= WRONG else 0.0
+
+    def wrong(self, address: str) -> bool:
+        """Count a wrong token; True for the last one that the address may try for now."""
+        times = [*self._recent(address), self._clock()]
+        self._seen[address] = times
+        self._seen.move_to_end(address)
+        if len(self._seen) > ADDRESSES:
+            self._seen.popitem(last=False)
+        return len(times) >= WRONG
+
+    def _recent(self, address: str) -> list[float]:
+        return [one for one in self._seen.get(address, []) if self._clock() - one < PAUSE]

@@ -1,6 +1,7 @@
 """Serves the page and keeps it fed: signals as packed rows, everything else as JSON, one coroutine a reader.
 
-A reader that is slow skips rows: what it has not fetched stays in the session's rings, which never grow.
+A reader that is slow skips rows: what it has not fetched stays in the session's rings, which never grow. A connection
+serves one request, and only so many may be open.
 """
 
 from __future__ import annotations
@@ -12,19 +13,23 @@ import socket
 from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 from typing import Any
+from weakref import WeakSet
 
 import numpy as np
 from aiohttp import WSMsgType, web
 
-from optid.live.page.door import COOKIE, Door
+from optid.errors import InputError
+from optid.live.page.door import PROTOCOL, Attempts, Door
 from optid.live.page.view import hello, news
 from optid.live.session import Session
 
 HERE = Path(__file__).parent
 FILES = {
     "/": ("page.html", "text/html"),
-    "/page.js": ("page.js", "text/javascript"),
-    "/chart.js": ("chart.js", "text/javascript"),
+    **{
+        f"/{name}.js": (f"{name}.js", "text/javascript")
+        for name in ("page", "chart", "window", "export", "panels")
+    },
     "/page.css": ("page.css", "text/css"),
 }
 PACE = 0.1  # s between two messages to a reader
@@ -32,6 +37,9 @@ DRAWN = 250.0  # rows a second that a reader gets at most
 POLL = 0.05  # s between looks at the session
 HEARTBEAT = 30.0  # s: a reader that does not answer for half as long has gone
 READERS = 8  # at a time
+CONNECTIONS = 32  # at a time, the readers' among them
+HEADER_TIME = 5.0  # s within which a connection must have said what it wants
+LONGEST = 64 * 1024  # bytes of an order: a profile has some hundred levels
 LAST_WORD = 2.0  # s for readers to fetch how it ended
 HEADERS = {
     "Content-Security-Policy": "default-src 'self'; img-src data:; frame-ancestors 'none'",
@@ -52,6 +60,7 @@ class Page:
     def __init__(self, session: Session, door: Door) -> None:
         self._session, self._door = session, door
         self._readers: set[asyncio.Task[Any]] = set()
+        self._attempts, self._heard = Attempts(), WeakSet[asyncio.BaseTransport]()
         self._stride = max(1, round(session.settings.rate / DRAWN))
 
     def application(self) -> web.Application:
@@ -64,29 +73,61 @@ class Page:
 
     @web.middleware
     async def _guarded(self, request: web.Request, handler: Any) -> web.StreamResponse:
+        if request.transport is not None:
+            self._heard.add(request.transport)
         self._door.admit(request)
         response: web.StreamResponse = await handler(request)
         return response
+
+    def gate(self, server: web.Server) -> Callable[[], asyncio.Protocol]:
+        """Makes the protocol of each new connection: at most `CONNECTIONS`, each heard within `HEADER_TIME`."""
+
+        def overdue(protocol: Any) -> None:
+            transport = protocol.transport
+            if transport is not None and transport not in self._heard:
+                transport.abort()
+
+        def connected() -> asyncio.Protocol:
+            if len(server.connections) >= CONNECTIONS:
+                return _Full()
+            protocol = server()
+            asyncio.get_running_loop().call_later(HEADER_TIME, overdue, protocol)
+            return protocol
+
+        return connected
 
     async def _file(self, request: web.Request) -> web.Response:
         name, kind = FILES[request.path]
         text = (HERE / name).read_text(encoding="utf-8")
         response = web.Response(text=text, content_type=kind, charset="utf-8", headers=HEADERS)
-        if not self._door.local:
-            response.set_cookie(COOKIE, self._door.token, httponly=True, samesite="Strict")
+        response.force_close()  # a connection that stays open would count
         return response
 
+    def _check_token(self, request: web.Request) -> None:
+        address = request.remote or ""
+        wait = self._attempts.wait(address)
+        if wait > 0.0:
+            raise web.HTTPTooManyRequests(
+                text=f"too many wrong tokens; try again in {wait:.0f} s\n",
+                headers={"Retry-After": f"{wait:.0f}"},
+            )
+        if not self._door.opens(request):
+            if self._attempts.wrong(address):
+                self._session.events.note(f"the page: too many wrong tokens from {address}; it has to wait")
+            raise web.HTTPForbidden(text="the token is missing or wrong\n")
+
     async def _live(self, request: web.Request) -> web.WebSocketResponse:
+        self._check_token(request)
         if len(self._readers) >= READERS:
             raise web.HTTPServiceUnavailable(text=f"{READERS} pages are open already\n")
-        socket = web.WebSocketResponse(heartbeat=HEARTBEAT, max_msg_size=4096)
+        socket = web.WebSocketResponse(heartbeat=HEARTBEAT, max_msg_size=LONGEST, protocols=(PROTOCOL,))
         await socket.prepare(request)
         feeder = asyncio.create_task(self._feed(socket))
         self._readers.add(feeder)
         try:
             async for message in socket:
-                if message.type is WSMsgType.TEXT:
-                    self._obey(message.data)
+                if message.type is WSMsgType.TEXT and (said := self._obey(message.data)):
+                    await socket.send_str(json.dumps({"kind": "answer", "words": said}))
         finally:
             self._readers.discard(feeder)
             feeder.cancel()
@@ -94,12 +135,12 @@ class Page:
                 await feeder
         return socket
 
-    def _obey(self, text: str) -> None:
-        """One word of the page; what is not understood is not done."""
+    def _obey(self, text: str) -> str:
+        """One word of the page, and why it was not done; what is not understood is not done."""
         try:
             message = json.loads(text)
         except (ValueError, RecursionError):
-            return
+            return ""
         wish = message.get("do") if isinstance(message, dict) else None
         if wish == "stop":
             self._session.stop("the page's stop")
@@ -107,6 +148,12 @@ class Page:
             self._session.tune()
         elif wish == "apply":
             self._session.apply(confirmed=message.get("confirmed") is True)
+        elif wish == "reference" and isinstance(message.get("text"), str):
+            try:
+                self._session.demand(message["text"])
+            except InputError as error:
+                return str(error)
+        return ""
 
     async def _feed(self, socket: web.WebSocketResponse) -> None:
         """Send what is new, again and again; the next message is made when the last one has left."""
@@ -134,16 +181,27 @@ class Page:
             await asyncio.wait(self._readers, timeout=LAST_WORD)
 
 
+class _Full(asyncio.Protocol):
+    """Turns a connection away."""
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        assert isinstance(transport, asyncio.Transport)
+        transport.abort()
+
+
 @contextlib.asynccontextmanager
 async def served(page: Page, door: Door, listening: socket.socket) -> AsyncIterator[str]:
     """The page's address, while it is served."""
     runner = web.AppRunner(page.application(), access_log=None, shutdown_timeout=1.0)
     await runner.setup()
+    assert runner.server is not None
+    gate = page.gate(runner.server)
+    server = await asyncio.get_running_loop().create_server(gate, sock=listening, backlog=CONNECTIONS)
     try:
-        await web.SockSite(runner, listening).start()
         yield door.url(listening.getsockname()[1])
         await page.finish()
     finally:
+        server.close()
         await runner.cleanup()
 
 

@@ -6,11 +6,13 @@ from dataclasses import asdict
 from typing import Any
 
 from optid.core.model import Array
+from optid.live.log import LOG
 from optid.live.plan import KEEP, SIGNALS, slow_columns
 from optid.live.results import finite
 from optid.live.review import Review
 from optid.live.session import Session
 
+EFFECTS = 5  # of those that stand out, the surest
 POINTS = 300  # of a reviewed response
 
 
@@ -22,12 +24,15 @@ def hello(session: Session) -> dict[str, Any]:
         "kind": "hello",
         "rig": session.rig_name,
         "driver": session.plan.driver,
+        "hides": session.hides,
+        "controls": session.plan.choices.command is None,
         "rate": session.settings.rate,
         "signals": list(SIGNALS),
         "slow": slow_columns(session.plan.choices.orders),
         "keep": KEEP,
         "output": {"name": position.role, "unit": position.recorded_unit},
         "input": {"name": command.role, "unit": command.recorded_unit},
+        "log": str(session.plan.out / LOG),
         "limits": {"low": limits.low, "high": limits.high, "stroke": [finite(x) for x in limits.stroke]},
     }
 
@@ -44,15 +49,26 @@ def news(session: Session, parameters: Array, events_seen: int) -> dict[str, Any
     return {
         "kind": "news",
         "gains": asdict(session.gains),
+        "demanded": session.demanded,
         "parted": session.parted,
         "diagnosis": session.diagnosis,
         "tuning": session.busy,
         "review": None if review is None else _review(review),
+        "followed": _followed(session.following.standing),
         "applicable": session.applicable,
         "slow": [[finite(x) for x in row] for row in parameters.tolist()],
         "events": [[round(event.time, 1), event.words] for event in session.events.since(events_seen)],
         "end": None if session.end is None else {"how": session.end["how"], "why": session.end["why"]},
     }
+
+
+def _followed(standing: dict[str, Any] | None) -> dict[str, Any] | None:
+    """Parameters, and the effects that stand out: the page has no room for all."""
+    if standing is None:
+        return None
+    own = [one for one in standing["rows"] if "." not in one["name"]]
+    effects = [one for one in standing["rows"] if "." in one["name"] and one["changed"]][:EFFECTS]
+    return {**standing, "rows": [*own, *effects]}
 
 
 def _review(review: Review) -> dict[str, Any]:

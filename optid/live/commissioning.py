@@ -1,0 +1,161 @@
+"""What a rig is like now beside what it was commissioned with: by how much, how surely, and whether that is told.
+
+Estimates of the last looks are joined by their weights; where they scatter more than they claim, their sd grow by
+Birge's ratio (Phys. Rev. 40, 1932). What differs is a suspicion only: each estimate is to first order and takes one
+effect at a time for the only one. The first suspect is the one that explains most of what the model misses, since a
+model that lacks something moves every estimate a little, and surely.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from statistics import NormalDist, fmean
+from typing import Any
+
+from optid.errors import InputError
+from optid.monitoring.one_step import CLUSTER, Quantity
+
+LEVEL = 0.001  # chance of a false word among all quantities, each time they are judged
+BESIDE = 6  # parameters estimated beside an effect, about
+SHARE = 0.02  # of the squared errors: what explains less of them beside the rig file is no suspect
+TOLD = 3  # suspicions in one sentence, the surest first
+RIG_FILE = "the rig file"
+
+
+@dataclass(frozen=True)
+class Standing:
+    """One quantity, SI.
+
+    Attributes:
+        name: of a parameter, or "effect.parameter".
+        unit: of the values.
+        then, then_sd: when it was commissioned; the sd is 0 where the rig file says it.
+        now, sd: in the last looks.
+        explained: share of the squared errors that goes with it, now.
+        changed: by more than chance.
+    """
+
+    name: str
+    unit: str
+    then: float
+    then_sd: float
+    now: float
+    sd: float
+    explained: float
+    changed: bool = False
+
+    @property
+    def sds(self) -> float:
+        """The difference in sd of itself."""
+        return (self.now - self.then) / math.hypot(self.sd, self.then_sd)
+
+    @property
+    def words(self) -> str:
+        """For a sentence."""
+        unit, name = (
+            "" if self.unit == "1" else f" {self.unit}",
+            self.name.replace("_", " ").replace(".", ", "),
+        )
+        low, high = self.now - 1.96 * self.sd, self.now + 1.96 * self.sd
+        return f"{name} {self.now:.3g} ({low:.3g} to {high:.3g}){unit}, then {self.then:.3g}"
+
+
+@dataclass(frozen=True)
+class Since:
+    """What a rig was commissioned with, by quantity: value, sd and explained share; and where that is from."""
+
+    source: str
+    values: Mapping[str, tuple[float, float, float]]
+
+    def compare(
+        self,
+        looks: Sequence[Mapping[str, Quantity]],
+        bounds: Mapping[str, tuple[float, float]],
+        seconds: float,
+    ) -> list[Standing]:
+        """Each quantity that the looks have in common with this, the first suspect first.
+
+        Args:
+            looks: estimates from stretches that do not overlap, oldest first.
+            bounds: of what can be: an estimate beyond them is no suspect.
+            seconds: of one look.
+        """
+        names = [name for name in self.values if all(name in look for look in looks)] if looks else []
+        bar = _bar(LEVEL / 2 / max(len(names), 1), len(looks) * seconds / CLUSTER - BESIDE)
+        found = []
+        for name in names:
+            then, then_sd, share = self.values[name]
+            now, sd = joined([look[name] for look in looks])
+            explained = fmean(look[name].explained for look in looks)
+            one = Standing(name, looks[-1][name].unit, then, then_sd, now, sd, explained)
+            low, high = bounds.get(name, (-math.inf, math.inf))
+            if sd > 0.0:
+                gained = explained - share >= SHARE or then_sd > 0.0
+                found.append(replace(one, changed=abs(one.sds) > bar and gained and low <= now <= high))
+        return sorted(found, key=lambda one: (not one.changed, self.values[one.name][2] - one.explained))
+
+
+def _bar(tail: float, freedom: float) -> float:
+    """Student's quantile, to first order in 1 / freedom (Abramowitz and Stegun, 26.7.5): the sd are estimates too."""
+    z = NormalDist().inv_cdf(1.0 - tail)
+    return z + (z**3 + z) / (4.0 * max(freedom, 1.0))
+
+
+def joined(estimates: Sequence[Quantity]) -> tuple[float, float]:
+    """Weighted mean and its sd; NaN where an estimate has none."""
+    weights = [1.0 / one.sd**2 if one.sd > 0.0 else math.nan for one in estimates]
+    total = sum(weights)
+    mean = sum(w * one.value for w, one in zip(weights, estimates, strict=True)) / total
+    spread = sum(w * (one.value - mean) ** 2 for w, one in zip(weights, estimates, strict=True))
+    birge = spread / (len(estimates) - 1) if len(estimates) > 1 else 1.0
+    return mean, math.sqrt(max(birge, 1.0) / total)
+
+
+def read_since(path: Path) -> Since:
+    """What an earlier session, such as that of the commissioning, has found of the same rig.
+
+    Args:
+        path: its live.json.
+
+    Raises:
+        InputError: it cannot be read, or that session was too short to find anything.
+    """
+    try:
+        rows = json.loads(path.read_text(encoding="utf-8"))["followed"]["rows"]
+        values = {
+            str(row["name"]): (float(row["now"]), float(row["sd"]), float(row["explained"])) for row in rows
+        }
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(
+            f"{type(error).__name__}: {error}",
+            where=str(path),
+            field="followed",
+            expected="the live.json of a session that followed the parameters: a minute or more, with motion",
+        ) from None
+    return Since(str(path), values)
+
+
+def sentence(standings: Sequence[Standing], source: str, seconds: float, command: str) -> str:
+    """What is suspected, and what settles it."""
+    changed = [one for one in standings if one.changed]
+    if not changed:
+        return f"The last {seconds:.0f} s show nothing that differs from {source} by more than chance."
+    more = f", and {len(changed) - TOLD} more that move with these" if len(changed) > TOLD else ""
+    told = "; or ".join(one.words for one in changed[:TOLD])
+    return (
+        f"Suspected, from the last {seconds:.0f} s beside {source}: {told}{more}. "
+        f"Each is estimated as if it were the only one; what settles it: {command}"
+    )
+
+
+def document(standings: Sequence[Standing], source: str, words: str, command: str) -> dict[str, Any]:
+    """As live.json and the page have it."""
+    half = 1.96
+    rows = [
+        {**asdict(one), "low": one.now - half * one.sd, "high": one.now + half * one.sd} for one in standings
+    ]
+    return {"since": source, "rows": rows, "words": words, "command": command}

@@ -1,0 +1,136 @@
+"""Parameters and effects followed beside the loop: a look at the newest stretch of the log, again and again."""
+
+from __future__ import annotations
+
+import tempfile
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from optid.live.background import Background
+from optid.live.commissioning import RIG_FILE, Since, document, read_since, sentence
+from optid.live.log import LOG
+from optid.live.plan import Plan
+from optid.live.slices import last_rows, offer_diagnosis
+from optid.monitoring.one_step import Quantity
+
+if TYPE_CHECKING:
+    from optid.effects.effect import Effect
+    from optid.rigs.rigfile import Rig
+
+SECONDS = 20.0  # of a look
+LOOKS = 4  # the newest, judged together
+LEAST = 2  # looks before anything is said
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """What a stretch shows, what the rig file says of the same (an effect's null), and what can be."""
+
+    found: Mapping[str, Quantity]
+    stated: Mapping[str, float]
+    bounds: Mapping[str, tuple[float, float]]
+
+
+class Following:
+    """One look at a time, in the background.
+
+    Args:
+        plan: of the session.
+        rate: Hz.
+        note: told what happens, in words.
+
+    Attributes:
+        standing: what is known, as live.json has it; ``None`` before that.
+
+    Raises:
+        InputError: the plan's `since` cannot be read.
+    """
+
+    def __init__(self, plan: Plan, rate: float, note: Callable[[str], None]) -> None:
+        self._plan, self._rate, self._note = plan, rate, note
+        self._since = None if plan.since is None else read_since(plan.since)
+        self._background: Background[Look | str] = Background(not plan.fast)
+        self._looks: deque[Look] = deque(maxlen=LOOKS)
+        self._next, self._first, self._command, self._failed = SECONDS, "", "", ""
+        self.standing: dict[str, Any] | None = None
+
+    def poll(self, now: float) -> None:
+        """Begin a look when a stretch is full, and take what came of the last one.
+
+        Args:
+            now: s of the session.
+        """
+        if now >= self._next and not self._background.busy:
+            self._next = now + SECONDS
+            self._background.begin(look, self._plan, self._rate)
+        try:
+            found = self._background.result()
+        except Exception as error:  # its process died: the loop goes on
+            found = f"{type(error).__name__}: {error}"
+        if found is not None:
+            self._next = max(self._next, now + SECONDS)  # from the end of a look on: stretches do not overlap
+        if isinstance(found, Look):
+            self._looks.append(found)
+            if len(self._looks) >= LEAST:
+                self._judge()
+        elif found and found != self._failed:
+            self._failed = found
+            self._note(f"the parameters are not followed: {found}")
+
+    def close(self) -> None:
+        """Drop what is under way."""
+        self._background.close()
+
+    def _judge(self) -> None:
+        newest = self._looks[-1]
+        stated = {name: (value, 0.0, 0.0) for name, value in newest.stated.items()}
+        since = self._since or Since(RIG_FILE, stated)
+        standings = since.compare([one.found for one in self._looks], newest.bounds, SECONDS)
+        first = next((one.name for one in standings if one.changed), "")
+        fresh, self._first = first != self._first, first
+        if fresh:
+            # The minutes that showed it first are kept: to write them each time would hold the session up.
+            self._command = offer_diagnosis(self._plan.rig, self._plan.out, self._rate) if first else ""
+        words = sentence(standings, since.source, SECONDS * len(self._looks), self._command)
+        self.standing = document(standings, since.source, words, self._command)
+        if fresh:
+            self._note(words)
+
+
+@lru_cache(maxsize=1)
+def _understood(path: Path) -> tuple[Rig, tuple[Effect, ...]]:
+    """The rig and the effects that its plant admits, once for all looks."""
+    from optid.effects.library import admitted, built_in
+    from optid.rigs.rigfile import read_rig
+
+    rig = read_rig(path)
+    return rig, tuple(one for one in admitted(rig.model) if one.name in built_in())
+
+
+def look(plan: Plan, rate: float) -> Look | str:
+    """Estimate everything from the newest stretch of a session's log; why not, where that cannot be."""
+    from optid.core.readers import read_recording
+    from optid.errors import OptidError
+    from optid.live.settings import wiring_of
+    from optid.live.windows import estimates
+
+    rig, effects = _understood(plan.rig)
+    try:
+        head, rows = last_rows(plan.out / LOG, round(SECONDS * rate))
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "stretch.csv"
+            path.write_bytes(b"\n".join((head, *rows)) + b"\n")
+            recording = read_recording(path, rig)
+        found = estimates(rig, wiring_of(rig), recording, effects)
+    except (OptidError, OSError) as error:
+        return str(error)
+    stated = {one.name: rig.parameters[one.name] for one in rig.freed if one.name in rig.parameters}
+    bounds: dict[str, tuple[float, float]] = {}
+    for one in effects:
+        stated |= one.qualified(one.at_null())
+        bounds |= {f"{one.name}.{q.name}": q.bounds for q in one.parameters}
+    return Look({name: one for name, one in found.items() if name in stated}, stated, bounds)

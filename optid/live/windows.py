@@ -1,0 +1,154 @@
+"""One-step estimates from a session's own log: short windows of the physical model from where the observer stands.
+
+The observer of the loop (`optid.live.observer`) runs over the stretch; from its state before each window the model goes
+on alone with the command as it was put, and once more with each parameter, and each effect, moved a little. A linear
+regression says by how much of each move the windows' errors are explained best, as for a fleet's night
+(`optid.monitoring.one_step`, whose filter of fixed gains loses an axis that stands still for long).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from optid.core.model import Array, Model
+from optid.core.recording import Recording
+from optid.effects.effect import Effect
+from optid.estimation.prediction import HORIZON
+from optid.live.observer import Observer
+from optid.live.settings import Wiring
+from optid.live.twin import Twin
+from optid.monitoring.one_step import NUDGE, Errors, Quantity, explained, points, share
+from optid.rigs.rigfile import Rig, with_effects
+
+RATE = 250.0  # Hz at most: windows hold their commands so long
+WINDOW = HORIZON  # s
+SETTLED = 2  # windows after which the observer knows where the rig stands
+BROAD = 1.4826  # median of absolute errors to sd (normal)
+
+
+@dataclass(frozen=True, eq=False)
+class Stretch:
+    """What the model is run on.
+
+    Attributes:
+        commands: over each hold, in the model's unit, shape (samples,).
+        spans: length of each hold, s, (samples,).
+        measured: at the end of each hold, SI, (samples, outputs); NaN is missing.
+        starts: holds with which windows begin, (windows,).
+        states: of the model there, (windows, states).
+        sd: by which errors are scaled, (outputs,).
+    """
+
+    commands: Array
+    spans: Array
+    measured: Array
+    starts: list[int]
+    states: list[Array]
+    sd: Array
+
+
+def estimates(
+    rig: Rig, wiring: Wiring, recording: Recording, effects: Sequence[Effect]
+) -> dict[str, Quantity]:
+    """Where a stretch puts each parameter that a fit may move, and each strength of each effect, SI.
+
+    Args:
+        rig: whose model runs.
+        wiring: of the session.
+        recording: the stretch, as its log holds it.
+        effects: that the plant admits.
+    """
+    p = rig.model.vector(rig.parameters)
+    stretch = _stretch(rig, wiring, recording, p)
+    base = _run(rig.model, rig.model, p, stretch)
+    scaled = (base - stretch.measured) / stretch.sd
+    known = np.isfinite(scaled) & (stretch.starts[0] <= np.arange(len(scaled)))[:, None]
+    window = np.searchsorted(stretch.starts, np.arange(len(scaled)), side="right")
+    cluster = np.broadcast_to(window[:, None], known.shape)[known]
+
+    def slope(model: Model, vector: Array, step: float) -> Array:
+        moved: Array = ((_run(rig.model, model, vector, stretch) - base) / stretch.sd)[known] / step
+        return np.nan_to_num(moved)
+
+    names = [one.name for one in rig.model.parameters]
+    free = [names.index(one.name) for one in rig.freed if one.name in rig.parameters]
+    slopes = []
+    for i in free:
+        step = NUDGE * max(abs(p[i]), abs(rig.model.parameters[i].typical))
+        slopes.append(slope(rig.model, p + step * (np.arange(len(p)) == i), step))
+    errors = Errors(scaled[known], np.column_stack(slopes) if slopes else np.zeros((known.sum(), 0)), cluster)
+    moved, sd = explained(errors, errors.slopes)
+    found = {
+        names[i]: Quantity(
+            float(p[i] + moved[k]), float(sd[k]), rig.model.parameters[i].unit, share(errors, slopes[k])
+        )
+        for k, i in enumerate(free)
+    }
+    for effect in effects:
+        wide, null = _with(rig, effect), effect.at_null()
+        units = {one.name: one.unit for one in effect.parameters}
+        for name, point, step in points(effect):
+            vector = wide.model.vector({**rig.parameters, **effect.qualified(point)})
+            column = slope(wide.model, vector, step)
+            moved, sd = explained(errors, np.column_stack([errors.slopes, column]))
+            if sd[-1] > 0.0:
+                value, part = null[name] + float(moved[-1]), share(errors, column)
+                found[f"{effect.name}.{name}"] = Quantity(value, float(sd[-1]), units[name], part)
+    return found
+
+
+@lru_cache(maxsize=128)
+def _with(rig: Rig, effect: Effect) -> Rig:
+    """Remembered, so that every look has one compiled model."""
+    return with_effects(rig, (effect,))
+
+
+def _stretch(rig: Rig, wiring: Wiring, recording: Recording, p: Array) -> Stretch:
+    """The observer over the whole of it, and where it stood before each window."""
+    model, roles = rig.model, [port.role for port in rig.model.outputs]
+    time = recording.time
+    every = max(1, math.ceil((len(time) - 1) / (time[-1] - time[0]) / RATE - 1e-6))
+    command = recording[wiring.command.role].values
+    holds = len(time) // every * every - every
+    commands = np.nanmean(command[:holds].reshape(-1, every), axis=1)
+    at = np.arange(every, holds + 1, every)
+    measured = np.full((len(at), len(roles)), np.nan)
+    noise = np.full(len(roles), np.nan)
+    for channel in wiring.measured:
+        measured[:, roles.index(channel.role)] = recording[channel.role].values[at]
+        noise[roles.index(channel.role)] = math.nan if channel.sd is None else channel.sd
+    spans = np.diff(np.r_[time[0], time[at]])
+    observer, starts, states, following = Observer(model, p, noise), [], [], 0.0
+    for k in range(len(at)):
+        if time[at[k]] - time[0] >= following:
+            following += WINDOW
+            starts.append(k)
+            states.append(observer.x.copy())
+        observer.advance(float(commands[k]), float(spans[k]))
+        observer.correct(measured[k])
+    sd = np.where(observer.noise > 0.0, observer.noise, 1.0)
+    return Stretch(commands, spans, measured, starts[SETTLED:], states[SETTLED:], sd)
+
+
+def _run(base: Model, model: Model, vector: Array, stretch: Stretch) -> Array:
+    """Outputs of a model at the end of each hold, windows from the states of the base model, (samples, outputs)."""
+    twin, names = Twin(model, vector), [one.name for one in model.states]
+    places = [names.index(one.name) for one in base.states]
+    outputs = np.full(stretch.measured.shape, np.nan)
+    ends = [*stretch.starts[1:], len(outputs)]
+    first = twin.x.copy()
+    for start, end, state in zip(stretch.starts, ends, stretch.states, strict=True):
+        twin.x[:] = first
+        twin.x[places] = state
+        past = [float(stretch.commands[max(start - 1 - ago, 0)]) for ago in range(len(twin._past))]
+        twin._past[:] = past
+        for k in range(start, end):
+            if not twin.advance(float(stretch.commands[k]), float(stretch.spans[k])):
+                break
+            outputs[k] = twin.outputs()
+    return outputs

@@ -1,0 +1,1 @@
+"""What has become of a fitted rig: estimates that need no search."""
