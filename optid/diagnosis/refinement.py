@@ -18,7 +18,9 @@ from optid.estimation.likelihood_point import LikelihoodFit, LikelihoodPoint, Li
 from optid.estimation.multistep import multistep_loss
 from optid.rigs.rigfile import Rig
 
-LEVELS = np.linspace(0.0, -5.0, 5)  # log: by how much less process noise than a middling one may suit a model
+LEVELS = np.linspace(
+    5.0, -5.0, 9
+)  # log: by how much more or less process noise than a middling one may suit a model
 
 
 @dataclass(frozen=True, eq=False)
