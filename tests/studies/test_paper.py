@@ -14,6 +14,7 @@ from studies.print_diagnosed import PRINT, judge, missing_force
 from studies.table2 import impulse_experiment
 
 
+@pytest.mark.full
 def test_every_figure_is_drawn_once(tmp_path):
     paths = draw_all(tmp_path, quick=True)
     assert [int(path.stem.removeprefix("figure_")) for path in paths] == [*range(1, 5), *range(6, 17)]
