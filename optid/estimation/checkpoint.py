@@ -1,4 +1,7 @@
-"""What a running fit leaves on disk, so that one that was cut short, or killed, can go on."""
+"""What a running fit leaves on disk, so that one that was cut short, or killed, can go on.
+
+One JSON file with a digest of what it keeps: one that was damaged counts as none.
+"""
 
 from __future__ import annotations
 
@@ -12,8 +15,12 @@ from typing import Any
 
 import numpy as np
 
+from optid.core.cache import sources
+from optid.core.document import optional_document
 from optid.core.model import Array
 from optid.estimation.smoother import Objective, Point
+
+_MOST = 2**30  # bytes of a file: some hundred a window of the recordings
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +46,7 @@ class Checkpoint:
 
     @staticmethod
     def of(path: Path | None, o: Objective, p: Array) -> Checkpoint:
-        """The checkpoint of an objective and the parameters it starts from: data, model, values, weights, bounds."""
+        """The checkpoint of an objective and its start: data, equations, values, weights, bounds, and optid's code."""
         digest = hashlib.sha256()
         b = o.problem
         for array in (
@@ -56,33 +63,39 @@ class Checkpoint:
         ):
             digest.update(np.ascontiguousarray(array).tobytes())
         names = [q.name for q in o.model.parameters]
-        digest.update(repr((o.model.name, names, o.free, o.huber)).encode())
+        equations = (o.model.rates, o.model.sensors, o.model.start, o.model.halves)
+        written = [one.serialize() for one in equations if one is not None]
+        facts = (sources(__file__), o.model.name, names, o.free, o.huber, written)
+        digest.update(repr(facts).encode())
         return Checkpoint(path, digest.hexdigest())
 
     def save(self, kept: Kept) -> None:
         """Write whole or not at all; where it cannot be kept, the fit goes on without."""
         if self.path is None:
             return
-        content = {"fit": self.identity, "number": kept.number, "at": _written(kept.at)}
-        if kept.best is not None:
-            content["best"] = _written(kept.best)
+        best = None if kept.best is None else _written(kept.best)
+        stand = {"number": kept.number, "at": _written(kept.at), "best": best}
+        content = {"fit": self.identity, "digest": _digest(stand), "stand": stand}
         draft = self.path.with_name(f"{self.path.name}.{os.getpid()}.part")
-        with contextlib.suppress(OSError):
+        try:
             draft.write_text(json.dumps(content))
             draft.replace(self.path)
+        except OSError:
+            with contextlib.suppress(OSError):
+                draft.unlink(missing_ok=True)
 
     def load(self) -> Kept | None:
         """What this fit left before; ``None`` where there is nothing, or another fit's."""
-        if self.path is None or not self.path.exists():
+        content = None if self.path is None else optional_document(self.path, _MOST)
+        stand = None if content is None or content.get("fit") != self.identity else content.get("stand")
+        if content is None or not isinstance(stand, dict) or content.get("digest") != _digest(stand):
             return None
-        try:
-            content = json.loads(self.path.read_text())
-            if content["fit"] != self.identity:
-                return None
-            best = _read(content["best"]) if "best" in content else None
-            return Kept(int(content["number"]), _read(content["at"]), best)
-        except (OSError, ValueError, KeyError, TypeError, RecursionError):
-            return None  # half a file, or an older kind: the fit begins anew
+        best = None if stand["best"] is None else _read(stand["best"])
+        return Kept(int(stand["number"]), _read(stand["at"]), best)
+
+
+def _digest(stand: dict[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(stand).encode()).hexdigest()
 
 
 def _written(at: Point) -> dict[str, Any]:

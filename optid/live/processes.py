@@ -28,6 +28,7 @@ from optid.live.trial import Verdict
 from optid.pid.controller import Gains
 from optid.rigs.rigfile import read_rig
 
+GUARD_SCHEMA = "optid.guard/1"
 GUARD_FILE = "guard.json"  # how the guard saw the end: there even when nobody else is left
 PRIORITY = 20  # among real-time processes, where the system lets us be one
 
@@ -136,7 +137,7 @@ def _steady(plan: Plan) -> None:
 def _whole(plan: Plan, document: dict[str, Any]) -> None:
     beside = plan.out / f".{GUARD_FILE}.part"
     with contextlib.suppress(OSError):
-        beside.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+        beside.write_text(json.dumps({"schema": GUARD_SCHEMA, **document}, indent=1) + "\n", encoding="utf-8")
         beside.replace(plan.out / GUARD_FILE)
 
 
