@@ -7,11 +7,15 @@ Review 40, 1932). Times that a law resolves by samples are no surer than it says
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 from scipy import stats
 
 from optid.core.model import Array
 from optid.diagnosis.refinement import RefinedModel
+from optid.effects.effect import Effect
 from optid.estimation.likelihood import FAR
 from optid.estimation.likelihood_point import LikelihoodFit
 from optid.estimation.prediction import window_seconds
@@ -50,6 +54,31 @@ def intervals(model: RefinedModel, ratio: float = 1.0) -> tuple[Estimate, ...]:
             )
         )
     return tuple(found)
+
+
+def apart_from_none(estimates: Sequence[Estimate], effect: Effect, p_value: float) -> tuple[Estimate, ...]:
+    """Estimates of which one says that there is some of an effect, where a test rules out that there is none.
+
+    Wald's interval is to first order about the estimate. Of a law that is far from straight between there and none of
+    it, or whose strength trades with its shape, it may hold none of it, however surely a test rules that out. Then the
+    surest strength ends where the test, inverted along a straight line of its signed root, puts it (Cox and Hinkley,
+    Theoretical Statistics, 1974, section 9.3).
+
+    Args:
+        estimates: all parameters, SI.
+        effect: whose model reaches the noise.
+        p_value: of the hypothesis that there is none of it.
+    """
+    root, null = float(stats.norm.isf(p_value / 2)), effect.at_null()
+    least = {f"{effect.name}.{name}": null[name] for name in effect.strength}
+    sizes = [one for one in estimates if one.name in least and one.high > one.low]
+    share = 1.0 - float(stats.norm.ppf(0.5 + 0.95 / 2)) / root
+    if not sizes or share <= 0.0 or any(not e.low <= least[e.name] <= e.high for e in sizes):
+        return tuple(estimates)
+    surest = max(sizes, key=lambda e: abs(e.value - least[e.name]) / (e.high - e.low))
+    end = least[surest.name] + share * (surest.value - least[surest.name])
+    mended = replace(surest, low=end) if surest.value > least[surest.name] else replace(surest, high=end)
+    return tuple(mended if one is surest else one for one in estimates)
 
 
 def _resolution(model: RefinedModel) -> Array:

@@ -12,7 +12,7 @@ from optid.diagnosis.agreement import disagreement
 from optid.diagnosis.alternatives import Alternative
 from optid.diagnosis.evaluation import Evaluation
 from optid.diagnosis.findings import named_findings, own_estimates, unexplained_findings
-from optid.diagnosis.intervals import intervals
+from optid.diagnosis.intervals import apart_from_none, intervals
 from optid.diagnosis.problem import DiagnosisProblem
 from optid.diagnosis.result import Diagnosis, Finding, Suspicion, Verdict
 from optid.diagnosis.selection import SelectionPath
@@ -45,7 +45,9 @@ def conclude(s: Stages) -> Diagnosis:
         # What has no name is kept only for what it predicts.
         s = replace(s, best=s.base, test=s.test.of_base(s.problem.noise))
     base_parameters = intervals(s.base, _birge(s, s.test.base))
-    best_parameters = base_parameters if s.best is s.base else intervals(s.best, _birge(s, s.test.best))
+    best_parameters = (
+        base_parameters if s.best is s.base else _by_tests(s, intervals(s.best, _birge(s, s.test.best)))
+    )
     suspects = _suspects(s, best_parameters)
     verdict = _verdict(s, suspects)
     findings: tuple[Finding, ...] = ()
@@ -106,6 +108,20 @@ def _birge(s: Stages, evaluation: Evaluation) -> float:
     squares = np.nanmean(np.asarray(evaluation.innovations) ** 2, axis=0)
     ratio = min(evaluation.error_over_noise(s.problem.noise), math.sqrt(float(np.nanmax(squares))))
     return ratio if math.isfinite(ratio) and ratio > s.problem.criteria.error_over_noise else 1.0
+
+
+def _by_tests(s: Stages, estimates: tuple[Estimate, ...]) -> tuple[Estimate, ...]:
+    """Intervals that agree with the tests of names, where these bring the model to the noise.
+
+    Beyond the noise the law is not nature's, and its test says that it helps, not how large it is.
+    """
+    if not s.test.best.error_over_noise(s.problem.noise) <= s.problem.criteria.error_over_noise:
+        return estimates
+    for effect in s.best.effects if s.names else ():
+        p = s.test.names[effect.name].p_value
+        if p <= s.problem.criteria.level:
+            estimates = apart_from_none(estimates, effect, p)
+    return estimates
 
 
 def _suspects(s: Stages, estimates: Sequence[Estimate]) -> tuple[Suspicion, ...]:
