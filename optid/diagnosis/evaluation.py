@@ -22,9 +22,10 @@ from optid.estimation.likelihood import (
     run_fixed_gain_filter,
 )
 from optid.estimation.likelihood_point import LikelihoodProblem
+from optid.estimation.moving_horizon import predict_windows
 from optid.estimation.multistep import window_starts
 from optid.estimation.objective import objective_of
-from optid.estimation.prediction import PROCESS_NOISE, predict_windows, window_seconds
+from optid.estimation.prediction import PROCESS_NOISE, window_seconds
 from optid.estimation.problem import Booleans, Integers, Problem, build_problem
 from optid.estimation.result import Score
 

@@ -5,9 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from optid.estimation import prediction
+from optid.core.simulation import simulate
+from optid.estimation import moving_horizon
+from optid.estimation.moving_horizon import predict_windows
 from optid.estimation.objective import objective_of
-from optid.estimation.prediction import PROCESS_NOISE, predict, predict_windows
+from optid.estimation.prediction import PROCESS_NOISE, predict
 from optid.estimation.problem import build_problem
 from optid.estimation.result import Score
 from tests.estimation.cart import RATE, SD, TRUTH, moved, record, recording, rig
@@ -132,7 +134,7 @@ def test_windows_of_a_wrong_model_begin_where_the_newest_data_are(tmp_path, monk
     wrong = rig(tmp_path, gain=TRUTH["gain"], drag=3 * TRUTH["drag"])
     data = recording(np.random.default_rng(9), seconds=6.0)
     in_pieces = predict(wrong, data).scores["window"]["position"].rmse
-    monkeypatch.setattr(prediction, "PIECES", 1)
+    monkeypatch.setattr(moving_horizon, "PIECES", 1)
     assert in_pieces < 0.9 * predict(wrong, data).scores["window"]["position"].rmse
 
 
@@ -152,3 +154,18 @@ def test_how_surely_windows_begin_is_what_the_noise_makes_of_it(cart):
             off = found.starts[w] - [x[begin], v[begin]]
             squares.append(off @ np.linalg.solve(found.covariances[w], off) / 2)
     assert np.mean(squares) == pytest.approx(1.0, abs=0.2)
+
+
+def test_behind_a_window_that_left_the_numbers_the_others_are_predicted(cart, monkeypatch):
+    data = recording(np.random.default_rng(10), seconds=4.0)
+
+    def lost(*given, **named):
+        run = simulate(*given, **named)
+        if np.array_equal(named.get("first"), [3 * WINDOW]):
+            run.states[:], run.outputs[:] = np.nan, np.nan
+        return run
+
+    monkeypatch.setattr(moving_horizon, "simulate", lost)
+    found = predict(cart, data).frame["position_window"].to_numpy()
+    assert np.isnan(found[3 * WINDOW : 4 * WINDOW - 1]).all()
+    assert np.isfinite(found[4 * WINDOW + 1 :]).all()

@@ -1,0 +1,259 @@
+"""Windows predicted from their past alone: a moving horizon of nodes between which the process noise acts.
+
+The newest windows are estimated anew from what was read in them, each in pieces; what lies before them is a Gaussian
+prior (Rao, Rawlings and Mayne, IEEE Trans. Automatic Control 48, 2003). A young estimate begins at several starts.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import stats
+
+from optid.core.model import Array
+from optid.core.simulation import simulate
+from optid.errors import SolveError
+from optid.estimation.initial_trajectory import COARSE, guess, measured_states
+from optid.estimation.problem import Integers, Problem
+from optid.estimation.smoother import Objective, Point, Terms, descend
+
+# Of a window of the past; the process noise acts between them, so that a wrong model follows the newest data: 0.83 mm
+# on the EMPS axis where whole windows err by 1.81.
+PIECES = 5
+MEMORY = 4  # windows of the past that are estimated anew; what lies before them is a Gaussian prior
+LOOSER = (0.3, 0.03, 3e-3)  # shares of each state's size through which the process noise is annealed
+STARTS = 64  # of a young estimate, evenly spread: a power of two
+LIKELIEST = 3  # of them that are gone on from
+
+
+@dataclass(frozen=True, eq=False)
+class WindowPredictions:
+    """Predictions over the windows of a problem.
+
+    Attributes:
+        outputs: (samples, outputs); NaN in the first window of a stretch, before which nothing was read.
+        starts: states where each window begins, SI, (windows, states); NaN in the first of a stretch.
+        covariances: of these, of a model that lacks nothing: with process noise, what is missing would count as
+            uncertain; (windows, states, states).
+    """
+
+    outputs: Array
+    starts: Array
+    covariances: Array
+
+
+def predict_windows(o: Objective, p: Array, q: Array) -> WindowPredictions:
+    """Predictions over the windows of a problem, each from what was read before it.
+
+    Args:
+        o: windows and how outputs are weighted.
+        p: parameters, (parameters,).
+        q: process noise, sd per window and state, SI.
+    """
+    count, nx = len(o.problem.begins), len(o.model.states)
+    found = WindowPredictions(
+        np.full_like(o.problem.measured, np.nan),
+        np.full((count, nx), np.nan),
+        np.full((count, nx, nx), np.nan),
+    )
+    for offset, part, at in stretches(o, p):
+        head = int(np.searchsorted(o.problem.begins, offset))
+        for w, start, covariance, outputs in _windows(part, at, q):
+            begin, length = int(part.problem.begins[w]), int(part.problem.counts[w])
+            keep = length + 1 if w == len(part.problem.begins) - 1 else length
+            found.outputs[offset + begin : offset + begin + keep] = outputs[:keep]
+            found.starts[head + w], found.covariances[head + w] = start, covariance
+    return found
+
+
+def stretches(o: Objective, p: Array) -> Iterator[tuple[int, Objective, Point]]:
+    """Stretches between which nothing is carried: first sample, windows, and a guess of the states at their starts."""
+    heads = np.flatnonzero(o.heads)
+    for head, stop in zip(heads, [*heads[1:], len(o.problem.begins)], strict=True):
+        part = _segment(o, int(head), int(stop))
+        guessed = guess(part.model, part.problem, p)
+        yield int(o.problem.begins[head]), part, Point(np.where(np.isfinite(guessed), guessed, o.start), p)
+
+
+def _segment(o: Objective, head: int, stop: int) -> Objective:
+    """Windows head..stop-1 as a problem of their own."""
+    b = o.problem
+    first, last = int(b.begins[head]), int(b.begins[stop - 1] + b.counts[stop - 1]) + 1
+    rows, pick = slice(first, last), slice(head, stop)
+    part = Problem(
+        b.time[rows],
+        np.ascontiguousarray(b.dt[rows]),
+        np.ascontiguousarray(b.inputs[rows]),
+        np.ascontiguousarray(b.measured[rows]),
+        b.begins[pick] - first,
+        b.counts[pick],
+        b.closed[pick],
+        b.linked[pick],
+        b.recording[pick],
+    )
+    return replace(o, problem=part, weight=np.ascontiguousarray(o.weight[rows]))
+
+
+def past_of(o: Objective, first: int, stop: int, mean: Array, spread: Array) -> Objective:
+    """Windows first..stop-1 up to, not including, the sample at which window `stop` begins."""
+    b = o.problem
+    part = _segment(o, first, stop)
+    closed = np.zeros(stop - first, dtype=bool)
+    linked = np.ones(stop - first, dtype=bool)
+    linked[-1] = False
+    assert len(b.begins) >= stop
+    return replace(
+        part, problem=replace(part.problem, closed=closed, linked=linked), start=mean, spread=spread
+    )
+
+
+def best_estimate(o: Objective, at: Point, q: Array) -> tuple[Point, Terms]:
+    """The likeliest estimate, of those from the guess and from the likeliest of many starts.
+
+    An axis that sticks in the model and moves on the rig leaves no slope to follow, and two pairs of pressures that
+    nothing shows may suit a first window.
+    """
+    found = []
+    for near in (at, *_likeliest(o, at)):
+        with contextlib.suppress(SolveError):
+            found.append(_annealed(o, near, q))
+    if not found:
+        raise SolveError("the model leaves the numbers within the first windows")
+    return min(found, key=lambda one: one[1].cost)
+
+
+def _likeliest(o: Objective, at: Point) -> list[Point]:
+    """The free runs that explain the data best, of starts spread over the states that no recorded output shows."""
+    b = o.problem
+    recorded = set(np.flatnonzero(np.isfinite(b.measured).any(axis=0)).tolist())
+    shown = {i for states in measured_states(o.model) for i, j in states.items() if j in recorded}
+    hidden = [i for i in range(len(o.spread)) if i not in shown]
+    if not hidden:
+        return []
+    z = stats.norm.ppf(stats.qmc.Sobol(len(hidden), scramble=False).random(STARTS) + 0.5 / STARTS)
+    starts = np.tile(at.X[0], (STARTS, 1))
+    starts[:, hidden] = o.start[hidden] + o.spread[hidden] * z
+    run = simulate(o.model, at.p, starts, b.dt, b.inputs, tolerance=COARSE)
+    off = (run.outputs - b.measured[: run.outputs.shape[1]]) * o.weight[: run.outputs.shape[1]]
+    lost = ~np.isfinite(run.outputs).all(axis=(1, 2))
+    cost = np.where(lost, np.inf, np.nansum(off**2, axis=(1, 2)) + (z**2).sum(axis=1))
+    return [Point(run.states[k, b.begins - b.begins[0]], at.p) for k in np.argsort(cost)[:LIKELIEST]]
+
+
+def _annealed(o: Objective, at: Point, q: Array) -> tuple[Point, Terms]:
+    """Loose to tight: started tight, a node that sticks keeps pressures the data would correct."""
+    terms = None
+    for looser in LOOSER:
+        level = np.maximum(q, looser * o.model.scales)
+        at, terms, _ = descend(o, at, level, precision=1e-4, terms=terms)
+    return _tight(o, at, q, terms)
+
+
+def _tight(o: Objective, at: Point, q: Array, terms: Terms | None = None) -> tuple[Point, Terms]:
+    """From a start that is near: the window before carried most of it here."""
+    at, terms, _ = descend(o, at, q, precision=1e-6, terms=terms)
+    return at, terms
+
+
+def _windows(o: Objective, at: Point, q: Array) -> Iterator[tuple[int, Array, Array, Array]]:
+    """For every window after the first: its number, where it starts, how surely, and predicted outputs."""
+    b = o.problem
+    fine, nodes = _refined(o)
+    q = q / np.sqrt(PIECES)
+    mean, spread, first, young = o.start, o.spread, 0, 0
+    scales = o.model.scales
+    unknown = _Uncertainty(*[np.diag((o.spread / scales) ** 2)] * 2)
+    sure = unknown
+    X = np.full((len(fine.problem.begins), len(o.spread)), np.nan)
+    for w in range(len(b.begins)):
+        begin = nodes[w]
+        if w == 0:
+            X[0] = at.X[0]
+        else:
+            past = past_of(fine, first, begin, mean, spread)
+            try:
+                near = Point(X[first:begin], at.p)
+                found, terms = best_estimate(past, near, q) if first == young else _tight(past, near, q)
+                X[first:begin], X[begin] = found.X, terms.end[-1]
+                for k in range(nodes[w - 1] - first, begin - first):
+                    sure = sure.after(terms, k, q, scales)
+                if w - np.searchsorted(nodes, first) >= MEMORY:
+                    leaves = nodes[np.searchsorted(nodes, first) + 1] - first
+                    mean, spread = _arrival(past, found, terms, q, int(leaves))
+                    first += int(leaves)
+            except SolveError:  # the model leaves the numbers: from here on anew
+                X[begin] = at.X[w]
+                mean, spread, first, young = X[begin], o.spread, begin, begin
+                sure = unknown
+        run = simulate(
+            o.model, at.p, X[begin], b.dt, b.inputs, first=b.begins[w : w + 1], intervals=int(b.counts[w])
+        )
+        # What the model carries to the nodes within the window is the next estimate's guess: it knows the past only.
+        stop = nodes[w + 1] if w + 1 < len(nodes) else len(X)
+        X[begin + 1 : stop] = run.states[0, fine.problem.begins[begin + 1 : stop] - b.begins[w]]
+        if w:
+            yield w, X[begin].copy(), sure.actual * np.outer(scales, scales), run.outputs[0]
+
+
+def _refined(o: Objective) -> tuple[Objective, Integers]:
+    """The same with every window cut into `PIECES`, and the node at which each window begins, (windows,)."""
+    b = o.problem
+    cuts = [
+        begin + np.unique(np.round(np.linspace(0, count, min(PIECES, count) + 1)).astype(int))
+        for begin, count in zip(b.begins.tolist(), b.counts.tolist(), strict=True)
+    ]
+    each = np.array([len(edges) - 1 for edges in cuts])
+    last = np.cumsum(each) - 1
+    closed, linked = np.zeros(last[-1] + 1, dtype=bool), np.ones(last[-1] + 1, dtype=bool)
+    closed[last], linked[last] = b.closed, b.linked
+    fine = replace(
+        b,
+        begins=np.concatenate([edges[:-1] for edges in cuts]),
+        counts=np.concatenate([np.diff(edges) for edges in cuts]),
+        closed=closed,
+        linked=linked,
+        recording=np.repeat(b.recording, each),
+    )
+    return replace(o, problem=fine), last + 1 - each
+
+
+@dataclass(frozen=True, eq=False)
+class _Uncertainty:
+    """Covariances of a filter's state in units of the states' sizes, (states, states).
+
+    Attributes:
+        assumed: what the filter weighs data against, its process noise included.
+        actual: what its gains make of the measurement's noise where the model lacks nothing.
+    """
+
+    assumed: Array
+    actual: Array
+
+    def after(self, terms: Terms, k: int, q: Array, scales: Array) -> _Uncertainty:
+        """Where the piece k ends, from where it began and what was read in it, with process noise `q`."""
+        nx = len(scales)
+        H = terms.H[k, :nx, :nx] * np.outer(scales, scales)
+        slope = terms.slope[k, :, :nx] * scales / scales[:, None]
+        values, vectors = np.linalg.eigh(self.assumed)
+        root = vectors * np.sqrt(np.maximum(values, 0.0))
+        left = root @ np.linalg.solve(np.eye(nx) + root.T @ H @ root, root.T)
+        kept = np.eye(nx) - left @ H
+        actual = kept @ self.actual @ kept.T + left @ H @ left.T
+        return _Uncertainty(slope @ left @ slope.T + np.diag((q / scales) ** 2), slope @ actual @ slope.T)
+
+
+def _arrival(past: Objective, found: Point, terms: Terms, q: Array, leaves: int) -> tuple[Array, Array]:
+    """What the pieces that leave the horizon say of the next node: mean and sd, with the process noise added."""
+    nx, D = len(q), past.model.scales
+    mean, spread = past.start, past.spread
+    for k in range(leaves):
+        information = terms.H[k, :nx, :nx] + np.diag(1 / spread**2)
+        inverse = np.linalg.inv(information * np.outer(D, D)) * np.outer(D, D)
+        slope = terms.slope[k, :, :nx]
+        move = inverse @ (terms.g[k, :nx] - (found.X[k] - mean) / spread**2)
+        mean = terms.end[k] + slope @ move
+        spread = np.sqrt(np.diag(slope @ inverse @ slope.T) + q**2)
+    return mean, spread
