@@ -20,7 +20,7 @@ from typing import Any
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))
 
-from optid.live.commissioning import RIG_FILE, Since  # noqa: E402
+from optid.live.commissioning import RIG_FILE, Commissioned  # noqa: E402
 from optid.live.driver import open_driver  # noqa: E402
 from optid.live.following import LEAST, LOOKS, SECONDS, look  # noqa: E402
 from optid.live.lockstep import run_lockstep  # noqa: E402
@@ -76,7 +76,9 @@ def session(real: str, seed: int, folder: Path) -> list[list[str]]:
         (folder / LOG).write_text(head + "".join(rows[: round((k + 1) * SECONDS * RATE)]), encoding="utf-8")
         looks.append(look(SimpleNamespace(rig=path, out=folder), RATE))  # type: ignore[arg-type]
         if len(looks) >= LEAST:
-            since = Since(RIG_FILE, {name: (value, 0.0, 0.0) for name, value in looks[-1].stated.items()})
+            since = Commissioned(
+                RIG_FILE, {name: (value, 0.0, 0.0) for name, value in looks[-1].stated.items()}
+            )
             found = since.compare([one.found for one in looks], looks[-1].bounds, SECONDS)
             told.append([one.name for one in found if one.changed])
     return told

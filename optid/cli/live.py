@@ -274,9 +274,9 @@ def _stopped_by_signals(session: Session) -> Iterator[None]:
 
 def _run(session: Session, tune_after: float | None, way_in: tuple[Door, socket.socket] | None) -> None:
     """From the first sample to the last, with a page or without."""
-    from optid.live.pilot import Pilot
+    from optid.live.automatic_tuning import AutomaticTuning
 
-    said, pilot = 0, Pilot(session, tune_after)
+    said, pilot = 0, AutomaticTuning(session, tune_after)
 
     def after_poll() -> None:
         nonlocal said

@@ -71,7 +71,7 @@ def _nothing_more(d: Diagnosis) -> str:
     name = strongest.effects[-1].name
     return (
         f"{name.replace('_', ' ').replace('@', ' at ').capitalize()} predicts it better ({p_told(p)}), too little "
-        f"to be named: {dict(d.rejected)[name]}."
+        f"to be named: {dict(d.rejected).get(name, 'others made it idle')}."
     )
 
 

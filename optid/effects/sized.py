@@ -18,7 +18,7 @@ ALIKE = (
 )
 
 
-class Sized(Effect):
+class ScaledEffect(Effect):
     """An effect with its parameters in the units of an axis, and their sizes in proportion.
 
     Args:
@@ -81,4 +81,4 @@ class _SizedSheet:
 def sized(effect: Effect, axis: Axis | None) -> Effect:
     """An effect as it stands on an axis; itself where it is no effect of the catalogue, or a plant states no axis."""
     own = type(effect).__module__.startswith("optid.effects.catalogue.")
-    return Sized(effect, axis) if own and axis is not None else effect
+    return ScaledEffect(effect, axis) if own and axis is not None else effect

@@ -5,7 +5,7 @@ from __future__ import annotations
 from optid.live.session import Session
 
 
-class Pilot:
+class AutomaticTuning:
     """Call `look` after each `poll` of the session.
 
     Args:

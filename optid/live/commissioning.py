@@ -27,7 +27,7 @@ RIG_FILE = "the rig file"
 
 
 @dataclass(frozen=True)
-class Standing:
+class ParameterChange:
     """One quantity, SI.
 
     Attributes:
@@ -65,7 +65,7 @@ class Standing:
 
 
 @dataclass(frozen=True)
-class Since:
+class Commissioned:
     """What a rig was commissioned with, by quantity: value, sd and explained share; and where that is from."""
 
     source: str
@@ -76,7 +76,7 @@ class Since:
         looks: Sequence[Mapping[str, Quantity]],
         bounds: Mapping[str, tuple[float, float]],
         seconds: float,
-    ) -> list[Standing]:
+    ) -> list[ParameterChange]:
         """Each quantity that the looks have in common with this, the first suspect first.
 
         Args:
@@ -91,7 +91,7 @@ class Since:
             then, then_sd, share = self.values[name]
             now, sd = joined([look[name] for look in looks])
             explained = fmean(look[name].explained for look in looks)
-            one = Standing(name, looks[-1][name].unit, then, then_sd, now, sd, explained)
+            one = ParameterChange(name, looks[-1][name].unit, then, then_sd, now, sd, explained)
             low, high = bounds.get(name, (-math.inf, math.inf))
             if sd > 0.0:
                 gained = explained - share >= SHARE or then_sd > 0.0
@@ -115,7 +115,7 @@ def joined(estimates: Sequence[Quantity]) -> tuple[float, float]:
     return mean, math.sqrt(max(birge, 1.0) / total)
 
 
-def read_since(path: Path) -> Since:
+def read_since(path: Path) -> Commissioned:
     """What an earlier session, such as that of the commissioning, has found of the same rig.
 
     Args:
@@ -136,10 +136,10 @@ def read_since(path: Path) -> Since:
             field="followed",
             expected="the live.json of a session that followed the parameters: a minute or more, with motion",
         ) from None
-    return Since(str(path), values)
+    return Commissioned(str(path), values)
 
 
-def sentence(standings: Sequence[Standing], source: str, seconds: float, command: str) -> str:
+def sentence(standings: Sequence[ParameterChange], source: str, seconds: float, command: str) -> str:
     """What is suspected, and what settles it."""
     changed = [one for one in standings if one.changed]
     if not changed:
@@ -152,7 +152,7 @@ def sentence(standings: Sequence[Standing], source: str, seconds: float, command
     )
 
 
-def document(standings: Sequence[Standing], source: str, words: str, command: str) -> dict[str, Any]:
+def document(standings: Sequence[ParameterChange], source: str, words: str, command: str) -> dict[str, Any]:
     """As live.json and the page have it."""
     half = 1.96
     rows = [

@@ -15,7 +15,7 @@ LEAST = 3  # tries, however short the time is
 
 
 @dataclass(frozen=True)
-class Put:
+class WriteOutcome:
     """What came of it.
 
     Attributes:
@@ -43,7 +43,7 @@ class Failsafe:
     reopen: Callable[[], Driver] | None = None
     announce: Callable[[], None] = lambda: None
 
-    def put(self, driver: Driver | None, write: Callable[[Driver], object]) -> Put:
+    def put(self, driver: Driver | None, write: Callable[[Driver], object]) -> WriteOutcome:
         """Write until that succeeds or the time is over.
 
         Args:
@@ -55,7 +55,7 @@ class Failsafe:
             try:
                 driver = driver or self._fresh()
                 write(driver)
-                return Put(driver, time.monotonic() - begun, error)
+                return WriteOutcome(driver, time.monotonic() - begun, error)
             except (Exception, SystemExit) as problem:  # whatever a driver raises
                 error = f"{type(problem).__name__}: {problem}".rstrip(": ")
             failed += 1
@@ -67,7 +67,7 @@ class Failsafe:
                 driver = None
             left = begun + self.seconds - time.monotonic()
             if left <= 0.0 and failed >= LEAST:
-                return Put(driver, None, error)
+                return WriteOutcome(driver, None, error)
             time.sleep(min(wait, max(left, FIRST)))
             wait = min(2 * wait, LONGEST)
 

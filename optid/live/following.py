@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from optid.live.background import Background
-from optid.live.commissioning import RIG_FILE, Since, document, read_since, sentence
+from optid.live.commissioning import RIG_FILE, Commissioned, document, read_since, sentence
 from optid.live.log import LOG
 from optid.live.plan import Plan
 from optid.live.slices import last_rows, offer_diagnosis
@@ -27,7 +27,7 @@ LEAST = 2  # looks before anything is said
 
 
 @dataclass(frozen=True, eq=False)
-class Look:
+class StretchEstimates:
     """What a stretch shows, what the rig file says of the same (an effect's null), and what can be."""
 
     found: Mapping[str, Quantity]
@@ -35,7 +35,7 @@ class Look:
     bounds: Mapping[str, tuple[float, float]]
 
 
-class Following:
+class ParameterMonitor:
     """One look at a time, in the background.
 
     Args:
@@ -53,8 +53,8 @@ class Following:
     def __init__(self, plan: Plan, rate: float, note: Callable[[str], None]) -> None:
         self._plan, self._rate, self._note = plan, rate, note
         self._since = None if plan.since is None else read_since(plan.since)
-        self._background: Background[Look | str] = Background(not plan.fast)
-        self._looks: deque[Look] = deque(maxlen=LOOKS)
+        self._background: Background[StretchEstimates | str] = Background(not plan.fast)
+        self._looks: deque[StretchEstimates] = deque(maxlen=LOOKS)
         self._next, self._first, self._command, self._failed = SECONDS, "", "", ""
         self.standing: dict[str, Any] | None = None
 
@@ -73,7 +73,7 @@ class Following:
             found = f"{type(error).__name__}: {error}"
         if found is not None:
             self._next = max(self._next, now + SECONDS)  # from the end of a look on: stretches do not overlap
-        if isinstance(found, Look):
+        if isinstance(found, StretchEstimates):
             self._looks.append(found)
             if len(self._looks) >= LEAST:
                 self._judge()
@@ -88,7 +88,7 @@ class Following:
     def _judge(self) -> None:
         newest = self._looks[-1]
         stated = {name: (value, 0.0, 0.0) for name, value in newest.stated.items()}
-        since = self._since or Since(RIG_FILE, stated)
+        since = self._since or Commissioned(RIG_FILE, stated)
         standings = since.compare([one.found for one in self._looks], newest.bounds, SECONDS)
         first = next((one.name for one in standings if one.changed), "")
         fresh, self._first = first != self._first, first
@@ -111,7 +111,7 @@ def _understood(path: Path) -> tuple[Rig, tuple[Effect, ...]]:
     return rig, tuple(one for one in admitted(rig.model) if one.name in built_in())
 
 
-def look(plan: Plan, rate: float) -> Look | str:
+def look(plan: Plan, rate: float) -> StretchEstimates | str:
     """Estimate everything from the newest stretch of a session's log; why not, where that cannot be."""
     from optid.core.readers import read_recording
     from optid.errors import OptidError
@@ -133,4 +133,4 @@ def look(plan: Plan, rate: float) -> Look | str:
     for one in effects:
         stated |= one.qualified(one.at_null())
         bounds |= {f"{one.name}.{q.name}": q.bounds for q in one.parameters}
-    return Look({name: one for name, one in found.items() if name in stated}, stated, bounds)
+    return StretchEstimates({name: one for name, one in found.items() if name in stated}, stated, bounds)

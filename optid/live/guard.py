@@ -15,9 +15,9 @@ from optid.errors import JobError
 from optid.live.clock import Clock
 from optid.live.driver import Driver, EndOfData
 from optid.live.failsafe import Failsafe
-from optid.live.fence import Fence
 from optid.live.log import Layout, Log
 from optid.live.messages import Link, LoopLost, Reply, Sample
+from optid.live.motion_limiter import MotionLimiter
 from optid.live.settings import Settings, Wiring
 from optid.live.timing import Durations
 
@@ -69,7 +69,7 @@ class End:
     safe_after: float | None = None
 
 
-class Absurd(JobError):
+class ImplausibleReading(JobError):
     """A reading that no working sensor gives."""
 
 
@@ -113,7 +113,7 @@ class Guard:
         self.driver: Driver | None = driver
         self._driver, self._link, self._clock, self._log = driver, link, clock, log
         self._wiring, self._settings, self._limits = wiring, settings, settings.limits
-        self._failsafe, self._fence = failsafe or Failsafe(), Fence(settings)
+        self._failsafe, self._fence = failsafe or Failsafe(), MotionLimiter(settings)
         self._standing = self._accepted = settings.limits.safe
         command, width = wiring.command, self._limits.high - self._limits.low
         resolution = abs(getattr(driver, "resolution", 0.0) * command.factor * command.per_unit)
@@ -142,7 +142,7 @@ class Guard:
             how, why = How.STOPPED, str(stop)
         except LoopLost as lost:
             how, why = How.FAILED, f"the loop has gone ({lost})"
-        except (Silence, Absurd) as wrong:
+        except (Silence, ImplausibleReading) as wrong:
             how, why = How.FAILED, str(wrong)
         except (Exception, SystemExit) as error:  # whatever a driver raises
             how, why = How.FAILED, f"{type(error).__name__}: {error}"
@@ -214,13 +214,13 @@ class Guard:
             )
         for value, channel in zip(values, channels, strict=True):
             if math.isinf(value):
-                raise Absurd(f"{channel.role} reads {value:g}")
+                raise ImplausibleReading(f"{channel.role} reads {value:g}")
         position, (low, high) = channels[0], self._limits.stroke
         measured = position.factor * values[0] + position.shift
         known = math.isfinite(high - low)
         middle, most = ((low + high) / 2, ABSURD * (high - low)) if known else (0.0, NOWHERE)
         if abs(measured - middle) > most:
-            raise Absurd(
+            raise ImplausibleReading(
                 f"{position.role} reads {measured:g} {position.recorded_unit}, far beyond the stroke"
             )
         return values, measured

@@ -14,7 +14,7 @@ from optid.live.settings import Settings
 BASE = 0.02  # s over which the speed is measured, two samples at least
 
 
-class Fence:
+class MotionLimiter:
     """Watches the position and holds commands back.
 
     Args:

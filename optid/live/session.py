@@ -14,7 +14,7 @@ from optid.armax.model import Armax
 from optid.core.model import Array
 from optid.errors import InputError, JobError
 from optid.live.events import Events
-from optid.live.following import Following
+from optid.live.following import ParameterMonitor
 from optid.live.log import LOG, sweep
 from optid.live.pipes import ready, tell, told
 from optid.live.plan import Plan, ring_sizes, session_settings
@@ -70,7 +70,7 @@ class Session:
         self.diagnosis, self.trials = "", []
         self.rig_name, self.model = rig.name, None
         self.tuning, self._wants = Tuning(plan, self.events.note), False
-        self.following = Following(plan, self.settings.rate, self.events.note)
+        self.following = ParameterMonitor(plan, self.settings.rate, self.events.note)
         self.end: dict[str, Any] | None = None
         self._progress = (0, math.inf)  # samples seen, and when the last new one was
         choices = plan.choices

@@ -22,7 +22,7 @@ from optid.estimation.prediction import HORIZON
 from optid.live.observer import Observer
 from optid.live.settings import Wiring
 from optid.live.twin import Twin
-from optid.monitoring.one_step import NUDGE, Errors, Quantity, explained, points, share
+from optid.monitoring.one_step import NUDGE, Quantity, WindowErrors, explained, points, share
 from optid.rigs.rigfile import Rig, with_effects
 
 RATE = 250.0  # Hz at most: windows hold their commands so long
@@ -81,7 +81,9 @@ def estimates(
     for i in free:
         step = NUDGE * max(abs(p[i]), abs(rig.model.parameters[i].typical))
         slopes.append(slope(rig.model, p + step * (np.arange(len(p)) == i), step))
-    errors = Errors(scaled[known], np.column_stack(slopes) if slopes else np.zeros((known.sum(), 0)), cluster)
+    errors = WindowErrors(
+        scaled[known], np.column_stack(slopes) if slopes else np.zeros((known.sum(), 0)), cluster
+    )
     moved, sd = explained(errors, errors.slopes)
     found = {
         names[i]: Quantity(

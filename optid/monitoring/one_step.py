@@ -65,7 +65,7 @@ class Quantity:
 
 
 @dataclass(frozen=True, eq=False)
-class Errors:
+class WindowErrors:
     """Windows' errors at the fitted parameters, in sd, their slopes, and which cluster each belongs to."""
 
     z: Array
@@ -122,7 +122,7 @@ def _admitted(model: Model, watch: tuple[str, ...]) -> tuple[Effect, ...]:
     return tuple(one for one in admitted(model) if one.name in watch)
 
 
-def _errors(q: LikelihoodProblem, p: Array, guide: Filtered) -> Errors:
+def _errors(q: LikelihoodProblem, p: Array, guide: Filtered) -> WindowErrors:
     free = list(q.free)
     P = np.tile(p, (len(free) + 1, 1))
     steps = np.where(p[free] + NUDGE * q.typical > q.high, -NUDGE, NUDGE) * q.typical
@@ -134,7 +134,7 @@ def _errors(q: LikelihoodProblem, p: Array, guide: Filtered) -> Errors:
     block = np.floor(q.problem.time / CLUSTER + 1e-9).astype(np.int64)
     cluster = np.unique(np.stack([owner, block]), axis=1, return_inverse=True)[1].ravel()
     slopes = ((np.array(others) - z) / steps[:, None]).T if free else np.zeros((len(z), 0))
-    return Errors(z, slopes, np.broadcast_to(cluster[:, None], known.shape)[known])
+    return WindowErrors(z, slopes, np.broadcast_to(cluster[:, None], known.shape)[known])
 
 
 def _sizes(
@@ -144,7 +144,7 @@ def _sizes(
     p: Array,
     plain: LikelihoodProblem,
     guide: Filtered,
-    errors: Errors,
+    errors: WindowErrors,
 ) -> dict[str, Quantity]:
     """What each strength of an effect comes to beside the parameters, one at a time."""
     wide = with_effect(rig, effect)
@@ -176,14 +176,14 @@ def points(effect: Effect) -> list[tuple[str, dict[str, float], float]]:
     return moves
 
 
-def share(errors: Errors, slope: Array) -> float:
+def share(errors: WindowErrors, slope: Array) -> float:
     """Share of the squared errors that go when one quantity alone is moved; those far out count linearly."""
     weight = np.minimum(1.0, FAR / np.maximum(np.abs(errors.z), 1e-12))
     across = float(slope @ (weight * errors.z))
     return across**2 / max(float(slope @ (weight * slope)) * float(errors.z @ (weight * errors.z)), 1e-300)
 
 
-def explained(errors: Errors, slopes: Array) -> tuple[Array, Array]:
+def explained(errors: WindowErrors, slopes: Array) -> tuple[Array, Array]:
     """By how much of each slope (rows, some) the errors are explained best, and the sd of that, (some,) each.
 
     Errors beyond `FAR` sd count linearly (Huber); the sd are those that the scatter among clusters gives (sandwich).

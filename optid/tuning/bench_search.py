@@ -86,7 +86,7 @@ def search_on_bench(
     """
     points = np.vstack([seeds, _spread_out(task, within, FIRST, rng)])
     values, used = _judged(task, within, points, (1,), effort), len(points)
-    seen = Seen(points, values, np.ones(len(points)))
+    seen = EvaluatedCandidates(points, values, np.ones(len(points)))
     for number, stage in enumerate(STAGES):
         if effort.over():
             break
@@ -104,16 +104,16 @@ def search_on_bench(
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class EvaluatedCandidates:
     """What candidates cost so far: points (n, free), costs (n,), and in how many runs of each size (n,)."""
 
     points: Array
     costs: Array
     runs: Array
 
-    def and_also(self, points: Array, costs: Array, runs: int) -> Seen:
+    def and_also(self, points: Array, costs: Array, runs: int) -> EvaluatedCandidates:
         """With more of them."""
-        return Seen(
+        return EvaluatedCandidates(
             np.vstack([self.points, points]),
             np.r_[self.costs, costs],
             np.r_[self.runs, np.full(len(points), float(max(runs, 1)))],

@@ -8,8 +8,8 @@ import pytest
 
 from optid.effects import library
 from optid.errors import InputError
-from optid.live.commissioning import RIG_FILE, Since, joined, read_since, sentence
-from optid.live.following import SECONDS, Following, Look, look
+from optid.live.commissioning import RIG_FILE, Commissioned, joined, read_since, sentence
+from optid.live.following import SECONDS, ParameterMonitor, StretchEstimates, look
 from optid.live.loop import Choices
 from optid.monitoring.one_step import Quantity
 from optid.pid.controller import Gains
@@ -29,7 +29,7 @@ def test_estimates_are_joined_by_their_weights_and_scatter_is_not_overlooked():
 
 def test_noise_is_told_as_rarely_as_promised():
     rng = np.random.default_rng(5)
-    since, told = Since(RIG_FILE, {str(k): (0.0, 0.0, 0.0) for k in range(50)}), 0
+    since, told = Commissioned(RIG_FILE, {str(k): (0.0, 0.0, 0.0) for k in range(50)}), 0
     for _ in range(400):
         looks = [{str(k): of(rng.normal(0.0, 0.1)) for k in range(50)} for _ in range(4)]
         told += any(one.changed for one in since.compare(looks, {}, 20.0))
@@ -37,7 +37,7 @@ def test_noise_is_told_as_rarely_as_promised():
 
 
 def test_the_first_suspect_explains_most_and_can_be():
-    since = Since(
+    since = Commissioned(
         RIG_FILE,
         dict.fromkeys(("sure.but_slight", "leak.area", "drag.negative", "quiet"), (0.0, 0.0, 0.0)),
     )
@@ -75,9 +75,9 @@ def test_like_is_held_against_like(tmp_path):
 def test_it_says_something_once_and_says_why_not(tmp_path, monkeypatch):
     said = []
     plan = SimpleNamespace(rig="rig.toml", out=tmp_path, since=None, fast=True)
-    following = Following(plan, 1000.0, said.append)
+    following = ParameterMonitor(plan, 1000.0, said.append)
     (tmp_path / "recording.csv").write_text("t,u,x\n0,0,0\n")
-    look = Look({"f": of(9.0)}, {"f": 1.0}, {})
+    look = StretchEstimates({"f": of(9.0)}, {"f": 1.0}, {})
     answers = iter([None, "no motion", "no motion", look, look, look])
     monkeypatch.setattr(following._background, "begin", lambda *arguments: None)
     monkeypatch.setattr(following._background, "result", lambda: next(answers))
@@ -103,7 +103,7 @@ def test_a_valve_offset_is_suspected_and_a_sound_rig_is_not(bench, run_live, tmp
     _, _, path = run_live(read_rig(session), seconds=SECONDS, choices=Choices(Gains(25.0)))
     path.rename(tmp_path / "recording.csv")
     found = look(SimpleNamespace(rig=session, out=tmp_path), 250.0)
-    since = Since(RIG_FILE, {name: (value, 0.0, 0.0) for name, value in found.stated.items()})
+    since = Commissioned(RIG_FILE, {name: (value, 0.0, 0.0) for name, value in found.stated.items()})
     told = [one for one in since.compare([found.found], found.bounds, SECONDS) if one.changed]
     assert [one.name for one in told[:1]] == ["valve_offset.offset"] * bool(offset)
     assert all(one.now == pytest.approx(offset, abs=3 * one.sd) for one in told[:1])

@@ -12,10 +12,10 @@ from optid.core.recording import ChannelMap
 from optid.live.clock import FastClock
 from optid.live.driver import EndOfData
 from optid.live.failsafe import Failsafe
-from optid.live.fence import Fence
 from optid.live.guard import Guard, How, Stop
 from optid.live.log import Layout, Log
 from optid.live.messages import LoopLost, Reply
+from optid.live.motion_limiter import MotionLimiter
 from optid.live.settings import Limits, Settings, Wiring
 
 SAFE = 0.5
@@ -273,7 +273,7 @@ class Stopwatch:
     ],
 )
 def test_a_fence_lets_only_what_leads_back_through(limits, ahead, sample):
-    fence, held = Fence(replace(SETTINGS, limits=replace(LIMITS, **limits), ahead=ahead)), None
+    fence, held = MotionLimiter(replace(SETTINGS, limits=replace(LIMITS, **limits), ahead=ahead)), None
     for n in range(790):  # 0.1 m/s from 0.1 s on: at the end of the stroke, 0.1 m, after 0.8 s
         y = math.nan if n == 50 else 0.03 + 1e-4 * max(n - 100, 0)
         if fence.held(1e-3 * n, y, 3.0) == SAFE and held is None:

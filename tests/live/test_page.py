@@ -24,7 +24,7 @@ from aiohttp.test_utils import TestClient, TestServer
 from optid.errors import InputError
 from optid.live.events import Events
 from optid.live.loop import ORDERS, Choices
-from optid.live.page.door import ADDRESSES, PAUSE, PROTOCOL, WRONG, Attempts, Door
+from optid.live.page.door import ADDRESSES, PAUSE, PROTOCOL, WRONG, Door, FailedAttempts
 from optid.live.page.server import CONNECTIONS, FILES, READERS, Page, served
 from optid.live.plan import SIGNALS, slow_columns
 from optid.live.ring import Ring
@@ -152,7 +152,7 @@ def test_after_too_many_wrong_tokens_an_address_waits(session):
 
 def test_who_waited_may_try_again_and_others_need_not_wait():
     now = 0.0
-    attempts = Attempts(lambda: now)
+    attempts = FailedAttempts(lambda: now)
     for _ in range(WRONG):
         attempts.wrong("one")
         now += 1.0

@@ -14,7 +14,7 @@ from optid.armax.sliding import SlidingAxis
 from optid.errors import InputError
 from optid.pid.controller import Controller, Gains, Settings
 from optid.tuning.baselines import Baseline
-from optid.tuning.bench_search import Seen
+from optid.tuning.bench_search import EvaluatedCandidates
 from optid.tuning.criterion import Criterion
 from optid.tuning.integrator import Integrator, with_integrator
 from optid.tuning.judges import FITTED
@@ -308,9 +308,11 @@ def test_luck_is_not_shared_among_neighbours():
     valley = 0.5 + 0.01 * np.random.default_rng(0).standard_normal((20, 2))
     points = np.vstack([valley, [[0.52, 0.52]], 0.1 + 0.01 * np.random.default_rng(1).random((20, 2))])
     costs = np.r_[np.full(20, 1.0), 5.0, np.full(19, 3.0), 0.9]
-    seen = Seen(points, costs, np.ones(41))
+    seen = EvaluatedCandidates(points, costs, np.ones(41))
     best = seen.best(points, 10)
     assert np.all(np.linalg.norm(best - 0.5, axis=1) < 0.1)
     more = seen.and_also(points[-1:], np.array([0.5]), 200)
     assert np.linalg.norm(more.best(points, 1)[0] - points[-1]) < 0.02
-    assert np.isfinite(Seen(points, np.r_[costs[:-1], np.inf], np.ones(41)).best(points, 3)).all()
+    assert np.isfinite(
+        EvaluatedCandidates(points, np.r_[costs[:-1], np.inf], np.ones(41)).best(points, 3)
+    ).all()

@@ -90,7 +90,7 @@ class Door:
         return any(hmac.compare_digest(one, self.token.encode()) for one in given)
 
 
-class Attempts:
+class FailedAttempts:
     """Wrong tokens by address: after `WRONG` of them within `PAUSE` seconds, that address waits as long.
 
     Args:

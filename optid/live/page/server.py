@@ -19,7 +19,7 @@ import numpy as np
 from aiohttp import WSMsgType, web
 
 from optid.errors import InputError
-from optid.live.page.door import PROTOCOL, Attempts, Door
+from optid.live.page.door import PROTOCOL, Door, FailedAttempts
 from optid.live.page.view import hello, news
 from optid.live.session import Session
 
@@ -60,7 +60,7 @@ class Page:
     def __init__(self, session: Session, door: Door) -> None:
         self._session, self._door = session, door
         self._readers: set[asyncio.Task[Any]] = set()
-        self._attempts, self._heard = Attempts(), WeakSet[asyncio.BaseTransport]()
+        self._attempts, self._heard = FailedAttempts(), WeakSet[asyncio.BaseTransport]()
         self._stride = max(1, round(session.settings.rate / DRAWN))
 
     def application(self) -> web.Application:
