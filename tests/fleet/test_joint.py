@@ -58,3 +58,11 @@ def test_a_rig_that_lacks_a_quantity_and_a_fleet_too_small_say_nothing(nightly):
     assert "rig-05" not in set(less["rig"])
     few = values[values.index.get_level_values("rig") < "rig-02"]
     assert joint(few, REFERENCE, LOOKS, 12.0).empty
+
+
+def test_a_sibling_s_wild_night_hides_no_change(nightly):
+    """The wander is learnt from the reference nights of all rigs: one that went wrong must not set its size."""
+    nightly[5, REFERENCE + 3 :] += 0.5
+    nightly[9, 2] += 500.0 * np.arange(QUANTITIES)
+    p = joint(table(nightly), REFERENCE, LOOKS, 12.0).set_index(["rig", "date"])["p"]
+    assert p["rig-05"].loc[REFERENCE + 6 :].max() < 1e-3

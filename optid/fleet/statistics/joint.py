@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from scipy import stats
 
 Array = NDArray[np.float64]
-FARTHEST = 8.0  # robust sd: what is farther off counts as so far
 LEAST = 4  # differences of nights a quantity: of fewer no covariance is made
 SLIGHT = 1e-6  # of a direction's variance, in robust sd: less is none
 NORMAL = 1.4826  # median of absolute deviations to sd
@@ -58,7 +57,7 @@ def _whitened(values: list[Array], reference: int) -> list[Array]:
     """Each rig's nights about its reference's mean, in independent directions of the wander of all rigs."""
     centred = [one - np.median(one[:reference], axis=0) for one in values]
     sizes = NORMAL * np.median(np.abs(np.concatenate([one[:reference] for one in centred])), axis=0)
-    scaled = [np.clip(one / np.where(sizes > 0.0, sizes, 1.0), -FARTHEST, FARTHEST) for one in centred]
+    scaled = [one / np.where(sizes > 0.0, sizes, 1.0) for one in centred]
     moved = [one - one[:reference].mean(axis=0) for one in scaled]
     about = np.concatenate([one[:reference] for one in moved])
     variances, directions = np.linalg.eigh(about.T @ about / (len(moved) * (reference - 1)))
