@@ -32,7 +32,6 @@ from optid.estimation.multistep import multistep_at
 from optid.rigs.rigfile import with_effects
 
 SCHEMA = "optid.checkpoint/4"
-_MOST = 2**28  # bytes of a file; three rounds of selection take some 100 kB
 
 
 @dataclass(frozen=True)
@@ -71,7 +70,7 @@ class Checkpoint:
             self.path.unlink(missing_ok=True)
 
     def _stages(self) -> dict[str, Any]:
-        document = None if self.path is None else optional_document(self.path, _MOST)
+        document = None if self.path is None else optional_document(self.path)
         if document is None or (document.get("schema"), document.get("key")) != (SCHEMA, self.key):
             return {}
         stages = document.get("stages")

@@ -20,8 +20,6 @@ from optid.core.document import optional_document
 from optid.core.model import Array
 from optid.estimation.smoother import Objective, Point
 
-_MOST = 2**30  # bytes of a file: some hundred a window of the recordings
-
 
 @dataclass(frozen=True, eq=False)
 class Kept:
@@ -86,7 +84,7 @@ class Checkpoint:
 
     def load(self) -> Kept | None:
         """What this fit left before; ``None`` where there is nothing, or another fit's."""
-        content = None if self.path is None else optional_document(self.path, _MOST)
+        content = None if self.path is None else optional_document(self.path)
         stand = None if content is None or content.get("fit") != self.identity else content.get("stand")
         if content is None or not isinstance(stand, dict) or content.get("digest") != _digest(stand):
             return None
