@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -11,7 +11,7 @@ from optid.core.threads import parallel_map
 from optid.diagnosis.fitted import FittedModel, fit_model
 from optid.diagnosis.problem import DiagnosisProblem, Stage
 from optid.diagnosis.proposals import Proposal, propose
-from optid.diagnosis.selection import SelectionPath
+from optid.diagnosis.selection import Round, SelectionPath
 from optid.diagnosis.validation import Validated, cross_validate, p_value
 from optid.effects.effect import Effect
 from optid.effects.library import admitted
@@ -40,8 +40,7 @@ def compare_alternatives(
     found: dict[str, tuple[Alternative, ...]] = {}
     for effect in path.best.effects:
         problem.report(Stage.ALTERNATIVES, f"what else could stand in the place of {effect.name}")
-        alone = len(path.best.effects) == 1
-        others = _met_alone(path, effect, problem) if alone else _in_place(path, effect, problem)
+        others = _others(path, effect, problem)
         better = min(others, key=lambda one: one.validated.windows.sum(), default=None)
         if better is not None and better.validated.windows.sum() < path.validated.windows.sum() - _price(
             better.effect, effect
@@ -68,16 +67,24 @@ def _told_apart(worse: Validated, better: Validated, problem: DiagnosisProblem) 
     return p_value(worse.windows, better.windows, at_noise) <= problem.criteria.told_apart
 
 
-def _met_alone(path: SelectionPath, effect: Effect, problem: DiagnosisProblem) -> list[Alternative]:
-    """Look-alikes that were fitted in full when a single effect was chosen: nothing else has changed since."""
+def _others(path: SelectionPath, effect: Effect, problem: DiagnosisProblem) -> list[Alternative]:
+    """Look-alikes beside the effects that stay: from the rounds that tried the catalogue beside just these, if any."""
+    rest = {one.name for one in path.best.effects if one is not effect}
+    rounds = [step for step in path.rounds if {one.name for one in step.model.effects} == rest]
+    return _met(rounds, path, effect, problem) if rounds else _in_place(path, effect, problem)
+
+
+def _met(
+    rounds: Sequence[Round], path: SelectionPath, effect: Effect, problem: DiagnosisProblem
+) -> list[Alternative]:
+    """Look-alikes that were fitted in full when the effect was chosen: nothing else has changed since."""
     met = {
         one.effect.name: Alternative(
             one.effect, one.model, one.validated, _told_apart(one.validated, path.validated, problem)
         )
-        for step in path.rounds
+        for step in rounds
         for one in step.contenders
-        if not step.model.effects and not one.why
-        if are_confusable(one.effect, effect) and one.effect is not effect
+        if not one.why and are_confusable(one.effect, effect) and one.effect is not effect
     }
     return list(met.values())
 
@@ -92,8 +99,10 @@ def _in_place(path: SelectionPath, effect: Effect, problem: DiagnosisProblem) ->
     # From where the named model stands: the one without it is bent by what it lacks.
     index = less.likelihood_problem.model.parameters
     stands = less.likelihood_problem.model.vector({q.name: path.best.values[q.name] for q in index})
-    proposals = propose(less, others, problem, begin=stands)
-    fitted = parallel_map(partial(_fitted, path, less.effects, problem), proposals.ranked)
+    ranked = propose(less, [effect, *others], problem, begin=stands).ranked
+    least = min((one.loss for one in ranked), default=0.0)
+    near = [one for one in ranked if one.effect is not effect and one.loss <= problem.options.near * least]
+    fitted = parallel_map(partial(_fitted, path, less.effects, problem), near)
     return [one for one in fitted if one is not None]
 
 

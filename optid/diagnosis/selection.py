@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
@@ -261,16 +261,9 @@ def _first_swapped(path: SelectionPath, problem: DiagnosisProblem) -> SelectionP
     less, errors = path.without[name]
     problem.report(Stage.BACKWARD, f"whether something else does better than {name}")
     one = _round(less, path.first, errors, problem, but=name)
-    if one.taken is None or not one.taken.validated.windows.sum() < path.validated.windows.sum():
-        return path
-    swapped = SelectionPath(
-        path.base,
-        one.taken.model,
-        path.first,
-        one.taken.validated,
-        (*path.rounds, one),
-        {},
-        path.dropped,
-        path.ended_early,
-    )
+    better = one.taken
+    if better is None or not better.validated.windows.sum() < path.validated.windows.sum():
+        return replace(path, rounds=(*path.rounds, replace(one, taken=None)))
+    rounds = (*path.rounds, one)
+    swapped = replace(path, best=better.model, validated=better.validated, rounds=rounds, without={})
     return _backward(swapped, problem)
