@@ -115,11 +115,12 @@ def select(base: FittedModel, problem: DiagnosisProblem) -> SelectionPath:
 
 
 def _first_is_open(path: SelectionPath, problem: DiagnosisProblem) -> bool:
-    """Whether the first of several effects was chosen while others were missing, too."""
+    """Whether the first of several effects was chosen while others were missing, and together they leave something."""
     if len(path.best.effects) < 2 or problem.budget.is_over:
         return False
     first = next(one.taken for one in path.rounds if one.taken is not None)
-    return first.validated.error_over_noise > problem.criteria.error_over_noise
+    most = problem.criteria.error_over_noise
+    return min(first.validated.error_over_noise, path.validated.error_over_noise) > most
 
 
 def _restarted(

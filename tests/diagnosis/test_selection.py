@@ -54,10 +54,15 @@ def test_a_contender_is_fitted_from_the_better_start_and_lives_if_one_diverges(m
     assert fit_proposal(current, problem, proposal(1.0)) is None
 
 
-@pytest.mark.parametrize(("left", "again"), [(5.0, True), (1.1, False)])
-def test_a_first_effect_that_left_nothing_is_not_held_against_the_catalogue_again(left, again):
+@pytest.mark.parametrize(
+    ("left", "together", "again"), [(5.0, 2.0, True), (1.1, 2.0, False), (5.0, 1.1, False)]
+)
+def test_a_first_effect_is_held_against_the_catalogue_again_where_it_and_all_left_something(
+    left, together, again
+):
     taken = SimpleNamespace(validated=SimpleNamespace(error_over_noise=left))
     rounds = (SimpleNamespace(taken=None), SimpleNamespace(taken=taken))
-    path = SimpleNamespace(best=SimpleNamespace(effects=("a", "b")), rounds=rounds)
+    errors = SimpleNamespace(error_over_noise=together)
+    path = SimpleNamespace(best=SimpleNamespace(effects=("a", "b")), rounds=rounds, validated=errors)
     problem = SimpleNamespace(budget=SimpleNamespace(is_over=False), criteria=Criteria())
     assert selection._first_is_open(path, problem) is again
