@@ -130,6 +130,21 @@ class Declarations:
         port, now = self._inputs[role]
         return self._port(f"{role}@{samples}", replace(port, ago=samples)) if samples else now
 
+    def input_at(self, signal: ca.SX) -> str | None:
+        """Which declared input a signal is, with nothing done to it.
+
+        Parameters
+        ----------
+        signal : ca.SX
+            at a site.
+
+        Returns
+        -------
+        str | None
+            its role; ``None`` if it is none of them.
+        """
+        return next((role for role, (_, now) in self._inputs.items() if ca.is_equal(now, signal)), None)
+
     def signal(self, name: str) -> ca.SX:
         """A state or an input that the plant has declared, for an effect that can follow any of them.
 

@@ -82,13 +82,14 @@ def apart_from_none(estimates: Sequence[Estimate], effect: Effect, p_value: floa
 
 
 def _resolution(model: RefinedModel) -> Array:
-    """Least half-widths of times that laws resolve by samples, (free,), SI."""
+    """Least half-widths of times that laws resolve by samples, (free,), SI; of numbers of samples as they are."""
     q = model.fit.likelihood_problem
-    names = {q.model.parameters[i].name: k for k, i in enumerate(q.free)}
-    least = np.zeros(len(q.free))
+    free = {q.model.parameters[i].name: (k, q.model.parameters[i].unit) for k, i in enumerate(q.free)}
+    least, interval = np.zeros(len(q.free)), float(np.median(q.problem.dt))
     for effect in model.effects:
         for name, samples in effect.resolved.items():
-            least[names[f"{effect.name}.{name}"]] = samples * float(np.median(q.problem.dt))
+            k, unit = free[f"{effect.name}.{name}"]
+            least[k] = samples * (interval if unit == "s" else 1.0)
     return least
 
 

@@ -35,7 +35,12 @@ from optid.diagnosis.selection import SelectionPath, nothing_selected, select, w
 from optid.diagnosis.stages import Stages
 from optid.diagnosis.surrogate.search import answer_of, find_surrogate
 from optid.diagnosis.testing import gate, test_on_holdout
-from optid.diagnosis.verdict import conclude, is_sufficient
+from optid.diagnosis.verdict import (
+    conclude,
+    is_beyond_doubt,
+    is_explained_elsewhere,
+    is_sufficient,
+)
 from optid.effects.effect import Effect
 from optid.errors import InputError
 from optid.rigs.rigfile import Rig
@@ -110,10 +115,12 @@ def diagnose(
     path = nothing_selected(base, search) if wide else _selection(base, search, kept)
     path, alternatives = compare_alternatives(path, search)
     surrogate = None
-    if wide is None and not is_sufficient(path, search):
+    if wide is None and not is_beyond_doubt(path, search):
         report(Stage.LOCALISATION, "locating the mismatch with an unknown input")
         if sites := locate(path.base, search):
             surrogate = find_surrogate(path, sites, search)
+        if is_sufficient(path, search) and not is_explained_elsewhere(path, surrogate, search):
+            surrogate = None
     report(Stage.REFINEMENT, "likeliest parameters and intervals")
     problem = replace(with_open_variance(problem, path.base), budget=budget)
     answer = wide or answer_of(path, surrogate)

@@ -18,6 +18,7 @@ from optid.diagnosis.result import Diagnosis, Finding, Suspicion, Verdict
 from optid.diagnosis.selection import SelectionPath
 from optid.diagnosis.stages import Stages
 from optid.diagnosis.summary import quantity, summarise
+from optid.diagnosis.surrogate.search import Surrogate
 from optid.effects.library import admitted
 from optid.estimation.result import Estimate
 
@@ -26,11 +27,33 @@ VISIBLE = 5.0  # sd by which windows' errors must change for an effect to be fou
 
 def is_sufficient(path: SelectionPath, problem: DiagnosisProblem) -> bool:
     """The names bring cross-validated windows to the noise, or leave no more than right laws of another form may."""
-    c = problem.criteria
-    if path.validated.error_over_noise <= c.error_over_noise:
-        return True
     share = 1.0 - path.validated.excess / max(path.first.excess, 1e-300)
-    return bool(path.best.effects) and share >= 1.0 - largest_rest(problem)
+    return _at_noise(path, problem) or (bool(path.best.effects) and share >= 1.0 - largest_rest(problem))
+
+
+def is_beyond_doubt(path: SelectionPath, problem: DiagnosisProblem) -> bool:
+    """The names suffice, and what they leave is the noise or what the plant says that forms of right laws leave.
+
+    Where a plant states nothing a right name may leave much, and so may a wrong one: descriptions tell.
+    """
+    stated = problem.plain.form_error is not None
+    return is_sufficient(path, problem) and (_at_noise(path, problem) or stated)
+
+
+def is_explained_elsewhere(
+    path: SelectionPath, surrogate: Surrogate | None, problem: DiagnosisProblem
+) -> bool:
+    """A description at another place than any name's brings windows to the noise, where the names do not."""
+    described = None if surrogate is None else surrogate.contender
+    if described is None or _at_noise(path, problem):
+        return False
+    own = {site for effect in path.best.effects for site in effect.sites}
+    at_noise = described.validated.error_over_noise <= problem.criteria.error_over_noise
+    return at_noise and own.isdisjoint(described.effect.sites)
+
+
+def _at_noise(path: SelectionPath, problem: DiagnosisProblem) -> bool:
+    return path.validated.error_over_noise <= problem.criteria.error_over_noise
 
 
 def largest_rest(problem: DiagnosisProblem) -> float:
@@ -146,6 +169,9 @@ def _fallen_short(s: Stages) -> tuple[Suspicion, ...]:
         why = (
             f"it explains {100 * explained:.0f} % of the squared error of windows that had no part in its fit"
         )
+        if is_explained_elsewhere(s.path, s.surrogate, s.search) and s.surrogate and s.surrogate.contender:
+            (site, *_) = s.surrogate.contender.effect.sites
+            why += f"; a description at {site} brings them to the noise"
     return tuple(Suspicion(effect.name, why) for effect in s.path.best.effects)
 
 

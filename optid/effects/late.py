@@ -14,26 +14,27 @@ from optid.core.sheet import Sheet
 TAPS = (0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 16, 24, 40, 64)
 
 
-def command_ago(sheet: Sheet, nominal: Any, time: Any) -> Any:
-    """The command of `time` seconds ago, and of what other effects delay it by; what else they did to it stays.
+def input_ago(sheet: Sheet, nominal: Any, time: Any, role: str = "command") -> Any:
+    """An input as it was `time` seconds ago, and of what other effects delay it by; what else they did to it stays.
 
     Up to twelve samples it is exact: the integrator takes each hold in two halves, before and after the switch, whose
     lengths have slopes. A mean of both would move an axis wrongly, as a command that changes sign opens other ports
     than its mean. Longer delays are straight lines between the samples that are looked up.
 
     Args:
-        sheet: of a plant with an input "command".
-        nominal: the command now.
+        sheet: of the plant.
+        nominal: the input now.
         time: s; its slope at 0 is that of the right side.
+        role: of the input.
     """
     before, now = sheet.delay_input(time)
-    known = sheet.past("command", 0) if before is None else _held(sheet, before)
-    return nominal - known + _held(sheet, now)
+    known = sheet.past(role, 0) if before is None else _held(sheet, role, before)
+    return nominal - known + _held(sheet, role, now)
 
 
-def _held(sheet: Sheet, time: Any) -> Any:
+def _held(sheet: Sheet, role: str, time: Any) -> Any:
     ago = time / sheet.interval()
-    held = [sheet.past("command", k) for k in TAPS]
+    held = [sheet.past(role, k) for k in TAPS]
     first, then, share = held[1], held[0], ago  # of a hold: in this order at no delay, too
     for k, (left, right) in enumerate(itertools.pairwise(TAPS)):
         change = held[k + 1] - held[k]

@@ -32,7 +32,13 @@ def diagnosis_result(found: Diagnosis) -> DiagnosisResult:
             "effects": [_effect(finding.effect) for finding in found.findings],
         },
     }
-    values = {p.name: p.value for p in found.best_parameters}
+    # What only says what the others mean is no estimate, and stands as it was tried.
+    values = {
+        name: value
+        for effect in found.best.effects
+        for name, value in effect.qualified(found.best.own_values(effect)).items()
+    }
+    values |= {p.name: p.value for p in found.best_parameters}
     own = stated(found.best.rig, values, [recording.name for recording in found.problem.train])
     files = {RIG: rig_text(found.best.rig, values, own)} if rig.source else {}
     return DiagnosisResult(document, tables_of(found), files)

@@ -118,7 +118,7 @@ def test_slopes_to_the_parameters_are_those_of_finite_differences(name, effect):
         for point in own.usual:
             p = plant.vector(own.qualified(point))
             J = np.array(slopes(x, u, p)[1])
-            for q in own.parameters:
+            for q in own.fitted:
                 i, h = plant.model.index(f"{own.name}.{q.name}"), 1e-6 * q.typical
                 ends = [
                     np.array(slopes(x, u, np.r_[p[:i], p[i] + s * h, p[i + 1 :]])[0]).ravel() for s in (1, -1)

@@ -788,3 +788,21 @@ def test_friction_drifts_by_itself_or_by_its_logarithm(settling):
                 lost.append(float(plant.model.rates(x, u, p)[names.index("velocity")]))
             coulomb, mass = p[plant.model.index("coulomb_friction")], p[plant.model.index("payload_mass")]
             assert 1 - (lost[1] - lost[0]) * mass / coulomb == pytest.approx(expected, abs=0.01)
+
+
+@pytest.mark.parametrize(("samples", "interval"), [(3.0, 0.0), (1.5, 2 * DT)])
+def test_an_input_comes_late_exactly_whatever_the_rate_it_was_counted_at(samples, interval):
+    plant = grown("emps", "delay@drive.command")
+    assert plant.model.states == plant.plain.states  # no lags stand in for it
+    u = np.random.default_rng(7).choice([-5.0, 5.0], 400)
+    late = np.r_[np.full(3, u[0]), u][:400]
+    own = {"delay@drive.command.samples": samples, "delay@drive.command.interval": interval}
+    p, plain = plant.vector(own), plant.plain.vector(plant.values)
+    start, dt = np.array(plant.plain.start(plain)[0]).ravel(), np.full(400, DT)
+    delayed = simulate(plant.model, p, start, dt, inputs_of(plant.model, u)).states
+    shifted = simulate(plant.plain, plain, start, dt, inputs_of(plant.plain, late)).states
+    assert delayed == pytest.approx(shifted, abs=1e-5)  # steps of the integrator differ
+    assert (
+        np.abs(shifted - simulate(plant.plain, plain, start, dt, inputs_of(plant.plain, u)).states).max()
+        > 0.1
+    )

@@ -10,7 +10,7 @@ import casadi as ca
 from optid.core.parameter import Parameter
 from optid.core.sheet import Sheet
 from optid.effects.effect import Effect
-from optid.effects.late import command_ago
+from optid.effects.late import input_ago
 
 RATE = Parameter(
     "rate",
@@ -78,7 +78,7 @@ class ClockDrift(Effect):
         late = sheet.param(RATE) * sheet.clock()
         together = sheet.param(OTHERS) * ca.fmax(late, 0)
         if site == "valve.input":
-            return command_ago(sheet, nominal, together)
+            return input_ago(sheet, nominal, together)
         alone, v = late - together, near["v"]
         long = ca.fmax(alone, SHORTEST)
         longer = ca.if_else(alone > SHORTEST, sheet.param(RATE) * (1 - sheet.param(OTHERS)), 0)

@@ -9,7 +9,7 @@ from typing import Any
 from optid.core.parameter import Parameter
 from optid.core.sheet import Sheet
 from optid.effects.effect import Effect
-from optid.effects.late import command_ago
+from optid.effects.late import input_ago
 
 DELAY = Parameter(
     "delay",
@@ -43,4 +43,4 @@ class InputDelay(Effect):
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
         """The command as it was, a share of full command."""
-        return command_ago(sheet, nominal, sheet.param(DELAY))
+        return input_ago(sheet, nominal, sheet.param(DELAY))

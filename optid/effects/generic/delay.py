@@ -2,44 +2,76 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
 
+import casadi as ca
+
+from optid.core.model import Array
 from optid.core.parameter import Parameter
 from optid.core.sheet import Sheet
 from optid.effects.anywhere import Anywhere
+from optid.effects.late import input_ago
 
 SAMPLES = Parameter(
     "samples",
     "1",
     2.0,
-    "delay in sampling intervals of the recording",
+    "delay in sampling intervals",
     "from one sample on",
     0.0,
     (0.0, 100.0),
+)
+# Recordings are searched at another rate than they are told at, and a model is used on others: the law keeps its own.
+INTERVAL = Parameter(
+    "interval",
+    "s",
+    1e-3,
+    "sampling interval that the delay is counted in; 0 for the recording's own",
+    "of the recordings that showed it",
+    0.0,
+    (0.0, math.inf),
+    fitted=False,
 )
 STAGES = 4
 
 
 class Delay(Anywhere):
-    """Four lags in a row, each (1 + T p) / (1 + (t + T) p): p = d/dt, t a quarter of the delay, T a sample."""
+    """An input as it was; any other signal through four lags in a row, each (1 + T p) / (1 + (t + T) p).
+
+    p = d/dt, t a quarter of the delay, T a sampling interval.
+    """
 
     kind = "delay"
-    parameters = (SAMPLES,)
+    parameters = (SAMPLES, INTERVAL)
     strength = {"samples": 0.5}
-    usual = ({"samples": 2.0}, {"samples": 8.0}, {"samples": 30.0})
-    law = "the signal of some time ago, smoothed by a quarter of that time"
-    says = "the signal comes {samples} samples late"
+    # Within a hold: where one ends, an input that switches there has no slope by its delay.
+    usual = tuple({"samples": samples, "interval": 0.0} for samples in (1.5, 7.5, 30.0))
+    law = "the signal of some time ago; what is no input is smoothed by a quarter of that time"
+    says = "the signal comes {samples} samples of {interval} late"
     needs = "signals that change fast"
+    look_alikes = ("sensor_lag",)
     experiment = "steps, sampled fast"
+    # The skew between the channels lies within a sample, and from position alone nothing tells it from a delay.
+    resolved = MappingProxyType({"samples": 0.5})
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
         """The late signal."""
-        sample = sheet.interval()
-        lag = sample * self.own(SAMPLES, near, sheet) / STAGES
+        own = self.own(INTERVAL, near, sheet)
+        sample = ca.if_else(own > 0, own, sheet.interval())
+        time = sample * self.own(SAMPLES, near, sheet)
+        if (role := sheet.input_at(nominal)) is not None:
+            return input_ago(sheet, nominal, time, role)
+        lag = time / STAGES
         for stage in range(STAGES):
             s = sheet.state(f"stage_{stage + 1}", "1", near["size"], spread=2 * near["size"])
             rate = (nominal - s) / (sample + lag)
             sheet.rate(s, rate)
             nominal = s + sample * rate
         return nominal
+
+    def tries(self, heard: Sequence[Array], interval: float) -> Sequence[Mapping[str, float]]:
+        """The usual delays in these recordings' samples."""
+        return [{**point, INTERVAL.name: interval} for point in self.usual]

@@ -1,0 +1,50 @@
+"""A name that leaves more than the noise has to hold against descriptions at other places."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from optid.diagnosis.criteria import Criteria
+from optid.diagnosis.verdict import is_beyond_doubt, is_explained_elsewhere, is_sufficient
+
+NAME = SimpleNamespace(name="named", sites=("force.external",))
+
+
+def problem(form_error=None):
+    return SimpleNamespace(criteria=Criteria(), plain=SimpleNamespace(form_error=form_error))
+
+
+def path_left_at(ratio):
+    """From ten times the noise."""
+    errors = [SimpleNamespace(error_over_noise=r, excess=r**2 - 1.0) for r in (10.0, ratio)]
+    return SimpleNamespace(first=errors[0], validated=errors[1], best=SimpleNamespace(effects=(NAME,)))
+
+
+def described(ratio, site):
+    contender = SimpleNamespace(
+        validated=SimpleNamespace(error_over_noise=ratio), effect=SimpleNamespace(sites=(site,))
+    )
+    return SimpleNamespace(contender=contender)
+
+
+@pytest.mark.parametrize(
+    ("left", "form_error", "sure"), [(1.1, None, True), (2.0, None, False), (2.0, 0.05, True)]
+)
+def test_names_at_the_noise_or_within_what_the_plant_states_need_no_description(left, form_error, sure):
+    assert is_sufficient(path_left_at(left), problem(form_error))
+    assert is_beyond_doubt(path_left_at(left), problem(form_error)) is sure
+
+
+@pytest.mark.parametrize(
+    ("left", "surrogate", "elsewhere"),
+    [
+        (2.0, described(1.05, "sensor.position"), True),
+        (2.0, described(1.05, "force.external"), False),  # the law's own form, drawn freely
+        (2.0, described(1.6, "sensor.position"), False),
+        (1.1, described(1.05, "sensor.position"), False),
+        (2.0, SimpleNamespace(contender=None), False),
+        (2.0, None, False),
+    ],
+)
+def test_only_what_reaches_the_noise_at_another_place_speaks_against_a_name(left, surrogate, elsewhere):
+    assert is_explained_elsewhere(path_left_at(left), surrogate, problem()) is elsewhere
