@@ -197,13 +197,14 @@ def rejection_reason(
         criteria: what counts as proof.
         tried: number of effects among which it was found.
     """
-    if size < 1.0:
-        return f"the fit leaves it at {100 * size:.0f} % of the smallest size worth a name"
     at_noise = after.error_over_noise <= criteria.error_over_noise
-    p = p_value(before.windows, after.windows, at_noise)
     # Beyond the noise something is missing for sure, and only chance is to be ruled out; at the noise everything that
     # was tried may have found something by chance.
     missing = before.error_over_noise > criteria.error_over_noise
+    # What alone brings a model from beyond the noise to it is needed, however small others of its kind are.
+    if size < 1.0 and not (before is first and missing and at_noise):
+        return f"the fit leaves it at {100 * size:.0f} % of the smallest size worth a name"
+    p = p_value(before.windows, after.windows, at_noise)
     asked = criteria.level if missing else criteria.level / max(tried, 1)
     if not p <= asked:
         return f"no gain on recordings that had no part in the fit (p = {p:.2g}, where {asked:.2g} is asked)"

@@ -1,9 +1,12 @@
 """Tests with a stated error rate: how often they speak where nothing is gained, and that they do where something is."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
-from optid.diagnosis.validation import _folds, flipped_signs, p_value
+from optid.diagnosis.criteria import Criteria
+from optid.diagnosis.validation import Validated, _folds, flipped_signs, p_value, rejection_reason
 
 DRAWS = 4000
 
@@ -54,3 +57,21 @@ def test_every_fold_leaves_some_of_every_recording_to_learn_from():
         for each in np.unique(recording):
             assert 0.2 < np.mean(fold[recording == each] == one) < 0.5
     assert set(_folds(recording, time.astype(float), (2,))[recording != 2]) == {-1}
+
+
+@pytest.mark.parametrize(
+    ("first", "before", "after", "named"),
+    [(5.0, 5.0, 1.0, True), (5.0, 5.0, 2.0, False), (9.0, 5.0, 1.0, False), (1.1, 1.1, 1.0, False)],
+)
+def test_a_small_effect_is_named_only_if_it_alone_brings_the_model_to_the_noise(first, before, after, named):
+    rng = np.random.default_rng(0)
+    same = first == before
+    validated = {
+        ratio: Validated(ratio**2 * rng.uniform(0.9, 1.1, (45, 1))) for ratio in {first, before, after}
+    }
+    plain = validated[first]
+    without = plain if same else validated[before]
+    effect = SimpleNamespace(name="small")
+    why = rejection_reason(effect, 0.7, plain, without, validated[after], Criteria(), 30)
+    assert (why == "") is named
+    assert named or why.startswith("the fit leaves it at 70 % of the smallest size")
