@@ -190,7 +190,8 @@ def contend(
     with contextlib.suppress(SolveError):
         validated = cross_validate(model, problem)
         size = one.effect.size(model.own_values(one.effect))
-        why = rejection_reason(one.effect, size, first, before, validated, problem.criteria, tried)
+        alone = not current.effects
+        why = rejection_reason(one.effect, size, first, before, validated, problem.criteria, tried, alone)
         return Contender(one.effect, model, validated, why)
     return None
 
@@ -233,7 +234,10 @@ def _backward(path: SelectionPath, problem: DiagnosisProblem) -> SelectionPath:
                 less, errors = path.base, path.first
             without[effect.name] = (less, errors)
             size = effect.size(best.own_values(effect))
-            why = rejection_reason(effect, size, path.first, errors, validated, problem.criteria, tried)
+            alone = not less.effects
+            why = rejection_reason(
+                effect, size, path.first, errors, validated, problem.criteria, tried, alone
+            )
             if why:
                 idle.append((float(errors.windows.sum()), effect, why))
         if not idle:

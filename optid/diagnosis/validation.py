@@ -187,6 +187,7 @@ def rejection_reason(
     after: Validated,
     criteria: Criteria,
     tried: int,
+    alone: bool,
 ) -> str:
     """Why an effect is not taken beside those before it; empty if it is.
 
@@ -196,13 +197,14 @@ def rejection_reason(
         first, before, after: the model as it came, without and with the newcomer.
         criteria: what counts as proof.
         tried: number of effects among which it was found.
+        alone: it is the only one.
     """
     at_noise = after.error_over_noise <= criteria.error_over_noise
     # Beyond the noise something is missing for sure, and only chance is to be ruled out; at the noise everything that
     # was tried may have found something by chance.
     missing = before.error_over_noise > criteria.error_over_noise
     # What alone brings a model from beyond the noise to it is needed, however small others of its kind are.
-    if size < 1.0 and not (before is first and missing and at_noise):
+    if size < 1.0 and not (alone and missing and at_noise):
         return f"the fit leaves it at {100 * size:.0f} % of the smallest size worth a name"
     p = p_value(before.windows, after.windows, at_noise)
     asked = criteria.level if missing else criteria.level / max(tried, 1)
@@ -211,7 +213,7 @@ def rejection_reason(
     gain = error_gain(before, after)
     if gain < criteria.smallest_gain:
         return f"cross-validated, windows err by {100 * max(gain, 0):.1f} % less: too little to matter"
-    if before is not first:
+    if not alone:
         more = before.excess - after.excess
         if not at_noise and more < min(criteria.smallest_share * first.excess, 0.5 * before.excess):
             return (

@@ -72,6 +72,6 @@ def test_a_small_effect_is_named_only_if_it_alone_brings_the_model_to_the_noise(
     plain = validated[first]
     without = plain if same else validated[before]
     effect = SimpleNamespace(name="small")
-    why = rejection_reason(effect, 0.7, plain, without, validated[after], Criteria(), 30)
+    why = rejection_reason(effect, 0.7, plain, without, validated[after], Criteria(), 30, alone=same)
     assert (why == "") is named
     assert named or why.startswith("the fit leaves it at 70 % of the smallest size")
