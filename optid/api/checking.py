@@ -151,10 +151,9 @@ def _excerpts(recordings: list[Recording]) -> tuple[list[Recording], list[str]]:
             continue
         starts = np.linspace(0, len(one) - share, _STRETCHES).astype(int)
         parts += [one.part(int(a), int(a) + share) for a in starts]
-    examined = sum(one.duration for one in parts)
+    seen, whole = (sum(one.duration for one in some) for some in (parts, recordings))
     return parts, [
-        f"examined on {examined:.4g} s of {sum(one.duration for one in recordings):.4g} s, in stretches spread over the "
-        "whole: all of it tells no less"
+        f"examined on {seen:.4g} s of {whole:.4g} s, in stretches spread over the whole: all of it tells no less"
     ]
 
 
