@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 HORIZON = 0.5  # s, of a window
 FEWEST = 50  # samples of it, where sampling is too slow for that many in HORIZON
-SHORTEST, MANY = 4, 20  # windows that a record holds at least; those of a shorter record
+SHORTEST, MANY = 4, 8  # windows that a record holds at least; those of a shorter record
 PINNED = 0.1  # of a sensor's noise: how far the windows may move what it shows as a free run begins
 PROCESS_NOISE = 3e-3  # per window as a share of each state's size, when no fit says better
 
