@@ -7,15 +7,23 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from optid.api.document import place_of, stamp
 from optid.api.inputs import Progress, given, rig_of, silent
-from optid.core.recording import Recording
+from optid.core.recording import Array, Recording
 from optid.estimation.identifiability import identifiability
 from optid.quality.verdict import Verdict, verdict
 from optid.report.check_document import Read, check_document
 from optid.report.scores import number
 from optid.results.check import CheckResult
 from optid.rigs.rigfile import Rig
+
+_DRAWN = 1 << 17  # rows that show all that a picture of a recording can
+_EXAMINED, _STRETCHES = (
+    1 << 17,
+    8,
+)  # samples that show what data can tell of parameters, in stretches of a long record
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -116,7 +124,8 @@ def result_of(
 
 def what_they_tell(rig: Rig, recordings: list[Recording]) -> dict[str, Any]:
     """What the data tell of the parameters to fit, at the rig file's values and before any fit."""
-    ties = identifiability(rig, recordings)
+    examined, seconds = _excerpts(recordings)
+    ties = identifiability(rig, examined)
     freed = {parameter.name for parameter in rig.freed}
     sd, leader = ties.weakest
     alone = f"each has an effect of its own; the weakest direction is {leader}, known to {sd:.1%}"
@@ -125,8 +134,27 @@ def what_they_tell(rig: Rig, recordings: list[Recording]) -> dict[str, Any]:
         "rank": int(ties.rank),
         "condition": number(float(ties.condition)),
         "without_influence": [name for name in ties.idle if name in freed],
-        "sentences": list(ties.sentences) or [alone],
+        "sentences": [*(list(ties.sentences) or [alone]), *seconds],
     }
+
+
+def _excerpts(recordings: list[Recording]) -> tuple[list[Recording], list[str]]:
+    """Long recordings in stretches spread over them, and a sentence that says so."""
+    total = sum(len(one) for one in recordings)
+    if total <= 2 * _EXAMINED:
+        return recordings, []
+    parts: list[Recording] = []
+    for one in recordings:
+        share = max(len(one) * _EXAMINED // total // _STRETCHES, 2)
+        if len(one) <= _STRETCHES * share:
+            parts.append(one)
+            continue
+        starts = np.linspace(0, len(one) - share, _STRETCHES).astype(int)
+        parts += [one.part(int(a), int(a) + share) for a in starts]
+    seen, whole = (sum(one.duration for one in some) for some in (parts, recordings))
+    return parts, [
+        f"examined on {seen:.4g} s of {whole:.4g} s, in stretches spread over the whole: all of it tells no less"
+    ]
 
 
 def what_they_could_show(rig: Rig, recordings: list[Recording]) -> list[dict[str, Any]]:
@@ -158,14 +186,27 @@ def _units(data: list[Recording]) -> dict[str, str]:
 def _signals(recordings: list[Recording]) -> pd.DataFrame:
     import pandas as pd
 
-    parts = [
-        pd.DataFrame(
-            {
-                "recording": one.name,
-                "time": one.time,
-                **{role: channel.recorded for role, channel in one.channels.items()},
-            }
-        )
-        for one in recordings
-    ]
-    return pd.concat(parts, ignore_index=True)
+    return pd.concat([_drawn(one) for one in recordings], ignore_index=True)
+
+
+def _drawn(recording: Recording) -> pd.DataFrame:
+    """A recording as a picture needs it: of a long one the lowest and the highest value in each of many blocks."""
+    import pandas as pd
+
+    count = len(recording) // _DRAWN
+    columns = {"time": recording.time, **{role: one.values for role, one in recording.channels.items()}}
+    if count >= 4:
+        columns = {
+            role: values[::count] if role == "time" else _extremes(values, count)
+            for role, values in columns.items()
+        }
+        columns["time"] = np.repeat(columns["time"], 2)
+    shown = {role: one * recording.channels[role].per_unit for role, one in columns.items() if role != "time"}
+    return pd.DataFrame({"recording": recording.name, "time": columns["time"], **shown})
+
+
+def _extremes(values: Array, count: int) -> Array:
+    """Lowest and highest of every `count` samples in turn, (2 blocks,); NaN where a block holds none."""
+    starts = np.arange(0, len(values), count)
+    found = np.column_stack([np.fmin.reduceat(values, starts), np.fmax.reduceat(values, starts)])
+    return np.asarray(found.ravel())

@@ -69,15 +69,11 @@ def check(
 
 def _say_lags(rig: Rig, recording: Recording) -> None:
     """By how much what is measured follows each input, where they resemble each other at all."""
-    from optid.quality.motion import answer
+    from optid.quality.quality import lags
 
-    for cause in dict.fromkeys(port.role for port in rig.model.inputs if port.role in recording):
-        for role in (port.role for port in rig.model.outputs if port.role in recording):
-            answered = answer(recording, cause, role)
-            if answered is not None and answered[1].correlation > max(answered[1].chance, 0.3):
-                what, lag = answered
-                how = f"{1e3 * lag.seconds:.3g} ms, correlation {lag.sign * lag.correlation:.2f}"
-                click.echo(f"  {'lag':8}{what} against {cause}: {how}")
+    for what, cause, lag in lags(recording, rig.model):
+        how = f"{1e3 * lag.seconds:.3g} ms, correlation {lag.sign * lag.correlation:.2f}"
+        click.echo(f"  {'lag':8}{what} against {cause}: {how}")
 
 
 def _identifiability(rig: Rig, recordings: list[Recording]) -> dict[str, Any]:

@@ -156,12 +156,34 @@ def decimated(recording: Recording, commands: Iterable[str], fastest: float = FA
     rows = np.concatenate([np.arange(a, b - count + 1, count) for a, b in parts])
     channels = {}
     for role, channel in recording.channels.items():
-        bring = _averaged if role in inputs else _filtered
+        apart = 1 if role in inputs else _rows_apart(channel.values)
+        bring = _averaged if role in inputs else _placed if apart >= count else _filtered
         values = [bring(channel.values[a:b], count) for a, b in parts]
-        weight = 1.0 if role in inputs else float(np.linalg.norm(_low_pass(count)))
-        sd = channel.sd if channel.sd is None or role in inputs else channel.sd * weight
+        averaged = bring is _filtered and channel.sd is not None
+        weight = min(float(np.linalg.norm(_low_pass(count))) * math.sqrt(apart), 1.0) if averaged else 1.0
+        sd = channel.sd if channel.sd is None else channel.sd * weight
         channels[role] = replace(channel, values=np.concatenate(values), sd=sd)
     return replace(recording, time=recording.time[rows], channels=channels)
+
+
+def _rows_apart(values: Array) -> int:
+    """Rows from one sample of a channel to the next, as a rule: more than one where it has a slower rate of its own."""
+    known = np.flatnonzero(np.isfinite(values))
+    return int(np.median(np.diff(known))) if len(known) > 1 else 1
+
+
+def _placed(values: Array, count: int) -> Array:
+    """The samples of a channel slower than the new rate, each at the nearest new row and moved there by its slope."""
+    found = np.full(len(range(0, len(values) - count + 1, count)), np.nan)
+    known = np.flatnonzero(np.isfinite(values))
+    if not len(known):
+        return found
+    slope = np.gradient(values[known], known) if len(known) > 1 else np.zeros(1)
+    near = np.clip(np.round(known / count).astype(int), 0, len(found) - 1)
+    off = near * count - known
+    close = np.abs(off) <= count / 2
+    found[near[close]] = (values[known] + slope * off)[close]
+    return found
 
 
 def _low_pass(count: int) -> Array:
@@ -182,6 +204,12 @@ def _filtered(values: Array, count: int) -> Array:
     half = len(weights) // 2
     at = np.arange(float(len(values)))
     filled = values if known.all() else np.interp(at, at[known], values[known])
+    apart = _rows_apart(values)
+    if apart > 1:  # between samples of a slower rate nothing is missing
+        last = np.searchsorted(at[known], at, side="right")
+        before, after = at[known][np.clip(last - 1, 0, None)], at[known][np.clip(last, None, known.sum() - 1)]
+        filled = _beyond_ends(filled, np.flatnonzero(known))
+        known = (np.abs(after - before) <= 1.5 * apart) & (np.abs(at - before) <= apart)
     # Beyond its ends the signal goes on as if turned about its last point, so that a slope stays one.
     reach = min(half, len(filled) - 1)
     before, after = 2 * filled[0] - filled[reach:0:-1], 2 * filled[-1] - filled[-2 : -reach - 2 : -1]
@@ -193,6 +221,19 @@ def _filtered(values: Array, count: int) -> Array:
         np.concatenate((np.ones(reach), known.astype(float), np.ones(reach))), weights, rows + reach, half
     )
     return np.where(share > WHOLE, result, np.nan)
+
+
+def _beyond_ends(filled: Array, known: Integers) -> Array:
+    """Straight on before the first known sample and behind the last, for as far as their neighbours are away."""
+    changed = filled.copy()
+    for end, neighbour, rows in (
+        (known[0], known[1], np.arange(known[0])),
+        (known[-1], known[-2], np.arange(known[-1] + 1, len(filled))),
+    ):
+        slope = (filled[end] - filled[neighbour]) / (end - neighbour)
+        reach = np.clip(rows - end, -abs(end - neighbour), abs(end - neighbour))
+        changed[rows] = filled[end] + slope * reach
+    return changed
 
 
 def _at_rows(padded: Array, weights: Array, rows: Integers, half: int) -> Array:

@@ -8,12 +8,12 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from optid.core.channel import Array, Channel, ChannelMap, Provenance, Repair
 from optid.errors import RecordingError, nearest
 
 if TYPE_CHECKING:
@@ -21,158 +21,26 @@ if TYPE_CHECKING:
 
     from optid.core.readers.mapping import Mapped
 
-Array = NDArray[np.float64]
+__all__ = [
+    "GAP",
+    "LONG_GAP",
+    "Array",
+    "Channel",
+    "ChannelMap",
+    "Interval",
+    "Provenance",
+    "Recording",
+    "Repair",
+    "frozen",
+    "held",
+    "midpoints",
+    "sealed",
+]
+
 Interval = tuple[float, float]
 
 GAP = 1.5  # median sampling intervals: beyond, at least one sample is missing from the table
 LONG_GAP = 10.0  # median sampling intervals: beyond, the held command can no longer be trusted
-
-
-@dataclass(frozen=True)
-class ChannelMap:
-    """How a column becomes a channel: ``model value = factor * recorded + shift``.
-
-    Attributes
-    ----------
-    role : str
-        what the channel is to the model: "time", an input, an output, or "reference".
-    column : str
-        name of the column; empty for a time that is given by `rate`.
-    unit : str
-        unit as measured, as the rig file states it.
-    model_unit : str
-        SI unit the model wants ("1" for a command divided by its full scale).
-    factor : float
-        recorded to model value, with `shift`; they hold unit, full scale, offset and gauge zero.
-    shift : float
-        see `factor`, in `model_unit`.
-    sd : float | None
-        standard deviation of the noise in `model_unit`, where known.
-    full_scale : float | None
-        largest value the channel can show, in `model_unit`, where known.
-    per_unit : float
-        size of one `model_unit` in `recorded_unit`: the full scale that was divided by, else 1.
-    recorded_unit : str
-        SI unit of the recorded quantity, "V" for a valve command.
-    rate : float | None
-        samples per second, for a time without a column.
-    held : bool
-        it holds from each sample to the next, as a command does.
-    linear : bool | None
-        an input that goes on straight from each sample to the next instead, as what was measured does; None where the
-        rig file leaves that open.
-    """
-
-    role: str
-    column: str
-    unit: str
-    model_unit: str
-    factor: float = 1.0
-    shift: float = 0.0
-    sd: float | None = None
-    full_scale: float | None = None
-    per_unit: float = 1.0
-    recorded_unit: str = "1"
-    rate: float | None = None
-    held: bool = False
-    linear: bool | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class Channel:
-    """One measured signal.
-
-    Attributes
-    ----------
-    role : str
-        what it is to the model.
-    column : str
-        the column it was read from.
-    unit : str
-        SI unit of `values`, the one the model wants.
-    values : Array
-        shape (samples,), read-only float64; NaN marks a missing sample.
-    sd : float | None
-        standard deviation of the noise in `unit`, where known.
-    full_scale : float | None
-        largest value the channel can show, in `unit`, where known.
-    per_unit : float
-        size of one `unit` in `recorded_unit` (5 for a command of +-1 that was +-5 V).
-    recorded_unit : str
-        SI unit of what was recorded, "V" for a valve command.
-    held : bool
-        it holds from each sample to the next, as a command does; where it is not known, nothing is simulated.
-    """
-
-    role: str
-    column: str
-    unit: str
-    values: Array
-    sd: float | None = None
-    full_scale: float | None = None
-    per_unit: float = 1.0
-    recorded_unit: str = "1"
-    held: bool = False
-
-    @property
-    def recorded(self) -> Array:
-        """The values in `recorded_unit`, before the division by a full scale, shape (samples,)."""
-        return self.values * self.per_unit
-
-    @property
-    def missing(self) -> int:
-        """Number of missing samples."""
-        return int(np.isnan(self.values).sum())
-
-
-@dataclass(frozen=True)
-class Repair:
-    """What was wrong with a channel in the file and was put right while it was read.
-
-    Attributes
-    ----------
-    role : str
-        of the channel.
-    message : str
-        what was seen and what was done, with the numbers as the file has them.
-    row : int
-        where it is first seen, counted from 0 in the recording.
-    """
-
-    role: str
-    message: str
-    row: int
-
-
-@dataclass(frozen=True)
-class Provenance:
-    """Where a recording came from and what was done to it.
-
-    Attributes
-    ----------
-    path : Path
-        the file.
-    sha256 : str
-        of the file's bytes.
-    reader : str
-        the format it was read as.
-    columns : Mapping[str, str]
-        role -> column.
-    rows_read : int
-        rows of data in the file.
-    notes : tuple[str, ...]
-        everything that was left out, in words; empty when nothing was.
-    repairs : tuple[Repair, ...]
-        what was wrong with channels and was put right.
-    """
-
-    path: Path
-    sha256: str
-    reader: str
-    columns: Mapping[str, str]
-    rows_read: int
-    notes: tuple[str, ...] = ()
-    repairs: tuple[Repair, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

@@ -135,7 +135,7 @@ def _blocks(owner: Integers, time: Array, length: float) -> Integers:
 def evaluate(q: LikelihoodProblem, p: Array, noise: Noise, recordings: Sequence[Recording]) -> Evaluation:
     """Filter recordings with fixed parameters, and predict their windows as `predict` does for every command."""
     model = q.model
-    length = max(window_seconds(recording.interval) for recording in recordings)
+    length = max(window_seconds(recording.interval, recording.duration) for recording in recordings)
     problem, cut = build_problem(model, recordings, WHOLE), build_problem(model, recordings, length)
     Q, R = noise.spectrum(len(model.states))[None], noise.measurement[None]
     f = run_filter(model, problem, p[None], Q, R, keep=True)

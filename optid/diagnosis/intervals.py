@@ -108,7 +108,7 @@ def _covariance(answer: LikelihoodFit, fixed: Booleans) -> Array:
     scores += 0.5 * answer.slopes.variances[known] * (1.0 - weight * z**2)[:, None]
     rows = np.nonzero(known)[0]
     owner = np.repeat(q.problem.recording, q.problem.counts + 1)[rows]
-    length = BLOCK * window_seconds(float(np.median(q.problem.dt)))
+    length = BLOCK * window_seconds(float(np.median(q.problem.dt)), float(np.ptp(q.problem.time)))
     blocks = np.stack([owner, np.floor(q.problem.time[rows] / length)])
     where = np.unique(blocks, axis=1, return_inverse=True)[1].ravel()
     summed = np.zeros((int(where.max()) + 1, scores.shape[1]))

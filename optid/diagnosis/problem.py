@@ -79,7 +79,7 @@ class DiagnosisProblem:
     @cached_property
     def window(self) -> float:
         """Length of a window, s."""
-        return max(window_seconds(recording.interval) for recording in self.train)
+        return max(window_seconds(recording.interval, recording.duration) for recording in self.train)
 
     @property
     def plain(self) -> Model:

@@ -127,7 +127,7 @@ ANSWERS = {
 
 
 def _span(d: Diagnosis) -> str:
-    return f"{d.test.base.horizon:g} s"
+    return f"{d.test.base.horizon:.3g} s"
 
 
 def _floor(d: Diagnosis) -> str:

@@ -84,12 +84,11 @@ def gate(
         for role in commands:
             known &= np.isfinite(one[role].values)
         measured = [np.isfinite(one[role].values) & known for role in outputs if role in one]
-        most = (
-            max((float(m.sum()) for m in measured), default=0.0) * one.interval / window_seconds(one.interval)
-        )
+        window = window_seconds(one.interval, one.duration)
+        most = max((float(m.sum()) for m in measured), default=0.0) * one.interval / window
         if most < criteria.fewest_windows:
             raise InputError(
-                f"only {most:.1f} windows of {window_seconds(one.interval):g} s have a command and a measured output",
+                f"only {most:.1f} windows of {window:g} s have a command and a measured output",
                 where=one.name,
                 expected=f"at least {criteria.fewest_windows}: shorter recordings can neither be fitted nor tested on",
             )

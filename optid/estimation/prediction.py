@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
 
 HORIZON = 0.5  # s, of a window
 FEWEST = 50  # samples of it, where sampling is too slow for that many in HORIZON
+SHORTEST, MANY = 4, 8  # windows that a record holds at least; those of a shorter record
 PINNED = 0.1  # of a sensor's noise: how far the windows may move what it shows as a free run begins
 PROCESS_NOISE = 3e-3  # per window as a share of each state's size, when no fit says better
 
@@ -46,9 +48,16 @@ class Prediction:
     notes: tuple[str, ...] = ()
 
 
-def window_seconds(interval: float) -> float:
-    """Length of a window, s, of a recording with a sample every `interval` seconds."""
-    return max(HORIZON, FEWEST * interval)
+def window_seconds(interval: float, duration: float = math.inf) -> float:
+    """Length of a window, s, of a recording with a sample every `interval` seconds.
+
+    Args:
+        interval: s.
+        duration: s, where windows are to be compared with each other: a record of fewer than `SHORTEST` windows has
+            `MANY` shorter ones instead, as far as its samples go.
+    """
+    horizon = HORIZON if duration >= SHORTEST * HORIZON else duration / MANY
+    return max(horizon, FEWEST * interval)
 
 
 def predict(

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import functools
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -137,15 +138,40 @@ class Lag:
     sign: int = 1
 
 
+@dataclass(frozen=True, eq=False)
+class _Transformed:
+    """A signal of zero mean and unit variance with what its transform gives.
+
+    Attributes:
+        spectrum: of the signal padded with as many zeros.
+        own: its autocorrelation at lags of 0 to half its length.
+    """
+
+    spectrum: NDArray[np.complex128]
+    own: Array
+
+
+def _transformed(signal: Array) -> _Transformed:
+    n = len(signal)
+    size = _padded(n)
+    spectrum = np.fft.rfft((signal - signal.mean()) / (signal.std() or 1.0), size)
+    return _Transformed(spectrum, np.fft.irfft(np.abs(spectrum) ** 2, size)[: n // 2] / n)
+
+
+def _padded(n: int) -> int:
+    return 1 << (2 * n - 1).bit_length()
+
+
 def lag(cause: Array, effect: Array, interval: float) -> Lag:
     """Cross-correlation of two signals, both shape (samples,) and evenly spaced by `interval` s.
 
     What chance gives is read off the same record, from lags of an eighth to a half of its length.
     """
-    n = len(cause)
-    a, b = ((s - s.mean()) / (s.std() or 1.0) for s in (cause, effect))
-    size = 1 << (2 * n - 1).bit_length()
-    product = np.fft.irfft(np.conj(np.fft.rfft(a, size)) * np.fft.rfft(b, size), size)
+    return _lag(_transformed(cause), _transformed(effect), len(cause), interval)
+
+
+def _lag(cause: _Transformed, effect: _Transformed, n: int, interval: float) -> Lag:
+    product = np.fft.irfft(np.conj(cause.spectrum) * effect.spectrum, _padded(n))
     lags = np.arange(-(n // 2), n // 2 + 1)
     # Divided by the samples that overlap: a periodic signal then repeats at full height among the far lags.
     signed = product[lags] / (n - np.abs(lags))
@@ -159,20 +185,17 @@ def lag(cause: Array, effect: Array, interval: float) -> Lag:
         float(sizes[best]),
         float(sizes[near & (lags >= 0)].max()),
         float(sizes[far].max()),
-        min(float(np.sqrt(np.mean(sizes[far] ** 2))), _standard_error(a, b)),
+        min(float(np.sqrt(np.mean(sizes[far] ** 2))), _standard_error(cause.own, effect.own, n)),
         float(max(causal.max(), 0.0)),
         float(max(-causal.min(), 0.0)),
         1 if signed[best] >= 0 else -1,
     )
 
 
-def _standard_error(a: Array, b: Array) -> float:
-    """Of the correlation of two unrelated signals like these (Bartlett), what recurs later in the record left out."""
-    n = len(a)
-    size = 1 << (2 * n - 1).bit_length()
-    own = [np.fft.irfft(np.abs(np.fft.rfft(s, size)) ** 2, size)[: n // 2] / n for s in (a, b)]
-    product = own[0] * own[1]
-    first = int(np.argmax((own[0] <= 0) | (own[1] <= 0))) or len(product)
+def _standard_error(a: Array, b: Array, n: int) -> float:
+    """Of the correlation of two unrelated signals by their autocorrelations (Bartlett), what recurs later left out."""
+    product = a * b
+    first = int(np.argmax((a <= 0) | (b <= 0))) or len(product)
     return float(np.sqrt(max(2 * product[:first].sum() - product[0], 1.0) / n))
 
 
@@ -190,19 +213,28 @@ def answer(recording: Recording, cause: str, role: str) -> tuple[str, Lag] | Non
         f"speed of {role}": speed,
         f"acceleration of {role}": _slope(speed, recording),
     }
-    lags = {what: lag(values, signal, recording.interval) for what, signal in answers.items()}
+    moved, n = _transformed(values), len(values)
+    lags = {
+        what: _lag(moved, _transformed(signal), n, recording.interval) for what, signal in answers.items()
+    }
     return max(lags.items(), key=lambda one: one[1].correlation)
 
 
-def anticipation(recording: Recording, inputs: tuple[str, ...], outputs: tuple[str, ...]) -> Iterator[Remark]:
+Look = Callable[[str, str], tuple[str, Lag] | None]  # input, output -> as `answer` has it
+
+
+def anticipation(
+    recording: Recording, inputs: tuple[str, ...], outputs: tuple[str, ...], look: Look | None = None
+) -> Iterator[Remark]:
     """Outputs that move before the command does, which only channels out of step can show.
 
     The highest correlation of an answer must lie before zero and exceed both what chance gives in this record
     and the highest after zero by two standard errors, (1 - r^2) times the scatter of unrelated signals.
     """
+    look = look or functools.partial(answer, recording)
     for cause in inputs:
         for role in outputs:
-            answered = answer(recording, cause, role)
+            answered = look(cause, role)
             if answered is None:
                 continue
             found = answered[1]
@@ -223,6 +255,7 @@ def polarity(
     signs: Mapping[tuple[str, str], int],
     inputs: tuple[str, ...],
     outputs: tuple[str, ...],
+    look: Look | None = None,
 ) -> Iterator[Remark]:
     """Outputs that answer an input with the other sign than the model's.
 
@@ -231,11 +264,13 @@ def polarity(
         signs: (input, output) -> the sign of the model's answer, where it has one.
         inputs: roles.
         outputs: roles.
+        look: finds their answers, where they were looked for before.
     """
+    look = look or functools.partial(answer, recording)
     for cause in inputs:
         for role in outputs:
             expected = signs.get((cause, role), 0)
-            answered = answer(recording, cause, role) if expected else None
+            answered = look(cause, role) if expected else None
             if answered is None:
                 continue
             what, found = answered

@@ -28,6 +28,7 @@ _FORETOLD = (
 )
 _HIDDEN = 0.25  # of a step: more noise than that rattles between levels at rest, too
 _MANY = 500  # differences in fast motion: fewer are mostly impacts
+_ENOUGH, _BLOCKS = 1 << 18, 16  # samples that show the noise of a long signal; blocks they are taken in
 _FEWEST_LEVELS = 6  # with fewer values any set looks like a grid
 
 
@@ -48,6 +49,9 @@ def noise_sd(values: Array) -> float:
     Returns:
         The standard deviation; 0 where fewer than 20 differences are whole.
     """
+    if len(values) > _ENOUGH:
+        starts = np.linspace(0, len(values) - _ENOUGH // _BLOCKS, _BLOCKS).astype(int)
+        values = np.concatenate([values[a : a + _ENOUGH // _BLOCKS] for a in starts])
     step = grid(values)
     least = step / math.sqrt(12)
     beside = min(scatter(values, step, fast=True), math.hypot(least, _HIDDEN * step))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -13,7 +14,7 @@ from optid.core.model import Model
 from optid.core.recording import Recording
 from optid.quality.faults import jumps, outliers, repaired
 from optid.quality.feedback import feedback, single_line, tied
-from optid.quality.motion import anticipation, one_sided, polarity, still, travel
+from optid.quality.motion import Lag, answer, anticipation, one_sided, polarity, still, travel
 from optid.quality.reach import reach
 from optid.quality.remark import Remark
 from optid.quality.response import signs
@@ -23,6 +24,7 @@ from optid.quality.sensors import constant_runs, quantisation, saturation
 _LONG, _SOME = 1 << 20, 4  # samples of a part of a long recording; parts that show how its sensors are
 _SLOWEST, _MANY = 100.0, 1 << 18  # Hz and samples at which the motion in a long recording is looked at
 _RANK = {"error": 0, "warning": 1, "note": 2}
+_ALIKE = 0.3  # correlation from which a lag means something
 _ANGLES = ("m", "rad")  # positions: what has them cannot jump
 
 
@@ -69,7 +71,8 @@ def _remarks(
     positions = tuple(port.role for port in model.outputs if port.unit == "m" and port.role in outputs)
     angular = tuple(port.role for port in model.outputs if port.unit in _ANGLES and port.role in outputs)
     # How an axis moves shows as well at a kilohertz; what its sensors do shows in their own samples only.
-    slow = decimated(recording, inputs, min(FASTEST, max(_SLOWEST, _MANY / recording.duration)))
+    slow = _slow(recording, inputs)
+    look = functools.cache(functools.partial(answer, slow))
     parts = _stretches(recording)
     some = (
         parts
@@ -88,12 +91,35 @@ def _remarks(
         *_together(some, lambda one: constant_runs(one, outputs)),
         *_together(parts, lambda one: jumps(one, outputs, angular)),
         *_together(parts, lambda one: outliers(one, outputs)),
-        *anticipation(slow, inputs, outputs),
-        *polarity(slow, signs(model, parameters, slow), inputs, outputs),
+        *anticipation(slow, inputs, outputs, look),
+        *polarity(slow, signs(model, parameters, slow), inputs, outputs, look),
         *feedback(recording, inputs, outputs),
         *single_line(slow, inputs),
         *tied(slow, inputs),
     ]
+
+
+def _slow(recording: Recording, inputs: tuple[str, ...]) -> Recording:
+    """A long recording at the rate at which its motion is looked at."""
+    return decimated(recording, inputs, min(FASTEST, max(_SLOWEST, _MANY / recording.duration)))
+
+
+def lags(recording: Recording, model: Model) -> Iterator[tuple[str, str, Lag]]:
+    """By how much what is measured follows each input, where they resemble each other beyond chance.
+
+    Args:
+        recording: as read.
+        model: its inputs and outputs say which channels are causes and which effects.
+
+    Yields:
+        What answers (an output, or its speed or acceleration), the input, and by how much it follows.
+    """
+    inputs = tuple(dict.fromkeys(port.role for port in model.inputs if port.role in recording))
+    slow = _slow(recording.part(0, min(len(recording), 2 * _LONG)), inputs)
+    for cause, port in itertools.product(inputs, model.outputs):
+        answered = answer(slow, cause, port.role) if port.role in recording else None
+        if answered is not None and answered[1].correlation > max(answered[1].chance, _ALIKE):
+            yield answered[0], cause, answered[1]
 
 
 def _stretches(recording: Recording) -> tuple[Recording, ...]:

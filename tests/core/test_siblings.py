@@ -109,6 +109,36 @@ READ = {  # name -> text, encoding, maps
         PLAIN,
     ),
     "first lines that end in carriage returns": (text("t,u,x", rows(), end="\r"), "utf-8", PLAIN),
+    "names that hold quotes": (
+        text('t;"""Data"".u";"""Data"".x"', COMMAS),
+        "utf-8",
+        named("t", '"Data".u', '"Data".x'),
+    ),
+    "signs apart from their numbers": (
+        text(
+            "t,u,x",
+            [
+                ",".join(
+                    (cell[:1] + "  " + cell[1:]) if "-" in cell else "+ " + cell for cell in line.split(",")
+                )
+                for line in rows()
+            ],
+        ),
+        "utf-8",
+        PLAIN,
+    ),
+    "dates among the facts of the channels": (
+        text(
+            "TraceName,u,x",
+            "SampleRate,1000,1000",
+            "Date,2024/05/02,2024/05/02",
+            "Time,10:00:00.00,10:00:00.00",
+            rows(),
+        ),
+        "utf-8",
+        (("column 1", "s"), *PLAIN[1:]),
+    ),
+    "a row of scales above the rows": (text("t;u;x", "[s];[V];[mm]", "0,01;1;1", COMMAS), "utf-8", PLAIN),
     "an old end mark": (text("t,u,x", rows()) + "\x1a", "utf-8", PLAIN),
 }
 

@@ -88,3 +88,19 @@ def test_a_slow_channel_gives_its_rows_and_commands_are_averaged_between_them():
     means = fast["command"].values.reshape(-1, 10).mean(axis=1)
     np.testing.assert_allclose(found["command"].values[:-1], means[:-1])
     assert at_samples_of(fast, "position", ["command"]) is fast
+
+
+@pytest.mark.parametrize("rows", [8, 50, 3])  # from one sample of the slow channel to the next, before
+def test_a_channel_slower_than_the_rest_keeps_its_samples(rows):
+    t = np.arange(40_000) * 1e-4
+    x = 0.1 * np.sin(12 * t)
+    slow = np.full(len(t), np.nan)
+    slow[2::rows] = x[2::rows]
+    command = Channel("command", "u", "1", np.sign(x), held=True)
+    whole = Recording("two rates", t, {"command": command, "position": Channel("position", "x", "m", slow)})
+    found = decimated(whole, ["command"], 1000.0)
+    y = found["position"].values
+    known = np.isfinite(y)
+    assert known.sum() >= 0.95 * len(t) / max(rows, 10)
+    # A slope over two samples is wrong by the curvature; a straight line between them by an eighth of it.
+    np.testing.assert_allclose(y[known], 0.1 * np.sin(12 * found.time[known]), atol=6e-6)

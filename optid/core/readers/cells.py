@@ -57,9 +57,20 @@ MISSING = (
     "BAD",
     "Invalid",
     "invalid",
+    "BURNOUT",
+    "Burnout",
+    "OVER",
+    "UNDER",
+    "OVERRANGE",
+    "Overflow",
+    "OVERFLOW",
+    "+++++++",
+    "-------",
+    "*****",
+    "******",
 )
 _MISSING = frozenset(MISSING)
-_NUMBER = re.compile(r"[-+]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eEdD][-+]?\d+)?")
+_NUMBER = re.compile(r"(?:[-+] {0,12})?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eEdD][-+]?\d+)?")
 _GROUPED = re.compile(r"[-+]?\d{1,3}(?:[ '.,\u00a0\u2009\u202f]\d{3})+(?:[.,]\d*)?")
 _SPECIAL = re.compile(r"[-+]?(?:inf|infinity|nan|∞|true|false)", re.IGNORECASE)
 # "12.5 mm", "3 %": a unit that stands in every cell of a column.

@@ -35,7 +35,14 @@ def split(line: str, delimiter: str) -> list[str]:
         cells = next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), [""])
     except csv.Error:  # a cell beyond what the csv module takes
         cells = line.split(delimiter)
-    return [cell.strip().strip('"').strip() for cell in cells]
+    return [_unquoted(cell.strip()) for cell in cells]
+
+
+def _unquoted(cell: str) -> str:
+    """Without quotes around all of it, or one that has no partner; a name may hold some, as "Data".u does."""
+    if cell.count('"') % 2:
+        return cell.strip('"').strip()
+    return cell[1:-1].strip() if cell.startswith('"') and cell.find('"', 1) == len(cell) - 1 else cell
 
 
 @dataclass(frozen=True)
@@ -182,9 +189,19 @@ def _first_row(
     rows = [is_row(_again(lines[i], delimiter), places, len(cells)) for i in full]
     for k, i in enumerate(full[: _ABOVE + 1]):
         # A number among the facts of the channels ("SampleTime 1") is no row: others follow a row, or it begins as one.
-        if rows[k] and (all(rows[k : k + _FOLLOWING]) or is_value(split(lines[i], delimiter)[0])):
-            return i
+        follow = all(rows[k : k + _FOLLOWING])
+        if rows[k] and (follow or is_value(split(lines[i], delimiter)[0])):
+            later = full[min(k + _FOLLOWING, len(full)) - 1]
+            if not (
+                follow and _other_kind(_again(lines[i], delimiter), _again(lines[later], delimiter), places)
+            ):
+                return i
     return None
+
+
+def _other_kind(cells: Sequence[str], later: Sequence[str], places: Sequence[int]) -> bool:
+    """A date or a time of day stands where rows further down hold numbers: it is a fact of the channel."""
+    return any(is_stamp(cells[k]) and not is_number(cells[k]) and is_number(later[k]) for k in places)
 
 
 def _numbered(lines: Sequence[str], first: int, delimiter: str, width: int) -> bool:

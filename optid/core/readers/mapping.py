@@ -18,6 +18,7 @@ from optid.core.readers.table import Clock, Column, Table, offered
 from optid.core.recording import Array, Channel, ChannelMap, Provenance, Recording, midpoints, sealed
 from optid.errors import RecordingError
 
+_MANY = 20  # rows that show that the first one is none
 _OTHERS = 0.5  # of the rows: where fewer hold a mapped value, the rest belong to other channels
 
 
@@ -256,11 +257,22 @@ def _by_time(
             field=field,
             expected="a time in every row",
         )
+    if table.reader == "csv" and _begins_with_facts(times):
+        notes += (
+            f"{place(0)} comes before the rows and is none by its time (scales or numbers of channels?)",
+        )
+        values, times = {role: one[1:] for role, one in values.items()}, times[1:]
+        numbers_of = (np.flatnonzero(keep) if numbers_of is None else numbers_of)[1:]
     times, said = unwrapped(times, time.unit if factor != 1.0 or not zero else "s", place)
     refuse_disorder(times, place, field, path)
     seconds = factor * times
     refuse_bursts(seconds, field, path)
     return _Rows(seconds, values, notes + said)
+
+
+def _begins_with_facts(times: Array) -> bool:
+    """The first of many rows is the only one out of order, and lies within the times of the others."""
+    return len(times) > _MANY and times[1] <= times[0] < times[-1] and bool((np.diff(times[1:]) > 0).all())
 
 
 def _channel(values: Array, channel: ChannelMap) -> Channel:

@@ -86,7 +86,7 @@ def region(answer: LikelihoodFit, mismatch: Array, done: Array, recordings: tupl
     owner = np.repeat(problem.recording, problem.counts + 1)
     signals = _signals(answer, owner)
     states = {name: _range(values, energy, unit) for name, (values, unit) in signals.items()}
-    window = window_seconds(float(np.median(problem.dt)))
+    window = window_seconds(float(np.median(problem.dt)), float(np.ptp(problem.time)))
     intervals = _intervals(done > WORKS, owner, problem.time, recordings, GAP * window)
     return Region(channels, intervals, states, energy, signals, owner, problem.time, SLOT * window)
 
@@ -170,7 +170,7 @@ def by_usual_size(*sizes: Array) -> Array:
 def running_rms(signal: Array, problem: Problem) -> Array:
     """The root mean square of an estimated signal over a slot around each sample, of its recording: it is noisy."""
     step = float(np.median(problem.dt))
-    box = np.ones(max(round(SLOT * window_seconds(step) / step), 1))
+    box = np.ones(max(round(SLOT * window_seconds(step, float(np.ptp(problem.time))) / step), 1))
     power = np.where(np.isfinite(signal), signal, 0.0) ** 2
     owner = np.repeat(problem.recording, problem.counts + 1)
     for number in np.unique(owner):

@@ -1,0 +1,62 @@
+"""Long recordings are checked at a bounded cost and short ones diagnosed; the answer says on what it rests."""
+
+import numpy as np
+import pytest
+
+from optid.api import checking
+from optid.core.recording import Channel, Recording
+from optid.diagnosis.criteria import Criteria
+from optid.diagnosis.testing import gate
+from optid.errors import InputError
+from optid.estimation.prediction import window_seconds
+
+
+def recorded(samples):
+    t = np.arange(samples) * 1e-3
+    y = 0.05 * np.sin(3 * t)
+    y[samples // 2] = 0.09
+    return Recording(
+        "long",
+        t,
+        {
+            "command": Channel("command", "u", "1", np.sign(np.sin(3 * t)), per_unit=5.0, held=True),
+            "position": Channel("position", "x", "m", y),
+        },
+    )
+
+
+def test_a_picture_of_a_long_recording_shows_its_extremes(monkeypatch):
+    monkeypatch.setattr(checking, "_DRAWN", 100)
+    whole = recorded(10_000)
+    frame = checking._signals([whole])
+    assert len(frame) == 200
+    assert frame["position"].max() == 0.09
+    assert frame["command"].min() == -5.0
+    assert frame["time"].is_monotonic_increasing
+
+
+def test_a_short_recording_is_drawn_whole():
+    frame = checking._signals([recorded(300)])
+    np.testing.assert_array_equal(frame["position"], recorded(300)["position"].values)
+
+
+def test_long_recordings_are_examined_on_stretches_of_all_of_them(monkeypatch):
+    monkeypatch.setattr(checking, "_EXAMINED", 800)
+    parts, said = checking._excerpts([recorded(10_000), recorded(300)])
+    assert sum(map(len, parts)) < 1700
+    assert parts[0].time[0] == 0.0
+    assert max(one.time[-1] for one in parts) == pytest.approx(9.999)
+    assert said and "10.3 s" in said[0]
+
+
+def test_short_recordings_are_examined_whole():
+    whole = [recorded(1000)]
+    assert checking._excerpts(whole) == (whole, [])
+
+
+def test_a_record_of_a_second_has_enough_windows():
+    assert window_seconds(1e-3, 0.999) == pytest.approx(0.999 / 8)
+    assert window_seconds(1e-3, 2.0) == window_seconds(1e-3) == 0.5
+    gate([recorded(1000)], ("position",), ("command",), Criteria())
+    with pytest.raises(InputError, match=r"windows of 0\.05 s"):  # of fifty samples at least
+        gate([recorded(120)], ("position",), ("command",), Criteria())
