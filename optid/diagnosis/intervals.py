@@ -35,6 +35,7 @@ def intervals(model: RefinedModel, ratio: float = 1.0) -> tuple[Estimate, ...]:
     # A bound that holds a parameter takes its freedom from the others, too.
     own, others = (np.diag(_covariance(answer, fixed)) for fixed in (np.zeros_like(bound), bound))
     sd = np.sqrt(np.maximum(np.where(bound, own, others), 0.0)) * q.typical
+    sd = np.hypot(sd, _left_to_go(answer, bound))
     half = np.maximum(max(ratio, 1.0) * stats.norm.ppf(0.5 + 0.95 / 2) * sd, _resolution(model)) + model.shift
     found = []
     for k, i in enumerate(q.free):
@@ -91,6 +92,18 @@ def _resolution(model: RefinedModel) -> Array:
             k, unit = free[f"{effect.name}.{name}"]
             least[k] = samples * (interval if unit == "s" else 1.0)
     return least
+
+
+def _left_to_go(answer: LikelihoodFit, fixed: Booleans) -> Array:
+    """The Gauss-Newton step from where a search ended, (free,), SI; of parameters that are `fixed` none.
+
+    Dry friction and the integrator's steps make a likelihood rough on the scale of an sd where the noise is low: a
+    search ends in one of its small valleys, while slopes taken over several of them show where the large one is.
+    """
+    q, moved = answer.likelihood_problem, np.append(~fixed, np.ones(len(answer.gradient) - len(fixed), bool))
+    step = np.zeros(len(answer.gradient))
+    step[moved] = _inverse(answer.information[np.ix_(moved, moved)]) @ answer.gradient[moved]
+    return np.asarray(np.abs(step[: len(fixed)]) * q.typical)
 
 
 def _covariance(answer: LikelihoodFit, fixed: Booleans) -> Array:

@@ -91,7 +91,8 @@ class LikelihoodFit:
         filtered: innovations, variances, states and gains there, sets = 1.
         score: -2 log likelihood with the priors, up to a constant of the data.
         slopes: of innovations and their variances.
-        information: Fisher's, of free parameters in typical sizes and then of levels.
+        gradient: of half the score, by free parameters in typical sizes and then by levels.
+        information: Fisher's, of the same.
         settled: the iteration converged, on derivatives taken where it ended.
     """
 
@@ -101,6 +102,7 @@ class LikelihoodFit:
     filtered: Filtered
     score: float
     slopes: Jacobians
+    gradient: Array
     information: Array
     settled: bool
 
@@ -251,8 +253,8 @@ class LikelihoodPoint:
 
     def as_fit(self, settled: bool) -> LikelihoodFit:
         """What was found here."""
-        _, information = self.gradient_and_fisher()
+        gradient, information = self.gradient_and_fisher()
         assert self.slopes is not None
         return LikelihoodFit(
-            self.q, self.p, self.noise, self.filtered, self.score, self.slopes, information, settled
+            self.q, self.p, self.noise, self.filtered, self.score, self.slopes, gradient, information, settled
         )

@@ -31,6 +31,7 @@ def refined(values, low, high):
     answer = SimpleNamespace(
         likelihood_problem=likelihood_problem,
         p=np.array(values),
+        gradient=np.zeros(2),
         information=slopes[:, 0].T @ slopes[:, 0],
         filtered=SimpleNamespace(innovations=noise, variances=np.ones((1, 200, 1))),
         slopes=SimpleNamespace(innovations=-slopes, variances=np.zeros_like(slopes)),
@@ -48,3 +49,21 @@ def test_a_bound_that_holds_a_parameter_takes_its_freedom_from_the_other():
     assert half(free) > 10.0 * half(held)
     assert half(held) == pytest.approx(1.96 / np.sqrt(200), rel=0.6)  # as if the other were known
     assert at.low == 0.5 and at.high > 0.6  # the one at its bound is as unsure as ever
+
+
+def test_what_a_search_had_left_to_go_counts_as_another_sd():
+    there = refined([0.5, 0.5], [-5.0, -5.0], [5.0, 5.0])
+    plain = intervals(there)
+    step = np.array([0.3, -0.2])
+    there.fit.gradient = there.fit.information @ step
+    wider = intervals(there)
+    for one, before, left in zip(wider, plain, step, strict=True):
+        sd = (before.high - before.low) / 2 / 1.959964
+        assert (one.high - one.low) / 2 == pytest.approx(1.959964 * np.hypot(sd, left), rel=1e-6)
+
+
+def test_a_parameter_at_its_bound_has_nowhere_to_go():
+    there = refined([0.5, -5.0], [-5.0, -5.0], [5.0, 5.0])
+    plain = [(one.low, one.high) for one in intervals(there)]
+    there.fit.gradient = np.array([0.0, 100.0])
+    assert [(one.low, one.high) for one in intervals(there)] == plain
