@@ -15,7 +15,8 @@ class Criteria:
         smallest_gain: share by which an effect must lower the windows' error (physics catalogue B.3, step 5).
         smallest_share: of the squared error of the plain model, what an effect beside others must explain: right laws
             follow those of the catalogue within a tenth or two of their size.
-        largest_rest: share of the squared error that names may leave where a plant states none of its own.
+        largest_rest: share of the squared error that names may leave where a plant states none of its own: no more than
+            they explain.
         most_effects: that are named together.
         fewest_windows: that a recording must hold.
         told_apart: level at which windows must prefer an effect to a look-alike for the two to be told apart.
@@ -25,7 +26,7 @@ class Criteria:
     error_over_noise: float = 1.2
     smallest_gain: float = 0.04
     smallest_share: float = 0.02
-    largest_rest: float = 0.75
+    largest_rest: float = 0.5
     most_effects: int = 3
     fewest_windows: int = 4
     told_apart: float = 0.05

@@ -43,13 +43,14 @@ def is_beyond_doubt(path: SelectionPath, problem: DiagnosisProblem) -> bool:
 def is_explained_elsewhere(
     path: SelectionPath, surrogate: Surrogate | None, problem: DiagnosisProblem
 ) -> bool:
-    """A description at another place than any name's brings windows to the noise, where the names do not."""
+    """A description at another place, or over other signals, than the names' is at the noise where these are not."""
     described = None if surrogate is None else surrogate.contender
     if described is None or _at_noise(path, problem):
         return False
-    own = {site for effect in path.best.effects for site in effect.sites}
-    at_noise = described.validated.error_over_noise <= problem.criteria.error_over_noise
-    return at_noise and own.isdisjoint(described.effect.sites)
+    sites = {site for effect in path.best.effects for site in effect.sites}
+    signals = {signal for effect in path.best.effects for signal in effect.depends_on}
+    apart = sites.isdisjoint(described.effect.sites) or signals.isdisjoint(described.effect.depends_on)
+    return apart and described.validated.error_over_noise <= problem.criteria.error_over_noise
 
 
 def _at_noise(path: SelectionPath, problem: DiagnosisProblem) -> bool:

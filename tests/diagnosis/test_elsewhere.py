@@ -7,7 +7,7 @@ import pytest
 from optid.diagnosis.criteria import Criteria
 from optid.diagnosis.verdict import is_beyond_doubt, is_explained_elsewhere, is_sufficient
 
-NAME = SimpleNamespace(name="named", sites=("force.external",))
+NAME = SimpleNamespace(name="named", sites=("force.external",), depends_on=("velocity",))
 
 
 def problem(form_error=None):
@@ -20,10 +20,9 @@ def path_left_at(ratio):
     return SimpleNamespace(first=errors[0], validated=errors[1], best=SimpleNamespace(effects=(NAME,)))
 
 
-def described(ratio, site):
-    contender = SimpleNamespace(
-        validated=SimpleNamespace(error_over_noise=ratio), effect=SimpleNamespace(sites=(site,))
-    )
+def described(ratio, site, signal="velocity"):
+    effect = SimpleNamespace(sites=(site,), depends_on=(signal,))
+    contender = SimpleNamespace(validated=SimpleNamespace(error_over_noise=ratio), effect=effect)
     return SimpleNamespace(contender=contender)
 
 
@@ -40,11 +39,12 @@ def test_names_at_the_noise_or_within_what_the_plant_states_need_no_description(
     [
         (2.0, described(1.05, "sensor.position"), True),
         (2.0, described(1.05, "force.external"), False),  # the law's own form, drawn freely
+        (2.0, described(1.05, "force.external", "command"), True),
         (2.0, described(1.6, "sensor.position"), False),
         (1.1, described(1.05, "sensor.position"), False),
         (2.0, SimpleNamespace(contender=None), False),
         (2.0, None, False),
     ],
 )
-def test_only_what_reaches_the_noise_at_another_place_speaks_against_a_name(left, surrogate, elsewhere):
+def test_only_what_reaches_the_noise_apart_from_a_law_speaks_against_its_name(left, surrogate, elsewhere):
     assert is_explained_elsewhere(path_left_at(left), surrogate, problem()) is elsewhere
