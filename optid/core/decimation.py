@@ -182,7 +182,7 @@ def _filtered(values: Array, count: int) -> Array:
     half = len(weights) // 2
     at = np.arange(float(len(values)))
     filled = values if known.all() else np.interp(at, at[known], values[known])
-    # Beyond its ends the signal goes on as if turned about its last point, so that a slope stays one.
+    # Beyond its ends the signal is continued by odd reflection, which keeps a slope.
     reach = min(half, len(filled) - 1)
     before, after = 2 * filled[0] - filled[reach:0:-1], 2 * filled[-1] - filled[-2 : -reach - 2 : -1]
     padded = np.concatenate((before, filled, after))

@@ -64,7 +64,7 @@ class Constraint:
     margin: ca.Function
 
     def holds(self, p: Array) -> bool:
-        """Is it so with these parameters?"""
+        """Whether it holds at these parameters."""
         return bool(float(self.margin(p)) > 0.0)
 
 

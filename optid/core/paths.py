@@ -1,4 +1,4 @@
-"""Questions about a path, which every name has an answer to: one too long for a file, or with a null, is no file's."""
+"""Tests of a path that never raise: a name that is too long, or holds a null, is no file."""
 
 from __future__ import annotations
 

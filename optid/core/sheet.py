@@ -211,7 +211,7 @@ class Sheet(Declarations):
         self._near[name] = signal
 
     def form_error(self, share: float) -> None:
-        """Say how much of the squared error names may leave on this plant: more than right laws of another form do.
+        """State which share of the squared error right names may leave on this plant.
 
         In no more than one of 20 blind cases may right names leave more.
 
@@ -233,7 +233,7 @@ class Sheet(Declarations):
         self._suspects.append(sites)
 
     def scalable(self, *sites: str) -> None:
-        """Name sites of a level that others turn, as that of dry friction: what sticks no added signal describes.
+        """Name sites of a level whose sign the plant sets, as of dry friction: no added signal describes sticking.
 
         Parameters
         ----------

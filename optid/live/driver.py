@@ -1,4 +1,4 @@
-"""What a driver is, and how one is found: built in by name, a user's own from a file."""
+"""The driver interface, and how a driver is found: built in by name, a user's own from a file."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ class EndOfData(Exception):
 
 
 class Driver(Protocol):
-    """The door to a rig. Values are as the rig file's columns hold them: volts, mm, bar.
+    """The access to a rig. Values are as the rig file's columns hold them: volts, mm, bar.
 
-    It lives in the guard's process, which no death of the loop reaches. `read` and `write` may take a part of
+    It runs in the guard's process, which outlives the loop. `read` and `write` may take a part of
     the sampling period; what they raise ends the session with the safe command. `time` is the session's, in
     seconds from sample 0. A driver that rounds the command may have an attribute `resolution`, the step of it in
     the unit of its column.
@@ -54,7 +54,7 @@ class Driver(Protocol):
         """
 
     def close(self) -> None:
-        """Let go of the rig; the safe command was written before, if that was possible."""
+        """Close the connection to the rig; the safe command was written before, if that was possible."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +85,7 @@ class Order:
     seed: int = 0
 
 
-VIRTUAL = ("simulated", "replay")  # no hardware behind them: they live and die with the guard's process
+VIRTUAL = ("simulated", "replay")  # no hardware behind them: they end with the guard's process
 Maker = Callable[[Order], Driver]
 
 # Name -> "module:function"; a module, and the package it needs, is imported when its driver is asked for.

@@ -1,7 +1,7 @@
-"""The guard: holds the rig's door, lets only allowed commands through, and puts the safe one when anything fails.
+"""The guard: owns the driver, lets only allowed commands through, and writes the safe one when anything fails.
 
-It trusts nobody: the loop may hang, die or send nonsense. Whatever ends a session, the safe command is put before
-the driver is closed, and the log holds every sample up to the last.
+It trusts no other process: the loop may hang, die or send nonsense. Whatever ends a session, the safe command is put
+before the driver is closed, and the log holds every sample up to the last.
 """
 
 from __future__ import annotations

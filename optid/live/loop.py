@@ -1,4 +1,4 @@
-"""The numbers of one sample: identify, simulate alongside, control. No clock, no door: those are the guard's."""
+"""The computations of one sample: identify, simulate in parallel, control. Clock and driver belong to the guard."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from optid.pid.controller import Settings as PidSettings
 from optid.rigs.rigfile import Rig
 
 SAME = 1e-9  # of the command's range: less is no other command than the one that was asked for
-ORDERS = Orders(4, (4,), 4, (1,))  # of eq. 12, where nobody says otherwise
+ORDERS = Orders(4, (4,), 4, (1,))  # of eq. 12, by default
 DITHER_HOLD = 0.01  # s for which the dither keeps its sign at least
 
 

@@ -1,4 +1,4 @@
-"""Do the rig and the physical model still agree? A running judgement in fixed memory."""
+"""Do the rig and the physical model still agree? A running measure of their mismatch, in fixed memory."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Parting:
         self._contrary, self._parted = 0.0, False
 
     def add(self, measured: float, windowed: float, noise: float) -> None:
-        """Take one sample; what is no number says nothing.
+        """Take one sample; NaN is skipped.
 
         Args:
             measured: position, m.

@@ -1,4 +1,4 @@
-"""How session, guard and loop talk: JSON words for orders and news, packed numbers for samples."""
+"""Communication of session, guard and loop: JSON messages for orders and events, packed numbers for samples."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ HANG = 10.0  # s without an answer after which a session that has no clock gives
 
 
 def tell(pipe: Connection, **message: Any) -> None:
-    """Say something; nobody listening is no reason to fail."""
+    """Send a message; a pipe that was closed is no failure."""
     with contextlib.suppress(OSError):
         pipe.send_bytes(json.dumps(message).encode())
 

@@ -29,7 +29,7 @@ from optid.pid.controller import Gains
 from optid.rigs.rigfile import read_rig
 
 GUARD_SCHEMA = "optid.guard/1"
-GUARD_FILE = "guard.json"  # how the guard saw the end: there even when nobody else is left
+GUARD_FILE = "guard.json"  # how the session ended, by the guard: written even where the other processes died
 PRIORITY = 20  # among real-time processes, where the system lets us be one
 
 
@@ -125,7 +125,7 @@ def _deaf_but_for_terminate() -> list[int]:
 
 
 def _steady(plan: Plan) -> None:
-    """No pauses of our own making: no collector, and a real-time priority where that is allowed."""
+    """Avoid pauses: no garbage collection, and a real-time priority where that is allowed."""
     gc.collect()
     gc.freeze()
     gc.disable()
@@ -209,7 +209,7 @@ def _tell_verdict(session: Connection, say: str, verdict: Verdict) -> None:
 
 
 def _heed(loop: Loop, session: Connection) -> bool:
-    """One order; False once nobody is left to give any."""
+    """Carry out one order; False once the session has gone."""
     try:
         message = told(session)
     except (EOFError, OSError):

@@ -1,4 +1,4 @@
-"""After the guard's own death: whoever is left puts the safe command through a new door."""
+"""After the guard's own death: a remaining process writes the safe command through a new connection."""
 
 from __future__ import annotations
 

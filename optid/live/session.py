@@ -183,7 +183,7 @@ class Session:
         tell(self._pipes[1], do="gains", gains=vars(review.new))
 
     def poll(self) -> None:
-        """Hear what guard and loop have to say; never waits."""
+        """Read the messages of guard and loop; never waits."""
         for pipe, heed in zip(self._pipes, (self._heed_guard, self._heed_loop), strict=True):
             with contextlib.suppress(EOFError, OSError):
                 while ready([pipe], 0.0):

@@ -1,4 +1,4 @@
-"""Does a loop oscillate? Counts how often the command swings through a good part of its range."""
+"""Does a loop oscillate? Counts reversals of the command over a good part of its range."""
 
 from __future__ import annotations
 

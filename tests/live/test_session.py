@@ -227,7 +227,9 @@ def test_a_driver_that_never_comes_back_is_left_and_the_safe_command_put_anew(tm
     driver.write_text(STUCK)
     result = run(rig, "--driver", f"{driver}:Rig", "--out", tmp_path / "out")
     assert result.exit_code == 1
-    assert "the driver did not come back; the safe command was put through a new door" in result.stderr
+    assert (
+        "the driver did not come back; the safe command was written through a new connection" in result.stderr
+    )
     lines = (tmp_path / "put.txt").read_text().split("\n")
     assert lines[-2] == f"{os.getpid()} 0.25"  # by this process, when the guard was gone
     rows = pd.read_csv(tmp_path / "out" / "recording.csv")
@@ -266,7 +268,7 @@ class Running:
         return sorted(int(word) for word in found.stdout.split())
 
     def ended(self):
-        """The guard's last word, once it has said it."""
+        """How the session ended, once the guard has written it."""
         path = self.out / "guard.json"
         self._until(path.is_file)
         return json.loads(path.read_text())

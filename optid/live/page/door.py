@@ -1,4 +1,4 @@
-"""Who may open the page: whoever holds the token, on this machine too; and how often one may try."""
+"""Access to the page: by the token, on this machine too, with a limit on wrong tokens."""
 
 from __future__ import annotations
 

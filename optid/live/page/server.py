@@ -1,4 +1,4 @@
-"""Serves the page and keeps it fed: signals as packed rows, everything else as JSON, one coroutine a reader.
+"""Serves the page and its data: signals as packed rows, everything else as JSON, one coroutine a reader.
 
 A reader that is slow skips rows: what it has not fetched stays in the session's rings, which never grow. A connection
 serves one request, and only so many may be open.
@@ -136,7 +136,7 @@ class Page:
         return socket
 
     def _obey(self, text: str) -> str:
-        """One word of the page, and why it was not done; what is not understood is not done."""
+        """One order of the page, and why it was refused; what is not understood is refused."""
         try:
             message = json.loads(text)
         except (ValueError, RecursionError):

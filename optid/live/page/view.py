@@ -1,4 +1,4 @@
-"""What the page is told, as JSON: once what stays, then what is new."""
+"""The page's data as JSON: first what is constant, then updates."""
 
 from __future__ import annotations
 
