@@ -29,3 +29,9 @@ def digest_of(path: str | os.PathLike[str]) -> str | None:
     with contextlib.suppress(OSError), Path(path).open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
     return None
+
+
+def from_here(path: Path) -> str:
+    """As it is typed in the current folder: relative where it lies below."""
+    here = Path.cwd()
+    return str(path.relative_to(here)) if path.is_relative_to(here) else str(path)

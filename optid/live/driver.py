@@ -97,6 +97,29 @@ BUILT_IN = {
 }
 
 
+def check_driver_name(name: str) -> None:
+    """Refuse what names no driver, without importing or running anything.
+
+    Parameters
+    ----------
+    name : str
+        a built-in driver, or "path/to/file.py:function" for a user's own.
+
+    Raises
+    ------
+    InputError
+        neither.
+    """
+    file, colon, _ = name.rpartition(":")
+    if name not in BUILT_IN and not (colon and file.endswith(".py")):
+        raise InputError(
+            f'no driver "{name}"',
+            where="--driver",
+            expected='a built-in name or "path/to/file.py:function"',
+            hint=nearest(name, BUILT_IN),
+        )
+
+
 def find_driver(name: str) -> Maker:
     """The function that makes a driver.
 
@@ -114,14 +137,8 @@ def find_driver(name: str) -> Maker:
         module, function = BUILT_IN[name].split(":")
         found: Maker = getattr(importlib.import_module(module), function)
         return found
-    file, colon, function = name.rpartition(":")
-    if not colon or not file.endswith(".py"):
-        raise InputError(
-            f'no driver "{name}"',
-            where="--driver",
-            expected='a built-in name or "path/to/file.py:function"',
-            hint=nearest(name, BUILT_IN),
-        )
+    check_driver_name(name)
+    file, _, function = name.rpartition(":")
     module_of_file = load_file(Path(file))
     made = getattr(module_of_file, function, None)
     if not callable(made):

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 
 from optid.live.background import Background
 from optid.live.commissioning import RIG_FILE, Commissioned, document, read_since, sentence
+from optid.live.excerpt import last_rows, offer_diagnosis
 from optid.live.log import LOG
 from optid.live.plan import Plan
-from optid.live.slices import last_rows, offer_diagnosis
 from optid.monitoring.one_step import Quantity
 
 if TYPE_CHECKING:

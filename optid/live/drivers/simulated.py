@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from optid.core.model import Array
+from optid.core.quantity import quantity
 from optid.effects.library import admitted
 from optid.errors import RigError, SolveError
 from optid.live.driver import Order
@@ -125,7 +126,7 @@ def _values(rig: Rig) -> dict[str, float]:
 
 
 def _value(value: float, unit: str) -> str:
-    return f"{value:.4g}" if unit == "1" else f"{value:.4g} {unit.replace('**', '^')}"
+    return quantity(value, unit, 4)
 
 
 def unlike(rig: Rig, rng: np.random.Generator) -> Rig:

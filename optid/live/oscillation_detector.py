@@ -7,7 +7,7 @@ MEMORY = 1.0  # s over which turns are counted, fading
 TOO_MANY = 10.0  # turns: a step response has three or four, a loop on the verge of instability goes on
 
 
-class Swings:
+class OscillationDetector:
     """Turns of the command in the last second.
 
     Args:

@@ -12,7 +12,7 @@ from optid.core.model import Array
 _COUNT = struct.Struct("<q")
 
 
-class Ring:
+class RingBuffer:
     """The last `rows` rows of `columns` numbers.
 
     Args:

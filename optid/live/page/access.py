@@ -22,7 +22,7 @@ ADDRESSES = 256  # that are remembered
 
 
 @dataclass(frozen=True)
-class Door:
+class Access:
     """Where the page is served, and to whom.
 
     The page itself is no secret. What it shows and the orders it gives go through a socket that opens for the token
