@@ -254,11 +254,11 @@ class Running:
         return path.read_text().count("\n") if path.is_file() else 0
 
     def _until(self, there):
-        for _ in range(1200):
+        for _ in range(6000):
             if there():
                 return
             time.sleep(0.05)
-        raise AssertionError("nothing happened for a minute")
+        raise AssertionError("nothing happened for five minutes")
 
     def children(self):
         """Processes named by what they run: guard and loop are started one after the other."""
