@@ -92,7 +92,7 @@ class NotIdentifiable(JobError):
 def nearest(name: str, valid: Iterable[str]) -> str:
     """Say which of the valid names was probably meant, or list them all."""
     names = sorted(valid)
-    # Each comparison takes time with the length of both: nobody mistypes thousands of letters or means one of 1000s.
+    # Each comparison takes time with the length of both: a name of thousands of letters is no slip.
     close = difflib.get_close_matches(name[:80], [n for n in names[:MANY] if len(n) <= 80], n=1, cutoff=0.6)
     if close:
         return f'did you mean "{close[0]}"?'

@@ -1,4 +1,4 @@
-"""Laws for plants and effects of a user's own, smooth where nature jumps.
+"""Smooth forms of laws that jump, for a user's plants and effects.
 
 - `dry_friction`: dry friction of an axis that slides and sticks.
 - `signed_root`: sign(q) sqrt(abs(q)) with a finite slope at 0, for flow through an orifice.

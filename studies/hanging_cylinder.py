@@ -34,11 +34,13 @@ def hanging_cylinder(s: Sheet) -> None:
     x = s.state("position", "m", 0.01, start=MIDDLE, spread=TRAVEL)
     v = s.state("velocity", "m/s", 0.1, spread=0.5)
     p = s.input("pressure", "Pa")
-    lift = s.site("drive.pressure", (p - s.param(AMBIENT)) * s.param(AREA), size=100.0, v=v)
-    viscous = s.site("force.viscous", s.param(VISCOUS) * v, v=v)
-    drag = s.site("force.friction", viscous + dry_friction(s, v, "bristle", x=x - MIDDLE, L=TRAVEL), v=v)
+    lift = s.site("drive.pressure", (p - s.param(AMBIENT)) * s.param(AREA), unit="N", size=100.0, v=v)
+    viscous = s.site("force.viscous", s.param(VISCOUS) * v, unit="N", v=v)
+    drag = s.site(
+        "force.friction", viscous + dry_friction(s, v, "bristle", x=x - MIDDLE, L=TRAVEL), unit="N", v=v
+    )
     mass = s.param(MASS)
-    external = s.site("force.external", -mass * GRAVITY, x=x - MIDDLE, v=v, L=TRAVEL)
+    external = s.site("force.external", -mass * GRAVITY, unit="N", x=x - MIDDLE, v=v, L=TRAVEL)
     s.rate(x, v)
     s.rate(v, (lift - drag + external) / mass)
-    s.output("position", "m", s.site("sensor.position", x, x=x - MIDDLE, v=v, L=TRAVEL))
+    s.output("position", "m", s.site("sensor.position", x, unit="m", x=x - MIDDLE, v=v, L=TRAVEL))

@@ -64,7 +64,7 @@ class LiveRig:
         return volts
 
     def close(self) -> None:
-        """Nothing to let go of."""
+        """Nothing to close."""
 
     def _reach(self, time: float) -> None:
         left = time - self._time

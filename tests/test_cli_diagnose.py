@@ -6,13 +6,21 @@ import sys
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
+from optid import cli
 from tests.diagnosis.trolley import recording, rig
 
 WIDTH = 0.2
 
 
+def run(*arguments):
+    """In this process, which has everything imported."""
+    return CliRunner().invoke(cli.cli, [str(argument) for argument in arguments], prog_name="optid")
+
+
 def optid(*arguments):
+    """As a user calls it."""
     return subprocess.run(
         [sys.executable, "-m", "optid.cli", *map(str, arguments)], capture_output=True, text=True, check=False
     )
@@ -65,8 +73,8 @@ def test_it_writes_its_files_and_says_the_answer(answered):
 def test_the_improved_rig_is_understood_and_predicts_to_the_noise(bench, answered):
     out, _ = answered
     for name, place in (("before", bench / "trolley.toml"), ("after", out / "rig.toml")):
-        done = optid("simulate", place, bench / "held.csv", "--out", bench / name)
-        assert done.returncode == 0, done.stderr
+        done = run("simulate", place, bench / "held.csv", "--out", bench / name)
+        assert done.exit_code == 0, done.output
     before, after = (
         json.loads((bench / name / "metrics.json").read_text())["position"]["window"]["rmse"]
         for name in ("before", "after")
@@ -93,8 +101,8 @@ def test_a_wrong_call_is_one_line_and_leaves_nothing(bench, arguments, said, mon
     if arguments[-1] == ".":
         (bench / "rig.toml").write_text((bench / "trolley.toml").read_text())
         arguments = ["rig.toml", *arguments[1:]]
-    done = optid("diagnose", *arguments)
-    assert done.returncode == 2
+    done = run("diagnose", *arguments)
+    assert done.exit_code == 2
     assert len(done.stderr.strip().splitlines()) == 1
     assert said in done.stderr
     assert not (bench / "new").exists()

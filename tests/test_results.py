@@ -200,7 +200,7 @@ main()
 """
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize("number", [signal.SIGTERM, pytest.param(signal.SIGINT, marks=pytest.mark.full)])
 def test_a_signal_is_told_and_leaves_nothing(sound, tmp_path, number):
     process = subprocess.Popen(
         [sys.executable, "-c", SLEEPER, "simulate", *map(str, sound), "--out", tmp_path / "out"],

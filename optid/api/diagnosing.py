@@ -67,7 +67,7 @@ def diagnose(
     progress : Progress
         called with the share done and a few words.
     checkpoint : Path | None
-        a file that keeps the stages done, so that a call that died goes on there; none when absent.
+        a file that keeps the stages done, so that a call that was interrupted continues from there; none when absent.
 
     Returns
     -------

@@ -153,12 +153,12 @@ static inline void {name}_ahead(const {name}_model *m, const double *u, long ste
 
 
 def identifier_header(identifier: Identifier, name: str = "optid", constant: bool = False) -> str:
-    """C of an identifier that goes on from its present memory.
+    """C of an identifier that continues from its present memory.
 
     Args:
         identifier: whose orders, settings and memory are written down.
         name: prefix of all names in C.
-        constant: its last input is 1 at every sample, and nobody's to give.
+        constant: its last input is 1 at every sample and not an argument.
     """
     from optid.armax import layout
 

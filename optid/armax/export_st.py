@@ -119,12 +119,12 @@ END_FUNCTION_BLOCK
 
 
 def identifier_block(identifier: Identifier, name: str = "optid", constant: bool = False) -> str:
-    """Structured text of an identifier that goes on from its present memory.
+    """Structured text of an identifier that continues from its present memory.
 
     Args:
         identifier: whose orders, settings and memory are written down.
         name: of the function block, and prefix of its functions.
-        constant: its last input is 1 at every sample, and nobody's to give.
+        constant: its last input is 1 at every sample and not an argument.
     """
     _check(name)
     state, orders = identifier.state, identifier.orders

@@ -42,7 +42,7 @@ class ArmaxFile:
         recommended: order na of the model to take.
         words: why.
         models: all of them.
-        input_unit, output_unit: in which the models take and give them; empty where nobody said.
+        input_unit, output_unit: in which the models take and give them; empty where not stated.
         axis: with dry friction, fitted to the recording beside the linear models; None where it shows none.
     """
 

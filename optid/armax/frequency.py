@@ -53,7 +53,7 @@ def measured_response(
         record: recording; its longest stretch without a missing sample is used.
         sample_time: seconds.
         input: which.
-        reference: of a closed loop, shape (N,); None for an open one, or where nobody recorded it.
+        reference: of a closed loop, shape (N,); None for an open one, or where it was not recorded.
     """
     from scipy.signal import csd, detrend
 

@@ -22,7 +22,7 @@ from optid.core.model import Array
 OPEN = 1e-9  # share of the largest singular value of Psi below which a direction counts as left open
 ROUNDING = 3.0  # times what rounding alone moves: a direction that moves no more is open
 OWN = 0.01  # share of an input in a direction that is the input's
-TOUCHED = 1e-3  # share of an open direction, of unit length, from which on it concerns a coefficient
+TOUCHED = 1e-3  # share of an undetermined direction, of unit length, above which it concerns a coefficient
 DIGITS = 15  # decimal places looked at
 LOOKED_AT = 2000  # samples whose digits are looked at
 FINE = 1e-3  # share of a signal's standard deviation up to which its step is taken for rounding

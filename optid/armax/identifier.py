@@ -184,7 +184,7 @@ class Identifier:
         stabilise(part[self.orders.c_block], nc, self.settings.radius, np.empty(2 * nc))
         self._state[at.PATIENCE] = 0.0
 
-    # What it knows.
+    # What has been estimated.
 
     @property
     def theta(self) -> Array:
@@ -242,15 +242,15 @@ class Identifier:
                 raise InputError(f"{future.shape[0]} rows", field="u", expected=f"{steps}, one per step")
         return ahead(self.model, y, np.concatenate([past, future]), e, steps)
 
-    # Its memory.
+    # The memory.
 
     @property
     def state(self) -> Array:
-        """A copy of the whole memory, from which `restored` goes on exactly."""
+        """A copy of the whole memory, from which `restored` continues exactly."""
         return self._state.copy()
 
     def restored(self, state: ArrayLike) -> Self:
-        """An identifier with the same orders and settings that goes on from a saved memory.
+        """An identifier with the same orders and settings that continues from a saved memory.
 
         Raises:
             InputError: the memory belongs to other orders or to another version.

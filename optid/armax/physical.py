@@ -14,7 +14,7 @@ from optid.core.recording import Recording
 from optid.errors import OptidError
 from optid.rigs.rigfile import Rig
 
-SHARE = 0.2  # of a mode from which on a state is named
+SHARE = 0.2  # of a mode above which a state is named
 
 
 @dataclass(frozen=True)

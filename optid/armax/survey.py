@@ -161,7 +161,7 @@ def _recommended(asked: Sequence[int], table: OrderTable) -> tuple[int, str]:
 
 
 def going_on(found: Survey, record: Signals) -> tuple[Identifier, bool]:
-    """An identifier in the signals' own units that goes on where the recording ends from the chosen model.
+    """An identifier in the signals' own units that continues from the chosen model at the recording's end.
 
     Returns:
         it, and whether its last input is a constant of 1 that the caller has to give it.

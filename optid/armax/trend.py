@@ -1,6 +1,6 @@
 """Operating point and trend as part of the model: two more inputs, one that is 1 and one that grows with time.
 
-A recording made away from zero obeys eq. 12 only in distances from its operating point, which nobody knows exactly.
+A recording made away from zero obeys eq. 12 only in distances from its operating point, which is not known exactly.
 Estimated together with the coefficients, constant and slope cost two parameters; left out, they come back as a pole
 and a zero at 1 and a wrong static gain (Ljung, System Identification, 2nd ed. 1999, sec. 14.1).
 """
@@ -19,8 +19,8 @@ from optid.armax.signals import Signals
 from optid.armax.structure import Orders
 from optid.core.model import Array
 
-# Standard errors from which on a slope is taken along. With 4.5 a third of the poles beside an overlooked trend missed
-# their 95 % intervals; with 2 slopes that are not there bend poles as well (studies/armax_coverage.py).
+# Standard errors beyond which a slope is estimated as well. With 4.5 a third of the poles beside an overlooked trend
+# missed their 95 % intervals; with 2 slopes that are not there bend poles as well (studies/armax_coverage.py).
 SURE = 3.0
 LONG = 10  # coefficients of the regression in which a slope is looked for
 

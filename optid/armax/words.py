@@ -151,7 +151,7 @@ def _interval(value: float, low: float, high: float) -> str:
 
 
 def _significant(value: float, error: float) -> str:
-    """With the digits that the error leaves meaning to; four where nobody knows it."""
+    """With the digits that the standard error justifies; four where that is unknown."""
     if math.isnan(error) or error <= 0.0 or math.isinf(value) or math.isinf(error) or value == 0.0:
         return f"{value:.4f}" if abs(value) >= 0.01 else f"{value:.4g}"
     digits = math.ceil(math.log10(abs(value) / error)) + 1

@@ -1,4 +1,4 @@
-"""Where work that takes long keeps how far it is, so that a call that was cut short goes on."""
+"""The checkpoint of a long job, from which an interrupted call continues."""
 
 from __future__ import annotations
 

@@ -117,7 +117,7 @@ def say_scores(title: str, scores: dict[str, dict[str, Any]]) -> None:
 
 
 def say_next(*call: str) -> None:
-    """End a summary with the command that goes on from it; capitals stand for what only the user can name."""
+    """End a summary with the next command; capitals stand for what only the user can name."""
     click.echo(f"next: {shlex.join(['optid', *call])}")
 
 

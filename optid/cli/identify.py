@@ -188,7 +188,7 @@ def _plan(
 
 
 def _headers(found: Survey, sampled: Sampled) -> dict[str, str]:
-    """The recommended model, and an identifier that goes on from the end of the recording, in C."""
+    """The recommended model, and an identifier that continues from the end of the recording, in C."""
     from optid.armax.export_c import identifier_header, model_header
 
     identifier, constant = _going_on(found, sampled)

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from optid.armax.identifier import Settings as Learning
     from optid.armax.structure import Orders
     from optid.live.excitation import Excitation
-    from optid.live.page.door import Door
+    from optid.live.page.access import Access
     from optid.live.plan import Plan
     from optid.live.session import Session
     from optid.live.settings import Settings
@@ -140,7 +140,7 @@ def live(rig: str, driver: str, out: str, **choices: Any) -> None:
     if document["followed"] is not None:
         click.echo(document["followed"]["words"])
     if document["parted"]:
-        click.echo(f"rig and model have parted; what is missing finds\n  {document['diagnosis']}")
+        click.echo(f"rig and model disagree; to find out what is missing:\n  {document['diagnosis']}")
     else:
         say_next("fit", rig, f"{out}/{LOG}", "--out", "DIR")
     if document["outcome"] == "failed":
@@ -148,6 +148,7 @@ def live(rig: str, driver: str, out: str, **choices: Any) -> None:
 
 
 def _plan(rig: Path, driver: str, folder: Path, choices: dict[str, Any]) -> Plan:
+    from optid.live.driver import check_driver_name
     from optid.live.gains import gentle, read_gains
     from optid.live.loop import Choices
     from optid.live.plan import Plan
@@ -159,6 +160,7 @@ def _plan(rig: Path, driver: str, folder: Path, choices: dict[str, Any]) -> Plan
     for name in ("seconds", "rate", "dither"):
         if choices[name] is not None and not math.isfinite(choices[name]):
             raise InputError("not finite", where=f"--{name}", expected="a number")
+    check_driver_name(driver)
     if choices["fast"] and driver not in ("simulated", "replay"):
         raise InputError(f"with --driver {driver}", where="--fast", expected="simulated or replay")
     understood = read_rig(rig)
@@ -239,21 +241,21 @@ def _no_page() -> None:
             raise InputError("without --page", where=f"--{name}", expected="--page beside it")
 
 
-def _way_in(choices: dict[str, Any]) -> tuple[Door, socket.socket]:
+def _way_in(choices: dict[str, Any]) -> tuple[Access, socket.socket]:
     """Who may open the page, and where it listens: taken before the session begins."""
     if choices["token"] == "":
         raise InputError("empty", where="--token", expected="a word that is hard to guess")
     try:
-        from optid.live.page.door import Door
+        from optid.live.page.access import Access
     except ImportError as error:
         raise InputError(f"{error}", where="--page", hint='pip install "optid[page]"') from None
     given = {"token": choices["token"]} if choices["token"] else {}
-    door = Door(choices["host"], choices["port"], **given)
+    access = Access(choices["host"], choices["port"], **given)
     try:
-        return door, door.listen()
+        return access, access.listen()
     except OSError as error:
         raise InputError(
-            f"the page cannot be served at {door.host}:{door.port} ({error})", where="--port"
+            f"the page cannot be served at {access.host}:{access.port} ({error})", where="--port"
         ) from None
 
 
@@ -272,7 +274,7 @@ def _stopped_by_signals(session: Session) -> Iterator[None]:
             signal.signal(number, handler)
 
 
-def _run(session: Session, tune_after: float | None, way_in: tuple[Door, socket.socket] | None) -> None:
+def _run(session: Session, tune_after: float | None, way_in: tuple[Access, socket.socket] | None) -> None:
     """From the first sample to the last, with a page or without."""
     from optid.live.automatic_tuning import AutomaticTuning
 

@@ -28,7 +28,7 @@ class Budget:
 
     @property
     def is_over(self) -> bool:
-        """Nothing more is tried: what was found has to do."""
+        """The limit is reached: the best found so far counts."""
         return self.spent > self.time_limit or time.monotonic() - self._began[1] > self.deadline
 
     def share(self, part: float) -> Self:

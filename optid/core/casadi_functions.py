@@ -1,4 +1,4 @@
-"""A model as plain CasADi functions with documented arguments, for problems of a user's own."""
+"""A model as plain CasADi functions with documented arguments, for a user's own problems."""
 
 from __future__ import annotations
 

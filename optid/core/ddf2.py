@@ -211,7 +211,7 @@ def _move(code, points, steps, us, cs, tolerance, span):
 
 @compiled
 def _gather(points, m, C, W, scales):
-    """Mean and covariance of what became of the points; W (states, 2 states) holds its differences meanwhile."""
+    """Mean and covariance of the propagated points; W (states, 2 states) holds its differences meanwhile."""
     nx = len(m)
     first, second = math.sqrt(1.0 / (4.0 * REACH2)), math.sqrt((REACH2 - 1.0) / (4.0 * REACH2 * REACH2))
     for i in range(nx):
@@ -265,7 +265,7 @@ def _moments(L, y, shared):
 
 @compiled
 def _correct(m, C, shared, innovation, variance):
-    """Take an output into mean and covariance."""
+    """Correct mean and covariance by one output."""
     for i in range(len(m)):
         gain = shared[i] / variance
         m[i] += gain * innovation
@@ -280,7 +280,7 @@ def fixed_gain(
 ):
     """Innovations with the gains of another filter run: x moves by the model and by K (y - h(x)).
 
-    Where a sample is no look, E is what a prediction from the last one misses, which no later sample corrects.
+    Between corrections E is the error of the prediction from the last one.
 
     Run r takes `LANES` parameter sets from of_set[r] on over segment of_segment[r]. Where they cannot go on together,
     one of them has diverged: then each runs alone.

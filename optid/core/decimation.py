@@ -210,7 +210,7 @@ def _filtered(values: Array, count: int) -> Array:
         before, after = at[known][np.clip(last - 1, 0, None)], at[known][np.clip(last, None, known.sum() - 1)]
         filled = _beyond_ends(filled, np.flatnonzero(known))
         known = (np.abs(after - before) <= 1.5 * apart) & (np.abs(at - before) <= apart)
-    # Beyond its ends the signal goes on as if turned about its last point, so that a slope stays one.
+    # Beyond its ends the signal is continued by odd reflection, which keeps a slope.
     reach = min(half, len(filled) - 1)
     before, after = 2 * filled[0] - filled[reach:0:-1], 2 * filled[-1] - filled[-2 : -reach - 2 : -1]
     padded = np.concatenate((before, filled, after))

@@ -110,7 +110,7 @@ def _together(
     """Windows begin..stop-1, LANES at most, over the holds they have in common; returns how many holds were done.
 
     They share the steps of the integrator. None is done where samplings differ or a window fails: that, and what
-    is left of longer windows, is for `_window`. Fewer windows than lanes go along with the last of them.
+    is left of longer windows, is for `_window`. Where there are fewer windows than lanes, the last one is repeated.
     """
     nx, ny, nd = X0.shape[1], Y.shape[1], H.shape[1]
     holds = counts[begin]

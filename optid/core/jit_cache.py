@@ -37,7 +37,7 @@ def kept(**options: Any) -> Any:
 
 
 class _Locator:
-    """Says numba where a function's files are; makes and tries nothing."""
+    """Tells numba where a function's files are, without touching the disk."""
 
     def __init__(self, function: Any, file: str) -> None:
         self._py_file, self._line = file, function.__code__.co_firstlineno
@@ -64,7 +64,7 @@ class _Implementation(CompileResultCacheImpl):  # type: ignore[misc]
 
 
 class _Cache(FunctionCache):  # type: ignore[misc]
-    """numba's cache of one function, which heals."""
+    """numba's cache of one function, whose damaged files are made anew."""
 
     _impl_class = _Implementation
 

@@ -212,9 +212,9 @@ def _run(code, begin, count, x, c, k, y, dt, U, tolerance, X, Y):
 
 @compiled
 def carry(code, first, last, begins, counts, closed, known, X0, P, dt, U, tolerance, X, Y, ends):
-    """Runs first..last-1, each through all windows in sequence: known states are set at a node, the others go on.
+    """Runs first..last-1, each through all windows in sequence: a node sets the known states, others are carried over.
 
-    `known` (windows, NX) is NaN where a state goes on from the window before; a segment's other states start at
+    `known` (windows, NX) is NaN where a state is carried over from the window before; a segment's other states start at
     X0[r]. X[r, w] receives the states at the nodes, ends[r, w] those at the windows' ends, Y[r] (samples, NY) the
     outputs. After a failed window the others are taken from the node before it.
     """

@@ -41,7 +41,7 @@ class Language:
         operators: of arithmetic, comparisons and conditions.
         divide: whole number over whole number, both not negative.
         calls: function -> text with a place for each argument.
-        assign, give, ignore: statements: target and value, result and function, a call whose value nobody wants.
+        assign, give, ignore: statements: target and value, result and function, a call whose value is not used.
         condition, otherwise, end: lines of a condition.
         loop, end_loop: lines of a loop over whole numbers.
         field: member of a structure.

@@ -74,7 +74,7 @@ def named_file(file: str, folder: Path) -> Path:
     """The Python file that a rig file in a folder names.
 
     Raises:
-        RigError: it lies outside that folder, and nobody allowed that.
+        RigError: it lies outside that folder, and that was not allowed.
     """
     path = folder / file
     try:

@@ -64,7 +64,7 @@ class Constraint:
     margin: ca.Function
 
     def holds(self, p: Array) -> bool:
-        """Is it so with these parameters?"""
+        """Whether it holds at these parameters."""
         return bool(float(self.margin(p)) > 0.0)
 
 
@@ -84,6 +84,8 @@ class Model:
         where effects can act.
     sizes : tuple[float, ...]
         usual size of the signal at each site, SI; 0 where nothing flows without an effect.
+    site_units : tuple[str, ...]
+        SI unit of the signal at each site; "" where the plant does not state it.
     near : tuple[tuple[str, ...], ...]
         names of the signals that the plant declares near each site.
     rates : ca.Function
@@ -125,6 +127,7 @@ class Model:
     start: ca.Function
     halves: ca.Function | None = None
     sizes: tuple[float, ...] = ()
+    site_units: tuple[str, ...] = ()
     near: tuple[tuple[str, ...], ...] = ()
     form_error: float | None = None
     suspects: tuple[tuple[str, ...], ...] = ()

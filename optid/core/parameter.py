@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Nuisance:
-    """How a parameter that nobody asks for is freed beside those that are.
+    """How a nuisance parameter is fitted beside those that are asked for.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Questions about a path, which every name has an answer to: one too long for a file, or with a null, is no file's."""
+"""Tests of a path that never raise: a name that is too long, or holds a null, is no file."""
 
 from __future__ import annotations
 
@@ -29,3 +29,9 @@ def digest_of(path: str | os.PathLike[str]) -> str | None:
     with contextlib.suppress(OSError), Path(path).open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
     return None
+
+
+def from_here(path: Path) -> str:
+    """As it is typed in the current folder: relative where it lies below."""
+    here = Path.cwd()
+    return str(path.relative_to(here)) if path.is_relative_to(here) else str(path)

@@ -14,9 +14,19 @@ _NAMES: dict[str, tuple[tuple[float, str], ...]] = {
     "m**2": ((1e6, "mm²"),),
     "1": ((1.0, ""),),
 }
-_AXES = {"m": (1e3, "mm"), "Pa": (1e-5, "bar"), "m/s": (1e3, "mm/s"), "1": (1.0, "")}
+_AXES = {
+    "m": (1e3, "mm"),
+    "m/s": (1e3, "mm/s"),
+    "m**2": (1e6, "mm²"),
+    "m**3/s": (6e4, "L/min"),
+    "kg/s": (1e3, "g/s"),
+    "Pa": (1e-5, "bar"),
+    "Pa/s": (1e-5, "bar/s"),
+    "1": (1.0, ""),
+}
 _LARGE = {"m": 0.9995, "m/s": 0.9995, "s": 0.9995}  # below, the next smaller name reads better
 _POWERS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
+_ROOT = re.compile(r"(\w+)(?:\*\*|\^)0\.5\b")
 _LONG = re.compile(r"\b\d(?:\.\d+)?e\+0[1-5]\b")
 _SPELT = (
     (re.compile(r"(?<=[\d ])um\b"), "µm"),
@@ -62,14 +72,15 @@ def plain(value: float, digits: int = 3) -> str:
 
 
 def friendly(unit: str) -> tuple[float, str]:
-    """Factor from an SI unit to the one that the axes of figures have: millimetres and bar."""
+    """Factor from an SI unit to the one that the axes of figures have: millimetres, bar, litres a minute."""
     return _AXES.get(unit, (1.0, unit_name(unit)))
 
 
 def unit_name(unit: str) -> str:
-    """A unit with its powers raised: "m s^2" and "m s**2" are "m s²"; nothing for a pure number."""
+    """A unit as people write it: "m s**2" is "m s²", "V**0.5" is "√V"; nothing for a pure number."""
     if unit == "1":
         return ""
+    unit = _ROOT.sub(r"√\1", unit)
     return re.sub(r"(?:\*\*|\^)(-?\d+)", lambda power: power.group(1).translate(_POWERS), unit)
 
 

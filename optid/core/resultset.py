@@ -229,7 +229,7 @@ def _write(path: Path, content: bytes) -> None:
 
 
 def _settle(path: Path) -> None:
-    """Ask the disk to hold a file, or the names in a folder, before going on; not all places can."""
+    """Call fsync on a file, or on a folder's names; not all places can."""
     with contextlib.suppress(OSError):
         descriptor = os.open(path, os.O_RDONLY)
         try:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import inspect
 import typing
 from collections.abc import Callable, Mapping, Sequence
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import casadi as ca
 
@@ -49,6 +49,14 @@ class Effect(Protocol):
         """The signal as the effect makes it."""
 
 
+class _Site(NamedTuple):
+    """A site as the plant first offers it: size and SI unit of its signal, names of the signals near it."""
+
+    size: float
+    unit: str
+    near: tuple[str, ...]
+
+
 class _Near(dict[str, Expression]):
     """Signals near a site; one that the plant does not declare there is the plant's or the effect's mistake."""
 
@@ -82,7 +90,7 @@ class Sheet(Declarations):
     ) -> None:
         super().__init__(name, groups)
         self._effects = tuple(effects)
-        self._sites: dict[str, tuple[float, tuple[str, ...]]] = {}
+        self._sites: dict[str, _Site] = {}
         self._notes: dict[str, Expression] = {}
         self._late: Expression | None = None  # s: how late commands come
         self._switch: tuple[ca.SX, Expression] | None = None
@@ -157,7 +165,9 @@ class Sheet(Declarations):
         """
         return self._notes[self._prefix + name]
 
-    def site(self, name: str, nominal: Expression, *, size: float = 1.0, **near: Expression) -> Expression:
+    def site(
+        self, name: str, nominal: Expression, *, size: float = 1.0, unit: str = "", **near: Expression
+    ) -> Expression:
         """Offer a signal to effects; returns it unchanged when none acts here.
 
         Parameters
@@ -168,6 +178,8 @@ class Sheet(Declarations):
             the signal.
         size : float
             its usual size in SI units, for effects that can act on any signal; 0 where none of these makes sense.
+        unit : str
+            of the signal, SI, in which reports draw what is missing here; "1" of a pure number, "" if not stated.
         **near : Expression
             other signals that an effect here may need; it finds `size` among them too.
 
@@ -177,7 +189,7 @@ class Sheet(Declarations):
             the signal, as effects here make it.
         """
         here = ca.SX(nominal)
-        self._sites.setdefault(name, (0.0 if here.is_constant() else size, tuple(near)))
+        self._sites.setdefault(name, _Site(0.0 if here.is_constant() else size, unit, tuple(near)))
         acting = [effect for effect in self._effects if name in effect.sites]
         self._near = _Near(name, size=size, **near)
         for effect in sorted(acting, key=lambda one: sum(one.name in other.ahead_of for other in acting)):
@@ -199,7 +211,7 @@ class Sheet(Declarations):
         self._near[name] = signal
 
     def form_error(self, share: float) -> None:
-        """Say how much of the squared error names may leave on this plant: more than right laws of another form do.
+        """State which share of the squared error right names may leave on this plant.
 
         In no more than one of 20 blind cases may right names leave more.
 
@@ -221,7 +233,7 @@ class Sheet(Declarations):
         self._suspects.append(sites)
 
     def scalable(self, *sites: str) -> None:
-        """Name sites of a level that others turn, as that of dry friction: what sticks no added signal describes.
+        """Name sites of a level whose sign the plant sets, as of dry friction: no added signal describes sticking.
 
         Parameters
         ----------
@@ -306,8 +318,9 @@ class Sheet(Declarations):
                 outputs=tuple(port for port, _ in self._outputs.values()),
                 parameters=tuple(parameter for parameter, _ in self._parameters.values()),
                 sites=tuple(self._sites),
-                sizes=tuple(size for size, _ in self._sites.values()),
-                near=tuple(names for _, names in self._sites.values()),
+                sizes=tuple(site.size for site in self._sites.values()),
+                site_units=tuple(site.unit for site in self._sites.values()),
+                near=tuple(site.near for site in self._sites.values()),
                 effects=tuple(effect.name for effect in self._effects),
                 rates=ca.Function("rates", [x, u, p], [ca.cse(rates)], *names),
                 sensors=ca.Function("sensors", [x, u, p], [ca.cse(outputs)], names[0], ["y"]),

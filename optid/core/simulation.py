@@ -102,14 +102,14 @@ def carry(
     known: Array,
     tolerance: float = TOLERANCE,
 ) -> Carried:
-    """Simulate windows in sequence: at each node the known states are set, the others go on.
+    """Simulate windows in sequence: at each node the known states are set, the others are carried over.
 
     Args:
         model: the plant.
         parameters: one set per run, (runs, parameters), SI.
         start: states at the head of every segment, (runs, states).
         windows: where they begin, how long they are, and the inputs held over them.
-        known: states at the nodes, (windows, states); NaN where a state goes on.
+        known: states at the nodes, (windows, states); NaN where a state is carried over.
         tolerance: local error as a share of each state's scale.
     """
     P, X0 = (np.ascontiguousarray(np.atleast_2d(a), dtype=float) for a in (parameters, start))

@@ -57,8 +57,9 @@ def parallel_for(count: int, work: Callable[[int, int], None], grain: int = 1) -
 def parallel_map(work: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
     """``work(item)`` of each, in their order, as many at a time as there are cores.
 
-    A search runs few simulations at once, and between them it thinks: two searches side by side leave no core idle.
-    Each must stand for itself. Inside of `work` it goes on one after the other, so that no thread waits for its like.
+    A search runs few simulations at once, and uses one core between them: two searches side by side leave no core idle.
+    Items must be independent. A call inside of `work` runs them one after the other, so that threads do not wait for
+    each other.
 
     Raises:
         Whatever `work` raises, of the first item that it does so for.

@@ -1,1 +1,1 @@
-"""Physics that plants leave out: one small file per effect in `catalogue`."""
+"""Physics that plants leave out: one small file for each effect in `catalogue`."""

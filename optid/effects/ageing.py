@@ -1,4 +1,4 @@
-"""A level that grows while a speed rests and is as it was once that moves: a description for what ages at rest."""
+"""A level that grows while a speed is zero and falls back in motion: a surrogate for what ages at rest."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ BENDS = (
 class Curve(Description):
     """nominal + size * sum of h_k B_k(signal), with B_k the cubic B-splines on even knots from `low` to `high`.
 
-    Beyond its ends the curve goes on straight. With a speed it is multiplied by speed / sqrt(speed**2 + width**2).
+    Beyond its ends the curve is a straight line. With a speed it is multiplied by speed / sqrt(speed**2 + width**2).
 
     Args:
         site: where it adds; several are joined by "+".

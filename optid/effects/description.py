@@ -1,4 +1,4 @@
-"""What stands for a mismatch without a name, for simulation: a form at sites, over signals, and never a name itself.
+"""Surrogates: what stands for a mismatch without a name, for simulation: a form at sites, over signals.
 
 It is no part of the catalogue. A rig file holds it as ``[effects."KIND@SITE@SIGNAL"]``. Sites that are alike, as both
 chambers' flows, share one as ``SITE+SITE``; a form that swells with the magnitude of another signal has that behind the

@@ -38,7 +38,7 @@ class Effect:
     name : str
         as in `[effects.NAME]` and in a diagnosis.
     sites : tuple[str, ...]
-        where it acts or takes note of a signal; the plant must offer all. The first gives it its place.
+        where it acts or reads a signal; the plant must offer all. The first gives it its place.
     equation : str
         of the paper that it changes.
     parameters : tuple[Parameter, ...]

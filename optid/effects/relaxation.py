@@ -1,4 +1,4 @@
-"""A relaxation at a site: a description for physics with a memory."""
+"""A relaxation at a site: a surrogate for physics with a memory."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A signal that stays until what sends it has gone so far, and then jumps there: a description for what sticks."""
+"""A signal that holds until its input has moved by a width, and then follows at once: a surrogate for what sticks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A wave that goes on by itself at a site: a description for what repeats."""
+"""A sustained oscillation at a site: a surrogate for what repeats."""
 
 from __future__ import annotations
 

@@ -79,7 +79,7 @@ class Loop:
         self.measured = tuple(role for role in roles if role in rig.channels)
 
     def runs(self, references: Sequence[Array]) -> list[Run]:
-        """One run for each reference, from the model's start; NaN from where the equations leave the numbers."""
+        """One run for each reference, from the model's start; NaN from where the simulation diverges."""
         episodes = tuple(_episode(reference - self.start, f"{k}") for k, reference in enumerate(references))
         responses = PhysicalBench(self.rig, episodes, POSITION)(self.gains, self._pid)
         return [

@@ -59,7 +59,7 @@ def connected(address: str, certificates: Certificates | None = None) -> Iterato
     Raises
     ------
     InputError
-        nobody answers there, or `distributed` is not installed.
+        nothing answers there, or `distributed` is not installed.
     JobError
         its workers run another version of optid.
     """
@@ -92,7 +92,7 @@ def connected(address: str, certificates: Certificates | None = None) -> Iterato
 
 
 def is_open(address: str) -> bool:
-    """Whoever reaches the address can have its workers run any program: no encryption, and not this machine alone."""
+    """Anyone who reaches the address can run programs on its workers: no encryption, and not this machine alone."""
     parts = urlsplit(address)
     host = parts.hostname or ""
     if parts.scheme == "tls" or host == "localhost":

@@ -1,4 +1,4 @@
-"""The test of a night: where its recordings put a fitted model's parameters, and effects it lacks."""
+"""The test of a night: one-step estimates of a fitted model's parameters, and of effects it lacks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One job at a time in a process of its own that steps back for the loop."""
+"""One job at a time in a process of its own, at a lower priority than the loop's."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Callable
 from concurrent.futures import Future, ProcessPoolExecutor
 from typing import Any, Generic, TypeVar
 
-NICENESS = 10  # a loop that runs by the clock goes first
+NICENESS = 10  # a loop in real time comes first
 Result = TypeVar("Result")
 
 
@@ -37,7 +37,7 @@ class Background(Generic[Result]):
         self._future = self._pool.submit(job, *arguments)
 
     def result(self) -> Result | None:
-        """What came of the job, once; ``None`` while there is nothing.
+        """The job's result, once; ``None`` while there is none.
 
         Raises:
             Exception: whatever the job raised, or the death of its process.
@@ -54,7 +54,7 @@ class Background(Generic[Result]):
             raise
 
     def close(self) -> None:
-        """Drop what is under way."""
+        """Cancel the job."""
         if self._pool is not None:
             for process in multiprocessing.active_children():
                 if process.pid in (self._pool._processes or {}):

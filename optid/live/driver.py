@@ -1,4 +1,4 @@
-"""What a driver is, and how one is found: built in by name, a user's own from a file."""
+"""The driver interface, and how a driver is found: built in by name, a user's own from a file."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ class EndOfData(Exception):
 
 
 class Driver(Protocol):
-    """The door to a rig. Values are as the rig file's columns hold them: volts, mm, bar.
+    """The access to a rig. Values are as the rig file's columns hold them: volts, mm, bar.
 
-    It lives in the guard's process, which no death of the loop reaches. `read` and `write` may take a part of
+    It runs in the guard's process, which outlives the loop. `read` and `write` may take a part of
     the sampling period; what they raise ends the session with the safe command. `time` is the session's, in
     seconds from sample 0. A driver that rounds the command may have an attribute `resolution`, the step of it in
     the unit of its column.
@@ -54,7 +54,7 @@ class Driver(Protocol):
         """
 
     def close(self) -> None:
-        """Let go of the rig; the safe command was written before, if that was possible."""
+        """Close the connection to the rig; the safe command was written before, if that was possible."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +85,7 @@ class Order:
     seed: int = 0
 
 
-VIRTUAL = ("simulated", "replay")  # no hardware behind them: they live and die with the guard's process
+VIRTUAL = ("simulated", "replay")  # no hardware behind them: they end with the guard's process
 Maker = Callable[[Order], Driver]
 
 # Name -> "module:function"; a module, and the package it needs, is imported when its driver is asked for.
@@ -95,6 +95,29 @@ BUILT_IN = {
     "nidaqmx": "optid.live.drivers.nidaqmx:cards",
     "opcua": "optid.live.drivers.opcua:server",
 }
+
+
+def check_driver_name(name: str) -> None:
+    """Refuse what names no driver, without importing or running anything.
+
+    Parameters
+    ----------
+    name : str
+        a built-in driver, or "path/to/file.py:function" for a user's own.
+
+    Raises
+    ------
+    InputError
+        neither.
+    """
+    file, colon, _ = name.rpartition(":")
+    if name not in BUILT_IN and not (colon and file.endswith(".py")):
+        raise InputError(
+            f'no driver "{name}"',
+            where="--driver",
+            expected='a built-in name or "path/to/file.py:function"',
+            hint=nearest(name, BUILT_IN),
+        )
 
 
 def find_driver(name: str) -> Maker:
@@ -114,14 +137,8 @@ def find_driver(name: str) -> Maker:
         module, function = BUILT_IN[name].split(":")
         found: Maker = getattr(importlib.import_module(module), function)
         return found
-    file, colon, function = name.rpartition(":")
-    if not colon or not file.endswith(".py"):
-        raise InputError(
-            f'no driver "{name}"',
-            where="--driver",
-            expected='a built-in name or "path/to/file.py:function"',
-            hint=nearest(name, BUILT_IN),
-        )
+    check_driver_name(name)
+    file, _, function = name.rpartition(":")
     module_of_file = load_file(Path(file))
     made = getattr(module_of_file, function, None)
     if not callable(made):

@@ -19,7 +19,7 @@ class Event:
 
 
 class Events:
-    """The newest events; `number` counts all that ever were.
+    """The newest events; `number` counts all so far.
 
     Args:
         clock: the session's time, s; real time where absent.

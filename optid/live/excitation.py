@@ -23,7 +23,7 @@ WHERE = "--command"
 EXAMPLE = '"impulse 2 V 40 ms", "steps 1 V 0.5 s, ramp -1 V 1 V 2 s, multisine 1 V 0.5 Hz 20 Hz 10 s", or a recording'
 REST, TAIL = 0.5, 1.0  # s of the safe command before the first part, and after a pulse and the last part
 LINES = 400  # of a multisine, at most
-AHEAD = 0.05  # s: an axis that nobody controls is held back this long before the end of its stroke
+AHEAD = 0.05  # s: an axis in open loop is held back this long before the end of its stroke
 _VALUE = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([^\s\d+-][^\s]*)?")
 
 Part = list[tuple[float, float]]  # (s for which it holds, command)

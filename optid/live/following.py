@@ -1,4 +1,4 @@
-"""Parameters and effects followed beside the loop: a look at the newest stretch of the log, again and again."""
+"""Parameters and effects monitored beside the loop: an estimate from each newest stretch of the log."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 
 from optid.live.background import Background
 from optid.live.commissioning import RIG_FILE, Commissioned, document, read_since, sentence
+from optid.live.excerpt import last_rows, offer_diagnosis
 from optid.live.log import LOG
 from optid.live.plan import Plan
-from optid.live.slices import last_rows, offer_diagnosis
 from optid.monitoring.one_step import Quantity
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 SECONDS = 20.0  # of a look
 LOOKS = 4  # the newest, judged together
-LEAST = 2  # looks before anything is said
+LEAST = 2  # estimates before anything is said
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +36,7 @@ class StretchEstimates:
 
 
 class ParameterMonitor:
-    """One look at a time, in the background.
+    """One estimate at a time, in the background.
 
     Args:
         plan: of the session.
@@ -59,7 +59,7 @@ class ParameterMonitor:
         self.standing: dict[str, Any] | None = None
 
     def poll(self, now: float) -> None:
-        """Begin a look when a stretch is full, and take what came of the last one.
+        """Begin an estimate when a stretch is full, and take the result of the last one.
 
         Args:
             now: s of the session.
@@ -82,7 +82,7 @@ class ParameterMonitor:
             self._note(f"the parameters are not followed: {found}")
 
     def close(self) -> None:
-        """Drop what is under way."""
+        """Cancel the job."""
         self._background.close()
 
     def _judge(self) -> None:
@@ -103,7 +103,7 @@ class ParameterMonitor:
 
 @lru_cache(maxsize=1)
 def _understood(path: Path) -> tuple[Rig, tuple[Effect, ...]]:
-    """The rig and the effects that its plant admits, once for all looks."""
+    """The rig and the effects that its plant admits, once for all estimates."""
     from optid.effects.library import admitted, built_in
     from optid.rigs.rigfile import read_rig
 

@@ -1,7 +1,7 @@
-"""The guard: holds the rig's door, lets only allowed commands through, and puts the safe one when anything fails.
+"""The guard: owns the driver, lets only allowed commands through, and writes the safe one when anything fails.
 
-It trusts nobody: the loop may hang, die or send nonsense. Whatever ends a session, the safe command is put before
-the driver is closed, and the log holds every sample up to the last.
+It trusts no other process: the loop may hang, die or send nonsense. Whatever ends a session, the safe command is put
+before the driver is closed, and the log holds every sample up to the last.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ from optid.errors import JobError
 from optid.live.clock import Clock
 from optid.live.driver import Driver, EndOfData
 from optid.live.failsafe import Failsafe
+from optid.live.latency_histogram import LatencyHistogram
 from optid.live.log import Layout, Log
 from optid.live.messages import Link, LoopLost, Reply, Sample
 from optid.live.motion_limiter import MotionLimiter
 from optid.live.settings import Settings, Wiring
-from optid.live.timing import Durations
 
 ANSWER = 0.8  # share of a period within which the loop must have answered
 ROUNDING = 0.01  # of the command's range: a converter may put so much less or more than it was given
@@ -80,16 +80,16 @@ class Tally:
     samples: int = 0
     missed: int = 0
     held_back: int = 0
-    lateness: Durations = field(default_factory=Durations)
-    response: Durations = field(default_factory=Durations)
-    numbers: Durations = field(default_factory=Durations)
+    lateness: LatencyHistogram = field(default_factory=LatencyHistogram)
+    response: LatencyHistogram = field(default_factory=LatencyHistogram)
+    numbers: LatencyHistogram = field(default_factory=LatencyHistogram)
 
 
 class Guard:
     """Runs a session's samples.
 
     Args:
-        driver: the door to the rig.
+        driver: the access to the rig.
         link: to the loop.
         clock: the pace.
         wiring, settings: of the session.

@@ -25,7 +25,7 @@ class Together:
         self._reply = self._loop.step(sample)
 
     def receive(self, number: int, timeout: float | None) -> Reply | None:
-        """What it said."""
+        """Its reply."""
         return self._reply
 
 

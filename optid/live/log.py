@@ -17,15 +17,15 @@ PREDICTIONS = ("predicted", "simulated", "windowed")  # of the position, see `Re
 NOTHING = Reply(0, *(math.nan,) * 6)
 LOG = "recording.csv"
 _PLAIN = re.compile(r"[\w .()/°%+*^-]*")
-SYNC = 1.0  # s between the moments at which the disk itself is asked to have everything
+SYNC = 1.0  # s between two calls of fsync
 
 
 class Log:
     """A CSV table that grows by whole rows, one system call each.
 
     A row is with the operating system before the next sample is taken, so the death of any process loses
-    none, and a full disk ends the table with its last whole row. Once a second a thread of its own makes the
-    disk hold them too, against the loss of power.
+    none, and a full disk ends the table with its last whole row. Once a second a thread calls fsync, against the loss
+    of power.
 
     Args:
         path: file to write; must not exist.
@@ -76,7 +76,7 @@ class Log:
                 os.fsync(self._file)
 
     def close(self) -> None:
-        """Everything is on the disk when this returns."""
+        """Write everything to the disk (fsync)."""
         self._done.set()
         self._thread.join()
         with contextlib.suppress(OSError):

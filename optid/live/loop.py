@@ -1,4 +1,4 @@
-"""The numbers of one sample: identify, simulate alongside, control. No clock, no door: those are the guard's."""
+"""The computations of one sample: identify, simulate in parallel, control. Clock and driver belong to the guard."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from optid.armax.identifier import Identifier
 from optid.armax.identifier import Settings as Learning
 from optid.armax.structure import Orders
 from optid.errors import InputError
-from optid.live.ahead import one_ahead
-from optid.live.alongside import Alongside
 from optid.live.excitation import Excitation
 from optid.live.gains import controller_settings
 from optid.live.messages import Reply, Sample
+from optid.live.one_step_prediction import predict_next
+from optid.live.oscillation_detector import OscillationDetector
+from optid.live.parallel_model import ParallelModel
 from optid.live.reference import Reference
 from optid.live.settings import Settings, Wiring
-from optid.live.swings import Swings
 from optid.live.trial import SMALLEST, Trial, Verdict
 from optid.pid.controller import Controller, Gains
 from optid.pid.controller import Settings as PidSettings
 from optid.rigs.rigfile import Rig
 
 SAME = 1e-9  # of the command's range: less is no other command than the one that was asked for
-ORDERS = Orders(4, (4,), 4, (1,))  # of eq. 12, where nobody says otherwise
+ORDERS = Orders(4, (4,), 4, (1,))  # of eq. 12, by default
 DITHER_HOLD = 0.01  # s for which the dither keeps its sign at least
 
 
@@ -65,7 +65,7 @@ class Loop:
     """Everything that is computed between a measurement and its command.
 
     Args:
-        rig: whose model runs alongside.
+        rig: whose model runs in parallel.
         settings, wiring: of the session.
         reference: demanded position.
         choices: gains, orders, dither.
@@ -83,7 +83,7 @@ class Loop:
         limits, pid = settings.limits, controller_settings(settings, choices.pid)
         self.reference, self.settings, self.wiring = reference, settings, wiring
         self.controller = Controller(choices.gains, pid)
-        self.alongside = Alongside(rig, settings, wiring, choices.gains, pid)
+        self.parallel = ParallelModel(rig, settings, wiring, choices.gains, pid)
         low, high = limits.stroke
         scale = (high - low) / 4 if math.isfinite(high - low) else 1.0
         scales = (scale, (limits.high - limits.low) / 4)
@@ -95,13 +95,16 @@ class Loop:
         self._time = self._position = self._asked = math.nan  # of the last sample; asked: its command
         self._small = SAME * (limits.high - limits.low)
         self.measured = self.innovation = math.nan
-        self._swings, self._before = Swings(settings.span, limits.high - limits.low), choices.gains
+        self._oscillation, self._before = (
+            OscillationDetector(settings.span, limits.high - limits.low),
+            choices.gains,
+        )
         self.taken_back: Gains | None = None
         self._demanded: Reference | None = None
         self.trial = Trial(settings.span, SMALLEST * 4 * scale)
         self.verdict: Verdict | None = None
         # Compile or load now what a first sample calls: on a new machine each of these takes longer than a watchdog.
-        one_ahead(self.identifier.state)
+        predict_next(self.identifier.state)
         Identifier(*about).step(0.0, 0.0)
         rehearsed = Controller(choices.gains, pid)
         rehearsed.reset(0.0, 0.0, 0.0)
@@ -112,14 +115,14 @@ class Loop:
     def step(self, sample: Sample) -> Reply:
         """One sample: its command, and what the models say of it."""
         begun = time.perf_counter()
-        y, predicted = self.alongside.measured(sample.values), math.nan
+        y, predicted = self.parallel.measured(sample.values), math.nan
         first = self._time != self._time
         if not first:
             # Taught with the command as it was put: a limit or a missed deadline may have changed it.
             self.identifier.step(self._position, sample.standing)
-            predicted = one_ahead(self.identifier.state)
-            self.alongside.advance(sample.standing, sample.time - self._time)
-        windowed, simulated = self.alongside.positions(sample.time, sample.standing, self.controller)
+            predicted = predict_next(self.identifier.state)
+            self.parallel.advance(sample.standing, sample.time - self._time)
+        windowed, simulated = self.parallel.positions(sample.time, sample.standing, self.controller)
         if self._demanded is not None:
             self.reference, self._demanded = replace(self._demanded, start=sample.time), None
         r = self.reference.at(sample.time)
@@ -128,10 +131,10 @@ class Loop:
         dither = self._dither * self._sign
         if self._open is None:
             command = self._control(sample.accepted, r, y, dither)
-            self.alongside.control(r, dither, simulated)
+            self.parallel.control(r, dither, simulated)
         else:
             command = self._open.at(sample.time)
-            self.alongside.follow(command)
+            self.parallel.follow(command)
         self._supervise(sample.time, r, y, command)
         self.measured, self.innovation = y, y - predicted
         self._time, self._position = sample.time, y
@@ -157,15 +160,15 @@ class Loop:
             self.verdict = self.trial.begin()
 
     def _switch(self, gains: Gains) -> None:
-        self._swings.forget()
+        self._oscillation.forget()
         self.controller.change(gains)
-        self.alongside.controller.change(gains)
+        self.parallel.controller.change(gains)
 
     def _supervise(self, time: float, r: float, y: float, command: float) -> None:
         """Take the old gains back where the newer ones oscillate or have lost their trial."""
         verdict = self.trial.add(time, r, y)
         self.verdict = verdict or self.verdict
-        oscillates = self._swings.add(command) and self.controller.gains != self._before
+        oscillates = self._oscillation.add(command) and self.controller.gains != self._before
         if oscillates or (verdict is not None and not verdict.kept):
             self.verdict = None if oscillates else verdict
             self.trial.withdraw()

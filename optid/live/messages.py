@@ -1,4 +1,4 @@
-"""What guard and loop say to each other, sample by sample: a few dozen bytes, packed by `struct`."""
+"""Messages between guard and loop, one pair a sample: a few dozen bytes, packed by `struct`."""
 
 from __future__ import annotations
 
@@ -56,14 +56,14 @@ class Link(Protocol):
         """Hand a sample to the loop.
 
         Raises:
-            LoopLost: nobody is there.
+            LoopLost: the loop has ended.
         """
 
     def receive(self, number: int, timeout: float | None) -> Reply | None:
         """The reply to this sample; ``None`` when the time (s) is over.
 
         Raises:
-            LoopLost: nobody is there.
+            LoopLost: the loop has ended.
         """
 
 

@@ -74,8 +74,8 @@ def session_settings(plan: Plan, rig: Rig) -> Settings:
 
 
 def slow_columns(orders: Orders) -> list[str]:
-    """Columns of the ring of parameters: time, fit percent, parted or not, noise sd, and theta."""
-    return ["time", "fit_percent", "parted", "noise_sd", *names(orders)]
+    """Columns of the ring of parameters: time, fit percent, whether rig and model disagree, noise sd, and theta."""
+    return ["time", "fit_percent", "disagree", "noise_sd", *names(orders)]
 
 
 def ring_sizes(plan: Plan, rate: float) -> tuple[tuple[int, int], tuple[int, int]]:

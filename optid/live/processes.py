@@ -16,20 +16,20 @@ from optid.live.clock import FastClock, RealClock
 from optid.live.driver import VIRTUAL, Driver, open_driver
 from optid.live.failsafe import Failsafe
 from optid.live.guard import End, Guard, Stop
+from optid.live.ipc import PipeLink, ready, receive, refuse, send
 from optid.live.log import LOG, Layout, Log
 from optid.live.loop import Loop
 from optid.live.messages import pack_reply, unpack_sample
-from optid.live.pipes import PipeLink, ready, refuse, tell, told
 from optid.live.plan import SLOW, Plan, ring_sizes, session_settings
 from optid.live.reference import Reference
-from optid.live.ring import Ring
+from optid.live.ring_buffer import RingBuffer
 from optid.live.settings import wiring_of
 from optid.live.trial import Verdict
 from optid.pid.controller import Gains
 from optid.rigs.rigfile import read_rig
 
 GUARD_SCHEMA = "optid.guard/1"
-GUARD_FILE = "guard.json"  # how the guard saw the end: there even when nobody else is left
+GUARD_FILE = "guard.json"  # how the session ended, by the guard: written even where the other processes died
 PRIORITY = 20  # among real-time processes, where the system lets us be one
 
 
@@ -42,7 +42,7 @@ def guard_process(plan: Plan, link: Connection, session: Connection) -> None:
         refuse(session, error)
         return
     _steady(plan)
-    tell(session, say="ready", hides=str(getattr(guard.driver, "hides", "")))
+    send(session, say="ready", hides=str(getattr(guard.driver, "hides", "")))
     hold = None if plan.hold is None else round(plan.hold * rate)
 
     def asked() -> None:
@@ -51,7 +51,7 @@ def guard_process(plan: Plan, link: Connection, session: Connection) -> None:
             raise Stop("SIGTERM")
         if hold is not None and guard.tally.samples >= hold:
             hold = None
-            tell(session, say="holding")
+            send(session, say="holding")
             _orders(session)  # blocks until the word to go on
         if ready([session], 0.0):
             _orders(session)
@@ -71,7 +71,7 @@ def guard_process(plan: Plan, link: Connection, session: Connection) -> None:
         if end is not None:
             document = {**dataclasses.asdict(end), "how": end.how.name.lower()}
             _whole(plan, document)
-            tell(session, say="end", **document)
+            send(session, say="end", **document)
 
 
 def _prepared(plan: Plan, link: Connection, session: Connection) -> tuple[Guard, Log, float]:
@@ -84,7 +84,7 @@ def _prepared(plan: Plan, link: Connection, session: Connection) -> tuple[Guard,
         return open_driver(plan.driver, rig, order)
 
     def unsafe() -> None:
-        tell(session, say="unsafe")
+        send(session, say="unsafe")
 
     driver = opened()
     try:
@@ -102,7 +102,7 @@ def _prepared(plan: Plan, link: Connection, session: Connection) -> tuple[Guard,
 def _orders(session: Connection) -> None:
     """One word from the session; its death is an order to stop."""
     try:
-        message = told(session)
+        message = receive(session)
     except (EOFError, OSError):
         raise Stop("the session that started it has gone") from None
     if message["do"] == "stop":
@@ -125,7 +125,7 @@ def _deaf_but_for_terminate() -> list[int]:
 
 
 def _steady(plan: Plan) -> None:
-    """No pauses of our own making: no collector, and a real-time priority where that is allowed."""
+    """Avoid pauses: no garbage collection, and a real-time priority where that is allowed."""
     gc.collect()
     gc.freeze()
     gc.disable()
@@ -149,13 +149,13 @@ def loop_process(plan: Plan, link: Connection, session: Connection, rings: tuple
         settings, wiring = session_settings(plan, rig), wiring_of(rig)
         loop = Loop(rig, settings, wiring, plan.reference, plan.choices)
         signals, slow = (
-            Ring(*size, name) for size, name in zip(ring_sizes(plan, settings.rate), rings, strict=True)
+            RingBuffer(*size, name) for size, name in zip(ring_sizes(plan, settings.rate), rings, strict=True)
         )
     except Exception as error:
         refuse(session, error)
         return
     _steady(plan)
-    tell(session, say="ready")
+    send(session, say="ready")
     every, due = max(1, round(settings.rate / SLOW)), 0
     try:
         with contextlib.suppress(EOFError, OSError):
@@ -176,20 +176,20 @@ def loop_process(plan: Plan, link: Connection, session: Connection, rings: tuple
                     _slow(loop, slow, sample.time)
                     _supervision(loop, session)
     except Exception as error:
-        tell(session, say="failed", why=f"{type(error).__name__}: {error}")
+        send(session, say="failed", why=f"{type(error).__name__}: {error}")
     _supervision(loop, session)
     if loop.trial.running:
         _tell_verdict(session, "undecided", loop.trial.standing)
     link.close()  # the guard puts the safe command, if it has not done so
-    tell(session, say="model", state=loop.identifier.state.tolist(), final=True)
+    send(session, say="model", state=loop.identifier.state.tolist(), final=True)
     signals.close()
     slow.close()
 
 
-def _slow(loop: Loop, ring: Ring, time: float) -> None:
-    verdict, identifier = loop.alongside.parting.verdict, loop.identifier
+def _slow(loop: Loop, ring: RingBuffer, time: float) -> None:
+    verdict, identifier = loop.parallel.monitor.verdict, loop.identifier
     noise = max(identifier.noise_variance, 0.0) ** 0.5
-    ring.add((time, verdict.fit_percent, float(verdict.parted), noise, *identifier.theta.tolist()))
+    ring.add((time, verdict.fit_percent, float(verdict.disagree), noise, *identifier.theta.tolist()))
 
 
 def _supervision(loop: Loop, session: Connection) -> None:
@@ -199,27 +199,27 @@ def _supervision(loop: Loop, session: Connection) -> None:
         _tell_verdict(session, "kept" if verdict.kept else "worse", verdict)
     if loop.taken_back is not None:
         why = "the loop oscillated" if verdict is None else "they were worse"
-        tell(session, say="taken back", why=why, gains=vars(loop.taken_back))
+        send(session, say="taken back", why=why, gains=vars(loop.taken_back))
         loop.taken_back = None
 
 
 def _tell_verdict(session: Connection, say: str, verdict: Verdict) -> None:
     ratio = verdict.ratio if verdict.episodes else None
-    tell(session, say=say, words=verdict.words, ratio=ratio, episodes=verdict.episodes)
+    send(session, say=say, words=verdict.words, ratio=ratio, episodes=verdict.episodes)
 
 
 def _heed(loop: Loop, session: Connection) -> bool:
-    """One order; False once nobody is left to give any."""
+    """Carry out one order; False once the session has gone."""
     try:
-        message = told(session)
+        message = receive(session)
     except (EOFError, OSError):
         return False
     if message["do"] == "gains":
         loop.change(Gains(**message["gains"]))
-        tell(session, say="applied", gains=message["gains"])
+        send(session, say="applied", gains=message["gains"])
     elif message["do"] == "reference":
         given = message["reference"]
         loop.demand(Reference(**{**given, "times": tuple(given["times"]), "values": tuple(given["values"])}))
     elif message["do"] == "model":
-        tell(session, say="model", state=loop.identifier.state.tolist(), final=False)
+        send(session, say="model", state=loop.identifier.state.tolist(), final=False)
     return True

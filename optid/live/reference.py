@@ -35,7 +35,7 @@ class Reference:
         times, values: as said.
         period: s, or ``None``.
         straight: values change along straight lines from one to the next instead of holding.
-        start: s of the session from which on the times count.
+        start: session time, s, at which its times begin.
     """
 
     times: tuple[float, ...]

@@ -1,4 +1,4 @@
-"""After the guard's own death: whoever is left puts the safe command through a new door."""
+"""After the guard's own death: a remaining process writes the safe command through a new connection."""
 
 from __future__ import annotations
 
@@ -33,4 +33,4 @@ def rescue(plan: Plan) -> tuple[float | None, str]:
             done.driver.close()
     if done.seconds is None:
         return None, f"the safe command could not be put ({done.error})"
-    return done.seconds, f"the safe command was put through a new door after {done.seconds:.2g} s"
+    return done.seconds, f"the safe command was written through a new connection after {done.seconds:.2g} s"

@@ -12,10 +12,10 @@ import numpy as np
 from optid.armax.audit import audit
 from optid.armax.files import ArmaxFile, SavedModel
 from optid.core.model import Array
+from optid.live.excerpt import last_rows
 from optid.live.log import LOG, PREDICTIONS, Layout
 from optid.live.review import Review
 from optid.live.settings import Settings, Wiring
-from optid.live.slices import last_rows
 
 if TYPE_CHECKING:
     from optid.live.session import Session
@@ -48,7 +48,7 @@ def live_document(session: Session) -> dict[str, Any]:
         "trials": session.trials,
         "review": None if session.tuning.review is None else _reviewed(session.tuning.review),
         "fit_percent": fit,
-        "parted": session.parted,
+        "parted": session.disagree,
         "diagnosis": session.diagnosis,
         "followed": session.following.standing,
         "events": [{"time": round(event.time, 3), "words": event.words} for event in session.events],

@@ -14,17 +14,17 @@ from optid.armax.model import Armax
 from optid.core.model import Array
 from optid.errors import InputError, JobError
 from optid.live.events import Events
+from optid.live.excerpt import offer_diagnosis
 from optid.live.following import ParameterMonitor
+from optid.live.ipc import ready, receive, send
 from optid.live.log import LOG, sweep
-from optid.live.pipes import ready, tell, told
 from optid.live.plan import Plan, ring_sizes, session_settings
 from optid.live.processes import guard_process, loop_process
 from optid.live.reference import read_profile
 from optid.live.rescue import rescue
 from optid.live.review import case_of
-from optid.live.ring import Ring
+from optid.live.ring_buffer import RingBuffer
 from optid.live.settings import wiring_of
-from optid.live.slices import offer_diagnosis
 from optid.live.tuning import Tuning
 from optid.pid.controller import Gains
 from optid.rigs.rigfile import read_rig
@@ -48,7 +48,7 @@ class Session:
         tuning: in the background, and its review.
         following: parameters and effects in the background, and what may have changed.
         trials: verdicts on applied gains: "kept", "worse" (taken back) or "undecided", ratio of real ITAE, episodes.
-        parted, diagnosis: whether rig and model disagree, and the command that finds out why.
+        disagree, diagnosis: whether rig and model disagree, and the command that finds out why.
         holding: a fast session waits for `resume`.
         hides: what a simulated rig has that the rig file does not say, in words; "" for a real one.
         demanded: the reference in words, where somebody gave another one than the plan's.
@@ -64,7 +64,7 @@ class Session:
         rig = read_rig(plan.rig)
         self.settings, self.wiring = session_settings(plan, rig), wiring_of(rig)
         self.hides = self.demanded = ""
-        self.events, self.gains, self.parted = Events(self.now), plan.choices.gains, False
+        self.events, self.gains, self.disagree = Events(self.now), plan.choices.gains, False
         self._begun, self.holding = math.inf, False
         self._first = not (plan.out / LOG).exists()
         self.diagnosis, self.trials = "", []
@@ -76,7 +76,7 @@ class Session:
         choices = plan.choices
         self._blank = Identifier(choices.orders, self.settings.span, choices.learning)
         sizes = ring_sizes(plan, self.settings.rate)
-        self.signals, self.slow = Ring(*sizes[0]), Ring(*sizes[1])
+        self.signals, self.slow = RingBuffer(*sizes[0]), RingBuffer(*sizes[1])
         self._processes: list[Any] = []
         self._pipes: list[Connection] = []
         try:
@@ -111,7 +111,7 @@ class Session:
         """Sample 0 is due."""
         self._begun = time.monotonic()
         self._progress = (0, self._begun)
-        tell(self._pipes[0], do="go")
+        send(self._pipes[0], do="go")
         self.events.note("the loop runs")
         if self.hides:
             self.events.note(f"the simulated rig differs from the rig file: {self.hides}")
@@ -128,11 +128,11 @@ class Session:
         if self.holding:
             self.holding = False
             self._progress = (self.signals.count, time.monotonic())
-            tell(self._pipes[0], do="resume")
+            send(self._pipes[0], do="resume")
 
     def stop(self, why: str = "stopped") -> None:
         """Ask the guard to put the safe command and end; `poll` until `end` is there."""
-        tell(self._pipes[0], do="stop", why=why)
+        send(self._pipes[0], do="stop", why=why)
 
     def demand(self, text: str) -> None:
         """Give the loop another reference from now on, in the words of `read_profile`.
@@ -144,7 +144,7 @@ class Session:
             raise InputError("the loop is open", field="reference", expected="a session without --command")
         unit = self.wiring.measured[0].recorded_unit
         reference = read_profile(text, self.settings.limits, unit)
-        tell(self._pipes[1], do="reference", reference=vars(reference))
+        send(self._pipes[1], do="reference", reference=vars(reference))
         self.demanded = text
         self.events.note(f"reference: {text if len(text) <= WORDS else text[:WORDS] + ' ...'}")
 
@@ -152,7 +152,7 @@ class Session:
         """Look for better gains in the background, on the model identified so far; once at a time."""
         if not self.busy and self.end is None:
             self._wants = True
-            tell(self._pipes[1], do="model")
+            send(self._pipes[1], do="model")
             self.events.note("tuning on the model identified so far")
 
     @property
@@ -180,14 +180,14 @@ class Session:
             return
         if review.worse:
             self.events.note(f"confirmed by the user although {'; '.join(review.worse)}")
-        tell(self._pipes[1], do="gains", gains=vars(review.new))
+        send(self._pipes[1], do="gains", gains=vars(review.new))
 
     def poll(self) -> None:
-        """Hear what guard and loop have to say; never waits."""
+        """Read the messages of guard and loop; never waits."""
         for pipe, heed in zip(self._pipes, (self._heed_guard, self._heed_loop), strict=True):
             with contextlib.suppress(EOFError, OSError):
                 while ready([pipe], 0.0):
-                    heed(told(pipe))
+                    heed(receive(pipe))
         if self.end is None and not self._processes[0].is_alive():
             self._guard_died("the guard's process died")
         elif self.end is None:
@@ -210,7 +210,7 @@ class Session:
                 _end(process, GRACE + self.settings.safe_time * (process.name == "guard"))
         if self._pipes:
             self.poll()
-        if self.parted:  # the newest minutes
+        if self.disagree:  # the newest minutes
             self.diagnosis = offer_diagnosis(self.plan.rig, self.plan.out, self.settings.rate)
         self.tuning.close()
         self.following.close()
@@ -279,7 +279,7 @@ class Session:
     def _guard_died(self, why: str) -> None:
         with contextlib.suppress(EOFError, OSError):
             while ready([self._pipes[0]], 0.0):
-                self._heed_guard(told(self._pipes[0]))
+                self._heed_guard(receive(self._pipes[0]))
         if self.end is None:
             after, words = rescue(self.plan)
             self.end = {
@@ -293,13 +293,13 @@ class Session:
     def _look(self) -> None:
         """Say once when rig and model part, and when they agree again."""
         _, rows = self.parameters()
-        if not len(rows) or bool(rows[0][2]) == self.parted:
+        if not len(rows) or bool(rows[0][2]) == self.disagree:
             return
-        self.parted = not self.parted
-        if self.parted:
-            self.events.note(f"rig and model have parted: the 0.5 s windows fit {rows[0][1]:.0f} %")
+        self.disagree = not self.disagree
+        if self.disagree:
+            self.events.note(f"rig and model disagree: the 0.5 s windows fit {rows[0][1]:.0f} %")
             self.diagnosis = offer_diagnosis(self.plan.rig, self.plan.out, self.settings.rate)
-            self.events.note(f"what is missing finds: {self.diagnosis}")
+            self.events.note(f"to find out what is missing: {self.diagnosis}")
         else:
             self.events.note("rig and model agree again")
 
@@ -308,7 +308,7 @@ def _await_ready(pipe: Connection, who: str) -> dict[str, Any]:
     try:
         if not pipe.poll(START):
             raise JobError(f"the {who} was not ready within {START:.0f} s")
-        message = told(pipe)
+        message = receive(pipe)
     except (EOFError, OSError):
         raise JobError(f"the {who}'s process died while it started") from None
     if message["say"] == "refused":

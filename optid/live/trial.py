@@ -107,7 +107,7 @@ class Trial:
 
     @property
     def standing(self) -> Verdict:
-        """So far."""
+        """The verdict so far."""
         ratios = self._ratios()
         return Verdict(median(ratios) if ratios else math.nan, len(ratios), True)
 

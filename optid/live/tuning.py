@@ -56,7 +56,7 @@ class Tuning:
             self._note(f"tuned: {found.words}")
 
     def close(self) -> None:
-        """Drop what is under way."""
+        """Cancel the job."""
         self._background.close()
 
 

@@ -47,7 +47,7 @@ class Twin:
         _sense(self._code, self.x, self._u, self._c, self._y)
 
     def advance(self, command: float, span: float) -> bool:
-        """Hold a command, in the model's unit, for `span` seconds; False where the equations leave the numbers."""
+        """Hold a command, in the model's unit, for `span` seconds; False where the simulation diverges."""
         self._input(command, span)
         h = _hold(
             self._code, self.x, self._u, self._c, self._k, self._tolerance, span, min(self._h, span), self._y

@@ -55,7 +55,7 @@ class Stretch:
 def estimates(
     rig: Rig, wiring: Wiring, recording: Recording, effects: Sequence[Effect]
 ) -> dict[str, Quantity]:
-    """Where a stretch puts each parameter that a fit may move, and each strength of each effect, SI.
+    """Estimates from a stretch of each parameter that a fit may move, and of each strength of each effect, SI.
 
     Args:
         rig: whose model runs.

@@ -1,1 +1,1 @@
-"""What has become of a fitted rig: estimates that need no search."""
+"""Has a fitted rig changed? Estimates without a search."""

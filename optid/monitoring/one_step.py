@@ -1,4 +1,4 @@
-"""Where one stretch of recordings puts a fitted model's parameters, and effects it lacks, in a second.
+"""One-step estimates of a fitted model's parameters, and of effects it lacks, from one stretch of recordings.
 
 Nothing is searched. Errors of short windows are taken at the fitted parameters under the gains of a quiet filter, and
 once more with each parameter, and each watched effect, moved a little. One linear regression each then says by how much
@@ -44,12 +44,12 @@ Progress = Callable[[float, str], None]
 
 
 def silent(share: float, words: str) -> None:
-    """Nobody asked."""
+    """Nothing was asked to stop."""
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """Where the data put one quantity.
+    """The estimate of one quantity.
 
     Attributes:
         value: SI.

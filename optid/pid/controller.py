@@ -75,7 +75,7 @@ class Gains:
 class AntiWindup(Enum):
     """What the integral does while the command stands at a limit."""
 
-    NONE = "it goes on integrating"
+    NONE = "it keeps integrating"
     CLAMPING = "it rests while it would push further into the limit"
     BACK_CALCULATION = "it gives back what the limit took away, over the tracking time"
 

@@ -53,8 +53,8 @@ def _pace(recording: Recording, role: str) -> Iterator[Remark]:
     if whole.sum() < 20:
         return
     noise, spread = noise_sd(values), float(np.nanstd(values))
-    # A sample taken early or late errs by speed times the time error; below the noise, or below 0.01 % of
-    # the signal, nobody can tell.
+    # A sample taken early or late errs by speed times the time error; below the noise, or below 0.01 % of the signal,
+    # that does not show.
     jitter = float(np.std(intervals[whole]))
     speed = float(np.percentile(np.abs(steps[whole]) / intervals[whole], 95))
     if jitter * speed > max(noise, 1e-4 * spread):

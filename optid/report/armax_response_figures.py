@@ -18,7 +18,7 @@ from optid.report.figures import ALARM, FREE, INK, QUIET, STYLE, WINDOW
 from optid.report.interactive import interactive
 
 COLOURS = (WINDOW, FREE, ALARM, "#6a4c93", "#4c8c4a", QUIET)
-TRUSTED = 0.5  # coherence from which on a measured point is drawn strong
+TRUSTED = 0.5  # coherence above which a measured point is drawn in full colour
 POINTS = 400
 STEP_SAMPLES = (40, 4000)  # of the step response, at least and at most
 

@@ -187,7 +187,7 @@ def _contours(lines: Any) -> Iterator[dict[str, Any]]:
 
 
 def _cells(mesh: Any) -> dict[str, Any]:
-    """Nothing to see, the picture is below it: where the pointer finds the values."""
+    """An invisible trace over the picture, which gives the pointer its values."""
     corners: Any = mesh.get_coordinates()
     values: Any = np.ma.filled(np.ma.asarray(mesh.get_array(), dtype=float), np.nan)
     middles = (corners[:-1, :-1] + corners[1:, 1:]) / 2

@@ -21,7 +21,7 @@ def diagnosis_document(d: Diagnosis) -> dict[str, Any]:
         "baseline": {"parameters": _parameters(d.base_parameters), "holdout": _scores(d.test.base.scores)},
         "improved": {"parameters": _parameters(d.best_parameters), "holdout": _scores(d.test.best.scores)},
         "noise_floor": {role: {"rmse": number(sd), "unit": _unit(d, role)} for role, sd in d.noise.items()},
-        "findings": [_finding(f) for f in d.findings],
+        "findings": [_finding(d, f) for f in d.findings],
         "test": _test(d),
         "rejected": [{"effect": name, "why": why} for name, why in d.rejected],
         "not_testable": [
@@ -51,6 +51,12 @@ def _unit(d: Diagnosis, role: str) -> str:
     return next(port.unit for port in d.best.rig.model.outputs if port.role == role)
 
 
+def _unit_at(d: Diagnosis, place: str) -> str:
+    """SI unit of the signal at a site, as the plant states it; "" where it states none."""
+    model = d.base.rig.model
+    return dict(zip(model.sites, model.site_units, strict=True)).get(place, "")
+
+
 def _parameters(estimates: Sequence[Estimate]) -> dict[str, Any]:
     return {
         e.name: {"value": number(e.value), "unit": e.unit, "ci95": [number(e.low), number(e.high)]}
@@ -65,12 +71,13 @@ def _scores(scores: Mapping[str, Score]) -> dict[str, Any]:
     }
 
 
-def _finding(f: Finding) -> dict[str, Any]:
+def _finding(d: Diagnosis, f: Finding) -> dict[str, Any]:
     ranges = {name: f.region.states[name] for name in f.shown}
     return {
         "effect": None if f.effect is None else f.effect.name,
         "site": f.site,
         "place": f.place,
+        "unit": _unit_at(d, f.place),
         "equation": "" if f.effect is None else f.effect.equation,
         "sentence": f.sentence,
         "parameters": _parameters(f.parameters),

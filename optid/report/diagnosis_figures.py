@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 DOTS = 3000  # points of a scatter plot
+NORMAL_95 = 1.96  # standard deviations: half a normal 95 % interval
 
 
 def before_after(frame: pd.DataFrame, role: str, unit: str, noise: float | None, changed: bool) -> Figure:
@@ -104,45 +105,58 @@ def over_state(frame: pd.DataFrame, name: str, unit: str) -> Figure:
 
 
 def missing_signal(
-    frame: pd.DataFrame, place: str, cause: str | None, states: Mapping[str, Mapping[str, Any]]
+    frame: pd.DataFrame, place: str, unit: str, cause: str | None, states: Mapping[str, Mapping[str, Any]]
 ) -> Figure:
-    """What is missing as estimated with the states, the law found through it, and its likely cause.
+    """What is missing as estimated with the states, with its interval, the law found through it, and its likely cause.
 
     Args:
-        frame: recording, time, missing, and where they exist law and cause.
+        frame: recording, time, missing, and where they exist missing_sd, law and cause; SI.
         place: the plant's name of the site.
+        unit: SI unit of the signal there; "" if unknown.
         cause: name of the signal in `cause`.
         states: signal -> its range, with the SI unit.
     """
-    clock, breaks = _clock(frame)
-    missing = _column(frame, "missing")
-    law = _column(frame, "law") if "law" in frame else None
+    factor, shown = friendly(unit) if unit else (1.0, "SI unit of the signal")
+    missing = factor * _column(frame, "missing")
+    law = factor * _column(frame, "law") if "law" in frame else None
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(9.2, 2.8), layout="constrained")
         wide = "cause" in frame and cause is not None
         axes: Any = figure.subplots(
             1, 2 if wide else 1, squeeze=False, width_ratios=(2.2, 1) if wide else (1,)
         )[0]
-        axes[0].plot(clock, missing, color=INK, lw=0.9, label="estimated without a law")
-        if law is not None:
-            axes[0].plot(clock, law, color=WINDOW, lw=1.0, label="the law found")
-        for at in breaks:
-            axes[0].axvline(at, color=QUIET, lw=0.6)
-        ends = _range(missing, law)
-        axes[0].set_ylim(*ends)
-        axes[0].set_ylabel(f"missing at {place}, SI")
-        axes[0].set_xlabel("time over the recordings fitted to (s)")
-        axes[0].legend(ncols=2, **ABOVE)
+        _missing_over_time(axes[0], frame, factor, missing, law)
+        axes[0].set_ylabel(axis_name(f"missing at {place}", shown))
         if wide:
             assert cause is not None
-            factor, shown = friendly(states[cause]["unit"])
-            values, some = factor * _column(frame, "cause"), slice(None, None, max(len(missing) // DOTS, 1))
+            by, name = friendly(states[cause]["unit"])
+            values, some = by * _column(frame, "cause"), slice(None, None, max(len(missing) // DOTS, 1))
             axes[1].plot(values[some], missing[some], ".", ms=2, color=INK, alpha=0.4)
             if law is not None:
                 axes[1].plot(values[some], law[some], ".", ms=2, color=WINDOW)
-            axes[1].set_ylim(*ends)
-            axes[1].set_xlabel(axis_name(cause, shown))
+            axes[1].set_ylim(*axes[0].get_ylim())
+            axes[1].set_xlabel(axis_name(cause, name))
         return figure
+
+
+def _missing_over_time(
+    axes: Any, frame: pd.DataFrame, factor: float, missing: Array, law: Array | None
+) -> None:
+    """The unknown signal in the axis's unit, with its interval, and the law through it."""
+    clock, breaks = _clock(frame)
+    if "missing_sd" in frame:
+        half = factor * NORMAL_95 * _column(frame, "missing_sd")
+        axes.fill_between(
+            clock, missing - half, missing + half, color=INK, alpha=0.2, lw=0, label="95 % of it"
+        )
+    axes.plot(clock, missing, color=INK, lw=0.9, label="estimated without a law")
+    if law is not None:
+        axes.plot(clock, law, color=WINDOW, lw=1.0, label="the law found")
+    for at in breaks:
+        axes.axvline(at, color=QUIET, lw=0.6)
+    axes.set_ylim(*_range(missing, law))
+    axes.set_xlabel("time over the recordings fitted to (s)")
+    axes.legend(ncols=3, **ABOVE)
 
 
 def _range(missing: Array, law: Array | None) -> tuple[float, float]:

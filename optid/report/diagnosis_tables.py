@@ -116,7 +116,7 @@ def _over(finding: Finding, signal: str) -> pd.DataFrame:
 
 
 def _signal(finding: Finding, names: list[str]) -> pd.DataFrame:
-    """What is missing at the site, sample by sample, with the law found and its likely cause."""
+    """What is missing at the site, sample by sample, with its sd, the law found and its likely cause; SI."""
     import pandas as pd
 
     assert finding.signal is not None
@@ -126,6 +126,7 @@ def _signal(finding: Finding, names: list[str]) -> pd.DataFrame:
         "recording": [names[k] for k in region.owner],
         "time": region.time,
         "missing": _flat(finding.signal.signal),
+        "missing_sd": _flat(finding.signal.signal_sd),
     }
     if finding.law is not None:
         columns["law"] = _flat(finding.law)

@@ -88,7 +88,7 @@ class Miss:
 
     @property
     def held_sentence(self) -> str:
-        """The same of what was held out, where nobody fitted it away."""
+        """The same of the hold-out, to which nothing was fitted."""
         if self.fit_percent >= 0.0:
             return f"held out, {self.sentence}"
         return (

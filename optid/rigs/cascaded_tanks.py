@@ -84,20 +84,20 @@ def cascaded_tanks(s: Sheet) -> None:
         s.state("upper_level", "V", 5.0, start=5.0, spread=3.0),
         s.state("lower_level", "V", 5.0, start=5.0),
     )
-    u = s.site("flow.command", s.input("command", "V"), size=5.0)
-    inlet = s.site("flow.inlet", s.param(PUMP_GAIN) * u, size=0.2, u=u, h_1=h_1)
+    u = s.site("flow.command", s.input("command", "V"), unit="V", size=5.0)
+    inlet = s.site("flow.inlet", s.param(PUMP_GAIN) * u, unit="V/s", size=0.2, u=u, h_1=h_1)
     root_1, root_2 = (signed_root(h, s.param(EMPTY_WIDTH)) for h in (h_1, h_2))
     # One flow in two measures: the tanks need not be equally wide, so an effect acts on what both share.
-    between = s.site("flow.between", root_1, size=2.0, h_1=h_1, h_2=h_2)
-    outlet = s.site("flow.outlet", s.param(LOWER_OUTLET) * root_2, size=0.1, h_2=h_2)
+    between = s.site("flow.between", root_1, unit="V**0.5", size=2.0, h_1=h_1, h_2=h_2)
+    outlet = s.site("flow.outlet", s.param(LOWER_OUTLET) * root_2, unit="V/s", size=0.1, h_2=h_2)
 
     fill = inlet - s.param(UPPER_OUTLET) * between
-    over = s.site("store.upper", 0.0, level=h_1, h_1=h_1, u=u, fill=fill)
-    caught = s.site("store.caught", over, h_1=h_1, h_2=h_2)
+    over = s.site("store.upper", 0.0, unit="V/s", level=h_1, h_1=h_1, u=u, fill=fill)
+    caught = s.site("store.caught", over, unit="V/s", h_1=h_1, h_2=h_2)
     refill = s.param(LOWER_INLET) * between + caught - outlet
     s.rate(h_1, fill - over)
-    s.rate(h_2, refill - s.site("store.lower", 0.0, level=h_2, h_2=h_2, fill=refill))
-    s.output("level", "V", s.site("sensor.level", saturated(s, h_2), size=5.0, h_2=h_2))
+    s.rate(h_2, refill - s.site("store.lower", 0.0, unit="V/s", level=h_2, h_2=h_2, fill=refill))
+    s.output("level", "V", s.site("sensor.level", saturated(s, h_2), unit="V", size=5.0, h_2=h_2))
 
 
 def saturated(s: Sheet, level: Any) -> Any:

@@ -138,7 +138,7 @@ def _channel(
 
 
 def _linear(entry: Table, where: Path, field: str) -> bool | None:
-    """Does it go on straight between its samples? None where that is not stated."""
+    """Is it linear between its samples? None where that is not stated."""
     if "between" not in entry:
         return None
     stated = text(entry, "between", where, f"{field}.between", 'between = "linear"')

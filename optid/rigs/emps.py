@@ -78,19 +78,19 @@ def emps(
             friction and `force_offset` say the same twice: fix one of them.
     """
     q, v = s.state("position", "m", 0.01, spread=0.5), s.state("velocity", "m/s", 0.1, spread=0.5)
-    u = s.site("drive.command", s.input("command", "V", idle=0.0), size=3.0)
+    u = s.site("drive.command", s.input("command", "V", idle=0.0), unit="V", size=3.0)
     drag = viscous_and_dry_friction(s, q, v, friction, direction)
-    drag = s.site("force.friction", drag, v=v)
-    external = s.site("force.external", -s.param(FORCE_OFFSET), x=q - MIDDLE, v=v, L=TRAVEL)
+    drag = s.site("force.friction", drag, unit="N", v=v)
+    external = s.site("force.external", -s.param(FORCE_OFFSET), unit="N", x=q - MIDDLE, v=v, L=TRAVEL)
     s.rate(q, v)
     s.rate(v, (s.param(DRIVE_GAIN) * u - drag + external) / s.param(MASS))
-    s.output("position", "m", s.site("sensor.position", q, x=q - MIDDLE, v=v, L=TRAVEL))
+    s.output("position", "m", s.site("sensor.position", q, unit="m", x=q - MIDDLE, v=v, L=TRAVEL))
 
 
 def viscous_and_dry_friction(s: Sheet, q: Any, v: Any, friction: str, direction: str) -> Any:
     """Friction force against positive motion, N, at speed v (m/s). See `emps` for the choices."""
     if direction == "symmetric":
-        viscous = s.site("force.viscous", s.param(VISCOUS_FRICTION) * v, v=v)
+        viscous = s.site("force.viscous", s.param(VISCOUS_FRICTION) * v, unit="N", v=v)
         return viscous + dry_friction(s, v, friction, x=q - MIDDLE, L=TRAVEL)
     share = sliding(s, v, friction)
     forwards = s.param(VISCOUS_FRICTION) * ca.fmax(v, 0) + s.param(COULOMB_FRICTION) * ca.fmax(share, 0)

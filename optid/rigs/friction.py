@@ -112,7 +112,7 @@ def sliding(s: Sheet, v: Any, kind: str) -> Any:
     if kind == "constant":
         return 1.0
     # The most that steady sliding reaches at this speed: more than 1 near rest is Stribeck's curve.
-    most = s.site("force.breakaway", 1.0, v=v)
+    most = s.site("force.breakaway", 1.0, unit="1", v=v)
     if kind == "smooth":
         return most * ca.tanh(v / s.param(s.sized(FRICTION_WIDTH)))
     for parameter, share in STICK_BIAS.items():
@@ -121,7 +121,8 @@ def sliding(s: Sheet, v: Any, kind: str) -> Any:
     # runs from 1, which is Dahl's law, to 5.
     z = s.state("bristle", "1", 1.0, spread=1.0)
     lag = s.param(s.sized(BRISTLE_LAG))
-    length = s.site("force.presliding", s.param(s.sized(PRESLIDING_LENGTH)), v=v, z=z, most=most)
+    contact = s.sized(PRESLIDING_LENGTH)
+    length = s.site("force.presliding", s.param(contact), unit=contact.unit, v=v, z=z, most=most)
     share = z / most
     squared = share * share  # no power: it would be the costliest term of the plant
     yielding = 1 + s.param(s.sized(PRESLIDING_SHAPE)) * (squared * squared - 1)
@@ -156,4 +157,5 @@ def dry_friction(s: Sheet, v: Any, kind: str, **near: Any) -> Any:
     """
     share = sliding(s, v, kind)
     s.scalable("force.coulomb")
-    return s.site("force.coulomb", s.param(s.sized(COULOMB_FRICTION)), v=v, share=share, **near) * share
+    level = s.sized(COULOMB_FRICTION)
+    return s.site("force.coulomb", s.param(level), unit=level.unit, v=v, share=share, **near) * share

@@ -99,35 +99,46 @@ def rotary_axis(
     J = N**2 * J_m + J_load
     q, w = s.state("position", "rad", 0.1, spread=1.0), s.state("velocity", "rad/s", 1.0, spread=2.0)
     masses = {"motor": N**2 * J_m, "load": J_load}
-    shaft = s.site("force.shaft_angle", q, size=0.0, **masses)
-    turning = s.site("force.shaft_speed", w, size=0.0, **masses)
+    shaft = s.site("force.shaft_angle", q, unit="rad", size=0.0, **masses)
+    turning = s.site("force.shaft_speed", w, unit="rad/s", size=0.0, **masses)
 
     demand = _demand(s, shaft, turning, drive, loop)
     torque = N * _torque(s, demand, N * turning, drive)
-    torque = s.site("drive.effort", torque, size=EFFORT, x=shaft, v=turning, turn=2 * math.pi / N)
+    torque = s.site("drive.effort", torque, unit="N m", size=EFFORT, x=shaft, v=turning, turn=2 * math.pi / N)
 
-    viscous = s.site("force.viscous", s.param(VISCOUS_FRICTION) * w, size=0.1 * EFFORT, v=w, x=q)
+    viscous = s.site("force.viscous", s.param(VISCOUS_FRICTION) * w, unit="N m", size=0.1 * EFFORT, v=w, x=q)
     L = 2 * TRAVEL
     dry = dry_friction(s, w, friction, x=q, L=L, drive=torque)
-    drag = s.site("force.friction", viscous + dry, size=0.1 * EFFORT, x=q, v=w)
+    drag = s.site("force.friction", viscous + dry, unit="N m", size=0.1 * EFFORT, x=q, v=w)
     weight = m * GRAVITY * l * ca.sin(q + s.param(ZERO_OFFSET))
     external = s.param(LOAD_TORQUE) - weight
-    external = s.site("force.external", external, size=0.1 * EFFORT, x=q, v=w, L=L)
+    external = s.site("force.external", external, unit="N m", size=0.1 * EFFORT, x=q, v=w, L=L)
     net = torque - drag + external
-    a = s.site("force.acceleration", net / J, size=10.0, net=net, mass=J, x=q, v=w)
+    a = s.site("force.acceleration", net / J, unit="rad/s**2", size=10.0, net=net, mass=J, x=q, v=w)
     s.rate(q, w)
-    s.rate(w, s.site("force.transmission", a, size=0.0, driven=torque, loaded=external - drag, **masses))
+    s.rate(
+        w,
+        s.site(
+            "force.transmission",
+            a,
+            unit="rad/s**2",
+            size=0.0,
+            driven=torque,
+            loaded=external - drag,
+            **masses,
+        ),
+    )
 
     seen = shaft if encoder == "motor" else q
     seen = seen - s.param(SAMPLING_SKEW) * (turning if encoder == "motor" else w)
-    s.output("position", "rad", s.site("sensor.position", seen, size=TRAVEL, x=q, v=w, a=a, L=L))
+    s.output("position", "rad", s.site("sensor.position", seen, unit="rad", size=TRAVEL, x=q, v=w, a=a, L=L))
 
 
 def _demand(s: Sheet, shaft: Any, turning: Any, drive: str, loop: str) -> Any:
     """What the drive gives the motor, in the unit of its kind."""
     unit = {"none": UNITS[drive], "velocity": "rad/s", "position": "rad"}[loop]
     idle = None if loop == "position" else 0.0
-    command = s.site("drive.command", s.input("command", unit, idle=idle), size=SIZES[unit])
+    command = s.site("drive.command", s.input("command", unit, idle=idle), unit=unit, size=SIZES[unit])
     if loop == "none":
         return command
     wanted = s.param(POSITION_GAIN) * (command - shaft) if loop == "position" else command

@@ -134,8 +134,10 @@ def servo_hydraulic(
     P_a = s.state("pressure_a", "Pa", 1e6, start=middle * A_b / A_a, spread=middle / 2)
     P_b = s.state("pressure_b", "Pa", 1e6, start=middle, spread=middle / 2)
 
-    command = s.site("valve.command", s.site("valve.input", s.input("command", "1", idle=0.0)))
-    u = s.site("valve.spool", command, command=command)
+    command = s.site(
+        "valve.command", s.site("valve.input", s.input("command", "1", idle=0.0), unit="1"), unit="1"
+    )
+    u = s.site("valve.spool", command, unit="1", command=command)
     P_p = _pressure_line(s) if supply == "accumulator" else P_s
     from_supply_a, to_tank_a = _edge(s, u, P_p, P_a), _edge(s, -u, P_a, P_t)
     from_supply_b, to_tank_b = _edge(s, -u, P_p, P_b), _edge(s, u, P_b, P_t)
@@ -145,37 +147,47 @@ def servo_hydraulic(
     across = s.param(INTERNAL_LEAKAGE) * (P_a - P_b)
     out_a, out_b = (s.param(EXTERNAL_LEAKAGE) * (P - P_t) for P in (P_a, P_b))
     density = s.param(OIL_DENSITY)
-    leak_a = s.site("flow.leak_a", -across - out_a, size=0.0, P=P_a, other=P_b, drain=P_t, density=density)
-    leak_b = s.site("flow.leak_b", across - out_b, size=0.0, P=P_b, other=P_a, drain=P_t, density=density)
+    leak_a = s.site(
+        "flow.leak_a", -across - out_a, unit="m**3/s", size=0.0, P=P_a, other=P_b, drain=P_t, density=density
+    )
+    leak_b = s.site(
+        "flow.leak_b", across - out_b, unit="m**3/s", size=0.0, P=P_b, other=P_a, drain=P_t, density=density
+    )
     near_a, near_b = {"P": P_a, "other_P": P_b, "spool": u}, {"P": P_b, "other_P": P_a, "spool": u}
-    Q_a = s.site("flow.chamber_a", from_supply_a - to_tank_a + leak_a, size=0.0, **near_a)
-    Q_b = s.site("flow.chamber_b", from_supply_b - to_tank_b + leak_b, size=0.0, **near_b)
+    Q_a = s.site("flow.chamber_a", from_supply_a - to_tank_a + leak_a, unit="m**3/s", size=0.0, **near_a)
+    Q_b = s.site("flow.chamber_b", from_supply_b - to_tank_b + leak_b, unit="m**3/s", size=0.0, **near_b)
 
     dead = s.param(DEAD_VOLUME)
     V_a = soft_floor(A_a * (L / 2 + x) + dead, dead / 4, dead / 8)
     V_b = soft_floor(A_b * (L / 2 - x) + dead, dead / 4, dead / 8)
-    c_a, c_b = (s.site("flow.compressibility", _compressibility(s, P), size=0.0, P=P) for P in (P_a, P_b))
-    s.rate(P_a, s.site("flow.pressure_rate_a", (Q_a - A_a * v) / (V_a * c_a), size=0.0, P=P_a, v=v))
-    s.rate(P_b, s.site("flow.pressure_rate_b", (Q_b + A_b * v) / (V_b * c_b), size=0.0, P=P_b, v=v))
+    c_a, c_b = (
+        s.site("flow.compressibility", _compressibility(s, P), unit="1/Pa", size=0.0, P=P) for P in (P_a, P_b)
+    )
+    s.rate(
+        P_a, s.site("flow.pressure_rate_a", (Q_a - A_a * v) / (V_a * c_a), unit="Pa/s", size=0.0, P=P_a, v=v)
+    )
+    s.rate(
+        P_b, s.site("flow.pressure_rate_b", (Q_b + A_b * v) / (V_b * c_b), unit="Pa/s", size=0.0, P=P_b, v=v)
+    )
 
     drive = A_a * P_a - A_b * P_b - A_rod * s.param(ATMOSPHERIC_PRESSURE)
-    viscous = s.site("force.viscous", s.param(VISCOUS_FRICTION) * v, size=EFFORT / 10, v=v, x=x)
+    viscous = s.site("force.viscous", s.param(VISCOUS_FRICTION) * v, unit="N", size=EFFORT / 10, v=v, x=x)
     dry = dry_friction(s, v, friction, x=x, L=L, P_a=P_a, P_b=P_b, drive=drive)
     s.require("the supply overcomes Coulomb friction", (P_s - P_t) * A_a - s.param(s.sized(COULOMB_FRICTION)))
-    drag = s.site("force.friction", viscous + dry, size=EFFORT / 10, x=x, v=v, P_a=P_a, P_b=P_b)
+    drag = s.site("force.friction", viscous + dry, unit="N", size=EFFORT / 10, x=x, v=v, P_a=P_a, P_b=P_b)
     external = s.param(LOAD_FORCE) + end_stops(s, x, v, L)
-    external = s.site("force.external", external, size=EFFORT / 10, x=x, v=v, L=L)
+    external = s.site("force.external", external, unit="N", size=EFFORT / 10, x=x, v=v, L=L)
     M = s.param(PAYLOAD_MASS)
     net = drive - drag + external
-    a = s.site("force.acceleration", net / M, size=10.0, net=net, mass=M, x=x, v=v)
+    a = s.site("force.acceleration", net / M, unit="m/s**2", size=10.0, net=net, mass=M, x=x, v=v)
     s.rate(x, v)
     s.rate(v, a)
 
     shown = x - s.param(SAMPLING_SKEW) * v
-    position = s.site("sensor.position", shown, size=TRAVEL, x=x, v=v, a=a, L=L)
+    position = s.site("sensor.position", shown, unit="m", size=TRAVEL, x=x, v=v, a=a, L=L)
     s.output("position", "m", position, within=(-L / 2, L / 2))
-    s.output("pressure_a", "Pa", s.site("sensor.pressure_a", P_a, size=1e7))
-    s.output("pressure_b", "Pa", s.site("sensor.pressure_b", P_b, size=1e7))
+    s.output("pressure_a", "Pa", s.site("sensor.pressure_a", P_a, unit="Pa", size=1e7))
+    s.output("pressure_b", "Pa", s.site("sensor.pressure_b", P_b, unit="Pa", size=1e7))
 
 
 def _edge(s: Sheet, way: Any, P_from: Any, P_to: Any) -> Any:

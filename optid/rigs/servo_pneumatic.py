@@ -150,14 +150,16 @@ def servo_pneumatic(
     P_b = s.state("pressure_b", "Pa", 1e5, start=balanced, spread=spread)
 
     # Spool. A positive command opens A to supply and B to exhaust, a negative one the reverse (eqs. 3 to 6).
-    command = s.site("valve.command", s.site("valve.input", s.input("command", "1", idle=0.0)))
-    X = s.site("valve.spool", command * s.param(SPOOL_TRAVEL), command=command)
+    command = s.site(
+        "valve.command", s.site("valve.input", s.input("command", "1", idle=0.0), unit="1"), unit="1"
+    )
+    X = s.site("valve.spool", command * s.param(SPOOL_TRAVEL), unit="m", command=command)
     width = s.param(PORT_WIDTH)
     area = width * ca.fabs(X)
-    filling = s.site("flow.supply_area", area, spool=X, x=x, v=v)
-    venting = s.site("flow.exhaust_area", area, spool=X, x=x, v=v)
-    supply = s.site("flow.supply", P_s, spool=X, area=filling, P_a=P_a, P_b=P_b)
-    exhaust = s.site("flow.exhaust", P_e, spool=X, area=venting, P_a=P_a, P_b=P_b)
+    filling = s.site("flow.supply_area", area, unit="m**2", spool=X, x=x, v=v)
+    venting = s.site("flow.exhaust_area", area, unit="m**2", spool=X, x=x, v=v)
+    supply = s.site("flow.supply", P_s, unit="Pa", spool=X, area=filling, P_a=P_a, P_b=P_b)
+    exhaust = s.site("flow.exhaust", P_e, unit="Pa", spool=X, area=venting, P_a=P_a, P_b=P_b)
 
     # Mass flows into the chambers, eqs. 1 and 2; eq. 10 counts m_b out of the chamber, here both go in. `near`
     # holds flows per area, kg/(s m2), into the chamber from wherever a leak may come.
@@ -172,7 +174,9 @@ def servo_pneumatic(
             name: flux(s, port, P, True, True, T)
             for name, port in (("supply", supply), ("exhaust", exhaust), ("ambient", P_atm), ("other", other))
         }
-        return s.site(f"flow.chamber_{chamber}", nominal, P=P, other_P=other, x=x, v=v, spool=X, **near)
+        return s.site(
+            f"flow.chamber_{chamber}", nominal, unit="kg/s", P=P, other_P=other, x=x, v=v, spool=X, **near
+        )
 
     m_a, m_b = into(P_a, P_b, X > 0, "a"), into(P_b, P_a, X < 0, "b")
 
@@ -184,25 +188,30 @@ def servo_pneumatic(
     rate_b = K / length_b * (+P_b * v + R * T_s / A_b * m_b)
     near_a = {"P": P_a, "v": v, "flow": m_a, "area": A_a, "length": length_a, "widening": v}
     near_b = {"P": P_b, "v": v, "flow": m_b, "area": A_b, "length": length_b, "widening": -v}
-    s.rate(P_a, s.site("flow.pressure_rate_a", rate_a, **near_a))
-    s.rate(P_b, s.site("flow.pressure_rate_b", rate_b, **near_b))
+    s.rate(P_a, s.site("flow.pressure_rate_a", rate_a, unit="Pa/s", **near_a))
+    s.rate(P_b, s.site("flow.pressure_rate_b", rate_b, unit="Pa/s", **near_b))
 
     # Piston, eq. 11, with the ambient pressure on the rod's area that the print leaves out.
     drive = A_a * P_a - A_b * P_b - (A_rod * P_atm if rod_force else 0)
-    viscous = s.site("force.viscous", s.param(VISCOUS_FRICTION) * v, v=v, x=x)
+    viscous = s.site("force.viscous", s.param(VISCOUS_FRICTION) * v, unit="N", v=v, x=x)
     drag = viscous + dry_friction(s, v, friction, x=x, L=L, P_a=P_a, P_b=P_b, P_atm=P_atm, drive=drive)
     s.require("the supply overcomes Coulomb friction", (P_s - P_e) * A_a - s.param(s.sized(COULOMB_FRICTION)))
-    drag = s.site("force.friction", drag, x=x, v=v, P_a=P_a, P_b=P_b)
-    external = s.site("force.external", end_stops(s, x, v, L), x=x, v=v, L=L)
+    drag = s.site("force.friction", drag, unit="N", x=x, v=v, P_a=P_a, P_b=P_b)
+    external = s.site("force.external", end_stops(s, x, v, L), unit="N", x=x, v=v, L=L)
     net = drive - drag + external
     s.rate(x, v)
-    a = s.site("force.acceleration", net / M, net=net, mass=M, x=x, v=v)
+    a = s.site("force.acceleration", net / M, unit="m/s**2", net=net, mass=M, x=x, v=v)
     s.rate(v, a)
 
     skewed = x - s.param(SAMPLING_SKEW) * v
-    s.output("position", "m", s.site("sensor.position", skewed, x=x, v=v, a=a, L=L), within=(-L / 2, L / 2))
-    s.output("pressure_a", "Pa", s.site("sensor.pressure_a", P_a))
-    s.output("pressure_b", "Pa", s.site("sensor.pressure_b", P_b))
+    s.output(
+        "position",
+        "m",
+        s.site("sensor.position", skewed, unit="m", x=x, v=v, a=a, L=L),
+        within=(-L / 2, L / 2),
+    )
+    s.output("pressure_a", "Pa", s.site("sensor.pressure_a", P_a, unit="Pa"))
+    s.output("pressure_b", "Pa", s.site("sensor.pressure_b", P_b, unit="Pa"))
 
 
 def flux(
@@ -228,7 +237,7 @@ def flux(
     # Not fmax and fmin: where both pressures are the same to the last bit, neither has a slope by the chamber's.
     inwards = P_port > P
     P_u, P_d = ca.if_else(inwards, P_port, P), ca.if_else(inwards, P, P_port)
-    ratio = ca.fmax(s.site("flow.ratio", P_d / P_u, critical=C_r), C_r)
+    ratio = ca.fmax(s.site("flow.ratio", P_d / P_u, unit="1", critical=C_r), C_r)
     a = ca.exp((K - 1) / K * ca.log(ratio))
     # eq. 7 squared, P_r^(2/K) - P_r^((K+1)/K), with one power instead of two
     f2 = C_k2 * (ratio / a) ** 2 * (1 - a)

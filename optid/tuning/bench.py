@@ -44,7 +44,7 @@ class Bench:
         return self._episodes
 
     def __call__(self, gains: Gains, settings: Settings) -> tuple[Response, ...]:
-        """One response an episode; NaN from where the equations leave the numbers."""
+        """One response an episode; NaN from where the simulation diverges."""
         vector, found = np.r_[gains.vector, settings.vector], {}
 
         def run(first: int, last: int) -> None:

@@ -1,4 +1,4 @@
-"""What a tuning assumes where nobody says otherwise: limits, steps, horizon; and what no command can reach."""
+"""Defaults of a tuning: limits, steps, horizon; and set-points that no command can hold."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from optid.tuning.specification import TuningSpec
 from optid.tuning.ultimate import ultimate
 
 STEP = 0.06  # m: the paper's step of 6 cm
-COMMAND = 5.0  # V to either side, where nobody says what a full command is
+COMMAND = 5.0  # V to either side, where the full command is not stated
 SAMPLES = 2500  # of an episode, unless the plant wants more
-STROKE_SHARE = 0.3  # of the stroke: the largest step where nobody says one
+STROKE_SHARE = 0.3  # of the stroke: the default of the largest step
 PERIODS = 20  # ultimate periods that an episode holds at least
 LONGEST = 200_000  # samples
 
@@ -107,8 +107,8 @@ def command_limits(spec: TuningSpec, unit: str, rig: Rig | None) -> tuple[float,
             full = channel.full_scale * channel.per_unit
             return -full, full, [f"Limits of ±{full:g} {unit}: the rig file's full scale."]
     if unit == "V":
-        return -COMMAND, COMMAND, [f"Limits of ±{COMMAND:g} V: nobody said otherwise (--limits)."]
-    return -math.inf, math.inf, [f"No limits of the command ({unit}): nobody said any (--limits)."]
+        return -COMMAND, COMMAND, [f"Limits of ±{COMMAND:g} V by default (--limits)."]
+    return -math.inf, math.inf, [f"No limits of the command ({unit}): none were given (--limits)."]
 
 
 def episode_samples(spec: TuningSpec, plant: Plant) -> int:
@@ -129,7 +129,7 @@ def episode_samples(spec: TuningSpec, plant: Plant) -> int:
 def usual_step(
     plant: Plant, unit: str, settings: Settings, samples: int, rig: Rig | None
 ) -> tuple[float, str]:
-    """The largest step where nobody says one, output's unit, and a sentence on it."""
+    """The default of the largest step, output's unit, and a sentence on it."""
     stroke = math.inf if rig is None else rig.parameters.get("stroke", math.inf)
     if unit == "m" and math.isfinite(stroke):
         size = float(f"{STROKE_SHARE * stroke:.2g}")

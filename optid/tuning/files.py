@@ -19,7 +19,7 @@ EQUATION = (
     "u = kp (b r - y) + integral of ki (r - y) + kd d(c r - y)/dt, the derivative lagged by derivative_filter"
 )
 CLAMPING = {
-    AntiWindup.NONE: "the command is limited, the integral goes on",
+    AntiWindup.NONE: "the command is limited, the integral is not",
     AntiWindup.CLAMPING: "the command is limited, the integral rests while it would push further into a limit",
     AntiWindup.BACK_CALCULATION: "the command is limited, the integral gives back the excess over the tracking time",
 }

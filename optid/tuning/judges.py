@@ -25,7 +25,7 @@ RUNS, BENCH_RUNS, SHOWN_RUNS = 2, 16, 5  # of each size; where a rig's model jud
 STICKING_RUNS, FITTED_RUNS = 9, 13  # where friction is only assumed; where a recording showed it
 MUCH_STRONGER = 1.4  # factor on the command in every third run where an axis of third order judges
 BENCH_TOLERANCE = 2e-4  # of its integration: costs differ by 0.2 % from those at 1e-7
-# Largest maximum sensitivity where nobody says one: of what is recommended (Astrom and Hagglund, Advanced PID Control,
+# Default bound on the maximum sensitivity: within what is recommended (Astrom and Hagglund, Advanced PID Control,
 # 2006, section 4.6); and on the identified model with an assumed dry friction, which damps small motions as no linear
 # model does. With a rig's model no bound: friction that was measured is simulated, and so is a stronger plant.
 SENSITIVITY, BESIDE_FRICTION = 2.0, 5.0

@@ -41,7 +41,7 @@ def parameter_sets(rig: Rig, rng: np.random.Generator, count: int = DRAWS) -> tu
 
 
 def sensor_noise(rig: Rig, role: str) -> float | None:
-    """Sd of a channel's noise, SI: as the rig file states it, else as its fit found it; None where nobody says."""
+    """Sd of a channel's noise, SI: as the rig file states it, else as its fit found it; None where neither does."""
     channel = rig.channels.get(role)
     if channel is not None and channel.sd:
         return float(channel.sd)

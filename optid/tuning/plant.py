@@ -54,7 +54,7 @@ class Plant:
 
     @property
     def sign(self) -> float:
-        """Of the output's slow answer to a positive command; all gains of a controller have it."""
+        """Sign of the output's static response to a positive command; all gains of a controller have it."""
         return math.copysign(1.0, float(self.b.sum()))
 
     @property

@@ -19,13 +19,13 @@ ROUNDS, GAIN_OF_A_ROUND = 3, 2e-4  # of both in turn, and the share a further on
 
 
 def polish(task: Task, within: Box, point: Array, gradient: Gradient | None) -> Array:
-    """The best point found from `point` (free,) on; never a worse one.
+    """The best point found from `point` (free,); never a worse one.
 
     Args:
         task: whose cost it is.
         within: the box; the search moves in the unit cube.
         point: to start from, at which everything required is kept.
-        gradient: None takes a simplex search, as for a cost whose gradient nobody knows.
+        gradient: None takes a simplex search, as for a cost without a known gradient.
     """
 
     def fitness(one: Array) -> float:

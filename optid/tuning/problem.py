@@ -58,7 +58,7 @@ class TuningProblem:
 
     @property
     def structure(self) -> str:
-        """Name of the control structure where nobody says one."""
+        """The default control structure's name."""
         return usual_structure(self.task.bench_alone, self.judged_on != STICKING)
 
     def without_sensitivity(self) -> TuningProblem:

@@ -1,4 +1,4 @@
-"""What a user asks of a tuning, in SI."""
+"""The specification of a tuning, in SI."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class TuningSpec:
         notch: of the command.
         acceleration: feed-forward, command per acceleration of the set-point.
         compensate: the rig's model says what overcomes its friction and its valve's dead band.
-        usual_sensitivity: bound the maximum sensitivity as usual for what judges: nobody said a bound.
+        usual_sensitivity: no bound on the maximum sensitivity was given: the default of what judges holds.
     """
 
     order: int | None = None

@@ -59,7 +59,7 @@ def structure_of(name: str) -> Structure:
 
 
 def usual_structure(simulated: bool, known: bool) -> str:
-    """Name of the structure where nobody says one.
+    """The default structure's name.
 
     An axis integrates by itself. Where its friction is only assumed, the simulation does not tell how far integral
     action makes it hunt: dry friction that breaks away no harder than it slides lets it rest where a real axis does

@@ -217,7 +217,7 @@ def _others(task: Task, scale: Ultimate, within: Box, gains: Gains, effort: Effo
 
 
 def _outdone(task: Task, within: Box, gains: Gains, rivals: list[Gains]) -> Gains:
-    """Where a rival's gains, brought into the box, cost less than those found, the search goes on from there."""
+    """Where a rival's gains, brought into the box, cost less than those found, the search continues from there."""
     points = within.points(np.array([gains.vector, *(rival.vector for rival in rivals)]))
     costs = task.fitness(within.gains(points))
     best = int(np.argmin(costs))

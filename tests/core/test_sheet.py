@@ -16,7 +16,7 @@ EXTRA = Parameter("extra", "N", 1.0, "more drag", "a test", 0.0)
 def axis(s, *, doubled=False):
     """x' = v, v' = gain u - drag v."""
     x, v = s.state("x", "m", 0.1), s.state("v", "m/s", 1.0, start=0.5, spread=0.2)
-    drag = s.site("force.friction", s.param(DRAG) * v, v=v, x=x)
+    drag = s.site("force.friction", s.param(DRAG) * v, unit="N", v=v, x=x)
     s.rate(x, v)
     s.rate(v, (2 if doubled else 1) * s.param(GAIN) * s.input("u", "1") - drag)
     s.output("x", "m", s.site("sensor.x", x))
@@ -46,6 +46,7 @@ def test_a_model_holds_what_the_plant_wrote():
     assert [(q.name, q.default) for q in model.parameters] == [("drag", None), ("gain", 3.0)]
     assert [(port.role, port.unit) for port in model.inputs + model.outputs] == [("u", "1"), ("x", "m")]
     assert model.sites == ("force.friction", "sensor.x")
+    assert model.site_units == ("N", "")  # the second one is not stated
     assert rates(model, [0.0, 0.5], [0.25]) == pytest.approx([0.5, 3 * 0.25 - 2 * 0.5])
     mean, spread = (np.array(a).ravel() for a in model.start(model.vector({"drag": 2.0})))
     assert mean == pytest.approx([0.0, 0.5])

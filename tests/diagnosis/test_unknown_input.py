@@ -30,7 +30,9 @@ def test_a_pull_is_found_where_it_drives_and_as_it_was(driven):
     assert {found[0].site, found[1].site} == {"drive.command", "drag.force"}  # one force on this plant
     assert found[-1].site == "sensor.position"
     assert found[-1].gain < found[0].gain - 100.0
-    signal = next(one.signal for one in found if one.site == "drive.command")
+    there = next(one for one in found if one.site == "drive.command")
+    signal, within = there.signal, np.abs(there.signal - np.tile(PULL, 2)) < 1.96 * there.signal_sd
+    assert 0.9 < within.mean() < 1.0  # its interval holds what is there
     assert np.corrcoef(signal, np.tile(PULL, 2))[0, 1] > 0.9  # told from the past alone
     assert signal.std() == pytest.approx(PULL.std(), rel=0.2)
 

@@ -38,13 +38,13 @@ def run_live(tmp_path):
         choices = choices or Choices(Gains(20.0))
         loop = Loop(rig, settings, wiring, reference or tour(settings.limits), choices)
         order = {"wiring": wiring, "settings": settings, "recording": recording, "seed": seed}
-        door = open_driver(driver, rig, order)
+        driver = open_driver(driver, rig, order)
         path = tmp_path / f"{len(list(tmp_path.iterdir()))}.csv"
         log = Log(path, Layout(wiring).columns)
         try:
-            return run_lockstep(door, loop, log, seconds), loop, path
+            return run_lockstep(driver, loop, log, seconds), loop, path
         finally:
-            door.close()
+            driver.close()
             log.close()
 
     return run

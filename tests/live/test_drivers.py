@@ -162,16 +162,16 @@ def card(monkeypatch):
 def test_cards_read_and_put_volts(bench, tmp_path, card):
     import nidaqmx.constants
 
-    door = opened("nidaqmx", with_live(bench, tmp_path, CARDS))
-    assert list(door.read(0.0)) == pytest.approx([26.0])  # (3 - 2.5) V * 52 mm/V
-    assert door.write(1.25, 0.0) == 1.25
-    assert door.write(7.0, 0.0) == 5.0  # the line's own span
+    driver = opened("nidaqmx", with_live(bench, tmp_path, CARDS))
+    assert list(driver.read(0.0)) == pytest.approx([26.0])  # (3 - 2.5) V * 52 mm/V
+    assert driver.write(1.25, 0.0) == 1.25
+    assert driver.write(7.0, 0.0) == 5.0  # the line's own span
     assert card.put == [1.25, 5.0]
     inputs = card.tasks[0].ai_channels.add_ai_voltage_chan.call_args
     assert inputs.args == ("Dev1/ai0",)
     assert inputs.kwargs["terminal_config"] is nidaqmx.constants.TerminalConfiguration.RSE
     assert (inputs.kwargs["min_val"], inputs.kwargs["max_val"]) == (0.0, 5.0)
-    door.close()
+    driver.close()
     assert all(task.close.called for task in card.tasks)
 
 
@@ -179,8 +179,8 @@ def test_cards_read_and_put_volts(bench, tmp_path, card):
 def test_cards_average_their_newest_samples(bench, tmp_path, card, said, rate):
     from nidaqmx.constants import AcquisitionType, OverwriteMode, ReadRelativeTo
 
-    door = opened("nidaqmx", with_live(bench, tmp_path, f"{CARDS}average = 8\n{said}"))
-    assert list(door.read(0.0)) == pytest.approx([26.0])
+    driver = opened("nidaqmx", with_live(bench, tmp_path, f"{CARDS}average = 8\n{said}"))
+    assert list(driver.read(0.0)) == pytest.approx([26.0])
     reading = card.tasks[0]
     timing = reading.timing.cfg_samp_clk_timing.call_args
     assert timing.args == (rate,)
@@ -188,7 +188,7 @@ def test_cards_average_their_newest_samples(bench, tmp_path, card, said, rate):
     stream = reading.in_stream
     assert (stream.relative_to, stream.offset) == (ReadRelativeTo.MOST_RECENT_SAMPLE, -8)
     assert stream.overwrite is OverwriteMode.OVERWRITE_UNREAD_SAMPLES
-    door.close()
+    driver.close()
 
 
 def test_cards_run_a_session(bench, tmp_path, card, run_live):
@@ -267,19 +267,21 @@ def server():
 
 def test_a_server_is_read_and_written(bench, tmp_path, server):
     ua, table = pytest.importorskip("asyncua.ua"), NODES.format(url=server.url)
-    with closing(opened("opcua", with_live(bench, tmp_path, table))) as door:
-        assert list(door.read(0.0)) == [12.5]
+    with closing(opened("opcua", with_live(bench, tmp_path, table))) as driver:
+        assert list(driver.read(0.0)) == [12.5]
         for _ in range(3):
-            assert door.write(1.5, 0.0) == 1.5
+            assert driver.write(1.5, 0.0) == 1.5
         assert server.own["Command"].read_value() == 1.5
         assert server.own["Alive"].read_value() == 3
-        assert door.write(0.1, 0.0) == float(np.float32(0.1)) != 0.1  # what a node of single precision holds
-        assert door.resolution == 0.0
+        assert (
+            driver.write(0.1, 0.0) == float(np.float32(0.1)) != 0.1
+        )  # what a node of single precision holds
+        assert driver.resolution == 0.0
         codes = ua.StatusCodes
         for code in (codes.UncertainLastUsableValue, codes.BadSensorFailure, codes.Good):
             value = ua.DataValue(ua.Variant(12.5, ua.VariantType.Double), ua.StatusCode(code))
             server.own["Position"].write_value(value)
-            np.testing.assert_equal(list(door.read(0.0)), [12.5 if code == codes.Good else np.nan])
+            np.testing.assert_equal(list(driver.read(0.0)), [12.5 if code == codes.Good else np.nan])
     with closing(opened("opcua", with_live(bench, tmp_path, table.replace("s=Command", "s=Whole")))) as whole:
         assert whole.resolution == 1.0
         assert [whole.write(u, 0.0) for u in (0.4, 1.7, -2.6)] == [0.0, 2.0, -3.0]

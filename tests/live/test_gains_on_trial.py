@@ -85,14 +85,14 @@ def test_without_old_episodes_nothing_is_compared(axis):
     assert not axis.trial.running
 
 
-def drive(bench, loop, door):
+def drive(bench, loop, driver):
     """A function that runs a loop at its rate up to a time."""
     state = {"n": 0, "u": 0.0}
 
     def until(seconds):
         while (time := state["n"] * loop.settings.span) < seconds:
-            sample = Sample(state["n"], time, state["u"], state["u"], door.read(time))
-            state["u"] = door.write(loop.step(sample).command, time)
+            sample = Sample(state["n"], time, state["u"], state["u"], driver.read(time))
+            state["u"] = driver.write(loop.step(sample).command, time)
             state["n"] += 1
 
     return until
@@ -109,7 +109,7 @@ def test_gains_that_answer_worse_on_the_rig_are_taken_back(bench):
     until(9.0)
     loop.change(Gains(8.0))  # replaces gains on trial: held against the first ones all the same
     until(15.9)
-    assert loop.controller.gains == loop.alongside.controller.gains == loop.taken_back == Gains(20.0)
+    assert loop.controller.gains == loop.parallel.controller.gains == loop.taken_back == Gains(20.0)
     assert not loop.verdict.kept and loop.verdict.ratio > 1.2
 
 

@@ -15,15 +15,15 @@ from hypothesis import strategies as st
 
 from optid.core.readers import read_recording
 from optid.errors import InputError, RigError
+from optid.live.excerpt import HELD_OUT, SEEN, UNSEEN, WIDEST, last_rows, offer_diagnosis
 from optid.live.gains import controller_settings, gentle, read_gains
+from optid.live.latency_histogram import LatencyHistogram
 from optid.live.log import LOG, Layout, Log
 from optid.live.messages import Reply, Sample, pack_reply, pack_sample, unpack_reply, unpack_sample
 from optid.live.reference import read_profile, read_reference, tour
 from optid.live.results import fit_percent, last_stretch
-from optid.live.ring import Ring
+from optid.live.ring_buffer import RingBuffer
 from optid.live.settings import Limits, live_settings, wiring_of
-from optid.live.slices import HELD_OUT, SEEN, UNSEEN, WIDEST, last_rows, offer_diagnosis
-from optid.live.timing import Durations
 from optid.pid.controller import Gains
 from optid.rigs.rigfile import read_rig
 
@@ -39,8 +39,8 @@ def test_messages_arrive_as_they_were(count, time, standing, values, rest):
 
 @given(st.lists(st.tuples(st.integers(1, 9), st.booleans()), max_size=30))
 def test_a_ring_gives_each_row_once_as_long_as_it_is_there(bursts):
-    ring = Ring(7, 2)
-    reader = Ring(7, 2, ring.name)
+    ring = RingBuffer(7, 2)
+    reader = RingBuffer(7, 2, ring.name)
     try:
         written, seen, got = 0, 0, []
         for burst, look in bursts:
@@ -59,7 +59,7 @@ def test_a_ring_gives_each_row_once_as_long_as_it_is_there(bursts):
 
 
 def test_durations_are_counted_in_classes_of_a_few_percent():
-    rng, durations = np.random.default_rng(0), Durations()
+    rng, durations = np.random.default_rng(0), LatencyHistogram()
     values = rng.lognormal(math.log(1e-4), 1.0, 20_000)
     for value in values:
         durations.add(value)
@@ -71,7 +71,7 @@ def test_durations_are_counted_in_classes_of_a_few_percent():
     assert summary["mean_us"] == pytest.approx(1e6 * values.mean(), rel=1e-3)
     for strange in (0.0, 1e-12, 1e9):
         durations.add(strange)
-    assert Durations().summary() is None
+    assert LatencyHistogram().summary() is None
 
 
 def test_a_log_holds_each_row_as_soon_as_it_is_written(tmp_path):
@@ -289,11 +289,13 @@ def test_recordings_without_a_time_column_keep_their_rate(bench, tmp_path):
         live_settings(rig, 1000.0)
 
 
-def test_the_last_minutes_are_two_recordings(bench, tmp_path, run_live):
+def test_the_last_minutes_are_two_recordings(bench, tmp_path, run_live, monkeypatch):
     _, _, path = run_live(bench, seconds=1.5)
     path.rename(tmp_path / LOG)
     words = offer_diagnosis(bench.path, tmp_path, 1000.0)
-    assert words.startswith("optid diagnose ")
+    assert words.startswith("optid diagnose ") and str(tmp_path / SEEN) in words
+    monkeypatch.chdir(tmp_path)
+    assert f" {SEEN} --holdout {UNSEEN} --out diagnosis" in offer_diagnosis(bench.path, tmp_path, 1000.0)
     seen, unseen = (read_recording(tmp_path / name, bench) for name in (SEEN, UNSEEN))
     assert len(unseen) == round(HELD_OUT * 1500)
     assert len(seen) + len(unseen) == 1500

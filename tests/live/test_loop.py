@@ -9,13 +9,13 @@ import pytest
 from optid.armax.identifier import Identifier
 from optid.armax.structure import Orders
 from optid.core.readers import read_recording
-from optid.live.ahead import one_ahead
 from optid.live.driver import open_driver
 from optid.live.loop import Choices, Loop
 from optid.live.messages import Sample
+from optid.live.one_step_prediction import predict_next
+from optid.live.oscillation_detector import OscillationDetector
 from optid.live.reference import Reference, read_profile, tour
 from optid.live.settings import live_settings, wiring_of
-from optid.live.swings import Swings
 from optid.pid.controller import Gains
 from optid.quality.quality import quality
 from optid.rigs.rigfile import read_rig
@@ -55,7 +55,7 @@ def test_one_ahead_knows_the_innovation_before_the_sample():
     for na, nb, nc, nk in ((1, 1, 0, 1), (2, 3, 1, 2), (4, 4, 4, 1), (0, 2, 2, 3)):
         learner = Identifier(Orders(na, (nb,), nc, (nk,)), scales=(2.0, 3.0))
         for y, u in rng.standard_normal((300, 2)):
-            expected = one_ahead(learner.state)
+            expected = predict_next(learner.state)
             assert learner.step(y, u) == pytest.approx(y - expected, abs=1e-9)
 
 
@@ -63,8 +63,8 @@ def test_a_rig_that_is_the_model_never_parts(bench, run_live, tmp_path):
     same = tmp_path / "same.toml"
     same.write_text(f'{bench.source}\n[live.simulated]\nrig = "{bench.path}"\n', encoding="utf-8")
     _, loop, path = run_live(read_rig(same), seconds=16.0, choices=Choices(Gains(30.0)))
-    assert loop.alongside.parting.verdict.fit_percent > 99
-    assert not loop.alongside.parting.verdict.parted
+    assert loop.parallel.monitor.verdict.fit_percent > 99
+    assert not loop.parallel.monitor.verdict.disagree
     log = pd.read_csv(path)
     late = log[log["t"] > 1.0]
     error = late["x"] - late["x_simulated"]
@@ -94,13 +94,13 @@ def test_gains_that_make_the_loop_oscillate_are_taken_back(bench):
     settings, wiring = live_settings(bench), wiring_of(bench)
     loop = Loop(bench, settings, wiring, tour(settings.limits), Choices(Gains(20.0)))
     order = {"wiring": wiring, "settings": settings, "recording": None, "seed": 0}
-    door, command = open_driver("simulated", bench, order), 0.0
+    driver, command = open_driver("simulated", bench, order), 0.0
 
     def run(first, last):
         nonlocal command
         for n in range(first, last):
-            reply = loop.step(Sample(n, n * 1e-3, command, command, door.read(n * 1e-3)))
-            command = door.write(reply.command, n * 1e-3)
+            reply = loop.step(Sample(n, n * 1e-3, command, command, driver.read(n * 1e-3)))
+            command = driver.write(reply.command, n * 1e-3)
 
     run(0, 2500)
     loop.change(Gains(30.0))
@@ -112,14 +112,14 @@ def test_gains_that_make_the_loop_oscillate_are_taken_back(bench):
 
 
 def test_turns_of_the_command_are_counted_and_forgotten():
-    swings = Swings(1e-3, 10.0)
+    detector = OscillationDetector(1e-3, 10.0)
     assert not any(
-        swings.add(5.0 * np.exp(-3e-3 * k) * np.cos(0.02 * k)) for k in range(3000)
+        detector.add(5.0 * np.exp(-3e-3 * k) * np.cos(0.02 * k)) for k in range(3000)
     )  # a step response
-    assert not any(swings.add(0.5 * (-1) ** k) for k in range(3000))  # noise within a share of the range
-    answers = [swings.add(3.0 * np.sin(2 * np.pi * 8 * 1e-3 * k)) for k in range(3000)]
+    assert not any(detector.add(0.5 * (-1) ** k) for k in range(3000))  # noise within a share of the range
+    answers = [detector.add(3.0 * np.sin(2 * np.pi * 8 * 1e-3 * k)) for k in range(3000)]
     assert 500 < answers.index(True) < 1500  # sixteen turns a second
     assert answers[-1]
-    assert not swings.add(0.0) or not all(swings.add(0.0) for _ in range(2000))
-    swings.forget()
-    assert not swings.add(0.0)
+    assert not detector.add(0.0) or not all(detector.add(0.0) for _ in range(2000))
+    detector.forget()
+    assert not detector.add(0.0)

@@ -24,10 +24,10 @@ from aiohttp.test_utils import TestClient, TestServer
 from optid.errors import InputError
 from optid.live.events import Events
 from optid.live.loop import ORDERS, Choices
-from optid.live.page.door import ADDRESSES, PAUSE, PROTOCOL, WRONG, Door, FailedAttempts
+from optid.live.page.access import ADDRESSES, PAUSE, PROTOCOL, WRONG, Access, FailedAttempts
 from optid.live.page.server import CONNECTIONS, FILES, READERS, Page, served
 from optid.live.plan import SIGNALS, slow_columns
-from optid.live.ring import Ring
+from optid.live.ring_buffer import RingBuffer
 from optid.live.settings import live_settings, wiring_of
 from optid.pid.controller import Gains
 
@@ -50,7 +50,7 @@ def session(bench):
         wiring=wiring_of(bench),
         events=Events(),
         end=None,
-        parted=False,
+        disagree=False,
         hides="a leak",
         demanded="",
         following=SimpleNamespace(standing=None),
@@ -58,8 +58,8 @@ def session(bench):
         busy=False,
         applicable=False,
         tuning=SimpleNamespace(review=None),
-        signals=Ring(1000, len(SIGNALS)),
-        slow=Ring(50, len(slow_columns(ORDERS))),
+        signals=RingBuffer(1000, len(SIGNALS)),
+        slow=RingBuffer(50, len(slow_columns(ORDERS))),
         orders=orders,
         stop=lambda why: orders.append(why),
         tune=lambda: orders.append("tune"),
@@ -71,11 +71,11 @@ def session(bench):
     made.slow.close()
 
 
-def with_client(session, door, job):
+def with_client(session, access, job):
     """Run a coroutine against the page's server."""
 
     async def run():
-        page = Page(session, door)
+        page = Page(session, access)
         async with TestClient(TestServer(page.application())) as client:
             await job(client)
 
@@ -92,7 +92,7 @@ def test_the_page_needs_nothing_from_elsewhere(session):
             assert not re.search(r"https?://", text), path
         assert (await client.get("/recording.csv")).status == 404
 
-    with_client(session, Door(), job)
+    with_client(session, Access(), job)
 
 
 def bearing(token):
@@ -102,11 +102,11 @@ def bearing(token):
 def test_on_loopback_other_names_and_other_sites_are_turned_away(session):
     async def job(client):
         assert (await client.get("/", headers={"Host": "evil.example:80"})).status == 403
-        own = bearing(door.token)
+        own = bearing(access.token)
         assert (await client.get("/live", headers={"Origin": "http://evil.example", **own})).status == 403
         assert (await client.get("/")).status == 200
 
-    with_client(session, door := Door(), job)
+    with_client(session, access := Access(), job)
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "0.0.0.0"])
@@ -124,30 +124,30 @@ def test_only_the_token_opens_on_this_machine_too(session, host):
         async with client.ws_connect("/live", headers=bearing("open sesame")) as socket:
             assert (await heard(socket))["kind"] == "hello"
 
-    with_client(session, Door(host, token="open sesame"), job)
+    with_client(session, Access(host, token="open sesame"), job)
 
 
 def test_what_is_served_where():
-    assert Door().local and Door("localhost").local and Door("::1").local
-    assert not Door("0.0.0.0").local and not Door("rig.example").local
-    assert Door("rig.example", token="a c").url(80) == "http://rig.example:80/#token=a%20c"
-    assert Door().token != Door().token
-    assert Door(token="abc").url(8000) == "http://127.0.0.1:8000/#token=abc"
-    assert "abc" not in repr(Door(token="abc"))
+    assert Access().local and Access("localhost").local and Access("::1").local
+    assert not Access("0.0.0.0").local and not Access("rig.example").local
+    assert Access("rig.example", token="a c").url(80) == "http://rig.example:80/#token=a%20c"
+    assert Access().token != Access().token
+    assert Access(token="abc").url(8000) == "http://127.0.0.1:8000/#token=abc"
+    assert "abc" not in repr(Access(token="abc"))
 
 
 def test_after_too_many_wrong_tokens_an_address_waits(session):
     async def job(client):
         for _ in range(WRONG):
             assert (await client.get("/live", headers=bearing("wrong"))).status == 403
-        answer = await client.get("/live", headers=bearing(door.token))
+        answer = await client.get("/live", headers=bearing(access.token))
         assert answer.status == 429
         assert 0 < int(answer.headers["Retry-After"]) <= PAUSE
         assert [event.words for event in session.events] == [
             "the page: too many wrong tokens from 127.0.0.1; it has to wait"
         ]
 
-    with_client(session, door := Door(), job)
+    with_client(session, access := Access(), job)
 
 
 def test_who_waited_may_try_again_and_others_need_not_wait():
@@ -168,11 +168,11 @@ def test_who_waited_may_try_again_and_others_need_not_wait():
 def with_gate(session, job, monkeypatch, header_time):
     """Run a coroutine against the page as it is served."""
     monkeypatch.setattr("optid.live.page.server.HEADER_TIME", header_time)
-    door = Door()
+    access = Access()
 
     async def run():
-        page = Page(session, door)
-        async with served(page, door, door.listen()) as address:
+        page = Page(session, access)
+        async with served(page, access, access.listen()) as address:
             await job(urlsplit(address).port)
 
     asyncio.run(run())
@@ -223,7 +223,7 @@ def test_a_reader_hears_what_stays_then_what_is_new(session):
         for n in range(2000):  # twice the ring
             session.signals.add((float(n), *(0.0,) * (len(SIGNALS) - 1)))
         session.events.note("something")
-        async with client.ws_connect("/live", headers=bearing(door.token)) as socket:
+        async with client.ws_connect("/live", headers=bearing(access.token)) as socket:
             first = await heard(socket)
             assert (first["kind"], first["signals"], first["limits"]["high"]) == ("hello", list(SIGNALS), 5.0)
             rows = await heard(socket, binary=True)
@@ -252,12 +252,12 @@ def test_a_reader_hears_what_stays_then_what_is_new(session):
             assert said["end"]["why"] == "the page's stop"
         assert session.orders == ["tune", ("apply", False), "the page's stop", ("apply", True), "60 mm"]
 
-    with_client(session, door := Door(), job)
+    with_client(session, access := Access(), job)
 
 
 def test_only_so_many_readers(session):
     async def job(client):
-        own = bearing(door.token)
+        own = bearing(access.token)
         sockets = [await client.ws_connect("/live", headers=own) for _ in range(READERS)]
         assert (await client.get("/live", headers=own)).status == 503
         for socket in sockets:
@@ -266,7 +266,7 @@ def test_only_so_many_readers(session):
         assert (await heard(again))["kind"] == "hello"
         await again.close()
 
-    with_client(session, door := Door(), job)
+    with_client(session, access := Access(), job)
 
 
 def test_what_happens_while_a_message_leaves_is_in_the_next_one(session):
@@ -283,7 +283,7 @@ def test_what_happens_while_a_message_leaves_is_in_the_next_one(session):
 
     async def listen():
         socket = Slow()
-        await asyncio.wait_for(Page(session, Door())._feed(socket), 5)
+        await asyncio.wait_for(Page(session, Access())._feed(socket), 5)
         return socket.heard
 
     assert asyncio.run(listen()) == [[], ["applied"], []]
@@ -313,11 +313,11 @@ def browser():
 @pytest.fixture
 def address(session):
     """The page of a session that stands still, served by a thread of its own."""
-    door, ready, over = Door(), threading.Event(), threading.Event()
+    access, ready, over = Access(), threading.Event(), threading.Event()
     found = []
 
     async def serve():
-        async with served(Page(session, door), door, door.listen()) as url:
+        async with served(Page(session, access), access, access.listen()) as url:
             found.append(url)
             ready.set()
             while not over.is_set():

@@ -227,7 +227,9 @@ def test_a_driver_that_never_comes_back_is_left_and_the_safe_command_put_anew(tm
     driver.write_text(STUCK)
     result = run(rig, "--driver", f"{driver}:Rig", "--out", tmp_path / "out")
     assert result.exit_code == 1
-    assert "the driver did not come back; the safe command was put through a new door" in result.stderr
+    assert (
+        "the driver did not come back; the safe command was written through a new connection" in result.stderr
+    )
     lines = (tmp_path / "put.txt").read_text().split("\n")
     assert lines[-2] == f"{os.getpid()} 0.25"  # by this process, when the guard was gone
     rows = pd.read_csv(tmp_path / "out" / "recording.csv")
@@ -252,11 +254,11 @@ class Running:
         return path.read_text().count("\n") if path.is_file() else 0
 
     def _until(self, there):
-        for _ in range(1200):
+        for _ in range(6000):
             if there():
                 return
             time.sleep(0.05)
-        raise AssertionError("nothing happened for a minute")
+        raise AssertionError("nothing happened for five minutes")
 
     def children(self):
         """Processes named by what they run: guard and loop are started one after the other."""
@@ -266,7 +268,7 @@ class Running:
         return sorted(int(word) for word in found.stdout.split())
 
     def ended(self):
-        """The guard's last word, once it has said it."""
+        """How the session ended, once the guard has written it."""
         path = self.out / "guard.json"
         self._until(path.is_file)
         return json.loads(path.read_text())
@@ -285,7 +287,7 @@ def running(tmp_path, patient):
 
 
 @posix
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.full)])
 def test_a_signal_stops_it_in_good_order(running, number):
     running.process.send_signal(number)
     assert running.process.wait(60) == 0
@@ -336,8 +338,7 @@ def test_a_session_that_failed_at_the_start_stops_no_other(tmp_path):
     rig, driver, out = tmp_path / "rig.toml", tmp_path / "shy.py", tmp_path / "out"
     rig.write_text(BENCH.read_text())
     driver.write_text(STUCK.replace("if self.reads > 30:", "if True:").replace("time.sleep(1e6)", "1 / 0"))
-    for _ in range(2):
-        result = run(rig, "--driver", f"{driver}:Rig", "--out", out)
-        assert result.exit_code == 1
-        assert "ZeroDivisionError" in result.stderr
-        assert not (out / "recording.csv").exists()
+    result = run(rig, "--driver", f"{driver}:Rig", "--out", out)
+    assert result.exit_code == 1
+    assert "ZeroDivisionError" in result.stderr
+    assert not (out / "recording.csv").exists()  # which would stop the next session

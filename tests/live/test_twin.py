@@ -96,15 +96,15 @@ def test_missing_samples_are_bridged(bench, record):
 
 
 def test_a_wrong_model_is_noticed_after_a_while_and_agreement_too():
-    from optid.live.parting import PATIENCE, Parting
+    from optid.live.mismatch_monitor import PATIENCE, MismatchMonitor
 
-    judge, rng = Parting(1e-3), np.random.default_rng(0)
+    judge, rng = MismatchMonitor(1e-3), np.random.default_rng(0)
     y = 0.05 * np.sin(2 * np.pi * 0.5 * np.arange(60_000) * 1e-3)
     verdicts = []
     for k, value in enumerate(y):
         off = 0.01 if 15_000 <= k < 30_000 else 0.0
         judge.add(value, value + off + 1e-5 * rng.standard_normal(), 1e-5)
-        verdicts.append(judge.verdict.parted)
+        verdicts.append(judge.verdict.disagree)
     first = verdicts.index(True)
     assert 15_000 + 1e3 * PATIENCE <= first < 28_000
     assert not any(verdicts[:first])
@@ -112,14 +112,14 @@ def test_a_wrong_model_is_noticed_after_a_while_and_agreement_too():
     assert np.isfinite(judge.fit_percent)
 
 
-def test_noise_alone_is_no_parting():
-    from optid.live.parting import Parting
+def test_noise_alone_is_no_mismatch():
+    from optid.live.mismatch_monitor import MismatchMonitor
 
-    judge, rng = Parting(1e-3), np.random.default_rng(0)
+    judge, rng = MismatchMonitor(1e-3), np.random.default_rng(0)
     for e in 1e-5 * rng.standard_normal(30_000):  # a rig at rest: the fit is far below any share
         judge.add(e, 0.0, 1e-5)
     assert judge.fit_percent < 10
-    assert not judge.verdict.parted
+    assert not judge.verdict.disagree
 
 
 def test_the_frame_of_a_session_holds_the_observers_windows(bench, run_live):
@@ -128,6 +128,6 @@ def test_the_frame_of_a_session_holds_the_observers_windows(bench, run_live):
     error = (log["x"] - log["x_windowed"]).abs()
     starts = log["t"].between(0.5, 6.0) & (log["t"] % 0.5 < 1e-6)
     assert error[starts].max() < 1.0  # mm: a window starts where the rig is
-    assert loop.alongside.parting.fit_percent == pytest.approx(
+    assert loop.parallel.monitor.fit_percent == pytest.approx(
         100 * (1 - error.pow(2).mean() ** 0.5 / log["x"].std()), abs=8
     )

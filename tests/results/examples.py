@@ -138,6 +138,7 @@ def diagnosis():
                 "recording": "train.csv",
                 "time": time[:200],
                 "missing": measured[:200],
+                "missing_sd": np.full(200, 2e-4),
                 "law": measured[:200],
                 "cause": measured[:200],
             }

@@ -41,7 +41,7 @@ def test_an_arm_that_falls_loses_what_friction_takes():
     rig = Rotary(resistance=1e9)
     start = np.zeros(18)
     start[[0, 2, 9]] = 2.0
-    run = simulate(rig, np.zeros(3000), np.random.default_rng(0), controller=OPEN, noise=0.0, start=start)
+    run = simulate(rig, np.zeros(1850), np.random.default_rng(0), controller=OPEN, noise=0.0, start=start)
     inertia = rig.gear**2 * rig.armature + rig.inertia + rig.mass * rig.arm**2
     w = run.momentum / inertia
     energy = inertia * w**2 / 2 - rig.mass * 9.80665 * rig.arm * np.cos(run.position)

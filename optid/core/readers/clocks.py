@@ -32,7 +32,7 @@ PERIODS = (*_BITS, *_DAYS, *_SCALED, 24.0, 1440.0, *_TENS)
 _MANY = 50  # of the samples: a clock that begins anew in more than one of so many is no clock
 _LOST = 60.0  # s that may be missing over midnight
 _BURST = 0.5  # of the mean interval: scatter of stamps beyond which they are looked at as a whole
-_HURRIED = 3  # percent of the intervals that must be short: what was held up arrives in a hurry
+_HURRIED = 3  # percent of the intervals that must be short: samples that were delayed arrive together
 _FEWEST = 60  # samples from which bursts are told
 _SAME_RATE = 2e-3  # relative: rates that differ by more contradict each other
 

@@ -1,4 +1,4 @@
-"""What is usual in a series and its largest step, without arrays as long as itself."""
+"""The usual size of a series and its largest step, without temporary arrays of its length."""
 
 from __future__ import annotations
 

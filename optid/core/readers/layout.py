@@ -1,7 +1,7 @@
 """Where the table of a text file begins: its header, delimiter and columns, decided by what the rig file asks for.
 
 Everything above the header (facts of the file, of the channels) and between header and data (units, types) may be
-anything; so may the columns that nobody asks for.
+anything; so may columns that the rig file does not map.
 """
 
 from __future__ import annotations

@@ -56,12 +56,14 @@ class UnknownInput:
         sites: of the plant, as "flow.chamber_a"; each had a signal of its own.
         gain: fall of -2 log likelihood against the model with no noise but the measurement's.
         signals: estimated from the past at each sample, in the sites' own unit, (samples, sites).
+        sd: of each, as the filter has it, (samples, sites).
         deviance: -2 log likelihood of each sample, (samples,).
     """
 
     sites: tuple[str, ...]
     gain: float
     signals: Array
+    sd: Array
     deviance: Array
 
     @property
@@ -74,21 +76,28 @@ class UnknownInput:
         """There, (samples,)."""
         return np.asarray(self.signals[:, self.sites.index(self.site)])
 
+    @property
+    def signal_sd(self) -> Array:
+        """Its standard deviation, (samples,)."""
+        return np.asarray(self.sd[:, self.sites.index(self.site)])
+
     def only(self, site: str) -> Self:
         """The same of one of its sites."""
-        return replace(self, sites=(site,), signals=self.signals[:, [self.sites.index(site)]])
+        k = [self.sites.index(site)]
+        return replace(self, sites=(site,), signals=self.signals[:, k], sd=self.sd[:, k])
 
     def at_samples_of(self, problem: Problem, own: Problem) -> Self:
         """The same signals at the samples of another problem of the same recordings; they were found in `own`."""
         if len(problem.time) == len(own.time):
             return self
         there, here = (np.repeat(one.recording, one.counts + 1) for one in (problem, own))
-        signals = np.empty((len(problem.time), len(self.sites)))
+        signals, sd = (np.empty((len(problem.time), len(self.sites))) for _ in range(2))
         for number in np.unique(there):
             to, of = there == number, here == number
             for k in range(len(self.sites)):
-                signals[to, k] = np.interp(problem.time[to], own.time[of], self.signals[of, k])
-        return replace(self, signals=signals)
+                for into, found in ((signals, self.signals), (sd, self.sd)):
+                    into[to, k] = np.interp(problem.time[to], own.time[of], found[of, k])
+        return replace(self, signals=signals, sd=sd)
 
 
 def locate(model: FittedModel, problem: DiagnosisProblem) -> list[UnknownInput]:
@@ -125,19 +134,23 @@ def locate_at(model: FittedModel, problem: DiagnosisProblem, *sites: str) -> Unk
             p, levels = successive_halving(q, [(p, np.full(len(q.groups), level)) for level in STEPS])
             f = _filtered(q, p, levels)
             p = fixed_gain_fit(q, p, q.model, f, GAUSS_NEWTON).p
-        f = _filtered(q, p, levels)
+        f = _filtered(q, p, levels, covariances=True)
     except SolveError:
         return None  # with an unknown input there the simulation diverges
     each = deviance(f.innovations[0], f.variances[0])
     if not math.isfinite(float(each.sum())):
         return None
-    return UnknownInput(sites, _noiseless(model) - float(each.sum()), f.states[0][:, list(walks)], each)
+    gain, drift = _noiseless(model) - float(each.sum()), list(walks)
+    sd = np.sqrt(f.covariances[0][:, drift, drift])
+    return UnknownInput(sites, gain, f.states[0][:, drift], sd, each)
 
 
-def _filtered(q: LikelihoodProblem, p: Array, levels: Array) -> Filtered:
+def _filtered(q: LikelihoodProblem, p: Array, levels: Array, covariances: bool = False) -> Filtered:
     noise = Noise(q.measurement, q.groups, levels)
     Q = noise.spectrum(len(q.model.states))[None]
-    return run_filter(q.model, q.problem, p[None], Q, noise.measurement[None], keep=True)
+    return run_filter(
+        q.model, q.problem, p[None], Q, noise.measurement[None], keep=True, covariances=covariances
+    )
 
 
 def _noiseless(model: FittedModel) -> float:

@@ -61,7 +61,7 @@ SLOPES = {
     )
     for name, words in (("slope_ahead", "ahead of"), ("slope_behind", "behind"))
 }
-# Looked for as nearly a bell: a patch with an edge pulls nothing from afar.
+# Started as nearly a bell: a patch with an edge has no slope outside it.
 SHAPE = {"ending": 20.0, **dict.fromkeys(SLOPES, 0.0)}
 BASE = 1e-9  # of a power: nothing beyond the edge, and slopes that stay finite there
 

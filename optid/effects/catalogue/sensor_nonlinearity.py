@@ -80,7 +80,10 @@ class SensorNonlinearity(Effect):
         way = near["x"] / near["L"]
         even, odd = sheet.param(ZERO), 2 * sheet.param(SLOPE) * way
         c, s = ca.cos(math.pi * way), ca.sin(math.pi * way)
-        c_2, s_2 = c * c - s * s, 2 * s * c  # one cosine and one sine, turned on: they are dear
+        c_2, s_2 = (
+            c * c - s * s,
+            2 * s * c,
+        )  # one cosine and one sine, the others by recurrence: they are costly
         c_even, s_even = c_2, s_2
         for bow, curl in zip((BOW, *BOWS), (CURL, *CURLS), strict=True):
             even += sheet.param(bow) * (c_even * c + s_even * s)

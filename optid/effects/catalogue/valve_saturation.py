@@ -23,7 +23,7 @@ LIMIT = Parameter(
     "limit",
     "1",
     0.5,
-    "share of full command from which on the spool falls behind",
+    "share of full command beyond which the spool saturates",
     "physics catalogue A.2: 60 to 100 %",
     0.7,
     (0.02, 1.5),

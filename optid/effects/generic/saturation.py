@@ -24,7 +24,7 @@ LIMIT = Parameter(
     "limit",
     "1",
     1.0,
-    "size of the signal from which on it falls behind, in its SI unit",
+    "size of the signal beyond which it saturates, in its SI unit",
     "within its range",
     1.0,
     (0.0, math.inf),

@@ -12,7 +12,7 @@ from optid.fleet.statistics.moderated import moderated
 from optid.fleet.statistics.wander import spread, wander, weights
 
 Array = NDArray[np.float64]
-FEWEST = 4  # rigs: of fewer nobody can be unlike the others
+FEWEST = 4  # rigs: among fewer none can be unlike the others
 
 
 def levels(measures: pd.DataFrame, reference: int) -> pd.DataFrame:

@@ -1,1 +1,1 @@
-"""The doors to rigs, one small file each."""
+"""Drivers, one small file each."""

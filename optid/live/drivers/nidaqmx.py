@@ -120,7 +120,7 @@ class Cards:
         return (volts - line.zero) * line.per_volt
 
     def close(self) -> None:
-        """Let go of the cards; every task, whatever another's closing says."""
+        """Close the cards; every task, whatever another's closing says."""
         tasks, self._tasks = self._tasks, []
         failed = None
         for task in tasks:

@@ -40,7 +40,7 @@ class Replay:
         return float(self._commands[self._at - 1]) if self._at else command
 
     def close(self) -> None:
-        """Nothing to let go of."""
+        """Nothing to close."""
 
 
 def replay(order: Order) -> Replay:

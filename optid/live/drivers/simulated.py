@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from optid.core.model import Array
+from optid.core.quantity import quantity
 from optid.effects.library import admitted
 from optid.errors import RigError, SolveError
 from optid.live.driver import Order
@@ -27,7 +28,7 @@ NOISE = 1e-4  # sd of a sensor as a share of the stroke limits, or of its first 
 
 
 class Simulated:
-    """A `Twin` of another model behind the door of a driver; noise and all.
+    """A `Twin` of another model as a driver, with sensor noise.
 
     Args:
         rig: the rig that is simulated.
@@ -69,14 +70,14 @@ class Simulated:
         ]
 
     def write(self, command: float, time: float) -> float:
-        """The valve hears of it now."""
+        """The command acts from now on."""
         self._reach(time)
         channel = self._wiring.command
         self._command = channel.factor * command + channel.shift
         return command
 
     def close(self) -> None:
-        """Nothing to let go of."""
+        """Nothing to close."""
 
     def _reach(self, time: float) -> None:
         # In pieces of at most a millisecond: states of delays and lags are written for held samples.
@@ -125,7 +126,7 @@ def _values(rig: Rig) -> dict[str, float]:
 
 
 def _value(value: float, unit: str) -> str:
-    return f"{value:.4g}" if unit == "1" else f"{value:.4g} {unit.replace('**', '^')}"
+    return quantity(value, unit, 4)
 
 
 def unlike(rig: Rig, rng: np.random.Generator) -> Rig:

@@ -27,7 +27,7 @@ function begin(hello) {
       { label: "real", colour: INK, value: value("measured"), width: 4 },
       { label: "predicted", colour: TEAL, value: value("predicted"), width: 1.4 },
       { label: "simulated", colour: ORANGE, value: value("simulated"), width: 1.6 }]),
-    new Chart(by("command"), hello.input.name, page.input, [{ label: "put", colour: INK, value: (i) => page.rows().at(i, at.command) }],
+    new Chart(by("command"), hello.input.name, page.input, [{ label: "applied", colour: INK, value: (i) => page.rows().at(i, at.command) }],
       [hello.limits.low, hello.limits.high]),
     new Chart(by("mismatch"), "mismatch", page.unit, [
       { label: "real minus 0.5 s windows", colour: ORANGE, value: (i) => page.factor * (page.rows().at(i, at.measured) - page.rows().at(i, at.windowed)) }]),
@@ -53,7 +53,7 @@ function heed(news) {
   page.news = news;
   for (const one of news.slow) page.slow.add(one.map((x) => x === null ? NaN : x));
   for (const [time, words] of news.events) say(time, words);
-  by("parted").hidden = !news.parted; write("diagnosis", news.diagnosis);
+  by("disagree").hidden = !news.disagree; write("diagnosis", news.diagnosis);
   gains(news); verdict(news.review, page); followed(news);
   if (news.end) { page.ended = true; by("state").textContent = `${news.end.how}: ${news.end.why}`; }
   orders();

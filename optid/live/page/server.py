@@ -1,4 +1,4 @@
-"""Serves the page and keeps it fed: signals as packed rows, everything else as JSON, one coroutine a reader.
+"""Serves the page and its data: signals as packed rows, everything else as JSON, one coroutine a reader.
 
 A reader that is slow skips rows: what it has not fetched stays in the session's rings, which never grow. A connection
 serves one request, and only so many may be open.
@@ -19,7 +19,7 @@ import numpy as np
 from aiohttp import WSMsgType, web
 
 from optid.errors import InputError
-from optid.live.page.door import PROTOCOL, Door, FailedAttempts
+from optid.live.page.access import PROTOCOL, Access, FailedAttempts
 from optid.live.page.view import hello, news
 from optid.live.session import Session
 
@@ -54,17 +54,17 @@ class Page:
 
     Args:
         session: to show and to steer.
-        door: who may come in.
+        access: who may come in.
     """
 
-    def __init__(self, session: Session, door: Door) -> None:
-        self._session, self._door = session, door
+    def __init__(self, session: Session, access: Access) -> None:
+        self._session, self._access = session, access
         self._readers: set[asyncio.Task[Any]] = set()
         self._attempts, self._heard = FailedAttempts(), WeakSet[asyncio.BaseTransport]()
         self._stride = max(1, round(session.settings.rate / DRAWN))
 
     def application(self) -> web.Application:
-        """Routes behind the door."""
+        """Routes behind the access."""
         application = web.Application(middlewares=[self._guarded], client_max_size=4096)
         for route in FILES:
             application.router.add_get(route, self._file)
@@ -75,7 +75,7 @@ class Page:
     async def _guarded(self, request: web.Request, handler: Any) -> web.StreamResponse:
         if request.transport is not None:
             self._heard.add(request.transport)
-        self._door.admit(request)
+        self._access.admit(request)
         response: web.StreamResponse = await handler(request)
         return response
 
@@ -111,7 +111,7 @@ class Page:
                 text=f"too many wrong tokens; try again in {wait:.0f} s\n",
                 headers={"Retry-After": f"{wait:.0f}"},
             )
-        if not self._door.opens(request):
+        if not self._access.opens(request):
             if self._attempts.wrong(address):
                 self._session.events.note(f"the page: too many wrong tokens from {address}; it has to wait")
             raise web.HTTPForbidden(text="the token is missing or wrong\n")
@@ -136,7 +136,7 @@ class Page:
         return socket
 
     def _obey(self, text: str) -> str:
-        """One word of the page, and why it was not done; what is not understood is not done."""
+        """One order of the page, and why it was refused; what is not understood is refused."""
         try:
             message = json.loads(text)
         except (ValueError, RecursionError):
@@ -190,7 +190,7 @@ class _Full(asyncio.Protocol):
 
 
 @contextlib.asynccontextmanager
-async def served(page: Page, door: Door, listening: socket.socket) -> AsyncIterator[str]:
+async def served(page: Page, access: Access, listening: socket.socket) -> AsyncIterator[str]:
     """The page's address, while it is served."""
     runner = web.AppRunner(page.application(), access_log=None, shutdown_timeout=1.0)
     await runner.setup()
@@ -198,7 +198,7 @@ async def served(page: Page, door: Door, listening: socket.socket) -> AsyncItera
     gate = page.gate(runner.server)
     server = await asyncio.get_running_loop().create_server(gate, sock=listening, backlog=CONNECTIONS)
     try:
-        yield door.url(listening.getsockname()[1])
+        yield access.url(listening.getsockname()[1])
         await page.finish()
     finally:
         server.close()
@@ -207,7 +207,7 @@ async def served(page: Page, door: Door, listening: socket.socket) -> AsyncItera
 
 async def watch(
     session: Session,
-    way_in: tuple[Door, socket.socket],
+    way_in: tuple[Access, socket.socket],
     open_at: Callable[[str], None],
     look: Callable[[], None],
 ) -> None:
@@ -219,9 +219,9 @@ async def watch(
         open_at: told the address once.
         look: called after each poll.
     """
-    door, listening = way_in
-    page = Page(session, door)
-    async with served(page, door, listening) as address:
+    access, listening = way_in
+    page = Page(session, access)
+    async with served(page, access, listening) as address:
         open_at(address)
         while session.end is None:
             session.poll()

@@ -1,4 +1,4 @@
-"""What the page is told, as JSON: once what stays, then what is new."""
+"""The page's data as JSON: first what is constant, then updates."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from dataclasses import asdict
 from typing import Any
 
 from optid.core.model import Array
+from optid.core.paths import from_here
 from optid.live.log import LOG
 from optid.live.plan import KEEP, SIGNALS, slow_columns
 from optid.live.results import finite
@@ -32,7 +33,7 @@ def hello(session: Session) -> dict[str, Any]:
         "keep": KEEP,
         "output": {"name": position.role, "unit": position.recorded_unit},
         "input": {"name": command.role, "unit": command.recorded_unit},
-        "log": str(session.plan.out / LOG),
+        "log": from_here(session.plan.out / LOG),
         "limits": {"low": limits.low, "high": limits.high, "stroke": [finite(x) for x in limits.stroke]},
     }
 
@@ -50,7 +51,7 @@ def news(session: Session, parameters: Array, events_seen: int) -> dict[str, Any
         "kind": "news",
         "gains": asdict(session.gains),
         "demanded": session.demanded,
-        "parted": session.parted,
+        "disagree": session.disagree,
         "diagnosis": session.diagnosis,
         "tuning": session.busy,
         "review": None if review is None else _review(review),

@@ -114,7 +114,8 @@ def _finding(result: DiagnosisResult, number: int, f: Mapping[str, Any]) -> dict
         "signal": None
         if missing is None
         else interactive(
-            figures.missing_signal(missing, f["place"], cause, where["states"]), f"{title} signal"
+            figures.missing_signal(missing, f["place"], f.get("unit", ""), cause, where["states"]),
+            f"{title} signal",
         ),
         "intervals": [f"{name} {a:.2f} to {b:.2f} s" for name, a, b in where["intervals"][:SHOWN]],
         "more": max(len(where["intervals"]) - SHOWN, 0),

@@ -32,17 +32,18 @@ def draw(record: Record, path: Path) -> str:
     for row, color, label in ((0, WITHOUT, "without"), (1, WITH, f"with {record.effect.name}")):
         top.plot(t[span], factor * record.outputs[row, span, c], color=color, lw=1.6, label=label)
         middle.step(t[span], record.command[row, span], where="post", color=color, lw=1.2)
-    top.set_ylabel(f"{words}, {name}")
+    top.set_ylabel(f"{words} ({name})")
     top.legend(loc="best", fontsize=8, frameon=False)
-    middle.set_ylabel("command")
+    unit_of_command = "share of full" if record.command_unit == "1" else record.command_unit
+    middle.set_ylabel(f"command ({unit_of_command})")
     middle.sharex(top)
     size, small = _readable(change, unit)
     bottom.axvspan(t[span][0], t[span][-1], color="#f1e4d8", lw=0)
     bottom.plot(t, size * change, color=WITH, lw=0.9)
     noise = e.noise[role]
     bottom.axhspan(-2 * size * noise, 2 * size * noise, color=WITHOUT, alpha=0.35, lw=0)
-    bottom.set_ylabel(f"change, {small}")
-    bottom.set_xlabel("time, s (above: the shaded part; grey band: ± 2 sd of usual noise)")
+    bottom.set_ylabel(f"change ({small})")
+    bottom.set_xlabel("time (s); above: the shaded part; grey band: ± 2 sd of usual noise")
     for axes in (top, middle, bottom):
         axes.spines[["top", "right"]].set_visible(False)
     figure.savefig(path, dpi=110)

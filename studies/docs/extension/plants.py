@@ -7,7 +7,7 @@ from pathlib import Path
 
 from optid.core.model import Model
 from optid.core.parameter import Parameter
-from optid.core.quantity import quantity
+from optid.core.quantity import quantity, unit_name
 from optid.core.sheet import build
 from optid.effects.library import admitted
 from optid.rigs import BUILT_IN, find_plant
@@ -33,13 +33,19 @@ def _plant(name: str) -> str:
             f"## {name}\n",
             f"{(inspect.getdoc(function) or '').splitlines()[0]} (`{function.__module__.replace('.', '/')}.py`)\n",
             f"Inputs: {_ports(model.recorded)}. Outputs: {_ports(model.outputs)}.\n",
-            f"Sites: {', '.join(f'`{site}`' for site in model.sites)}.\n",
+            f"Sites: {', '.join(_sites(model))}.\n",
             _options(function),
             "| parameter | unit | is | default | source |\n|---|---|---|---|---|",
             *map(_row, _required_first(model)),
             f"\nEffects that it admits: {effects}.\n",
         )
     )
+
+
+def _sites(model: Model) -> list[str]:
+    """Every site with the unit of its signal."""
+    each = zip(model.sites, model.site_units, strict=True)
+    return [f"`{site}` ({unit_name(unit)})" if unit_name(unit) else f"`{site}`" for site, unit in each]
 
 
 def _options(function: object) -> str:

@@ -62,6 +62,7 @@ class Record:
     Attributes:
         values: the effect's parameters, SI, by own name.
         command: (2, samples), `outputs` (2, samples, outputs), SI.
+        command_unit: SI; "1" for a share of full command.
     """
 
     effect: Effect
@@ -72,6 +73,7 @@ class Record:
     units: tuple[str, ...]
     command: Array
     outputs: Array
+    command_unit: str
 
     @property
     def change(self) -> Array:
@@ -131,9 +133,10 @@ def _runs(plant: str, effects: list[Effect], excitation: Excitation) -> list[Rec
     sets = [{}, *(e.qualified(point) for e, point in zip(effects, points, strict=True))]
     P = np.array([model.vector({**given, **own}) for own in sets])
     u, y = _driven(model, P, excitation)
+    unit = next(port.unit for port in model.inputs if port.role == "command")
     roles, units = zip(*((port.role, port.unit) for port in model.outputs), strict=True)
     return [
-        Record(effect, plant, values, excitation, roles, units, u[[0, n]], y[[0, n]])
+        Record(effect, plant, values, excitation, roles, units, u[[0, n]], y[[0, n]], unit)
         for n, (effect, values) in enumerate(zip(effects, points, strict=True), 1)
     ]
 

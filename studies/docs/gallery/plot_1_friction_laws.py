@@ -29,6 +29,7 @@ figure, axes = plt.subplots(layout="constrained")
 for exponent, tail, label in ((1.0, 0.01, "exponential"), (2.0, 0.01, "Gauss"), (2.0, 1.0, "Hess and Soom")):
     force = np.array(curve(speed, 1.6, 0.02, exponent, tail)).ravel()
     axes.plot(1e3 * speed, force, label=label)
-axes.set(xlabel="speed, mm/s", ylabel="most that sliding takes, N", title=effect.law[:60] + " ...")
+axes.set(xlabel="speed (mm/s)", ylabel="steady friction (N)")
+axes.set_title("Stribeck's curve: breakaway 1.6 times 80 N, Stribeck speed 20 mm/s", fontsize=10)
 axes.legend(frameon=False)
 plt.show()

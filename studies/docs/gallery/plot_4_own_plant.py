@@ -1,8 +1,8 @@
 """
-A plant of one's own, integrated by CasADi
-==========================================
+Your own plant, integrated by CasADi
+====================================
 
-A slide on a spring, let go: with a spring whose force is proportional, and with one that goes as a power of the way.
+A slide on a spring, released from 0.3 m: with a proportional spring, and with one whose force is a power of the travel.
 `power_law` is an effect for any site; :doc:`/own/plant` writes a plant in full.
 """
 
@@ -23,7 +23,7 @@ DRAG = optid.Parameter("viscous_friction", "N s/m", 20.0, "of the guide", "a gue
 def slide(s: optid.Sheet) -> None:
     """Command -> force -> speed -> position."""
     x, v = s.state("position", "m", 0.1), s.state("velocity", "m/s", 0.5)
-    spring = s.site("spring.force", s.param(SPRING) * x, size=20.0, x=x)
+    spring = s.site("spring.force", s.param(SPRING) * x, unit="N", size=20.0, x=x)
     s.rate(x, v)
     s.rate(v, (s.param(GAIN) * s.input("command", "V") - s.param(DRAG) * v - spring) / s.param(MASS))
     s.output("position", "m", x)
@@ -33,7 +33,10 @@ VALUES = {"force_gain": 20.0, "mass": 5.0, "spring_rate": 200.0, "viscous_fricti
 effect = find_effect("power_law@spring.force", Path())
 
 figure, axes = plt.subplots(layout="constrained")
-for effects, own, label in (((), {}, "plain"), ((effect,), {f"{effect.name}.exponent": 1.4}, "power law")):
+for effects, own, label in (
+    ((), {}, "proportional spring"),
+    ((effect,), {f"{effect.name}.exponent": 1.4}, "power law, exponent 1.4"),
+):
     functions = optid.build(slide, effects).to_casadi()
     p, x = functions.values({**VALUES, **own}), np.array([0.3, 0.0])
     positions = []
@@ -41,6 +44,6 @@ for effects, own, label in (((), {}, "plain"), ((effect,), {f"{effect.name}.expo
         positions.append(x[0])
         x = np.array(functions.step(x, 0.0, p, 0.01)).ravel()
     axes.plot(0.01 * np.arange(600), positions, label=label)
-axes.set(xlabel="time, s", ylabel="position, m")
+axes.set(xlabel="time (s)", ylabel="position (m)")
 axes.legend(frameon=False)
 plt.show()

@@ -19,11 +19,15 @@ def servo(s: Sheet) -> None:
     s.axis("rad", 1.0, "N m", 0.5)
     q, w = s.state("position", "rad", 0.1, spread=0.2), s.state("velocity", "rad/s", 1.0, spread=1.0)
     goal, gain, on = s.input("goal", "rad"), s.input("gain", "1"), s.input("enable", "1")
-    duty = (s.site("drive.goal", goal, size=0.5) - q) * gain * 2.877e-3
-    volts = s.site("drive.volts", 7.4 * ca.fmin(ca.fmax(duty, -1), 1), size=3.0)
+    duty = (s.site("drive.goal", goal, unit="rad", size=0.5) - q) * gain * 2.877e-3
+    volts = s.site("drive.volts", 7.4 * ca.fmin(ca.fmax(duty, -1), 1), unit="V", size=3.0)
     torque, m, arm = on * s.param(KT) * (volts - s.param(KT) * w) / s.param(R), s.param(MASS), s.param(ARM)
     drag = s.param(DRAG) * w + dry_friction(s, w, "bristle", x=q, L=2.0, drive=torque)
-    load = s.site("force.external", -9.81 * m * arm * ca.sin(q + s.param(ZERO)), x=q, v=w, L=2.0)
+    load = s.site("force.external", -9.81 * m * arm * ca.sin(q + s.param(ZERO)), unit="N m", x=q, v=w, L=2.0)
     s.rate(q, w)
-    s.rate(w, (torque - s.site("force.friction", drag, v=w, x=q) + load) / (s.param(ROTOR) + m * arm**2))
-    s.output("position", "rad", s.site("sensor.position", q, x=q, v=w, L=2.0))
+    s.rate(
+        w,
+        (torque - s.site("force.friction", drag, unit="N m", v=w, x=q) + load)
+        / (s.param(ROTOR) + m * arm**2),
+    )
+    s.output("position", "rad", s.site("sensor.position", q, unit="rad", x=q, v=w, L=2.0))

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from optid.estimation.prediction import HORIZON
+from optid.live.mismatch_monitor import MismatchMonitor
 from optid.live.observer import Observer
-from optid.live.parting import Parting
 from optid.live.settings import Settings, Wiring
 from optid.live.twin import Twin
 from optid.pid.controller import Controller, Gains
@@ -19,7 +19,7 @@ from optid.rigs.rigfile import Rig
 SETTLED = 2  # windows after which the observer knows where the rig stands
 
 
-class Alongside:
+class ParallelModel:
     """What the model says the rig does, and whether the two still agree.
 
     Args:
@@ -40,7 +40,7 @@ class Alongside:
         self._y, self._out = np.full(len(names), np.nan), places[0]
         self._settings, self._per_unit = settings, wiring.command.per_unit
         self.controller = Controller(gains, pid)
-        self.parting = Parting(settings.span)
+        self.monitor = MismatchMonitor(settings.span)
         self._command, self._next, self._windows = settings.limits.safe, 0.0, 0
 
     def measured(self, values: Sequence[float]) -> float:
@@ -78,7 +78,7 @@ class Alongside:
         windowed, simulated = self._windowed.outputs()[self._out], self._twin.outputs()[self._out]
         self._observer.correct(self._y)
         if self._windows > SETTLED:
-            self.parting.add(
+            self.monitor.add(
                 float(self._y[self._out]), float(windowed), float(self._observer.noise[self._out])
             )
         return float(windowed), float(simulated)

@@ -1,4 +1,4 @@
-"""Does a loop oscillate? Counts how often the command swings through a good part of its range."""
+"""Does a loop oscillate? Counts reversals of the command over a good part of its range."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ MEMORY = 1.0  # s over which turns are counted, fading
 TOO_MANY = 10.0  # turns: a step response has three or four, a loop on the verge of instability goes on
 
 
-class Swings:
+class OscillationDetector:
     """Turns of the command in the last second.
 
     Args:

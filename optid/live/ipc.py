@@ -1,4 +1,4 @@
-"""How session, guard and loop talk: JSON words for orders and news, packed numbers for samples."""
+"""Communication of session, guard and loop: JSON messages for orders and events, packed numbers for samples."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from optid.live.messages import LoopLost, Reply, Sample, pack_sample, unpack_rep
 HANG = 10.0  # s without an answer after which a session that has no clock gives up
 
 
-def tell(pipe: Connection, **message: Any) -> None:
-    """Say something; nobody listening is no reason to fail."""
+def send(pipe: Connection, **message: Any) -> None:
+    """Send a message; a pipe that was closed is no failure."""
     with contextlib.suppress(OSError):
         pipe.send_bytes(json.dumps(message).encode())
 
 
-def told(pipe: Connection) -> dict[str, Any]:
+def receive(pipe: Connection) -> dict[str, Any]:
     """Wait for the next message.
 
     Raises:
@@ -43,7 +43,7 @@ def refuse(pipe: Connection, error: Exception, safe: bool = True) -> None:
     """Say that there is nothing to begin, and whether the user's files are to blame."""
     wrong = isinstance(error, InputError)
     why = str(error) if wrong else f"{type(error).__name__}: {error}"
-    tell(pipe, say="refused", why=why, input=wrong, safe=safe)
+    send(pipe, say="refused", why=why, input=wrong, safe=safe)
 
 
 class PipeLink:

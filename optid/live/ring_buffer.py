@@ -1,4 +1,4 @@
-"""Rows of numbers in shared memory that one process writes and another reads, of a fixed size for ever."""
+"""Rows of numbers in shared memory that one process writes and another reads, of a fixed size."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from optid.core.model import Array
 _COUNT = struct.Struct("<q")
 
 
-class Ring:
+class RingBuffer:
     """The last `rows` rows of `columns` numbers.
 
     Args:
@@ -42,7 +42,7 @@ class Ring:
         return int(_COUNT.unpack_from(self._bytes)[0])
 
     def add(self, row: tuple[float, ...]) -> None:
-        """Write one row; the oldest gives way. One writer only."""
+        """Write one row; the oldest is overwritten. One writer only."""
         count = self.count
         self._row.pack_into(self._bytes, 8 * (1 + (count % self.rows) * self.columns), *row)
         _COUNT.pack_into(self._bytes, 0, count + 1)

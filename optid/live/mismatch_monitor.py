@@ -1,4 +1,4 @@
-"""Do the rig and the physical model still agree? A running judgement in fixed memory."""
+"""Do the rig and the physical model still agree? A running measure of their mismatch, in fixed memory."""
 
 from __future__ import annotations
 
@@ -6,11 +6,9 @@ import math
 from dataclasses import dataclass
 
 MEMORY = 20.0  # s over which errors and motion are averaged
-PATIENCE = (
-    10.0  # s for which the model must fit badly before anything is said, and well before it is taken back
-)
-BAD_FIT = 95.0  # percent of the 0.5 s windowed prediction, below which rig and model have parted
-NOISES = 3.0  # an error of fewer sd of the sensor's noise is no parting, whatever the fit
+PATIENCE = 10.0  # s for which the model must fit badly before that is said, and well before it is taken back
+BAD_FIT = 95.0  # percent of the 0.5 s windowed prediction, below which rig and model disagree
+NOISES = 3.0  # an error of fewer sd of the sensor's noise is no mismatch, whatever the fit
 
 
 @dataclass(frozen=True)
@@ -18,10 +16,10 @@ class Verdict:
     """`fit_percent` over the last seconds (NaN before there was motion), and whether that has been bad for long."""
 
     fit_percent: float
-    parted: bool
+    disagree: bool
 
 
-class Parting:
+class MismatchMonitor:
     """Exponential averages of the squared error and of the motion's variance.
 
     Args:
@@ -31,10 +29,10 @@ class Parting:
     def __init__(self, span: float) -> None:
         self._share, self._span = span / MEMORY, span
         self._error = self._mean = self._square = self._weight = 0.0
-        self._contrary, self._parted = 0.0, False
+        self._contrary, self._disagree = 0.0, False
 
     def add(self, measured: float, windowed: float, noise: float) -> None:
-        """Take one sample; what is no number says nothing.
+        """Take one sample; NaN is skipped.
 
         Args:
             measured: position, m.
@@ -51,9 +49,9 @@ class Parting:
         self._square = keep * self._square + new * measured * measured
         rms = math.sqrt(self._error / self._weight)
         bad = rms > NOISES * noise and self.fit_percent < BAD_FIT
-        self._contrary = self._contrary + self._span if bad != self._parted else 0.0
+        self._contrary = self._contrary + self._span if bad != self._disagree else 0.0
         if self._contrary > PATIENCE:
-            self._parted, self._contrary = bad, 0.0
+            self._disagree, self._contrary = bad, 0.0
 
     @property
     def fit_percent(self) -> float:
@@ -69,4 +67,4 @@ class Parting:
     @property
     def verdict(self) -> Verdict:
         """The judgement now."""
-        return Verdict(self.fit_percent, self._parted)
+        return Verdict(self.fit_percent, self._disagree)

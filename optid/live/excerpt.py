@@ -6,6 +6,7 @@ import os
 import shlex
 from pathlib import Path
 
+from optid.core.paths import from_here
 from optid.live.log import LOG
 
 SECONDS = 120.0  # at most
@@ -38,12 +39,12 @@ def offer_diagnosis(rig: Path, out: Path, rate: float) -> str:
         [
             "optid",
             "diagnose",
-            str(rig),
-            str(out / SEEN),
+            from_here(rig),
+            from_here(out / SEEN),
             "--holdout",
-            str(out / UNSEEN),
+            from_here(out / UNSEEN),
             "--out",
-            str(out / "diagnosis"),
+            from_here(out / "diagnosis"),
         ]
     )
 

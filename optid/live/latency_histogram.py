@@ -9,7 +9,7 @@ PER_DECADE = 40  # classes: a percentile is good to 6 %
 DECADES = 8
 
 
-class Durations:
+class LatencyHistogram:
     """Number, mean, largest and percentiles of durations in seconds."""
 
     def __init__(self) -> None:

@@ -16,7 +16,7 @@ quick: Callable[[Kernel], Kernel] = numba.njit
 
 
 @quick
-def one_ahead(s: Array) -> float:
+def predict_next(s: Array) -> float:
     """Output of the next sample, in the output's unit, from an identifier's packed memory (`optid.armax.layout`).
 
     For models of one input whose delay is at least one sample: the command of that sample is not known yet.

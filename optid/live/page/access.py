@@ -1,4 +1,4 @@
-"""Who may open the page: whoever holds the token, on this machine too; and how often one may try."""
+"""Access to the page: by the token, on this machine too, with a limit on wrong tokens."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ ADDRESSES = 256  # that are remembered
 
 
 @dataclass(frozen=True)
-class Door:
+class Access:
     """Where the page is served, and to whom.
 
     The page itself is no secret. What it shows and the orders it gives go through a socket that opens for the token
