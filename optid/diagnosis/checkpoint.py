@@ -1,4 +1,4 @@
-"""What a diagnosis has done so far, stage by stage, so that one that died goes on where it was.
+"""What a diagnosis has done so far, stage by stage, so that an interrupted one continues there.
 
 One JSON file with a digest of its stages: one that was damaged counts as empty. Numbers are written so that they come
 back to the last bit; models come back by running their filter at the parameters written, so that the answer is the same
@@ -65,7 +65,7 @@ class Checkpoint:
                 part.unlink(missing_ok=True)
 
     def clear(self) -> None:
-        """Done: nothing is left to go on from."""
+        """Delete it: the diagnosis is done."""
         if self.path is not None:
             self.path.unlink(missing_ok=True)
 

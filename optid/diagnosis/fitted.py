@@ -16,7 +16,7 @@ from optid.rigs.rigfile import Rig
 
 @dataclass(frozen=True, eq=False)
 class FittedModel:
-    """A rig's model with effects, and where multi-step prediction errors put its parameters.
+    """A rig's model with effects, its parameters fitted by multi-step prediction errors.
 
     Attributes:
         effects: beyond the rig file's.

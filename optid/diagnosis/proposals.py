@@ -111,7 +111,7 @@ def propose(
             break
         over = first if leg < len(o.race) - 1 else None
         advanced = parallel_map(partial(_advance, problem, turns, over, resets, level), running)
-        # The first goes on: under gains of its own a law may need more than a leg to be where a linear step had it.
+        # The first is kept in any case: under its own gains a law may need more steps than a leg has.
         running = [*advanced[:1], *keep_best(advanced[1:], most - 1)]
     _, alone = _moved(problem, q, p, sum(turns for turns, _ in o.race), None, resets, level)
     return Proposals(tuple(keep_best(running, len(running))), visible, alone)

@@ -55,7 +55,7 @@ def likely_noise(q: LikelihoodProblem, p: Array) -> Noise:
 
 
 def with_information(model: FittedModel) -> RefinedModel:
-    """A model where multi-step prediction errors put it, with the filter and the information there.
+    """A model as fitted by multi-step prediction errors, with the filter and the information there.
 
     Raises:
         SolveError: the model cannot be simulated there.
@@ -66,11 +66,11 @@ def with_information(model: FittedModel) -> RefinedModel:
 
 
 def refine(model: FittedModel, problem: DiagnosisProblem) -> RefinedModel:
-    """From where multi-step prediction errors put a model to its likeliest parameters.
+    """From a fit by multi-step prediction errors to the likeliest parameters.
 
-    Likelihood with process noise looks ahead by one sample. Where a law's form is not nature's it takes the rest for
-    noise, and its parameters may predict far worse over a window than the same law can: then those that predict are
-    taken, and how far the two are apart is in the intervals.
+    Likelihood with process noise looks ahead by one sample. Where a law's form is not nature's it attributes the
+    model error to process noise, and its parameters may predict far worse over a window than the same law can: then
+    those that predict are taken, and how far the two are apart is in the intervals.
     """
     q, here = model.likelihood_problem, _point(model)
     led, shift = here.as_fit(False), np.zeros(len(model.likelihood_problem.free))

@@ -55,7 +55,7 @@ class Branch:
 
 @dataclass(frozen=True, eq=False)
 class Origin:
-    """Where branches begin: parameters by name, the filter there, and the windows' errors with their slopes.
+    """The point of linearisation: parameters by name, the filter there, the windows' errors and their slopes.
 
     `free` are the names of the fitted parameters, `typical` their sizes.
     """

@@ -21,7 +21,7 @@ from optid.errors import SolveError
 from optid.estimation.multistep import QUIET, fit_multistep
 from optid.rigs.rigfile import with_effects
 
-RESTART = 0.95  # of windows' errors: a model that another start leaves no more of goes on from there
+RESTART = 0.95  # of windows' errors: a model continues from another start that leaves no more than this share
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +126,7 @@ def _first_is_open(path: SelectionPath, problem: DiagnosisProblem) -> bool:
 def _restarted(
     current: FittedModel, before: Validated, one: Round, problem: DiagnosisProblem
 ) -> tuple[FittedModel, Validated] | None:
-    """The current model from where its best contender stands, if that predicts better: it stood beside its optimum.
+    """The current model restarted from its best contender's parameters, if it predicts better from there.
 
     An effect that is not there may lead a fit out of a local optimum; then the model without it gets there, too.
     """
@@ -149,7 +149,7 @@ def _round(
 ) -> Round:
     effects = [one for one in admitted(current.rig.model, problem.own) if one.name != but]
     near = before.error_over_noise <= problem.criteria.error_over_noise
-    # Beside a model that is good to the noise a linear step tells, and its own quiet filter; elsewhere neither does.
+    # Only beside a model that is good to the noise are a linear step and the model's own quiet filter reliable.
     entrants, level = (problem.options.entrants, current.fit.level) if near else (None, QUIET)
     proposals = propose(current, effects, problem, entrants, level)
     few = worth_fitting(proposals, near, bool(current.effects), problem)
@@ -169,8 +169,8 @@ def worth_fitting(found: Proposals, near: bool, named: bool, problem: DiagnosisP
     few = [one for one in found.ranked[: o.contenders] if one.loss <= o.near * least]
     if not near:
         return few
-    # A loss goes with the square of the error: who took half the smallest gain's share in the race does not reach it in
-    # full. Beside no name the first is fitted anyway, as the test asks whether it gains anything.
+    # A loss goes with the square of the error: a candidate that gained half the smallest gain in the race does not
+    # reach it in full. Beside no name the first is fitted anyway, as the test asks whether it gains anything.
     most = (1.0 - problem.criteria.smallest_gain) * found.alone
     return [one for k, one in enumerate(few) if one.loss <= most or (k == 0 and not named)]
 
@@ -221,7 +221,7 @@ def without_effect(model: FittedModel, effect: Effect, problem: DiagnosisProblem
 
 
 def _backward(path: SelectionPath, problem: DiagnosisProblem) -> SelectionPath:
-    """Drop effects that would not be confirmed as the last to come, the least needed first."""
+    """Backward elimination: drop effects that would not be confirmed if they came last, the least needed first."""
     best, validated, dropped = path.best, path.validated, list(path.dropped)
     tried = len(admitted(problem.rig.model, problem.own))
     while best.effects:

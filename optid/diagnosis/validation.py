@@ -29,10 +29,10 @@ from optid.estimation.likelihood import huber
 from optid.estimation.multistep import window_starts
 from optid.estimation.problem import Booleans, Integers, Problem
 
-LARGEST = 700.0  # gain beyond which a p-value is told as that of so much, the least number there is
+LARGEST = 700.0  # gain at which a p-value is capped: beyond, its exponential is no number
 FOLDS, BLOCKS = 3, 2  # of the recordings, and blocks of each recording in a fold
 DRAWS = 20_000  # of random signs: the least p-value is a fifth of what a name of the whole catalogue is asked
-CARRIED = 4  # no window counts more than the fourth largest: one must not carry a verdict, nor ruin it
+CARRIED = 4  # windows are winsorised at the fourth largest: one must not decide a verdict
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,7 +5,7 @@ factored normal equations, with all node states eliminated. Two estimates of tha
 
 - *stationary*: residuals as an autoregression (order by AIC, Yule-Walker), its spectrum against the influences';
 - *blocks*: products of the contributions themselves over neighbouring windows (Newey and West 1987 with
-  Bartlett weights), which needs no stationarity: mismatch in a few windows counts where it stands.
+  Bartlett weights), which needs no stationarity: a mismatch in a few windows is weighted by the influence there.
 
 The first one is by far the less scattered. The second one counts for a parameter where it is larger by more than its
 own scatter allows once in twenty times; then Student's t takes the place of the normal distribution.

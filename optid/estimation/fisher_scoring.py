@@ -1,6 +1,6 @@
 """Maximum likelihood by Fisher scoring on the filter's innovations: parameters and process noise together.
 
-Derivatives are differences of whole filters, one per parameter and level, and so dear. Once taken they are carried
+Derivatives are differences of whole filters, one per parameter and level, and so costly. Once taken they are carried
 along by Broyden's update (Mathematics of Computation 19, 1965), which costs nothing because every step shows how the
 innovations moved; they are taken anew where a step keeps less than it promised.
 """
@@ -160,7 +160,7 @@ def _better(here: LikelihoodPoint, damping: float) -> tuple[LikelihoodPoint | No
         there = here.moved(_step(here, gradient, information, damping))
         step = there.coordinates - here.coordinates
         promised = -float(step @ (2.0 * gradient + information @ step))
-        if math.isfinite(there.score):  # where a model leaves the numbers a step shows nothing
+        if math.isfinite(there.score):  # a step at which the model diverges shows nothing
             slopes = here.broyden_update(there, information)
             if there.score < here.score:
                 there.slopes = slopes

@@ -25,7 +25,7 @@ DAMPINGS, PACE, FARTHER, TRIALS = (1e-4, 1e-2, 0.3, 10.0), (0.1, 1.0, 1.0, 10.0)
 # Of the largest curvature: each coordinate is damped as if its own were larger by that. What one recording hardly
 # shows, as heights of a curve where it never was, stays about where it is.
 FLOOR = 1e-3
-LOST = 1e3  # sd: an innovation of a model that has left the numbers
+LOST = 1e3  # sd: an innovation of a model that has diverged
 
 
 class FixedGainFit(NamedTuple):

@@ -77,7 +77,7 @@ def find_ties(o: Objective, at: Point, t: Terms, q: Array, held: Any) -> Colline
         if sd > MUTE:
             mute[members] = True
         if unasked >= set(together):
-            continue  # nobody asked how friction rests, and it is kept apart from the rest
+            continue  # nuisance parameters of friction at rest, treated apart
         if sd > MUTE:
             sentences.append(_in_words(together, vector[members]))
         elif sd > WEAK and len(members) > 1:

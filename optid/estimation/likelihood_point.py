@@ -222,7 +222,7 @@ class LikelihoodPoint:
         if not length > 1.0:
             return self.slopes
         old, new = self.filtered, there.filtered
-        # Jacobians may have left the numbers here and there: gradient_and_fisher passes those over.
+        # Jacobians may be not finite here and there: gradient_and_fisher leaves those out.
         with np.errstate(invalid="ignore"):
             missed_e = new.innovations[0] - old.innovations[0] - self.slopes.innovations @ s
             missed_v = np.log(new.variances[0] / old.variances[0]) - self.slopes.variances @ s

@@ -26,7 +26,7 @@ PIECES = 5
 MEMORY = 4  # windows of the past that are estimated anew; what lies before them is a Gaussian prior
 LOOSER = (0.3, 0.03, 3e-3)  # shares of each state's size through which the process noise is annealed
 STARTS = 64  # of a young estimate, evenly spread: a power of two
-LIKELIEST = 3  # of them that are gone on from
+LIKELIEST = 3  # of them that are kept
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,7 +184,7 @@ def _windows(o: Objective, at: Point, q: Array) -> Iterator[tuple[int, Array, Ar
                     leaves = nodes[np.searchsorted(nodes, first) + 1] - first
                     mean, spread = _arrival(past, found, terms, q, int(leaves))
                     first += int(leaves)
-            except SolveError:  # the model leaves the numbers: from here on anew
+            except SolveError:  # the model diverges: from here on anew
                 X[begin] = at.X[w]
                 mean, spread, first, young = X[begin], o.spread, begin, begin
                 sure = unknown

@@ -13,7 +13,7 @@ from optid.errors import SolveError
 from optid.estimation.result import Outcome
 from optid.estimation.smoother import Objective, Point, Terms, Watch, descend, settled_system
 
-# Process noise per node as a share of each state's usual size: the ladder that all states come down together.
+# Process noise per node as a share of each state's usual size: the annealing schedule that all states follow together.
 LEVELS = (0.3, 0.03, 1e-2, 3e-3, 1e-3, 3e-4, 1e-4)
 PATIENCE = 2  # levels in a row that explain the data less well; one alone may not have come down all the way
 RUNG = 3.0  # by which the states of one unit then go on by themselves, either way

@@ -131,7 +131,7 @@ def _from_first_measured(model: Model, recording: Recording) -> Recording:
 
 
 def _not_finite(role: str, problem: Problem, free_run: Array, windows: Array) -> list[str]:
-    """Where predictions leave the numbers; the first window of a stretch has none and is not meant."""
+    """Where predictions are not finite; the first window of a stretch has none and does not count."""
     notes = []
     lost = ~np.isfinite(free_run)
     if lost.any():
@@ -181,7 +181,7 @@ def _first_state(o: Objective, at: Point, q: Array) -> Array:
     past = past_of(o, 0, stop, mean, spread)
     try:
         found = np.array(best_estimate(past, Point(at.X[:stop], at.p), q)[0].X[0])
-    except SolveError:  # the model leaves the numbers within the first windows
+    except SolveError:  # the model diverges within the first windows
         found = np.array(at.X[0])
     found[pinned] = mean[pinned]
     return found

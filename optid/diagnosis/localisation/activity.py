@@ -20,7 +20,7 @@ DUST = 1e-9  # of a rate or reading: what an effect that does nothing may leave 
 
 
 class Taken(Instrument):
-    """Takes note of the signal at each of an effect's sites before the effect changes it."""
+    """Records the signal at each of an effect's sites before the effect changes it."""
 
     def __init__(self, sites: tuple[str, ...]) -> None:
         self.name, self.sites, self.signal = "taken", sites, None
@@ -32,7 +32,7 @@ class Taken(Instrument):
 
 
 class Bypass(Instrument):
-    """Gives back what was taken note of: the effect goes on beside the plant, which knows nothing of it."""
+    """Restores the recorded signal: the effect runs beside the plant and does not act on it."""
 
     def __init__(self, taken: Taken) -> None:
         self.name, self.sites, self.taken = "bypass", taken.sites, taken

@@ -16,7 +16,7 @@ from optid.estimation.problem import Booleans, Integers, Problem
 
 SLOT = 0.2  # of a window: resolution of the map over time; 0.1 s where sampling is fast
 WORKS = 0.2  # of its usual size: what an effect does beyond that counts as being at work
-GAP = 0.1  # of a window: what is at work again within it was not away
+GAP = 0.1  # of a window: shorter pauses are bridged
 COVER = 0.8  # share of the mismatch that a range of a signal should hold
 PIECES = 40  # of a signal's range, each holding as many samples
 INFORMATIVE = 1.25  # times the samples' share that a range must hold of the mismatch to be worth telling
@@ -153,7 +153,7 @@ def _intervals(
 
 
 def by_usual_size(*sizes: Array) -> Array:
-    """The largest of these, each by its usual size: half of all that it does is done by less; 0 where nothing is done.
+    """The largest of these, each relative to its median weighted by its own magnitude; 0 where all are 0.
 
     Neither rest nor a jolt is the measure of the rest, as with a quantile over samples or the largest of them.
     """

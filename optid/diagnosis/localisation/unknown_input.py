@@ -29,7 +29,7 @@ from optid.estimation.likelihood_point import LikelihoodProblem
 from optid.estimation.problem import Problem
 from optid.rigs.rigfile import with_effects
 
-LOUD = 100.0  # times what shows: a walk's usual step by the square root of a second, the middle of its levels
+LOUD = 100.0  # times the smallest visible signal: usual step of the random walk in a second, the middle of its levels
 STEPS = np.arange(-9.0, 3.0)  # log levels at which it is tried
 TURNS, GAUSS_NEWTON = 2, 3  # times that gains are taken anew, and steps of each
 
@@ -186,7 +186,7 @@ def push(fitted: FittedModel, problem: DiagnosisProblem, site: str) -> float | N
         start = begun + size * unknown
         moved = run_fixed_gain_filter(model, data, p[None], held, common, start=start)[0]
         still = run_fixed_gain_filter(model, data, p[None], held, common)[0]
-        with np.errstate(invalid="ignore"):  # both may have left the numbers
+        with np.errstate(invalid="ignore"):  # both may have diverged
             change = (moved - still) / sd
         if not np.isfinite(change[np.isfinite(held.innovations[0])]).all():
             return size / 10.0 if seen > 0.0 else usual

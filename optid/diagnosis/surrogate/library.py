@@ -105,9 +105,9 @@ def shared(base: FittedModel, located: UnknownInput) -> list[Description]:
 
 
 def levels(base: FittedModel) -> list[Description]:
-    """Shares of a level that others turn, such as that of dry friction: what sticks no added signal describes.
+    """Shares of a level whose sign the plant sets, as of dry friction: no added signal describes sticking.
 
-    Nor does it show where it acts: no smooth force holds anything, and what is missing is blamed on other sites.
+    An added signal does not show where it acts either: no smooth force holds an axis, and other sites take it.
     """
     found: list[Description] = []
     for site in base.rig.model.scalable:

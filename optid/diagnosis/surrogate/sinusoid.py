@@ -2,7 +2,7 @@
 
 Both quadratures of every frequency are simulated under the gains of a filter, as a screen does with effects, and held
 against its innovations. A spectrum of an estimated signal would show lines over time as well, but hardly over a
-position, which comes and goes at its own pace and takes every slow drift along.
+position, along which the axis moves unevenly, and where slow drifts enter.
 """
 
 from __future__ import annotations
