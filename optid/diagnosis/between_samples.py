@@ -1,8 +1,8 @@
 """Is an input held from sample to sample (zero-order hold, a command), or a straight line (first-order, a sensor)?
 
 A first-order signal that is held comes half a sample late. No fit of physics makes up for that: a delay that nothing
-has, or damping several times too large, is what comes out. Nothing physical acts ahead of its cause, so that windows which err
-less with the straight line tell it beyond doubt.
+has, or damping several times too large, is what comes out. Nothing physical acts ahead of its cause, so that windows
+which err less with the straight line tell it beyond doubt.
 """
 
 from __future__ import annotations
