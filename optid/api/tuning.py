@@ -15,11 +15,13 @@ from optid.armax.files import ArmaxFile
 from optid.armax.files import load as load_models
 from optid.core.paths import digest_of
 from optid.errors import SolveError
+from optid.pid.controller import Notch
 from optid.report.tuning_page import tuning_page
 from optid.results.identification import IdentificationResult
 from optid.results.tuning import TuningResult
 from optid.rigs.rigfile import Rig
 from optid.tuning.bench_search import Effort
+from optid.tuning.compensation import compensated
 from optid.tuning.criterion import Criterion
 from optid.tuning.files import document
 from optid.tuning.margins import Required
@@ -45,6 +47,9 @@ def tune(
     cost: str = "itae",
     sensitivity: float | None = None,
     structure: str | None = None,
+    notch: tuple[float, float, float] | None = None,
+    acceleration: float = 0.0,
+    compensate: bool = False,
     free: Sequence[str] | None = None,
     starts: int = 4,
     seed: int = 0,
@@ -71,6 +76,12 @@ def tune(
         are judged on.
     structure : str | None
         "pid", "pid2", "pd", "pi", "p" or "p-pi"; one that suits when absent.
+    notch : tuple[float, float, float] | None
+        of the command: frequency and width, Hz, and its gain at the frequency, 0 to 1.
+    acceleration : float
+        feed-forward: command per acceleration of the set-point, SI.
+    compensate : bool
+        the dead band and the dry friction of the rig's model are overcome by the controller.
     free : Sequence[str] | None
         names of the gains that may move; the structure's when absent.
     starts : int
@@ -101,12 +112,14 @@ def tune(
         rate=rate,
         criterion=Criterion(Measure[cost.upper()]),
         required=Required(sensitivity if sensitivity is not None and math.isfinite(sensitivity) else None),
+        notch=None if notch is None else Notch(2.0 * math.pi * notch[0], 2.0 * math.pi * notch[1], notch[2]),
+        acceleration=acceleration,
+        compensate=compensate,
         usual_sensitivity=sensitivity is None,
     )
+    known = None if rig is None else rig_of(rig)
     rng = np.random.default_rng(seed)
-    problem = build_problem(
-        contents, source, spec, rng, None if rig is None else rig_of(rig), rig is not None
-    )
+    problem = build_problem(contents, source, spec, rng, known, known is not None)
     chosen = structure_of(structure or problem.structure)
     moved = free_gains(chosen, problem.task.bench_alone) if free is None else tuple(free)
     options = Options(moved, starts=starts, cascade=chosen.cascade, effort=Effort(progress))
@@ -117,6 +130,8 @@ def tune(
             raise
         problem = problem.without_sensitivity()
         found = optimise(problem.task, rng, options, problem.bench)
+    if compensate and known is not None:
+        found = compensated(found, known, contents.output)
     content = {
         **document(found, problem.command_unit, problem.output_unit, problem.judged_on, chosen),
         "version": version(),

@@ -17,7 +17,6 @@ from optid.cli.tune_options import RangeCommand, present_gains, search_options, 
 from optid.errors import JobError, SolveError
 
 if TYPE_CHECKING:
-    from optid.rigs.rigfile import Rig
     from optid.tuning.problem import TuningProblem
     from optid.tuning.structures import Structure
     from optid.tuning.tuning import Scored, Tuning
@@ -125,6 +124,7 @@ def tune(model: str, out: str, **choices: Any) -> None:
     from optid.armax.files import load
     from optid.rigs.rigfile import read_rig
     from optid.tuning.bench_search import Effort
+    from optid.tuning.compensation import compensated
     from optid.tuning.files import document
     from optid.tuning.problem import build_problem
     from optid.tuning.structures import structure_of
@@ -148,7 +148,7 @@ def tune(model: str, out: str, **choices: Any) -> None:
             problem = problem.without_sensitivity()
             result = tuned(problem.task, rng, options, problem.bench, present)
     if choices["compensate"] and rig is not None:
-        result = _compensated(result, rig, contents.output)
+        result = compensated(result, rig, contents.output)
     if patience.words:
         result = replace(result, remarks=(*result.remarks, patience.words))
     content = document(result, problem.command_unit, problem.output_unit, problem.judged_on, structure)
@@ -171,21 +171,6 @@ def tune(model: str, out: str, **choices: Any) -> None:
     say_next("live", choices["rig"] or "RIG", "--driver", "simulated", *gains)
     if patience.interrupted:
         raise JobError(f"interrupted: the best gains so far are in {out}")
-
-
-def _compensated(result: Tuning, rig: Rig, output: str) -> Tuning:
-    """With what overcomes the friction of the rig's model, and words on all that is compensated."""
-    from optid.tuning.compensation import friction_of
-
-    size = max((episode.size for episode in result.task.episodes), default=0.0)
-    s = friction_of(rig, output, result.gains, result.settings, size)
-    said = [
-        f"dead band {s.deadband_low:.3g} to {s.deadband_high:.3g}" if s.deadband_high else "",
-        f"dry friction {s.friction:.3g} along the set-point's motion" if s.friction else "",
-    ]
-    words = " and ".join(filter(None, said)) or "nothing: no command holds against its friction"
-    remark = f"Compensated as the rig's model says: {words}."
-    return replace(result, settings=s, remarks=(*result.remarks, remark))
 
 
 class _Patience:

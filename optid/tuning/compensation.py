@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,6 +20,9 @@ from optid.pid.controller import Gains, Settings
 from optid.rigs.rigfile import Rig
 from optid.tuning.bench import PhysicalBench
 from optid.tuning.demand import profile
+
+if TYPE_CHECKING:
+    from optid.tuning.tuning import Tuning
 
 DEAD_BAND = "valve_deadband"
 ONSET = 0.1  # of the dead band: commands over which the jump comes in
@@ -42,6 +46,25 @@ def dead_band_of(settings: Settings, rig: Rig | None, where: str | Path = "--com
     return replace(
         settings, deadband_low=-width, deadband_high=width, deadband_onset=ONSET * width if width else 0.0
     )
+
+
+def compensated(tuning: Tuning, rig: Rig, output: str) -> Tuning:
+    """With what overcomes the friction of the rig's model, and words on all that is compensated.
+
+    Args:
+        tuning: whose gains follow the ramps; its dead band is compensated already.
+        rig: whose model is asked.
+        output: role of the controlled output.
+    """
+    size = max((episode.size for episode in tuning.task.episodes), default=0.0)
+    s = friction_of(rig, output, tuning.gains, tuning.settings, size)
+    said = [
+        f"dead band {s.deadband_low:.3g} to {s.deadband_high:.3g}" if s.deadband_high else "",
+        f"dry friction {s.friction:.3g} along the set-point's motion" if s.friction else "",
+    ]
+    words = " and ".join(filter(None, said)) or "nothing: no command holds against its friction"
+    remark = f"Compensated as the rig's model says: {words}."
+    return replace(tuning, settings=s, remarks=(*tuning.remarks, remark))
 
 
 def friction_of(rig: Rig, output: str, gains: Gains, settings: Settings, size: float) -> Settings:
