@@ -31,9 +31,10 @@ from optid.tuning.plant import MARGIN, Plant
 
 SHARE = 0.5  # of the damping that is dry friction where nothing is fitted: neither all nor nothing is known to be wrong
 OTHERS = (0.25, 0.75)  # shares of the variants
-# Of a fitted axis: viscous and dry friction of the variants over the fitted ones. A regression takes some of either for
-# the other: on five rigs of known friction the true one was 0.63 to 0.79 of the viscous and 1.3 to 1.8 of the dry one.
-FITTED = ((0.7, 1.5), (1.0, 0.7))
+# Of a fitted axis: viscous and dry friction, nominal and in the variants, over the fitted ones. A regression takes some
+# of either for the other: on the five rigs of studies/pid_gains.py the true ones were 0.63 to 0.79 and 1.3 to 1.8 of
+# what it found.
+FITTED = ((0.7, 1.5), (0.8, 1.3), (0.63, 1.8))
 # Of the asymmetry of speed, in the same sets. All of it in the valve turns noise at rest into a drift that friction
 # cannot hold; none of it, where pressures bring it about in motion alone: a recording of motion cannot tell.
 ASYMMETRIES = (0.5, 0.0, 1.0)
@@ -69,8 +70,7 @@ class Mechanics:
 
 def fitted_mechanics(axis: SlidingAxis, command: float) -> Mechanics:
     """Of the axis that was fitted to the recording; `command` is half the range of the command."""
-    pairs = ((1.0, 1.0), *FITTED)
-    frictions = tuple((v * axis.damping, d * axis.dry_friction) for v, d in pairs)
+    frictions = tuple((v * axis.damping, d * axis.dry_friction) for v, d in FITTED)
     creep = CREEP * command * abs(axis.speed_gain)
     asymmetries = tuple(share * axis.asymmetry for share in ASYMMETRIES)
     return Mechanics(axis.speed_gain, axis.frequency, frictions, 0, axis.breakaway_ratio, creep, asymmetries)
