@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Mapping, Sequence
 from copy import copy
@@ -67,6 +68,7 @@ class Bench:
         criterion: Criterion,
         command_size: float,
         bar: Array | None = None,
+        rest: float = math.inf,
     ) -> tuple[Array, Array]:
         """Of gains (n, GAINS): their costs, the weighted sum over the episodes, and their largest hunting, each (n,).
 
@@ -76,6 +78,7 @@ class Bench:
             criterion: what is summed.
             command_size: unit of the command's travel.
             bar: shape (n,); a candidate whose sum is beyond it is not run further, its cost is what it has so far.
+            rest: peak to peak at rest beyond which an episode's cost grows with the square of it.
         """
         cost, hunting = np.zeros(len(gains)), np.zeros(len(gains))
         T, lock = settings.sample_time, threading.Lock()
@@ -89,7 +92,8 @@ class Bench:
                 episode = self._episodes[e]
                 one = response(episode, *self._run(vector, settings, episode), T)
                 with lock:
-                    cost[i] += episode.weight * criterion.of(one, T, command_size)
+                    own = criterion.of(one, T, command_size)
+                    cost[i] += episode.weight * own * float(_times(np.array(one.hunting), rest))
                     hunting[i] = max(hunting[i], one.hunting)
 
         parallel_for(len(gains) * len(self._episodes), run)
@@ -104,6 +108,14 @@ class Bench:
     def _run(self, vector: Array, settings: Settings, episode: Episode) -> tuple[Array, Array]:
         """Output and command of one episode, each (samples,), of gains and settings in one vector."""
         raise NotImplementedError
+
+
+def _times(swings: Array, rest: float) -> Array:
+    """How many times episodes count whose output swings so much at rest, shape of `swings`; 1 for no limit.
+
+    Squared, so that gains that slip once in a hundred steps do not win by being a little faster in the others.
+    """
+    return np.maximum(swings / rest, 1.0) ** 2 if math.isfinite(rest) else np.ones_like(swings)
 
 
 class PhysicalBench(Bench):
@@ -166,10 +178,11 @@ class PhysicalBench(Bench):
         criterion: Criterion,
         command_size: float,
         bar: Array | None = None,
+        rest: float = math.inf,
     ) -> tuple[Array, Array]:
         """As of any bench, several runs at a time; a criterion of the user's own needs trajectories, one by one."""
         if criterion.own is not None:
-            return super().judged(gains, settings, criterion, command_size, bar)
+            return super().judged(gains, settings, criterion, command_size, bar, rest)
         cost, hunting = np.zeros(len(gains)), np.zeros(len(gains))
         groups, lock = -(-len(self._episodes) // LANES), threading.Lock()
 
@@ -182,9 +195,10 @@ class PhysicalBench(Bench):
                 parts = self._parts(np.r_[gains[i], settings.vector], settings, criterion, chosen)
                 parts[:, 1] /= command_size
                 weights = np.array([self._episodes[e].weight for e in chosen])
+                swings = np.nan_to_num(parts[:, HUNTING], nan=np.inf)
                 with lock:
-                    cost[i] += float(weights @ criterion.combined(parts))
-                    hunting[i] = max(hunting[i], float(np.nan_to_num(parts[:, HUNTING], nan=np.inf).max()))
+                    cost[i] += float(weights @ (criterion.combined(parts) * _times(swings, rest)))
+                    hunting[i] = max(hunting[i], float(swings.max()))
 
         parallel_for(len(gains) * groups, run)
         return cost, hunting

@@ -1,11 +1,10 @@
 """The search where a simulation with friction judges: each run takes milliseconds, and chance decides much of it.
 
 Where an axis that sticks comes to rest is as good as random, so the best of many candidates on few runs is mostly the
-luckiest one. Candidates are raced: many meet one run of each size, samples around the best ones meet other runs, and
-the last few meet all runs (a cross-entropy search: Rubinstein and Kroese, The Cross-Entropy Method, 2004, with the
-racing of Maron and Moore, Artificial Intelligence Review 11, 1997). A stage never reuses the runs of the one before,
-and which candidates go on is decided by the mean over their neighbours, with all that was seen of them (kernel
-regression: Nadaraya 1964, Watson 1964): luck is not shared among neighbours, merit is.
+luckiest one. Candidates that fill the region meet one run of each size; which of them go on is decided by the mean over
+their neighbours (kernel regression: Nadaraya 1964, Watson 1964): luck is not shared among neighbours, merit is. From
+the best regions an evolution strategy goes on, each generation on another run, whose answer is a mean of many
+candidates. The few answers meet all runs.
 """
 
 from __future__ import annotations
@@ -16,44 +15,27 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from optid.core.model import Array
+from optid.pid.law import KD, KP
 from optid.tuning.demand import Episode
+from optid.tuning.evolution_strategy import evolution_strategy
 from optid.tuning.search import Box, Evolved
 from optid.tuning.task import Task
 from optid.tuning.ultimate import Ultimate, ultimate
 
 # Gains of the first stage in terms of the ultimate ones: kp Ku, ki Ku/Tu, kd Ku Tu, filter Tu; later ones may leave it.
-REGION = {"kp": (0.04, 8.0), "ki": (0.0, 0.5), "kd": (0.0, 4.0), "derivative_filter": (0.004, 0.08)}
+# What is good lies along a line of kd over kp: where both are free, that time is drawn instead, in Tu.
+REGION = {"kp": (0.04, 8.0), "ki": (0.0, 0.05), "kd": (0.0, 4.0), "derivative_filter": (0.004, 0.08)}
+DERIVATIVE_TIMES = (0.05, 1.0)
 WITHOUT = 0.5  # share of the points that begin without integral action
+TOGETHER = 12  # candidates judged between two looks at the clock
 DRAWN = 20  # candidates drawn for each one wanted, to find such as keep the margins
 
 
-@dataclass(frozen=True)
-class Stage:
-    """Samples around the best so far, each on some runs.
-
-    Attributes:
-        count: of candidates; 0 takes the best so far as they are.
-        parents: how many of the best so far.
-        spread: sd of the samples around a parent, in the cube.
-        runs: numbers of the runs that judge.
-    """
-
-    count: int
-    parents: int
-    spread: float
-    runs: tuple[int, ...]
-
-
-FIRST = 500  # candidates on run 1
-STAGES = (
-    Stage(300, 30, 0.035, (2,)),
-    Stage(200, 25, 0.025, (3,)),
-    Stage(120, 20, 0.02, (4, 5)),
-    Stage(60, 15, 0.015, (6, 7)),
-    Stage(0, 16, 0.0, tuple(range(8, 16))),
-    Stage(0, 6, 0.0, ()),
-)
-NEAR = 0.025  # sd of the kernel, in the cube
+FIRST, SECOND = 400, 80  # candidates on run 1, and the best of them on run 2, too
+REGIONS, APART = 2, 0.1  # followed, and how far they are apart in the cube
+GENERATIONS, LAST = 24, 16  # of the strategy in each region, and around the best answer on two runs each
+SPREAD, LAST_SPREAD = 0.06, 0.03  # sd of its first generation
+NEAR = 0.04  # sd of the kernel, in the cube
 HOPELESS = 30.0  # times the best cost: what costs more counts as much
 
 Said = Callable[[float, str], None]
@@ -84,23 +66,39 @@ def search_on_bench(
         rng: source of everything random.
         effort: time and progress.
     """
+    runs = sorted({one.run for one in _episodes(task) if one.run > 0}) or [0]
+
+    def cost(points: Array, *numbers: int) -> Array:
+        return _judged(task, within, points, [runs[k % len(runs)] for k in numbers], effort)
+
     points = np.vstack([seeds, _spread_out(task, within, FIRST, rng)])
-    values, used = _judged(task, within, points, (1,), effort), len(points)
-    seen = EvaluatedCandidates(points, values, np.ones(len(points)))
-    for number, stage in enumerate(STAGES):
-        if effort.over():
-            break
-        effort.said(0.3 + 0.7 * number / len(STAGES), "")
-        best = seen.best(points, stage.parents)
-        points = np.vstack([best, _around(best, stage, rng)]) if stage.count else best
-        values = _judged(task, within, points, stage.runs, effort)
-        seen = seen.and_also(points, values, len(stage.runs))
-        used += len(points)
-    order = np.argsort(values)
-    ends = [
-        Evolved(points[i], float(task.fitness(within.gains(points[i][None]))[0]), used) for i in order[:2]
-    ]
+    seen = EvaluatedCandidates(points, cost(points, 0), np.ones(len(points)))
+    best = seen.best(points, SECOND)
+    seen = seen.and_also(best, cost(best, 1), 1)
+    answers = []
+    for number, start in enumerate(_apart(seen.best(best, SECOND))):
+        effort.said(0.3 + 0.2 * number, "")
+        answers.append(evolution_strategy(lambda p, g: cost(p, 2 + g), start, SPREAD, GENERATIONS, rng))
+    ends = _ends(task, within, [*answers, best[0]])
+    effort.said(0.9, "")
+    last = evolution_strategy(lambda p, g: cost(p, 2 * g, 2 * g + 1), ends[0].point, LAST_SPREAD, LAST, rng)
+    return sorted([*_ends(task, within, [last]), *ends], key=lambda end: end.fitness)
+
+
+def _ends(task: Task, within: Box, points: list[Array]) -> list[Evolved]:
+    """On all runs, the best first."""
+    costs = task.fitness(within.gains(np.array(points)))
+    ends = [Evolved(point, float(cost), 0) for point, cost in zip(points, costs, strict=True)]
     return sorted(ends, key=lambda end: end.fitness)
+
+
+def _apart(points: Array) -> list[Array]:
+    """The first of them, the best first, that are apart from those before."""
+    found: list[Array] = []
+    for point in points:
+        if len(found) < REGIONS and all(float(np.abs(point - one).max()) > APART for one in found):
+            found.append(point)
+    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,22 +147,23 @@ def _judged(task: Task, within: Box, points: Array, runs: Sequence[int], effort:
     """Costs on some runs; infinite for what there was no time for."""
     part = replace(task, bench=task.bench.only(runs_of(task, runs)) if task.bench else None)
     values = np.full(len(points), np.inf)
-    for i, point in enumerate(points):
-        if i and effort.over():
+    for first in range(0, len(points), TOGETHER):
+        if first and effort.over():
             break
-        values[i] = part.fitness(within.gains(point[None]))[0]
+        several = slice(first, first + TOGETHER)
+        values[several] = part.fitness(within.gains(points[several]))
     return values
-
-
-def _around(best: Array, stage: Stage, rng: np.random.Generator) -> Array:
-    parents = best[rng.integers(0, len(best), stage.count)]
-    return np.clip(parents + stage.spread * rng.standard_normal(parents.shape), 0.0, 1.0)
 
 
 def _spread_out(task: Task, within: Box, count: int, rng: np.random.Generator) -> Array:
     """Points over the region, a share of them without integral action, that keep the margins if enough can be found."""
     low, high = _region(within, ultimate(task.loops[0]))
     points = low + (high - low) * rng.random((DRAWN * count, low.size))
+    if {"kp", "kd"} <= set(within.free) and not within.cascade:
+        gains, times = within.gains(points), np.log(DERIVATIVE_TIMES)
+        drawn = np.exp(rng.uniform(times[0], times[1], len(points))) * ultimate(task.loops[0]).period
+        gains[:, KD] = gains[:, KP] * drawn
+        points = within.points(gains)
     if "ki" in within.free:
         points[rng.random(len(points)) < WITHOUT, within.free.index("ki")] = 0.0
     kept = points[task.missed(within.gains(points)) <= 0.0]

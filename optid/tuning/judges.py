@@ -23,7 +23,6 @@ from optid.tuning.sticking_axis import Mechanics, StickingAxis, assumed_mechanic
 UNIT = "V"  # of a standing load
 RUNS, BENCH_RUNS, SHOWN_RUNS = 2, 16, 5  # of each size; where a rig's model judges; of those in tables
 STICKING_RUNS, FITTED_RUNS = 9, 13  # where friction is only assumed; where a recording showed it
-MUCH_STRONGER = 1.4  # factor on the command in every third run where an axis of third order judges
 BENCH_TOLERANCE = 2e-4  # of its integration: costs differ by 0.2 % from those at 1e-7
 # Default bound on the maximum sensitivity: within what is recommended (Astrom and Hagglund, Advanced PID Control,
 # 2006, section 4.6); and on the identified model with an assumed dry friction, which damps small motions as no linear
@@ -31,10 +30,6 @@ BENCH_TOLERANCE = 2e-4  # of its integration: costs differ by 0.2 % from those a
 SENSITIVITY, BESIDE_FRICTION = 2.0, 5.0
 SIMULATED_MARGIN = (
     f"No bound on the maximum sensitivity: the gains are tried with {STRONGER:g} times the command, friction and "
-    "limits included; the identified linear model knows no friction (--ms 2 asks for gains that it bears, too)."
-)
-FITTED_MARGIN = (
-    f"No bound on the maximum sensitivity: the gains are tried with {MUCH_STRONGER:g} times the command, friction and "
     "limits included; the identified linear model knows no friction (--ms 2 asks for gains that it bears, too)."
 )
 SMALLEST_LOAD = 2e-3  # of half the command's range: standing loads below it are none
@@ -97,7 +92,7 @@ def _judged_by_shown(plan: StepPlan, shown: SlidingAxis, spec: TuningSpec, half:
         runs=FITTED_RUNS,
         variants=len(axis.frictions) - 1,
         load=shown.load,
-        stronger=MUCH_STRONGER,
+        stronger=STRONGER,
         quiet=False,
     )
     episodes = episodes_of(plan, spec)
@@ -116,7 +111,7 @@ def _said_of_shown(shown: SlidingAxis, axis: Mechanics) -> tuple[str, ...]:
     )
     dead = f"A dead zone of ±{shown.dead_zone:.3g} {UNIT}, which the recording shows, is part of the plant."
     load = f"A standing load of {shown.load:.3g} {UNIT}, which the recording shows."
-    return (said, *((dead,) if shown.dead_zone else ()), *((load,) if shown.load else ()), FITTED_MARGIN)
+    return (said, *((dead,) if shown.dead_zone else ()), *((load,) if shown.load else ()), SIMULATED_MARGIN)
 
 
 def with_rig(

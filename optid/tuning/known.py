@@ -13,7 +13,7 @@ from optid.core.document import HUGE, optional_document
 from optid.rigs.rigfile import Rig
 
 FILES = ("fit.json", "diagnosis.json")  # written in the same folder as the rig file with the fitted values
-DRAWS = 2  # parameter sets beside the fitted one
+DRAWS = 6  # parameter sets beside the fitted one
 SAME = 1e-6  # relative: a value in such a file belongs to the rig file if they agree
 UNFITTED = 0.1  # sd of a parameter that may be fitted and was not, as a share of its value, where the file states none
 WITHIN = 2.0  # standard deviations to which a draw is kept
@@ -46,7 +46,7 @@ def sensor_noise(rig: Rig, role: str) -> float | None:
     if channel is not None and channel.sd:
         return float(channel.sd)
     for content in _documents(rig):
-        sd = _number(content, "noise", role, "sd")
+        sd = _number(content, "noise", role, "sd") or _number(content, "noise_floor", role, "rmse")
         if sd is not None and sd > 0.0:
             return sd
     return None

@@ -31,6 +31,9 @@ AROUND, ROUNDS, WORTHWHILE = (
     5e-4,
 )  # of the cube; populations around the best end, and what each must gain
 SWIFT = 25  # generations of the search on the linear model that only gives a start
+FINE_INTEGRAL = (
+    12.0  # bend of the scale of ki where friction is simulated: linear below 1e-3 Ku/Tu, which tells there
+)
 VALLEYS = 3  # of the grid that are followed down
 
 
@@ -125,6 +128,8 @@ def _on_bench(task: Task, within: Box, rng: np.random.Generator, effort: Effort)
         SolveError: nothing in the box keeps what is required.
     """
     points = _keeping(task, within, rng)
+    finer = replace(within, bend=np.where(np.array(within.free) == "ki", FINE_INTEGRAL, within.bend))
+    points, within = finer.points(within.gains(points)), finer
     ends = search_on_bench(task, within, points, rng, effort)
     if ends[0].fitness >= REFUSED:
         raise SolveError(_refusal(task, ends[0].fitness))

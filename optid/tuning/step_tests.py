@@ -19,7 +19,7 @@ import numpy as np
 from optid.tuning.demand import Episode, step
 
 SHARES = (1.0, -1.0, 0.75, -0.5, 0.25, -0.25, 0.125)  # of the largest step
-REST = 0.2  # share of an episode, at its end, during which the output should be at rest
+REST = 0.5  # share of an episode, at its end, during which the output should be at rest: slips come late
 HUNTING_OVER_NOISE = 3.0  # peak to peak at rest that is still no hunting, in sd of the sensor's noise
 HUNTING_SHARE = 1e-3  # the same as a share of the largest step, where the noise is smaller
 SEED = 20  # of the noise

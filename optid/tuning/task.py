@@ -20,6 +20,7 @@ from optid.tuning.margins import COARSE, Frequencies, Required, excess, look
 from optid.tuning.plant import Plant, behind
 
 STRICTER = 1.0002
+EARLY = 0.5  # of the hunting allowed, from which on it costs on a bench: no model is the axis
 REFUSED = 1e20  # cost of gains that miss what is required; the more they miss, the more
 
 
@@ -44,7 +45,8 @@ class Task:
         bench: a physical model that is tuned for as well: one more plant, without margins.
         bench_alone: the physical model alone judges performance, the plants judge the margins.
         hunting: peak to peak of the output at rest beyond which gains hunt, output's unit: their cost counts as many
-            times as they exceed it. A barrier would let gains win that never arrive, as those are still, too.
+            times as they exceed it, on a bench that of each episode, from half of it on and with the square. A barrier
+            would let gains win that never arrive, as those are still, too.
     """
 
     plants: tuple[Plant, ...]
@@ -139,25 +141,23 @@ class Task:
     def _performance(self, gains: Array, bar: Array | None) -> Array:
         """Of gains that keep the margins, shape (n,): the cost, more if they hunt."""
         if self.bench is not None and self.bench_alone:
-            cost, hunting = self._on_bench(gains, bar)
-        else:
-            each, swings = self.course.judged(gains)
-            hunting = swings.max(axis=1)
-            if self.bench is not None:
-                each = np.column_stack([each, self._tried(gains, each, bar)])
-            cost = self.together(each)
-        return np.asarray(np.minimum(cost * np.maximum(hunting / self.hunting, 1.0), REFUSED))
+            return np.asarray(np.minimum(self._on_bench(gains, bar, EARLY * self.hunting), REFUSED))
+        each, swings = self.course.judged(gains)
+        if self.bench is not None:
+            each = np.column_stack([each, self._tried(gains, each, bar)])
+        cost = self.together(each) * np.maximum(swings.max(axis=1) / self.hunting, 1.0)
+        return np.asarray(np.minimum(cost, REFUSED))
 
-    def _on_bench(self, gains: Array, bar: Array | None) -> tuple[Array, Array]:
+    def _on_bench(self, gains: Array, bar: Array | None, rest: float = math.inf) -> Array:
         assert self.bench is not None
-        return self.bench.judged(gains, self.settings, self.criterion, self.command_size, bar)
+        return self.bench.judged(gains, self.settings, self.criterion, self.command_size, bar, rest)[0]
 
     def _tried(self, gains: Array, each: Array, bar: Array | None) -> Array:
         """Costs on the bench, shape (n,); of gains that are too bad already, the worst of the other costs."""
         found: Array = np.asarray(each.max(axis=1))
         open_still = found < (np.inf if bar is None or self.over is not Over.WORST else bar)
         if np.any(open_still):
-            found[open_still] = self._on_bench(gains[open_still], None)[0]
+            found[open_still] = self._on_bench(gains[open_still], None)
         return found
 
     def together(self, costs: Array) -> Array:

@@ -82,7 +82,7 @@ def test_noise_and_dead_zone_in_the_linear_loop():
     assert cost[0, 0] == pytest.approx(
         episode.weight * T * T * np.sum(np.arange(400) * np.abs(episode.reference - y)), rel=1e-9
     )
-    assert hunting[0, 0] == pytest.approx(np.ptp(y[320:]), rel=1e-12)
+    assert hunting[0, 0] == pytest.approx(np.ptp(y[200:]), rel=1e-12)
 
 
 def test_without_friction_the_axis_is_the_model():
@@ -135,8 +135,12 @@ def test_hunting_multiplies_the_cost(gain):
     bare = replace(task, hunting=math.inf).fitness(np.array([rest, hunt]))
     assert costs[0] == pytest.approx(bare[0], rel=1e-12)
     assert costs[0] < costs[1]
-    swings = [row.hunting for row in by_size(bench(Gains(*hunt), LIMITS))]
-    assert max(swings) > task.hunting and costs[1] == pytest.approx(bare[1] * max(swings) / task.hunting)
+    runs = bench(Gains(*hunt), LIMITS)
+    times = [max(run.hunting / (0.5 * task.hunting), 1.0) ** 2 for run in runs]
+    counted = [run.episode.weight * run.measures["itae"] * t for run, t in zip(runs, times, strict=True)]
+    assert max(row.hunting for row in by_size(runs)) > task.hunting
+    assert costs[1] == pytest.approx(sum(counted))
+    assert len(set(times)) == len(times)  # each episode for itself
 
 
 def test_assumed_friction_does_not_judge_integral_action():
@@ -269,6 +273,10 @@ def test_what_a_fit_knows_of_its_parameters(tmp_path):
     assert fitted(rig) and set(draws[0]) == {"coulomb_friction"}
     assert np.std([one["coulomb_friction"] for one in draws]) == pytest.approx(1.0, rel=0.15)
     assert sensor_noise(rig, "position") == 4e-5
+    (tmp_path / "fit.json").unlink()
+    floor = {"schema": "optid.diagnosis/1", "noise_floor": {"position": {"rmse": 3e-5, "unit": "m"}}}
+    (tmp_path / "diagnosis.json").write_text(json.dumps(floor))
+    assert sensor_noise(rig, "position") == 3e-5
 
 
 @pytest.mark.parametrize("size", [1e-25, 1e25])
@@ -288,7 +296,9 @@ def test_the_axis_that_a_recording_shows_judges():
     problem = build_problem(contents, Path("armax.json"), TuningSpec(), np.random.default_rng(0))
     judge, said = problem.task.bench, " ".join(problem.assumed)
     assert problem.judged_on == FITTED and problem.structure == "pid"
-    assert judge.axis.frictions[0] == (30.0, 20.0) and judge.axis.breakaway == 1.5
+    # What the regression mistakes is put right; half of the asymmetry is the valve's, none and all in the other sets.
+    assert judge.axis.frictions[0] == pytest.approx((21.0, 30.0)) and judge.axis.breakaway == 1.5
+    assert judge.axis.asymmetries == pytest.approx((0.05, 0.0, 0.1)) and len(judge.axis.frictions) == 3
     assert {e.load[0] for e in judge.episodes} == {-0.04} and all(e.noise.any() for e in judge.episodes)
     assert {e.variant for e in judge.episodes} == {0, 1, 2} and max(e.gain for e in judge.episodes) > 1.0
     assert tuple(judge._dead) == (-0.1, 0.1)

@@ -1,0 +1,46 @@
+"""What noise the gains are judged with, and searches that noise does not mislead."""
+
+import math
+
+import numpy as np
+import pytest
+
+from optid.armax.model import Armax
+from optid.tuning.evolution_strategy import evolution_strategy
+from optid.tuning.plant import plant_of
+
+
+def test_what_disturbs_the_plant_is_no_noise_of_its_sensor():
+    """White noise r of a sensor behind (1 - a/z)^-1 driven by noise q is one innovation model, lambda and c."""
+    r, q, a = 9e-10, 2e-10, 0.95
+    total, product = r * (1.0 + a * a) + q, r * a
+    root = math.sqrt(total**2 - 4.0 * product**2)
+    c, variance = (total - root) / (2.0 * product), (total + root) / 2.0
+    model = Armax(a=(1.0, -a), b=((0.1,),), c=(1.0, -c), nk=(1,), sample_time=1e-3, noise_variance=variance)
+    assert variance > 1.4 * r
+    assert plant_of(model).noise == pytest.approx(math.sqrt(r + q / (1.0 + a) ** 2), rel=1e-9)
+    assert plant_of(model).noise == pytest.approx(math.sqrt(r), rel=0.04)
+
+
+def test_the_strategy_finds_a_narrow_valley_in_noise():
+    """Its lowest point lies on a bound, along a direction of none of the axes."""
+    turn = np.linalg.qr(np.random.default_rng(0).standard_normal((3, 3)))[0]
+    lowest, scale = np.array([0.0, 0.6, 0.4]), np.diag([1.0, 30.0, 900.0])
+
+    def cost(points, generation):
+        off = points - lowest
+        exact = 1.0 + np.einsum("ij,jk,ik->i", off, turn @ scale @ turn.T, off)
+        return exact * np.exp(0.2 * np.random.default_rng(generation).standard_normal(len(points)))
+
+    ends = [
+        evolution_strategy(cost, np.array([0.3, 0.3, 0.3]), 0.1, 60, np.random.default_rng(seed))
+        for seed in range(5)
+    ]
+    off = np.array(ends) - lowest
+    assert np.mean(np.einsum("ij,jk,ik->i", off, turn @ scale @ turn.T, off)) < 0.15
+
+
+def test_the_strategy_ends_where_time_is_up():
+    start = np.array([0.3, 0.3])
+    late = evolution_strategy(lambda p, g: np.full(len(p), np.inf), start, 0.1, 9, np.random.default_rng(0))
+    np.testing.assert_array_equal(late, start)
