@@ -1,6 +1,7 @@
 """What changed since commissioning: numbers joined, suspects told, and the looks at a session's own log."""
 
 import json
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -74,7 +75,7 @@ def test_like_is_held_against_like(tmp_path):
 
 def test_it_says_something_once_and_says_why_not(tmp_path, monkeypatch):
     said = []
-    plan = SimpleNamespace(rig="rig.toml", out=tmp_path, since=None, fast=True)
+    plan = SimpleNamespace(rig=Path("rig.toml"), out=tmp_path, since=None, fast=True)
     following = ParameterMonitor(plan, 1000.0, said.append)
     (tmp_path / "recording.csv").write_text("t,u,x\n0,0,0\n")
     look = StretchEstimates({"f": of(9.0)}, {"f": 1.0}, {})

@@ -25,9 +25,6 @@ def servo(s: Sheet) -> None:
     drag = s.param(DRAG) * w + dry_friction(s, w, "bristle", x=q, L=2.0, drive=torque)
     load = s.site("force.external", -9.81 * m * arm * ca.sin(q + s.param(ZERO)), unit="N m", x=q, v=w, L=2.0)
     s.rate(q, w)
-    s.rate(
-        w,
-        (torque - s.site("force.friction", drag, unit="N m", v=w, x=q) + load)
-        / (s.param(ROTOR) + m * arm**2),
-    )
+    friction = s.site("force.friction", drag, unit="N m", v=w, x=q)
+    s.rate(w, (torque - friction + load) / (s.param(ROTOR) + m * arm**2))
     s.output("position", "rad", s.site("sensor.position", q, unit="rad", x=q, v=w, L=2.0))
