@@ -96,6 +96,7 @@ def test_pairs_need_more_than_their_medium_size_to_be_inseparable():
     assert inseparable({"rich": {"with pressures": {"a": {"alone": 2.0, "b": 3.0}}}}) == []
 
 
+@pytest.mark.full
 def test_the_study_covers_excitations_and_sensors(monkeypatch):
     monkeypatch.setattr(distinguish, "EXCITATIONS", {"sine": ("sine",)})
     found = study(1.3, ["valve_offset", "constant_force"])
