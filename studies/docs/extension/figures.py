@@ -27,7 +27,7 @@ def draw(record: Record, path: Path) -> str:
 
     figure = Figure(figsize=(8.6, 6.2), layout="constrained")
     top, middle, bottom = figure.subplots(3, 1, height_ratios=(2.2, 1, 1.3))
-    if e.closed:
+    if e.closed and c == 0:  # what the controller follows is the first output's
         top.plot(t[span], factor * e.reference[span], ":", color=REFERENCE, lw=1.2, label="reference")
     for row, color, label in ((0, WITHOUT, "without"), (1, WITH, f"with {record.effect.name}")):
         top.plot(t[span], factor * record.outputs[row, span, c], color=color, lw=1.6, label=label)
@@ -35,7 +35,7 @@ def draw(record: Record, path: Path) -> str:
     top.set_ylabel(f"{words} ({name})")
     top.legend(loc="best", fontsize=8, frameon=False)
     unit_of_command = "share of full" if record.command_unit == "1" else record.command_unit
-    middle.set_ylabel(f"command ({unit_of_command})")
+    middle.set_ylabel(f"command\n({unit_of_command})")
     middle.sharex(top)
     size, small = _readable(change, unit)
     bottom.axvspan(t[span][0], t[span][-1], color="#f1e4d8", lw=0)
