@@ -28,7 +28,6 @@ from optid.rigs.rigfile import Rig, with_effects
 RATE = 250.0  # Hz at most: windows hold their commands so long
 WINDOW = HORIZON  # s
 SETTLED = 2  # windows after which the observer knows where the rig stands
-BROAD = 1.4826  # median of absolute errors to sd (normal)
 
 
 @dataclass(frozen=True, eq=False)

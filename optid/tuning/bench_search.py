@@ -66,9 +66,11 @@ def search_on_bench(
         rng: source of everything random.
         effort: time and progress.
     """
-    runs = sorted({one.run for one in _episodes(task) if one.run > 0}) or [0]
+    runs, used = sorted({one.run for one in _episodes(task) if one.run > 0}) or [0], 0
 
     def cost(points: Array, *numbers: int) -> Array:
+        nonlocal used
+        used += len(points)
         return _judged(task, within, points, [runs[k % len(runs)] for k in numbers], effort)
 
     points = np.vstack([seeds, _spread_out(task, within, FIRST, rng)])
@@ -82,7 +84,8 @@ def search_on_bench(
     ends = _ends(task, within, [*answers, best[0]])
     effort.said(0.9, "")
     last = evolution_strategy(lambda p, g: cost(p, 2 * g, 2 * g + 1), ends[0].point, LAST_SPREAD, LAST, rng)
-    return sorted([*_ends(task, within, [last]), *ends], key=lambda end: end.fitness)
+    first, *others = sorted([*_ends(task, within, [last]), *ends], key=lambda end: end.fitness)
+    return [replace(first, evaluations=used), *others]
 
 
 def _ends(task: Task, within: Box, points: list[Array]) -> list[Evolved]:

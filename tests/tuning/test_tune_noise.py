@@ -1,11 +1,13 @@
 """What noise the gains are judged with, and searches that noise does not mislead."""
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from optid.armax.model import Armax
+from optid.tuning import bench_search
 from optid.tuning.evolution_strategy import evolution_strategy
 from optid.tuning.plant import plant_of
 
@@ -44,3 +46,21 @@ def test_the_strategy_ends_where_time_is_up():
     start = np.array([0.3, 0.3])
     late = evolution_strategy(lambda p, g: np.full(len(p), np.inf), start, 0.1, 9, np.random.default_rng(0))
     np.testing.assert_array_equal(late, start)
+
+
+def test_what_a_search_tried_is_counted(monkeypatch):
+    asked = []
+
+    def judged(task, within, points, runs, effort):
+        asked.append(len(points))
+        return points.sum(axis=1)
+
+    monkeypatch.setattr(bench_search, "_judged", judged)
+    monkeypatch.setattr(bench_search, "_episodes", lambda task: [])
+    monkeypatch.setattr(bench_search, "_spread_out", lambda task, within, count, rng: rng.random((count, 2)))
+    task = SimpleNamespace(fitness=lambda points: points.sum(axis=1))
+    within = SimpleNamespace(gains=lambda points: points)
+    start = np.full((1, 2), 0.5)
+    ends = bench_search.search_on_bench(task, within, start, np.random.default_rng(0), bench_search.Effort())
+    assert sum(end.evaluations for end in ends) == sum(asked)
+    assert ends[0].fitness < 0.1

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from optid.core.readers.stamp_text import LONGEST, parsed
-
-Texts = Sequence[str]
 
 # Written where there is no value; pandas knows most of them.
 MISSING = (
