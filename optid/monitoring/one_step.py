@@ -27,7 +27,7 @@ from optid.estimation.fisher_scoring import likelihood_problem
 from optid.estimation.fixed_gain import LOST, innovations
 from optid.estimation.likelihood import FAR, WHOLE, Filtered
 from optid.estimation.likelihood_point import LikelihoodProblem
-from optid.estimation.multistep import quiet_filter, window_starts
+from optid.estimation.multistep import QUIET, quiet_filter, window_starts
 from optid.estimation.prediction import HORIZON
 from optid.estimation.problem import build_problem
 from optid.rigs.rigfile import Rig
@@ -38,6 +38,7 @@ NUDGE = 1e-2  # of a parameter's typical size, by which its slope is taken
 PART = 0.5  # of the smallest usual size of an effect, likewise: a dead band or a play is no straight line from its null
 CLUSTER = HORIZON  # s: errors nearer to each other than that are not counted as independent
 SLIGHT = 1e-6  # of the curvature, of directions that the data do not show
+LIVELY = 1.0  # level of a filter that follows where the quiet one loses the record: its model sticks, its rig moves
 ERROR = "prediction_error"  # quantity: log of the windows' error over the noise
 
 Progress = Callable[[float, str], None]
@@ -97,7 +98,7 @@ def quantities(
     rig, thin = prepare(rig, recordings, RATE)
     q = likelihood_problem(rig, build_problem(rig.model, thin, WHOLE), rig.model)
     p = q.model.vector(rig.parameters)
-    guide = quiet_filter(q, p)
+    guide = next(filter(None, (quiet_filter(q, p, level=level) for level in (QUIET, LIVELY))), None)
     if guide is None:
         raise SolveError("the simulation diverged at the fitted parameters")
     errors = _errors(q, p, guide)
