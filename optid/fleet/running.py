@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterable
 from concurrent.futures import (
     FIRST_COMPLETED,
@@ -24,6 +25,7 @@ from optid.fleet.row import answer
 
 AHEAD = 256  # jobs that an executor of the caller's is given before the first is done
 LOOK = 2.0  # s between looks whether an executor is still there
+GLANCE = 0.1  # s between looks at jobs that cannot be waited for
 LOST = 3  # times that a job may be lost with a worker before the row is given up
 
 Report = Callable[[float, str], None]
@@ -123,7 +125,7 @@ def _through(
                     )
                 seen.add(job.name)
                 pending[_submit(executor, job, out)] = (job, 1)
-        done, _ = wait(pending, timeout=LOOK, return_when=FIRST_COMPLETED)
+        done = _first(pending)
         if not done and getattr(executor, "is_lost", False):
             raise JobError(
                 f"the scheduler is lost; the rows answered so far are in {out}: run it again to go on"
@@ -137,6 +139,18 @@ def _through(
             counts[ran.outcome] = counts.get(ran.outcome, 0) + 1
             report(ran)
     return counts
+
+
+def _first(pending: Iterable[Future[dict[str, Any]]]) -> set[Future[dict[str, Any]]]:
+    """Those that are done, as soon as one is, or after a look's time."""
+    some = set(pending)
+    if all(isinstance(one, Future) for one in some):
+        return wait(some, timeout=LOOK, return_when=FIRST_COMPLETED).done
+    # Jobs of submitit are no futures: they can be asked whether they are done, and for their result.
+    until = time.monotonic() + LOOK
+    while not (done := {one for one in some if one.done()}) and time.monotonic() < until:
+        time.sleep(GLANCE)
+    return done
 
 
 def _submit(executor: Executor, job: Job, out: Path) -> Future[dict[str, Any]]:
