@@ -57,14 +57,24 @@ def joint(nightly: pd.DataFrame, reference: int) -> pd.DataFrame:
 
 
 def _whitened(values: list[Array], reference: int) -> list[Array]:
-    """Each rig's nights about its reference's mean, in independent directions of the wander of all rigs."""
+    """Each rig's nights about its reference's mean, in independent directions of the wander of all other rigs.
+
+    A rig has no say in its own, so that its reference nights are as far out as later ones; each other's counts alike.
+    """
     centred = [one - np.median(one[:reference], axis=0) for one in values]
     sizes = NORMAL * np.median(np.abs(np.concatenate([one[:reference] for one in centred])), axis=0)
     scaled = [one / np.where(sizes > 0.0, sizes, 1.0) for one in centred]
     moved = [one - one[:reference].mean(axis=0) for one in scaled]
-    about = np.concatenate([one[:reference] for one in moved])
-    variances, directions = np.linalg.eigh(about.T @ about / (len(moved) * (reference - 1)))
-    return [one @ (directions / np.sqrt(np.maximum(variances, SLIGHT))) for one in moved]
+    squares = [one[:reference].T @ one[:reference] for one in moved]
+    squares = [one / max(float(np.trace(one)), 1e-300) for one in squares]
+    about = np.sum(squares, axis=0)
+    return [one @ _whitener(about - of_one) for one, of_one in zip(moved, squares, strict=True)]
+
+
+def _whitener(squares: Array) -> Array:
+    """Coordinates in which these squares are the same in all directions."""
+    variances, directions = np.linalg.eigh(squares / np.trace(squares) * len(squares))
+    return np.asarray(directions / np.sqrt(np.maximum(variances, SLIGHT)))
 
 
 def _moved(nights: Array, base: Array) -> Array:
