@@ -58,6 +58,9 @@ class Parameter:
         values at which searches begin, one after the other; the stated or default one if empty.
     nuisance : Nuisance | None
         how fits free it unless the rig file states it; ``None``: they do not.
+    daily : float
+        share of its value (sd) by which it moves from day to day on a sound rig, as a supply's pressure does; what is
+        estimated night by night frees it.
     """
 
     name: str
@@ -72,6 +75,7 @@ class Parameter:
     leeway: float = 0.0
     starts: tuple[float, ...] = ()
     nuisance: Nuisance | None = None
+    daily: float = 0.0
 
     def __post_init__(self) -> None:
         low, high = self.bounds

@@ -1,8 +1,9 @@
 """One-step estimates of a fitted model's parameters, and of effects it lacks, from one stretch of recordings.
 
-Nothing is searched. Errors of short windows are taken at the fitted parameters under the gains of a quiet filter, and
-once more with each parameter, and each watched effect, moved a little. One linear regression each then says by how much
-of it these errors are explained best (a one-step estimate; van der Vaart, Asymptotic Statistics, 1998, section 5.7).
+A few steps of Gauss-Newton lead from the fitted parameters to those of the stretch. There errors of short windows are
+taken under the gains of a filter, and once more with each parameter, and each watched effect, moved a little. One
+linear regression each then says by how much of it these errors are explained best (a one-step estimate; van der Vaart,
+Asymptotic Statistics, 1998, section 5.7). No effect is searched for.
 Whether a rig has changed is not said here: a fleet's nights are compared with each other (`optid.fleet.statistics`), a
 live session with what it was commissioned with (`optid.live.commissioning`).
 """
@@ -22,15 +23,14 @@ from optid.core.recording import Recording
 from optid.diagnosis.problem import prepare, with_effect
 from optid.effects.effect import Effect
 from optid.effects.library import admitted
-from optid.errors import SolveError
 from optid.estimation.fisher_scoring import likelihood_problem
 from optid.estimation.fixed_gain import LOST, innovations
 from optid.estimation.likelihood import FAR, WHOLE, Filtered
 from optid.estimation.likelihood_point import LikelihoodProblem
-from optid.estimation.multistep import QUIET, quiet_filter, window_starts
+from optid.estimation.multistep import fit_multistep, window_starts
 from optid.estimation.prediction import HORIZON
 from optid.estimation.problem import build_problem
-from optid.rigs.rigfile import Rig
+from optid.rigs.rig import Freed, Rig
 
 RATE = 500.0  # Hz at most, as a diagnosis searches
 WINDOW = 0.1  # s: short enough for errors to stay in proportion to what causes them
@@ -39,6 +39,10 @@ PART = 0.5  # of the smallest usual size of an effect, likewise: a dead band or 
 CLUSTER = HORIZON  # s: errors nearer to each other than that are not counted as independent
 SLIGHT = 1e-6  # of the curvature, of directions that the data do not show
 LIVELY = 1.0  # level of a filter that follows where the quiet one loses the record: its model sticks, its rig moves
+TURNS, STEPS = (
+    2,
+    3,
+)  # of the search from the fitted parameters: friction and supply are other ones on every night
 ERROR = "prediction_error"  # quantity: log of the windows' error over the noise
 
 Progress = Callable[[float, str], None]
@@ -95,12 +99,11 @@ def quantities(
     SolveError
         the simulation diverged at the fitted parameters.
     """
-    rig, thin = prepare(rig, recordings, RATE)
+    rig, thin = prepare(_freed_daily(rig), recordings, RATE)
     q = likelihood_problem(rig, build_problem(rig.model, thin, WHOLE), rig.model)
-    p = q.model.vector(rig.parameters)
-    guide = next(filter(None, (quiet_filter(q, p, level=level) for level in (QUIET, LIVELY))), None)
-    if guide is None:
-        raise SolveError("the simulation diverged at the fitted parameters")
+    start = q.model.vector(rig.parameters)
+    near = fit_multistep(q, start, WINDOW, turns=TURNS, steps=STEPS, level=LIVELY, most=TURNS)
+    p, guide = near.p, near.filtered
     errors = _errors(q, p, guide)
     asked = {one.name for one in rig.freed}
     found = {ERROR: Quantity(0.5 * math.log(float(np.mean(np.minimum(errors.z**2, FAR**2)))), math.nan, "1")}
@@ -116,6 +119,17 @@ def quantities(
         progress((number + 1) / (len(effects) + 1), effect.name)
         found |= _sizes(rig, effect, thin, p, q, guide, errors)
     return found
+
+
+def _freed_daily(rig: Rig) -> Rig:
+    """The rig with those parameters free, too, that move from day to day without any wear."""
+    freed = {one.name for one in rig.freed}
+    also = [
+        Freed(one.name, *one.bounds, sd=one.daily * rig.parameters[one.name])
+        for one in rig.model.parameters
+        if one.daily and one.name not in freed
+    ]
+    return replace(rig, freed=(*rig.freed, *also))
 
 
 @lru_cache(maxsize=64)

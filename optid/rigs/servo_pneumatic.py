@@ -21,7 +21,7 @@ TABLE_1 = "paper, table 1"
 POSITIVE = (1e-12, math.inf)
 
 SUPPLY_PRESSURE = Parameter(
-    "supply_pressure", "Pa", 7e5, "absolute supply pressure", TABLE_1, bounds=(1e4, 1e8)
+    "supply_pressure", "Pa", 7e5, "absolute supply pressure", TABLE_1, bounds=(1e4, 1e8), daily=0.03
 )
 EXHAUST_PRESSURE = Parameter(
     "exhaust_pressure", "Pa", 1e5, "absolute pressure behind the exhaust port", TABLE_1, bounds=(1e3, 1e8)
