@@ -41,7 +41,7 @@ def run(
     out : str | Path
         folder of the results, in which each row has one; workers elsewhere must see it under the same path.
     executor : Executor | None
-        any of `concurrent.futures`: Dask's, submitit's, mpi4py's; jobs travel to it as paths and plain data. When
+        any of `concurrent.futures`: Dask's, mpi4py's, and submitit's; jobs travel to it as paths and plain data. When
         absent they run here.
     workers : int | None
         rows at a time without an executor; as many as cores when absent.

@@ -99,7 +99,8 @@ def quantities(
     SolveError
         the simulation diverged at the fitted parameters.
     """
-    rig, thin = prepare(_freed_daily(rig), recordings, RATE)
+    own = _freed_daily(rig)
+    rig, thin = prepare(own, recordings, RATE)
     q = likelihood_problem(rig, build_problem(rig.model, thin, WHOLE), rig.model)
     start = q.model.vector(rig.parameters)
     near = fit_multistep(q, start, WINDOW, turns=TURNS, steps=STEPS, level=LIVELY, most=TURNS)
@@ -117,12 +118,14 @@ def quantities(
     effects = _admitted(rig.model, tuple(watch))
     for number, effect in enumerate(effects):
         progress((number + 1) / (len(effects) + 1), effect.name)
-        found |= _sizes(rig, effect, thin, p, q, guide, errors)
+        found |= _sizes(own, effect, thin, p, q, guide, errors)
     return found
 
 
+@lru_cache(maxsize=8)
 def _freed_daily(rig: Rig) -> Rig:
-    """The rig with those parameters free, too, that move from day to day without any wear."""
+    """The rig with those parameters free, too, that move from day to day without any wear; one of each, so that its
+    models with effects are made once for all nights."""
     freed = {one.name for one in rig.freed}
     also = [
         Freed(one.name, *one.bounds, sd=one.daily * rig.parameters[one.name])
