@@ -29,7 +29,13 @@ TRAVEL, EFFORT = 0.1, 1e4  # m, N: usual sizes of a bench cylinder
 REFERENCE = 1e5  # Pa: absolute pressure at which air contents are stated
 
 SUPPLY_PRESSURE = Parameter(
-    "supply_pressure", "Pa", 1e7, "absolute pressure that the pump keeps", MERRITT, bounds=(1e5, 1e9), daily=0.03
+    "supply_pressure",
+    "Pa",
+    1e7,
+    "absolute pressure that the pump keeps",
+    MERRITT,
+    bounds=(1e5, 1e9),
+    daily=0.03,
 )
 TANK_PRESSURE = Parameter(
     "tank_pressure", "Pa", 1e5, "absolute pressure of the return line", MERRITT, 1e5, (1e3, 1e8)
