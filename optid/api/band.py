@@ -40,7 +40,9 @@ def with_band(
     names = list(fit.parameters)
     for name in names:
         if name not in {parameter.name for parameter in rig.model.parameters}:
-            raise InputError(f'the fit holds "{name}", which {rig.path} does not', field="fit")
+            raise InputError(
+                f'the fit has the parameter "{name}", which {rig.path} does not have', field="fit"
+            )
     columns = [f"{role}_{kind}" for role in _roles(table) for kind in KINDS]
     nominal = table[columns].to_numpy(dtype=float)
 

@@ -70,11 +70,11 @@ def check(
     grave = any(remark.severity == "error" for one in data for remark in one.remarks)
     told = None
     if understood.freed and not grave:
-        progress(0.2, "examining what the data can tell")
+        progress(0.2, "checking identifiability")
         told = what_they_tell(understood, [one.recording for one in data])
     seen = None
     if detectability and not grave:
-        progress(0.4, "what each effect would change")
+        progress(0.4, "sensitivity to each effect")
         seen = what_they_could_show(understood, [one.recording for one in data])
     paths = [place_of(one.recording) for one in data]
     found = verdict(
@@ -153,7 +153,8 @@ def _excerpts(recordings: list[Recording]) -> tuple[list[Recording], list[str]]:
         parts += [one.part(int(a), int(a) + share) for a in starts]
     seen, whole = (sum(one.duration for one in some) for some in (parts, recordings))
     return parts, [
-        f"examined on {seen:.4g} s of {whole:.4g} s, in stretches spread over the whole: all of it tells no less"
+        f"examined on {seen:.4g} s of {whole:.4g} s, in parts spread over the recordings: the whole data determine "
+        "the parameters at least as well"
     ]
 
 

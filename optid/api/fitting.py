@@ -63,7 +63,7 @@ def fit(
     starts : int
         number of start points.
     time_limit : float | None
-        s; the best point so far is returned.
+        s of the process's own time; then the best point so far is returned.
     robust : bool
         let outliers count linearly, not squared (Huber).
     profiles : Sequence[str]

@@ -62,9 +62,9 @@ def export_fmu(rig: str | Path | Rig, path: str | Path, *, start: Mapping[str, f
     strange = [port.role for port in model.inputs if port.ago or port.role in (CLOCK, INTERVAL)]
     if strange or model.halves is not None:
         raise InputError(
-            f"the model takes {', '.join(strange) or 'commands that come late'}",
+            f"the model uses {', '.join(strange) or 'delayed commands'}",
             where=understood.path,
-            expected="a model of present commands only",
+            expected="a model that uses only the present command",
             hint="leave out effects that delay the command or count time",
         )
     values = model.vector(understood.parameters)
@@ -160,7 +160,7 @@ def _compiled(folder: Path, name: str) -> Path:
 
 def _platform() -> tuple[str, str]:
     if sys.platform not in PLATFORMS:
-        raise JobError(f"no FMU is made on {sys.platform}: Linux and macOS only")
+        raise JobError(f"an FMU cannot be made on {sys.platform}, only on Linux and macOS")
     return PLATFORMS[sys.platform]
 
 

@@ -110,6 +110,6 @@ def sampled_of(rig: Rig, recording: Recording, inputs: Sequence[str], output: st
         # One of several inputs that stands still is said in the audit; with nothing that moves there is no model.
         if role == sampled.output or len(still) == len(sampled.inputs):
             raise NotIdentifiable(
-                f"{recording.name}: {role} never changes: it teaches nothing (nothing was written)"
+                f"{recording.name}: {role} never changes: nothing can be identified from it (nothing was written)"
             )
     return sampled

@@ -76,9 +76,9 @@ def simulate(
         **metrics_document([one.prediction for one in exhibits]),
         "about": {
             **about(understood, exhibits),
-            "lead": "The numbers are the rig file's: nothing was fitted."
+            "lead": "The parameters are the rig file's: nothing was fitted."
             if fit is None
-            else "The numbers are a fit's.",
+            else "The parameters are those of a fit.",
             "starts": [
                 {"recording": one.recording.name, "time": begin, "state": dict(state), "units": units}
                 for one in exhibits

@@ -39,9 +39,10 @@ class Outcome(enum.Enum):
     """How the search ended, and what to do about it."""
 
     CONVERGED = "converged"
-    STEPS_USED_UP = "still improving after the last step: fewer orders or a longer recording would settle it"
+    STEPS_USED_UP = "it was still improving at the last iteration: use a lower order or a longer recording"
     AT_STABILITY = (
-        "the noise polynomial C lies at the edge of stability: lower nc, or take a trend out of the data"
+        "the roots of the noise polynomial C lie on the unit circle: lower nc, or remove a trend from "
+        "the data"
     )
 
 

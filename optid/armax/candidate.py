@@ -227,7 +227,9 @@ def _excited(record: Signals, plan: Plan, orders: Orders) -> list[Finding]:
 
 
 def _unsettled(ratio: float, taken: bool) -> Finding:
-    where = "it stands here all the same, as asked" if taken else "the models here are the offline fit's"
+    where = (
+        "the table shows it all the same, as requested" if taken else "the models here are the offline fit's"
+    )
     return Finding(
         "recursion_not_settled",
         taken,

@@ -129,7 +129,7 @@ def from_document(document: Any, where: object = None) -> ArmaxFile:
 def _list(document: dict[str, Any], field: str) -> list[Any]:
     value = document[field]
     if not isinstance(value, list) or not value:
-        raise ValueError(f"{field} is no list with entries")
+        raise ValueError(f"{field} is not a list with entries")
     return value
 
 
@@ -231,7 +231,7 @@ def _model_in(entry: dict[str, Any], field: str, where: object) -> SavedModel:
         len(model.theta)
     }:
         size = f"{len(model.theta)} rows and columns, as many as there are coefficients"
-        raise InputError("another size", where=where, field=f"{field}.covariance", expected=size)
+        raise InputError("a matrix of another size", where=where, field=f"{field}.covariance", expected=size)
     said = (entry["na"], entry["nb"], entry["nc"])
     if said != (o.na, o.nb[0] if single else list(o.nb), o.nc):
         raise InputError(

@@ -34,11 +34,11 @@ EXCITED = 24  # lags over which an input's excitation is counted
 class Reason(enum.Enum):
     """Why a direction is open; the value is a sentence."""
 
-    IDLE_INPUT = "the input stands still"
-    POOR_EXCITATION = "the input's earlier samples already say what its next one is"
-    FOLLOWING_INPUTS = "the inputs follow each other"
-    FEEDBACK = "the input is a function of earlier outputs: a loop closed with nothing from outside"
-    COMMON_FACTOR = "A, B and C share a factor: the order is higher than what the data hold"
+    IDLE_INPUT = "the input is constant"
+    POOR_EXCITATION = "each sample of the input follows from its earlier samples"
+    FOLLOWING_INPUTS = "the inputs are linearly dependent"
+    FEEDBACK = "the input is a function of earlier outputs: a closed loop without external excitation"
+    COMMON_FACTOR = "A, B and C share a factor: the order is higher than the data support"
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ class Method(enum.Enum):
     EXTENDED_LEAST_SQUARES = (
         "extended least squares: simple and quick, consistent where 1/C - 1/2 is positive real"
     )
-    MAXIMUM_LIKELIHOOD = "recursive maximum likelihood: exact gradient, tends to the batch estimate"
+    MAXIMUM_LIKELIHOOD = "recursive maximum likelihood: exact gradient, converges to the offline estimate"
 
 
 NOISE = 0.01  # share of the output's scale that the innovation is taken to have where nothing is said
@@ -261,7 +261,9 @@ class Identifier:
         table = [at.table_at() + 3 * i + j for i in range(self.orders.inputs) for j in (0, 1)]
         if memory.shape != expected.shape or np.any(memory[fixed + table] != expected[fixed + table]):
             raise InputError(
-                "another model's memory", field="state", expected=f"one saved from orders {self.orders}"
+                "the state of another model",
+                field="state",
+                expected=f"a state saved with orders {self.orders}",
             )
         other = object.__new__(type(self))
         other.orders, other.sample_time, other.settings = self.orders, self.sample_time, self.settings

@@ -207,7 +207,7 @@ def from_transfer_function(system: Any, sample_time: float | None = None) -> Arm
         dt = system.dt if sample_time is None else sample_time
         if system.dt == 0:
             raise InputError(
-                "continuous", field="transfer function", expected="a discrete one, with sample time"
+                "continuous", field="transfer function", expected="a discrete-time one, with sample time"
             )
     if dt is None or dt is True:
         dt = 1.0

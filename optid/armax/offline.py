@@ -53,7 +53,7 @@ def exact_start(identifier: Identifier, y: ArrayLike, u: ArrayLike | None, rows:
     count = rows or p
     while True:
         if count > where.size:
-            raise NotIdentifiable(f"the recording never determines the {p} parameters of A and B")
+            raise NotIdentifiable(f"the recording does not determine the {p} parameters of A and B")
         used = int(where[count - 1]) + 1
         Phi, target = arx_rows(scaled.part(0, used), plain)
         Q, R = np.linalg.qr(Phi)

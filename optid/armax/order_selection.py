@@ -197,20 +197,21 @@ def recommend(rows: list[Row]) -> tuple[Orders, str]:
     by_bic = min(rows, key=lambda row: row.bic)
     words = f"Take {_spoken(chosen.orders)}"
     if chosen is best:
-        words += ": it forecasts the held-out part best"
+        words += ": it predicts the held-out part best"
         if len(alike) > 1:
-            words += ", and nothing smaller does as well"
+            words += ", and no smaller order does as well"
     else:
         gain = 100 * (1 - best.validated_loss / chosen.validated_loss)
         words += (
-            f": the best forecaster of the held-out part ({_spoken(best.orders)}) gains {gain:.2g} % in mean square, "
+            f": the order that predicts the held-out part best ({_spoken(best.orders)}) gains {gain:.2g} % in mean "
+            "square, "
             "which is within chance, and needs "
             f"{best.orders.parameters - chosen.orders.parameters} more parameters"
         )
     if by_bic is chosen:
         words += "; BIC agrees."
     else:
-        words += f"; BIC would take {_spoken(by_bic.orders)}."
+        words += f"; BIC would choose {_spoken(by_bic.orders)}."
     return chosen.orders, words
 
 

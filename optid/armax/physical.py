@@ -42,7 +42,7 @@ class PhysicalPole:
         if self.pole.imag:
             damping = -self.pole.real / abs(self.pole)
             return f"{abs(self.pole) / (2 * math.pi):.3g} Hz, damping ratio {damping:.2g}"
-        kind = "time constant" if self.pole.real < 0 else "grows with a time constant of"
+        kind = "time constant" if self.pole.real < 0 else "unstable, with a time constant of"
         return f"{kind} {1e3 / abs(self.pole.real):.3g} ms"
 
 

@@ -17,7 +17,7 @@ DELAYS = (1, 2, 3, 5, 8, 12)  # samples, tried where none is given
 class Estimator(enum.Enum):
     """Who makes the models of a table; the value says how."""
 
-    PEM = "prediction errors of the whole recording made least, offline"
+    PEM = "offline prediction error method over the whole recording"
     RML = "recursive maximum likelihood, one pass"
     RLS = "recursive (extended) least squares, one pass, as the paper does"
 
@@ -76,7 +76,7 @@ class Plan:
                 return (value,) * inputs
             if len(value) != inputs:
                 raise InputError(
-                    f"{len(value)} numbers", field=field, expected=f"one, or {inputs}: one an input"
+                    f"{len(value)} numbers", field=field, expected=f"one number, or {inputs}: one per input"
                 )
             return value
 

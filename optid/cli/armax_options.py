@@ -78,5 +78,5 @@ FORGETTING = click.option(
     "--forgetting",
     callback=forgetting,
     metavar="LAW",
-    help="Of the recursion: 0.998, directional:0.99, variable:500.",
+    help="Forgetting of the recursion: 0.998, directional:0.99 or variable:500.",
 )

@@ -17,11 +17,11 @@ if TYPE_CHECKING:
 @click.command()
 @click.argument("rig")
 @click.argument("recordings", metavar="RECORDING...", nargs=-1, required=True)
-@click.option("--out", metavar="DIR", help="Write check.json and report.html there; made if absent.")
+@click.option("--out", metavar="DIR", help="Folder for check.json and report.html; made if absent.")
 @click.option(
     "--detectability",
     is_flag=True,
-    help="Say, too, from what size each effect would show in these recordings, and be told from others.",
+    help="Also list the smallest size of each effect that these recordings would show and distinguish from others.",
 )
 @RATE
 @click.pass_context
@@ -51,7 +51,7 @@ def check(
     if detectability and not grave:
         from optid.api.checking import what_they_could_show
 
-        with waiting("what each effect would change"):
+        with waiting("sensitivity to each effect"):
             seen = what_they_could_show(understood, [r for r, _ in read])
     if folder is not None or seen is not None:
         from optid.api.checking import result_of
@@ -80,14 +80,16 @@ def _identifiability(rig: Rig, recordings: list[Recording]) -> dict[str, Any]:
     """What the data tell of the parameters to fit, said and as a document."""
     from optid.api.checking import what_they_tell
 
-    with waiting("examining what the data can tell"):
+    with waiting("checking identifiability"):
         told = what_they_tell(rig, recordings)
     free, condition = told["parameters"], told["condition"]
     size = "inf" if condition is None else f"{condition:.2g}"
-    click.echo(f"what these data tell of {free} parameters, at the rig file's values and before any fit:")
+    click.echo(f"identifiability of {free} parameters at the rig file's values, before any fit:")
     click.echo(f"  rank {told['rank']} of {free}, condition number of the sensitivities {size}")
     if told["without_influence"]:
-        click.echo(f"  without influence: {', '.join(told['without_influence'])}; a fit would be refused")
+        click.echo(
+            f"  no influence on the data: {', '.join(told['without_influence'])}; a fit would be refused"
+        )
     for sentence in told["sentences"]:
         click.echo(f"  {sentence}")
     return told

@@ -52,7 +52,7 @@ RATE = click.option(
     metavar="HZ",
     callback=_keep_rate,
     expose_value=False,
-    help="Bring faster recordings down to it; by default what the fastest pole that shows asks for.",
+    help="Decimate faster recordings to this rate; by default as fast as the fastest visible pole needs.",
 )
 
 Read = list[tuple["Recording", tuple["Remark", ...]]]
@@ -79,7 +79,7 @@ def rate_asked() -> float | None:
     context = click.get_current_context(silent=True)
     asked: float | None = None if context is None else context.meta.get(_RATE)
     if asked is not None and not math.isfinite(asked):
-        raise InputError("not finite", where="--rate", expected="samples a second")
+        raise InputError("not finite", where="--rate", expected="a number of samples per second")
     return asked
 
 

@@ -90,7 +90,7 @@ def _each_new(what: str) -> Callable[[float, str], None]:
 
 def tell_first_compile(how: str) -> None:
     """Say, one of `CHOICES`, that optid's functions are compiled for this machine, which takes a minute."""
-    words = "compiling optid's functions for this machine; once per version, about a minute"
+    words = "compiling optid's functions for this machine: about a minute, once per version"
     if how == "json":
         _line("compiling", None, words)
     elif how == "auto" and sys.stderr.isatty():

@@ -59,7 +59,7 @@ def results_folder(out: str, keeps: Path | None = None) -> Path:
         if folder.exists() and not folder.is_dir():
             raise InputError(f"{out} is a file", where="--out", expected="a folder")
     except (OSError, RuntimeError, ValueError) as error:
-        raise InputError(f"no name for a folder ({error})", where="--out", expected="a folder") from None
+        raise InputError(f"this cannot name a folder ({error})", where="--out", expected="a folder") from None
     if keeps is not None and keeps.resolve() == folder / "rig.toml":
         raise InputError(f"the fitted rig would overwrite {keeps}", where="--out", expected="another folder")
     context = click.get_current_context(silent=True)
@@ -116,7 +116,7 @@ def _locked(folder: Path) -> int | None:
     except BlockingIOError:
         os.close(descriptor)
         raise InputError(
-            "another run is writing into it",
+            "another run is writing into this folder",
             where="--out",
             expected="a folder of its own for each run",
             hint="wait for it to end",
@@ -161,9 +161,9 @@ def _refuse_obstacle(folder: Path) -> None:
     for name in _FILES:
         if (folder / name).is_dir():
             raise InputError(
-                f"{name} is a folder there",
+                f"it contains a folder named {name}, which is the name of a result file",
                 where="--out",
-                expected="a folder in which files of results can stand",
+                expected="a folder without a subfolder of that name",
             )
 
 
@@ -185,14 +185,14 @@ def deliver(folder: Path, write: Write) -> None:
     with undisturbed():
         try:
             if claim is not None and claim.lock is None and resultset.manifest(folder) != claim.found:
-                raise FileExistsError("another run wrote into it in the meantime")
+                raise FileExistsError("another run wrote into this folder in the meantime")
             _save(folder, write)
         except OSError as error:
-            _elsewhere(folder, write, f"{error}", "they are all")
+            _elsewhere(folder, write, f"{error}", "all of them are")
         except Exception as error:
             bug = "" if isinstance(error, OptidError) else "this is a bug in optid, please report it: "
             why = f"{bug}{type(error).__name__}: {error}"
-            _elsewhere(folder, _bearing(write), why, "what could be written is")
+            _elsewhere(folder, _bearing(write), why, "the files that could be written are")
 
 
 def _save(folder: Path, write: Write) -> None:

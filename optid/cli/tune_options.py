@@ -187,16 +187,18 @@ def _path(name: str, sample_time: float) -> tuple[str, Array]:
     except FileNotFoundError:
         raise InputError("no such file", where=name) from None
     except (OSError, ValueError, UnicodeDecodeError, pd.errors.ParserError) as error:
-        raise InputError(f"{error}", where=name, expected="two columns of numbers: time (s), value") from None
+        raise InputError(
+            f"cannot be read ({error})", where=name, expected="two columns of numbers: time (s), value"
+        ) from None
     if values.ndim != 2 or values.shape[1] != 2 or len(values) < 2 or not np.isfinite(values).all():
         raise InputError(
-            "not a path",
+            "this is not a set-point profile",
             where=name,
             expected="two columns of numbers: time (s), value",
             hint="no row may be empty",
         )
     time, wanted = values.T
     if not np.all(np.diff(time) > 0):
-        raise InputError("time does not rise", where=name, field=str(table.columns[0]))
+        raise InputError("the times do not increase", where=name, field=str(table.columns[0]))
     at = time[0] + sample_time * np.arange(round((time[-1] - time[0]) / sample_time) + 1)
     return Path(name).stem, wanted[np.searchsorted(time, at + 1e-9 * sample_time, side="right") - 1]

@@ -61,8 +61,8 @@ def brought_down(
     if slow is recording or slow.provenance is None:
         return slow
     note = (
-        f"brought down from {recording.rate:.6g} to {slow.rate:.6g} samples a second behind a low-pass ({chosen.why}); "
-        "--rate sets another"
+        f"decimated from {recording.rate:.6g} to {slow.rate:.6g} samples a second behind a low-pass ({chosen.why}); "
+        "--rate sets another rate"
     )
     return replace(slow, provenance=replace(slow.provenance, notes=(*slow.provenance.notes, note)))
 
@@ -80,10 +80,10 @@ def needed_rate(model: Model, parameters: Mapping[str, float], recording: Record
     """
     poles = [pole for pole in _fastest_poles(model, parameters, recording) if math.isfinite(pole)]
     if not poles:
-        return Rate(FASTEST, "the axis shows all it does at that rate")
+        return Rate(FASTEST, "which resolves all that the axis does")
     pole = float(np.median(poles)) / (2 * math.pi)
     hz = min(max(FASTEST, SAMPLES * pole), MOST * FASTEST)
-    return Rate(float(f"{hz:.3g}"), f"the fastest pole that shows has {pole:.3g} Hz")
+    return Rate(float(f"{hz:.3g}"), f"the fastest visible pole lies at {pole:.3g} Hz")
 
 
 def _fastest_poles(model: Model, parameters: Mapping[str, float], recording: Recording) -> list[float]:

@@ -165,7 +165,11 @@ class Declarations:
         """
         known = {**self._state_symbols, **{role: symbol for role, (_, symbol) in self._inputs.items()}}
         if name not in known:
-            raise PlantError(f'no state or input "{name}" so far', where=self.name, hint=nearest(name, known))
+            raise PlantError(
+                f'no state or input "{name}" has been declared so far',
+                where=self.name,
+                hint=nearest(name, known),
+            )
         return known[name]
 
     def interval(self) -> ca.SX:
@@ -214,7 +218,7 @@ class Declarations:
             known, symbol = self._parameters[parameter.name]
             if known != parameter:
                 raise PlantError(
-                    f'parameter "{parameter.name}" is declared twice with different contents',
+                    f'parameter "{parameter.name}" is declared twice, with different attributes',
                     where=self.name,
                 )
             return symbol
@@ -307,7 +311,9 @@ class Declarations:
             return self._members[name]
         if name not in self._parameters:
             raise PlantError(
-                f'no parameter "{name}" so far', where=self.name, hint=nearest(name, self._parameters)
+                f'no parameter "{name}" has been declared so far',
+                where=self.name,
+                hint=nearest(name, self._parameters),
             )
         return self._parameters[name][1]
 

@@ -28,7 +28,7 @@ def read_bounded(path: Path, most: int = MOST) -> bytes:
     with path.open("rb") as file:
         content = file.read(most + 1)
     if len(content) > most:
-        raise ValueError(f"it holds more than {most} bytes")
+        raise ValueError(f"it is larger than {most} bytes")
     return content
 
 
@@ -61,7 +61,7 @@ def read_json(path: Path, expected: str) -> Any:
     except FileNotFoundError:
         raise InputError("no such file", where=path, expected=expected) from None
     except (OSError, ValueError, RecursionError) as error:
-        why = "nested too deeply" if isinstance(error, RecursionError) else f"{error}"
+        why = "its tables or lists are nested too deeply" if isinstance(error, RecursionError) else f"{error}"
         raise InputError(f"cannot be read ({why})", where=path, expected=expected) from None
 
 
@@ -78,8 +78,8 @@ def parsed_toml(text: str) -> dict[str, Any]:
     """The tables of a TOML text.
 
     Raises:
-        ValueError: not valid, nested too deeply, or keys of more parts than anybody writes, which take the parser
-            time with their square.
+        ValueError: not valid, nested too deeply, or keys of more parts than anybody writes,
+            which take the parser time with their square.
     """
     if (deep := _DEEP_KEY.search(text)) is not None:
         line = text.count("\n", 0, deep.start()) + 1
@@ -87,7 +87,7 @@ def parsed_toml(text: str) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
     except RecursionError:
-        raise ValueError("nested too deeply") from None
+        raise ValueError("its tables or lists are nested too deeply") from None
 
 
 def known(content: Any, schema: str, where: object = None) -> dict[str, Any]:
@@ -107,7 +107,7 @@ def known(content: Any, schema: str, where: object = None) -> dict[str, Any]:
     if int(match.group(2)) > int(version):
         written = f"; optid {str(content['version'])[:20]} wrote it" if "version" in content else ""
         raise InputError(
-            f"{found} is newer than what this optid reads{written}",
+            f"{found} is newer than this version of optid can read{written}",
             where=where,
             field="schema",
             expected=f"{schema} or older",
@@ -146,9 +146,9 @@ def whole(value: object, field: str, where: object = None, *, low: int = 0, high
 
 
 def _no_number(text: str) -> float:
-    raise ValueError(f"{text} is no number")
+    raise ValueError(f"{text} is not a number")
 
 
 def _kind_of(value: object) -> str:
-    names = {dict: "an object", list: "a list", str: "a text", bool: "a truth value", type(None): "null"}
+    names = {dict: "an object", list: "a list", str: "a text", bool: "true or false", type(None): "null"}
     return names.get(type(value), "a number")

@@ -61,7 +61,7 @@ class Linear:
         said = []
         if self.elastic:
             said.append(
-                f"Here friction holds the axis: its contact ({', '.join(self.elastic)}) is a spring, and this system "
+                f"Friction holds the axis here: its contact ({', '.join(self.elastic)}) is a spring, and this system "
                 "describes the elastic motion before it slides only. Hold a speed and declare the position moving for "
                 "the system of the axis as it slides."
             )
@@ -120,7 +120,7 @@ def linearise(
             raise PlantError(f'no state or input "{name}"', where=model.name, hint=nearest(name, names))
     if INTERVAL in names and not values[INTERVAL] > 0:
         raise PlantError(
-            "the equations use the sampling interval",
+            "the equations use the sampling interval, which is not given",
             where=model.name,
             field=INTERVAL,
             expected="its value in s among `held`",
@@ -205,7 +205,8 @@ def _equilibrium(
     worst = int(np.abs(rate).argmax())
     name = model.states[worst]
     raise SolveError(
-        f"no operating point: {name.name} still moves by {rate[worst] * scales[worst]:.3g} {name.unit}/s; hold "
+        f"no operating point was found: {name.name} still changes by {rate[worst] * scales[worst]:.3g} "
+        f"{name.unit}/s; hold "
         "less, guess better (`near`), or declare it moving"
     )
 

@@ -80,12 +80,12 @@ def named_file(file: str, folder: Path) -> Path:
     try:
         inside = path.resolve().is_relative_to(folder.resolve())
     except (OSError, RuntimeError, ValueError) as error:
-        raise RigError(f'"{file}" is no path ({error})') from None
+        raise RigError(f'"{file}" is not a path ({error})') from None
     if not (inside or _ALLOWED.get() or os.environ.get(_VARIABLE) == "1"):
         raise RigError(
-            f'"{file}" lies outside the folder of the rig file; it is a program and would be run',
+            f'"{file}" lies outside the folder of the rig file, and a Python file is a program that would be run',
             expected="a file in that folder or below",
-            hint=f"copy it there, or call with {OUTSIDE}",
+            hint=f"copy it there, or allow it with {OUTSIDE}",
         )
     return path
 
@@ -100,7 +100,7 @@ def load_file(path: Path) -> ModuleType:
         there = path.is_file() or located(path).is_file()
     except OSError as error:  # a name that no file can have
         shown = str(path) if len(str(path)) <= LONGEST else f"...{str(path)[-LONGEST:]}"
-        raise RigError(f'"{shown}" is no path ({error.strerror})', expected="a Python file") from None
+        raise RigError(f'"{shown}" is not a path ({error.strerror})', expected="a Python file") from None
     if not there:
         what = "is a directory" if path.is_dir() else "does not exist"
         near = sorted(p.name for p in path.parent.glob("*.py")) if path.parent.is_dir() else []

@@ -75,7 +75,7 @@ class Recording:
         if time.ndim != 1 or len(time) < 2:
             raise RecordingError(f"{time.size} samples", where=self.name, expected="at least two")
         if not (np.isfinite(time).all() and (np.diff(time) > 0).all()):
-            raise RecordingError("the times do not increase strictly", where=self.name, field="time")
+            raise RecordingError("the times are not strictly increasing", where=self.name, field="time")
         channels = {}
         for role, channel in self.channels.items():
             values = frozen(channel.values)

@@ -34,7 +34,7 @@ class Experiments:
             for other in given[:i]:
                 if _same_samples(recording, other):
                     raise RecordingError(
-                        "these samples are given twice, and would count twice", where=recording.name
+                        "these samples are given twice and would count twice", where=recording.name
                     )
         names = _told_apart(given)
         return cls(tuple(dataclasses.replace(r, name=n) for r, n in zip(given, names, strict=True)))

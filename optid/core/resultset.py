@@ -92,7 +92,7 @@ def commit(folder: Path, staged: Path, facts: Mapping[str, Any]) -> None:
     names = sorted(path.name for path in staged.iterdir())
     for name in (*names, MANIFEST):
         if (folder / name).is_dir():
-            raise IsADirectoryError(errno.EISDIR, f"{name} is a folder there", str(folder / name))
+            raise IsADirectoryError(errno.EISDIR, f"there is a folder named {name}", str(folder / name))
     before = manifest(folder) or {}
     known: dict[str, str] = {**before.get("earlier", {}), **before.get("files", {})}
     here = {name: digest for name in {*known, *names} if (digest := digest_of(folder / name))}
@@ -102,7 +102,9 @@ def commit(folder: Path, staged: Path, facts: Mapping[str, Any]) -> None:
             and name in here
             and here[name] not in (known.get(name), digest_of(staged / name))
         ):
-            raise FileExistsError(errno.EEXIST, "another program of this name is there", str(folder / name))
+            raise FileExistsError(
+                errno.EEXIST, "another program's file of this name is in the folder", str(folder / name)
+            )
     rest = {name: digest for name, digest in known.items() if name not in names and here.get(name) == digest}
     same = _kind(before) == _kind(facts)
     removed = sorted(name for name in rest if same and name in before.get("files", {}))
@@ -168,9 +170,9 @@ def located(path: Path) -> Path:
     old = told["replaced"].get(name)
     if old is not None and old != told["files"].get(name) and digest_of(path) == old:
         raise InputError(
-            f"this is the file that stood there before the results that {MANIFEST} tells of",
+            f"this file is older than the results that {MANIFEST} lists",
             where=path,
-            expected="the files of one run",
+            expected="files that one run wrote",
             hint=f"run {_kind(told) or 'the command'} again",
         )
     return path

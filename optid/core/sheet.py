@@ -284,7 +284,7 @@ class Sheet(Declarations):
         missing = [name for name in self._states if name not in self._rates]
         if missing or not self._states:
             raise PlantError(
-                f"no rate for {', '.join(missing) or 'any state: there is none'}", where=self.name
+                f"no rate for {', '.join(missing) or 'any state: none is declared'}", where=self.name
             )
         if not self._outputs:
             raise PlantError("the plant declares no output", where=self.name)

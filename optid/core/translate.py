@@ -259,4 +259,4 @@ class Translation:
             return repr(value)
         if isinstance(value, float) and not math.isnan(value):
             return literal(value)
-        raise JobError(f'cannot write in {self.language.name}: "{name}" is no number')
+        raise JobError(f'cannot write in {self.language.name}: "{name}" is not a number')

@@ -106,7 +106,7 @@ def conversion(
             raise InputError(f'"{unit}": only pressures can be gauge', expected=_expected(si_unit))
         if gauge and atmospheric is None:
             raise InputError(
-                f'"{unit}" needs the atmospheric pressure, which is not known here',
+                f'"{unit}" needs the atmospheric pressure, which is not given',
                 expected=f'an absolute pressure such as "1 {base}", or the parameter atmospheric_pressure',
             )
     except InputError as error:

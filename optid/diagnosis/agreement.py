@@ -34,7 +34,7 @@ def disagreement(
     if not evidence.p_value <= criteria.level:
         return f"the hold-out does not confirm it (p = {evidence.p_value:.2g})"
     if not evidence.error_gain > 0.0:
-        return "no output of the hold-out is predicted better"
+        return "it predicts no output of the hold-out better"
     return _no_size(effect, estimates) or worse_output(before, after, noise, criteria)
 
 
@@ -48,4 +48,4 @@ def _no_size(effect: Effect, estimates: Sequence[Estimate]) -> str:
         f"{one.name.replace('_', ' ')} {quantity(one.low, one.unit)} to {quantity(one.high, one.unit)}"
         for one in sizes
     )
-    return f"its interval holds none of it ({told})"
+    return f"its confidence interval includes an effect of no size ({told})"

@@ -39,7 +39,7 @@ def compare_alternatives(
     """Every effect against its look-alikes in its place; one that predicts better takes it."""
     found: dict[str, tuple[Alternative, ...]] = {}
     for effect in path.best.effects:
-        problem.report(Stage.ALTERNATIVES, f"what else could stand in the place of {effect.name}")
+        problem.report(Stage.ALTERNATIVES, f"alternatives to {effect.name}")
         others = _others(path, effect, problem)
         better = min(others, key=lambda one: one.validated.windows.sum(), default=None)
         if better is not None and better.validated.windows.sum() < path.validated.windows.sum() - _price(

@@ -204,6 +204,6 @@ def _suspected(s: Stages, effect: Effect, one: Suspicion) -> Finding:
         train_gain=0.0,
         delta_bic=0.0,
         indistinguishable=(),
-        sentence=f"it could be {name} ({sentence(effect, s.best)}), which is not proven: {one.why}",
+        sentence=f"it could be {name} ({sentence(effect, s.best)}), but this is not proven: {one.why}",
         suspected=(one,),
     )

@@ -89,7 +89,7 @@ def diagnose(
     if not rig.freed:
         raise InputError("nothing to fit", where=rig.path, field="[fit]", expected="at least one parameter")
     if not holdout:
-        raise InputError("no recording held out", where="--holdout", expected="at least one recording")
+        raise InputError("no recording is held out", where="--holdout", expected="at least one recording")
     rig, every = prepare(rig, [*recordings, *holdout])
     train, sealed = every[: len(recordings)], every[len(recordings) :]
     outputs, commands = [port.role for port in rig.model.outputs], [port.role for port in rig.model.recorded]
@@ -121,7 +121,7 @@ def diagnose(
             surrogate = find_surrogate(path, sites, search)
         if is_sufficient(path, search) and not is_explained_elsewhere(path, surrogate, search):
             surrogate = None
-    report(Stage.REFINEMENT, "likeliest parameters and intervals")
+    report(Stage.REFINEMENT, "maximum likelihood and intervals")
     problem = replace(with_open_variance(problem, path.base), budget=budget)
     answer = wide or answer_of(path, surrogate)
     fitted = refit(path.base, problem)
@@ -149,7 +149,9 @@ def _numbers(names: Sequence[str], train: Sequence[Recording]) -> tuple[int, ...
         )
     if names and set(known) == set(names):
         raise InputError(
-            "every recording to fit is one to validate on", where="--validate", expected="others to fit"
+            "every recording to fit is also given for validation",
+            where="--validate",
+            expected="at least one recording that is only fitted",
         )
     return tuple(k for k, name in enumerate(known) if name in names)
 

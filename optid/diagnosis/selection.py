@@ -94,7 +94,7 @@ def select(base: FittedModel, problem: DiagnosisProblem) -> SelectionPath:
     for depth in range(problem.criteria.most_effects):
         if problem.budget.is_over:
             break
-        problem.report(Stage.SELECTION, f"round {depth + 1}: which effects could it be")
+        problem.report(Stage.SELECTION, f"round {depth + 1}: ranking the effects")
         one = _round(current, first, validated, problem)
         rounds.append(one)
         better = None if one.taken else _restarted(current, validated, one, problem)
@@ -227,7 +227,7 @@ def _backward(path: SelectionPath, problem: DiagnosisProblem) -> SelectionPath:
     while best.effects:
         without, idle = {}, []
         for effect in best.effects:
-            problem.report(Stage.BACKWARD, f"whether {effect.name} is needed")
+            problem.report(Stage.BACKWARD, f"testing whether {effect.name} is needed")
             less = without_effect(best, effect, problem)
             errors = cross_validate(less, problem)
             if not less.effects and path.first.windows.sum() < errors.windows.sum():
@@ -264,7 +264,7 @@ def _first_swapped(path: SelectionPath, problem: DiagnosisProblem) -> SelectionP
     """The first effect was chosen while it was alone: it has to hold its place against the catalogue."""
     name = path.best.effects[0].name
     less, errors = path.without[name]
-    problem.report(Stage.BACKWARD, f"whether something else does better than {name}")
+    problem.report(Stage.BACKWARD, f"testing alternatives to {name}")
     one = _round(less, path.first, errors, problem, but=name)
     better = one.taken
     if better is None or not better.validated.windows.sum() < path.validated.windows.sum():

@@ -40,12 +40,14 @@ def summarise(d: Diagnosis) -> str:
     """Where, what, how sure, how much better, and what is not known."""
     words = [ANSWERS[d.verdict.value](d).strip()]
     if d.path.ended_early:
-        words.append("The search ended before everything was tried: it may take longer with --time-limit.")
+        words.append(
+            "The search stopped at its time limit before everything was tried: --time-limit gives it more."
+        )
     if (bent := _at_bound(d, d.base_parameters)) and d.verdict.value != "parameters":
-        words.append(f"The base fit stands at a bound of the rig file: {', '.join(bent)}.")
+        words.append(f"A parameter of the base fit lies at its bound in the rig file: {', '.join(bent)}.")
     if d.best is not d.base and (bent := _at_bound(d, d.best_parameters)):
         words.append(
-            f"With what was found, a parameter of the rig still stands at its bound: {', '.join(bent)}."
+            f"With the effects found, a parameter of the rig still lies at its bound: {', '.join(bent)}."
         )
     return " ".join(words)
 
@@ -58,7 +60,7 @@ def _at_bound(d: Diagnosis, estimates: Sequence[Estimate]) -> list[str]:
 
 def _consistent(d: Diagnosis) -> str:
     return (
-        f"The fitted model is good to the noise: held out, its {_span(d)} windows err by "
+        f"The fitted model is as good as the noise allows: held out, its {_span(d)} windows have an error of "
         f"{_errors(d.test.base.scores)}; the noise is {_floor(d)}. {_nothing_more(d)} {_blind(d)}"
     )
 
@@ -70,8 +72,8 @@ def _nothing_more(d: Diagnosis) -> str:
         return f"No effect of the catalogue improves it ({p_told(p)})."
     name = strongest.effects[-1].name
     return (
-        f"{name.replace('_', ' ').replace('@', ' at ').capitalize()} predicts it better ({p_told(p)}), too little "
-        f"to be named: {dict(d.rejected).get(name, 'others made it idle')}."
+        f"{name.replace('_', ' ').replace('@', ' at ').capitalize()} predicts better ({p_told(p)}), but too "
+        f"little to be named: {dict(d.rejected).get(name, 'other effects explain the same')}."
     )
 
 
@@ -82,26 +84,28 @@ def _parameters(d: Diagnosis) -> str:
         if "." not in e.name
     )
     return (
-        f"No physics is missing, but the model is good to the noise only with parameters outside the rig file's "
-        f"bounds: {values}. Held out, windows err by {_errors(d.test.best.scores)} instead of "
+        f"No physics is missing, but the model reaches the noise only with parameters outside the rig file's "
+        f"bounds: {values}. Held out, windows have an error of {_errors(d.test.best.scores)} instead of "
         f"{_errors(d.test.base.scores)}."
     )
 
 
 def _unexplained(d: Diagnosis) -> str:
-    told = " ".join(_sentence(d, f) for f in d.findings) or "No site could be told."
+    told = " ".join(_sentence(d, f) for f in d.findings) or "The site could not be determined."
     described = ""
     if d.best is not d.base:
         described = (
-            f" With what describes it, which names nothing, windows err by {_errors(d.test.best.scores)}."
+            " With an empirical description, which names no effect, windows have an error of "
+            f"{_errors(d.test.best.scores)}."
         )
     suspected = [s for f in d.findings for s in f.suspected]
     also = ""
     if suspected:
         names = "; ".join(f"{s.effect.replace('_', ' ')} ({s.why})" for s in suspected)
-        also = f" Suspected, and not proven: {names}."
+        also = f" Suspected but not proven: {names}."
     return (
-        f"The recordings hold something that is not explained: held out, windows err by {_errors(d.test.base.scores)} "
+        "The recordings contain something that is not explained: held out, windows have an error of "
+        f"{_errors(d.test.base.scores)} "
         f"where the noise is {_floor(d)}. {told}{described}{also}"
     )
 
@@ -158,8 +162,12 @@ def _sentence(d: Diagnosis, f: Finding) -> str:
         )
     also = ""
     if f.indistinguishable:
-        also = f" These recordings cannot tell it from {', '.join(f.indistinguishable)}."
-        also += f" What would: {f.effect.experiment}." if f.effect is not None and f.effect.experiment else ""
+        also = f" These recordings cannot distinguish it from {', '.join(f.indistinguishable)}."
+        also += (
+            f" An experiment that can: {f.effect.experiment}."
+            if f.effect is not None and f.effect.experiment
+            else ""
+        )
     place = "" if "@" in name else f" at the {f.site}"
     return f"{name.replace('@', ' at ')}{place}: {f.sentence}{sure}.{where}{also}"
 

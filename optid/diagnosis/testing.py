@@ -90,7 +90,7 @@ def gate(
             raise InputError(
                 f"only {most:.1f} windows of {window:g} s have a command and a measured output",
                 where=one.name,
-                expected=f"at least {criteria.fewest_windows}: shorter recordings can neither be fitted nor tested on",
+                expected=f"at least {criteria.fewest_windows}: shorter recordings are too short to fit or to test on",
             )
 
 
@@ -143,7 +143,7 @@ def worse_output(
         first = before.scores[role].rmse
         if not at_noise and score.rmse > (1.0 + criteria.smallest_gain) * first:
             return (
-                f"{role.replace('_', ' ')} is predicted worse with it: windows err by "
+                f"{role.replace('_', ' ')} is predicted worse with it: windows have an error of "
                 f"{quantity(score.rmse, score.unit)} instead of {quantity(first, score.unit)}"
             )
     return ""

@@ -209,15 +209,16 @@ def rejection_reason(
     p = p_value(before.windows, after.windows, at_noise)
     asked = criteria.level if missing else criteria.level / max(tried, 1)
     if not p <= asked:
-        return f"no gain on recordings that had no part in the fit (p = {p:.2g}, where {asked:.2g} is asked)"
+        return f"no gain on recordings that were not fitted (p = {p:.2g}; {asked:.2g} is required)"
     gain = error_gain(before, after)
     if gain < criteria.smallest_gain:
-        return f"cross-validated, windows err by {100 * max(gain, 0):.1f} % less: too little to matter"
+        return f"cross-validated, the error of the windows falls by {100 * max(gain, 0):.1f} %: too little to matter"
     if not alone:
         more = before.excess - after.excess
         if not at_noise and more < min(criteria.smallest_share * first.excess, 0.5 * before.excess):
             return (
-                f"it explains {100 * max(more, 0) / max(first.excess, 1e-12):.1f} % of the first squared error: "
-                "the form of the laws before it may leave that"
+                f"it explains {100 * max(more, 0) / max(first.excess, 1e-12):.1f} % of the squared error of the "
+                "base model: "
+                "the effects chosen before it may leave as much, if their form is not exact"
             )
     return ""

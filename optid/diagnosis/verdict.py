@@ -167,9 +167,7 @@ def _fallen_short(s: Stages) -> tuple[Suspicion, ...]:
         why = f"it explains {100 * _share(s):.0f} % of the squared error on the hold-out"
     else:
         explained = 1.0 - s.path.validated.excess / max(s.path.first.excess, 1e-300)
-        why = (
-            f"it explains {100 * explained:.0f} % of the squared error of windows that had no part in its fit"
-        )
+        why = f"it explains {100 * explained:.0f} % of the squared error of windows that were not fitted"
         if is_explained_elsewhere(s.path, s.surrogate, s.search) and s.surrogate and s.surrogate.contender:
             (site, *_) = s.surrogate.contender.effect.sites
             why += f"; a description at {site} brings them to the noise"

@@ -94,7 +94,9 @@ def find_effect(name: str, base: Path) -> Effect:
         if mark and kind in anywhere():
             return anywhere()[kind](place)
         if mark:
-            raise RigError(f'no effect "{kind}" for any site', hint=nearest(kind, anywhere()))
+            raise RigError(
+                f'there is no effect "{kind}" for sites in general', hint=nearest(kind, anywhere())
+            )
         if name not in built_in():
             raise RigError(f'no effect "{name}"', hint=nearest(name, built_in()))
         return built_in()[name]

@@ -143,7 +143,7 @@ def _race(q: LikelihoodProblem, P: Array, levels: Array) -> int:
         ahead = ahead[np.isfinite(scores[ahead])]
         if not len(ahead):
             raise SolveError(
-                "the simulation leaves the numbers at the start values; check them and their units"
+                "the simulation diverged at the start values (NaN or infinite); check them and their units"
             )
         order = np.argsort(scores[ahead], kind="stable")
         ahead = ahead[order[: max(1, -(-len(order) // 2))]]

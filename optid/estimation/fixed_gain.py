@@ -107,7 +107,9 @@ def fixed_gain_fit(
     x = np.clip(p[free] / q.typical, low, high)
     (z,) = residuals(x[None])
     if not np.abs(z[: len(z) - len(x)]).min() < LOST:
-        raise SolveError("the simulation leaves the numbers at the start values; check them and their units")
+        raise SolveError(
+            "the simulation diverged at the start values (NaN or infinite); check them and their units"
+        )
     loss, far, nudges = 0.5 * float(huber(z).sum()), 1.0, np.full(len(x), NUDGES[1])
     for _ in range(steps):
         moved = np.where(x + nudges > high, -nudges, nudges)

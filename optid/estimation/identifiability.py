@@ -82,7 +82,8 @@ def find_ties(o: Objective, at: Point, t: Terms, q: Array, held: Any) -> Colline
             sentences.append(_in_words(together, vector[members]))
         elif sd > WEAK and len(members) > 1:
             sentences.append(
-                f"{_scaling(together, vector[members])} hardly shows in these data: the factor is known to {sd:.0%}"
+                f"{_scaling(together, vector[members])} has little effect on these data: the factor is known to "
+                f"{sd:.0%}"
             )
     leader = names[int(np.abs(vectors[:, 0]).argmax())]
     return Collinearity(
@@ -128,7 +129,7 @@ def _in_words(names: list[str], direction: Array) -> str:
     if len(names) == 2 and np.allclose(np.abs(share), 1.0, atol=0.05):
         form = "product" if share[0] * share[1] < 0 else "ratio"
         return f"{names[0]} and {names[1]} appear only as a {form}: fix one of them"
-    return f"{_scaling(names, direction)} changes nothing these data show: fix one of them"
+    return f"{_scaling(names, direction)} changes nothing in these data: fix one of them"
 
 
 def _scaling(names: list[str], direction: Array) -> str:

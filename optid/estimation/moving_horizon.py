@@ -121,7 +121,7 @@ def best_estimate(o: Objective, at: Point, q: Array) -> tuple[Point, Terms]:
         with contextlib.suppress(SolveError):
             found.append(_annealed(o, near, q))
     if not found:
-        raise SolveError("the model leaves the numbers within the first windows")
+        raise SolveError("the simulation diverged within the first windows (NaN or infinite)")
     return min(found, key=lambda one: one[1].cost)
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from scipy import special, stats
 
+from optid.core.budget import Budget
 from optid.core.model import Array
 from optid.core.recording import Recording
 from optid.errors import InputError, NotIdentifiable, SolveError
@@ -34,7 +35,7 @@ class FitOptions:
 
     Attributes:
         starts: number of starts; all but the first are drawn within bounds (or a factor 2).
-        time_limit: s; the best point so far is returned.
+        time_limit: s of the process's own time; then the best point so far is returned.
         huber: residuals beyond so many sd count linearly; infinity for least squares.
         process_noise: share of each state's usual size that a node may jump in the end; 0 is simulation error;
             ``None`` lets the marginal likelihood choose, for the states of each unit, and widens the intervals by
@@ -74,11 +75,11 @@ class _Run:
     options: FitOptions
     began: float
     progress: Report | None
+    budget: Budget
 
     @property
     def late(self) -> bool:
-        limit = self.options.time_limit
-        return limit is not None and time.monotonic() - self.began > limit
+        return self.budget.is_over
 
     def tell(self, progress: Progress) -> bool:
         """Tell how far it is; whether time is up."""
@@ -106,8 +107,9 @@ def fit(
         NotIdentifiable: a parameter has no influence on these data.
         SolveError: the model cannot be simulated at the start values.
     """
-    run = _Run(options or FitOptions(), time.monotonic(), progress)
-    options = run.options
+    options = options or FitOptions()
+    limit = math.inf if options.time_limit is None else options.time_limit
+    run = _Run(options, time.monotonic(), progress, Budget(limit))
     freed = with_nuisance_parameters(rig)
     if not rig.freed:
         raise InputError("nothing to fit", where=rig.path, field="[fit]", expected="at least one parameter")
@@ -146,7 +148,9 @@ def _best_of_starts(o: Objective, first: Point, linear: Terms, run: _Run) -> Sol
         if found.outcome is Outcome.TIME_LIMIT:
             return replace(best, outcome=Outcome.TIME_LIMIT)
     if best is None:
-        raise SolveError(f"none of the {run.options.starts} starts led anywhere")
+        raise SolveError(
+            f"the fit failed from each of the {run.options.starts} starts: check start values, units and bounds"
+        )
     return best
 
 

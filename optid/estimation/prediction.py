@@ -80,7 +80,7 @@ def predict(
         process_noise: sd per window and state, SI; from the fit where there is one.
 
     Raises:
-        RecordingError: no stretch of it has both a command and a measured output.
+        RecordingError: no part of the recording has both a command and a measured output.
     """
     import pandas as pd
 
@@ -97,7 +97,8 @@ def predict(
     notes = list[str]()
     if len(rows) < len(recording):
         notes.append(
-            f"{len(recording) - len(rows)} samples without a command or before any measurement: not predicted"
+            f"{len(recording) - len(rows)} samples have no command or precede the first measurement: they are not "
+            "predicted"
         )
     for j, port in enumerate(model.outputs):
         if port.role not in recording:
@@ -123,7 +124,7 @@ def _from_first_measured(model: Model, recording: Recording) -> Recording:
     cut = recording.taken(np.arange(first, len(recording))) if 0 < first < len(recording) - 1 else recording
     if not measured.any() or not cut.segments():
         raise RecordingError(
-            "no stretch of it has both a command and a measured output",
+            "no part of the recording has both a command and a measured output",
             where=recording.name,
             expected="at least two samples in a row",
         )
@@ -137,7 +138,7 @@ def _not_finite(role: str, problem: Problem, free_run: Array, windows: Array) ->
     if lost.any():
         at = problem.time[int(lost.argmax())]
         notes.append(
-            f"the free run of {role} is not finite from {at:.6g} s on: its scores are of what comes before"
+            f"the free run of {role} is not finite from {at:.6g} s on: its scores count only what comes before"
         )
     heads = np.r_[True, problem.closed[:-1]]
     begins, counts = problem.begins[~heads], problem.counts[~heads]
@@ -147,7 +148,7 @@ def _not_finite(role: str, problem: Problem, free_run: Array, windows: Array) ->
     if failed:
         notes.append(
             f"{len(failed)} of {len(begins)} windows of {role} are not finite, the first from "
-            f"{problem.time[failed[0]]:.6g} s on: its scores are of the others"
+            f"{problem.time[failed[0]]:.6g} s on: its scores count only the others"
         )
     return notes
 

@@ -87,8 +87,8 @@ class Profile:
             )
         if half > 0 and abs(self.value - self.estimate) > APART * half:
             return (
-                f"; its minimum lies at {self.value:.5g}{unit}, the estimate at {self.estimate:.5g}{unit}: the fit "
-                "weighs predictions over a longer time, too, or stopped early"
+                f"; its minimum lies at {self.value:.5g}{unit}, the estimate at {self.estimate:.5g}{unit}: the "
+                "fit also weighs predictions over a longer time, or it stopped early"
             )
         return ""
 
@@ -99,11 +99,11 @@ class Profile:
             open_ends = " and ".join(
                 side for side, end in (("below", self.low), ("above", self.high)) if not math.isfinite(end)
             )
-            return f"{self.name}: the data set no limit {open_ends} within reach of the profile"
+            return f"{self.name}: the data give no limit {open_ends} within the range of the profile"
         found = f"{self.name}: 95 % of the profile likelihood within {self.low:.5g} to {self.high:.5g}{unit}"
         ratio = (self.high - self.value) / max(self.value - self.low, 1e-300)
         if 0.8 < ratio < 1.25:
-            return f"{found}, as symmetric as the fit's own interval takes it to be"
+            return f"{found}, as symmetric as the fit's own interval"
         longer = "upwards" if ratio > 1 else "downwards"
         return f"{found}, {max(ratio, 1 / ratio):.2g} times as far {longer}: the fit's own interval is too symmetric"
 
@@ -128,7 +128,7 @@ def profile(
 
     Raises:
         InputError: the fit holds no such parameter.
-        NotIdentifiable: the parameter stands at its bound, or the data do not determine it: there is no valley.
+        NotIdentifiable: the parameter lies at its bound, or the data do not determine it: there is no valley.
     """
     k, recordings, options = _place(rig, fit, name), list(recordings), options or FitOptions()
     problem = build_problem(rig.model, recordings, options.window or window_length(rig.model, recordings))
@@ -176,8 +176,8 @@ def fitted(rig: Rig, name: str) -> int:
 def _place(rig: Rig, fit: Fit, name: str) -> int:
     k = fitted(rig, name)
     if fit.parameters[k].at_bound or not fit.parameters[k].identifiable:
-        why = "stands at its bound" if fit.parameters[k].at_bound else "is not determined by these recordings"
-        raise NotIdentifiable(f"{name} {why}: there is no valley to follow")
+        why = "lies at its bound" if fit.parameters[k].at_bound else "is not determined by these recordings"
+        raise NotIdentifiable(f"{name} {why}: the profile likelihood is not defined")
     return k
 
 

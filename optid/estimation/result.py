@@ -19,18 +19,20 @@ class Outcome(enum.Enum):
     """How a fit ended; the value is a sentence of advice."""
 
     CONVERGED = "The fit converged."
-    TIME_LIMIT = "The time limit came first: the best point so far is kept; call again to go on from it."
+    TIME_LIMIT = (
+        "The time limit was reached: the best point so far is kept; run the fit again to continue from it."
+    )
     NOT_CONVERGED = (
-        "The iteration did not settle: look at the certificate's unsound nodes, free fewer parameters or start "
-        "nearer."
+        "The iteration did not converge: look at the unsound nodes in the certificate, fit fewer "
+        "parameters or start nearer."
     )
     BELOW_MEAN = (
-        "The fit failed: it predicts worse than the mean of the measurement does. Look at signs, units and start "
+        "The fit failed: it predicts worse than the mean of the measurement. Check signs, units and start "
         "values, and whether the command reached the axis."
     )
     AT_BOUNDS = (
-        "The fit failed: everything that was fitted stands at its bounds. Look at signs, units and bounds: the data "
-        "ask for another model."
+        "The fit failed: every fitted parameter lies at a bound. Check signs, units and bounds: the data "
+        "call for another model."
     )
     CONTRADICTION = (
         "The fit failed: its values contradict each other. Narrow the bounds, or state what is known."

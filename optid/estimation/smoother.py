@@ -238,7 +238,9 @@ def descend(
     """
     terms = evaluate(o, at, q) if terms is None else priced(o, at, terms, q)
     if not math.isfinite(terms.cost):
-        raise SolveError("the simulation leaves the numbers at the start values; check them and their units")
+        raise SolveError(
+            "the simulation diverged at the start values (NaN or infinite); check them and their units"
+        )
     damping = 1e-6
     for number in range(iterations):
         settled = stuck = refused = False

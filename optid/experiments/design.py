@@ -99,15 +99,15 @@ def design(
     runs = loop.runs([np.r_[frame.lead, piece.reference] for piece in tried])
     fine = [k for k, run in enumerate(runs) if loop.beyond(run) is None]
     if not fine:
-        raise SolveError("no piece of a reference stays within the stroke limits; try gentler gains")
+        raise SolveError("every piece of a reference leaves the stroke limits; try lower gains")
     possible = [tried[k] for k in fine]
-    report(0.1, f"what {len(rivals)} effects change along {len(fine)} pieces")
+    report(0.1, f"sensitivities to {len(rivals)} effects along {len(fine)} pieces")
     skip, wanted = frame.lead.size, pairs(len(rivals))
     recordings = [loop.recording(runs[k], generator, f"piece {k}") for k in fine]
     by_piece = grams(loop.rig, rivals, recordings, skip)
     report(0.8, "choosing")
     run, chosen = _within_limits(loop, frame, possible, by_piece.values, by_piece.layout, wanted)
-    report(0.85, "the whole experiment beside plain steps")
+    report(0.85, "comparing the experiment with plain steps")
     [steps] = loop.runs([np.r_[frame.lead, plain_steps(frame.room, frame.total - skip, loop.settings.span)]])
     both = grams(
         loop.rig,
@@ -212,7 +212,7 @@ def _within_limits(
             return run, chosen
         left_out.append(chosen[min(max(at - frame.lead.size, 0) // frame.samples, len(chosen) - 1)])
     raise SolveError(
-        "pieces that stay within the stroke limits leave them one after the other; try gentler gains"
+        "pieces that stay within the stroke limits leave them when they follow each other; try lower gains"
     )
 
 

@@ -142,12 +142,12 @@ def refuse_unfit(rig: Rig) -> None:
             f'no output "{POSITION}" among {", ".join(roles)}',
             where=rig.path,
             field="model",
-            expected="an axis: a plan is a reference for its position",
+            expected="a plant with a position: a plan is a reference for it",
         )
     for role in (POSITION, REFERENCE):
         if role not in rig.channels:
             raise InputError(
-                "no such channel, and a plan needs it",
+                "this channel is missing, and a plan needs it",
                 where=rig.path,
                 field=f"channels.{role}",
                 expected=f'{role} = {{ column = "{role[0]}", unit = "mm" }}',

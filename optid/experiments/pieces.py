@@ -88,13 +88,13 @@ def _shapes(time: Array, reach: float, generator: np.random.Generator) -> Iterat
         waves = share * reach * _multisine(time, low, high, generator)
         yield f"sines of {low:g} to {high:g} Hz, ±{share:.0%}", waves
     for half in (0.06, 0.12):
-        yield f"fast squares, ±100%, {half:g} s to either side", reach * _square(time, half)
+        yield f"fast square wave, ±100%, {half:g} s to each side", reach * _square(time, half)
     for name, sign in (("up first", 1.0), ("down first", -1.0)):
         yield f"full strokes, {name}", sign * reach * _square(time, span / 2)
     for size in (2e-4, 1e-3, 5e-3):
         yield f"small reversals, ±{1e3 * size:g} mm", size * _square(time, 0.4)
     for speed in (2e-3, 1e-2):
-        yield f"creeping at {1e3 * speed:g} mm/s", speed * span / 4 * _triangle(time / span)
+        yield f"slow motion at {1e3 * speed:g} mm/s", speed * span / 4 * _triangle(time / span)
     yield "holding still", np.zeros_like(time)
 
 

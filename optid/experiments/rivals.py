@@ -38,7 +38,7 @@ def named(
     for name in names:
         if name in rig.model.effects:
             raise InputError(
-                f'"{name}" is in the rig file already',
+                f'the rig file already contains "{name}"',
                 where=where,
                 expected=f"a rig file without [effects.{name}]",
                 hint=f"it was read from {rig.path}",
@@ -48,7 +48,7 @@ def named(
                 f'this plant takes no effect "{name}"', where=where, hint=nearest(name, possible)
             )
         if names.count(name) > 1:
-            raise InputError(f'"{name}" is given twice', where=where, expected="every rival once")
+            raise InputError(f'"{name}" is given twice', where=where, expected="every effect once")
     return tuple(possible[name] for name in names)
 
 
@@ -71,10 +71,10 @@ def from_diagnosis(path: Path) -> tuple[str, ...]:
         rivals = [[f["effect"], *f["indistinguishable_from"]] for f in findings]
         untested = [entry["effect"] for entry in content["not_testable"]]
         if not all(isinstance(name, str) for name in [*untested, *(name for row in rivals for name in row)]):
-            raise TypeError("a name that is no text")
+            raise TypeError("a name of an effect is not a text")
     except (KeyError, TypeError) as error:
         raise InputError(
-            f"not as optid diagnose writes it ({error})",
+            f"this is not a complete diagnosis of optid ({error})",
             where=path,
             field="findings",
             expected="a diagnosis.json",
@@ -84,7 +84,7 @@ def from_diagnosis(path: Path) -> tuple[str, ...]:
         names = [*names, *untested][:MOST]
     if not names:
         raise InputError(
-            "it left nothing open: no finding, and nothing that was not testable",
+            "this diagnosis left nothing open: it has no finding, and every effect was testable",
             where=path,
             hint="name effects with --rivals",
         )

@@ -32,7 +32,7 @@ def run(
     workers: int | None = None,
     progress: Progress = lambda share, words: None,
 ) -> FleetResult:
-    """Answer every row that is missing or changed, and say what the fleet shows.
+    """Answer every row that is missing or changed, and report on the whole fleet.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ def run(
         go(fleet.jobs, (0.0, 0.98))
     else:
         _follow(fleet, fleet.nightly, place, go, names)
-    progress(0.99, "what the fleet shows")
+    progress(0.99, "statistics of the fleet")
     from optid.fleet.conclude import concluded  # the tables and statistics: not needed while rows run
 
     return concluded(fleet, place, names)
@@ -118,7 +118,9 @@ def read_names(out: Path) -> tuple[list[str], Fleet, float]:
         fleet = Fleet((), nightly, float(plan["level"]), str(plan["siblings"]))
         return [str(name) for name in plan["rows"]], fleet, float(plan["began"])
     except (OSError, ValueError, KeyError, TypeError):
-        raise InputError("no fleet", where=out, expected="a folder that optid fleet wrote into") from None
+        raise InputError(
+            "it holds no results of a fleet", where=out, expected="a folder that optid fleet wrote into"
+        ) from None
 
 
 def conclude(out: str | Path) -> FleetResult:

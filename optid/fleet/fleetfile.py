@@ -135,7 +135,7 @@ def _table(table: Mapping[str, Any], key: str, path: Path) -> Mapping[str, Any]:
 def _stated(content: Mapping[str, Any], path: Path) -> list[tuple[str, dict[str, Any]]]:
     rows = content.get("rows", [])
     if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
-        raise InputError("no list of tables", where=path, field="rows", expected="[[rows]]")
+        raise InputError("it is not a list of tables", where=path, field="rows", expected="[[rows]]")
     for number, row in enumerate(rows, 1):
         _known(row, (*_ROW, *_BOUNDS), path, f"rows {number}: ")
     return [(f"rows {number}", row) for number, row in enumerate(rows, 1)]
@@ -279,7 +279,7 @@ def _nightly(table: Any, jobs: Sequence[Job], path: Path) -> Nightly:
             f"{reference}",
             where=path,
             field="nightly.reference",
-            expected="at least 3 nights: two tell no spread",
+            expected="at least 3 nights: two give no spread",
         )
     if not isinstance(watch, list) or not all(isinstance(one, str) for one in watch):
         raise InputError(f"found {watch!r}", where=path, field="nightly.watch", expected="a list of effects")
@@ -303,5 +303,5 @@ def _named(jobs: Sequence[Job]) -> list[Job]:
         named.append(job)
     for one, other in itertools.pairwise(sorted(named, key=lambda job: job.name)):
         if one.name == other.name:
-            raise InputError("two rows are the same", where=one.name, field="rows", expected="each row once")
+            raise InputError("two rows are the same", where=one.name, field="rows", expected="different rows")
     return named

@@ -100,7 +100,7 @@ class Job:
             )
         if self.name != folder_name(self.name):
             raise InputError(
-                f'"{self.name}" is no name for a folder', field="name", expected="A-Z a-z 0-9 . _ + -"
+                f'"{self.name}" cannot name a folder', field="name", expected="A-Z a-z 0-9 . _ + -"
             )
 
     def document(self) -> dict[str, Any]:

@@ -132,7 +132,7 @@ def supervise(call: Sequence[str], limits: Limits, folder: Path, begun: Path | N
     """
     if not hasattr(os, "killpg"):
         raise InputError(
-            "needs a POSIX system, which ends a job with all it started",
+            "needs a POSIX system, where a job can be ended together with all processes it started",
             where="fleet",
             hint="on Windows use WSL",
         )

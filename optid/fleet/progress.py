@@ -49,7 +49,7 @@ class Status:
         counts = ", ".join(f"{count} {outcome}" for outcome, count in self.outcomes.items())
         waiting = self.rows - self.answered - len(self.running)
         lines = [
-            f"{self.answered} of {self.rows} rows answered ({counts or 'none yet'}), "
+            f"{self.answered} of {self.rows} rows finished ({counts or 'none yet'}), "
             f"{len(self.running)} running, {waiting} waiting"
         ]
         lines += [f"  {name}: {outcome}: {said}" for name, outcome, said in self.failed[:MANY]]

@@ -126,7 +126,8 @@ def _through(
         done, _ = wait(pending, timeout=LOOK, return_when=FIRST_COMPLETED)
         if not done and getattr(executor, "is_lost", False):
             raise JobError(
-                f"the scheduler is lost; the rows answered so far are in {out}: run it again to go on"
+                f"the connection to the scheduler is lost; the rows finished so far are in {out}: run the command "
+                "again to continue"
             )
         for future in done:
             job, attempt = pending.pop(future)
@@ -143,7 +144,9 @@ def _submit(executor: Executor, job: Job, out: Path) -> Future[dict[str, Any]]:
     try:
         return executor.submit(answer, job.document(), str(out))
     except (RuntimeError, OSError) as error:
-        raise JobError(f"the executor takes no more jobs ({error}); run it again to go on") from None
+        raise JobError(
+            f"the executor accepts no more jobs ({error}); run the command again to continue"
+        ) from None
 
 
 def _ended(future: Future[dict[str, Any]], job: Job) -> RowResult:
@@ -151,7 +154,7 @@ def _ended(future: Future[dict[str, Any]], job: Job) -> RowResult:
     try:
         return RowResult(**future.result())
     except BrokenExecutor as error:
-        raise JobError(f"the executor is broken ({error}); run it again to go on") from None
+        raise JobError(f"the executor is broken ({error}); run the command again to continue") from None
     except Stopped:
         raise
     except (Exception, CancelledError) as error:

@@ -134,7 +134,7 @@ def read_since(path: Path) -> Commissioned:
             f"{type(error).__name__}: {error}",
             where=str(path),
             field="followed",
-            expected="the live.json of a session that followed the parameters: a minute or more, with motion",
+            expected="the live.json of a session that tracked the parameters, of a minute or more and with motion",
         ) from None
     return Commissioned(str(path), values)
 
@@ -143,12 +143,12 @@ def sentence(standings: Sequence[ParameterChange], source: str, seconds: float, 
     """What is suspected, and what settles it."""
     changed = [one for one in standings if one.changed]
     if not changed:
-        return f"The last {seconds:.0f} s show nothing that differs from {source} by more than chance."
-    more = f", and {len(changed) - TOLD} more that move with these" if len(changed) > TOLD else ""
+        return f"The last {seconds:.0f} s show no significant difference from {source}."
+    more = f", and {len(changed) - TOLD} more that are correlated with these" if len(changed) > TOLD else ""
     told = "; or ".join(one.words for one in changed[:TOLD])
     return (
         f"Suspected, from the last {seconds:.0f} s beside {source}: {told}{more}. "
-        f"Each is estimated as if it were the only one; what settles it: {command}"
+        f"Each is estimated as if it were the only change; next: {command}"
     )
 
 

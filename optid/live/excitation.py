@@ -151,6 +151,6 @@ def _within(excitation: Excitation, settings: Settings, unit: str) -> Excitation
                 f"{value:g} {unit} lies beyond the command limits",
                 where=WHERE,
                 expected=f"{limits.low:g} to {limits.high:g} {unit}",
-                hint="[live] command_limits in the rig file says how much",
+                hint="[live] command_limits in the rig file sets them",
             )
     return excitation

@@ -79,7 +79,7 @@ class ParameterMonitor:
                 self._judge()
         elif found and found != self._failed:
             self._failed = found
-            self._note(f"the parameters are not followed: {found}")
+            self._note(f"the parameters are not tracked: {found}")
 
     def close(self) -> None:
         """Cancel the job."""

@@ -25,7 +25,7 @@ def gentle(limits: Limits) -> Gains:
     low, high = limits.stroke
     if not math.isfinite(high - low):
         raise InputError(
-            "the rig file states no stroke, so no gentle gains are known", where="--gains", expected=EXAMPLE
+            "the rig file gives no stroke, so there are no default gains", where="--gains", expected=EXAMPLE
         )
     return Gains(min(limits.high, -limits.low) / (high - low) if limits.low < 0 < limits.high else 0.0)
 
@@ -50,7 +50,7 @@ def read_gains(text: str, settings: Settings) -> tuple[Gains, PidSettings | None
                 f"{stored.settings.sample_time:g} s",
                 where=text,
                 field="sample_time",
-                expected=f"{settings.span:g} s, as the session runs",
+                expected=f"{settings.span:g} s, the sampling interval of the session",
                 hint="tune at the session's rate, or run it with --rate",
             )
         return stored.gains, stored.settings

@@ -30,7 +30,7 @@ NOWHERE = 1e6  # SI, the same where no stroke is known
 class How(enum.Enum):
     """How a session ended."""
 
-    DONE = "the time is over"
+    DONE = "the requested time is over"
     ENDED = "the driver has no more samples"
     STOPPED = "stopped"
     FAILED = "failed"
@@ -141,7 +141,7 @@ class Guard:
         except Stop as stop:
             how, why = How.STOPPED, str(stop)
         except LoopLost as lost:
-            how, why = How.FAILED, f"the loop has gone ({lost})"
+            how, why = How.FAILED, f"the loop process ended ({lost})"
         except (Silence, ImplausibleReading) as wrong:
             how, why = How.FAILED, str(wrong)
         except (Exception, SystemExit) as error:  # whatever a driver raises
@@ -156,7 +156,7 @@ class Guard:
         }
         return End(
             how,
-            why if safe else f"{why}; the safe command could not be put",
+            why if safe else f"{why}; the safe command could not be written",
             t.samples,
             t.missed,
             t.held_back,
@@ -233,7 +233,7 @@ class Guard:
     def _watch(self, answered: bool, measured: bool) -> None:
         self._silent = 0.0 if answered and measured else self._silent + self._settings.span
         if self._silent > self._settings.watchdog:
-            what = "the position sensor shows nothing" if answered else "the loop does not answer"
+            what = "the position sensor gives no value" if answered else "the loop does not respond"
             raise Silence(f"{what} for {self._silent:.3g} s")
 
     def _write_down(self, time: float, values: Sequence[float], reply: Reply | None) -> None:

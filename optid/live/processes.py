@@ -104,7 +104,7 @@ def _orders(session: Connection) -> None:
     try:
         message = receive(session)
     except (EOFError, OSError):
-        raise Stop("the session that started it has gone") from None
+        raise Stop("the session that started it has ended") from None
     if message["do"] == "stop":
         raise Stop(str(message["why"]))
 
@@ -198,7 +198,7 @@ def _supervision(loop: Loop, session: Connection) -> None:
     if verdict is not None:
         _tell_verdict(session, "kept" if verdict.kept else "worse", verdict)
     if loop.taken_back is not None:
-        why = "the loop oscillated" if verdict is None else "they were worse"
+        why = "the loop oscillated" if verdict is None else "they performed worse"
         send(session, say="taken back", why=why, gains=vars(loop.taken_back))
         loop.taken_back = None
 

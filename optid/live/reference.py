@@ -65,7 +65,7 @@ def tour(limits: Limits) -> Reference:
     low, high = limits.stroke
     if not high - low < float("inf"):
         raise InputError(
-            "the rig file states no stroke, so no tour of it is known",
+            "the rig file gives no stroke, so there is no tour of it",
             where=WHERE,
             expected='a position, "0:0 mm, 2:60 mm, 5:-40 mm", or a recording with a reference',
         )
@@ -117,7 +117,7 @@ def read_profile(text: str, limits: Limits, unit: str) -> Reference:
         try:
             times.append(float(before) if colon else 0.0)
         except ValueError:
-            raise InputError(f'"{before}" is no time', where=WHERE, expected=EXAMPLE) from None
+            raise InputError(f'"{before}" is not a time', where=WHERE, expected=EXAMPLE) from None
         values.append(to_si(level.strip(), unit, where=WHERE))
     if times[0] != 0.0 or not _increasing(times):
         raise InputError(f'"{text}": the times do not increase from 0', where=WHERE)

@@ -84,7 +84,7 @@ def identified(session: Session) -> ArmaxFile | None:
     model = session.model
     if model is None:
         return None
-    words = "identified sample by sample while the loop was closed"
+    words = "identified recursively while the loop was closed"
     saved = SavedModel(model, audit(model, fitted=False).findings)
     return ArmaxFile("command", session.wiring.measured[0].role, model.orders.na, (saved,), words)
 

@@ -65,7 +65,7 @@ class Review:
         sample_time: s.
         responses: by model ("identified", "physical"), to the old and to the new gains.
         margins: of the identified model with the old and with the new gains.
-        sensitivity: largest maximum sensitivity that was asked for.
+        sensitivity: largest maximum sensitivity that tuned gains may have.
     """
 
     old: Gains
@@ -81,21 +81,21 @@ class Review:
         """What speaks against the new gains, in words; empty where they are better.
 
         Either model expects no less ITAE, the physical one does not arrive or hunts more, or the identified one's
-        margins are less than asked for and less than before.
+        margins are below the required ones and below the former ones.
         """
         found = []
         for model, (old, new) in self.responses.items():
             if not new.measures["itae"] < old.measures["itae"]:
                 before, after = old.measures["itae"], new.measures["itae"]
-                found.append(f"the {model} model expects more ITAE ({before:.3g} -> {after:.3g} m s2)")
+                found.append(f"the {model} model predicts a larger ITAE ({before:.3g} -> {after:.3g} m s2)")
         old, new = self.responses["physical"]
         if not abs(new.output[-1] - self.step) < ARRIVED * abs(self.step):
-            found.append("the physical model does not arrive")
+            found.append("the physical model does not settle")
         if new.hunting > max(old.hunting, HUNTS * abs(self.step)):
             found.append(f"the physical model hunts ({new.hunting:.3g} m peak to peak at rest)")
         before, after = (one.maximum_sensitivity for one in self.margins)
         if not after <= max(before, self.sensitivity * SLACK):
-            found.append(f"less margin (Ms {before:.3g} -> {after:.3g}, asked for {self.sensitivity:.3g})")
+            found.append(f"smaller margins (Ms {before:.3g} -> {after:.3g}, limit {self.sensitivity:.3g})")
         return tuple(found)
 
     @property
@@ -107,14 +107,14 @@ class Review:
     def words(self) -> str:
         """Both models' expectation, margins and hunting, old to new."""
         parts = [
-            f"the {name} model expects ITAE {old.measures['itae']:.3g} -> {new.measures['itae']:.3g} m s2"
+            f"the {name} model predicts ITAE {old.measures['itae']:.3g} -> {new.measures['itae']:.3g} m s2"
             for name, (old, new) in self.responses.items()
         ]
         before, after = self.margins
         old, new = self.responses["physical"]
         parts.append(
             f"Ms {before.maximum_sensitivity:.3g} -> {after.maximum_sensitivity:.3g} "
-            f"(at most {self.sensitivity:.3g} asked for)"
+            f"(at most {self.sensitivity:.3g})"
         )
         parts.append(f"hunting {old.hunting:.2g} -> {new.hunting:.2g} m")
         return "; ".join(parts)

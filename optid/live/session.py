@@ -112,7 +112,7 @@ class Session:
         self._begun = time.monotonic()
         self._progress = (0, self._begun)
         send(self._pipes[0], do="go")
-        self.events.note("the loop runs")
+        self.events.note("the loop is running")
         if self.hides:
             self.events.note(f"the simulated rig differs from the rig file: {self.hides}")
 
@@ -227,7 +227,7 @@ class Session:
             self.holding = True
         elif message["say"] == "unsafe":
             self._progress = (self.signals.count, time.monotonic() + self.settings.safe_time)
-            self.events.note("the driver does not take the safe command; trying on")
+            self.events.note("the driver does not accept the safe command; trying again")
         elif message["say"] == "end":
             self.end = message if message["safe"] else self._rescued(message)
         elif message["say"] == "refused":
@@ -274,7 +274,7 @@ class Session:
         elif not self.holding and time.monotonic() - since > HUNG + 10 * self.settings.watchdog:
             self._processes[0].kill()
             self._processes[0].join()
-            self._guard_died("the driver did not come back")
+            self._guard_died("the driver did not respond")
 
     def _guard_died(self, why: str) -> None:
         with contextlib.suppress(EOFError, OSError):
@@ -299,7 +299,7 @@ class Session:
         if self.disagree:
             self.events.note(f"rig and model disagree: the 0.5 s windows fit {rows[0][1]:.0f} %")
             self.diagnosis = offer_diagnosis(self.plan.rig, self.plan.out, self.settings.rate)
-            self.events.note(f"to find out what is missing: {self.diagnosis}")
+            self.events.note(f"to find what is missing: {self.diagnosis}")
         else:
             self.events.note("rig and model agree again")
 

@@ -169,7 +169,7 @@ def live_settings(rig: Rig, rate: float | None = None, relaxed: bool = False) ->
     rate = number("rate", "Hz", recorded or RATE) if rate is None else rate
     if recorded is not None and abs(rate - recorded) > 1e-9 * recorded:
         raise RigError(
-            f"{rate:g} Hz where recordings without a time column come at {recorded:g} Hz",
+            f"{rate:g} Hz but recordings without a time column have {recorded:g} Hz",
             where=where,
             field="live.rate",
             expected="the same rate, or a time column in [channels]",
@@ -249,5 +249,5 @@ def _pair(
         )
     low, high = (to_si(value, unit, where=where, field=field) for value in pair)
     if not low < high:
-        raise RigError(f"{shown(pair)}: the low limit is not below the high one", where=where, field=field)
+        raise RigError(f"{shown(pair)}: the lower limit is not below the upper one", where=where, field=field)
     return low, high

@@ -75,9 +75,9 @@ class Gains:
 class AntiWindup(Enum):
     """What the integral does while the command stands at a limit."""
 
-    NONE = "it keeps integrating"
-    CLAMPING = "it rests while it would push further into the limit"
-    BACK_CALCULATION = "it gives back what the limit took away, over the tracking time"
+    NONE = "the integral keeps integrating"
+    CLAMPING = "the integral stops while it would push further into the limit"
+    BACK_CALCULATION = "the integral gives back what the limit took away, over the tracking time"
 
 
 @dataclass(frozen=True)
@@ -183,7 +183,7 @@ class Settings:
                 f"{self.friction_speed:g}",
                 field="friction_speed",
                 expected="a speed greater than 0",
-                hint="a jump with the sign of a set-point at rest would be noise",
+                hint="without it the sign of a resting set-point's noise would switch the compensation",
             )
         if self.notch is not None:
             self.notch.coefficients(self.sample_time)
@@ -204,13 +204,15 @@ class Settings:
                 hint="a jump at zero command would make the axis chatter",
             )
         if widest > 0 and not (self.low <= self.deadband_low and self.deadband_high <= self.high):
-            raise InputError("the dead band reaches beyond the limits", field="deadband")
+            raise InputError("the dead band is wider than the limits", field="deadband")
         if not 0 <= self.resolution < math.inf:
             raise InputError(
                 f"{self.resolution:g}", field="resolution", expected="a step of the command or 0"
             )
         if not self.resolution <= self.high - self.low:
-            raise InputError(f"{self.resolution:g} is wider than the limits are apart", field="resolution")
+            raise InputError(
+                f"{self.resolution:g} is larger than the range between the limits", field="resolution"
+            )
         if self.resolution > 0 and self.rate * self.sample_time < self.resolution * (1 - law.SLACK):
             raise InputError(
                 f"{self.rate:g} per second is less than one step of {self.resolution:g} a sample: "

@@ -55,8 +55,8 @@ def jumps(recording: Recording, outputs: tuple[str, ...], positions: tuple[str, 
             "error" if role in positions else "warning",
             role,
             f"{role} jumps by {size:.4g} {recording[role].unit} within a sample ({len(stays)} such steps, first at "
-            f"{t[first + 1]:.6g} s), {size / usual:.3g} times its fastest motion: counts lost, a new zero, a bad "
-            "contact, or two recordings in one; cut the file there",
+            f"{t[first + 1]:.6g} s), {size / usual:.3g} times its fastest motion: lost counts, a new zero, a bad "
+            "contact, or two recordings in one file; cut the file there",
             (float(t[first]), float(t[first + 1])),
         )
 
@@ -118,9 +118,9 @@ def outliers(recording: Recording, outputs: tuple[str, ...]) -> Iterator[Remark]
             "outliers",
             "warning",
             role,
-            f"{len(far)} samples of {role} stand alone, up to {off.max():.3g} {recording[role].unit} off "
-            f"their neighbours (at {places}{' s ...' if len(far) > _SHOWN else ' s'}): leave them out, or let them "
-            "count less (fit --robust)",
+            f"{len(far)} samples of {role} are isolated, up to {off.max():.3g} {recording[role].unit} off "
+            f"their neighbours (at {places}{' s ...' if len(far) > _SHOWN else ' s'}): leave them out, or fit with "
+            "--robust",
             (float(recording.time[known[far[0]]]),) * 2,
         )
 

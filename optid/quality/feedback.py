@@ -41,8 +41,8 @@ def feedback(recording: Recording, inputs: tuple[str, ...], outputs: tuple[str, 
                     "feedback",
                     "warning",
                     cause,
-                    f"{cause} can be computed from {role} ({_EXPLAINED:.1%} of it and more): it comes from a "
-                    "controller that nothing else excites, so plant and inverse controller cannot be told apart; "
+                    f"{cause} can be computed from {role} ({_EXPLAINED:.1%} of it or more): it comes from a "
+                    "controller that nothing else excites, so plant and inverse controller cannot be distinguished; "
                     "record again with a moving reference or a test signal added to the command",
                 )
                 break
@@ -87,8 +87,8 @@ def single_line(recording: Recording, inputs: tuple[str, ...]) -> Iterator[Remar
                 "excitation",
                 "warning",
                 role,
-                f"{role} is a single sine of {frequency:.4g} Hz: it shows gain and phase there and nothing else "
-                "(two numbers); record with a multisine, steps or a random signal",
+                f"{role} is a single sine of {frequency:.4g} Hz: it determines gain and phase at this frequency and "
+                "nothing else; record with a multisine, steps or a random signal",
             )
 
 
@@ -106,6 +106,6 @@ def tied(recording: Recording, inputs: tuple[str, ...]) -> Iterator[Remark]:
                 "tied",
                 "warning",
                 b,
-                f"{a} and {b} move as one (correlation {r:.4f}): what each of them does cannot be told apart; move "
+                f"{a} and {b} move together (correlation {r:.4f}): their effects cannot be separated; move "
                 "them at different times",
             )

@@ -52,7 +52,7 @@ def still(recording: Recording, inputs: tuple[str, ...], outputs: tuple[str, ...
             # What swings by itself shows its own parameters, if not those between the input and it.
             grave: Severity = "warning" if moving else "error"
             rest = (
-                "only what shows in free motion can be identified"
+                "only what free motion shows can be identified"
                 if moving
                 else "nothing can be identified from it"
             )
@@ -81,7 +81,7 @@ def one_sided(recording: Recording, inputs: tuple[str, ...]) -> Iterator[Remark]
                 "excitation",
                 "warning",
                 role,
-                f"{role} is never other than {sign}: one direction says nothing of the other",
+                f"{role} is always {sign}: one direction says nothing about the other",
             )
 
 
@@ -99,7 +99,7 @@ def travel(recording: Recording, role: str) -> Iterator[Remark]:
             "excitation",
             "warning",
             role,
-            f"{role} reverses {('never', 'once')[reversals]}: friction cannot be told from a constant force",
+            f"{role} reverses {('never', 'once')[reversals]}: friction cannot be distinguished from a constant force",
         )
     slow, fast = np.percentile(np.abs(speed[moving]), (10, 90))
     # Dry and viscous friction are a line's height and slope over speed; equal speeds leave the slope open.
@@ -108,8 +108,8 @@ def travel(recording: Recording, role: str) -> Iterator[Remark]:
             "excitation",
             "warning",
             role,
-            f"{role} moves at {slow:.3g} to {fast:.3g} {recording[role].unit}/s for most of the time: "
-            "so narrow a range of speeds does not part dry from viscous friction",
+            f"{role} moves at {slow:.3g} to {fast:.3g} {recording[role].unit}/s for most of the time: this range of "
+            "speeds is too narrow to separate dry from viscous friction",
         )
 
 
@@ -245,8 +245,8 @@ def anticipation(
                     "lag",
                     "warning",
                     role,
-                    f"{role} moves {-found.seconds:.3g} s before {cause} does: the channels are out of step "
-                    f"(correlation {found.correlation:.2f}, at most {found.causal:.2f} the right way round)",
+                    f"{role} moves {-found.seconds:.3g} s before {cause} does: the channels are not aligned in time "
+                    f"(correlation {found.correlation:.2f}, at most {found.causal:.2f} in the causal direction)",
                 )
 
 
@@ -282,7 +282,7 @@ def polarity(
                     "polarity",
                     "error",
                     role,
-                    f"{what} goes with {cause} in one half of the record and against it in the other (correlations "
+                    f"{what} follows {cause} in one half of the recording and opposes it in the other (correlations "
                     f"{turned[0]:.2f} and {turned[1]:.2f}): one of them changed its sign; cut the file there",
                 )
             elif clear and found.sign != expected and found.seconds >= 0:
@@ -290,8 +290,8 @@ def polarity(
                     "polarity",
                     "error",
                     role,
-                    f"{what} goes against {cause} (correlation {-expected * wrong:.2f}), where the model goes with it: "
-                    f"the sign of {cause} or of {role} is the other one, or the gain between them in the rig file",
+                    f"{what} opposes {cause} (correlation {-expected * wrong:.2f}), but follows it in the model: "
+                    f"the sign of {cause}, of {role} or of the gain between them in the rig file is wrong",
                 )
 
 

@@ -143,5 +143,5 @@ def _together(parts: Sequence[Recording], look: Callable[[Recording], Iterable[R
         if len(parts) == 1:
             yield from several
             continue
-        more = f" (and in {len(several) - 1} more stretches of the record)" if len(several) > 1 else ""
+        more = f" (and in {len(several) - 1} more parts of the recording)" if len(several) > 1 else ""
         yield replace(several[0], message=several[0].message + more)

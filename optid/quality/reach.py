@@ -43,9 +43,9 @@ def reach(recording: Recording, model: Model, parameters: Mapping[str, float] | 
         unit = next(port.unit for port in model.outputs if port.role == role)
         fits = most - least <= (1 + _LEEWAY) * (high - low)
         cure = (
-            f"is its zero in the middle (channels.{role}: offset)"
+            f"is its zero at mid-stroke (channels.{role}: offset)"
             if fits
-            else "is its unit right, and the stroke"
+            else "are its unit and the stroke right"
         )
         seen, can = (f"{quantity(a, unit)} to {quantity(b, unit)}" for a, b in ((least, most), (low, high)))
         yield Remark("reach", "error", role, f"{role} goes from {seen}, where the rig has {can}: {cure}?")

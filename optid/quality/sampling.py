@@ -28,7 +28,7 @@ def gaps(recording: Recording) -> Iterator[Remark]:
             "time",
             f"{len(found)} gaps between samples, the longest {size:.3g} s "
             f"({size / recording.interval:.0f} sampling intervals): "
-            + ("the command is held through them" if held else "the record is cut there"),
+            + ("the command is held during them" if held else "the recording is cut there"),
             longest,
         )
 
@@ -63,7 +63,7 @@ def _pace(recording: Recording, role: str) -> Iterator[Remark]:
             "warning",
             role,
             f"sampling intervals scatter by {jitter:.2g} s around {recording.interval:.4g} s, which at the "
-            f"speed of {role} counts more than its noise: methods that assume equal intervals will err",
+            f"speed of {role} matters more than its noise: methods that assume equal intervals will be biased",
         )
     # A sine whose steps are half its standard deviation has about 12 samples in a period.
     moved = math.sqrt(max(float(np.mean(steps[whole] ** 2)) - 2 * noise**2, 0.0))
@@ -72,8 +72,7 @@ def _pace(recording: Recording, role: str) -> Iterator[Remark]:
             "slow",
             "warning",
             role,
-            f"{role} changes so much between samples that a swing has fewer than 12: sample faster than "
-            f"{recording.rate:.4g} Hz",
+            f"{role} has fewer than 12 samples per oscillation: sample faster than {recording.rate:.4g} Hz",
         )
 
 
@@ -118,8 +117,8 @@ def enough(recording: Recording, inputs: tuple[str, ...], outputs: tuple[str, ..
         "missing",
         "error",
         outputs[0] if outputs else "time",
-        f"only {whole} of {read} samples have both a command and a measured output ({seconds:.3g} s): too "
-        "little to fit to or to test on",
+        f"only {whole} of {read} samples have both a command and a measured output ({seconds:.3g} s): too few to "
+        "fit or to test",
     )
 
 

@@ -36,8 +36,8 @@ def saturation(recording: Recording, inputs: tuple[str, ...]) -> Iterator[Remark
                 "warning",
                 role,
                 f"{role} reaches {np.nanmax(size) / full:.3g} times its full scale "
-                f"({beyond.mean():.2%} of the time lie beyond): the full scale in the rig file is too small, "
-                "or the valve does not follow",
+                f"({beyond.mean():.2%} of the time are beyond): the full scale in the rig file is too small, or the "
+                "valve does not follow",
                 _longest(beyond, recording),
             )
         at = (size >= full - slack) & ~beyond
@@ -46,7 +46,7 @@ def saturation(recording: Recording, inputs: tuple[str, ...]) -> Iterator[Remark
                 "saturated",
                 "note",
                 role,
-                f"{role} stands at full scale for {at.mean():.2%} of the time",
+                f"{role} is at full scale for {at.mean():.2%} of the time",
                 _longest(at, recording),
             )
 
@@ -117,7 +117,7 @@ def _at_end(recording: Recording, channel: Channel) -> Iterator[Remark]:
                 "clipped",
                 "note",
                 channel.role,
-                f"{channel.role} runs into its {name} value {rail:.5g} {channel.unit} {len(stays)} times and stays "
+                f"{channel.role} reaches its {name} value {rail:.5g} {channel.unit} {len(stays)} times and stays "
                 "there: an end stop, or the end of the sensor's range",
                 _span(recording, *stays[0]),
             )
@@ -133,8 +133,8 @@ def _clipped(
             "clipped",
             "warning",
             channel.role,
-            f"{channel.role} stands exactly at its {name} {channel.unit} for {rail.mean():.2%} of the time, "
-            f"up to {last - first} samples in a row, without its usual noise: the sensor is clipped there",
+            f"{channel.role} is exactly at its {name} {channel.unit} for {rail.mean():.2%} of the time, "
+            f"up to {last - first} samples in a row, without its usual noise: the sensor is saturated there",
             _span(recording, first, last),
         )
 
@@ -154,7 +154,7 @@ def _stuck(recording: Recording, channel: Channel, at_rail: NDArray[np.bool_]) -
                 "warning",
                 channel.role,
                 f"{channel.role} holds {values[first]:.5g} {channel.unit} for {last + 1 - first} samples "
-                "without its usual noise: the sensor stuck, or samples were repeated",
+                "without its usual noise: the sensor was stuck, or samples were repeated",
                 _span(recording, first, last + 1),
             )
 

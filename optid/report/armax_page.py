@@ -191,8 +191,8 @@ def _unknowns(found: Survey, sampled: Sampled, recording: Recording, e: Any) -> 
         )
     if not all(map(_white, found.candidates)):
         said.append(
-            "Why the residuals of some models are not white or follow the input: a linear model of this order lacks "
-            "something there (friction, choked flow and the stroke are not linear), and its "
+            "Why the residuals of some models are not white or depend on the input: a linear model of this order "
+            "lacks something there (friction, choked flow and the stroke are not linear), and its "
             "standard errors are too small."
         )
     mean, count = float(np.nanmean(e)), int(np.isfinite(e).sum())
@@ -201,7 +201,7 @@ def _unknowns(found: Survey, sampled: Sampled, recording: Recording, e: Any) -> 
     if abs(mean) > FEW * error:
         said.append(
             f"Why the residuals of the recommended model have a mean of {mean * factor:.3g} ± {error * factor:.1g} "
-            f"{unit}: the operating point moved, or no constant stands in the model."
+            f"{unit}: the operating point moved, or the model has no constant."
         )
     low, high = (f(sampled.signals.y) * factor for f in (np.nanmin, np.nanmax))
     said.append(

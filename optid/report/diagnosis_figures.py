@@ -107,7 +107,8 @@ def over_state(frame: pd.DataFrame, name: str, unit: str) -> Figure:
 def missing_signal(
     frame: pd.DataFrame, place: str, unit: str, cause: str | None, states: Mapping[str, Mapping[str, Any]]
 ) -> Figure:
-    """What is missing as estimated with the states, with its interval, the law found through it, and its likely cause.
+    """What is missing as estimated with the states, with its interval, the identified law through it, and its likely
+    cause.
 
     Args:
         frame: recording, time, missing, and where they exist missing_sd, law and cause; SI.
@@ -151,7 +152,7 @@ def _missing_over_time(
         )
     axes.plot(clock, missing, color=INK, lw=0.9, label="estimated without a law")
     if law is not None:
-        axes.plot(clock, law, color=WINDOW, lw=1.0, label="the law found")
+        axes.plot(clock, law, color=WINDOW, lw=1.0, label="the identified law")
     for at in breaks:
         axes.axvline(at, color=QUIET, lw=0.6)
     axes.set_ylim(*_range(missing, law))

@@ -70,9 +70,10 @@ def _rivals(found: Diagnosis) -> pd.DataFrame:
 def _why(one: Contender, step: Round, kept: Collection[str]) -> str:
     if one is step.taken:
         return "taken"
-    later = "; taken all the same, with what was missing beside it"
+    later = "; selected later, together with what else was missing"
     return (
-        one.why + (later if one.why and one.effect.name in kept else "") or "explains less than the one taken"
+        one.why + (later if one.why and one.effect.name in kept else "")
+        or "explains less than the one selected"
     )
 
 

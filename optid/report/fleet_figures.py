@@ -1,4 +1,4 @@
-"""Figures of a fleet: rigs against quantities, rigs told of by night, and the trend of one quantity."""
+"""Figures of a fleet: rigs against quantities, rigs reported by night, and the trend of one quantity."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def overview(t: pd.DataFrame, told: Sequence[str]) -> Figure:
 
 
 def heatmap(axes: Axes, t: pd.DataFrame, told: Sequence[str]) -> None:
-    """Cells on axes: red above the reference, blue below; rigs told of stand on top."""
+    """Cells on axes: red above the reference, blue below; rigs reported stand on top."""
     table = t.set_index("rig")
     moved = table.abs().max(axis=1)
     order = sorted(table.index, key=lambda rig: (rig not in told, -float(moved[rig])))[:MOST]
@@ -46,7 +46,7 @@ def discoveries(nights: pd.DataFrame, level: float) -> Figure:
         axes = figure.subplots()
         count = nights.groupby("date")["told"].sum()
         x = np.arange(len(count))
-        axes.plot(x, count.to_numpy(dtype=float), color=ALARM, drawstyle="steps-post", label="rigs told of")
+        axes.plot(x, count.to_numpy(dtype=float), color=ALARM, drawstyle="steps-post", label="rigs reported")
         axes.plot(x, level * count.to_numpy(dtype=float), color=QUIET, label=f"{100 * level:g} % of them")
         _dates(axes, list(count.index))
         axes.legend(loc="upper left")

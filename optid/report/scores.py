@@ -82,7 +82,7 @@ class Miss:
         """What to do about it."""
         factor, unit = friendly(self.unit)
         return (
-            f"the model misses {100 - self.fit_percent:.2g} %: run `optid diagnose` "
+            f"the model leaves {100 - self.fit_percent:.2g} %: run `optid diagnose` "
             f"({self.role}: {self.rmse * factor:.3g} {unit} rms, its noise is {self.noise * factor:.2g} {unit})"
         )
 
@@ -93,7 +93,7 @@ class Miss:
             return f"held out, {self.sentence}"
         return (
             f"held out, it predicts worse than the mean of the measurement does ({self.role}: "
-            f"{self.fit_percent:.4g} %): another axis, a sign or unit that changed, or a fit to too little"
+            f"{self.fit_percent:.4g} %): a different axis, a changed sign or unit, or too little data for the fit"
         )
 
 

@@ -52,9 +52,9 @@ class CheckResult(Result):
         known = f"rank {told['rank']} of {told['parameters']}"
         if told["condition"] is not None:
             known += f", condition number of the sensitivities {told['condition']:.2g}"
-        head = f"what these data tell of {told['parameters']} parameters, at the rig file's values and before any fit:"
+        head = f"identifiability of {told['parameters']} parameters at the rig file's values, before any fit:"
         idle = told["without_influence"]
-        missing = [f"  without influence: {', '.join(idle)}; a fit would be refused"] if idle else []
+        missing = [f"  no influence on the data: {', '.join(idle)}; a fit would be refused"] if idle else []
         return [head, f"  {known}", *missing, *(f"  {sentence}" for sentence in told["sentences"])]
 
     @property
@@ -63,7 +63,10 @@ class CheckResult(Result):
         told = self.document.get("detectability")
         if told is None:
             return []
-        head = "what these recordings could show, at the rig file's values (effect: shows from; told from others from):"
+        head = (
+            "smallest detectable sizes at the rig file's values (effect: visible from; distinguishable from "
+            "others from):"
+        )
         return [head, *(f"  {_detectable(one)}" for one in told)]
 
     def to_frame(self) -> pd.DataFrame:
@@ -95,9 +98,9 @@ class CheckResult(Result):
 def _detectable(one: Mapping[str, Any]) -> str:
     shows, told = (_sizes(one[name]) for name in ("shows_from", "told_from"))
     if not shows:
-        return f"{one['effect']}: not in any size"
-    alike = f"; alike: {', '.join(one['alike'])}" if one["alike"] else ""
-    return f"{one['effect']}: {shows}; {told or 'not in any size'}{alike}"
+        return f"{one['effect']}: not at any size"
+    alike = f"; similar effects: {', '.join(one['alike'])}" if one["alike"] else ""
+    return f"{one['effect']}: {shows}; {told or 'not at any size'}{alike}"
 
 
 def _sizes(values: Mapping[str, Any]) -> str:

@@ -50,14 +50,14 @@ class FleetResult(Result):
         """
         d = self.document
         counts = (
-            ", ".join(f"{count} {outcome}" for outcome, count in d["outcomes"].items()) or "none answered"
+            ", ".join(f"{count} {outcome}" for outcome, count in d["outcomes"].items()) or "none finished"
         )
         lines = [f"{d['rows']} rows of {d['rigs']} rigs: {counts}"]
         lines += [f"  {one['name']}: {one['outcome']}: {one['said']}" for one in self.failed[:SHOWN]]
         if len(self.failed) > SHOWN:
             lines.append(f"  and {len(self.failed) - SHOWN} more")
         if "nights" in self.tables:
-            share = f"at most {100 * d['level']:g} % of those told are expected to be false"
+            share = f"at most {100 * d['level']:g} % of the rigs reported are expected to be false alarms"
             lines.append(f"{len(self.told)} of {d['rigs']} rigs changed ({share})")
             lines += [f"  {sentence}" for sentence in d["sentences"]]
         for one in d["unlike"][:SHOWN]:

@@ -91,7 +91,7 @@ def _read(kind: type[Result], folder: Path, file: Path) -> Result:
         raise
     except (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError) as error:
         why = f"{type(error).__name__}: {error}"[:120]
-        raise InputError(f"it is not whole ({why})", where=file, expected=EXPECTED) from None
+        raise InputError(f"it is incomplete ({why})", where=file, expected=EXPECTED) from None
     return found
 
 

@@ -47,7 +47,7 @@ class PlanResult(Result):
         ]
         lines = table(("there", "mistaken for", "sd", "by plain steps", "seconds needed"), rows)
         said = "sd: between the two, the first at the smallest size worth a name; "
-        said += f"{d['needed_sd']:g} err once in a hundred"
+        said += f"{d['needed_sd']:g} give one error in a hundred"
         return "\n".join([head, *lines, said])
 
     def to_frame(self) -> pd.DataFrame:

@@ -101,4 +101,4 @@ class TuningResult(Result):
 
 
 def _cost(value: float | None) -> str:
-    return "runs away" if value is None else plain(value, 4)
+    return "unstable" if value is None else plain(value, 4)

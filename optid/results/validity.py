@@ -35,9 +35,7 @@ class Part(dict[str, Any]):
     file: Path | None = None
 
     def __missing__(self, field: str) -> Any:
-        raise MissingField(
-            "missing", where=self.file, field=field, expected="a result of optid that is whole"
-        )
+        raise MissingField("missing", where=self.file, field=field, expected="a complete result of optid")
 
 
 def parts(value: Any, file: Path) -> Any:

@@ -107,7 +107,7 @@ def _label(rig: Rig, way: str, file: str, name: str) -> str:
     label = _own_label(rig, way, file)
     if not label:
         raise RigError(
-            f'"{file}" has no tag "{way}", by which {name} differs',
+            f'"{file}" has no tag "{way}", on which {name} depends',
             where=rig.path,
             field="recordings",
             expected=f'"{file}" = {{ {way} = "..." }}',

@@ -127,7 +127,7 @@ def _effect_parameters(
             f"no value for {', '.join(absent)}",
             where=path,
             field=f"effects.{key}",
-            expected="all numbers of the law, as they were written",
+            expected="all parameters of the effect, as optid wrote them",
         )
     return effect.qualified(found)
 
@@ -159,7 +159,7 @@ def _within(parameter: Parameter, value: float, entry: object, path: Path, at: s
     low, high = parameter.bounds
     if not low <= value <= high:
         raise RigError(
-            f"{shown(entry)} is outside what is physical",
+            f"{shown(entry)} is outside the physical range",
             where=path,
             field=at,
             expected=span(low, high, parameter.unit),
@@ -193,12 +193,12 @@ def _freed_one(parameter: Parameter, entry: object, values: dict[str, float], pa
     low, high = (to_si(bound, unit, atmospheric=air, where=path, field=f"{at}.bounds") for bound in pair)
     if low >= high:
         raise RigError(
-            f"{shown(pair)}: the low bound is not below the high one", where=path, field=f"{at}.bounds"
+            f"{shown(pair)}: the lower bound is not below the upper one", where=path, field=f"{at}.bounds"
         )
     least, most = parameter.bounds
     if low < least or high > most:
         raise RigError(
-            f"{shown(pair)} reaches beyond what is physical",
+            f"{shown(pair)} reaches beyond the physical range",
             where=path,
             field=f"{at}.bounds",
             expected=f"bounds within {span(least, most, unit)}",
@@ -208,7 +208,7 @@ def _freed_one(parameter: Parameter, entry: object, values: dict[str, float], pa
         nearest_bound = min(max(start, low), high)
         if abs(start - nearest_bound) > _ON_BOUND * abs(nearest_bound):
             raise RigError(
-                f"its start {start:g}{one} lies outside the bounds",
+                f"the start value {start:g}{one} lies outside the bounds",
                 where=path,
                 field=at,
                 expected=span(low, high, unit),

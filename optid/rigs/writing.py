@@ -87,7 +87,9 @@ def rewritten(rig: Rig, path: Path, folder: Path | None, new: Mapping[str, float
         if abs(again.parameters[name] - value) > max(
             1e-12 * abs(value), 1e-300
         ):  # subnormals have no twelve digits
-            raise RigError(f"{value!r} does not read back", where=path, field=f"parameters.{name}")
+            raise RigError(
+                f"{value!r} cannot be written so that it reads back", where=path, field=f"parameters.{name}"
+            )
     return written
 
 

@@ -38,7 +38,11 @@ def dead_band_of(settings: Settings, rig: Rig | None, where: str | Path = "--com
         InputError: no rig.
     """
     if rig is None:
-        raise InputError("no rig", where=where, expected="--rig RIG, whose model says what to overcome")
+        raise InputError(
+            "no rig file is given",
+            where=where,
+            expected="--rig RIG, whose model gives the friction and the dead band",
+        )
     if all(effect.name != DEAD_BAND for effect in rig.effects):
         return settings
     full = min(-settings.low, settings.high)
@@ -62,8 +66,8 @@ def compensated(tuning: Tuning, rig: Rig, output: str) -> Tuning:
         f"dead band {s.deadband_low:.3g} to {s.deadband_high:.3g}" if s.deadband_high else "",
         f"dry friction {s.friction:.3g} along the set-point's motion" if s.friction else "",
     ]
-    words = " and ".join(filter(None, said)) or "nothing: no command holds against its friction"
-    remark = f"Compensated as the rig's model says: {words}."
+    words = " and ".join(filter(None, said)) or "nothing: the largest command does not overcome its friction"
+    remark = f"Compensated according to the rig's model: {words}."
     return replace(tuning, settings=s, remarks=(*tuning.remarks, remark))
 
 

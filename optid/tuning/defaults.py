@@ -65,7 +65,7 @@ def refuse_out_of_reach(plant: Plant, spec: TuningSpec, settings: Settings, unit
                 where=name,
                 field="setpoint",
                 expected="a set-point that a constant command within the limits can hold",
-                hint="ask for less, or widen --limits",
+                hint="choose a smaller step, or widen --limits",
             )
 
 
@@ -108,7 +108,7 @@ def command_limits(spec: TuningSpec, unit: str, rig: Rig | None) -> tuple[float,
             return -full, full, [f"Limits of ±{full:g} {unit}: the rig file's full scale."]
     if unit == "V":
         return -COMMAND, COMMAND, [f"Limits of ±{COMMAND:g} V by default (--limits)."]
-    return -math.inf, math.inf, [f"No limits of the command ({unit}): none were given (--limits)."]
+    return -math.inf, math.inf, [f"The command ({unit}) is not limited: no limits were given (--limits)."]
 
 
 def episode_samples(spec: TuningSpec, plant: Plant) -> int:
@@ -147,4 +147,4 @@ def usual_step(
         size = 1.0
     size = float(f"{size:.1g}")
     said = f"{size:g} {unit}".removesuffix(" 1")
-    return size, f"A step of {said}, which half of the command can make (--setpoint)."
+    return size, f"A step of {said}, which half of the command can hold (--setpoint)."

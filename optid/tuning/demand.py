@@ -96,7 +96,7 @@ def moves(
         rise[at:] = 1.0 / (target - last) if target != last else 0.0
         last = target
     if not np.any(rise):
-        raise InputError("the set-point is where the output already is", field="setpoint", expected="a move")
+        raise InputError("the set-point equals the present output", field="setpoint", expected="a move")
     name = " → ".join(f"{target:g}" for _, target in targets)
     return Episode(f"step to {name}", reference, np.zeros(samples), clock, rise, weight)
 
@@ -109,7 +109,7 @@ def profile(reference: ArrayLike, sample_time: float, name: str = "profile", wei
     path = np.asarray(reference, dtype=float)
     path = path - path[0] if path.size else path
     if not np.any(path):
-        raise InputError("it never moves", where=name, field="profile", expected="a path")
+        raise InputError("the set-point never changes", where=name, field="profile", expected="a path")
     clock = np.full(path.size, 0.5 * path.size * sample_time)
     return Episode(name, path, np.zeros(path.size), clock, np.zeros(path.size), weight)
 

@@ -20,8 +20,8 @@ EQUATION = (
 )
 CLAMPING = {
     AntiWindup.NONE: "the command is limited, the integral is not",
-    AntiWindup.CLAMPING: "the command is limited, the integral rests while it would push further into a limit",
-    AntiWindup.BACK_CALCULATION: "the command is limited, the integral gives back the excess over the tracking time",
+    AntiWindup.CLAMPING: "the command is limited; the integral stops while it would push further into a limit",
+    AntiWindup.BACK_CALCULATION: "the command is limited; the integral gives back the excess over the tracking time",
 }
 
 
@@ -131,7 +131,7 @@ def _ahead(settings: Settings) -> dict[str, dict[str, float]]:
 def _then(settings: Settings) -> str:
     """What follows the law, in words."""
     said = [
-        "; that passes a notch" if settings.notch is not None else "",
+        "; filtered by a notch" if settings.notch is not None else "",
         "; plus feed_forward.acceleration times the set-point's acceleration"
         if settings.acceleration
         else "",

@@ -18,7 +18,7 @@ SURE = 3.0  # standard errors within which a pole is at 1 as far as the data can
 class Integrator(Enum):
     """Whether the pole nearest to 1 is set to exactly 1."""
 
-    AUTO = "where the data speak for it"
+    AUTO = "where the data support it"
     YES = "always"
     NO = "never"
 
@@ -42,13 +42,13 @@ def with_integrator(plant: Plant, model: Armax, choice: Integrator) -> tuple[Pla
     if choice is Integrator.AUTO and not spoken:
         return plant, ""
     why = (
-        "a model that grows by itself is an integrator whose estimate is off"
+        "a slightly unstable model is an integrator with an estimation error"
         if off > 0.0
         else f"within {SURE:g} standard errors of 1"
         if abs(off) <= SURE * sd
-        else "as asked (--integrator yes)"
+        else "as requested (--integrator yes)"
     )
-    said = f"The pole at {at:.7g} is carried as an exact integrator: {why} (--integrator no leaves it)."
+    said = f"The pole at {at:.7g} is replaced by an exact integrator: {why} (--integrator no keeps it)."
     return replace(plant, a=_moved(plant.a, at), remarks=_without_drift(plant)), said
 
 

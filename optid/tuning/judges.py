@@ -29,8 +29,8 @@ BENCH_TOLERANCE = 2e-4  # of its integration: costs differ by 0.2 % from those a
 # model does. With a rig's model no bound: friction that was measured is simulated, and so is a stronger plant.
 SENSITIVITY, BESIDE_FRICTION = 2.0, 5.0
 SIMULATED_MARGIN = (
-    f"No bound on the maximum sensitivity: the gains are tried with {STRONGER:g} times the command, friction and "
-    "limits included; the identified linear model knows no friction (--ms 2 asks for gains that it bears, too)."
+    f"No bound on the maximum sensitivity: the gains are tested with {STRONGER:g} times the command, friction and "
+    "limits included; the identified linear model has no friction (--ms 2 requires gains that are robust on it, too)."
 )
 SMALLEST_LOAD = 2e-3  # of half the command's range: standing loads below it are none
 SURE = 3.0  # standard errors by which a standing load must differ from 0
@@ -105,12 +105,14 @@ def _said_of_shown(shown: SlidingAxis, axis: Mechanics) -> tuple[str, ...]:
     speed = shown.dry_friction / max(shown.damping, 1e-9)
     more = f"{100 * (shown.breakaway_ratio - 1):.0f} % more at rest"
     said = (
-        f"Dry friction as the recording shows it: as much as the damping at {speed:.3g} m/s, "
-        f"{more if shown.breakaway_ratio > 1.0 else 'no more at rest'}; {len(axis.frictions) - 1} sets beside it "
-        "(--rig knows it better)."
+        f"Dry friction identified from the recording: as large as the viscous friction at {speed:.3g} m/s, "
+        f"{more if shown.breakaway_ratio > 1.0 else 'the same at rest'}; {len(axis.frictions) - 1} other values are "
+        "tested as well (--rig gives it more exactly)."
     )
-    dead = f"A dead zone of ±{shown.dead_zone:.3g} {UNIT}, which the recording shows, is part of the plant."
-    load = f"A standing load of {shown.load:.3g} {UNIT}, which the recording shows."
+    dead = (
+        f"A dead zone of ±{shown.dead_zone:.3g} {UNIT}, identified from the recording, is part of the plant."
+    )
+    load = f"A constant load of {shown.load:.3g} {UNIT}, identified from the recording."
     return (said, *((dead,) if shown.dead_zone else ()), *((load,) if shown.load else ()), SIMULATED_MARGIN)
 
 
@@ -137,26 +139,28 @@ def with_rig(
 
 def _said_of_rig(variants: int, sure: bool, noise: float) -> str:
     sets = (
-        f"{variants} parameter sets beside it from its fit's intervals"
+        f"{variants} more parameter sets from the intervals of its fit"
         if sure
-        else (f"{variants} parameter sets around it, as no fit.json lies beside the rig file (optid fit)")
+        else (
+            f"{variants} more parameter sets around it, because no fit.json lies beside the rig file (optid fit)"
+        )
     )
     return (
-        "The rig's model judges performance, the identified one the margins; "
-        f"{sets if variants else 'no other parameters'}; sensor noise {noise:.3g} (sd)."
+        "Performance is judged on the rig's model, margins on the identified model; "
+        f"{sets if variants else 'no other parameter sets'}; sensor noise {noise:.3g} (sd)."
     )
 
 
 def _said_of_axis(load: float, unit: str) -> list[str]:
     said = [
-        "The model holds no dry friction, and integral action that a linear model likes makes an axis that sticks "
-        "hunt: half of the model's damping (a quarter, three quarters) is taken for dry friction "
-        "(--rig knows it better)."
+        "The model has no dry friction, and integral action tuned on a linear model makes an axis with stiction "
+        "hunt: half of the model's damping (also a quarter and three quarters) is taken as dry friction (--rig "
+        "gives it more exactly)."
     ]
     if load:
         said.append(
-            f"A standing load of {load:.3g} {unit}, which the recording shows: without integral action it leaves an "
-            f"error of {abs(load):.3g} {unit} over kp (--structure pid takes it away, and may hunt)."
+            f"A constant load of {load:.3g} {unit}, which the recording shows: without integral action it leaves an "
+            f"error of {abs(load):.3g} {unit} over kp (--structure pid removes it, and may hunt)."
         )
     return said
 

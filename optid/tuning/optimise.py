@@ -223,8 +223,8 @@ def default_gains(task: Task, scale: Ultimate) -> Gains:
 def _refusal(task: Task, fitness: float) -> str:
     if fitness / REFUSED - 1.0 >= 10.0:
         return (
-            "no gains within thousands of the plant's scale stabilise this model: identify anew, "
-            "or with another order"
+            "no gains within a factor of thousands of the plant's scale stabilise this model: identify again, or "
+            "with another order"
         )
     asked = [
         f"{name.replace('_', ' ')} {value:g}"
@@ -233,5 +233,5 @@ def _refusal(task: Task, fitness: float) -> str:
     ]
     if asked and fitness > REFUSED:
         miss = 100 * (fitness / REFUSED - 1)
-        return f"no gains keep {' and '.join(asked)}; the best ones miss by {miss:.2g} %: ask for less"
+        return f"no gains keep {' and '.join(asked)}; the best ones miss by {miss:.2g} %: relax the margins"
     return "every stabilising loop diverges in simulation (NaN or infinite): the limits are too tight for this model"

@@ -95,13 +95,13 @@ def plant_of(model: Armax, input: int = 0, where: object = None) -> Plant:
     if delay == 0:
         delay = 1
         remarks.append(
-            "The model answers in the very sample of its command (nk = 0), which no loop can: "
-            "a command acts one sample later here."
+            "The model responds in the sample of its command (nk = 0), which a loop cannot do: here the command "
+            "acts one sample later."
         )
     largest = float(np.max(np.abs(b), initial=0.0))
     if abs(float(b.sum())) <= NEGLIGIBLE * b.size * largest:
         raise InputError(
-            "zero gain: the output does not answer to a lasting command",
+            "zero static gain: the output does not respond to a constant command",
             where=where,
             field="b",
             hint="identify from a recording in which the command moves the output",
@@ -111,7 +111,7 @@ def plant_of(model: Armax, input: int = 0, where: object = None) -> Plant:
             f"coefficients of {largest:g}",
             where=where,
             field="b",
-            expected="those of an axis, in units that suit its signals",
+            expected="coefficients of usual size; choose units that suit the signals",
         )
     order = max(len(model.a) - 1, delay - 1 + b.size)
     a = np.pad(np.array(model.a[1:]), (0, order - (len(model.a) - 1)))
@@ -150,13 +150,15 @@ def _difficulties(plant: Plant) -> list[str]:
     for pole in unstable:
         if pole.imag < 0.0:
             continue
-        grows = f"left alone, it grows by e in {plant.sample_time / math.log(abs(pole)):.3g} s"
+        grows = f"without control it grows by a factor e in {plant.sample_time / math.log(abs(pole)):.3g} s"
         if pole.imag == 0.0 and 0.0 < pole.real - 1.0 < DRIFT:
-            said.append(f"The model drifts: {_said(pole)} is an integrator's pole a little outside; {grows}.")
+            said.append(
+                f"The model drifts: {_said(pole)} is an integrator's pole slightly outside the unit circle; {grows}."
+            )
             continue
         said.append(
-            f"The model is unstable: pole {_said(pole)}; {grows}. The loop must hold it, and what the loop cannot "
-            "hold (at a limit) runs away."
+            f"The model is unstable: pole {_said(pole)}; {grows}. The loop must stabilise it, and while the command "
+            "is at a limit it runs away."
         )
     for zero in plant.zeros:
         if zero.real > 1.0 + 1e-6 and abs(zero.imag) < 1e-9 * abs(zero):
@@ -195,7 +197,7 @@ def scenarios(model: Armax, count: int, rng: np.random.Generator, input: int = 0
             "null",
             field="covariance",
             expected="the covariance of the coefficients",
-            hint="identify anew, or tune for the model alone",
+            hint="identify again, or tune for the model alone (--scenarios 1)",
         )
     if not model.determined:
         raise InputError(

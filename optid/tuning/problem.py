@@ -65,7 +65,7 @@ class TuningProblem:
         """The same with no bound on the maximum sensitivity, for a model that allows none."""
         required = replace(self.task.required, maximum_sensitivity=None)
         bound = self.task.required.maximum_sensitivity
-        said = f"No gains keep a maximum sensitivity of {bound:g} on this model: none is asked for."
+        said = f"No gains keep a maximum sensitivity of {bound:g} on this model: the bound is dropped."
         return replace(self, task=replace(self.task, required=required), assumed=(*self.assumed, said))
 
 

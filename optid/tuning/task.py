@@ -67,7 +67,7 @@ class Task:
             raise InputError(
                 f"{self.settings.low:g} to {self.settings.high:g}",
                 field="limits",
-                expected="a range around 0, the command at which the model rests",
+                expected="a range that contains 0, the command at which the model is at rest",
             )
         self.course  # noqa: B018  # complains now, not in the middle of a search
 

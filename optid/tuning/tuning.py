@@ -30,8 +30,8 @@ if TYPE_CHECKING:
 
 THIN = 2.0  # maximum sensitivity; Astrom and Hagglund (2006, section 4.6) recommend 1.2 to 2.0
 UNSTABLE = (
-    "The linear loop on the identified model is unstable, its maximum sensitivity infinite: only the friction and the "
-    "limits of the simulation hold it. Gains that the identified model bears, too: --ms 2."
+    "The linear loop on the identified model is unstable (infinite maximum sensitivity): only friction and "
+    "limits stabilise the simulated one. For gains that also stabilise the identified model: --ms 2."
 )
 SAME = 5e-2  # relative: searches that end that near to the best cost have found its valley
 Bench = Callable[[Gains, Settings], tuple[Response, ...]]
@@ -170,7 +170,7 @@ def tune(
     gains, within = search.gains, search.within
     others = _others(task, scale, within, gains, options.effort)
     if present is not None:
-        others.insert(0, Baseline("present", present, "the gains now in force"))
+        others.insert(0, Baseline("present", present, "the gains in use today"))
     unaware = None if task.bench_alone else _unaware(task, options, rng, scale)
     rivals = [one.gains for one in (*others, unaware) if one is not None and one.gains is not None]
     gains = _outdone(task, within, gains, rivals)
@@ -239,7 +239,7 @@ def _unaware(task: Task, options: Options, rng: np.random.Generator, scale: Ulti
         gains = optimise(replace(task, settings=free, bench=None), options, rng, scale).gains
     except SolveError:
         return None
-    return Baseline("without_limits", gains, "tuned as if there were no limits")
+    return Baseline("without_limits", gains, "tuned without limits")
 
 
 def _remarks(task: Task, found: Scored) -> tuple[str, ...]:
@@ -248,7 +248,7 @@ def _remarks(task: Task, found: Scored) -> tuple[str, ...]:
     judged = found.bench if alone else found.responses
     slow = [r for r in judged if r.episode.rise[-1] != 0.0 and math.isinf(r.settled) and r.episode.run <= 0]
     swings = max((run.hunting for run in judged), default=0.0)
-    hunts = [f"It hunts: {swings:.3g} peak to peak at rest, and no gains were found that rest."]
+    hunts = [f"It hunts: {swings:.3g} peak to peak at rest; no gains without hunting were found."]
     Ms = found.margins.maximum_sensitivity if found.margins else math.inf
     thin = [f"Thin margins: maximum sensitivity {Ms:.3g}; up to 2 is usual."] if Ms > THIN else []
     if not found.stable:
@@ -258,8 +258,11 @@ def _remarks(task: Task, found: Scored) -> tuple[str, ...]:
         *task.plant.remarks,
         *thin,
         *(hunts if swings > task.hunting else []),
-        *(f"{run.episode.name}: not settled within the horizon; give it a longer one." for run in slow),
-        *(f"{run.episode.name}: on the physical model the loop runs away." for run in lost),
+        *(
+            f"{run.episode.name}: not settled within the horizon; a longer one is set by --horizon."
+            for run in slow
+        ),
+        *(f"{run.episode.name}: on the physical model the loop is unstable." for run in lost),
     )
 
 

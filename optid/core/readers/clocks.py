@@ -60,10 +60,10 @@ def unwrapped(raw: Array, unit: str, place: Callable[[int], str]) -> tuple[Array
             turns = np.zeros(len(raw))
             turns[back + 1] = period
             times = "once" if len(back) == 1 else f"{len(back)} times"
-            what = "midnight" if _is_day(period) else "its roll-over"
+            what = "midnight" if _is_day(period) else "the counter's range"
             return raw + np.cumsum(turns), (
-                f"the clock begins anew {times} ({place(int(back[0]) + 1)}): "
-                f"{period:.10g} {unit} are added from {what} on",
+                f"the clock restarts {times} ({place(int(back[0]) + 1)}): "
+                f"{period:.10g} {unit} are added from that row on ({what})",
             )
     return raw, ()
 
@@ -94,8 +94,9 @@ def refuse_bursts(time: Array, field: str, path: Path) -> None:
         return
     long = max(long, float(np.median(steps[steps > 2 * slope]))) if (steps > 2 * slope).any() else long
     raise RecordingError(
-        f"the stamps come in bursts, {short:.3g} to {long:.3g} s apart, while on the whole a sample was taken every "
-        f"{slope:.4g} s: they tell when samples arrived, not when they were taken",
+        f"the time stamps come in bursts, {short:.3g} to {long:.3g} s apart, while on the whole a sample was taken "
+        "every "
+        f"{slope:.4g} s: they record when samples arrived, not when they were taken",
         where=path,
         field=field,
         expected="times of the samples",
@@ -229,13 +230,15 @@ def _told(
     if late[last] > 1e-6:
         begins = ", ".join(f"{role} {1e3 * s:.6g} ms" for role, s in late.items() if s > 1e-9)
         notes.append(
-            f"by the file's own clocks the channels begin at different times (later than the first: {begins}): "
-            f"they are put so, over the {stop - start:.6g} s that they share"
+            f"according to the file's clocks the channels begin at different times (later than the first: {begins}): "
+            f"they are aligned by these times, over the {stop - start:.6g} s that they share"
         )
     rates = {role: 1 / step for role, step in steps.items()}
     if max(rates.values()) > min(rates.values()) * (1 + _SAME_RATE):
         each = ", ".join(f"{role} {rate:.6g} Hz" for role, rate in rates.items())
-        notes.append(f"the channels have rates of their own ({each}): each is measured where it has samples")
+        notes.append(
+            f"the channels have different rates ({each}): each counts as measured where it has samples"
+        )
     return tuple(notes)
 
 

@@ -33,9 +33,9 @@ def refuse_disorder(times: Array, place: Callable[[int], str], field: str, path:
     before, here = times[row - 1], times[row]
     what = f"repeats {here:.10g}" if here == before else f"goes back from {before:.10g} to {here:.10g}"
     hint = (
-        'if the times are rounded, state rate = "... Hz" instead'
+        'if the times are rounded, give the rate: rate = "... Hz" instead'
         if here == before
-        else "if two recordings follow each other, or a clock began anew, cut the file there"
+        else "if two recordings follow each other, or a clock restarted, cut the file there"
     )
     raise RecordingError(
         f"{place(row)} {what}", where=path, field=field, expected="times that increase", hint=hint
@@ -65,7 +65,7 @@ def times_of(table: Table, time: ChannelMap, path: Path) -> tuple[Array, float, 
 
 
 def _since(seconds: float) -> str:
-    return f"times are told from the first sample on, which the file has at {seconds:.9g} s"
+    return f"times count from the first sample, which the file has at {seconds:.9g} s"
 
 
 def _stamped(values: Raw, table: Table, time: ChannelMap, path: Path) -> tuple[Array, float, float] | None:

@@ -22,7 +22,7 @@ def file_bytes(path: Path) -> bytes:
         with path.open("rb") as file:
             mode = os.fstat(file.fileno()).st_mode
             if stat.S_ISCHR(mode) or stat.S_ISBLK(mode):
-                raise RecordingError("this is a device, which has no end", where=path, expected="a file")
+                raise RecordingError("this is a device, not a file", where=path, expected="a file")
             data = file.read() if stat.S_ISREG(mode) else file.read(PIPE + 1)
     except FileNotFoundError:
         raise RecordingError("no such file", where=path, hint=_neighbour(path)) from None
@@ -49,7 +49,7 @@ def unzipped(data: bytes, budget: Budget, path: Path) -> bytes:
     """
     if data[:2] != b"\x1f\x8b":
         raise RecordingError(
-            "the name ends in .gz, but this is no gzip data", where=path, expected="a .gz file"
+            "the name ends in .gz, but the content is not gzip data", where=path, expected="a .gz file"
         )
     try:
         return budget.inflate(data, "the gzip data", window=zlib.MAX_WBITS | 16)

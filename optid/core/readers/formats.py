@@ -157,7 +157,7 @@ def _refuse_foreign(data: bytes, suffix: str, path: Path) -> None:
     if found is None and suffix in _SUFFIXES and b"\0" in data[:4096]:
         found = _SUFFIXES[suffix]
     if found is None and suffix in (".h5", ".hdf5"):
-        found = ("no HDF5 file, whatever its name says, or a damaged one", "look where it was written")
+        found = ("not an HDF5 file in spite of its name, or a damaged one", "check the program that wrote it")
     if found is not None:
         what, cure = found
         raise RecordingError(

@@ -27,5 +27,5 @@ def library(name: str, package: str, needed: str, path: Path) -> Any:
     except Exception as error:  # one built for another NumPy raises ValueError, AttributeError and others
         absent = isinstance(error, ModuleNotFoundError)
         why = " ".join(f"{type(error).__name__}: {error}".split())[:200]
-        broken = "" if absent else f" (it is there, but broken: {why})"
+        broken = "" if absent else f" (it is installed but cannot be imported: {why})"
         raise RecordingError(f"{needed} need {package}{broken}", where=path, hint=EXTRA) from None

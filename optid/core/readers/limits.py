@@ -44,7 +44,7 @@ class Budget:
                 f"{what} would take {count / 1e6:.6g} MB, far more than a file of this size holds",
                 where=self.path,
                 expected="a file that is not damaged",
-                hint="if it is sound, save it again without compression or fill values",
+                hint="if it is not damaged, save it again without compression or fill values",
             )
         self.left -= count
 
@@ -59,7 +59,7 @@ class Budget:
                 f"{count} rows, far more than a file of this size holds",
                 where=self.path,
                 expected=f"at most {self.most_rows}",
-                hint="if it is sound, save it again without compression, or in parts",
+                hint="if it is not damaged, save it again without compression, or in parts",
             )
 
     def inflate(self, data: bytes | memoryview, what: str, window: int = zlib.MAX_WBITS) -> bytes:

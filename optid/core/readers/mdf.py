@@ -27,7 +27,11 @@ def read(data: bytes, path: Path, wanted: tuple[str, ...], budget: Budget) -> Ta
     try:
         from asammdf import MDF
     except ImportError as error:
-        broken = "" if isinstance(error, ModuleNotFoundError) else f" (it is there, but broken: {error})"
+        broken = (
+            ""
+            if isinstance(error, ModuleNotFoundError)
+            else f" (it is installed but cannot be imported: {error})"
+        )
         raise RecordingError(f"MDF files need asammdf{broken}", where=path, hint=EXTRA) from None
     logging.getLogger("asammdf").setLevel(logging.CRITICAL)
     if b"HD" not in data[64:68]:  # where both versions have their header
@@ -67,7 +71,7 @@ def _column(file: Any, places: list[tuple[int, int]], origin: int, budget: Budge
     masters = [place for place in places if file.masters_db.get(place[0]) == place[1]]
     if len(places) > 1 and len(masters) < len(places):
         groups = " or ".join(f"{group}/..." for group, _ in places[:4])
-        return f"stands in {len(places)} groups: map one by its number, {groups}"
+        return f"is in {len(places)} groups: select one by its number, {groups}"
     group, index = places[0]
     budget.take(int(file.groups[group].channel_group.cycles_nr) * 16, f"channel {index} of group {group}")
     signal = file.get(group=group, index=index, raw=False)

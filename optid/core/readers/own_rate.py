@@ -27,7 +27,7 @@ def held_between(
         if stride < 2 and held.get(role) and _joined(role, values):
             found[role] = _held_on(time, series)
             notes.append(
-                f"{role} has no value in the rows of the other channels: it is held there from its last sample"
+                f"{role} has no value in the rows of the other channels: its last sample is held there"
             )
         if stride < 2:
             continue
@@ -40,7 +40,7 @@ def held_between(
             notes.append(f"{role} has a sample every {stride} rows ({rate:.4g} Hz) and is held between them")
         else:
             notes.append(
-                f"{role} has a rate of its own, a sample every {stride} rows ({rate:.4g} Hz): it is measured there"
+                f"{role} has its own rate, a sample every {stride} rows ({rate:.4g} Hz): it counts as measured there"
             )
     return found, tuple(notes)
 

@@ -105,11 +105,11 @@ def _wrapped(series: Array) -> Iterator[Change]:
     turns = np.concatenate(([0.0], np.cumsum(np.where(np.abs(steps) > 0.5 * span, -np.sign(steps), 0.0))))
     changed = series.copy()
     changed[known] = y + whole * turns
-    words = modulus[1] if modulus else "the same each time, and the whole range of the values"
+    words = modulus[1] if modulus else "the same each time, and equal to the whole range of the values"
     yield (
         changed,
         f"jumps by {whole:.10g} (as recorded; {words}) within a sample, {len(jumps)} times, "
-        f"{size / max(fastest, 1e-300):.3g} times its fastest motion: a counter that wraps; it is unwrapped",
+        f"{size / max(fastest, 1e-300):.3g} times its fastest motion: a counter that wraps; it was unwrapped",
         int(known[jumps[0] + 1]),
     )
 

@@ -40,8 +40,8 @@ def stale(series: Array) -> Iterator[Change]:
         return  # it moves by one step of its grid at a time: slow, not stale
     yield (
         _only_at(y, np.r_[0, changes]),
-        f"is new only in every {_ordinal(ratio)} row: in between, the last value is repeated; the repeats are not "
-        f"counted as samples, and its true rate is 1/{ratio:.3g} of the rows'",
+        f"is updated only in every {_ordinal(ratio)} row: in between, the last value is repeated; the repeated "
+        f"values do not count as samples, and its true rate is 1/{ratio:.3g} of the rows'",
         int(changes[0]),
     )
 
@@ -73,8 +73,8 @@ def interpolated(series: Array) -> Iterator[Change]:
         return
     yield (
         _only_at(y, taken),
-        f"goes on straight between every {_ordinal(ratio)} row: a logger interpolated it; what lies between is not "
-        f"counted as samples, and its true rate is 1/{ratio:.3g} of the rows'",
+        f"runs in straight lines between every {_ordinal(ratio)} row: the logger interpolated it; the values in "
+        f"between do not count as samples, and its true rate is 1/{ratio:.3g} of the rows'",
         int(taken[0]),
     )
 

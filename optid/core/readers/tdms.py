@@ -56,7 +56,7 @@ def read(data: bytes, path: Path, wanted: tuple[str, ...], budget: Budget) -> Ta
     for name in wanted:
         if name in twice:
             groups = [n for n in names if n.endswith(f"/{name}")]
-            left_out[name] = f"stands in {len(groups)} groups: map one, {' or '.join(groups[:4])}"
+            left_out[name] = f"is in {len(groups)} groups: select one, {' or '.join(groups[:4])}"
     return Table(columns, names, "tdms", "", left_out)
 
 

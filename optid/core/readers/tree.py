@@ -68,7 +68,7 @@ def only_matlab(kind: str, name: str) -> Sealed:
     }
     article = "an" if kind[:1] in "aeiouAEIOU" else "a"
     cure = lines.get(kind, f"s = struct({name}); save('run.mat', '-struct', 's', '-v7')")
-    return Sealed(f"is {article} {shown(kind)} object, which only MATLAB can open", f"there: {cure}")
+    return Sealed(f"is {article} {shown(kind)} object, which only MATLAB can read", f"in MATLAB: {cure}")
 
 
 def table_of(root: Mapping[str, Node], wanted: Sequence[str], path: Path, reader: str) -> Table:
@@ -83,7 +83,7 @@ def table_of(root: Mapping[str, Node], wanted: Sequence[str], path: Path, reader
     length = _common_length(signals, asked.values())
     if not signals and not any(isinstance(node, Sealed) for node in flat.values()):
         raise RecordingError(
-            "no vector of samples in it", where=path, expected="signals as vectors of one length"
+            "it holds no vector of samples", where=path, expected="signals as vectors of one length"
         )
     aliases = dict(_first(_aliases(root)))
     columns: dict[str, Column] = {}
@@ -176,7 +176,11 @@ def _pick(flat: Mapping[str, Node], name: str, length: int) -> Raw | str | None:
     if isinstance(node, Sealed):
         return _words(node)
     if not _is_signal(node):
-        return "holds a single number" if node.dtype.kind in "biufc" else f"holds {node.dtype}, no numbers"
+        return (
+            "holds a single number"
+            if node.dtype.kind in "biufc"
+            else f"holds {node.dtype} instead of numbers"
+        )
     shape = _squeezed(node.shape)
     if len(shape) == 1:
         return None if column not in (None, 0) else np.asarray(node[()]).reshape(-1)
@@ -185,7 +189,7 @@ def _pick(flat: Mapping[str, Node], name: str, length: int) -> Raw | str | None:
     if column is None:
         return f'holds {count} signals: "{shown(name)}[0]" to "{shown(name)}[{count - 1}]"'
     if column >= count:
-        return f"is not there: it holds {count} signals, [0] to [{count - 1}]"
+        return f"does not exist: it holds {count} signals, [0] to [{count - 1}]"
     if len(shape) == 2 and len(node.shape) == 2:
         return np.asarray(node[:, column] if axis == 0 else node[column, :])
     whole = np.moveaxis(np.asarray(node[()]).reshape(shape), axis, 0)

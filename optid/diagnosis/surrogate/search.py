@@ -72,7 +72,7 @@ def find_surrogate(
     """
     base, first = path.base, path.first
     likely = (sites[0], *_rivalling(sites, problem))
-    problem.report(Stage.SURROGATE, "what describes the mismatch")
+    problem.report(Stage.SURROGATE, "describing the mismatch")
     forms = _forms(base, likely)
     led = propose(base, forms, problem).ranked
     tried = len(forms)

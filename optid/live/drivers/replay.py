@@ -19,7 +19,9 @@ class Replay:
 
     def __init__(self, order: Order) -> None:
         if order.recording is None:
-            raise InputError("no recording to replay", where="--recording", expected="a recording of the rig")
+            raise InputError(
+                "no recording to replay is given", where="--recording", expected="a recording of the rig"
+            )
         record = read_recording(order.recording, order.rig)
         columns = [(record[c.role].values - c.shift) / c.factor for c in order.wiring.measured]
         command = order.wiring.command

@@ -71,10 +71,10 @@ class Access:
             web.HTTPForbidden: it may not come in.
         """
         if self.local and request.host.rpartition(":")[0] not in NAMES:
-            raise web.HTTPForbidden(text="this page answers to its own machine only\n")
+            raise web.HTTPForbidden(text="this page can be opened on its own machine only\n")
         origin = request.headers.get("Origin")
         if origin is not None and urlsplit(origin).netloc != request.host:
-            raise web.HTTPForbidden(text="this page takes no orders from other pages\n")
+            raise web.HTTPForbidden(text="this page accepts no commands from other pages\n")
 
     def opens(self, request: web.Request) -> bool:
         """The request has the token: as `Authorization: Bearer`, or beside the socket's protocol in hexadecimal."""

@@ -113,7 +113,9 @@ class Page:
             )
         if not self._access.opens(request):
             if self._attempts.wrong(address):
-                self._session.events.note(f"the page: too many wrong tokens from {address}; it has to wait")
+                self._session.events.note(
+                    f"the page: too many wrong tokens from {address}; further attempts are delayed"
+                )
             raise web.HTTPForbidden(text="the token is missing or wrong\n")
 
     async def _live(self, request: web.Request) -> web.WebSocketResponse:
@@ -143,7 +145,7 @@ class Page:
             return ""
         wish = message.get("do") if isinstance(message, dict) else None
         if wish == "stop":
-            self._session.stop("the page's stop")
+            self._session.stop("the Stop button of the page")
         elif wish == "tune":
             self._session.tune()
         elif wish == "apply":

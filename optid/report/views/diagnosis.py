@@ -18,9 +18,9 @@ from optid.results.words import error, parameter_rows, percent
 
 HEADLINES = {
     "consistent": "Nothing is missing",
-    "parameters": "The physics is right, the stated parameters are not",
+    "parameters": "The physics is right, the parameters are not",
     "missing-physics": "Physics is missing",
-    "unexplained": "Something is missing that the catalogue does not know",
+    "unexplained": "Something is missing that is not in the catalogue",
 }
 SHOWN = 12  # intervals that a page lists of a finding
 
@@ -77,7 +77,7 @@ def _output(result: DiagnosisResult, role: str) -> dict[str, Any]:
     return {
         "name": role,
         "figure": interactive(drawn, f"{role} before and after"),
-        "left": interactive(residuals(left, role, unit), f"{role} what is left"),
+        "left": interactive(residuals(left, role, unit), f"{role} residual"),
         "recording": name,
     }
 

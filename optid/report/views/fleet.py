@@ -42,7 +42,7 @@ def page(result: FleetResult) -> str:
         d=d,
         lead=result.summary().splitlines()[0],
         overview=None if overview is None else interactive(overview, "rigs against quantities"),
-        nights=interactive(figures.discoveries(result.tables["nights"], d["level"]), "rigs told of by night")
+        nights=interactive(figures.discoveries(result.tables["nights"], d["level"]), "rigs reported by night")
         if "nights" in result.tables
         else None,
         told=[_told(result, one) for one in d["told"][:DRAWN]],
