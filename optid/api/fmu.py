@@ -1,7 +1,7 @@
 """A rig's model as an FMU (FMI 3.0, model exchange), for Simulink, Modelica tools and FMPy.
 
-CasADi writes the model description and the C code; FMPy brings the standard's headers, and a C compiler makes the
-binary for the machine at hand. CasADi calls its export experimental, so the description is mended here where FMPy's
+CasADi writes the model description and the C code; FMPy has the standard's headers, and a C compiler builds the
+binary for the machine at hand. CasADi calls its export experimental, so the description is corrected here where FMPy's
 check finds it wrong: names that are the exporter's own, and states that had no start value.
 """
 
@@ -32,7 +32,7 @@ PLATFORMS = {"linux": ("x86_64-linux", ".so"), "darwin": ("x86_64-darwin", ".dyl
 def export_fmu(rig: str | Path | Rig, path: str | Path, *, start: Mapping[str, float] | None = None) -> Path:
     """Write a rig's model with its parameters as an FMU.
 
-    Inputs and outputs carry their roles, states are "state_NAME", parameters their own names; all in SI units, a
+    Inputs and outputs are named by their roles, states "state_NAME", parameters by their own names; all in SI units, a
     command with a full scale as a share of it.
 
     Parameters
@@ -106,7 +106,7 @@ def _builder(model: Model, name: str, values: np.ndarray, begin: Mapping[str, fl
 
 
 def _mended(file: Path, begin: Mapping[str, float], model: Model) -> bytes:
-    """The description as the standard wants it, with units in the variables' descriptions."""
+    """The description as the standard requires it, with units in the variables' descriptions."""
     tree = ElementTree.parse(file)
     root = tree.getroot()
     root.set("variableNamingConvention", "flat")

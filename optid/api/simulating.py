@@ -27,7 +27,8 @@ def simulate(
     rate: float | None = None,
     progress: Progress = silent,
 ) -> SimulationResult:
-    """Run the model along recordings: free from their start, and in windows of 0.5 s from what was measured before.
+    """Simulate the model along recordings: in a free run from their start, and in windows of 0.5 s from a state
+    estimated on earlier data.
 
     Parameters
     ----------
@@ -36,10 +37,10 @@ def simulate(
     recordings : Recordings
         a path, a DataFrame, a Recording, or a list of them.
     fit : FitResult | None
-        where its values shall be used instead of the rig file's; then both predictions carry the 95 % band that
+        a fit whose values replace the rig file's; then both predictions have the 95 % band that
         the parameters' covariance gives (linearised; measurement noise not counted).
     rate : float | None
-        Hz to bring faster recordings down to; what the axis's fastest pole asks for when absent.
+        Hz to which faster recordings are decimated; by default as fast as the axis's fastest pole needs.
     progress : Progress
         called with the share done and a few words.
 

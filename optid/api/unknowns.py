@@ -13,18 +13,18 @@ from optid.report.residuals import autocorrelation, residual
 from optid.rigs.per_recording import measured_inputs
 from optid.rigs.rigfile import Rig
 
-WHITE = 0.1  # share of lags outside the 95 % band above which residuals are called coloured
+WHITE = 0.1  # share of lags outside the 95 % band above which residuals count as coloured
 
 
 def about_fit(fit: Fit, asked: Sequence[str], exhibits: Sequence[Exhibit]) -> list[str]:
-    """Outcome, bounds, what cannot be told apart, and what was not held out.
+    """Outcome, bounds, parameters that cannot be separated, and whether anything was held out.
 
     Parameters
     ----------
     fit : Fit
         as found.
     asked : Sequence[str]
-        names of the parameters that the rig file frees; settings of the equations beside them say nothing.
+        names of the parameters that the rig file fits; other settings of the equations are not reported.
     exhibits : Sequence[Exhibit]
         recordings with their predictions.
     """
@@ -47,7 +47,7 @@ def about_fit(fit: Fit, asked: Sequence[str], exhibits: Sequence[Exhibit]) -> li
 
 
 def notes(exhibits: Sequence[Exhibit]) -> list[str]:
-    """What makes a recording unfit, and what the predictions say that their scores do not show."""
+    """What makes a recording unfit, and notes on the predictions that their scores do not show."""
     unfit = [
         f"{one.recording.name}: {remark.message}"
         for one in exhibits

@@ -1,7 +1,7 @@
 """The command line: reads arguments, calls one job, prints a short summary and an exit status.
 
-0 done; 1 the job failed, and why; 2 the call or an input file is wrong. Each command is one file; slow imports
-stay inside the commands, so that help is there at once.
+0 done; 1 the job failed, and why; 2 the call or an input file is wrong. Each command has its own file; slow imports
+stay inside the commands, so that help appears at once.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ HELP = """From recordings of a servo axis to a model. To start: optid example DI
   optid tune out/armax/armax.json --rig out/fit/rig.toml --out out/tune
       PID gains by direct ITAE optimisation under the actuator's limits.
 
-Exit status: 0 done, 1 the job failed, 2 the command line or an input file is wrong.
+Exit status: 0 done, 1 the job failed, 2 a wrong call or input file.
 """
 
 
@@ -75,7 +75,7 @@ class OneLine(click.Group):
             what = "nothing was written" if run.delivered is None else f"the results are in {run.delivered}"
             _leave(f"interrupted{how}; {what}", 1)
         except BrokenPipeError:
-            sys.stdout = None  # whoever read has gone; nothing is left to say
+            sys.stdout = None  # the reader of the pipe has gone: nobody reads more output
             sys.exit(1)
         except Exception as error:
             if os.environ.get("OPTID_TRACEBACK") == "1":
@@ -120,6 +120,6 @@ cli.add_command(fleet)
 def main() -> None:
     """Entry point of the `optid` script."""
     if not sys.warnoptions:
-        warnings.simplefilter("ignore")  # what libraries warn of means nothing to who calls a command
+        warnings.simplefilter("ignore")  # warnings of libraries mean nothing to the user of a command
     with ended_at_once():
         cli()

@@ -1,4 +1,4 @@
-"""`optid check`: read a rig file and recordings; remark on the data, and say what they are fit for."""
+"""`optid check`: read a rig file and recordings; report on the quality of the data and what they can be used for."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ if TYPE_CHECKING:
 def check(
     context: click.Context, rig: str, recordings: tuple[str, ...], out: str | None, detectability: bool
 ) -> None:
-    """Read a rig file and recordings; remark on the data and on what they can tell of the parameters.
+    """Read a rig file and recordings; report on the quality of the data and on the identifiability of the parameters.
 
-    Exit status 0 with or without remarks, 1 when a recording cannot serve a fit or a parameter to fit has no influence
+    Exit status 0 with or without remarks, 1 when a recording cannot be fitted or a parameter to fit has no influence
     on any, 2 when a file cannot be read.
     """
     folder = results_folder(out) if out is not None else None
@@ -68,7 +68,7 @@ def check(
 
 
 def _say_lags(rig: Rig, recording: Recording) -> None:
-    """By how much what is measured follows each input, where they resemble each other at all."""
+    """The lag of each measured signal behind each input, where they are correlated."""
     from optid.quality.quality import lags
 
     for what, cause, lag in lags(recording, rig.model):
@@ -77,7 +77,7 @@ def _say_lags(rig: Rig, recording: Recording) -> None:
 
 
 def _identifiability(rig: Rig, recordings: list[Recording]) -> dict[str, Any]:
-    """What the data tell of the parameters to fit, said and as a document."""
+    """Identifiability of the parameters to fit: printed, and returned as a document."""
     from optid.api.checking import what_they_tell
 
     with waiting("checking identifiability"):

@@ -20,7 +20,9 @@ from optid.cli.common import (
     waiting,
 )
 
-TIME_LIMIT = 800.0  # s: where much is missing, the second of two effects was found after 650 of a core
+TIME_LIMIT = (
+    800.0  # s: in a case with much missing, the second of two effects was found after 650 s on one core
+)
 
 
 @click.command()

@@ -1,4 +1,4 @@
-"""`optid fleet`: many rigs and recordings, here or on a cluster; how far it is, and what it shows."""
+"""`optid fleet`: many rigs and recordings, here or on a cluster; its progress and its report."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ class _Files(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """The command that the first word names; what is none names a fleet file."""
+        """The command that the first word names; any other word names a fleet file."""
         return super().resolve_command(ctx, args if args[0] in self.commands else ["run", *args])
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Options may stand before the file, as with any other command."""
+        """Options may precede the file, as with any other command."""
         if args and args[0].startswith("-") and args[0] not in ("-h", "--help"):
             args = ["run", *args]
         return super().parse_args(ctx, args)

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from optid.live.settings import Settings
     from optid.rigs.rigfile import Rig
 
-POLL = 0.05  # s between looks at a running session
+POLL = 0.05  # s between polls of a running session
 POSITIVE = click.FloatRange(min=0, min_open=True)
 
 
@@ -226,7 +226,7 @@ def _plan(rig: Path, driver: str, folder: Path, choices: dict[str, Any]) -> Plan
 
 
 def _command(choices: dict[str, Any], rig: Rig, settings: Settings) -> Excitation | None:
-    """The experiment in open loop, where one is asked for."""
+    """The open-loop experiment, if one is requested."""
     from optid.live.excitation import read_command
     from optid.live.settings import wiring_of
 
@@ -245,7 +245,7 @@ def _command(choices: dict[str, Any], rig: Rig, settings: Settings) -> Excitatio
 
 
 def _orders(choices: dict[str, Any]) -> Orders:
-    """Eq. 12's numbers from the options."""
+    """The orders of eq. 12, from the options."""
     from optid.armax.structure import Orders
 
     if choices["order"] is not None and choices["na"] is not None:
@@ -256,7 +256,7 @@ def _orders(choices: dict[str, Any]) -> Orders:
 
 
 def _learning(choices: dict[str, Any]) -> Learning:
-    """How the recursion learns, from the options."""
+    """The settings of the recursion, from the options."""
     from optid.armax.identifier import Method
     from optid.armax.identifier import Settings as Learning
 
@@ -266,7 +266,7 @@ def _learning(choices: dict[str, Any]) -> Learning:
 
 
 def _no_page() -> None:
-    """Options of the page without the page are a mistake, and one of them keeps others out."""
+    """Refuse options of the page without --page: they are a mistake, and one of them protects access."""
     context = click.get_current_context()
     for name in ("token", "host", "port"):
         if context.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE:
@@ -274,7 +274,7 @@ def _no_page() -> None:
 
 
 def _way_in(choices: dict[str, Any]) -> tuple[Access, socket.socket]:
-    """Who may open the page, and where it listens: taken before the session begins."""
+    """Access to the page and its socket, which is opened before the session begins."""
     if choices["token"] == "":
         raise InputError("it is empty", where="--token", expected="a word that is hard to guess")
     try:
@@ -293,7 +293,7 @@ def _way_in(choices: dict[str, Any]) -> tuple[Access, socket.socket]:
 
 @contextmanager
 def _stopped_by_signals(session: Session) -> Iterator[None]:
-    """Ctrl-C and SIGTERM ask the guard to put the safe command and end."""
+    """On Ctrl-C or SIGTERM the guard writes the safe command and ends the session."""
 
     def stop(number: int, _: object) -> None:
         session.stop("Ctrl-C" if number == signal.SIGINT else "SIGTERM")

@@ -22,7 +22,7 @@ _THREADS = (
 
 
 def everywhere(command: click.Command) -> click.Command:
-    """A command with the options that all have."""
+    """Add the options that every command has."""
     command.params += [
         click.Option(
             ["--progress"],

@@ -79,7 +79,7 @@ def plan(rig: str, out: str, **choices: Any) -> None:
 
 
 def _call(rig: str, out: Path, seconds: float, choices: dict[str, Any]) -> str:
-    """The session that follows the plan."""
+    """The command that runs the plan."""
     call = [
         "optid",
         "live",
@@ -96,7 +96,7 @@ def _call(rig: str, out: Path, seconds: float, choices: dict[str, Any]) -> str:
 
 
 def _rivals(choices: dict[str, Any]) -> str | Path:
-    """Names, or where a diagnosis lies."""
+    """Names of effects, or the path of a diagnosis."""
     if (choices["rivals"] is None) == (choices["diagnosis"] is None):
         found = "neither is given" if choices["rivals"] is None else "both are given"
         raise InputError(found, where="--rivals, --diagnosis", expected="one of the two")

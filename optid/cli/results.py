@@ -1,4 +1,4 @@
-"""Where results go: tried before the work starts, written whole or not at all, and never lost at the end."""
+"""The results folder: tested before the work starts, written completely or not at all, and never lost."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ Write = Callable[[Path], None]
 
 @dataclass
 class _Claim:
-    """A folder that this run writes into: what it made of the way there, its lock, and what it found."""
+    """A folder that this run writes into: the parents it created, its lock, and the manifest it found."""
 
     folder: Path
     made: list[Path] = field(default_factory=list)
@@ -37,7 +37,7 @@ class _Claim:
     found: Any = None
 
     def release(self) -> None:
-        """Let others have it; folders that were made and hold nothing go."""
+        """Release the folder; folders that were created and are empty are removed."""
         if self.lock is not None:
             os.close(self.lock)
             self.lock = None
@@ -49,7 +49,7 @@ class _Claim:
 
 
 def results_folder(out: str, keeps: Path | None = None) -> Path:
-    """Where results go, tried before any work starts: everything that writing them will do is done once.
+    """The results folder, tested before any work starts by doing once what writing will do.
 
     Raises:
         InputError: it is a file, cannot be written to, is another run's, or would lose the file that it `keeps`.
@@ -128,7 +128,7 @@ def _locked(folder: Path) -> int | None:
 
 
 def _lend_temporary(folder: Path) -> None:
-    """Where nothing else can be written, what libraries need for the moment goes here, too."""
+    """Use it for libraries' temporary files if no other folder is writable."""
     try:
         tempfile.gettempdir()
     except OSError:
@@ -170,8 +170,8 @@ def _refuse_obstacle(folder: Path) -> None:
 def deliver(folder: Path, write: Write) -> None:
     """Write all files into the folder, as one set.
 
-    Where the folder refuses, the set that stands there stays, and the new one goes whole to another folder. Where one
-    file cannot be made, the others are kept there as well.
+    If the folder cannot be written, its present files stay and all new ones go to another folder. If one file cannot
+    be made, the others are kept there as well.
 
     Args:
         folder: as `results_folder` gave it.
@@ -215,7 +215,7 @@ def _save(folder: Path, write: Write) -> None:
 
 
 def _bearing(write: Write) -> Write:
-    """What it writes before it fails, if anything."""
+    """Keep what was written before a failure, if anything."""
 
     def kept(staged: Path) -> None:
         try:
@@ -244,7 +244,7 @@ def _elsewhere(folder: Path, write: Write, why: str, what: str) -> NoReturn:
 
 
 def _places(folder: Path) -> Iterator[Path]:
-    """New folders: beside the one meant, where the command was called, in the user's own, for temporary files."""
+    """New folders: beside the intended one, in the working directory, in the home, and among temporary files."""
     name = f"{folder.name[:80] or 'optid'}-rescued"
     homes = [folder.parent]
     with contextlib.suppress(OSError):
@@ -264,13 +264,13 @@ def _stamp(staged: Path) -> None:
         content = json.loads(path.read_text(encoding="utf-8"))
         if isinstance(content, dict):
             schema = content.pop("schema", f"optid.{path.stem}/1")
-            facts = this_run().facts  # what the call says of itself gives way: the command line says more
+            facts = this_run().facts  # the command line replaces what the Python call recorded
             rest = {key: value for key, value in content.items() if key not in facts}
             write_json(path, {"schema": schema, **facts, **rest})
 
 
 def placed(result: Found, out: str) -> Found:
-    """The result with the folder that its page's next command is to name."""
+    """The result with its folder, which the page's next command names."""
     about = {**result.document["about"], "folder": out}
     return replace(result, document={**result.document, "about": about})
 

@@ -223,11 +223,11 @@ def tune(model: str, out: str, **choices: Any) -> None:
 
 
 class _Patience:
-    """Ends a search at its time, or at the first Ctrl-C, so that the best so far is kept; the second one ends all.
+    """Ends a search at its time limit or at the first Ctrl-C and keeps the best so far; a second Ctrl-C aborts.
 
     Args:
         processor: s of the process's own time, so that other work on the machine changes no answer.
-        clock: s by the clock.
+        clock: s of wall-clock time.
     """
 
     def __init__(self, processor: float | None, clock: float | None) -> None:
@@ -250,7 +250,7 @@ class _Patience:
         self.interrupted = True
 
     def over(self) -> bool:
-        """Time is up, or somebody said so."""
+        """Whether the time limit is reached or the search was interrupted."""
         if self.interrupted:
             self.words = "Interrupted: these are the best gains so far."
         elif time.process_time() > self._processor or time.monotonic() - self._began > self._clock:

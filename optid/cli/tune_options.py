@@ -1,4 +1,4 @@
-"""What the options of `optid tune` mean: numbers with units, ranges and paths, read into a specification in SI."""
+"""The options of `optid tune`: numbers with units, ranges and profiles, read into a specification in SI."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def _numeric(text: str) -> bool:
 
 
 def present_gains(text: str | None) -> Gains | None:
-    """Gains now in force: KP,KI,KD and no more."""
+    """The gains in use: KP,KI,KD and nothing else."""
     from optid.pid.controller import Gains
 
     if text is None:
@@ -69,7 +69,7 @@ def notch_of(text: str | None) -> Notch | None:
 
 
 def search_options(choices: dict[str, Any], structure: Structure, effort: Effort, simulated: bool) -> Options:
-    """How to search; `simulated` says that a simulation with friction judges."""
+    """Options of the search; `simulated` if the gains are judged by a simulation with friction."""
     from optid.pid.controller import Gains
     from optid.tuning.optimise import Options
     from optid.tuning.structures import free_gains

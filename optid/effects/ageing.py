@@ -19,7 +19,7 @@ class Ageing(Description):
     Args:
         site: whose level ages; several are joined by "+", and each has an age of its own.
         signal: the speed s; behind a "*" the one with whose magnitude what has aged swells.
-        size: share that a height of 1 adds in the long run.
+        size: share that a height of 1 adds after a long rest.
         slow: speed below which it rests, in its SI unit.
         magnitude: usual one of what it swells with, SI.
 
@@ -34,15 +34,17 @@ class Ageing(Description):
     ) -> None:
         super().__init__(site, signal, magnitude=magnitude, size=size, slow=slow)
         self.parameters = (
-            constant("size", size, POSITIVE, "share that a height of 1 adds in the long run"),
+            constant("size", size, POSITIVE, "share that a height of 1 adds after a long rest"),
             constant("slow", slow, POSITIVE, f"{self.along} below which it rests, SI"),
             *self._magnitude,
-            Parameter("height", "1", 1.0, "of what has aged in the long run", OWN, 0.0),
-            Parameter("time", "s", 0.5, "in which it ages", OWN, 0.5, (5e-3, 60.0), logarithmic=True),
+            Parameter("height", "1", 1.0, "of the final value", OWN, 0.0),
+            Parameter(
+                "time", "s", 0.5, "time constant of the ageing", OWN, 0.5, (5e-3, 60.0), logarithmic=True
+            ),
         )
         self.strength = {"height": LEAST}
         self.usual = tuple({"height": sign, "time": time} for time in TIMES for sign in (1.0, -1.0))
-        self.law = f"what grows while {self.along.replace('_', ' ')} rests"
+        self.law = f"a quantity that grows while {self.along.replace('_', ' ')} rests"
         self.says = f"{self.law} in {{time}}{self.swells}{self.describes}"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:

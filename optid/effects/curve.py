@@ -64,7 +64,7 @@ class Curve(Description):
         given = {"low": low, "high": high, "size": size, **({"width": width} if speed else {})}
         super().__init__(site, signal, *turn, magnitude=magnitude, **given)
         self.speed = speed
-        turned_at = constant("width", width, POSITIVE, "speed at which it has turned by 71 %")
+        turned_at = constant("width", width, POSITIVE, "speed at which its sign has changed by 71 %")
         self.parameters = (
             constant("low", low, ANY, "lower end of the curve"),
             constant("high", high, ANY, "upper end of the curve"),

@@ -7,7 +7,7 @@ from typing import Any
 from optid.core.parameter import Parameter
 from optid.core.sheet import Sheet
 
-GROUND = "edges are ground one by one; beyond a third of their overlap they no longer belong together"
+GROUND = "edges are ground one by one; differences beyond a third of the overlap are not plausible"
 
 
 def _share(name: str, of: str) -> Parameter:
@@ -28,8 +28,8 @@ CHAMBER_A = _share("chamber_a_wider", "of chamber A")
 EDGES = (FORWARDS, SUPPLY, CHAMBER_A)
 ALIKE = {q.name: 0.0 for q in EDGES}  # all four as wide
 SAID = (
-    "its edges differ: those that open forwards are wider by {forwards_wider}, those to supply by {supply_wider}, "
-    "those of chamber A by {chamber_a_wider}"
+    "its edges differ: those that open forwards are wider by a share of {forwards_wider}, those to supply by "
+    "{supply_wider}, those of chamber A by {chamber_a_wider}"
 )
 
 

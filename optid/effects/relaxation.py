@@ -28,7 +28,7 @@ class Relaxation(Description):
     """
 
     kind = "relaxation"
-    needs = "changes faster and slower than its time"
+    needs = "changes faster and slower than its time constant"
 
     def __init__(
         self,
@@ -44,16 +44,16 @@ class Relaxation(Description):
         self.parameters = (
             constant("size", size, POSITIVE, "what a height of 1 adds at the site, in its SI unit"),
             constant("scale", scale, POSITIVE, f"usual size of {self.along}, SI"),
-            constant("start", start, ANY, f"where the memory of {self.along} begins, SI"),
+            constant("start", start, ANY, f"value of {self.along} at which the memory starts, SI"),
             *self._magnitude,
             Parameter("height", "1", 1.0, "of the relaxation", OWN, 0.0),
             Parameter(
-                "time", "s", 0.15, "in which it is forgotten", OWN, 0.15, (2e-3, 60.0), logarithmic=True
+                "time", "s", 0.15, "time constant of the decay", OWN, 0.15, (2e-3, 60.0), logarithmic=True
             ),
         )
         self.strength = {"height": LEAST}
         self.usual = tuple({"height": sign, "time": time} for time in TIMES for sign in (1.0, -1.0))
-        self.law = f"what follows changes of {self.along.replace('_', ' ')} and is forgotten"
+        self.law = f"a quantity that follows changes of {self.along.replace('_', ' ')} and decays"
         self.says = f"{self.law} in {{time}}{self.swells}{self.describes}"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:

@@ -37,12 +37,12 @@ class Sticking(Description):
     def __init__(self, site: str, signal: str, *, size: float = 1.0) -> None:
         super().__init__(site, signal, magnitude=1.0, size=size)
         self.parameters = (
-            constant("size", size, POSITIVE, "usual size of what sticks, in its SI unit"),
+            constant("size", size, POSITIVE, "usual magnitude of the sticking quantity, in its SI unit"),
             Parameter(
                 "width",
                 "1",
                 0.1,
-                "how far it lets that go, of the usual size",
+                "how far the signal moves before it jumps, as a share of the usual size",
                 OWN,
                 NULL,
                 (NULL, 10.0),
@@ -51,7 +51,10 @@ class Sticking(Description):
         )
         self.strength = {"width": float(WIDTHS[0])}
         self.usual = tuple({"width": float(width)} for width in WIDTHS)
-        self.law = f"what stays until {self.along.replace('_', ' ')} has gone so far, and then jumps there"
+        self.law = (
+            f"a value that stays until {self.along.replace('_', ' ')} has moved a certain distance, and then "
+            "jumps to it"
+        )
         self.says = f"{self.law} ({{width}} of its usual size){self.describes}"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:

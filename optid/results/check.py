@@ -1,4 +1,4 @@
-"""What a look at recordings finds before any fit."""
+"""The result of checking recordings before any fit."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 class CheckResult(Result):
-    """Are the data fit for identification, and what can they tell of the parameters?
+    """The quality of recordings and the identifiability of the parameters.
 
     `tables["signals"]` holds the recordings: recording, time (s) and a column for each channel, SI.
     """
@@ -23,11 +23,11 @@ class CheckResult(Result):
 
     @property
     def fit_for_identification(self) -> bool:
-        """No recording has a remark that is an error, and each parameter to fit has influence."""
+        """Whether no remark is an error and each parameter to fit has influence."""
         return "fit" in self.document["fit_for"]
 
     def summary(self) -> str:
-        """Each recording with its remarks, what the data tell of the parameters, and what they are fit for.
+        """Each recording with its remarks, the identifiability of the parameters, and what the data can be used for.
 
         Returns
         -------
@@ -45,7 +45,7 @@ class CheckResult(Result):
 
     @property
     def identifiability(self) -> list[str]:
-        """What the data tell of the parameters, in lines; none where it was not asked."""
+        """The identifiability of the parameters, as lines; none where it was not computed."""
         told = self.document["identifiability"]
         if told is None:
             return []
@@ -59,7 +59,7 @@ class CheckResult(Result):
 
     @property
     def detectability(self) -> list[str]:
-        """From what size each effect would show and be told from others, in lines; none where it was not asked."""
+        """The sizes from which effects are visible and distinguishable, as lines; none where they were not computed."""
         told = self.document.get("detectability")
         if told is None:
             return []

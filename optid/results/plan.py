@@ -15,7 +15,7 @@ EXPERIMENT = "experiment.csv"
 
 
 class PlanResult(Result):
-    """A reference that tells rival effects apart, and how well.
+    """A reference that distinguishes rival effects, and how well it does.
 
     `tables["experiment"]`: time (s), reference, position (m) and command, as the rig's model predicts them.
     `files["experiment.csv"]`: the same as the rig file maps recordings.

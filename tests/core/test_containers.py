@@ -332,7 +332,7 @@ def test_clocks_that_begin_anew_are_unwrapped_and_told(raw, factor, tmp_path):
     (tmp_path / "run.parquet").write_bytes(frame(raw))
     found = read_recording(tmp_path / "run.parquet", Maps("t", "u", "x", factor=factor))
     np.testing.assert_allclose(found.time - found.time[0], T, atol=1e-9)
-    assert "begins anew" in " ".join(found.provenance.notes)
+    assert "clock restarts" in " ".join(found.provenance.notes)
 
 
 def test_fractions_of_a_second_turn_more_than_once(tmp_path):

@@ -205,7 +205,7 @@ REFUSED = {
     "two recordings": (text("t,u,x", rows()[:25], "t,u,x", rows()[25:]), r"line 27 repeats the header"),
     "one value too many": (
         text("t,u,x", rows(columns=("t", *UX, lambda k: 3 * k))),
-        r"4 fields.*by their place",
+        r"4 fields.*by position",
     ),
     "a comma late": (
         text("t,u,x", [f"{k},{0 if k < 30 else f'{k},5'},{k}" for k in range(N)]),

@@ -33,7 +33,7 @@ class AmbientLeakage(Effect):
     )
     says = (
         "air leaks to the room, from chamber A through {area_a}, from chamber B through {area_b}; a share of "
-        "{laminar_share} of it as through a gap"
+        "{laminar_share} of it is laminar, as through a gap"
     )
     depends_on = (
         "pressure_a",

@@ -26,8 +26,8 @@ OTHERS = Parameter(
     "others",
     "1",
     0.5,
-    "share of the position's lateness that all other channels have, too",
-    "one card or several",
+    "share of the position's delay that all other channels have as well",
+    "one data acquisition card or several",
     1.0,
     (0.0, 1.0),
 )
@@ -60,10 +60,10 @@ class ClockDrift(Effect):
         {"rate": -3e-4, "others": 1.0},
         {"rate": -2e-3, "others": 1.0},
     )
-    law = "shown at t is the position of t - r t"
+    law = "the recorded value at t is the position at t - r t"
     says = (
-        "position and command are sampled by clocks that differ by {rate}: the position comes ever later, or earlier, "
-        "and of that the other channels {others}"
+        "position and command are sampled by clocks that differ by {rate}: the position comes later and later, "
+        "or earlier and earlier; the other channels share {others} of that"
     )
     depends_on = ("time", "velocity")
     needs = "fast motion late in a long recording"

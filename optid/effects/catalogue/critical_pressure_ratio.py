@@ -54,15 +54,18 @@ class CriticalPressureRatio(Effect):
         *({"shift": shift, "subsonic_index": 0.5} for shift in (-0.15, -0.35, 0.08)),
         *({"shift": 0.0, "subsonic_index": m} for m in (0.44, 0.56)),
     )
-    law = "the flow is choked below P_r = C_r + shift and falls to nothing at P_r = 1, by the power m of ISO 6358"
+    law = (
+        "the flow is choked below P_r = C_r + shift and falls to zero at P_r = 1, with the subsonic index m of "
+        "ISO 6358"
+    )
     says = (
-        "the valve's flow chokes at a pressure ratio that differs by {shift} from an ideal nozzle's 0.528, and falls "
-        "beyond with the power {subsonic_index} (subsonic index)"
+        "the valve's flow chokes at a pressure ratio that differs by {shift} from an ideal nozzle's 0.528, and "
+        "falls beyond it with the subsonic index {subsonic_index}"
     )
     depends_on = ("pressure_a", "pressure_b", "flow")
     needs = "flow at small pressure differences: a chamber near supply or near exhaust pressure"
     look_alikes = ("supply_droop", "heat_transfer", "position_dependent_friction", "tube_restriction")
-    experiment = "repeat at two supply pressures with the pressures measured"
+    experiment = "repeat the run at two supply pressures, with the chamber pressures measured"
     source = "ISO 6358-1:2013; sizes from physics catalogue A.2, row 23"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:

@@ -31,10 +31,11 @@ class CrossLeakage(Effect):
     strength = {"area": 1e-8}
     usual = ({"area": 1e-7, "laminar_share": 0.0}, {"area": 1e-7, "laminar_share": 1.0})
     law = (
-        "m_leak = C_0 area P_high f(P_low / P_high) / sqrt(T) from the fuller chamber into the other, or with the "
+        "m_leak = C_0 area P_high f(P_low / P_high) / sqrt(T) from the chamber of higher pressure into the other, "
+        "or with the "
         "difference of P^2 through a gap"
     )
-    says = "air leaks past the piston through {area}; a share of {laminar_share} of it as through a gap"
+    says = "air leaks past the piston through {area}; a share of {laminar_share} of it is laminar, as through a gap"
     depends_on = (
         "pressure_a",
         "pressure_b",

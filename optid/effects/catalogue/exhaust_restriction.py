@@ -15,7 +15,7 @@ BACK = Parameter(
     "back_pressure",
     "Pa",
     1e5,
-    "absolute pressure that drives 10 g/s (500 l/min) through what restricts, choked",
+    "absolute pressure that drives 10 g/s (500 l/min) of choked flow through the restriction",
     # A clogged silencer lets a few g/s through at most: carried on to 10 g/s its pressure is many bar.
     "physics catalogue A.3: 0 to 1 bar above ambient at the flows of the axis",
     0.0,
@@ -25,7 +25,7 @@ CRITICAL = Parameter(
     "critical_ratio",
     "1",
     0.1,
-    "critical pressure ratio b of what restricts",
+    "critical pressure ratio b of the restriction",
     "ISO 6358-1: 0.2 for a long silencer",
     0.5,
     (0.1, 0.55),
@@ -34,7 +34,7 @@ MANIFOLD = Parameter(
     "manifold",
     "m**3",
     3e-5,
-    "volume between the valve's edges and what restricts",
+    "volume between the valve's edges and the restriction",
     "a pipe of 0.1 to 1 m",
     3e-5,
     (1e-6, 1e-3),
@@ -69,10 +69,10 @@ class ExhaustRestriction(Effect):
         {"back_pressure": back, "critical_ratio": 0.4, "manifold": 3e-5, "laminar_share": share}
         for back, share in ((1.2e6, 0.0), (4e5, 0.0), (1e5, 0.0), (2e5, 0.0), (3e5, 1.0), (8e4, 1.0))
     )
-    law = "behind the exhaust stands the pressure that drives the flow through an orifice (ISO 6358)"
+    law = "the pressure behind the exhaust is the one that drives the flow through an orifice (ISO 6358)"
     says = (
         "the exhaust is throttled: 10 g/s would need {back_pressure} absolute behind it (critical pressure ratio "
-        "{critical_ratio}, laminar by {laminar_share}, manifold {manifold})"
+        "{critical_ratio}, laminar share {laminar_share}, manifold {manifold})"
     )
     depends_on = ("flow", "pressure_a", "pressure_b")
     needs = "fast strokes in which a chamber is vented to below twice the exhaust pressure; above, the flow is choked"

@@ -31,8 +31,8 @@ class InputDelay(Effect):
     parameters = (DELAY,)
     strength = {"delay": 4e-4}
     usual = ({"delay": 1e-3}, {"delay": 3e-3}, {"delay": 8e-3})
-    law = "the valve receives the command of T_d ago"
-    says = "the command takes effect {delay} late"
+    law = "the valve receives the command with a delay T_d"
+    says = "the command takes effect with a delay of {delay}"
     depends_on = ("command_rate",)
     needs = "commands that change fast: steps, reversals, a binary sequence"
     look_alikes = ("valve_lag", "sensor_lag", "valve_rate_limit", "valve_hysteresis", "clock_drift")

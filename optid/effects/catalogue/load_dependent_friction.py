@@ -15,7 +15,7 @@ SHARE = Parameter(
     "share",
     "1",
     0.1,
-    "dry friction per force or torque that is driven through the contact",
+    "dry friction per force or torque transmitted through the contact",
     "gear stages lose 1 to 10 % each, worms and screws up to half",
     0.0,
     (0.0, 2.0),
@@ -33,7 +33,7 @@ class LoadDependentFriction(Effect):
     strength = {"share": 0.01}
     usual = ({"share": 0.1},)
     law = "dry friction is F_r + k |F_drive|"
-    says = "dry friction grows with what is driven through the contact, by {share} of it"
+    says = "dry friction grows with the transmitted force or torque, by {share} of it"
     depends_on = ("velocity",)
     needs = "motion under loads that differ widely"
     ahead_of = ("asymmetric_friction", "friction_drift", "position_dependent_friction", "presliding")

@@ -16,7 +16,7 @@ SPILLED = Parameter(
     "spilled",
     "1",
     0.5,
-    "share that runs over of what would raise the full store further; 1 when it holds no more",
+    "share of the surplus inflow that runs over when the store is full; 1 when it holds no more",
     TANKS,
     0.0,
     (0.0, 1.0),
@@ -36,7 +36,7 @@ CAUGHT = Parameter(
     "caught",
     "1",
     0.5,
-    "rise of the lower level per fall of the upper one by what runs over",
+    "rise of the lower level per fall of the upper one, by the overflow",
     TANKS,
     0.5,
     (0.0, 10.0),
@@ -56,14 +56,14 @@ class Overflow(Effect):
         for rim in (6.0, 8.0, 10.0, 13.0)
         for caught in (0.3, 0.9)
     )
-    law = "of what would raise a store that is full to the rim the share s runs over"
+    law = "of the inflow that would raise a store full to the rim, the share s runs over"
     says = (
-        "the upper store runs over at {rim}: {spilled} of what would raise it further once it stands {head} above, "
-        "and {caught} of that arrives in the lower one"
+        "the upper store runs over at {rim}: {spilled} of the surplus inflow once the level is {head} above the "
+        "rim, of which {caught} arrives in the lower store"
     )
     depends_on = ("level",)
     needs = "levels up to the rim and beyond"
-    experiment = "fill the upper store until it runs over, and look"
+    experiment = "fill the upper store until it runs over, and watch"
     source = TANKS
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:

@@ -43,19 +43,19 @@ THIRD = {
         f"third_{name}",
         "1",
         0.1,
-        f"third harmonic in {words} with the swing, as a share of the amplitude",
-        "a vane or a slack drive pushes harder for a part of the turn",
+        f"third harmonic in {words} the fundamental, as a share of the amplitude",
+        "a vane or a slack drive pushes harder during a part of the turn",
         0.0,
         (-0.5, 0.5),
     )
-    for name, words in (("in_phase", "phase"), ("across", "quadrature"))
+    for name, words in (("in_phase", "phase with"), ("across", "quadrature to"))
 }
 SCATTER = Parameter(
     "scatter",
     "1",
     0.3,
-    "by how much recordings differ in the quadratures, sd as a share of the amplitude",
-    "1 where recordings begin at any time, next to nothing where force and recording begin together",
+    "scatter of the quadratures between recordings, sd as a share of the amplitude",
+    "1 where recordings begin at any time, near 0 where force and recording begin together",
     1.0,
     (0.002, 1.0),
     fitted=False,
@@ -87,13 +87,16 @@ class PeriodicDisturbance(Effect):
     )
     law = "a force A (sin a + b sin 3 a + c cos 3 a), a = 2 pi f t + phase"
     says = (
-        "a force of {amplitude} swings at {frequency}, whatever the axis does (phase {phase} rad, recordings apart by "
-        "{scatter} of the amplitude; third harmonic {third_in_phase} in phase, {third_across} across)"
+        "a force of {amplitude} oscillates at {frequency}, independently of the axis (phase {phase} rad, scatter "
+        "between recordings {scatter} of the amplitude; third harmonic {third_in_phase} in phase, {third_across} in "
+        "quadrature)"
     )
     depends_on = ("time",)
     needs = "several of its periods"
     look_alikes = ("constant_force", "friction_drift")
-    experiment = "change the rhythm of the reference: a line in the spectrum that stays is not the axis's own"
+    experiment = (
+        "change the period of the reference: a line in the spectrum that stays does not come from the axis"
+    )
     source = "physics catalogue A.1, row 9"
 
     def tries(self, heard: Sequence[Array], interval: float) -> Sequence[Mapping[str, float]]:

@@ -15,7 +15,7 @@ RISE = Parameter(
     "rise",
     "1",
     0.3,
-    "dry friction added at the place, as a share of that far from it",
+    "dry friction added at the place, as a share of the dry friction far from it",
     "physics catalogue A.1: 5 to 50 %",
     0.0,
     (-0.95, 10.0),
@@ -24,7 +24,7 @@ PLACE = Parameter(
     "place",
     "m",
     0.05,
-    "where, from mid-stroke",
+    "position of the place, from mid-stroke",
     "anywhere along the stroke, or beyond it for a slope",
     0.0,
     (-1.0, 1.0),
@@ -43,8 +43,8 @@ ENDING = Parameter(
     "ending",
     "1",
     3.0,
-    "how the change ends: 2 as an arch with an edge, 50 as a bell without any",
-    "a patch has an end, a guide out of true has none",
+    "shape of the change: 2 is an arch with an edge, 50 a bell without one",
+    "a damaged patch has an edge, a misaligned guide has none",
     50.0,
     (2.0, 50.0),
     logarithmic=True,
@@ -100,8 +100,9 @@ class PositionDependentFriction(Effect):
     )
     law = "dry friction is F_r (1 + r max(1 - ((x - x_0) / w)^2 / n, 0)^n + s max(x - x_0, 0) + t max(x_0 - x, 0))"
     says = (
-        "dry friction changes along the stroke by {rise} around {place}, over {width} to either side (ending {ending}: "
-        "2 an arch with an edge, 50 a bell without), and from there on by {slope_ahead} ahead and {slope_behind} behind"
+        "dry friction changes along the stroke by {rise} around {place}, over {width} to each side (ending "
+        "{ending}: 2 an arch with an edge, 50 a bell without one), and linearly by {slope_ahead} ahead of it and "
+        "{slope_behind} behind it"
     )
     depends_on = ("position", "velocity")
     needs = "motion over the whole stroke in both directions"
@@ -114,7 +115,8 @@ class PositionDependentFriction(Effect):
         "end_cushioning",
     )
     experiment = (
-        "pass the place in both directions at two speeds: a spring would help one way, friction hinders both"
+        "pass the place in both directions at two speeds: a spring would help in one direction, friction "
+        "hinders in both"
     )
     source = "physics catalogue A.1, row 4"
 

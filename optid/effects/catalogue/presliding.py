@@ -45,8 +45,8 @@ BEND = Parameter(
     "bend",
     "1",
     0.05,
-    "how much longer the last part holds than an even spread has it, as a share of the distance",
-    "lengths are positive, so that their distribution leans to the long ones",
+    "by how much the last part holds longer than in an even spread, as a share of the distance",
+    "lengths are positive, so their distribution is skewed to the long ones",
     0.0,
     (0.0, 0.5),
 )
@@ -75,14 +75,14 @@ class Presliding(Effect):
         "F = F_r mean(z_k / d_k) + sigma_1 mean(z_k')"
     )
     says = (
-        "the axis gives elastically over {distance} before it slides, one part of the seal {spread} of that earlier "
-        "and another later (the last by {bend} more), damped by {micro_damping}"
+        "the axis yields elastically over {distance} before it slides; parts of the seal slip earlier or later "
+        "by up to {spread} of that (the last by {bend} more); damping {micro_damping}"
     )
     depends_on = ("velocity",)
     needs = "reversals and starts from rest, best of 0.1 to 1 mm amplitude"
     look_alikes = ("sensor_backlash", "stribeck_friction", "compliant_load", "valve_deadband")
     experiment = (
-        "reversals of 0.1 to 1 mm: friction runs round a loop; an encoder on the rod excludes backlash"
+        "reversals of 0.1 to 1 mm: friction forms a hysteresis loop; an encoder on the rod excludes backlash"
     )
     source = (
         "Canudas de Wit, Olsson, Astrom and Lischinsky, IEEE Trans. Automatic Control 40(3), 1995; Iwan, Journal of "

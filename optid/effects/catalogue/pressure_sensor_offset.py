@@ -9,7 +9,7 @@ from optid.core.parameter import Parameter
 from optid.core.sheet import Sheet
 from optid.effects.effect import Effect
 
-ABOUT = "shown pressure less the true one, chamber"
+ABOUT = "measured minus true pressure, chamber"
 SIZE = "physics catalogue A.1, row 3: look-alike of a constant force; 0.5 % of 10 bar is 0.05 bar"
 OFFSET_A = Parameter("offset_a", "Pa", 1e4, f"{ABOUT} A", SIZE, 0.0, (-2e5, 2e5))
 OFFSET_B = Parameter("offset_b", "Pa", 1e4, f"{ABOUT} B", SIZE, 0.0, (-2e5, 2e5))
@@ -26,8 +26,8 @@ class PressureSensorOffset(Effect):
     usual = tuple(
         {"offset_a": a, "offset_b": b} for a, b in ((1e4, 0.0), (-1e4, 0.0), (0.0, 1e4), (0.0, -1e4))
     )
-    law = "shown pressures are P_a + o_a and P_b + o_b"
-    says = "the pressure sensors are off by {offset_a} at chamber A and {offset_b} at chamber B"
+    law = "the measured pressures are P_a + o_a and P_b + o_b"
+    says = "the pressure sensors have an offset of {offset_a} at chamber A and {offset_b} at chamber B"
     depends_on = (
         "pressure_a",
         "pressure_b",

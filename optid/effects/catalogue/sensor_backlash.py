@@ -16,7 +16,7 @@ PLAY = Parameter(
     "play",
     "m",
     1e-4,
-    "half the clearance: the sensor trails by this either way",
+    "half the clearance: the sensor lags by this in both directions",
     "physics catalogue A.4: 0.02 to 0.3 mm",
     0.0,
     (0.0, 5e-3),
@@ -34,7 +34,7 @@ class SensorBacklash(Effect):
     parameters = (PLAY,)
     strength = {"play": 1e-5}
     usual = ({"play": 5e-5}, {"play": 2e-4})
-    law = "the sensor trails the axis by the play, and stands still while a reversal takes it up"
+    law = "the sensor lags the axis by the play, and does not move while a reversal takes it up"
     says = "the position sensor has a play of {play} to either side"
     depends_on = ("velocity",)
     needs = "reversals"

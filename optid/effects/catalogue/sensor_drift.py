@@ -46,7 +46,8 @@ class SensorDrift(Effect):
         for sign in (1, -1)
     )
     law = (
-        "shown position moves away from x at the rate r and settles, with the time since the recording began"
+        "the measured position drifts from x at the rate r and settles, with the time since the start of the "
+        "recording"
     )
     says = "the position sensor's zero drifts by {rate} at first, and settles with {settling_time}"
     depends_on = ("time",)

@@ -22,7 +22,7 @@ SECOND = Parameter(
     "second",
     "1",
     0.5,
-    "time constant of a second lag behind the first, as a share of it",
+    "time constant of a second lag after the first, as a share of it",
     "filters of second order",
     0.0,
     (0.0, 1.0),
@@ -48,9 +48,10 @@ class SensorLag(Effect):
         {"time_constant": 8e-3, "second": 0.0},
         {"time_constant": 4e-3, "second": 1.0},
     )
-    law = "t y' + y = x, and again with a share of t"
+    law = "t y' + y = x, followed by a second lag with a share of t"
     says = (
-        "the position sensor lags with a time constant of {time_constant}, and once more with {second} of it"
+        "the position sensor lags with a time constant of {time_constant}, followed by a second lag with "
+        "{second} of it"
     )
     depends_on = ("velocity",)
     needs = "motion at changing speed"

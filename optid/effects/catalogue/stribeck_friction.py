@@ -24,7 +24,7 @@ SPEED = Parameter(
     "stribeck_speed",
     "m/s",
     0.02,
-    "speed over which the excess dies away",
+    "speed over which the excess decays",
     "physics catalogue A.1: 5 to 50 mm/s",
     0.02,
     (1e-3, 0.3),
@@ -34,7 +34,7 @@ EXPONENT = Parameter(
     "exponent",
     "1",
     1.0,
-    "exponent of the curve over which it dies away: 1 at once, 2 after a shoulder",
+    "exponent of that decay: 1 decays at once, 2 after a shoulder",
     "physics catalogue A.1: 1 to 2",
     1.5,
     (0.5, 3.0),
@@ -43,7 +43,7 @@ TAIL = Parameter(
     "tail",
     "1",
     1.0,
-    "how far the excess reaches to higher speeds: 0 dies away as an exponential, 1 as a power",
+    "how far the excess extends to higher speeds: 0 decays as an exponential, 1 as a power",
     "Hess and Soom, J. Tribology 112, 1990: 1 / (1 + (v/v_s)^2)",
     0.1,
     (0.01, 2.0),
@@ -69,7 +69,7 @@ class StribeckFriction(Effect):
     )
     law = "steady sliding takes F_r (1 + (ratio - 1) (1 + q |v / v_s|^n)^(-1/q)), exp(-|v / v_s|^n) where q is 0"
     says = (
-        "dry friction at rest is {breakaway_ratio} times that in motion; the excess dies away over {stribeck_speed} "
+        "dry friction at rest is {breakaway_ratio} times that in motion; the excess decays over {stribeck_speed} "
         "(exponent {exponent}, tail {tail})"
     )
     depends_on = ("velocity",)

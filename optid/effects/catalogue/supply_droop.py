@@ -16,7 +16,7 @@ DROOP = Parameter(
     "droop",
     "Pa",
     2e4,
-    "by which the supply would sag at a steady flow of 10 g/s (500 l/min) if it did not choke",
+    "pressure drop of the supply at a steady flow of 10 g/s (500 l/min), if its line did not choke",
     # A narrow line behind a small axis passes a few g/s: carried on to 10 g/s its droop is many bar.
     "physics catalogue A.3: 0.1 to 1.5 bar at a full flow of 28 g/s",
     0.0,
@@ -45,8 +45,8 @@ CRITICAL = Parameter(
     "critical_ratio",
     "1",
     0.1,
-    "pressure ratio over the line at which that passes no more",
-    "ISO 6358-1: 0.528 for a nozzle, less for what is long",
+    "pressure ratio over the line at which its flow chokes",
+    "ISO 6358-1: 0.528 for a nozzle, less for a long line",
     0.5,
     (0.1, 0.6),
 )
@@ -73,7 +73,7 @@ class SupplyDroop(Effect):
         for droop, k in ((1e5, 1.0), (2e4, 1.0), (2e5, 2.0))
         for time in (0.01, 0.05, 0.25)
     )
-    law = "P_s falls by droop (m / 10 g/s)^k, by more as the line chokes, behind the volume between line and valve"
+    law = "P_s falls by droop (m / 10 g/s)^k, by more as the line chokes; the volume between line and valve smooths it"
     says = (
         "the supply pressure would sag by {droop} at a flow of 10 g/s if its line did not choke (power {exponent} of "
         "the flow; it chokes at a pressure ratio of {critical_ratio}) and takes {recovery_time} to follow"

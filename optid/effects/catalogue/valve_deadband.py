@@ -25,7 +25,7 @@ ROUNDING = Parameter(
     "rounding",
     "1",
     0.1,
-    "way over which an edge opens gradually, as a share of the width",
+    "distance over which an edge opens gradually, as a share of the width",
     "corners wear round",
     0.0,
     (0.0, 2.0),
@@ -34,8 +34,8 @@ TAIL = Parameter(
     "rounding_tail",
     "1",
     0.5,
-    "how an edge ends to open gradually: 0 at once, as an arc does, 1 ever less",
-    "corners wear round, in many ways",
+    "how the gradual opening ends: 0 abruptly, as an arc does, 1 asymptotically",
+    "corners wear round, in various shapes",
     0.0,
     (0.0, 1.0),
 )
@@ -54,9 +54,9 @@ class ValveDeadband(Effect):
     parameters = (WIDTH, ROUNDING, TAIL, *EDGES)
     strength = {"width": 1.5e-3}
     usual = tuple({"width": width, "rounding": 0.0, "rounding_tail": 0.5, **ALIKE} for width in (0.01, 0.04))
-    law = "ports open by what the spool's way exceeds the overlap d, to either side"
+    law = "ports open by the amount that the spool's travel exceeds the overlap d, to each side"
     says = (
-        "the valve's ports stay shut for the first {width} of full command to either side, and open gradually over "
+        "the valve's ports stay shut for the first {width} of full command to each side, and open gradually over "
         f"{{rounding}} of that (tail {{rounding_tail}}); {SAID}"
     )
     depends_on = ("command",)

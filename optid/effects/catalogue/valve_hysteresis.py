@@ -24,9 +24,9 @@ SPREAD = Parameter(
     "spread",
     "1",
     0.3,
-    "share by which the widest part of the hysteresis exceeds the mean, the narrowest falls short",
+    "share by which the widest part of the hysteresis exceeds the mean and the narrowest falls short of it",
     # Inner loops of a solenoid's iron are narrower than the outer one.
-    "Prandtl and Ishlinskii's plays in parallel, six of them",
+    "six Prandtl-Ishlinskii play operators in parallel",
     0.0,
     (0.0, 1.0),
 )
@@ -34,8 +34,8 @@ BEND = Parameter(
     "bend",
     "1",
     0.05,
-    "how much wider the widest part is than an even spread has it, as a share of the mean",
-    "widths are positive, so that their distribution leans to the wide ones",
+    "by how much the widest part is wider than in an even spread, as a share of the mean",
+    "widths are positive, so their distribution is skewed to the wide ones",
     0.0,
     (0.0, 0.5),
 )
@@ -52,12 +52,12 @@ class ValveHysteresis(Effect):
     strength = {"width": 5e-4}
     usual = ({"width": 4e-3, "spread": 0.0, "bend": 0.0}, {"width": 0.02, "spread": 0.0, "bend": 0.0})
     law = (
-        "the spool follows command - h when the command grows and command + h when it falls, h from w (1 - s) to "
-        "w (1 + s), bent"
+        "the spool follows command - h when the command grows and command + h when it falls, with h from w (1 - "
+        "s) to w (1 + s), skewed"
     )
     says = (
-        "the valve has a hysteresis of {width} of full command to either side, parts of it narrower and others wider "
-        "by up to a share of {spread} (the widest by {bend} more)"
+        "the valve has a hysteresis of {width} of full command to each side; its parts are narrower or wider by "
+        "a share of up to {spread} (the widest by {bend} more)"
     )
     depends_on = ("command_rate", "command")
     needs = "reversals of the command"

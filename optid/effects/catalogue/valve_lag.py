@@ -34,7 +34,7 @@ LINEAR = Parameter(
     "linear_range",
     "1",
     0.3,
-    "how far behind its command the spool's speed still grows, a share of full command; 2: always",
+    "lag behind the command up to which the spool's speed still grows, as a share of full command; 2: no limit",
     "physics catalogue A.2: spools reach 0.1 to 2 m/s",
     2.0,
     (0.02, 2.0),
@@ -61,16 +61,18 @@ class ValveLag(Effect):
         {"time_constant": 4e-3, "damping_ratio": 2.0, "linear_range": 2.0},
         {"time_constant": 2e-3, "damping_ratio": 2.0, "linear_range": 0.3},
     )
-    law = "t^2 s'' + 2 z t s' = command - s, at most the linear range"
+    law = "t^2 s'' + 2 z t s' = command - s, where command - s is limited to the linear range"
     says = (
-        "the spool follows its command with a time constant of {time_constant} (damping ratio {damping_ratio}), no "
-        "faster than when {linear_range} behind"
+        "the spool follows its command with a time constant of {time_constant} (damping ratio {damping_ratio}); "
+        "its speed is limited to that at a lag of {linear_range}"
     )
     depends_on = ("command_rate",)
     needs = "commands that change fast: steps, reversals, a binary sequence"
     ahead_of = ("valve_rate_limit", "valve_saturation")
     look_alikes = ("input_delay", "sensor_lag", "valve_hysteresis")
-    experiment = "the spool's position signal, or steps of the command with pressures measured at 5 kHz"
+    experiment = (
+        "record the spool's position signal, or steps of the command with pressures measured at 5 kHz"
+    )
     source = "Richer and Hurmuzlu, J. Dyn. Sys. Meas. Control 122(3), 2000; valve catalogues"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:

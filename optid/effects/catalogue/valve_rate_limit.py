@@ -32,13 +32,15 @@ class ValveRateLimit(Effect):
     parameters = (TIME,)
     strength = {"full_travel_time": 1e-3}
     usual = ({"full_travel_time": 4e-3}, {"full_travel_time": 0.02})
-    law = "the spool follows its command at no more than 1 / T"
+    law = "the spool follows its command with a speed of at most 1 / T"
     says = "the spool needs {full_travel_time} for its full travel, however large the step"
     depends_on = ("command_rate",)
     needs = "large steps of the command"
     ahead_of = ("valve_saturation",)
     look_alikes = ("valve_lag", "input_delay", "valve_saturation", "sensor_lag")
-    experiment = "steps of 5 % and of 100 %: a lag takes the same time for both, a rate limit does not"
+    experiment = (
+        "compare steps of 5 % and of 100 %: a lag takes the same time for both, a rate limit does not"
+    )
     source = "physics catalogue A.2, row 18"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:

@@ -16,7 +16,7 @@ WIDTH = Parameter(
     "width",
     "1",
     5e-3,
-    "spool's way from the middle at which the other edge closes, as a share of full command",
+    "travel of the spool from the middle at which the other edge closes, as a share of full command",
     "physics catalogue A.2: 0 to 0.1 mm of 4 mm",
     0.0,
     (0.0, 0.3),
@@ -26,7 +26,7 @@ AREA = Parameter(
     "null_leakage",
     "m**2",
     1e-7,
-    "flow area that every edge has beside its opening, by worn corners",
+    "flow area of every edge in addition to its opening, from worn corners",
     "physics catalogue A.2: 0 to 0.5 mm2",
     0.0,
     (0.0, 5e-6),
@@ -36,8 +36,8 @@ FADING = Parameter(
     "leak_fading",
     "1",
     0.5,
-    "whether an edge leaks as much when it is open (0) or as a radial clearance does, which "
-    "counts ever less in the opening's diagonal (1)",
+    "how the leak combines with the opening: 0 adds to it, 1 combines as a radial clearance does (root of the sum "
+    "of squares)",
     "geometry of a worn corner, and of a spool with clearance",
     0.0,
     (0.0, 1.0),
@@ -60,7 +60,7 @@ class ValveUnderlap(Effect):
     )
     law = (
         "a chamber's edges open by z = W max(s + w, 0) to supply and W max(w - s, 0) to exhaust; with a leak A_0 each "
-        "passes z + A_0, sqrt(z^2 + A_0^2), or what lies in between"
+        "passes z + A_0, sqrt(z^2 + A_0^2), or a value in between"
     )
     says = (
         "the valve does not close: up to {width} of full command both supply and exhaust are open, and every edge "
@@ -70,7 +70,7 @@ class ValveUnderlap(Effect):
     needs = "holds and slow motion with commands near zero"
     look_alikes = ("valve_deadband", "cross_leakage", "ambient_leakage", "tube_restriction", "valve_offset")
     excludes = ("valve_deadband",)
-    experiment = "close the valve under pressure: underlap draws both chambers to one pressure of its own"
+    experiment = "close the valve under pressure: underlap draws both chambers to the same pressure"
     source = "physics catalogue A.2, row 16"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:

@@ -30,7 +30,7 @@ class DeadZone(Anywhere):
     along = ("width",)
     strength = {"width": 0.01}
     usual = ({"width": 0.05}, {"width": 0.2})
-    law = "signal - width above width, signal + width below -width, nothing between"
+    law = "signal - width above width, signal + width below -width, zero between"
     says = "the signal has no effect up to {width}"
     needs = "signals that pass slowly through zero"
     experiment = "small steps about zero"

@@ -29,8 +29,8 @@ INTERVAL = Parameter(
     "interval",
     "s",
     1e-3,
-    "sampling interval that the delay is counted in; 0 for the recording's own",
-    "of the recordings that showed it",
+    "sampling interval in which the delay is counted; 0 for the recording's own",
+    "that of the recordings in which it was found",
     0.0,
     (0.0, math.inf),
     fitted=False,
@@ -49,11 +49,11 @@ class Delay(Anywhere):
     strength = {"samples": 0.5}
     # Within a hold: where one ends, an input that switches there has no slope by its delay.
     usual = tuple({"samples": samples, "interval": 0.0} for samples in (1.5, 7.5, 30.0))
-    law = "the signal of some time ago; what is no input is smoothed by a quarter of that time"
-    says = "the signal comes {samples} samples of {interval} late"
+    law = "the delayed signal; a signal other than an input is also smoothed over a quarter of the delay"
+    says = "the signal is delayed by {samples} samples of {interval}"
     needs = "signals that change fast"
     look_alikes = ("sensor_lag",)
-    experiment = "steps, sampled fast"
+    experiment = "apply steps and sample fast"
     # The skew between the channels lies within a sample, and from position alone nothing tells it from a delay.
     resolved = MappingProxyType({"samples": 0.5})
 

@@ -30,10 +30,10 @@ class Hysteresis(Anywhere):
     along = ("width",)
     strength = {"width": 0.01}
     usual = ({"width": 0.05}, {"width": 0.2})
-    law = "the signal trails by the width and stands still while a reversal takes it up"
-    says = "the signal has a hysteresis of {width} to either side"
+    law = "the signal lags by the width and does not change while a reversal takes it up"
+    says = "the signal has a hysteresis of {width} to each side"
     needs = "reversals"
-    experiment = "triangles at two rates: hysteresis does not depend on the rate"
+    experiment = "apply triangles at two rates: hysteresis does not depend on the rate"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
         """The signal behind its play."""
