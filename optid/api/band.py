@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 NORMAL = 1.959964  # standard deviations that hold 95 % of a normal distribution
-# step of the finite differences in sd of the parameter: far above the simulation's error, small enough for linearity
+STEP = 0.3  # sd of the parameter, for finite differences: far above the error of the simulation, nearly linear
 KINDS = ("free_run", "window")
 
 

@@ -57,7 +57,7 @@ def identify(
     output : str | None
         role of the output; the plant's first measured one when absent.
     rate : float | None
-        Hz to bring a faster recording down to; what the axis's fastest pole asks for when absent.
+        Hz to which a faster recording is decimated; by default as fast as the axis's fastest pole needs.
     progress : Progress
         called with the share done and a few words.
 
