@@ -24,9 +24,7 @@ if TYPE_CHECKING:
     from optid.api.inputs import Given, Recordings
     from optid.diagnosis.result import Diagnosis
 
-TIME_LIMIT = (
-    800.0  # s: in a case with much missing, the second of two effects was found after 650 s on one core
-)
+TIME_LIMIT = 800.0  # s: with much missing, the second of two effects was found after 650 s on one core
 
 
 def diagnose(

@@ -20,9 +20,7 @@ from optid.cli.common import (
     waiting,
 )
 
-TIME_LIMIT = (
-    800.0  # s: in a case with much missing, the second of two effects was found after 650 s on one core
-)
+TIME_LIMIT = 800.0  # s: with much missing, the second of two effects was found after 650 s on one core
 
 
 @click.command()

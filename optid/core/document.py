@@ -1,4 +1,4 @@
-"""Reading optid's own JSON files and others of a bounded size: the answer is a value, or one line that says why not."""
+"""Reading JSON files of bounded size: the result is a value, or an error of one line."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from optid.errors import InputError
 MOST = 16 * 2**20  # bytes of a JSON file; a model of 500 coefficients with its covariance takes 5 MB
 _PARTS = 32  # of a TOML key: rig files have three
 _DEEP_KEY = re.compile(rf"""(?<![\w."'-])(?>(?>[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*){{{_PARTS}}}""")
-HUGE = 1e100  # no quantity of an axis, in any unit, comes near: beyond, squares overflow
+HUGE = 1e100  # no quantity of an axis comes near in any unit; beyond, squares overflow
 
 
 def read_bounded(path: Path, most: int = MOST) -> bytes:
-    """The content of a file, of a device no more than what is asked for.
+    """The content of a file; of a device no more than `most` bytes.
 
     Raises:
         OSError: cannot be read.
@@ -36,8 +36,8 @@ def read_document(path: Path, schema: str, expected: str) -> dict[str, Any]:
     """Read a JSON document of a known schema; its numbers are finite.
 
     Args:
-        path: the file; in a result folder that is half in place, its whole version is read.
-        schema: such as "optid.fit/1"; older ones of the same kind are handed on.
+        path: the file; in a results folder whose replacement was interrupted, the complete version is read.
+        schema: such as "optid.fit/1"; older versions are accepted.
         expected: what the file should be, for messages.
 
     Raises:
@@ -50,7 +50,7 @@ def read_json(path: Path, expected: str) -> Any:
     """Read a JSON file of a bounded size; its numbers are finite.
 
     Args:
-        path: the file; in a result folder that is half in place, its whole version is read.
+        path: the file; in a results folder whose replacement was interrupted, the complete version is read.
         expected: what the file should be, for messages.
 
     Raises:
@@ -66,7 +66,7 @@ def read_json(path: Path, expected: str) -> Any:
 
 
 def optional_document(path: Path, most: int = MOST) -> dict[str, Any] | None:
-    """A JSON object that may be there; ``None`` where there is none, or nothing that can be understood."""
+    """An optional JSON object; ``None`` where there is none, or none that can be parsed."""
     try:
         content = json.loads(read_bounded(path, most))
     except (OSError, ValueError, RecursionError):
@@ -91,7 +91,7 @@ def parsed_toml(text: str) -> dict[str, Any]:
 
 
 def known(content: Any, schema: str, where: object = None) -> dict[str, Any]:
-    """A parsed document, once it is of the schema or an older one of its kind.
+    """A parsed document, if it has the schema or an older version of it.
 
     Raises:
         InputError: it is not.

@@ -23,10 +23,10 @@ Message = tuple[str, int, Any]  # topic, ns of arrival, decoded
 
 
 def read(data: bytes, path: Path, wanted: tuple[str, ...], budget: Budget) -> Table:
-    """The fields of messages that are asked for, each with its topic's clock.
+    """The requested fields of messages, each with its topic's clock.
 
-    They go by "/topic.field.part[0]", or with slashes as PlotJuggler writes them; "/topic.log_time" is when messages
-    arrived. The clock is the stamp in the messages' header where they have one, else their arrival.
+    They are named "/topic.field.part[0]", or with slashes as in PlotJuggler; "/topic.log_time" is the time of arrival.
+    The clock is the stamp in the messages' header where they have one, else their arrival.
 
     Raises:
         RecordingError: truncated or damaged, no bag, definitions missing, or mcap-ros2-support is not installed.
@@ -52,7 +52,7 @@ def read(data: bytes, path: Path, wanted: tuple[str, ...], budget: Budget) -> Ta
                 topics.setdefault(topic, [])
     except RecordingError:
         raise
-    except Exception as error:  # the libraries raise whatever the damaged bytes lead them to
+    except Exception as error:  # damaged bytes make the libraries raise exceptions of any kind
         reason = " ".join(f"{type(error).__name__} {error}".split())[:120]
         raise RecordingError(
             f"the bag is truncated or damaged ({reason})", where=path, expected="a complete file"

@@ -1,4 +1,4 @@
-"""A file's bytes: read whole, from something that ends, and unpacked within bounds."""
+"""A file's bytes: read completely, from a finite source, and unpacked within bounds."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from optid.errors import RecordingError
 
 
 def file_bytes(path: Path) -> bytes:
-    """The bytes of a file, or of a pipe that ends soon enough.
+    """The bytes of a file, or of a pipe of bounded length.
 
     Raises:
         RecordingError: absent, a directory, a device, empty, not readable.
@@ -42,7 +42,7 @@ def file_bytes(path: Path) -> bytes:
 
 
 def unzipped(data: bytes, budget: Budget, path: Path) -> bytes:
-    """What a .gz file holds.
+    """The content of a .gz file.
 
     Raises:
         RecordingError: truncated, damaged, or unpacking to more than it can hold.

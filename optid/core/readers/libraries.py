@@ -1,4 +1,4 @@
-"""Optional libraries of readers: one that is absent, or there but broken, is said in one line."""
+"""Optional libraries of readers: one that is missing or broken is reported in one line."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ from optid.core.readers.table import Clock, Column, Table, offered
 from optid.core.recording import Array, Channel, ChannelMap, Provenance, Recording, midpoints, sealed
 from optid.errors import RecordingError
 
-_MANY = 20  # rows that show that the first one is none
+_MANY = 20  # rows that show that the first one is not data
 _OTHERS = 0.5  # of the rows: where fewer hold a mapped value, the rest belong to other channels
 
 
@@ -34,7 +34,7 @@ class Mapped(Protocol):
 def read_recording(path: str | Path, rig: Mapped) -> Recording:
     """Read a recording file into the channels a rig maps, in SI units.
 
-    Only the mapped columns are read; whatever else a file holds may be anything.
+    Only the mapped columns are read; all others may contain anything.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ def read_recording(path: str | Path, rig: Mapped) -> Recording:
     -------
     Recording
         The recording, named by its file name. Positions are recorded minus the rig's offset; a command with a
-        full scale is divided by it. What was put right is told in `provenance`.
+        full scale is divided by it. Repairs are listed in `provenance`.
 
     Raises
     ------
@@ -58,7 +58,7 @@ def read_recording(path: str | Path, rig: Mapped) -> Recording:
     path = Path(path)
     table, digest = read_table(path, wanted_columns(rig))
     held = [table]
-    del table  # nothing here holds a long file's columns
+    del table  # nothing here keeps a long file's columns in memory
     return recording_of(held.pop(), digest, rig, path)
 
 
@@ -90,7 +90,7 @@ def recording_of(table: Table, digest: str | None, rig: Mapped, path: Path) -> R
     values, between = held_between(found.time, found.values, held)
     time, notes = sealed(found.time), (*table.notes, *found.notes, *between)
     rows, reader = max(len(column.values) for column in table.columns.values()), table.reader
-    del table, found  # a long file's columns are let go one by one
+    del table, found  # a long file's columns are freed one by one
     values, repairs = repaired(values, held)
     channels = {role: _channel(values.pop(role), maps[role]) for role in tuple(values)}
     if digest is None:

@@ -17,9 +17,9 @@ EXTRA = 'run pip install "optid[logs]"'
 
 
 def read(data: bytes, path: Path, wanted: tuple[str, ...], budget: Budget) -> Table:
-    """The channels of an MDF file that are asked for, each with its group's clock.
+    """The requested channels of an MDF file, each with its group's clock.
 
-    They go by the channel's name, or "2/NAME" for that of the third group where several groups have it.
+    They are named by the channel, or "2/NAME" for that of the third group where several groups have it.
 
     Raises:
         RecordingError: truncated or damaged, or asammdf is not installed.
@@ -51,7 +51,7 @@ def read(data: bytes, path: Path, wanted: tuple[str, ...], budget: Budget) -> Ta
                     columns[name] = found
     except RecordingError:
         raise
-    except Exception as error:  # asammdf raises whatever the damaged bytes lead it to
+    except Exception as error:  # damaged bytes make asammdf raise exceptions of any kind
         reason = " ".join(f"{type(error).__name__} {error}".split())[:120]
         raise RecordingError(
             f"the MDF data is truncated or damaged ({reason})", where=path, expected="a complete file"

@@ -1,4 +1,4 @@
-"""Samples that a logger made itself of a signal taken at a slower rate: repeats, and points on straight lines."""
+"""Samples that a logger generated from a signal of a slower rate: repeats, and linear interpolation."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ Array = NDArray[np.float64]
 Change = tuple[Array, str, int]  # the channel put right, what was seen and done, the first row
 
 _FEWEST_CHANGES = 30
-_MOST_CHANGES = 0.75  # of the rows: with more there is nothing that tells repeats from chance
+_MOST_CHANGES = 0.75  # of the rows: with more, repeats cannot be distinguished from chance
 _OFF_BEAT = 2.0  # rows between which changes of a slower sampling lie around an even beat
-_COARSEST = 100  # rows a sample: a longer straight line is motion
-_CLEAR = 10.0  # times what rounding bends a straight line: a corner
+_COARSEST = 100  # rows per sample: a longer straight line is motion
+_CLEAR = 10.0  # times the bend that rounding gives a straight line: a corner
 _REGULAR = 0.9  # of the runs of equal values must be as long as the usual one
 
 
@@ -47,7 +47,7 @@ def stale(series: Array) -> Iterator[Change]:
 
 
 def interpolated(series: Array) -> Iterator[Change]:
-    """Samples that a logger put on straight lines between those that were taken at a slower rate."""
+    """Samples that a logger interpolated linearly between those taken at a slower rate."""
     y = series
     if len(y) < 4 * _FEWEST_CHANGES or not np.isfinite(y).all():
         return

@@ -1,7 +1,7 @@
-"""Text tables: CSV and its kin, and what measurement programs, oscilloscopes and controllers write as text.
+"""Text tables: CSV and similar files, and text exports of measurement programs, oscilloscopes and controllers.
 
 `layout` finds where the table begins; here its rows are checked and the mapped columns read. Lines are counted here,
-not by pandas, so that every complaint about a value can name its line, and no short row is filled up in silence.
+not by pandas, so that every error about a value can name its line, and no short row is filled silently.
 """
 
 from __future__ import annotations
@@ -48,13 +48,13 @@ _SAMPLE = 2000  # rows looked at for a first guess of the decimal sign; the colu
 
 @dataclass(frozen=True)
 class _Text:
-    data: bytes  # in an encoding of one byte a sign for all that structures a table
+    data: bytes  # in an encoding with one byte per character for all that structures a table
     encoding: str
     lines: tuple[str, ...]  # of the head
 
 
 def read(data: bytes, path: Path, wanted: tuple[str, ...], budget: Budget) -> Table:
-    """The columns of a text table that are asked for, by name or as "column 3".
+    """The requested columns of a text table, by name or as "column 3".
 
     Raises:
         RecordingError: not text, no table, a row of another length, a mapped column twice.
@@ -97,7 +97,7 @@ def _refuse_long_table(lines: Sequence[str], layout: Layout, wanted: Sequence[st
 
 
 def _older_encoding(head: bytes, wanted: Sequence[str]) -> str:
-    """Of older exports: that under which most of the mapped names occur; numbers are the same in all."""
+    """The encoding of older exports: the one under which most of the mapped names occur; numbers are equal in all."""
 
     def seen(encoding: str) -> int:
         names = (name.encode(encoding, errors="ignore") for name in wanted if not name.isascii())
@@ -269,7 +269,7 @@ def _column(cells: Raw, rows: Rows, layout: Layout, k: int, path: Path) -> Colum
                 hint="cut the file there and pass the parts as separate recordings",
             ) from None
         if not error.ambiguous:
-            return Column(cells, unit=unit)  # told when its unit is known
+            return Column(cells, unit=unit)  # reported once its unit is known
         raise RecordingError(
             f'{rows.lines.place(error.row)} holds "{shown(error.found)}", which is ambiguous (thousands or decimals), '
             "as other columns have decimal commas",
