@@ -1,4 +1,4 @@
-"""Narrow gaps, whose flow is laminar where an orifice's would choke."""
+"""Narrow gaps, whose flow stays laminar where an orifice's would choke."""
 
 from __future__ import annotations
 

@@ -9,20 +9,21 @@ from optid.core.parameter import Parameter
 from optid.core.sheet import Sheet
 from optid.effects.description import ANY, LEAST, OWN, POSITIVE, Description, constant, followed
 
-TIMES = (0.02, 0.15, 1.0)  # s: where searches begin
+TIMES = (0.02, 0.15, 1.0)  # s: start value of searches
 
 
 class Relaxation(Description):
-    """nominal - height * size * (s - z) / scale with z' = (s - z) / time: what a change of s causes and time forgets.
+    """nominal - height * size * (s - z) / scale with z' = (s - z) / time: a change of s causes it, and it decays with
+    time.
 
     Args:
-        site: where it adds; several are joined by "+", and each has a memory of its own.
-        signal: the state or input s, or a signal that each of the sites knows, as a chamber's own "P"; behind a "*"
-            the one with whose magnitude it swells.
-        size: what a height of 1 adds, in the SI unit of the site, where s is off by `scale`.
+        site: site to which it adds; several are joined by "+", and each has its own memory.
+        signal: the state or input s, or a signal declared at each site, as a chamber's own "P"; after a "*" the signal
+            whose magnitude multiplies it.
+        size: what a height of 1 adds, in the SI unit of the site, for a change of s by `scale`.
         scale: usual size of s, SI.
         start: of the memory, SI.
-        magnitude: usual one of what it swells with, SI.
+        magnitude: usual magnitude of the multiplying signal, SI.
 
     Source: Maxwell's element, in mechanics a spring and a damper in series.
     """
@@ -57,7 +58,7 @@ class Relaxation(Description):
         self.says = f"{self.law} in {{time}}{self.swells}{self.describes}"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
-        """The signal with the relaxation on top."""
+        """The signal plus the relaxation."""
         own = {q.name: sheet.param(q) for q in self.parameters}
         signal = (followed(self.along, near, sheet) - own["start"]) / own["scale"]
         memory = sheet.state(f"memory_{self.sites.index(site)}", "1", 1.0, spread=1.0)

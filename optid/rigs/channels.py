@@ -11,9 +11,9 @@ from optid.core.units import conversion, si_unit_of, to_si
 from optid.errors import RigError
 from optid.rigs.fields import Table, known_keys, subtable, text
 
-REFERENCE = "reference"  # kept in a recording though no model uses it
+REFERENCE = "reference"  # kept in a recording although no model uses it
 _KEYS = ("column", "unit", "full_scale", "offset", "sd", "between")
-_BETWEEN = {"held": False, "linear": True}  # what an input does between its samples
+_BETWEEN = {"held": False, "linear": True}  # course of an input between its samples
 _EXAMPLE = '{ column = "x", unit = "mm" }'
 _TIME = 'time = { column = "t", unit = "s" } or rate = "1000 Hz"'
 
@@ -21,7 +21,7 @@ _TIME = 'time = { column = "t", unit = "s" } or rate = "1000 Hz"'
 def read_channels(
     table: Table, model: Model, atmospheric: float | None, where: Path
 ) -> dict[str, ChannelMap]:
-    """How every channel is read; "time" comes first.
+    """The map of every channel; "time" comes first.
 
     Args:
         table: the `[channels]` table.
@@ -155,7 +155,7 @@ def _linear(entry: Table, where: Path, field: str) -> bool | None:
 
 
 def _one_role_each(channels: dict[str, ChannelMap], where: Path) -> None:
-    """Two roles on one column are one mistake: an output would be predicted from itself."""
+    """Refuse two roles on one column: an output would be predicted from itself."""
     taken: dict[str, str] = {}
     for role, channel in channels.items():
         if channel.column and channel.column in taken:

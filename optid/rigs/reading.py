@@ -21,17 +21,15 @@ from optid.rigs.fields import Table, known_keys, span, subtable, text
 from optid.rigs.rig import ATMOSPHERE, Freed, Rig, by_name, default_of, model_of
 
 TABLES = ("name", "model", "options", "parameters", "fit", "channels", "recordings", "effects", "live")
-_MISTYPED = 0.85  # likeness of a tag to a parameter's name, from which on it is one mistyped
-_ON_BOUND = (
-    1e-9  # relative: a fitted value that stands on its bound may miss it by rounding on the way to text
-)
+_MISTYPED = 0.85  # similarity of a tag to a parameter's name from which it counts as a typing error
+_ON_BOUND = 1e-9  # relative: a fitted value at its bound may miss it by rounding when written as text
 
 
 def parse(source: str, path: Path, *, constrained: bool = True) -> Rig:
     """A rig from the text of its file; `constrained`: values that contradict each other are refused.
 
     Raises:
-        RigError: it is no TOML, or says something that cannot be.
+        RigError: it is not TOML, or an entry is not valid.
     """
     try:
         document = parsed_toml(source)
@@ -69,7 +67,7 @@ def parse(source: str, path: Path, *, constrained: bool = True) -> Rig:
 
 
 def _recordings(table: Table, model: Model, air: float | None, path: Path) -> dict[str, dict[str, Any]]:
-    """Tags of each file, as text, and values of parameters that it has of its own, SI."""
+    """Tags of each file, as text, and values of its own parameters, SI."""
     known, found = by_name(model), {}
     for file in table:
         entry = subtable(table, file, path, f"recordings.{file}", "tags and parameters of that file")
@@ -136,7 +134,7 @@ def _parameters(table: Table, model: Model, path: Path) -> dict[str, float]:
     known = {name: parameter for name, parameter in by_name(model).items() if "." not in name}
     known_keys(table, known, path, "parameters.", "parameter")
     values: dict[str, float] = {}
-    # The atmospheric pressure first: gauge pressures count from it, and it cannot count from itself.
+    # The atmospheric pressure first: gauge pressures are relative to it, so it must be absolute.
     for name in sorted(table, key=lambda name: name != ATMOSPHERE):
         air = values.get(ATMOSPHERE, default_of(model, ATMOSPHERE)) if name != ATMOSPHERE else None
         at = f"parameters.{name}"
@@ -167,7 +165,7 @@ def _within(parameter: Parameter, value: float, entry: object, path: Path, at: s
 
 
 def _freed(table: Table, model: Model, values: dict[str, float], path: Path) -> tuple[Freed, ...]:
-    """The `[fit]` entries; moves a value in `values` onto a bound it misses by rounding alone."""
+    """The `[fit]` entries; a value in `values` that misses its bound by rounding alone is moved onto it."""
     known = by_name(model)
     known_keys(table, known, path, "fit.", "parameter")
     return tuple(_freed_one(known[name], entry, values, path) for name, entry in table.items())

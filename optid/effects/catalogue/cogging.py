@@ -36,7 +36,7 @@ TRIED = (1, 2, 3, 4, 6, 8, 9, 10, 12, 14, 16, 18, 20, 24, 28, 30, 36, 42, 48)
 
 
 class Cogging(Effect):
-    """A sin(2 pi n x / turn + phase), with the way that a turn of the motor takes the axis."""
+    """A sin(2 pi n x / turn + phase), with the travel per turn of the motor."""
 
     name = "cogging"
     sites = ("drive.effort",)
@@ -57,7 +57,7 @@ class Cogging(Effect):
     source = "Jahns and Soong, IEEE Trans. Industrial Electronics 43(2), 1996"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
-        """What the drive gives at the output; the plant names the motor's own way "x" and that of a turn "turn"."""
+        """The drive's effort at the output; the plant names the motor's travel "x" and that per turn "turn"."""
         turns = near["x"] / near["turn"]
         angle = 2 * math.pi * sheet.param(PER_TURN) * turns + sheet.param(PHASE)
         return nominal + sheet.param(AMPLITUDE) * ca.sin(angle)

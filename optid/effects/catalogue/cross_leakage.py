@@ -46,7 +46,7 @@ class CrossLeakage(Effect):
     source = "orifice of ISO 6358-1:2013 in the valve's own form"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
-        """The flow into the chamber, kg/s, with what comes from the other."""
+        """The flow into the chamber, kg/s, with the leak from the other one."""
         orifice = near["other"] / sheet.plant_param("discharge_coefficient")
         gap = laminar_flux(sheet, near["other_P"], near["P"])
         return nominal + sheet.param(AREA) * (orifice + sheet.param(LAMINAR) * (gap - orifice))

@@ -67,7 +67,7 @@ ENTRY = Parameter(
     (1e-4, 5e-3),
     logarithmic=True,
 )
-SHUT = 1e-3  # of the length: nearer the end the power is a line
+SHUT = 1e-3  # of the length: nearer the end the power law is replaced by a line
 
 
 class EndCushioning(Effect):
@@ -119,7 +119,7 @@ class EndCushioning(Effect):
         distance = ca.if_else(s > 0, half - x, half + x)
         inside = ca.fmin(ca.fmax((sheet.param(LENGTH) - distance) / sheet.param(ENTRY), 0), 1)
         share = inside**2 * (3 - 2 * inside)
-        # Throttling is whole at the ends that have it: the side takes from the other one only.
+        # The side reduces the throttling of the opposite end only.
         side = sheet.param(SIDE)
         share *= 1 - ca.fmax(ca.if_else(s > 0, -side, side), 0)
         full = sheet.plant_param("port_width") * sheet.plant_param("spool_travel")

@@ -16,7 +16,7 @@ BACK = Parameter(
     "Pa",
     1e5,
     "absolute pressure that drives 10 g/s (500 l/min) of choked flow through the restriction",
-    # A clogged silencer lets a few g/s through at most: carried on to 10 g/s its pressure is many bar.
+    # A clogged silencer passes a few g/s at most: extrapolated to 10 g/s its pressure is many bar.
     "physics catalogue A.3: 0 to 1 bar above ambient at the flows of the axis",
     0.0,
     (0.0, 5e6),
@@ -49,7 +49,7 @@ LAMINAR = Parameter(
     0.0,
     (0.0, 1.0),
 )
-FLOW, LAG = 0.01, 1e-3  # kg/s; s: in which the manifold fills at least
+FLOW, LAG = 0.01, 1e-3  # kg/s; s: shortest filling time of the manifold
 WARM = 84e3  # J/kg: R T of air in a workshop
 
 
@@ -81,7 +81,7 @@ class ExhaustRestriction(Effect):
     source = "ISO 6358-1:2013; physics catalogue A.3, row 25"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
-        """Pressure behind the exhaust port, Pa; at the chambers the flow, kg/s, is only taken note of."""
+        """Pressure behind the exhaust port, Pa; at the chambers the flow, kg/s, is only stored."""
         if site == "flow.exhaust":
             leaving = sheet.state("flow", "kg/s", 5e-3, spread=5e-3)
             resistance, share = sheet.param(BACK) / FLOW, sheet.param(LAMINAR)

@@ -39,7 +39,7 @@ STRAIGHTNESS = Parameter(
     0.5,
     (0.05, 1.0),
 )
-LEAST = 0.05  # of what friction was, where it would fall to nothing
+LEAST = 0.05  # of the initial friction, where it would fall to zero
 MOST = 2.0  # largest change, as a logarithm: keeps long recordings within a factor of 7
 
 

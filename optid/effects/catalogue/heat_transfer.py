@@ -31,7 +31,7 @@ B_OVER_A = Parameter(
     (0.3, 3.0),
     logarithmic=True,
 )
-STILL = 1.0  # W/(m2 K): less than still air; temperatures feel at least about this, so that they forget their start
+STILL = 1.0  # W/(m2 K): less than still air; a lower bound, so that temperatures forget their start
 
 
 class HeatTransfer(Effect):

@@ -1,4 +1,4 @@
-"""An upper store that runs over at its rim, part of it into the lower one."""
+"""An upper store that overflows at its rim, partly into the lower one."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ CAUGHT = Parameter(
 
 
 class Overflow(Effect):
-    """Of a flow that fills the upper store the share `spilled` runs over, from the rim on within `head`."""
+    """The share `spilled` of the inflow to the upper store overflows; it is reached within `head` above the rim."""
 
     name = "overflow"
     sites = ("store.upper", "store.caught")
@@ -67,7 +67,7 @@ class Overflow(Effect):
     source = TANKS
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
-        """What leaves over the rim, and what of it is caught, in levels per second."""
+        """The overflow and the part of it that is caught, in levels per second."""
         if site == "store.caught":
             return nominal * sheet.param(CAUGHT)
         depth = (near["level"] - sheet.param(RIM)) / sheet.param(HEAD)

@@ -1,4 +1,4 @@
-"""Dry friction that is larger or smaller at some place: a dent, a dry patch, a guide that clamps."""
+"""Dry friction that depends on position: a dent, a dry patch, a jamming guide."""
 
 from __future__ import annotations
 
@@ -61,18 +61,18 @@ SLOPES = {
     )
     for name, words in (("slope_ahead", "ahead of"), ("slope_behind", "behind"))
 }
-# Started as nearly a bell: a patch with an edge has no slope outside it.
+# Searches start from nearly a bell: a patch with an edge has no slope outside it.
 SHAPE = {"ending": 20.0, **dict.fromkeys(SLOPES, 0.0)}
-BASE = 1e-9  # of a power: nothing beyond the edge, and slopes that stay finite there
+BASE = 1e-9  # of a power: zero beyond the edge, with finite slopes there
 
 
 class PositionDependentFriction(Effect):
     """F_r (1 + r max(1 - z^2/n, 0)^n + s max(x - x_0, 0) + t max(x_0 - x, 0)), z = (x - x_0)/w.
 
-    One hill or hollow of free place and width: narrow for a bump, as wide as the stroke for friction that grows
-    towards both ends (a hollow at mid-stroke) or towards one (a hill at that end). The power n says how it ends: at an
-    edge sqrt(n) widths away; where n is large it is the bell exp(-z^2), which never quite ends. From the same place on
-    it may rise steadily either way, as guides do that are not parallel.
+    One maximum or minimum of free place and width: narrow for a bump, as wide as the stroke for friction that grows
+        towards both ends (a minimum at mid-stroke) or towards one (a maximum at that end). The power n sets its shape:
+        it ends at an edge sqrt(n) widths away; for large n it is the bell exp(-z^2) without an edge. From the same
+        place it may also rise linearly in both directions, as with guides that are not parallel.
     """
 
     name = "position_dependent_friction"

@@ -1,4 +1,4 @@
-"""Dry friction that builds up over a distance: seals that bend before they slide."""
+"""Dry friction that builds up over a distance: seals that deform before they slide."""
 
 from __future__ import annotations
 
@@ -50,14 +50,15 @@ BEND = Parameter(
     0.0,
     (0.0, 0.5),
 )
-CATCH = 3e-4  # s: in which a part that slips lets its deflection follow; the force is exact at any value
+CATCH = 3e-4  # s: time constant of the deflection of a slipping part; the force is exact at any value
 
 
 class Presliding(Effect):
-    """Six elastic parts in parallel instead of the plant's bristle, each a sixth of the friction, each holds longer.
+    """Six elastic parts in parallel instead of the plant's bristle, each with a sixth of the friction and its own
+    length.
 
-    Each is a spring until it slips and bears no more (Iwan's elements): after a reversal it is elastic again, and large
-    motions are remembered beside small ones (Masing's rule). What holds is damped, what slips is not.
+    Each is a spring until it slips at constant force (Iwan's elements): after a reversal it is elastic again, and the
+    memory of large motions is kept during small ones (Masing's rule). Sticking parts are damped, slipping ones are not.
     """
 
     name = "presliding"
@@ -104,7 +105,7 @@ class Presliding(Effect):
         )
 
     def _bend(self, length: Any, near: Mapping[str, Any], sheet: Sheet) -> None:
-        """Note how far the parts' mean share is from the plant's own bristle's, and the mean speed of bending, m/s."""
+        """Store the parts' mean share minus the plant's own bristle, and the mean deflection rate, m/s."""
         v, most, distance = near["v"], near["most"], sheet.param(DISTANCE)
         spread, bend = sheet.param(SPREAD), sheet.param(BEND)
         mean, speed = ca.SX(0), ca.SX(0)
@@ -116,6 +117,6 @@ class Presliding(Effect):
             sheet.rate(deflection, v - beyond / CATCH)
             mean = mean + (deflection - beyond) / own / len(parts)
             speed = speed + ca.if_else(beyond == 0, v, 0) / len(parts)
-        counts = ca.fmin(1, distance / length)  # shorter ones than the plant's own count the less
+        counts = ca.fmin(1, distance / length)  # ones shorter than the plant's own count less
         sheet.store("apart", (mean - near["z"]) * counts)
         sheet.store("speed", speed * counts)

@@ -1,4 +1,4 @@
-"""Pressure sensors whose zeros are off."""
+"""Pressure sensors with an offset."""
 
 from __future__ import annotations
 
@@ -38,5 +38,5 @@ class PressureSensorOffset(Effect):
     source = "data sheets of pressure sensors of the 0.5 % class"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
-        """What the sensor shows, Pa."""
+        """The sensor's reading, Pa."""
         return nominal + sheet.param(OFFSET_A if site.endswith("a") else OFFSET_B)

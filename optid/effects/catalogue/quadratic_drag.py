@@ -33,7 +33,7 @@ SLOW = 1e-2  # m/s: below, a power other than 2 is smooth
 
 
 class QuadraticDrag(Effect):
-    """c v |v|^(n - 1), with speeds in m/s, beside eq. 11's friction; n is about 2."""
+    """c v |v|^(n - 1), with speeds in m/s, in addition to eq. 11's friction; n is about 2."""
 
     name = "quadratic_drag"
     sites = ("force.friction",)

@@ -1,4 +1,4 @@
-"""A position sensor whose zero wanders while the recording runs."""
+"""A position sensor whose zero drifts during the recording."""
 
 from __future__ import annotations
 
@@ -57,6 +57,6 @@ class SensorDrift(Effect):
     source = "physics catalogue A.4, row 35"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
-        """What the sensor shows, m."""
+        """The sensor's reading, m."""
         settling = sheet.param(SETTLING)
         return nominal + sheet.param(RATE) * settling * (1 - ca.exp(-sheet.clock() / settling))

@@ -1,4 +1,4 @@
-"""A position sensor whose scale factor is off."""
+"""A position sensor with a gain error."""
 
 from __future__ import annotations
 
@@ -38,5 +38,5 @@ class SensorGain(Effect):
     source = "physics catalogue A.4, row 33"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
-        """What the sensor shows, m."""
+        """The sensor's reading, m."""
         return nominal + sheet.param(ERROR) * near["x"]

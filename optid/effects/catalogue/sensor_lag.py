@@ -31,11 +31,11 @@ FLOOR = 5e-4  # s: keeps the equations from becoming stiff at the null
 
 
 class SensorLag(Effect):
-    """(1 + t0 p) / (1 + (t + t0) p) with p = d/dt, t = time constant: 1 at the null; and another one behind it.
+    """(1 + t0 p) / (1 + (t + t0) p) with p = d/dt, t = time constant: 1 at the null; followed by a second one.
 
     t0 falls from FLOOR with the square of t, so that a lag of usual size is the plain first-order one.
 
-    The states are how far each filter's input is ahead of it, so that they are small and start near zero.
+    The states are the lead of each filter's input over its output, so that they are small and start near zero.
     """
 
     name = "sensor_lag"
@@ -61,7 +61,7 @@ class SensorLag(Effect):
     source = "first-order filter; sizes from physics catalogue A.4, row 37"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
-        """What the sensor shows, m."""
+        """The sensor's reading, m."""
         rate, shown, speed = near["v"], nominal, near["v"]
         for name, time in (
             ("ahead", sheet.param(TIME)),

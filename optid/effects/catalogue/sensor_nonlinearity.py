@@ -1,4 +1,4 @@
-"""A position sensor whose scale is bent."""
+"""A nonlinear position sensor."""
 
 from __future__ import annotations
 
@@ -30,7 +30,13 @@ ZERO = Parameter("zero", "m", 1e-3, "constant error: that of the even part at th
 SLOPE = Parameter(
     "slope", "m", 1e-3, "error at the far end of a part that is linear in the position", SIZE, 0.0, WITHIN
 )
-FINER = (2, 3, 4, 5, 6)  # times as many waves along the stroke: a pinion errs once a turn, some 63 to 125 mm
+FINER = (
+    2,
+    3,
+    4,
+    5,
+    6,
+)  # times as many waves along the stroke: a pinion's error has a period of one turn, 63 to 125 mm
 BOWS, CURLS = (
     tuple(
         Parameter(
@@ -50,7 +56,7 @@ TRIED = 5.0  # times that
 class SensorNonlinearity(Effect):
     """x + zero + slope 2 x / L + sum_k bow_k cos((2 k - 1) pi x / L) + curl_k sin(2 k pi x / L), k = 1..6.
 
-    Any smooth bend is nearly such a sum; its zero and slope show in the motion as well, through the dead volumes.
+    Any smooth nonlinearity is nearly such a sum; its zero and slope also affect the motion, through the dead volumes.
     """
 
     name = "sensor_nonlinearity"
@@ -79,14 +85,14 @@ class SensorNonlinearity(Effect):
     source = "physics catalogue A.4, row 34"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
-        """What the sensor shows, m."""
+        """The sensor's reading, m."""
         way = near["x"] / near["L"]
         even, odd = sheet.param(ZERO), 2 * sheet.param(SLOPE) * way
         c, s = ca.cos(math.pi * way), ca.sin(math.pi * way)
         c_2, s_2 = (
             c * c - s * s,
             2 * s * c,
-        )  # one cosine and one sine, the others by recurrence: they are costly
+        )  # one cosine and one sine, the others by recurrence, because they are expensive
         c_even, s_even = c_2, s_2
         for bow, curl in zip((BOW, *BOWS), (CURL, *CURLS), strict=True):
             even += sheet.param(bow) * (c_even * c + s_even * s)

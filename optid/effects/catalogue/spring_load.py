@@ -48,7 +48,9 @@ STEEPENING = Parameter(
     (0.0, 0.1),
 )
 FAR = 0.1  # m
-FARTHEST = 4.0  # square of the distance in FAR: beyond, it grows with the cube again, or it would be stiffer than steel
+FARTHEST = (
+    4.0  # square of the distance in FAR, beyond which the cube alone counts: it would be stiffer than steel
+)
 
 
 class SpringLoad(Effect):

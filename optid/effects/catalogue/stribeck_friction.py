@@ -48,14 +48,14 @@ TAIL = Parameter(
     0.1,
     (0.01, 2.0),
 )
-REST = 1e-3  # of the Stribeck speed: below, the curve is a parabola, whose slopes are finite
+REST = 1e-3  # of the Stribeck speed: below it the curve is a parabola with finite slopes
 
 
 class StribeckFriction(Effect):
     """Steady sliding takes F_r (1 + (ratio - 1) s(|v/v_s|^n)); the bristles follow it as in LuGre.
 
-    s(z) = (1 + q z)^(-1/q) holds the curves in use: exp(-z) at q = 0 (Tustin, Bo and Pavelescu), Hess and Soom's
-    1 / (1 + (v/v_s)^2) at q = 1 and n = 2. Where an axis sticks and slips, windows tell them apart.
+    s(z) = (1 + q z)^(-1/q) contains the usual curves: exp(-z) at q = 0 (Tustin, Bo and Pavelescu), Hess and Soom's
+    1 / (1 + (v/v_s)^2) at q = 1 and n = 2. Stick-slip motion distinguishes them.
     """
 
     name = "stribeck_friction"
@@ -79,7 +79,7 @@ class StribeckFriction(Effect):
     source = "Armstrong-Helouvry, Dupont and Canudas de Wit, Automatica 30(7), 1994"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
-        """The most that sliding reaches at the speed of the contact, as a share of F_r."""
+        """The limit of sliding friction at the speed of the contact, as a share of F_r."""
         square = (near["v"] / sheet.param(SPEED)) ** 2
         power = square * (square + REST**2) ** (sheet.param(EXPONENT) / 2 - 1)
         tail = sheet.param(TAIL)

@@ -33,7 +33,7 @@ CONTACT = Parameter(
     (10.0, 120.0),
     logarithmic=True,
 )
-DAMPING = 0.2  # ratio, of teeth that touch
+DAMPING = 0.2  # damping ratio of teeth in contact
 LEAST = 2e-5  # m: a smaller play is partly rigid
 
 

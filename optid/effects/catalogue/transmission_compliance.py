@@ -33,7 +33,7 @@ DAMPING = Parameter(
 
 
 class TransmissionCompliance(Effect):
-    """Two masses, T = (twist + c d twist') / c; exact where they swing below 120 Hz, rigid at c = 0."""
+    """Two masses, T = (twist + c d twist') / c; exact for natural frequencies below 120 Hz, rigid at c = 0."""
 
     name = "transmission_compliance"
     sites = SITES

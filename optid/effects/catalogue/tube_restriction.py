@@ -1,4 +1,4 @@
-"""Tubes and fittings between valve and cylinder that throttle the flow beside the valve."""
+"""Tubes and fittings between valve and cylinder that throttle the flow in series with the valve."""
 
 from __future__ import annotations
 

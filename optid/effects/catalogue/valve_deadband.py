@@ -43,9 +43,10 @@ NONE = 1e-18  # m: no rounding
 
 
 class ValveDeadband(Effect):
-    """Each edge opens by what the spool's way z exceeds its overlap, in the end less r where its corner is round.
+    """Each edge opens by the excess of the spool's travel z over its overlap; a round corner reduces it by r in the
+    end.
 
-    It opens by a parabola up to z = 2 r and straight on from there, by z^2 / (z + r), or by anything in between.
+    It opens as a parabola up to z = 2 r and linearly beyond, as z^2 / (z + r), or as a curve in between.
     """
 
     name = "valve_deadband"
@@ -68,7 +69,7 @@ class ValveDeadband(Effect):
     source = "Tao, Meng and others, Math. Probl. Eng. 2034923, 2016; sizes from physics catalogue A.2, row 15"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
-        """Areas of the open ports, m2; of the spool's way only note is taken."""
+        """Areas of the open ports, m2; the spool's travel is only stored."""
         if site == "valve.spool":
             return nominal
         spool, travel = near["spool"], sheet.plant_param("spool_travel")

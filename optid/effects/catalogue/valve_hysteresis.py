@@ -1,4 +1,4 @@
-"""A spool that stops short of where its command sends it, on whichever side it comes from."""
+"""A spool with hysteresis: it stops short of its command, from both sides."""
 
 from __future__ import annotations
 
@@ -39,11 +39,11 @@ BEND = Parameter(
     0.0,
     (0.0, 0.5),
 )
-CATCH = 3e-4  # s: in which the spool's memory follows; what it shows is exact while it moves, at any value
+CATCH = 3e-4  # s: relaxation time of the play; its output is exact while it moves, at any value
 
 
 class ValveHysteresis(Effect):
-    """Six plays in parallel: each trails the command by its width and stands still while a reversal takes it up."""
+    """Six plays in parallel: each lags the command by its width and does not move while a reversal takes it up."""
 
     name = "valve_hysteresis"
     sites = ("valve.command",)
@@ -67,7 +67,7 @@ class ValveHysteresis(Effect):
     source = "physics D.4: play as a relaxation with its own state"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
-        """The share of full travel at which the spool stands."""
+        """Position of the spool, a share of full travel."""
         width, spread, bend = sheet.param(WIDTH), sheet.param(SPREAD), sheet.param(BEND)
         stands, parts = 0.0, shares(spread, bend)
         for number, share in enumerate(parts, 1):

@@ -47,7 +47,7 @@ class ValveLag(Effect):
     """(1 + 2 z t0 p + (t0 p)^2) / (1 + 2 z t p + (t p)^2) with p = d/dt, t = time constant + t0: 1 at the null.
 
     t0 falls from FLOOR with the square of the time constant: a lag of usual size is the plain second-order one.
-    A drive gives no more than its most: what pulls the spool stops growing when it is `linear_range` behind.
+    The drive saturates: the force on the spool stops growing at a lag of `linear_range`.
     """
 
     name = "valve_lag"
@@ -76,7 +76,7 @@ class ValveLag(Effect):
     source = "Richer and Hurmuzlu, J. Dyn. Sys. Meas. Control 122(3), 2000; valve catalogues"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
-        """The share of full travel at which the spool stands."""
+        """Position of the spool, a share of full travel."""
         z = sheet.param(DAMPING)
         floor = FLOOR * ca.fmax(1, z)  # the faster of two poles of an overdamped spool is at 2 z / t
         time = sheet.param(TIME)
@@ -90,5 +90,5 @@ class ValveLag(Effect):
         sheet.rate(w, (ca.fmin(ca.fmax(behind, -most), most) - 2 * z * w) / t)
         share = t0 / t
         stands = s + 2 * z * share * w + share**2 * (behind - 2 * z * w)
-        stop = ca.fmax(1, ca.fabs(nominal))  # a spool that overshoots ends where its travel does
+        stop = ca.fmax(1, ca.fabs(nominal))  # an overshoot is limited by the spool's travel
         return ca.fmin(ca.fmax(stands, -stop), stop)

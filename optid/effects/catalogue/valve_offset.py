@@ -1,4 +1,4 @@
-"""A spool that does not stand in the middle at zero command."""
+"""A spool that is not in the middle at zero command."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A spool or port that gives less than its command asks for beyond some opening."""
+"""A spool or port that opens less than commanded beyond some opening."""
 
 from __future__ import annotations
 

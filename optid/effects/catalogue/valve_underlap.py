@@ -46,7 +46,7 @@ NONE = 1e-24  # m2: no leak
 
 
 class ValveUnderlap(Effect):
-    """Every edge opens by about `width` earlier, so that both edges of a port are open in between, and leaks beside."""
+    """Every edge opens about `width` earlier, so that both edges of a port are open in between, and leaks as well."""
 
     name = "valve_underlap"
     sites = ("flow.chamber_a", "flow.chamber_b")
@@ -74,14 +74,14 @@ class ValveUnderlap(Effect):
     source = "physics catalogue A.2, row 16"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
-        """The flow into the chamber, kg/s, with what passes the edges that should be shut or less open."""
+        """The flow into the chamber, kg/s, including that through edges that should be shut or less open."""
         early = sheet.param(WIDTH) * sheet.plant_param("spool_travel")
         way = 1 if site.endswith("a") else -1  # of the spool that opens this chamber to supply
         s, width = way * near["spool"], sheet.plant_param("port_width")
         leak, fading = sheet.param(AREA) / sheet.plant_param("discharge_coefficient"), sheet.param(FADING)
 
         def more(way_open: Any, sooner: Any) -> Any:
-            """Area, m2, by which an edge is wider than that of an ideal spool."""
+            """Additional area of an edge, m2, compared with an ideal spool."""
             opened = width * ca.fmax(way_open + sooner, 0)
             diagonal = ca.sqrt(opened**2 + leak**2 + NONE**2) - opened
             return opened - width * ca.fmax(way_open, 0) + leak + fading * (diagonal - leak)

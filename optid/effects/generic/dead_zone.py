@@ -23,7 +23,7 @@ WIDTH = Parameter(
 
 
 class DeadZone(Anywhere):
-    """What of the signal lies beyond +-width."""
+    """The part of the signal beyond +-width."""
 
     kind = "dead_zone"
     parameters = (WIDTH,)
@@ -36,5 +36,5 @@ class DeadZone(Anywhere):
     experiment = "small steps about zero"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
-        """What is left of the signal."""
+        """The rest of the signal."""
         return dead_zone(nominal, self.own(WIDTH, near, sheet))

@@ -1,4 +1,4 @@
-"""A signal that counts more one way than the other."""
+"""A signal with a different gain for each sign."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A spring that pulls harder, or less, the farther it is drawn."""
+"""A spring that hardens or softens with its deflection."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ HARDENING = Parameter(
 
 
 class HardeningSpring(Anywhere):
-    """s (1 + h (s / size)^2), Duffing's cubic law, of a spring's force or of the length that stands for it."""
+    """s (1 + h (s / size)^2), Duffing's cubic law, for a spring's force or the deflection that represents it."""
 
     kind = "hardening_spring"
     parameters = (HARDENING,)
@@ -36,9 +36,9 @@ class HardeningSpring(Anywhere):
 
     @classmethod
     def suits(cls, place: str) -> bool:
-        """A site that the plant calls a spring's: "force.spring", "spring.force"."""
+        """Whether the plant names the site a spring's: "force.spring", "spring.force"."""
         return "spring" in place.split(".")
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
-        """The force with its cube."""
+        """The force with its cubic term."""
         return nominal * (1 + self.own(HARDENING, near, sheet) * (nominal / near["size"]) ** 2)

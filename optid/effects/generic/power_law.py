@@ -1,4 +1,4 @@
-"""A signal that grows as a power of what it should be."""
+"""A signal that is a power of its nominal value."""
 
 from __future__ import annotations
 

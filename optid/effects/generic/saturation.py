@@ -45,5 +45,5 @@ class Saturation(Anywhere):
     experiment = "repeat the same signal at rising amplitude"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
-        """The signal, bent."""
+        """The saturated signal."""
         return nominal - self.own(LOSS, near, sheet) * dead_zone(nominal, self.own(LIMIT, near, sheet))
