@@ -26,7 +26,7 @@ SETTLED = (
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """The result of one start: the point, its linearisation, the process noise, and the marginal score."""
+    """Where one start ended: the point, its linearisation, the process noise, and the marginal score."""
 
     at: Point
     terms: Terms

@@ -198,7 +198,7 @@ def _supervision(loop: Loop, session: Connection) -> None:
     if verdict is not None:
         _tell_verdict(session, "kept" if verdict.kept else "worse", verdict)
     if loop.taken_back is not None:
-        why = "the loop oscillated" if verdict is None else "they performed worse"
+        why = "the loop oscillated" if verdict is None else "they were worse"
         send(session, say="taken back", why=why, gains=vars(loop.taken_back))
         loop.taken_back = None
 

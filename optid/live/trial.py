@@ -34,9 +34,7 @@ class Verdict:
         """For the log and the page."""
         if not self.episodes:
             return "not compared: the reference did not move while the old gains were in use"
-        return (
-            f"measured ITAE {self.ratio:.2f} times that of the old gains (median of {self.episodes} episodes)"
-        )
+        return f"real ITAE {self.ratio:.2f} times that of the old gains (median of {self.episodes} episodes)"
 
 
 @dataclass
