@@ -20,11 +20,11 @@ _FRIENDLY = {
 
 
 def quantity(value: float, unit: str) -> str:
-    """A number with the unit that people use for it."""
+    """A number in the unit that suits its size."""
     factor, shown = _FRIENDLY.get(unit, (1.0, unit))
     if unit == "m" and abs(value) < 1e-4:
         factor, shown = 1e6, "um"
-    if unit in ("m", "m/s") and abs(value) >= 0.9995:  # what three digits of mm would show as 1e+03
+    if unit in ("m", "m/s") and abs(value) >= 0.9995:  # three digits of mm would print as 1e+03
         factor, shown = 1.0, unit
     if unit == "s" and abs(value) < 1.0:
         factor, shown = 1e3, "ms"
@@ -32,12 +32,12 @@ def quantity(value: float, unit: str) -> str:
 
 
 def p_told(p: float) -> str:
-    """A p-value as people read it."""
+    """A p-value in readable form."""
     return "p < 1e-6" if p < 1e-6 else f"p = {p:.2g}"
 
 
 def summarise(d: Diagnosis) -> str:
-    """Where, what, how sure, how much better, and what is not known."""
+    """Summarise where, what, how certain, how much better, and what is not known."""
     words = [ANSWERS[d.verdict.value](d).strip()]
     if d.path.ended_early:
         words.append(
@@ -66,7 +66,7 @@ def _consistent(d: Diagnosis) -> str:
 
 
 def _nothing_more(d: Diagnosis) -> str:
-    """Whether anything of the catalogue predicts the hold-out better, though not by enough to be named."""
+    """Whether any effect of the catalogue predicts the hold-out better, though not enough to be named."""
     strongest, p = d.path.strongest, d.test.p_value
     if strongest is None or not p <= d.test.level:
         return f"No effect of the catalogue improves it ({p_told(p)})."
@@ -144,7 +144,7 @@ def _errors(scores: Mapping[str, Score]) -> str:
 
 
 def _by_role(told: Mapping[str, str]) -> str:
-    """What is told of every output, or of the only one."""
+    """The same words for every output, or for the only one."""
     if len(told) == 1:
         return next(iter(told.values()))
     return ", ".join(f"{role.replace('_', ' ')} {words}" for role, words in told.items())
