@@ -94,7 +94,7 @@ def connected(address: str, certificates: Certificates | None = None) -> Iterato
 
 
 def is_open(address: str) -> bool:
-    """Anyone who reaches the address can run programs on its workers: no encryption, and not this machine alone."""
+    """Whether anyone who reaches the address can run programs on its workers: not encrypted, and not local."""
     parts = urlsplit(address)
     host = parts.hostname or ""
     if parts.scheme == "tls" or host == "localhost":

@@ -94,7 +94,7 @@ def _follow(
     go: Callable[[Sequence[Job], tuple[float, float]], None],
     names: list[str],
 ) -> None:
-    """Fit the reference, test each night, and diagnose the rigs told of."""
+    """Fit the reference, test each night, and diagnose the rigs that changed."""
     from optid.fleet.conclude import concluded
 
     rigs = by_rig(fleet.jobs)
@@ -105,7 +105,7 @@ def _follow(
 
 
 def read_names(out: Path) -> tuple[list[str], Fleet, float]:
-    """What a fleet's folder is to hold: names of rows, how they are judged, and when the run began (s, epoch).
+    """The plan of a fleet's folder: names of rows, settings of their statistics, and start of the run (s, epoch).
 
     Raises
     ------
@@ -124,7 +124,7 @@ def read_names(out: Path) -> tuple[list[str], Fleet, float]:
 
 
 def conclude(out: str | Path) -> FleetResult:
-    """What the rows in a fleet's folder show, as far as they are answered.
+    """The result of the rows in a fleet's folder that are finished.
 
     Parameters
     ----------

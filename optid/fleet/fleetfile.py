@@ -1,4 +1,4 @@
-"""`fleet.toml`: what is to be done with which rigs and recordings."""
+"""`fleet.toml`: jobs, rigs and recordings of a fleet."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from optid.errors import InputError, nearest
 from optid.fleet.job import Job, Limits, folder_name
 
 MOST = 64 * 2**20  # bytes of a fleet file
-LEVEL = 0.05  # share of false ones among what is told
+LEVEL = 0.05  # expected share of false alarms
 REFERENCE = 7  # nights that a rig's fit and its scatter are taken from: a week
 SEVERAL = ";"  # between the recordings of a cell
 DATE, RIG = "date", "rig"  # tags that the fleet as a whole goes by
@@ -56,7 +56,7 @@ class Nightly:
 
 @dataclass(frozen=True)
 class Fleet:
-    """A fleet file, understood.
+    """A parsed fleet file.
 
     Attributes
     ----------
@@ -65,7 +65,7 @@ class Fleet:
     nightly : Nightly | None
         when nights are followed; the jobs are then those recordings, one a rig and night.
     level : float
-        share of false ones among what is told of the fleet.
+        expected share of false alarms among the rigs reported.
     siblings : str
         tag whose equal values make rigs siblings; all are where it is empty.
     """
@@ -87,7 +87,7 @@ def read_fleet(path: str | Path) -> Fleet:
     Raises
     ------
     InputError
-        cannot be read, or says something that cannot be; names file and field, what was found and expected.
+        cannot be read, or an entry is not valid; names file and field, what was found and expected.
     """
     path = Path(path)
     content = _toml(path)

@@ -86,7 +86,7 @@ _STOPPING = threading.Event()
 
 
 def stop_all() -> None:
-    """Kill every job that this process runs, and begin no other until `start_again`."""
+    """Kill every job that this process runs, and start no other until `start_again`."""
     with _LOCK:
         _STOPPING.set()
         for group in _RUNNING:

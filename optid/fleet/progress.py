@@ -1,4 +1,4 @@
-"""How far a fleet is: done, running, failed and why, and when it will end."""
+"""Progress of a fleet: done, running, failed and why, and the expected end."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ MANY = 20  # failed rows that are listed
 
 @dataclass(frozen=True)
 class Status:
-    """How far a fleet is.
+    """The progress of a fleet.
 
     Attributes
     ----------
@@ -61,7 +61,7 @@ class Status:
 
 
 def status(out: str | Path) -> Status:
-    """How far the fleet is that was run into a folder.
+    """The progress of the fleet that runs into a folder.
 
     Parameters
     ----------

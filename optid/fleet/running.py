@@ -31,7 +31,7 @@ Report = Callable[[float, str], None]
 
 @dataclass(frozen=True)
 class RowResult:
-    """How one row went.
+    """The outcome of one row.
 
     Attributes
     ----------
@@ -83,7 +83,7 @@ def run_jobs(
     Returns
     -------
     dict[str, int]
-        How many rows ended how, by outcome.
+        Number of rows by outcome.
 
     Raises
     ------
@@ -150,7 +150,7 @@ def _submit(executor: Executor, job: Job, out: Path) -> Future[dict[str, Any]]:
 
 
 def _ended(future: Future[dict[str, Any]], job: Job) -> RowResult:
-    """How a row went; what a job does to itself is in the answer, what raises is the executor's."""
+    """The outcome of a row; failures of the job are in its answer, exceptions come from the executor."""
     try:
         return RowResult(**future.result())
     except BrokenExecutor as error:

@@ -7,7 +7,7 @@
     kept = controller.state; controller.restore(kept) # memory as an array of float64, shape (MEMORY,)
 
 Reference and measurement in the model's output unit (m), command in its input unit (V). A NaN stands for a missing
-sample: the last one is used again; how long that may go on is for the caller to say. Inside other compiled code call
+sample: the last one is used again; the caller decides how long this may last. Inside other compiled code call
 `optid.pid.law.law(settings, memory, reference, measured)` with `controller.vector` and a copy of `controller.state`.
 """
 
@@ -28,7 +28,7 @@ NO_NOTCH = (1.0, 0.0, 0.0, 0.0, 0.0)
 
 @dataclass(frozen=True)
 class Gains:
-    """What a tuning moves; u = kp (b r - y) + integral of ki (r - y) + kd d(c r - y)/dt.
+    """The tuned gains; u = kp (b r - y) + integral of ki (r - y) + kd d(c r - y)/dt.
 
     Attributes:
         kp: command per output, V/m.
@@ -73,7 +73,7 @@ class Gains:
 
 
 class AntiWindup(Enum):
-    """What the integral does while the command stands at a limit."""
+    """Behaviour of the integral while the command is at a limit."""
 
     NONE = "the integral keeps integrating"
     CLAMPING = "the integral stops while it would push further into the limit"
@@ -124,20 +124,20 @@ class Notch:
 
 @dataclass(frozen=True)
 class Settings:
-    """All of a controller but its gains, in the command's own unit.
+    """The settings of a controller apart from its gains, in the command's unit.
 
     Attributes:
         sample_time: s.
         low, high: limits of the command; infinite for none.
         rate: largest change per second; infinite for none.
         deadband_low, deadband_high: edges of the valve's dead band, at most 0 and at least 0; commands jump over it.
-        deadband_onset: size of the command over which that jump comes in.
+        deadband_onset: size of the command over which the jump is blended in.
         resolution: step of the output converter, counted from 0; 0 for none.
         anti_windup: see there.
         tracking_time: of back-calculation, s.
         acceleration: feed-forward, command per acceleration of the set-point (filtered as the derivative is).
-        friction: command that overcomes dry friction, given in the direction in which the set-point moves.
-        friction_speed: of the set-point, over which that comes in, output's unit/s.
+        friction: command that overcomes dry friction, added in the direction of the set-point's motion.
+        friction_speed: speed of the set-point over which it changes sign, output's unit/s.
         notch: of the command; None for none.
     """
 
@@ -223,7 +223,7 @@ class Settings:
 
     @property
     def vector(self) -> Array:
-        """What follows the gains in the settings of `optid.pid.law`, shape (SETTINGS - GAINS,)."""
+        """The settings of `optid.pid.law` after the gains, shape (SETTINGS - GAINS,)."""
         back = self.anti_windup is AntiWindup.BACK_CALCULATION
         return np.array(
             [
@@ -247,7 +247,7 @@ class Settings:
 
 
 class Controller:
-    """A running controller; one object a loop, not shared between threads."""
+    """A running controller; one object per loop, not shared between threads."""
 
     def __init__(self, gains: Gains, settings: Settings) -> None:
         self.gains, self.settings = gains, settings
@@ -260,10 +260,10 @@ class Controller:
         return law.step(self.vector, self._memory, reference, measured)
 
     def reset(self, reference: float, measured: float, command: float = 0.0) -> None:
-        """Start, or start again, from a command that is standing: the first step gives it again if nothing moves.
+        """Start, or restart, from a present command: the first step returns it again if nothing moves.
 
-        Without integral action (ki = 0) there is nothing to hold the command with: the first step may jump, as
-        far as the rate limit lets it.
+        Without integral action (ki = 0) nothing holds the command: the first step may jump, as far as the rate limit
+        allows.
 
         Raises:
             InputError: a value that is not finite.
@@ -274,7 +274,7 @@ class Controller:
         law.begin(self.vector, self._memory, reference, measured, command)
 
     def change(self, gains: Gains) -> None:
-        """Take new gains; the command they would have given at the last sample is the one that was given.
+        """Take new gains, such that the command of the last sample would have been the same.
 
         With ki = 0 the integral part is dropped instead, and the command may jump.
         """
@@ -294,7 +294,7 @@ class Controller:
         return self._memory.copy()
 
     def restore(self, state: Array) -> None:
-        """Go on from a memory that `state` gave.
+        """Continue from a memory that `state` returned.
 
         Raises:
             InputError: of another shape or not finite.

@@ -11,12 +11,12 @@ from optid.core.recording import GAP, LONG_GAP, Recording
 from optid.quality.noise import noise_sd
 from optid.quality.remark import Remark
 
-WINDOW = 0.5  # s, of the windowed prediction: a window without data judges nothing
-FEWEST = 50  # samples with a command and a measured output: fewer are no recording
+WINDOW = 0.5  # s, length of the predicted windows: one without data cannot be judged
+FEWEST = 50  # samples with a command and a measured output: fewer are not a recording
 
 
 def gaps(recording: Recording) -> Iterator[Remark]:
-    """Remarks on times at which nothing was recorded."""
+    """Remarks on gaps in time."""
     found = recording.gaps()
     if found:
         longest = max(found, key=lambda gap: gap[1] - gap[0])
@@ -38,7 +38,7 @@ def pace(recording: Recording, outputs: tuple[str, ...]) -> Iterator[Remark]:
 
     Args:
         recording: what was measured.
-        outputs: roles whose motion tells whether they matter.
+        outputs: roles whose motion decides whether they matter.
     """
     for role in outputs:
         if recording[role].missing < len(recording):
@@ -46,15 +46,15 @@ def pace(recording: Recording, outputs: tuple[str, ...]) -> Iterator[Remark]:
 
 
 def _pace(recording: Recording, role: str) -> Iterator[Remark]:
-    """Jitter and rate, weighed by what they do to one channel."""
+    """Jitter and rate, weighed by their influence on one channel."""
     values, intervals = recording[role].values, np.diff(recording.time)
     steps = np.diff(values)
     whole = np.isfinite(steps) & (intervals < GAP * recording.interval)
     if whole.sum() < 20:
         return
     noise, spread = noise_sd(values), float(np.nanstd(values))
-    # A sample taken early or late errs by speed times the time error; below the noise, or below 0.01 % of the signal,
-    # that does not show.
+    # A sample taken early or late has an error of speed times the time error; below the noise, or below 0.01 % of the
+    # # signal, this is not visible.
     jitter = float(np.std(intervals[whole]))
     speed = float(np.percentile(np.abs(steps[whole]) / intervals[whole], 95))
     if jitter * speed > max(noise, 1e-4 * spread):

@@ -1,4 +1,4 @@
-"""What recordings are fit for, and what to do next, in one line."""
+"""What recordings can be used for, and the next step, in one line."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from optid.core.recording import Recording
 from optid.quality.remark import Remark
 
-# What a remark of each kind asks for; the first that occurs, in this order, is the next thing to do.
+# The remedy for each kind of remark; the first that occurs, in this order, is the next step.
 _NEXT = {
     "polarity": "correct the sign, in the rig file or at the terminals",
     "reach": "correct the offset, the unit or the stroke in the rig file",
@@ -27,13 +27,13 @@ _NEXT = {
     "stuck": "check the sensor",
     "quantised": "use a finer sensor if the fit is not good enough",
 }
-_NO_EVEN_GRID = {"jitter", "slow"}  # a discrete model wants even, dense samples
+_NO_EVEN_GRID = {"jitter", "slow"}  # a discrete-time model needs even, dense samples
 _NO_INPUT = {"feedback", "tied"}
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What recordings are fit for.
+    """What recordings can be used for.
 
     Attributes:
         fit_for: commands that can use them: "simulate", "identify", "fit", "diagnose"; possibly none.
@@ -73,7 +73,7 @@ def verdict(
     why: dict[str, str] = {}
     if grave is not None:
         what = f"{grave.channel} ({grave.kind})"
-        # A black box learns either sign and any zero; a plant with its own cannot.
+        # A black-box model identifies either sign and any zero; a plant with its own cannot.
         blind = () if grave.kind in ("polarity", "reach") else ("identify",)
         why |= dict.fromkeys((*blind, "fit", "diagnose"), what)
     elif idle:

@@ -1,4 +1,4 @@
-"""From what the diagnosis package holds in memory to the tables of a result: the one place that knows both."""
+"""From what the diagnosis package holds in memory to the tables of a result: the only module that knows both."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def _holdout(found: Diagnosis) -> pd.DataFrame:
 
 
 def _rivals(found: Diagnosis) -> pd.DataFrame:
-    """Who was tried in each round, how far it went, and why it was not taken."""
+    """Contenders of each round, their scores, and why they were rejected."""
     import pandas as pd
 
     kept = {effect.name for effect in found.best.effects}
@@ -117,7 +117,7 @@ def _over(finding: Finding, signal: str) -> pd.DataFrame:
 
 
 def _signal(finding: Finding, names: list[str]) -> pd.DataFrame:
-    """What is missing at the site, sample by sample, with its sd, the law found and its likely cause; SI."""
+    """The missing signal at the site, sample by sample, with its sd, the identified law and its likely cause; SI."""
     import pandas as pd
 
     assert finding.signal is not None

@@ -1,4 +1,4 @@
-"""One HTML file on a tuning: gains, how the loop answers, its margins, the competition, and what stays unknown."""
+"""The page of a tuning: gains, responses of the loop, its margins, baselines, and what remains unknown."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _RIVALS = (
     "ziegler_nichols_ultimate",
     "amigo",
     "paper",
-)  # drawn beside the tuned response, where they are bounded
+)  # baselines drawn with the tuned response, where they are bounded
 DRAWN = 2  # of the largest steps; and the smallest one
 _NAMES = {
     "kp": "proportional",
@@ -45,10 +45,10 @@ def tuning_page(
 
     Args:
         tuning: to report.
-        problem: what was asked and assumed.
+        problem: requirements and assumptions.
         source: name of the model's file.
         structure: of the controller.
-        folder: where the gains are to lie, for the command to type next; `rig` is that command's rig file.
+        folder: where the gains are written, for the next command; `rig` is that command's rig file.
     """
     named = units(problem.command_unit, problem.output_unit)
     return render(
@@ -133,7 +133,7 @@ def _drive(tuning: Tuning, problem: TuningProblem, structure: Structure) -> list
 
 
 def _length(value: float, problem: TuningProblem) -> str:
-    """In the unit that a reader likes; empty where it is infinite."""
+    """A length in a readable unit; empty where it is infinite."""
     return quantity(value, problem.output_unit) if math.isfinite(value) else ""
 
 
@@ -161,7 +161,7 @@ def _sizes_figure(tuning: Tuning, problem: TuningProblem) -> Markup | None:
 
 
 def _shown(tuning: Tuning) -> list[tuple[int, Response]]:
-    """Number and run of what is drawn: of the runs without noise the first of the largest and smallest steps."""
+    """Numbers and runs to draw: of the runs without noise the first of the largest and smallest steps."""
     quiet = [(n, run) for n, run in enumerate(tuning.found.responses) if run.episode.run <= 0]
     steps = sorted((one for one in quiet if one[1].episode.size), key=lambda one: -one[1].episode.size)
     others = [one for one in quiet if not one[1].episode.size]

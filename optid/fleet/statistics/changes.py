@@ -1,4 +1,4 @@
-"""Which rigs have changed, by the night: p-values that stay valid however often one looks, false ones controlled.
+"""Rigs that changed, night by night: p-values that stay valid for any number of looks, with controlled false alarms.
 
 A rig's nights are compared with its own reference nights, so whatever its model has wrong from the start drops out. The
 scatter of nights is measured, not assumed. Each quantity is tested alone and all of them together (`joint`). Three
@@ -60,7 +60,7 @@ def changes(measures: pd.DataFrame, reference: int, level: float) -> Changes:
     reference : int
         nights, the first of each rig, that the others are compared with.
     level : float
-        share of false rigs among those told of, at most, on any night.
+        largest expected share of false alarms among the rigs reported, on any night.
 
     Returns
     -------

@@ -40,7 +40,7 @@ def page(result: PlanResult) -> str:
 
 
 def lead(d: Mapping[str, Any]) -> str:
-    """What the experiment will do, in one or two sentences."""
+    """What the experiment achieves, in one or two sentences."""
     hard = [row for row in d["pairs"] if row["sd"] < d["needed_sd"]]
     what = "shows the effect" if len(d["rivals"]) == 1 else "distinguishes every pair"
     at = "At the smallest size worth a name"
