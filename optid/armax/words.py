@@ -17,15 +17,15 @@ if TYPE_CHECKING:
 
 
 TWO_SIDED = 1.96
-LOPSIDED = 0.1  # share of an interval's width by which its sides may differ and still be told as a margin
-NEAR_ONE = 0.01  # a pole so near to 1 that is cancelled describes an offset or a drift
+LOPSIDED = 0.1  # share of an interval's width by which its sides may differ and still be written as ±
+NEAR_ONE = 0.01  # a cancelled pole this near to 1 describes an offset or a drift
 SURE = 3.0  # standard errors within which a pole may be an integrator's
-SLOW = 1e-3  # a pole so little outside 1 needs a thousand samples to grow by e
+SLOW = 1e-3  # a pole this little outside 1 needs a thousand samples to grow by e
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing worth knowing: a fixed name, a grave one or not, and a sentence."""
+    """A finding: a fixed name, whether it is an alarm, and a sentence."""
 
     name: str
     grave: bool
@@ -33,7 +33,7 @@ class Finding:
 
 
 def findings(audit: Audit) -> tuple[Finding, ...]:
-    """All that is worth saying, grave things first."""
+    """All findings, alarms first."""
     said = [*_stability(audit), *_cancelled(audit), *_noise_cancelled(audit), *_contents(audit)]
     if audit.residuals is not None:
         said += _residuals(audit.residuals)
@@ -43,7 +43,7 @@ def findings(audit: Audit) -> tuple[Finding, ...]:
 
 
 def number(root: complex) -> str:
-    """A root as people write it."""
+    """A root in readable form."""
     real = round(root.real, 4) + 0.0  # no minus zero
     return f"{real:.4f}±{root.imag:.4f}i" if root.imag else f"{real:.4f}"
 
@@ -139,7 +139,7 @@ def _static_gain(audit: Audit) -> Finding:
 
 
 def _interval(value: float, low: float, high: float) -> str:
-    """As a margin where both sides are about equal, else as limits with two digits more than their width."""
+    """With ± where both sides are about equal, else as limits with two digits more than their width."""
     down, up = value - low, high - value
     if math.isfinite(up + down) and abs(up - down) <= LOPSIDED * (up + down):
         return f"± {(up + down) / 2:.2g}"
@@ -160,7 +160,7 @@ def _significant(value: float, error: float) -> str:
 def open_findings(
     directions: Sequence[OpenDirection], names: Sequence[str], inputs: Sequence[str]
 ) -> list[Finding]:
-    """What the data leave open, each reason once."""
+    """Findings on undetermined combinations, each reason once."""
     said = []
     for reason in dict.fromkeys(d.reason for d in directions):
         alike = [d for d in directions if d.reason is reason]
@@ -185,7 +185,7 @@ def feedback_finding(whose: str) -> Finding:
 
 
 def weak_feedback_finding(whose: str, share: float) -> Finding:
-    """For an input that earlier outputs determine but for a little."""
+    """For an input that earlier outputs nearly determine."""
     text = (
         f"Hardly identifiable: but for {100 * share:.2g} % of its size {whose} is a function of outputs and of its own "
         "past: the loop was closed, and the only external excitation was as small as a converter's rounding. "
@@ -195,7 +195,7 @@ def weak_feedback_finding(whose: str, share: float) -> Finding:
 
 
 def excitation_finding(whose: str, order: int, needed: int) -> Finding:
-    """For an input that excites to a lower order than B and A have numbers."""
+    """For an input with an order of excitation below the number of coefficients of A and B."""
     what = "one sine excites to order 2" if order == 2 else f"as {order / 2:.3g} sines would"
     if order == 1:
         what = "as a constant input"
@@ -208,7 +208,7 @@ def excitation_finding(whose: str, order: int, needed: int) -> Finding:
 
 
 def trend_finding(model: Armax, unit: str) -> Finding | None:
-    """What stands beside eq. 12; None for nothing."""
+    """Finding on the terms added to eq. 12; None for none."""
     pairs = zip((model.constant, model.slope), model.trend_errors, strict=True)
     if not any(abs(value) > SURE * sd if math.isfinite(sd) else value for value, sd in pairs):
         return None

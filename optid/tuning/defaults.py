@@ -15,15 +15,15 @@ from optid.tuning.specification import TuningSpec
 from optid.tuning.ultimate import ultimate
 
 STEP = 0.06  # m: the paper's step of 6 cm
-COMMAND = 5.0  # V to either side, where the full command is not stated
-SAMPLES = 2500  # of an episode, unless the plant wants more
+COMMAND = 5.0  # V to each side, where the full command is not stated
+SAMPLES = 2500  # samples of an episode, unless the plant needs more
 STROKE_SHARE = 0.3  # of the stroke: the default of the largest step
-PERIODS = 20  # ultimate periods that an episode holds at least
+PERIODS = 20  # smallest number of ultimate periods in an episode
 LONGEST = 200_000  # samples
 
 
 def refuse_no_step(sizes: Sequence[float]) -> None:
-    """A step must be finite and not zero.
+    """Refuse a step that is zero or not finite.
 
     Raises:
         InputError: one is not.
@@ -47,7 +47,7 @@ def reachable(plant: Plant, settings: Settings, size: float) -> bool:
 
 
 def refuse_out_of_reach(plant: Plant, spec: TuningSpec, settings: Settings, unit: str) -> None:
-    """No gains hold an output that no command holds.
+    """Refuse a set-point that no command within the limits can hold.
 
     Raises:
         InputError: a set-point or a profile beyond the static gain times a limit.
@@ -98,7 +98,7 @@ def controller_settings(spec: TuningSpec, plant: Plant, limits: tuple[float, flo
 
 
 def command_limits(spec: TuningSpec, unit: str, rig: Rig | None) -> tuple[float, float, list[str]]:
-    """As asked, else the rig file's full command, else 5 V; none for a command that is not in volts."""
+    """As given, else the rig file's full command, else 5 V; none for a command that is not in volts."""
     if spec.low is not None and spec.high is not None:
         return spec.low, spec.high, []
     if rig is not None:
@@ -112,7 +112,7 @@ def command_limits(spec: TuningSpec, unit: str, rig: Rig | None) -> tuple[float,
 
 
 def episode_samples(spec: TuningSpec, plant: Plant) -> int:
-    """Of an episode: as asked, as the longest profile needs, or 2000 and more where the plant is slower."""
+    """Samples of an episode: as given, as the longest profile needs, or 2000, and more for a slow plant."""
     T = plant.sample_time
     if spec.horizon is not None:
         samples = round(spec.horizon / T) if math.isfinite(spec.horizon) else 0

@@ -37,7 +37,7 @@ def document(
     Args:
         tuning: as found.
         command_unit, output_unit: of the model's signals, SI.
-        plant: for which `cost` stands, in words.
+        plant: on which `cost` was computed, in words.
         structure: of the controller.
     """
     found = tuning.found
@@ -80,7 +80,7 @@ def _by_size(row: SizeRow) -> dict[str, float | None]:
 
 
 def units(command: str, output: str) -> dict[str, str]:
-    """Of the gains, made of the signals' own."""
+    """Units of the gains, derived from the signals' units."""
     per = "1" if command == output else f"{command}/{output}" if output != "1" else command
     if command == "1" and output != "1":
         per = f"1/{output}"
@@ -119,7 +119,7 @@ AHEAD = ("acceleration", "friction", "friction_speed")
 
 
 def _ahead(settings: Settings) -> dict[str, dict[str, float]]:
-    """Feed-forward and notch, where there are any."""
+    """Entries of feed-forward and notch, where there are any."""
     said: dict[str, dict[str, float]] = {}
     if settings.acceleration or settings.friction:
         said["feed_forward"] = {name: float(getattr(settings, name)) for name in AHEAD}
@@ -129,7 +129,7 @@ def _ahead(settings: Settings) -> dict[str, dict[str, float]]:
 
 
 def _then(settings: Settings) -> str:
-    """What follows the law, in words."""
+    """Terms in addition to the law, in words."""
     said = [
         "; filtered by a notch" if settings.notch is not None else "",
         "; plus feed_forward.acceleration times the set-point's acceleration"
@@ -202,7 +202,7 @@ def _notch(content: Any, path: Path) -> Notch | None:
     return Notch(frequency, width, depth)
 
 
-LIMITS = ("low", "high", "rate")  # that every file states, null for none
+LIMITS = ("low", "high", "rate")  # fields of every file, null for none
 
 
 def load(path: Path) -> Controller:

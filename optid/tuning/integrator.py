@@ -1,4 +1,4 @@
-"""An integrator that the identified model has only nearly: carried exactly where physics or the data say so."""
+"""A nearly integrating pole of the identified model, replaced by an exact integrator where justified."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from optid.armax.model import Armax
 from optid.core.model import Array
 from optid.tuning.plant import DRIFT, MARGIN, Plant
 
-SURE = 3.0  # standard errors within which a pole is at 1 as far as the data can tell
+SURE = 3.0  # standard errors within which a pole cannot be distinguished from 1
 
 
 class Integrator(Enum):
@@ -24,10 +24,10 @@ class Integrator(Enum):
 
 
 def with_integrator(plant: Plant, model: Armax, choice: Integrator) -> tuple[Plant, str]:
-    """The plant with its slowest pole at 1, and a sentence on why (empty where nothing changed).
+    """The plant with its slowest pole at 1, and the reason as a sentence (empty where nothing changed).
 
-    A pole a little outside the unit circle grows by itself, which no axis at rest does: it forces integral action that
-    friction turns into hunting. The gain of the rest of the plant stays.
+    A pole slightly outside the unit circle is unstable, which no axis at rest is: it requires integral action that
+        friction turns into hunting. The gain of the rest of the plant is kept.
 
     Args:
         plant: of the model.

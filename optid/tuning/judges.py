@@ -1,4 +1,4 @@
-"""Which simulation judges the gains: the rig's model, the identified model with dry friction, or that model alone."""
+"""The simulation that judges the gains: the rig's model, the identified model with dry friction, or without."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from optid.tuning.specification import TuningSpec
 from optid.tuning.step_tests import STRONGER, StepPlan
 from optid.tuning.sticking_axis import Mechanics, StickingAxis, assumed_mechanics, fitted_mechanics
 
-UNIT = "V"  # of a standing load
-RUNS, BENCH_RUNS, SHOWN_RUNS = 2, 16, 5  # of each size; where a rig's model judges; of those in tables
-STICKING_RUNS, FITTED_RUNS = 9, 13  # where friction is only assumed; where a recording showed it
+UNIT = "V"  # of a constant load
+RUNS, BENCH_RUNS, SHOWN_RUNS = 2, 16, 5  # runs of each size; with a rig's model; those in tables
+STICKING_RUNS, FITTED_RUNS = 9, 13  # with assumed friction; with friction identified from a recording
 BENCH_TOLERANCE = 2e-4  # of its integration: costs differ by 0.2 % from those at 1e-7
-# Default bound on the maximum sensitivity: within what is recommended (Astrom and Hagglund, Advanced PID Control,
+# Default bound on the maximum sensitivity: within the recommended range (Astrom and Hagglund, Advanced PID Control,
 # 2006, section 4.6); and on the identified model with an assumed dry friction, which damps small motions as no linear
 # model does. With a rig's model no bound: friction that was measured is simulated, and so is a stronger plant.
 SENSITIVITY, BESIDE_FRICTION = 2.0, 5.0
@@ -32,8 +32,8 @@ SIMULATED_MARGIN = (
     f"No bound on the maximum sensitivity: the gains are tested with {STRONGER:g} times the command, friction and "
     "limits included; the identified linear model has no friction (--ms 2 requires gains that are robust on it, too)."
 )
-SMALLEST_LOAD = 2e-3  # of half the command's range: standing loads below it are none
-SURE = 3.0  # standard errors by which a standing load must differ from 0
+SMALLEST_LOAD = 2e-3  # of half the command's range: smaller constant loads are ignored
+SURE = 3.0  # standard errors by which a constant load must differ from 0
 LINEAR = "the identified linear model"
 STICKING = "the identified model with dry friction"
 FITTED = "the axis with dry friction that the recording shows"
@@ -42,7 +42,7 @@ PHYSICAL = "the rig's physical model"
 
 @dataclass(frozen=True, eq=False)
 class Judges:
-    """Who judges what: the plant with friction, if any, the rig's bench beside it, their episodes, and words."""
+    """The judges: the plant with friction, if any, the rig's bench, their episodes, and remarks."""
 
     judge: Bench | None
     episodes: tuple[Episode, ...]
@@ -60,13 +60,13 @@ def judges_of(
     settings: Settings,
     rig: Rig | None,
 ) -> Judges:
-    """Without a rig: the axis that the recording shows, else the identified model, with friction where it is an axis.
+    """Without a rig: the axis fitted to the recording, else the identified model, with friction if it is an axis.
 
     Args:
         plan: of the steps.
         plant: of the model.
         known: the model, and the axis that was fitted to its recording.
-        spec: what is asked.
+        spec: of the tuning.
         settings: of the controller.
         rig: whose physical model judges.
     """
@@ -85,7 +85,7 @@ def judges_of(
 
 
 def _judged_by_shown(plan: StepPlan, shown: SlidingAxis, spec: TuningSpec, half: float) -> Judges:
-    """By the axis that was fitted to the recording."""
+    """Judges with the axis that was fitted to the recording."""
     axis = fitted_mechanics(shown, half)
     plan = replace(
         plan,
@@ -119,7 +119,7 @@ def _said_of_shown(shown: SlidingAxis, axis: Mechanics) -> tuple[str, ...]:
 def with_rig(
     judges: Judges, plan: StepPlan, spec: TuningSpec, known: tuple[Rig, str, bool], rng: np.random.Generator
 ) -> Judges:
-    """With a rig's physical model: it judges, or is only tried on the episodes of what does."""
+    """Judges with a rig's physical model, which judges performance or is only tested on the others' episodes."""
     rig, output, judging = known
     usual = spec.usual_sensitivity
     variants = parameter_sets(rig, rng)
@@ -166,7 +166,7 @@ def _said_of_axis(load: float, unit: str) -> list[str]:
 
 
 def standing_load(model: Armax, plant: Plant, half: float) -> float:
-    """What holds an integrating plant back or drives it, as a command: the model's constant, where it is sure.
+    """The constant load on an integrating plant, as a command: from the model's constant, if it is significant.
 
     Args:
         model: with its constant, if it has one.
@@ -182,7 +182,7 @@ def standing_load(model: Armax, plant: Plant, half: float) -> float:
 
 
 def episodes_of(plan: StepPlan, spec: TuningSpec) -> tuple[Episode, ...]:
-    """The steps, whose weights sum to 1, then what else is asked for."""
+    """The steps, whose weights sum to 1, then the other episodes."""
     found = list(plan.episodes()) if plan.sizes else []
     for name, path in spec.profiles:
         held = np.r_[path, np.full(max(plan.samples - path.size, 0), path[-1])][: plan.samples]

@@ -33,21 +33,21 @@ UNSTABLE = (
     "The linear loop on the identified model is unstable (infinite maximum sensitivity): only friction and "
     "limits stabilise the simulated one. For gains that also stabilise the identified model: --ms 2."
 )
-SAME = 5e-2  # relative: searches that end that near to the best cost have found its valley
+SAME = 5e-2  # relative: searches that end this near to the best cost have found the same minimum
 Bench = Callable[[Gains, Settings], tuple[Response, ...]]
 
 
 @dataclass(frozen=True, eq=False)
 class Scored:
-    """Gains and what they are worth.
+    """Gains with their scores.
 
     Attributes:
         name: "tuned" or a baseline's.
-        gains: None where the rule has nothing to say.
-        note: a word on where they come from.
-        cost: what the tuning makes small, of these gains; infinite where the loop runs away.
+        gains: None where the rule does not apply.
+        note: on their origin.
+        cost: the minimised cost of these gains; infinite where the loop diverges.
         margins: of the linear loop on the identified model.
-        responses: on the identified model (with dry friction where it is an axis), one an episode.
+        responses: on the identified model (with dry friction where it is an axis), one per episode.
         bench: on the physical model, where one was given.
     """
 
@@ -61,7 +61,7 @@ class Scored:
 
     @property
     def stable(self) -> bool:
-        """By its linear loop."""
+        """Whether the linear loop is stable."""
         return self.margins is not None and self.margins.stable
 
     def total(self, measure: str, bench: bool = False) -> float:
@@ -72,12 +72,12 @@ class Scored:
 
 @dataclass(frozen=True)
 class Certificate:
-    """The best of an exhaustive grid beside what was found.
+    """The best point of an exhaustive grid, compared with the result.
 
     Attributes:
         points: of the grid.
         best: smallest cost on it.
-        ratio: cost found over that; at most 1 when the search beat the grid.
+        ratio: cost found over that; at most 1 if the search is better than the grid.
         agreeing, starts: searches that ended within 5 % of the best cost, of how many.
         evaluations: of the cost, in the searches.
     """
@@ -92,19 +92,19 @@ class Certificate:
 
 @dataclass(frozen=True, eq=False)
 class Tuning:
-    """Gains that make the criterion small, and the reasons to believe it.
+    """The tuned gains, with the evidence for them.
 
     Attributes:
         gains: found.
         settings: of the controller they are for.
-        task: what was asked.
+        task: of the tuning.
         found: the gains as scored; `baselines` likewise, for the same loop.
         unaware: gains that a tuning without limits chooses, scored with them; None where there are none.
-        aware: what to compare with: gains chosen under the limits on the same models.
+        aware: for comparison: gains tuned with the limits on the same models.
         certificate: of the search.
         scale: ultimate gain and period.
-        within: where the gains were looked for.
-        remarks: what a user should know, in sentences.
+        within: the search region.
+        remarks: for the user, as sentences.
     """
 
     gains: Gains
@@ -121,7 +121,7 @@ class Tuning:
 
     @property
     def on_bench(self) -> bool:
-        """The rig's physical model judged."""
+        """Whether the rig's physical model judged."""
         return self.task.bench_alone and not isinstance(self.task.bench, StickingAxis)
 
     @property
@@ -158,11 +158,11 @@ def tune(
         task: the loop.
         rng: source of everything random.
         options: of the search.
-        bench: runs gains on a physical model, one response an episode; where given, all gains are tried there too.
-        present: gains in force, a baseline.
+        bench: runs gains on a physical model, one response an episode; if given, all gains are also tested there.
+        present: gains in use, as a baseline.
 
     Raises:
-        SolveError: nothing keeps what is required, or nothing stabilises the model.
+        SolveError: no gains meet the requirements, or none stabilise the model.
     """
     options, scale = options or Options(), ultimate(task.loops[0])
     bench = bench or (None if isinstance(task.bench, StickingAxis) else task.bench)
@@ -198,7 +198,7 @@ def tune(
 def _others(task: Task, scale: Ultimate, within: Box, gains: Gains, effort: Effort) -> list[Baseline]:
     """The baselines for this loop, with the same derivative filter.
 
-    The simplex search of a practitioner works on the linear model, as far as a slow physical one judges.
+    The simplex search uses the linear model where a slow physical one judges.
     """
     size = max((episode.size for episode in task.episodes), default=0.0) or 1.0
     most = min(abs(task.settings.low), abs(task.settings.high))
@@ -217,7 +217,7 @@ def _others(task: Task, scale: Ultimate, within: Box, gains: Gains, effort: Effo
 
 
 def _outdone(task: Task, within: Box, gains: Gains, rivals: list[Gains]) -> Gains:
-    """Where a rival's gains, brought into the box, cost less than those found, the search continues from there."""
+    """If a baseline's gains, clipped to the box, have a lower cost than the result, the search continues from there."""
     points = within.points(np.array([gains.vector, *(rival.vector for rival in rivals)]))
     costs = task.fitness(within.gains(points))
     best = int(np.argmin(costs))
@@ -230,7 +230,7 @@ def _outdone(task: Task, within: Box, gains: Gains, rivals: list[Gains]) -> Gain
 
 
 def _unaware(task: Task, options: Options, rng: np.random.Generator, scale: Ultimate) -> Baseline | None:
-    """The gains of a tuning that knows no limits; None where there are none, or none such exist."""
+    """The gains of a tuning without limits; None where there are no limits, or no such gains exist."""
     limits = task.settings
     if math.isinf(limits.low) and math.isinf(limits.high) and math.isinf(limits.rate):
         return None
@@ -243,7 +243,7 @@ def _unaware(task: Task, options: Options, rng: np.random.Generator, scale: Ulti
 
 
 def _remarks(task: Task, found: Scored) -> tuple[str, ...]:
-    """About the model, and about what the tuned loop does."""
+    """Remarks on the model and on the tuned loop."""
     alone = task.bench_alone and bool(found.bench)
     judged = found.bench if alone else found.responses
     slow = [r for r in judged if r.episode.rise[-1] != 0.0 and math.isinf(r.settled) and r.episode.run <= 0]
@@ -267,7 +267,7 @@ def _remarks(task: Task, found: Scored) -> tuple[str, ...]:
 
 
 def _certificate(task: Task, gains: Gains, search: Search) -> Certificate:
-    """The grid's verdict on what was found."""
+    """The comparison of the result with the grid."""
     best = float(task.fitness(gains.vector)[0])
     agreeing = sum(end.fitness <= best * (1.0 + SAME) for end in search.ends)
     used = sum(end.evaluations for end in search.ends)
@@ -278,7 +278,7 @@ def _certificate(task: Task, gains: Gains, search: Search) -> Certificate:
 
 
 def compared(tuning: Tuning) -> list[Scored]:
-    """What belongs beside the gains found though it is nobody's rule."""
+    """Further rows for comparison with the tuned gains."""
     aware = [] if tuning.aware.gains == tuning.gains else [tuning.aware]
     return aware if tuning.unaware is None else [*aware, tuning.unaware]
 
