@@ -27,8 +27,9 @@ def simulate(
     rate: float | None = None,
     progress: Progress = silent,
 ) -> SimulationResult:
-    """Simulate the model along recordings: in a free run from their start, and in windows of 0.5 s from a state
-    estimated on earlier data.
+    """Simulate the model along recordings, in a free run from their start and in windows of 0.5 s.
+
+    The start state of a window is estimated from data before it.
 
     Parameters
     ----------

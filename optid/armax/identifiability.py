@@ -87,8 +87,7 @@ def _twelve(x: Array) -> Array:
 
 
 def excitation(u: Array, lags: int = EXCITED) -> int:
-    """Order to which an input excites, at most `lags`: the number of linearly independent lagged samples, in addition
-    to a constant.
+    """Order of excitation of an input, at most `lags`: independent lagged samples, in addition to a constant.
 
     A sine has order 2, k sines order 2 k, white noise any (Ljung 1999, definition 13.2).
     """

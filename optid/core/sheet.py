@@ -118,8 +118,7 @@ class Sheet(Declarations):
         return before, self._late
 
     def switch_within_hold(self, share: Expression, before: Expression, after: Expression) -> Expression:
-        """A signal that switches inside each hold, after this share of it; if there are two such shares, the last one
-        is used.
+        """A signal that switches inside each hold, after this share of it; the last of two such shares is used.
 
         Parameters
         ----------
@@ -200,8 +199,7 @@ class Sheet(Declarations):
         return nominal
 
     def override_signal(self, name: str, signal: Expression) -> None:
-        """Replace a signal near this site for the effects that follow: the speed of the modified position, for
-        instance.
+        """Replace a signal near this site for the effects that follow, as the speed of a modified position.
 
         Parameters
         ----------
@@ -235,8 +233,7 @@ class Sheet(Declarations):
         self._suspects.append(sites)
 
     def scalable(self, *sites: str) -> None:
-        """Name sites of a magnitude whose sign the plant sets, as of dry friction: an added signal cannot describe
-        sticking.
+        """Name sites of a magnitude whose sign the plant sets, as of dry friction: no added signal describes sticking.
 
         Parameters
         ----------

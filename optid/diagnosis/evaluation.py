@@ -61,8 +61,7 @@ class Evaluation:
     expected: Array
 
     def error_over_noise(self, noise: Mapping[str, float], outputs: Sequence[int] | None = None) -> float:
-        """The largest ratio of windows' errors to those expected of a correct model, root mean square, over the
-        channels.
+        """The largest ratio of windows' errors to those of a correct model, root mean square, over the channels.
 
         Not finite where no window was predicted, or the simulation diverged in one. `outputs` restricts the channels.
         """

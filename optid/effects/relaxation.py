@@ -13,8 +13,7 @@ TIMES = (0.02, 0.15, 1.0)  # s: start value of searches
 
 
 class Relaxation(Description):
-    """nominal - height * size * (s - z) / scale with z' = (s - z) / time: a change of s causes it, and it decays with
-    time.
+    """nominal - height * size * (s - z) / scale with z' = (s - z) / time: a change of s that decays.
 
     Args:
         site: site to which it adds; several are joined by "+", and each has its own memory.

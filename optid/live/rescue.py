@@ -12,12 +12,12 @@ from optid.rigs.rigfile import read_rig
 
 
 def rescue(plan: Plan) -> tuple[float | None, str]:
-    """Open the driver anew and put the safe command, again and again for the safe time.
+    """Open the driver again and write the safe command, with retries for the safe time.
 
     Returns:
-        s until it stood, ``None`` where it could not be put; and the words for it.
+        s until it was written, ``None`` if it could not be; and the message.
     """
-    if plan.driver in VIRTUAL:  # it lives in the guard's process
+    if plan.driver in VIRTUAL:  # it is part of the guard's process
         return 0.0, "the simulated rig ended with it"
     try:
         rig = read_rig(plan.rig)

@@ -1,4 +1,4 @@
-"""Old and new gains beside each other before anything is applied: on the identified model and on the physical one."""
+"""Comparison of old and new gains before they are applied, on the identified and on the physical model."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ from optid.tuning.plant import plant_of
 from optid.tuning.score import Response, response
 from optid.tuning.task import Task
 
-STEP_SHARE = 0.25  # of the stroke limits' span: the step that is tuned for and reviewed
+STEP_SHARE = 0.25  # of the stroke limits' span: the step for tuning and review
 SECONDS = 1.5  # of the response
-HUNTS = 0.005  # of the step: less movement at rest is no hunting
-SLACK = 1.001  # on a maximum sensitivity that stands at its limit
-ARRIVED = 0.05  # of the step: an error at its end that counts as having arrived
+HUNTS = 0.005  # of the step: less movement at rest is not hunting
+SLACK = 1.001  # tolerance for a maximum sensitivity at its limit
+ARRIVED = 0.05  # of the step: largest final error that counts as settled
 
 
 @dataclass(frozen=True)
 class Case:
-    """What a tuning works on.
+    """The input of a tuning.
 
     Attributes:
         model: identified so far; position (m) from command (V).
-        gains: that are in use.
+        gains: in use.
         pid: everything else of the controller.
         step: m.
         output: role of the position.
@@ -45,7 +45,7 @@ class Case:
     output: str
 
     def task(self, required: Required | None = None, bench: PhysicalBench | None = None) -> Task:
-        """As `optid.tuning` wants it, with margins to keep, and a physical model to be good on as well."""
+        """The task for `optid.tuning`, with required margins and a physical model."""
         plants, required = (plant_of(self.model),), required or Required()
         return Task(plants, (self.episode,), self.pid, required=required, bench=bench)
 
@@ -57,7 +57,7 @@ class Case:
 
 @dataclass(frozen=True, eq=False)
 class Review:
-    """Gains beside each other.
+    """The comparison of old and new gains.
 
     Attributes:
         old, new: gains.
@@ -78,9 +78,9 @@ class Review:
 
     @property
     def worse(self) -> tuple[str, ...]:
-        """What speaks against the new gains, in words; empty where they are better.
+        """Objections to the new gains, in words; empty if they are better.
 
-        Either model expects no less ITAE, the physical one does not arrive or hunts more, or the identified one's
+        A model predicts no smaller ITAE, the physical one does not settle or hunts more, or the identified one's
         margins are below the required ones and below the former ones.
         """
         found = []
@@ -100,12 +100,12 @@ class Review:
 
     @property
     def better(self) -> bool:
-        """Nothing speaks against the new gains."""
+        """Whether there are no objections to the new gains."""
         return not self.worse
 
     @property
     def words(self) -> str:
-        """Both models' expectation, margins and hunting, old to new."""
+        """Both models' predictions, margins and hunting, old to new."""
         parts = [
             f"the {name} model predicts ITAE {old.measures['itae']:.3g} -> {new.measures['itae']:.3g} m s2"
             for name, (old, new) in self.responses.items()
@@ -121,12 +121,12 @@ class Review:
 
 
 def case_of(model: Armax, session: tuple[Settings, Wiring], choices: Choices, gains: Gains) -> Case:
-    """The case of a session: a step of a quarter of the way between the stroke limits.
+    """The case of a session: a step of a quarter of the range between the stroke limits.
 
     Args:
         model: identified so far.
         session: its settings and wiring.
-        choices: of which the controller's own settings count.
+        choices: with the controller's own settings.
         gains: in use.
     """
     settings, wiring = session

@@ -1,5 +1,4 @@
-"""Where the table of a text file begins: its header, delimiter and columns, determined from the columns that the rig
-file maps.
+"""Where the table of a text file begins: its header, delimiter and columns, from the names in the rig file.
 
 Everything above the header (facts of the file, of the channels) and between header and data (units, types) may be
 anything; so may columns that the rig file does not map.

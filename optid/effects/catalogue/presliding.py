@@ -54,8 +54,7 @@ CATCH = 3e-4  # s: time constant of the deflection of a slipping part; the force
 
 
 class Presliding(Effect):
-    """Six elastic parts in parallel instead of the plant's bristle, each with a sixth of the friction and its own
-    length.
+    """Six elastic parts in parallel instead of the plant's bristle, each a sixth of the friction, with its own length.
 
     Each is a spring until it slips at constant force (Iwan's elements): after a reversal it is elastic again, and the
     memory of large motions is kept during small ones (Masing's rule). Sticking parts are damped, slipping ones are not.

@@ -43,8 +43,7 @@ NONE = 1e-18  # m: no rounding
 
 
 class ValveDeadband(Effect):
-    """Each edge opens by the excess of the spool's travel z over its overlap; a round corner reduces it by r in the
-    end.
+    """Each edge opens by the excess of the spool's travel z over its overlap; a round corner takes r of it in the end.
 
     It opens as a parabola up to z = 2 r and linearly beyond, as z^2 / (z + r), or as a curve in between.
     """
