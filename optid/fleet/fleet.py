@@ -131,6 +131,11 @@ def conclude(out: str | Path) -> FleetResult:
     out : str | Path
         folder of the fleet.
 
+    Returns
+    -------
+    FleetResult
+        outcomes, changed rigs and tables of the finished rows.
+
     Raises
     ------
     InputError

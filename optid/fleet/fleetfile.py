@@ -82,7 +82,12 @@ def read_fleet(path: str | Path) -> Fleet:
     Parameters
     ----------
     path : str | Path
-        TOML; what it names lies where it says as seen from its folder.
+        TOML; paths in it are relative to its folder.
+
+    Returns
+    -------
+    Fleet
+        its jobs and settings.
 
     Raises
     ------

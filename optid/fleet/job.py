@@ -104,23 +104,45 @@ class Job:
             )
 
     def document(self) -> dict[str, Any]:
-        """The job as plain data, as it travels to a worker."""
+        """The job as plain data, as it is sent to a worker.
+
+        Returns
+        -------
+        dict[str, Any]
+            the attributes; `of` makes a job of it again.
+        """
         return asdict(self)
 
     @classmethod
     def of(cls, document: Mapping[str, Any]) -> Job:
-        """The job that `document` gave."""
+        """A job from its plain data.
+
+        Parameters
+        ----------
+        document : Mapping[str, Any]
+            as `document` returned it.
+
+        Returns
+        -------
+        Job
+            equal to the one that was written.
+        """
         limits = Limits(**document["limits"])
         train, holdout = tuple(document["train"]), tuple(document["holdout"])
         return cls(**{**document, "limits": limits, "train": train, "holdout": holdout})
 
     def arguments(self, out: Path) -> list[str]:
-        """What stands behind `optid` on the command line that does this job.
+        """The arguments of `optid` on the command line that does this job.
 
         Parameters
         ----------
         out : Path
             folder for its results.
+
+        Returns
+        -------
+        list[str]
+            one argument each.
         """
         if self.command == "identify":
             call = ["identify", *self.train, "--rig", self.rig]

@@ -68,6 +68,11 @@ def status(out: str | Path) -> Status:
     out : str | Path
         folder of the fleet.
 
+    Returns
+    -------
+    Status
+        counts of rows, running and failed ones, and the expected end.
+
     Raises
     ------
     InputError
