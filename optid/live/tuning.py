@@ -1,4 +1,4 @@
-"""Better gains for the loop that is running, found and reviewed in a process of its own."""
+"""Tuning of the running loop: gains are found and reviewed in a separate process."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from optid.tuning.optimise import Options
 from optid.tuning.plant import plant_of
 from optid.tuning.tuning import tune
 
-BRISK = 2.0  # maximum sensitivity up to which gains in use are a measure of how brisk new ones may be
+BRISK = 2.0  # maximum sensitivity up to which the gains in use may define the bound for new ones
 
 
 class Tuning:
@@ -24,7 +24,7 @@ class Tuning:
 
     Args:
         plan: of the session.
-        note: told what happens, in words.
+        note: called with events in words.
 
     Attributes:
         review: of the last gains found.
@@ -41,14 +41,14 @@ class Tuning:
         return self._background.busy
 
     def begin(self, case: Case) -> None:
-        """Start; `poll` until `busy` is over."""
+        """Start; call `poll` until `busy` is false."""
         self._background.begin(tuned, case, self._plan)
 
     def poll(self) -> None:
-        """See whether it is done."""
+        """Check whether it is finished."""
         try:
             found = self._background.result()
-        except Exception as error:  # whatever the tuning's process met, the loop goes on
+        except Exception as error:  # whatever failed in the tuning's process, the loop continues
             self._note(f"not tuned: {error}")
             return
         if found is not None:
@@ -61,13 +61,13 @@ class Tuning:
 
 
 def tuned(case: Case, plan: Plan, room: float | None = None) -> Review:
-    """Gains that are good on the identified and on the physical model, with room for what neither knows.
+    """Gains that are good on the identified and on the physical model, with margins for unmodelled physics.
 
     Args:
         case: the loop.
         plan: of the session.
-        room: largest maximum sensitivity on the identified model; the plan's where absent. Gains in use that are
-            brisker than that are no worse a measure, up to `BRISK`.
+        room: largest maximum sensitivity on the identified model; the plan's if absent. If the gains in use have a
+            larger one, that is used instead, up to `BRISK`.
 
     Raises:
         OptidError: nothing stabilises the identified model.

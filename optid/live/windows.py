@@ -1,9 +1,9 @@
-"""One-step estimates from a session's own log: short windows of the physical model from where the observer stands.
+"""One-step estimates from a session's own log: short windows of the physical model from the observer's states.
 
-The observer of the loop (`optid.live.observer`) runs over the stretch; from its state before each window the model goes
-on alone with the command as it was put, and once more with each parameter, and each effect, moved a little. A linear
-regression says by how much of each move the windows' errors are explained best, as for a fleet's night
-(`optid.monitoring.one_step`, whose filter of fixed gains loses an axis that stands still for long).
+The observer of the loop (`optid.live.observer`) runs over the stretch; from its state before each window the model is
+simulated with the applied command, and again with each parameter, and each effect, moved a little. A linear regression
+gives the moves that explain the windows' errors best, as for a fleet's night (`optid.monitoring.one_step`, whose
+fixed-gain filter diverges from an axis at rest for long).
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from optid.live.twin import Twin
 from optid.monitoring.one_step import NUDGE, Quantity, WindowErrors, explained, points, share
 from optid.rigs.rigfile import Rig, with_effects
 
-RATE = 250.0  # Hz at most: windows hold their commands so long
+RATE = 250.0  # Hz at most: the rate at which windows hold their commands
 WINDOW = HORIZON  # s
-SETTLED = 2  # windows after which the observer knows where the rig stands
+SETTLED = 2  # windows after which the observer has converged
 
 
 @dataclass(frozen=True, eq=False)
 class Stretch:
-    """What the model is run on.
+    """The data on which the model is run.
 
     Attributes:
         commands: over each hold, in the model's unit, shape (samples,).
@@ -54,12 +54,12 @@ class Stretch:
 def estimates(
     rig: Rig, wiring: Wiring, recording: Recording, effects: Sequence[Effect]
 ) -> dict[str, Quantity]:
-    """Estimates from a stretch of each parameter that a fit may move, and of each strength of each effect, SI.
+    """Estimates of each fitted parameter and of each strength of each effect from a stretch, SI.
 
     Args:
-        rig: whose model runs.
+        rig: its model is simulated.
         wiring: of the session.
-        recording: the stretch, as its log holds it.
+        recording: the stretch of the log.
         effects: that the plant admits.
     """
     p = rig.model.vector(rig.parameters)
@@ -105,12 +105,12 @@ def estimates(
 
 @lru_cache(maxsize=128)
 def _with(rig: Rig, effect: Effect) -> Rig:
-    """Remembered, so that every look has one compiled model."""
+    """Cached, so that the model is compiled once."""
     return with_effects(rig, (effect,))
 
 
 def _stretch(rig: Rig, wiring: Wiring, recording: Recording, p: Array) -> Stretch:
-    """The observer over the whole of it, and where it stood before each window."""
+    """The observer over the whole stretch, and its state before each window."""
     model, roles = rig.model, [port.role for port in rig.model.outputs]
     time = recording.time
     every = max(1, math.ceil((len(time) - 1) / (time[-1] - time[0]) / RATE - 1e-6))

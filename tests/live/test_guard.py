@@ -104,7 +104,7 @@ def test_a_sound_session_is_logged_whole_and_ends_safe(guarded):
         (Rig(write={8: OSError("cable")}), lambda n: 1.0, How.FAILED, 7, "OSError: cable"),
         (Rig(), lambda n: LoopLost("gone") if n == 7 else 1.0, How.FAILED, 7, "the loop has gone"),
         (Rig(), lambda n: None if n >= 7 else 1.0, How.FAILED, 12, "the loop does not answer"),
-        (Rig(position=math.nan), lambda n: 1.0, How.FAILED, 5, "the position sensor shows nothing"),
+        (Rig(position=math.nan), lambda n: 1.0, How.FAILED, 5, "the position sensor gives no value"),
     ],
 )
 def test_every_failure_ends_with_the_safe_command(guarded, rig, wishes, how, samples, words):

@@ -1,10 +1,9 @@
-"""Which rigs have changed, by the night: p-values that stay valid however often one looks, false ones controlled.
+"""Rigs that changed, night by night: p-values that stay valid for any number of looks, with controlled false alarms.
 
 A rig's nights are compared with its own reference nights, so whatever its model has wrong from the start drops out. The
 scatter of nights and its tails are measured, not assumed (`normal_scores`). Each quantity is tested alone, and all of
-them together (`joint`). Three
-corrections stand between that and what is told: Bonferroni over quantities, tests and lengths of look, a p-value that
-may be looked at every night, and Benjamini and Hochberg over all rigs.
+them together (`joint`). Three corrections follow: Bonferroni over quantities, tests and numbers of nights in a sum, a
+p-value that is valid on every night, and Benjamini and Hochberg over all rigs.
 """
 
 from __future__ import annotations
@@ -56,7 +55,7 @@ def changes(measures: pd.DataFrame, reference: int, level: float) -> Changes:
     reference : int
         nights, the first of each rig, that the others are compared with.
     level : float
-        share of false rigs among those told of, at most, on any night.
+        largest expected share of false alarms among the rigs reported, on any night.
 
     Returns
     -------
@@ -107,7 +106,7 @@ def _followed(nightly: pd.DataFrame, reference: int) -> dict[str, list[_Nights]]
 
 
 def _scores(nightly: pd.DataFrame, reference: int) -> pd.DataFrame:
-    """For each rig, night and quantity the look that tells most: t, p over looks, shift of the mean and its sd."""
+    """For each rig, night and quantity the most significant sum: its score t, p over all sums, shift and its sd."""
     followed = _followed(nightly, reference)
     if not followed:
         return pd.DataFrame()
@@ -127,7 +126,7 @@ def _scores(nightly: pd.DataFrame, reference: int) -> pd.DataFrame:
 
 
 def _looked(one: _Nights, variance: float, reference: int, degrees: float) -> pd.DataFrame:
-    """The look that tells most on each night of a rig and quantity: date, t, p, shift, sd."""
+    """The most significant sum on each night of a rig and quantity: date, t, p, shift, sd."""
     moved, sd = _against(one, range(reference), slice(reference, None), variance)
     sums, p = looks(normal_scores((moved / sd)[:, None], degrees), reference)
     smallest = least(p)
@@ -149,7 +148,7 @@ def _looked(one: _Nights, variance: float, reference: int, degrees: float) -> pd
 def _against(
     one: _Nights, base: Sequence[int], nights: slice | list[int], variance: float
 ) -> tuple[Array, Array]:
-    """How far nights are from the mean of the base's, and the sd of that."""
+    """Distance of nights from the weighted mean of the base nights, and its sd."""
     w = one.weights[list(base)]
     mean = float(w @ one.values[list(base)] / w.sum())
     return one.values[nights] - mean, np.sqrt(variance * (1.0 / one.weights[nights] + 1.0 / w.sum()))
@@ -167,7 +166,7 @@ def _among_reference(some: list[_Nights], reference: int, prior: float) -> Array
 
 
 def _variances(some: list[_Nights], nights: Sequence[int], prior: float) -> Array:
-    """Of each rig's nights about what their weights say, moderated by the other rigs', (rigs,)."""
+    """Variance of each rig's nights relative to their weights, moderated by those of the other rigs, (rigs,)."""
     own = np.array([_spread(one, nights) for one in some])
     return moderated(own, np.full(len(own), len(nights) - 1.0), prior).variance
 

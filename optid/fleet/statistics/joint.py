@@ -1,9 +1,9 @@
-"""Have a rig's quantities changed together? One test of all of them, whitened by how sound nights move them.
+"""One test of all quantities of a rig together, whitened by the covariance of unchanged nights.
 
-Friction and supply that wander from night to night move several estimates at once, and a wear moves several, too. The
-reference nights of all rigs say how estimates move together; in coordinates in which these moves are independent and
-of equal size, a change stands out in directions that wander leaves alone (Hotelling's T squared). How much more than
-others a rig moves is estimated from all directions of its own reference.
+Friction and supply vary from night to night and move several estimates at once; so does wear. The covariance of these
+moves is estimated from the reference nights of the other rigs. In whitened coordinates a change is detected in those
+directions in which unchanged nights hardly move (Hotelling's T squared). The scale of a rig's own moves is estimated
+from all directions of its reference.
 """
 
 from __future__ import annotations
@@ -57,9 +57,9 @@ def joint(nightly: pd.DataFrame, reference: int) -> pd.DataFrame:
 
 
 def _whitened(values: list[Array], reference: int) -> list[Array]:
-    """Each rig's nights about its reference's mean, in independent directions of the wander of all other rigs.
+    """Each rig's nights relative to the mean of its reference, whitened by the covariance of all other rigs.
 
-    A rig has no say in its own, so that its reference nights are as far out as later ones; each other's counts alike.
+    Without the rig itself, so that its reference nights are as far out as later ones; the other rigs have equal weight.
     """
     centred = [one - np.median(one[:reference], axis=0) for one in values]
     sizes = NORMAL * np.median(np.abs(np.concatenate([one[:reference] for one in centred])), axis=0)
@@ -72,13 +72,13 @@ def _whitened(values: list[Array], reference: int) -> list[Array]:
 
 
 def _whitener(squares: Array) -> Array:
-    """Coordinates in which these squares are the same in all directions."""
+    """Coordinates in which this covariance is the same in all directions."""
     variances, directions = np.linalg.eigh(squares / np.trace(squares) * len(squares))
     return np.asarray(directions / np.sqrt(np.maximum(variances, SLIGHT)))
 
 
 def _moved(nights: Array, base: Array) -> Array:
-    """Nights from the base's mean, in sd of that by the scatter of the base in all directions, (nights, width)."""
+    """Distance of nights from the mean of the base, in sd by the scatter of the base in all directions, (nights, width)."""
     mean, count = base.mean(axis=0), len(base)
     variance = float(np.sum((base - mean) ** 2)) / (base.shape[1] * (count - 1))
     return np.asarray((nights - mean) / np.sqrt(variance * (1.0 + 1.0 / count)))

@@ -1,8 +1,8 @@
-"""Nights against their reference as normal scores: tails as heavy as the fleet's own, and no night counts without end.
+"""Normal scores of nights against their reference: heavy tails are taken from the fleet, and every score is bounded.
 
-How far a night is from its reference, in sd, has heavier tails than any textbook's: some nights go wrong. The reference
-nights of all rigs, each against the others of its rig, show these tails; a Student or F distribution fitted to them
-turns a distance into the normal one that is as rare. Means over the last nights of such scores have known tails.
+The distance of a night from its reference, in sd, has heavy tails: some recordings are bad. The reference nights of all
+rigs, each against the others of its rig, show these tails. A Student or F distribution fitted to them converts a
+distance to the normal score of the same probability; sums of such scores over several nights have known tails.
 """
 
 from __future__ import annotations
@@ -12,19 +12,17 @@ from numpy.typing import NDArray
 from scipy import stats
 
 Array = NDArray[np.float64]
-LOOKS = (
-    2,
-    3,
-    6,
-    12,
-)  # last nights whose mean is compared: few see a jump, many a slow drift; one may be a bad one
-CAP = 4.0  # normal score of one night at most: one in 15 000, about what a fleet's reference nights can tell of tails
-TAILS = np.geomspace(1.0, 1e3, 60)  # degrees of freedom that are tried; beyond these a tail is normal
-SURE = 1.35  # of the log-likelihood below its maximum: the heaviest tail that a one-sided test at 5 % does not reject
+# Nights in the sums that are compared: few detect a jump, many a slow drift; a single one may be a bad recording.
+LOOKS = (2, 3, 6, 12)
+CAP = 4.0  # largest normal score of a night: one in 15 000, as far as the reference nights of a fleet show its tails
+TAILS = np.geomspace(1.0, 1e3, 60)  # degrees of freedom that are tried; the largest is a normal tail
+SURE = (
+    1.35  # decrease of the log-likelihood up to which a heavier tail is not rejected (one-sided test at 5 %)
+)
 
 
 def tail(squares: Array, width: int) -> float:
-    """Degrees of freedom of the tails: as heavy as the distances may be, 95 % sure.
+    """Degrees of freedom of the tails: the lower limit, with 95 % confidence.
 
     Parameters
     ----------
@@ -39,7 +37,7 @@ def tail(squares: Array, width: int) -> float:
 
 
 def normal_scores(moved: Array, degrees: float) -> Array:
-    """Distances of nights, (nights, width), with their lengths made those of normal vectors that are as rare.
+    """Distances of nights, scaled to the length of normal vectors of the same probability, (nights, width).
 
     Parameters
     ----------
@@ -57,7 +55,7 @@ def normal_scores(moved: Array, degrees: float) -> Array:
 def looks(scores: Array, reference: int) -> tuple[Array, Array]:
     """Sums of the last nights' scores in sd, (nights, looks, width), and their p-values, (nights, looks).
 
-    NaN where there are fewer nights. All nights share the reference's mean and its error, so they go together a little.
+    NaN where there are fewer nights. All nights share the error of the reference's mean, so they are correlated.
 
     Parameters
     ----------
@@ -77,7 +75,7 @@ def looks(scores: Array, reference: int) -> tuple[Array, Array]:
 
 
 def least(p: Array) -> Array:
-    """The least p-value of each night's looks, multiplied by their number, (nights,); NaN where there is none."""
+    """The smallest p-value of each night's sums, multiplied by their number, (nights,); NaN where there is none."""
     seen = np.isfinite(p)
     best = np.where(seen, p, 1.0).min(axis=1) * seen.sum(axis=1)
     return np.where(seen.any(axis=1), np.minimum(best, 1.0), np.nan)
