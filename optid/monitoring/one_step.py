@@ -124,8 +124,10 @@ def quantities(
 
 @lru_cache(maxsize=8)
 def _freed_daily(rig: Rig) -> Rig:
-    """The rig with those parameters free, too, that move from day to day without any wear; one of each, so that its
-    models with effects are made once for all nights."""
+    """The rig with those parameters freed that change from day to day without any wear.
+
+    One object for each rig, so that its models with effects are built once for all nights.
+    """
     freed = {one.name for one in rig.freed}
     also = [
         Freed(one.name, *one.bounds, sd=one.daily * rig.parameters[one.name])

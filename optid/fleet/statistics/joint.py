@@ -78,7 +78,7 @@ def _whitener(squares: Array) -> Array:
 
 
 def _moved(nights: Array, base: Array) -> Array:
-    """Distance of nights from the mean of the base, in sd by the scatter of the base in all directions, (nights, width)."""
+    """Distance of nights from the mean of the base, in sd of the base in all directions, (nights, width)."""
     mean, count = base.mean(axis=0), len(base)
     variance = float(np.sum((base - mean) ** 2)) / (base.shape[1] * (count - 1))
     return np.asarray((nights - mean) / np.sqrt(variance * (1.0 + 1.0 / count)))
