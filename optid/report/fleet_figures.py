@@ -49,6 +49,7 @@ def discoveries(nights: pd.DataFrame, level: float) -> Figure:
         axes.plot(x, count.to_numpy(dtype=float), color=ALARM, drawstyle="steps-post", label="rigs reported")
         axes.plot(x, level * count.to_numpy(dtype=float), color=QUIET, label=f"{100 * level:g} % of them")
         _dates(axes, list(count.index))
+        axes.set_ylim(0.0, 1.5 * max(1.0, float(count.max())))  # room for the legend
         axes.legend(loc="upper left")
         return figure
 

@@ -20,7 +20,7 @@ from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.ticker import FixedFormatter, FixedLocator, NullLocator
+from matplotlib.ticker import FixedLocator, NullLocator, ScalarFormatter
 
 from optid.report.artists import pictures, shapes, traces
 from optid.report.bundle import BUNDLE, SHARED
@@ -145,8 +145,12 @@ def _axis(axis: Any, limits: tuple[float, float]) -> dict[str, Any]:
     fixed = np.asarray(located.locs) if isinstance(located, FixedLocator) else None  # type: ignore[attr-defined]
     if isinstance(located, NullLocator) or (fixed is not None and not fixed.size):
         found |= {"showticklabels": False, "showgrid": False}
-    elif fixed is not None and isinstance(written, FixedFormatter):
-        found |= {"tickmode": "array", "tickvals": numbers(fixed), "ticktext": list(written.seq)}
+    elif fixed is not None and not isinstance(written, ScalarFormatter):  # labels that the figure states
+        found |= {
+            "tickmode": "array",
+            "tickvals": numbers(fixed),
+            "ticktext": written.format_ticks(list(fixed)),
+        }
     return found
 
 

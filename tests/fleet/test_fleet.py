@@ -81,6 +81,7 @@ def test_nights_are_fitted_tested_told_and_diagnosed(scripted, plant):
     assert "plotly-basic.min.js" in page
     assert len(page) < 400_000
     assert "r2.diagnosis-" in page
+    assert "valve deadband: width 0.1 (0.09 to 0.11)" in page
 
 
 def test_the_next_night_does_what_is_new(scripted, plant):

@@ -82,6 +82,14 @@ def test_a_mesh_is_a_picture_with_values_under_the_pointer_and_zooms_on_log_axes
     assert drawn["layout"]["xaxis"]["type"] == "log"
 
 
+def test_stated_labels_stand_at_their_ticks(panels):
+    axes = panels[0]
+    axes.plot([0, 1], [0, 1])
+    axes.set_xticks([0, 1], ["2026-10-01", "2026-10-02"])
+    shown = traces(axes)["layout"]["xaxis"]
+    assert (shown["tickvals"], shown["ticktext"]) == ([0.0, 1.0], ["2026-10-01", "2026-10-02"])
+
+
 def test_shared_axes_zoom_together():
     top, bottom = Figure().subplots(2, 1, sharex=True)
     top.plot([0, 1], [0, 1])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from typing import Any
 
 from matplotlib.axes import Axes
@@ -73,4 +74,21 @@ def _rows(result: FleetResult) -> list[dict[str, Any]]:
         ["_bad", "_rank", "date"], ascending=[True, True, False]
     )
     columns = ["name", "rig", "date", "job", "outcome", "verdict", "effects", "said", "cpu_seconds"]
-    return [{str(k): v for k, v in row.items()} for row in order[columns].head(LISTED).to_dict("records")]
+    rows = order[columns].head(LISTED).to_dict("records")
+    return [{**{str(k): v for k, v in row.items()}, "effects": _effects(row["effects"])} for row in rows]
+
+
+def _effects(text: str) -> str:
+    """Effects of a row with their parameters, in words."""
+    return "; ".join(
+        f"{name.replace('_', ' ')}: "
+        + ", ".join(f"{key.replace('_', ' ')} {_value(one)}" for key, one in parameters.items())
+        for name, parameters in json.loads(text or "{}").items()
+    )
+
+
+def _value(one: dict[str, Any]) -> str:
+    unit = "" if one.get("unit", "1") == "1" else f" {one['unit']}"
+    low, high = one.get("ci95") or (None, None)
+    told = "" if low is None or high is None else f" ({low:.4g} to {high:.4g})"
+    return "unknown" if one["value"] is None else f"{one['value']:.4g}{told}{unit}"
