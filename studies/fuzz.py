@@ -232,7 +232,7 @@ FIT = {
     "at_bound": ["coulomb_friction"],
     "ties": ["a and b cannot be told apart"],
     "profiles": {"coulomb_friction": {"words": "known from one side"}},
-    "missed": [{"channel": "position", "percent": 13.0, "advice": "the model misses 13 %"}],
+    "missed": [{"channel": "position", "percent": 13.0, "advice": "the model's error is 13 %"}],
 }
 FLEET = """[defaults]
 job = "fit"

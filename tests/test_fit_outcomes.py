@@ -100,7 +100,7 @@ def test_what_was_held_out_and_fits_nothing_is_a_failure_too(tmp_path):
     record(held, gain=0.31, leak=2.0)
     result, document = fitted(tmp_path, 0.01, 1.0, held=held, gain=0.3, leak=2.0)
     assert result.exit_code == 0, result.output
-    assert "held out, the model misses" in result.stdout
+    assert "held out, the model's error is" in result.stdout
 
 
 def test_values_that_contradict_each_other_are_kept_and_called_a_failure(tmp_path):
@@ -155,4 +155,6 @@ def test_only_what_is_far_above_the_noise_is_missed(percent, rmse, sd, missed):
     found = misses([prediction], [{"position": SimpleNamespace(values=noise, sd=sd)}])
     assert bool(found) == missed
     if missed:
-        assert found[0].sentence.startswith("the model misses 13 %: run `optid diagnose` (position: 5 mm rms")
+        assert found[0].sentence.startswith(
+            "the model's error is 13 % of the signal: run `optid diagnose` (position: 5 mm rms"
+        )

@@ -53,7 +53,7 @@ def answer(out):
 def test_a_killed_diagnosis_goes_on_with_the_same_answer(tmp_path):
     diagnose(tmp_path / "whole", tmp_path / "cache")
     killed = tmp_path / "killed"
-    diagnose(killed, tmp_path / "cache", until="which effects")  # after the base fit
-    assert "fitting the base model" not in diagnose(killed, tmp_path / "cache", until="likeliest")
-    assert "which effects" not in diagnose(killed, tmp_path / "cache")
+    diagnose(killed, tmp_path / "cache", until="ranking the effects")  # after the base fit
+    assert "fitting the base model" not in diagnose(killed, tmp_path / "cache", until="maximum likelihood")
+    assert "ranking the effects" not in diagnose(killed, tmp_path / "cache")
     assert answer(killed) == answer(tmp_path / "whole")

@@ -19,9 +19,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 NORMAL = 1.959964  # standard deviations that hold 95 % of a normal distribution
-STEP = (
-    0.3  # sd of the parameter, for finite differences: far above the error of the simulation, nearly linear
-)
+STEP = 0.3  # sd of the parameter: step of its finite differences, far above the error of the simulation
 KINDS = ("free_run", "window")
 
 

@@ -82,7 +82,7 @@ class Miss:
         """What to do about it."""
         factor, unit = friendly(self.unit)
         return (
-            f"the model leaves {100 - self.fit_percent:.2g} %: run `optid diagnose` "
+            f"the model's error is {100 - self.fit_percent:.2g} % of the signal: run `optid diagnose` "
             f"({self.role}: {self.rmse * factor:.3g} {unit} rms, its noise is {self.noise * factor:.2g} {unit})"
         )
 

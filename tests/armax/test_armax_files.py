@@ -87,7 +87,7 @@ def test_json_with_two_inputs(tmp_path):
     ("change", "message"),
     [
         ({"schema": "optid.fit/1"}, "schema"),
-        ({"models": []}, "no list"),
+        ({"models": []}, "not a list"),
         ({"recommended": 9}, "recommended"),
         ({"recommended": "four"}, "recommended: .*a whole number"),
         ({"input": None, "models": [{"na": 1}]}, "missing"),

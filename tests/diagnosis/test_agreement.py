@@ -58,8 +58,8 @@ def test_an_output_must_gain():
 
 
 def test_its_interval_must_exclude_that_there_is_none_of_it():
-    assert "holds none of it" in told(low=NULL, high=NULL + 0.03)
-    assert "holds none of it" in told(low=NULL - 0.01, high=NULL + 0.03)
+    assert "includes an effect of no size" in told(low=NULL, high=NULL + 0.03)
+    assert "includes an effect of no size" in told(low=NULL - 0.01, high=NULL + 0.03)
 
 
 def test_no_output_may_be_predicted_worse_than_before():

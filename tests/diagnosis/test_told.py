@@ -22,7 +22,7 @@ def test_what_the_hold_out_prefers_is_never_said_to_improve_nothing():
     """A small backlash below the noise: the test sees it, and 2 % of the error are not worth a name."""
     told = _nothing_more(diagnosis(6e-4))
     assert told.startswith("Sensor backlash predicts better (p = 0.0006), but too little to be named: ")
-    assert "2.0 % less" in told
+    assert "falls by 2.0 %" in told
 
 
 @pytest.mark.parametrize("found", [diagnosis(0.2), diagnosis(1.0, strongest=None)])

@@ -65,7 +65,7 @@ def test_the_pipeline_calls_the_stages_in_the_pages_order():
 def test_the_floors_are_those_that_the_imports_keep():
     told = {
         name: int(floor)
-        for floor, names, _ in rows("| floor | packages | what is there |")
+        for floor, names, _ in rows("| floor | packages | content |")
         for name in re.findall(r"`(\w+)`", names)
     }
     assert told == FLOORS

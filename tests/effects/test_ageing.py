@@ -45,4 +45,4 @@ def test_it_is_found_by_its_name_and_is_no_candidate():
     found = find_effect(AGEING.name, Path())
     assert (found.name, found.sites) == ("ageing@force.coulomb@velocity", ("force.coulomb",))
     assert not any(effect.name.startswith("ageing") for effect in admitted(build(servo_pneumatic)))
-    assert AGEING.says == "what grows while velocity rests in {time} describes it"
+    assert AGEING.says == "a quantity that grows while velocity rests in {time} describes it"

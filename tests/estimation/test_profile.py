@@ -53,7 +53,7 @@ def test_is_refused_where_there_is_no_valley(tmp_path):
     cart, data = rig(tmp_path, free, drag=TRUTH["drag"]), [recording(np.random.default_rng(3))]
     result = fit(cart, data, SIMULATION)
     assert result.parameters[0].at_bound
-    with pytest.raises(NotIdentifiable, match="gain stands at its bound"):
+    with pytest.raises(NotIdentifiable, match="gain lies at its bound"):
         profile(cart, data, result, "gain", SIMULATION)
     with pytest.raises(InputError, match='"drag" is not fitted'):
         profile(cart, data, result, "drag", SIMULATION)

@@ -64,4 +64,4 @@ def test_the_command_tells_and_writes_it(true_rig, tmp_path):
     assert "smallest detectable sizes" in ran.output
     told = json.loads((out / "check.json").read_text())["detectability"]
     assert [one["separation"] for one in told] == sorted((one["separation"] for one in told), reverse=True)
-    assert "What these recordings could show" in (out / "report.html").read_text()
+    assert "Smallest detectable effects" in (out / "report.html").read_text()

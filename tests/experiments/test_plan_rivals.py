@@ -44,7 +44,7 @@ def test_where_nothing_is_alike_what_was_not_testable_comes_in(tmp_path):
         (
             '{"schema": "optid.diagnosis/1", "findings": [{"effect": 3, "indistinguishable_from": []}], '
             '"not_testable": []}',
-            "no text",
+            "not a text",
         ),
         ('{"schema": "optid.diagnosis/1", "findings": [], "not_testable": []}', "nothing open"),
     ],

@@ -363,7 +363,7 @@ def test_what_an_operator_does_on_the_page(browser, address, session, tmp_path):
     add(session, page, 0, 1.0, 0.05)
     until(page, "page.signals && page.charts[0].scale.high > 0")
     assert "token" not in page.url  # nobody reads it off the screen
-    assert "It has what the rig file does not say: a leak." in page.inner_text("#hides")
+    assert "It differs from the rig file in: a leak." in page.inner_text("#hides")
     # A bare number is in the unit of the axis; what cannot be done is said.
     page.fill("#wish", "60")
     page.press("#wish", "Enter")

@@ -309,7 +309,9 @@ def test_the_guard_outlives_the_death_of_the_session(running):
 
 
 @posix
-@pytest.mark.parametrize(("victim", "words"), [(0, "the guard's process died"), (1, "the loop has gone")])
+@pytest.mark.parametrize(
+    ("victim", "words"), [(0, "the guard's process died"), (1, "the loop process ended")]
+)
 def test_the_death_of_a_process_is_a_failed_session(running, victim, words):
     os.kill(running.children()[victim], signal.SIGKILL)
     assert running.process.wait(60) == 1

@@ -176,7 +176,7 @@ def test_profile_and_rig(model_file, tmp_path):
     ("arguments", "said"),
     [
         (["--limits", "5,-5"], "low < high"),
-        (["--limits", "1,5"], "around 0"),
+        (["--limits", "1,5"], "contains 0"),
         (["--limits", "a,b"], "--limits"),
         (["--ms", "0.9"], "maximum_sensitivity"),
         (["--setpoint", "0"], "setpoint"),
@@ -204,7 +204,7 @@ def test_wrong_calls_are_said(model_file, tmp_path, arguments, said):
 @pytest.mark.parametrize(
     ("model", "status", "said"),
     [
-        (Armax((1.0, -0.9), ((0.0,),), nk=(1,), sample_time=T), 2, "zero gain"),
+        (Armax((1.0, -0.9), ((0.0,),), nk=(1,), sample_time=T), 2, "zero static gain"),
         (Armax((1.0, -0.9), ((0.1,), (0.2,)), nk=(1, 1), sample_time=T), 2, "2 inputs"),
         (Armax((1.0, -3.0), ((1e-3,),), nk=(40,), sample_time=T), 1, "stabilise"),
     ],

@@ -188,7 +188,7 @@ def test_difficult_plants_are_named():
     at_once = plant_of(Armax((1.0, -0.9), ((0.1,),), nk=(0,), sample_time=T))
     assert "nk = 0" in at_once.remarks[0] and at_once.delay == 1
     for b in ((0.0,), (0.3, -0.3)):
-        with pytest.raises(InputError, match="zero gain"):
+        with pytest.raises(InputError, match="zero static gain"):
             plant_of(Armax((1.0, -0.9), (b,), nk=(1,), sample_time=T))
 
 

@@ -21,12 +21,12 @@ KINDS = {
 }
 HEAD = """# Effects atlas
 
-Every effect that optid can name, from its own file in `optid/effects`. A page says what the law is, what it does to a
-record, how small it may be and still be worth a name, what it is confused with, and which experiment shows it. The same
-entries serve the diagnosis and `optid plan`, so this atlas cannot differ from them.
+Every effect that optid can name, from its own file in `optid/effects`. A page has the law, what it does to a
+recording, its smallest size worth a name, its look-alikes, and the experiment that shows it. The diagnosis and
+`optid plan` use the same entries, so this atlas cannot differ from them.
 
 The figures compare two simulated runs of a plant: the same reference and the same controller, without and with the
-effect at a usual size. The controller answers to what the sensor shows, so the command differs too. An effect that
+effect at a usual size. The controller acts on the sensor's reading, so the command differs as well. An effect that
 needs strokes at full command is shown with those, without a controller.
 """
 
@@ -81,7 +81,7 @@ def _index(every: dict[str, Effect]) -> str:
             for n in names
         ]
     listing = "\n".join([*sorted(every), "surrogates"])
-    parts.append("\nWhat has no name is described by [surrogates](surrogates.md).\n")
+    parts.append("\nA mismatch without a named effect is described by [surrogates](surrogates.md).\n")
     parts.append(f"\n```{{toctree}}\n:hidden:\n\n{listing}\n```\n")
     return "".join(parts)
 
@@ -104,13 +104,13 @@ def _page(name: str, effect: Effect, every: dict[str, Effect]) -> str:
             f"| file | `{_file(effect)}` |\n",
             "## What it does to a record\n",
             f"{NO_FIGURE}\n",
-            f"It needs {effect.needs} to show.\n",
+            f"To be visible it needs {effect.needs}.\n",
             "## The law\n",
             f"{doc}\n",
             _parameters(effect),
             "## Smallest size worth a name\n",
             f"{_smallest(effect)}\n",
-            "## Look-alikes, and the experiment that tells\n",
+            "## Look-alikes, and the experiment that distinguishes them\n",
             f"{_alike(effect, every)}\n",
             f"{_sentence(effect.experiment) or 'No experiment is stated.'}\n",
             "## In a rig file\n",
@@ -137,9 +137,7 @@ def _smallest(effect: Effect) -> str:
         for name, least in effect.strength.items()
     ]
     few = " or ".join(each)
-    return (
-        f"Below {few}, an effect is not told, however sure the statistics are. The largest strength counts."
-    )
+    return f"Below {few}, an effect is not named, even if it is statistically significant. The largest strength counts."
 
 
 def _alike(effect: Effect, every: dict[str, Effect]) -> str:
@@ -148,10 +146,10 @@ def _alike(effect: Effect, every: dict[str, Effect]) -> str:
         parts.append(f"Easily confused with {_names(effect.look_alikes, every)}.")
     for strength, other in effect.shares.items():
         parts.append(
-            f"While the plant moves, `{strength}` does what {_names((other,), every)} does; only rest tells."
+            f"While the plant moves, `{strength}` acts like {_names((other,), every)}; only rest distinguishes them."
         )
     if effect.excludes:
-        parts.append(f"It cannot stand beside {_names(effect.excludes, every)}.")
+        parts.append(f"It excludes {_names(effect.excludes, every)}.")
     return " ".join(parts) or "None is stated."
 
 
@@ -190,10 +188,10 @@ def _surrogates() -> str:
         for kind, made in sorted(DESCRIPTIONS.items())
     )
     return (
-        "# Surrogates: what stands for a mismatch without a name\n\n"
+        "# Surrogates: descriptions of a mismatch without a named effect\n\n"
         "Where no effect of the catalogue explains what is missing, the verdict is `unexplained`. The diagnosis then "
-        "describes the mismatch by a form, so that the improved rig file predicts; a form is never told as a name. Rig "
-        'files hold it as `[effects."KIND@SITE@SIGNAL"]`.\n\n| kind | form |\n|---|---|\n' + rows
+        "describes the mismatch by a form, so that the improved rig file predicts; a form never counts as a named "
+        'effect. Rig files store it as `[effects."KIND@SITE@SIGNAL"]`.\n\n| kind | form |\n|---|---|\n' + rows
     )
 
 

@@ -10,8 +10,8 @@ from optid.cli import cli
 
 HEAD = """# Command line
 
-This page is written from the parsers of `optid` itself: it is what `optid COMMAND --help` prints. What each command
-writes, and the meaning of the exit status, stands in [what the commands write](../../reference/commands.md).
+This page is generated from the parsers of `optid`: it is what `optid COMMAND --help` prints. What each command
+writes, and the meaning of the exit status, is described in [what the commands write](../../reference/commands.md).
 """
 
 

@@ -14,8 +14,8 @@ from optid.rigs import BUILT_IN, find_plant
 
 HEAD = """# Built-in plants
 
-What a rig file may name as `model`. Options go into `[options]`, parameters into `[parameters]` and `[fit]`, inputs and
-outputs are the roles of `[channels]`. A parameter with a default may be left out.
+The plants that a rig file may name as `model`. Options go into `[options]`, parameters into `[parameters]` and
+`[fit]`, inputs and outputs are the roles of `[channels]`. A parameter with a default may be left out.
 """
 
 

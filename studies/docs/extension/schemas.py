@@ -12,9 +12,9 @@ FOLDER = Path(optid.__file__).parent / "results" / "schemas"
 HEAD = """# JSON documents
 
 Every command writes a JSON document with the keys `schema`, `version`, `command` and `inputs` (SHA-256 of each input
-file). The schema files (JSON Schema, draft 2020-12) lie in `optid/results/schemas` and come with the package; tests
-validate every kind of result against them. Keys may be added within a version of a schema; what is listed here is
-neither renamed nor removed. See the [policy](../../house/policy.md). Values are in the unit that stands beside them.
+file). The schema files (JSON Schema, draft 2020-12) are in `optid/results/schemas` and part of the package; tests
+validate every kind of result against them. Keys may be added within a version of a schema; the keys listed here are
+neither renamed nor removed. See the [policy](../../house/policy.md). Values are in the unit given with them.
 """
 
 
