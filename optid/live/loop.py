@@ -159,6 +159,14 @@ class Loop:
         else:
             self.verdict = self.trial.begin()
 
+    def end_trial(self) -> None:
+        """Gains still on trial go: they have not been shown to be as good as those before."""
+        if self.trial.running:
+            self.verdict = self.trial.standing
+            self.trial.withdraw()
+            self.taken_back = self._before
+            self._switch(self._before)
+
     def _switch(self, gains: Gains) -> None:
         self._oscillation.forget()
         self.controller.change(gains)
