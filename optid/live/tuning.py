@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
 from optid.live.background import Background
 from optid.live.plan import Plan
 from optid.live.review import Case, Review, review
+from optid.pid.controller import Gains
 from optid.rigs.rigfile import Rig, read_rig
 from optid.tuning.bench import PhysicalBench
 from optid.tuning.judges import BENCH_TOLERANCE
@@ -16,8 +18,10 @@ from optid.tuning.known import parameter_sets, sensor_noise
 from optid.tuning.margins import Required, margins
 from optid.tuning.optimise import Options, optimise
 from optid.tuning.step_tests import STRONGER, StepPlan, hunting_limit, sizes_for
+from optid.tuning.task import Task
 
 BRISK = 2.0  # maximum sensitivity up to which gains in use are a measure of how brisk new ones may be
+INDIFFERENT = 1.002  # ratio of costs that the physical model's integration does not tell from 1
 RUNS = 8  # of each size of step on the physical model
 
 
@@ -84,7 +88,14 @@ def tuned(case: Case, plan: Plan, room: float | None = None) -> Review:
     room = max(plan.sensitivity if room is None else room, min(present, BRISK))
     bench, hunting = physical(case, read_rig(plan.rig), rng)
     task = case.task(Required(maximum_sensitivity=room), bench, hunting)
-    return review(case, optimise(task, Options(grid=0), rng).gains, bench, room)
+    return review(case, plainest(task, optimise(task, Options(grid=0), rng).gains), bench, room)
+
+
+def plainest(task: Task, gains: Gains) -> Gains:
+    """Without integral action where that costs no more: a slow integral keeps for minutes what a change left in it."""
+    without = replace(gains, ki=0.0)
+    costs = task.fitness(np.array([gains.vector, without.vector]))
+    return without if costs[1] <= INDIFFERENT * costs[0] else gains
 
 
 def physical(case: Case, rig: Rig, rng: np.random.Generator) -> tuple[PhysicalBench, float]:
