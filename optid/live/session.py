@@ -47,7 +47,7 @@ class Session:
         model: identified so far, as of the last tuning; the last one of all after the end.
         tuning: in the background, and its review.
         following: parameters and effects in the background, and what may have changed.
-        trials: verdicts on applied gains: "kept", "worse" (taken back) or "undecided", ratio of real ITAE, episodes.
+        trials: verdicts on applied gains: "kept", "worse" or "undecided" (both taken back), ratio of ITAE, episodes.
         disagree, diagnosis: whether rig and model disagree, and the command that finds out why.
         holding: a fast session waits for `resume`.
         hides: what a simulated rig has that the rig file does not say, in words; "" for a real one.
