@@ -1,6 +1,6 @@
 """Do sessions of `optid live` start and end well on a machine that is busy?
 
-    python studies/live_starts.py [--sessions 20] [--load 12] [--seconds 2] [--out DIR]
+    python studies/live_starts.py [--sessions 20] [--load 12] [--nice 0] [--seconds 2] [--out DIR]
 
 Processes that only count are started until so many want the processors together with whatever else runs; then sessions
 of data/bench.toml with the simulated driver run one after the other, by the clock at 1 kHz. A session counts as
@@ -25,7 +25,6 @@ from typing import Any
 
 ROOT = Path(__file__).parents[1]
 COUNTING = "while True: pass"
-NICE = 1  # of the processes that only count: others on the machine go a little before them
 
 
 def running() -> int:
@@ -34,10 +33,14 @@ def running() -> int:
 
 
 @contextlib.contextmanager
-def busy(load: int) -> Iterator[int]:
+def busy(load: int, nice: int) -> Iterator[int]:
     """A machine on which so many processes want a processor; how many of them are ours."""
-    others = sorted(running() for _ in range(25) if time.sleep(0.2) is None)[12]
-    command = ["nice", "-n", str(NICE), sys.executable, "-c", COUNTING]
+    seen = []
+    for _ in range(25):
+        time.sleep(0.2)
+        seen.append(running())
+    command = ["nice", "-n", str(nice), sys.executable, "-c", COUNTING]
+    others = sorted(seen)[len(seen) // 2]
     ours = [subprocess.Popen(command) for _ in range(max(load - others, 0))]
     try:
         yield len(ours)
@@ -79,13 +82,14 @@ def main() -> None:
     )
     parser.add_argument("--sessions", type=int, default=20)
     parser.add_argument("--load", type=int, default=12)
+    parser.add_argument("--nice", type=int, default=0, help="of the processes that only count")
     parser.add_argument("--seconds", type=float, default=2.0)
     parser.add_argument("--out", type=Path, default=ROOT / "out" / "live_starts")
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
     path = arguments.out / "live_starts.json"
     rows: list[dict[str, Any]] = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else []
-    with busy(arguments.load) as ours:
+    with busy(arguments.load, arguments.nice) as ours:
         print(f"{ours} processes that only count beside what else runs, {os.cpu_count()} processors")
         while len(rows) < arguments.sessions:
             one = session(arguments.seconds)

@@ -166,15 +166,16 @@ def review(case: Case, new: Gains, bench: PhysicalBench, sensitivity: float) -> 
     episode, pid = case.episode, case.pid
     course = Course((case.plant,), (episode,), Criterion(), pid.vector, 1.0)
     clean = PhysicalBench(bench.rig, (episode,), case.output)
-    pair = (case.gains, new)
-    responses = {
-        "identified": tuple(response(episode, *course.trace(g.vector), pid.sample_time) for g in pair),
-        "physical": tuple(clean(g, pid)[0] for g in pair),
-    }
-    costs = bench.costs(np.array([g.vector for g in pair]), pid, Criterion(), 1.0)
+    costs = bench.costs(np.array([case.gains.vector, new.vector]), pid, Criterion(), 1.0)
+
+    def identified(gains: Gains) -> Response:
+        return response(episode, *course.trace(gains.vector), pid.sample_time)
+
+    linear = (identified(case.gains), identified(new))
+    responses = {"identified": linear, "physical": (clean(case.gains, pid)[0], clean(new, pid)[0])}
     itae = {
-        "identified": tuple(one.measures["itae"] for one in responses["identified"]),
+        "identified": (linear[0].measures["itae"], linear[1].measures["itae"]),
         "physical": (float(costs[0]), float(costs[1])),
     }
-    both = tuple(margins(case.plant, g.vector) for g in pair)
+    both = (margins(case.plant, case.gains.vector), margins(case.plant, new.vector))
     return Review(case.gains, new, case.step, pid.sample_time, responses, itae, both, sensitivity)
