@@ -7,7 +7,7 @@ OptidError
 │   └── PlantError      a plant's equations do not close
 └── JobError            a job ran and failed; says what was kept       -> exit status 1
     ├── SolveError      the numbers went wrong (divergence, non-finite values)
-    └── NotIdentifiable the data cannot determine what was asked for
+    └── NotIdentifiable the data cannot determine the parameters
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class InputError(OptidError):
 
 
 def one_line(text: str) -> str:
-    """A message as a terminal bears it: without line breaks, and the middle left out where it is endless."""
+    """A message fit for a terminal: without line breaks, and without its middle where it is very long."""
     if len(text) > 4 * LONGEST:  # before anything that takes time goes over it
         text = f"{text[: 2 * LONGEST]} ... {text[-2 * LONGEST :]}"
     line = " ".join("".join(c if c.isprintable() else " " for c in text).split())
@@ -86,7 +86,7 @@ class SolveError(JobError):
 
 
 class NotIdentifiable(JobError):
-    """The data cannot determine what was asked for."""
+    """The data cannot determine the parameters."""
 
 
 def nearest(name: str, valid: Iterable[str]) -> str:

@@ -212,7 +212,11 @@ RIG_CASES = (
     rig("unknown plant", '"servo-pneumatic"', '"servo_pneumatic"', "model", '"servo-pneumatic"'),
     rig("no model", 'model = "servo-pneumatic"\n', "", "model", "missing"),
     rig(
-        "plant file's name too long", '"servo-pneumatic"', f'"{"a/" * 5000}p.py:axis"', "model", "is no path"
+        "plant file's name too long",
+        '"servo-pneumatic"',
+        f'"{"a/" * 5000}p.py:axis"',
+        "model",
+        "is not a path",
     ),
     rig("plant file absent", '"servo-pneumatic"', '"no/such.py:axis"', "model", "such.py", "does not exist"),
     rig(
@@ -246,7 +250,7 @@ RIG_CASES = (
         "[fit]",
         "[effects.valve_lag]\ntime_constant = '3 s'\n[fit]",
         "effects.valve_lag.time_constant",
-        "outside what is physical",
+        "outside the physical range",
     ),
     rig("no effect file", "[fit]", "[effects.'my.py:mine']\n[fit]", "effects.my.py:mine", "does not exist"),
     rig(
@@ -279,10 +283,10 @@ RIG_CASES = (
     rig(
         "unknown role", POSITION, 'positon = { column = "x", unit = "mm" }', "channels.positon", '"position"'
     ),
-    rig("no command", COMMAND + "\n", "", "channels.command", "needs this input"),
+    rig("no command", COMMAND + "\n", "", "channels.command", "needs it as an input"),
     rig("no output", POSITION, "", "channels", "position, pressure_a, pressure_b"),
     rig("no time", TIME, "", "channels.time", "rate"),
-    rig("time and rate", TIME, TIME + '\nrate = "1 kHz"', "channels.rate", "one of them"),
+    rig("time and rate", TIME, TIME + '\nrate = "1 kHz"', "channels.rate", "one of the two"),
     rig("rate in seconds", TIME, 'rate = "1 ms"', "channels.rate", '"Hz"'),
     rig("negative rate", TIME, 'rate = "-1 kHz"', "channels.rate", "positive"),
     rig("time in metres", 'unit = "s"', 'unit = "m"', "channels.time.unit", '"s"'),
@@ -345,7 +349,7 @@ RECORDING_CASES = (
         'column "x"',
         "no row has a value",
     ),
-    recording("binary garbage", "steps.csv", bytes(range(256)) * 20, "not text"),
+    recording("binary garbage", "steps.csv", bytes(range(256)) * 20, "neither text"),
     recording("a spreadsheet", "steps.xlsx", b"PK\x03\x04" + bytes(100), "spreadsheet"),
     recording("a directory", "steps.csv", Path.mkdir, "directory"),
     recording("absent", "steps.csv", lambda path: None, "no such file"),

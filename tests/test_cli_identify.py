@@ -182,7 +182,7 @@ def test_malformed_files_are_refused_and_nothing_is_written(case, tmp_path):
         (("--orders", "400"), "parameters"),
         (("--steps", "1,-5"), "--steps"),
         (("--delay", "-1"), "--delay"),
-        (("--delay", "1,2"), "one an input"),
+        (("--delay", "1,2"), "one per input"),
         (("--nb", "0"), "--nb"),
         (("--forgetting", "0.2"), "0.5 to 1"),
         (("--forgetting", "fading:0.9"), "directional"),

@@ -38,7 +38,7 @@ REMARKED = {
     "37-encoder-wrap": ("run.csv", "repaired", "2^16 steps"),
     "38-dropouts-to-zero": ("run.csv", "repaired", "exactly 0"),
     "46-inverted-polarity": ("run.csv", "polarity", "against command"),
-    "52-hold-out-mostly-missing": ("mixed.csv.gz", "missing", "too little to fit"),
+    "52-hold-out-mostly-missing": ("mixed.csv.gz", "missing", "too few to fit"),
     "53-absurd-readings": ("steps.csv.gz", "repaired", "e+69"),
 }
 

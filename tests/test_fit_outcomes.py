@@ -69,7 +69,7 @@ def fitted(folder, low, high, more="", held=None, **truth):
 def test_everything_at_its_bounds_is_a_failure_with_one_sided_intervals(tmp_path):
     result, document = fitted(tmp_path, 0.1, 0.2, gain=0.3, leak=2.0)
     assert result.exit_code == 1
-    assert "everything that was fitted stands at its bounds" in result.stderr
+    assert "every fitted parameter lies at a bound" in result.stderr
     assert document["outcome"] == "at_bounds"
     assert document["at_bound"] == ["gain"]
     low, high = document["parameters"]["gain"]["ci95"]

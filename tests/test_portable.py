@@ -11,6 +11,7 @@ MODULES = {"fcntl", "grp", "posix", "pty", "pwd", "resource", "syslog", "termios
 OF_OS = {
     *("fork", "forkpty", "getuid", "geteuid", "getgid", "getloadavg", "killpg", "mkfifo", "nice", "setsid"),
     *("sched_getaffinity", "sched_setaffinity", "sched_setscheduler", "sysconf", "uname", "wait", "wait4"),
+    *("chown", "fchmod", "fchown", "getpgid", "getpriority", "setpriority", "statvfs"),
 }
 SIGNALS = {
     "SIGALRM",
@@ -28,7 +29,7 @@ SIGNALS = {
 def guarded(parents):
     """Does a question, or what catches an ImportError, an AttributeError or an OSError, stand around it?"""
     for node in parents:
-        if isinstance(node, (ast.If, ast.IfExp)) and (
+        if isinstance(node, (ast.If, ast.IfExp)) and any(
             asked in ast.unparse(node.test) for asked in ("hasattr", "os.name", "sys.platform")
         ):
             return True
@@ -75,4 +76,5 @@ def test_what_is_posix_only_is_seen():
         and posix_only("import os\nos.fork()")
         and posix_only("import signal\nsignal.alarm(1)")
     )
+    assert posix_only("import os\nif ready:\n    os.setsid()")  # not every question is a guard
     assert not posix_only("import os\nif hasattr(os, 'setsid'):\n    os.setsid()")

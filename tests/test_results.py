@@ -146,7 +146,7 @@ def test_one_file_that_cannot_be_made_does_not_lose_the_others(tmp_path, error):
         one(place)
         raise error
 
-    with pytest.raises(JobError, match="what could be written is in"):
+    with pytest.raises(JobError, match="the files that could be written are in"):
         deliver(tmp_path / "out", write)
     assert not (tmp_path / "out").exists()
     assert (tmp_path / "out-rescued" / "a.json").exists()

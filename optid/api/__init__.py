@@ -1,1 +1,1 @@
-"""The public calls: each takes what a user has at hand, runs one job, and returns its result."""
+"""The public calls: each takes paths, frames or recordings, runs one job, and returns its result."""

@@ -1,4 +1,4 @@
-"""The 95 % band of a prediction that a fit's uncertainty gives."""
+"""The 95 % band of a prediction from the uncertainty of a fit."""
 
 from __future__ import annotations
 
@@ -19,7 +19,9 @@ if TYPE_CHECKING:
     import pandas as pd
 
 NORMAL = 1.959964  # standard deviations that hold 95 % of a normal distribution
-STEP = 0.3  # sd of a parameter by which it is moved: large beside the simulation's error, small beside its curvature
+STEP = (
+    0.3  # sd of the parameter, for finite differences: far above the error of the simulation, nearly linear
+)
 KINDS = ("free_run", "window")
 
 
@@ -28,7 +30,7 @@ def with_band(
 ) -> pd.DataFrame:
     """The table with NAME_KIND_low and NAME_KIND_high beside every prediction.
 
-    First-order propagation of the parameters' covariance: prediction errors are sums of what each parameter moves, by
+    First-order propagation of the parameters' covariance: the error is the sum of each parameter's contribution, by
     finite differences, two predictions a parameter. Ljung, System Identification (1999), section 9.6.
 
     Raises
@@ -40,7 +42,9 @@ def with_band(
     names = list(fit.parameters)
     for name in names:
         if name not in {parameter.name for parameter in rig.model.parameters}:
-            raise InputError(f'the fit holds "{name}", which {rig.path} does not', field="fit")
+            raise InputError(
+                f'the fit has the parameter "{name}", which {rig.path} does not have', field="fit"
+            )
     columns = [f"{role}_{kind}" for role in _roles(table) for kind in KINDS]
     nominal = table[columns].to_numpy(dtype=float)
 
@@ -56,7 +60,7 @@ def with_band(
         sides = [
             (predicted(name, place) - nominal) / (place - value) for place in _places(rig, name, value, size)
         ]
-        # An estimated start that jumps to another one is no slope: the side that moves less counts.
+        # An estimated start that jumps to another one gives no slope: the side that moves less is used.
         slopes.append(min(sides, key=lambda one: float(np.nansum(one**2)), default=np.zeros_like(nominal)))
     stacked = np.stack(slopes, axis=-1)
     variance = np.einsum("nci,ij,ncj->nc", stacked, covariance, stacked)
@@ -75,6 +79,6 @@ def _roles(table: pd.DataFrame) -> list[str]:
 
 
 def _places(rig: Rig, name: str, value: float, size: float) -> list[float]:
-    """A parameter's values to either side, within what is physical; none where it does not move."""
+    """A parameter's values to each side, within the physical range; none where it is fixed."""
     low, high = next(p.bounds for p in rig.model.parameters if p.name == name)
     return [place for place in (max(value - size, low), min(value + size, high)) if place != value]

@@ -19,11 +19,11 @@ from optid.report.scores import number
 from optid.results.check import CheckResult
 from optid.rigs.rigfile import Rig
 
-_DRAWN = 1 << 17  # rows that show all that a picture of a recording can
+_DRAWN = 1 << 17  # rows that are enough for a picture of a recording
 _EXAMINED, _STRETCHES = (
     1 << 17,
     8,
-)  # samples that show what data can tell of parameters, in stretches of a long record
+)  # samples that are enough to judge identifiability, in parts of a long recording
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -48,16 +48,16 @@ def check(
     recordings : Recordings
         a path, a DataFrame, a Recording, or a list of them.
     rate : float | None
-        Hz to bring faster recordings down to; what the axis's fastest pole asks for when absent.
+        Hz to which faster recordings are decimated; by default as fast as the axis's fastest pole needs.
     detectability : bool
-        say, too, from what size each effect of the catalogue would show in these recordings, and be told from others.
+        also compute the size from which each effect of the catalogue is visible and distinguishable from others.
     progress : Progress
         called with the share done and a few words.
 
     Returns
     -------
     CheckResult
-        Remarks on each recording, and what the data tell of the parameters to fit.
+        Remarks on each recording, and the identifiability of the parameters to fit.
 
     Raises
     ------
@@ -70,11 +70,11 @@ def check(
     grave = any(remark.severity == "error" for one in data for remark in one.remarks)
     told = None
     if understood.freed and not grave:
-        progress(0.2, "examining what the data can tell")
+        progress(0.2, "checking identifiability")
         told = what_they_tell(understood, [one.recording for one in data])
     seen = None
     if detectability and not grave:
-        progress(0.4, "what each effect would change")
+        progress(0.4, "sensitivity to each effect")
         seen = what_they_could_show(understood, [one.recording for one in data])
     paths = [place_of(one.recording) for one in data]
     found = verdict(
@@ -104,9 +104,9 @@ def result_of(
     found : Verdict
         the verdict on them.
     told : Mapping[str, Any] | None
-        what they tell of the parameters; ``None`` where it was not asked.
+        identifiability of the parameters; ``None`` where it was not computed.
     seen : Sequence[Mapping[str, Any]] | None
-        what they could show of effects; ``None`` where it was not asked.
+        smallest detectable sizes of effects; ``None`` where they were not computed.
     """
     data = [recording for recording, _ in read]
     document = {
@@ -123,7 +123,7 @@ def result_of(
 
 
 def what_they_tell(rig: Rig, recordings: list[Recording]) -> dict[str, Any]:
-    """What the data tell of the parameters to fit, at the rig file's values and before any fit."""
+    """Identifiability of the parameters to fit, at the rig file's values and before any fit."""
     examined, seconds = _excerpts(recordings)
     ties = identifiability(rig, examined)
     freed = {parameter.name for parameter in rig.freed}
@@ -139,7 +139,7 @@ def what_they_tell(rig: Rig, recordings: list[Recording]) -> dict[str, Any]:
 
 
 def _excerpts(recordings: list[Recording]) -> tuple[list[Recording], list[str]]:
-    """Long recordings in stretches spread over them, and a sentence that says so."""
+    """Parts spread over long recordings, and a sentence that states it."""
     total = sum(len(one) for one in recordings)
     if total <= 2 * _EXAMINED:
         return recordings, []
@@ -153,12 +153,13 @@ def _excerpts(recordings: list[Recording]) -> tuple[list[Recording], list[str]]:
         parts += [one.part(int(a), int(a) + share) for a in starts]
     seen, whole = (sum(one.duration for one in some) for some in (parts, recordings))
     return parts, [
-        f"examined on {seen:.4g} s of {whole:.4g} s, in stretches spread over the whole: all of it tells no less"
+        f"examined on {seen:.4g} s of {whole:.4g} s, in parts spread over the recordings: the whole data determine "
+        "the parameters at least as well"
     ]
 
 
 def what_they_could_show(rig: Rig, recordings: list[Recording]) -> list[dict[str, Any]]:
-    """From what size each effect of the catalogue would show, as check.json holds it; the plainest first."""
+    """The smallest detectable size of each effect of the catalogue, as in check.json; the most visible first."""
     from optid.effects.library import admitted
     from optid.experiments.detectability import detectability
 
@@ -190,7 +191,7 @@ def _signals(recordings: list[Recording]) -> pd.DataFrame:
 
 
 def _drawn(recording: Recording) -> pd.DataFrame:
-    """A recording as a picture needs it: of a long one the lowest and the highest value in each of many blocks."""
+    """A recording reduced for a plot: of a long one the lowest and the highest value in each of many blocks."""
     import pandas as pd
 
     count = len(recording) // _DRAWN

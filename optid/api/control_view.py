@@ -1,4 +1,4 @@
-"""Models from python-control, and what a linearised model says of itself."""
+"""Models from and to python-control."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def from_control(
     output_unit : str
         SI unit of its output.
     noise : float
-        standard deviation of what it misses, output's unit.
+        standard deviation of the model's error, output's unit.
 
     Returns
     -------

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from optid.api.inputs import Given, Recordings
     from optid.diagnosis.result import Diagnosis
 
-TIME_LIMIT = 800.0  # s: where much is missing, the second of two effects was found after 650 of a core
+TIME_LIMIT = 800.0  # s: with much missing, the second of two effects was found after 650 s on one core
 
 
 def diagnose(
@@ -41,7 +41,7 @@ def diagnose(
     progress: Progress = silent,
     checkpoint: Path | None = None,
 ) -> DiagnosisResult:
-    """Say what physics a rig's model leaves out, and prove it on recordings held out.
+    """Find the physics that a rig's model leaves out, and prove it on held-out recordings.
 
     Parameters
     ----------
@@ -52,22 +52,22 @@ def diagnose(
     holdout : Recordings
         to judge on; the fits never see them.
     validation : Recordings
-        others to fit to, on which alone the search judges whether an effect is needed; when absent it judges on every
-        recording of the first ones by parameters fitted to the others.
+        further training recordings, on which alone the search judges whether an effect is needed; when absent it
+        judges on blocks of all training recordings, predicted with parameters fitted to the other blocks.
     effects : Sequence[str | Path | Effect]
-        of the user's own beside the catalogue: objects, or files that hold some.
+        your own effects, in addition to the catalogue: objects, or files that define them.
     time_limit : float
-        s of the process's own time, about; the search for effects ends with what it has.
+        s of the process's own time, approximately; the search for effects then stops and keeps its best model.
     deadline : float
-        s by the clock, likewise.
+        s of wall-clock time, likewise.
     rate : float | None
-        Hz to bring faster recordings down to; what the axis's fastest pole asks for when absent.
+        Hz to which faster recordings are decimated; by default as fast as the axis's fastest pole needs.
     seed : int
-        of the resampling.
+        seed of the resampling.
     progress : Progress
         called with the share done and a few words.
     checkpoint : Path | None
-        a file that keeps the stages done, so that a call that was interrupted continues from there; none when absent.
+        a file that keeps finished stages, so that an interrupted call can continue; none when absent.
 
     Returns
     -------
@@ -77,7 +77,7 @@ def diagnose(
     Raises
     ------
     InputError
-        an input is wrong, nothing is to be fitted, or nothing is held out.
+        an input is wrong, no parameter is to be fitted, or no recording is held out.
     NotIdentifiable
         a recording is unfit for identification.
     SolveError

@@ -1,4 +1,4 @@
-"""What every document says of itself: schema, version, command and inputs with their digests."""
+"""The head of every document: schema, version, command and inputs with their digests."""
 
 from __future__ import annotations
 

@@ -39,7 +39,7 @@ class Exhibit:
 
 
 def about(rig: Rig, exhibits: Sequence[Exhibit]) -> dict[str, Any]:
-    """What was predicted with what, for a document."""
+    """Rig, recordings and outputs of a prediction, for a document."""
     shown = [one.recording for one in exhibits]
     return {
         "rig": rig.name,
@@ -90,7 +90,7 @@ def prediction_table(exhibits: Sequence[Exhibit]) -> pd.DataFrame:
 
 
 def input_table(rig: Rig, exhibits: Sequence[Exhibit]) -> pd.DataFrame:
-    """What drove the recordings: recording, time (s), and each input as recorded."""
+    """The inputs of the recordings: recording, time (s), and each input as recorded."""
     import pandas as pd
 
     roles = [port.role for port in measured_inputs(rig.model)]

@@ -63,17 +63,17 @@ def fit(
     starts : int
         number of start points.
     time_limit : float | None
-        s; the best point so far is returned.
+        s of the process's own time; then the best point so far is returned.
     robust : bool
-        let outliers count linearly, not squared (Huber).
+        weigh outliers linearly instead of quadratically (Huber's loss).
     profiles : Sequence[str]
-        names of parameters whose likelihood is to be followed.
+        names of parameters whose profile likelihood is computed.
     seed : int
-        of the drawn starts.
+        seed of the drawn starts.
     rate : float | None
-        Hz to bring faster recordings down to; what the axis's fastest pole asks for when absent.
+        Hz to which faster recordings are decimated; by default as fast as the axis's fastest pole needs.
     checkpoint : Path | None
-        a file that keeps the best point, to go on from.
+        a file that keeps the best point, from which an interrupted call continues.
     progress : Progress
         called with the share done and a few words.
 
@@ -85,7 +85,7 @@ def fit(
     Raises
     ------
     InputError
-        an input is wrong, or nothing is to be fitted.
+        an input is wrong, or no parameter is to be fitted.
     NotIdentifiable
         a recording is unfit, or a parameter has no influence on these data.
     SolveError
@@ -129,7 +129,7 @@ def profile(
     rate: float | None = None,
     progress: Progress = silent,
 ) -> ProfileResult:
-    """Follow the likelihood of one fitted parameter, all others fitted anew at each of its values.
+    """Compute the profile likelihood of one fitted parameter: all others are refitted at each of its values.
 
     Parameters
     ----------
@@ -149,14 +149,14 @@ def profile(
     Returns
     -------
     ProfileResult
-        the likelihood along the parameter, with its interval.
+        the profile likelihood, with its interval.
 
     Raises
     ------
     InputError
         the fit holds no such parameter.
     NotIdentifiable
-        the parameter stands at its bound, or the data do not determine it.
+        the parameter lies at its bound, or the data do not determine it.
     """
     understood = fit.rig
     data = [one.recording for one in given(understood, recordings, rate=rate)[0]]
@@ -180,7 +180,7 @@ def profile_entry(found: Profile) -> dict[str, Any]:
 
 
 def estimated(fit: FitResult) -> Fit:
-    """The fit as the estimation package knows it."""
+    """The fit as the estimation package represents it."""
     nodes = fit.tables["nodes"]
     states = [column for column in nodes if str(column).startswith("state ")]
     frame = nodes[["recording", "time", "defect", "misfit", "sound"]]
@@ -213,7 +213,7 @@ def _exhibits(
 def _profiles(
     rig: Rig, data: Sequence[Any], found: Fit, options: FitOptions, names: Sequence[str], progress: Progress
 ) -> tuple[list[Profile], list[str]]:
-    """Those asked for, and why others cannot be."""
+    """The requested profiles, and why others cannot be computed."""
     followed, refused = [], []
     for name in dict.fromkeys(names):
         try:

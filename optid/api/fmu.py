@@ -1,7 +1,7 @@
 """A rig's model as an FMU (FMI 3.0, model exchange), for Simulink, Modelica tools and FMPy.
 
-CasADi writes the model description and the C code; FMPy brings the standard's headers, and a C compiler makes the
-binary for the machine at hand. CasADi calls its export experimental, so the description is mended here where FMPy's
+CasADi writes the model description and the C code; FMPy has the standard's headers, and a C compiler builds the
+binary for the machine at hand. CasADi calls its export experimental, so the description is corrected here where FMPy's
 check finds it wrong: names that are the exporter's own, and states that had no start value.
 """
 
@@ -32,7 +32,7 @@ PLATFORMS = {"linux": ("x86_64-linux", ".so"), "darwin": ("x86_64-darwin", ".dyl
 def export_fmu(rig: str | Path | Rig, path: str | Path, *, start: Mapping[str, float] | None = None) -> Path:
     """Write a rig's model with its parameters as an FMU.
 
-    Inputs and outputs carry their roles, states are "state_NAME", parameters their own names; all in SI units, a
+    Inputs and outputs are named by their roles, states "state_NAME", parameters by their own names; all in SI units, a
     command with a full scale as a share of it.
 
     Parameters
@@ -62,9 +62,9 @@ def export_fmu(rig: str | Path | Rig, path: str | Path, *, start: Mapping[str, f
     strange = [port.role for port in model.inputs if port.ago or port.role in (CLOCK, INTERVAL)]
     if strange or model.halves is not None:
         raise InputError(
-            f"the model takes {', '.join(strange) or 'commands that come late'}",
+            f"the model uses {', '.join(strange) or 'delayed commands'}",
             where=understood.path,
-            expected="a model of present commands only",
+            expected="a model that uses only the present command",
             hint="leave out effects that delay the command or count time",
         )
     values = model.vector(understood.parameters)
@@ -106,7 +106,7 @@ def _builder(model: Model, name: str, values: np.ndarray, begin: Mapping[str, fl
 
 
 def _mended(file: Path, begin: Mapping[str, float], model: Model) -> bytes:
-    """The description as the standard wants it, with units in the variables' descriptions."""
+    """The description as the standard requires it, with units in the variables' descriptions."""
     tree = ElementTree.parse(file)
     root = tree.getroot()
     root.set("variableNamingConvention", "flat")
@@ -160,7 +160,7 @@ def _compiled(folder: Path, name: str) -> Path:
 
 def _platform() -> tuple[str, str]:
     if sys.platform not in PLATFORMS:
-        raise JobError(f"no FMU is made on {sys.platform}: Linux and macOS only")
+        raise JobError(f"an FMU cannot be made on {sys.platform}, only on Linux and macOS")
     return PLATFORMS[sys.platform]
 
 

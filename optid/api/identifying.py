@@ -38,7 +38,7 @@ def identify(
     rate: float | None = None,
     progress: Progress = silent,
 ) -> IdentificationResult:
-    """Identify ARMAX models, audit them, and tabulate their predictions as the paper's Table 2.
+    """Identify ARMAX models, check them, and tabulate their prediction errors as in the paper's Table 2.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ def identify(
     output : str | None
         role of the output; the plant's first measured one when absent.
     rate : float | None
-        Hz to bring a faster recording down to; what the axis's fastest pole asks for when absent.
+        Hz to which a faster recording is decimated; by default as fast as the axis's fastest pole needs.
     progress : Progress
         called with the share done and a few words.
 
@@ -95,7 +95,7 @@ def identify(
 
 
 def sampled_of(rig: Rig, recording: Recording, inputs: Sequence[str], output: str | None) -> Sampled:
-    """The channels to identify between, on an even grid, once they hold anything to learn from."""
+    """The input and output channels on an even grid, if they vary at all."""
     outputs = [port.role for port in rig.model.outputs if port.role in recording]
     sampled = resample(
         recording, output or outputs[0], tuple(inputs) or tuple(port.role for port in rig.model.recorded)
@@ -107,9 +107,9 @@ def sampled_of(rig: Rig, recording: Recording, inputs: Sequence[str], output: st
         if not np.isfinite(column).any() or np.ptp(column[np.isfinite(column)]) == 0.0
     ]
     for role in still:
-        # One of several inputs that stands still is said in the audit; with nothing that moves there is no model.
+        # A constant one among several inputs is reported in the audit; without any that varies there is no model.
         if role == sampled.output or len(still) == len(sampled.inputs):
             raise NotIdentifiable(
-                f"{recording.name}: {role} never changes: it teaches nothing (nothing was written)"
+                f"{recording.name}: {role} never changes: nothing can be identified from it (nothing was written)"
             )
     return sampled

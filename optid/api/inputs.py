@@ -1,4 +1,4 @@
-"""From what a user has at hand, paths, frames or recordings, one or many, to a rig and recordings with remarks."""
+"""From paths, frames or recordings, one or many, to a rig and recordings with remarks."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def recordings_of(rig: Rig, data: Recordings, name: str = "recordings") -> list[
     Raises
     ------
     InputError
-        something else than paths, frames and recordings; an empty list.
+        an argument that is not a path, a frame, a recording or a list of them; an empty list.
     RecordingError
         as `read_recording`.
     """
@@ -65,7 +65,7 @@ def given(
 ) -> tuple[list[Given], list[Given]]:
     """The recordings with their remarks: the first ones, and those held out. None may come twice.
 
-    Remarks are on what was recorded; recordings faster than the axis needs are then brought down.
+    Remarks are on what was recorded; recordings faster than the axis needs are then decimated.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ def given(
     holdout : Recordings
         those held out.
     rate : float | None
-        Hz to bring faster ones down to; what the fastest pole that shows asks for when absent.
+        Hz to which faster ones are decimated; by default as fast as the fastest visible pole needs.
 
     Raises
     ------
@@ -95,14 +95,14 @@ def given(
 
 
 def _values(rig: Rig, file: str) -> dict[str, float]:
-    """Parameters of a recording: the rig's, and what it has of its own."""
+    """Parameters of a recording: the rig's, and its own."""
     known = {q.name for q in rig.model.parameters}
     own = {name: float(value) for name, value in rig.recordings.get(file, {}).items() if name in known}
     return {**rig.parameters, **own}
 
 
 def _at_rate(rig: Rig, recording: Recording, rate: float | None) -> Recording:
-    """Brought down, with what is left of each stated noise: rounding and colour do not average out."""
+    """Decimated, with the remaining part of each stated noise: rounding and coloured noise do not average out."""
     slow = brought_down(rig.model, rig.parameters, recording, rate)
     if slow is recording:
         return slow
@@ -115,7 +115,7 @@ def _at_rate(rig: Rig, recording: Recording, rate: float | None) -> Recording:
 
 
 def at_their_rate(rig: Rig, data: Sequence[Given]) -> Rig:
-    """The rig with the noise that is left of what it states, where recordings were brought down.
+    """The rig with the remaining part of its stated noise, where recordings were decimated.
 
     Parameters
     ----------
@@ -137,14 +137,14 @@ def at_their_rate(rig: Rig, data: Sequence[Given]) -> Rig:
 
 
 def of_each(rig: Rig, first: list[Given], *others: list[Given]) -> tuple[Rig, list[list[Given]]]:
-    """The rig with what the first recordings have of their own, and all recordings told of which group they are."""
+    """The rig with the first recordings' own parameters, and all recordings labelled with their group."""
     own = for_recordings(rig, [one.recording for one in first])
     groups = [[replace(one, recording=told(own, one.recording)) for one in some] for some in (first, *others)]
     return own, groups
 
 
 def refuse_unfit(data: Sequence[Given]) -> None:
-    """Data that the check calls unfit are not worked on.
+    """Refuse data that the check calls unfit.
 
     Raises
     ------

@@ -38,32 +38,32 @@ def plan(
     seed: int = 0,
     progress: Progress = silent,
 ) -> PlanResult:
-    """Design the experiment that tells rival effects apart best: a reference within stroke and limits.
+    """Design the experiment that best distinguishes rival effects: a reference within stroke and limits.
 
     Parameters
     ----------
     rig : str | Path | Rig
         a rig file with [live] limits, or what `read_rig` made of one.
     rivals : str | Sequence[str] | DiagnosisResult | Path
-        names of effects to tell apart, one to be shown; or a diagnosis (its result, folder or file), whose open
-        questions they are.
+        names of effects to distinguish, or of one effect to detect; or a diagnosis (its result, folder or file) that
+        left effects open.
     seconds : float
-        of the experiment.
+        duration of the experiment, s.
     rate : float | None
         samples a second; the rig file's when absent.
     gains : str | None
-        a pid.json, or "kp=40 ki=60"; gentle ones when absent.
+        a pid.json, or "kp=40 ki=60"; cautious gains when absent.
     effects : Sequence[str | Path]
-        files with effects of the user's own.
+        files with your own effects.
     seed : int
-        of everything random.
+        seed of all random numbers.
     progress : Progress
         called with the share done and a few words.
 
     Returns
     -------
     PlanResult
-        the reference, and how far apart the rivals come along it.
+        the reference, and the separation of the rivals by it.
 
     Raises
     ------

@@ -27,7 +27,9 @@ def simulate(
     rate: float | None = None,
     progress: Progress = silent,
 ) -> SimulationResult:
-    """Run the model along recordings: free from their start, and in windows of 0.5 s from what was measured before.
+    """Simulate the model along recordings, in a free run from their start and in windows of 0.5 s.
+
+    The start state of a window is estimated from data before it.
 
     Parameters
     ----------
@@ -36,10 +38,10 @@ def simulate(
     recordings : Recordings
         a path, a DataFrame, a Recording, or a list of them.
     fit : FitResult | None
-        where its values shall be used instead of the rig file's; then both predictions carry the 95 % band that
+        a fit whose values replace the rig file's; then both predictions have the 95 % band that
         the parameters' covariance gives (linearised; measurement noise not counted).
     rate : float | None
-        Hz to bring faster recordings down to; what the axis's fastest pole asks for when absent.
+        Hz to which faster recordings are decimated; by default as fast as the axis's fastest pole needs.
     progress : Progress
         called with the share done and a few words.
 
@@ -76,9 +78,9 @@ def simulate(
         **metrics_document([one.prediction for one in exhibits]),
         "about": {
             **about(understood, exhibits),
-            "lead": "The numbers are the rig file's: nothing was fitted."
+            "lead": "The parameters are the rig file's: nothing was fitted."
             if fit is None
-            else "The numbers are a fit's.",
+            else "The parameters are those of a fit.",
             "starts": [
                 {"recording": one.recording.name, "time": begin, "state": dict(state), "units": units}
                 for one in exhibits

@@ -62,32 +62,32 @@ def tune(
     model : str | Path | ArmaxFile | IdentificationResult
         an armax.json, what `identify` returned, or what `from_control` made of a system.
     rig : str | Path | Rig | None
-        physical model of the axis: tuned for and tried on as well.
+        rig file of the axis: its physical model is used for tuning and for the test.
     setpoints : Sequence[float]
-        sizes of steps from rest, the output's SI unit; one that suits the model when absent.
+        sizes of steps from rest, the output's SI unit; a size that suits the model when absent.
     limits : tuple[float, float] | None
-        low and high of the command, its SI unit.
+        lower and upper limit of the command, its SI unit.
     rate : float | None
         largest change of the command per second.
     cost : str
         "itae", "iae", "itse" or "ise".
     sensitivity : float | None
-        maximum sensitivity Ms, at most; infinite for any; when absent, as usual for what the gains
-        are judged on.
+        largest maximum sensitivity Ms; infinite for no bound; when absent, a usual value for the plant that judges the
+        gains.
     structure : str | None
-        "pid", "pid2", "pd", "pi", "p" or "p-pi"; one that suits when absent.
+        "pid", "pid2", "pd", "pi", "p" or "p-pi"; chosen for the plant when absent.
     notch : tuple[float, float, float] | None
         of the command: frequency and width, Hz, and its gain at the frequency, 0 to 1.
     acceleration : float
         feed-forward: command per acceleration of the set-point, SI.
     compensate : bool
-        the dead band and the dry friction of the rig's model are overcome by the controller.
+        let the controller compensate the dead band and the dry friction of the rig's model.
     free : Sequence[str] | None
-        names of the gains that may move; the structure's when absent.
+        names of the gains to optimise; the structure's when absent.
     starts : int
-        independent searches.
+        number of independent searches.
     seed : int
-        of everything random.
+        seed of all random numbers.
     progress : Progress
         called with the share done and a few words.
 
@@ -99,9 +99,9 @@ def tune(
     Raises
     ------
     InputError
-        the model or a wish is wrong.
+        the model or an option is wrong.
     SolveError
-        nothing keeps what is required, or nothing stabilises the model.
+        no gains meet the requirements, or none stabilise the model.
     """
     contents, source = _contents(model)
     low, high = limits or (None, None)

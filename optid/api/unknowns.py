@@ -13,18 +13,18 @@ from optid.report.residuals import autocorrelation, residual
 from optid.rigs.per_recording import measured_inputs
 from optid.rigs.rigfile import Rig
 
-WHITE = 0.1  # share of lags outside the 95 % band above which residuals are called coloured
+WHITE = 0.1  # share of lags outside the 95 % band above which residuals count as coloured
 
 
 def about_fit(fit: Fit, asked: Sequence[str], exhibits: Sequence[Exhibit]) -> list[str]:
-    """Outcome, bounds, what cannot be told apart, and what was not held out.
+    """Outcome, bounds, parameters that cannot be separated, and whether anything was held out.
 
     Parameters
     ----------
     fit : Fit
         as found.
     asked : Sequence[str]
-        names of the parameters that the rig file frees; settings of the equations beside them say nothing.
+        names of the parameters that the rig file fits; other settings of the equations are not reported.
     exhibits : Sequence[Exhibit]
         recordings with their predictions.
     """
@@ -33,19 +33,21 @@ def about_fit(fit: Fit, asked: Sequence[str], exhibits: Sequence[Exhibit]) -> li
         said.append(f"Whether better values exist: the fit did not converge. {fit.outcome.value}")
     for p in fit.parameters:
         if p.name in asked and not p.identifiable:
-            said.append(f"{p.name}: these recordings do not determine it; the value is as good as its start.")
+            said.append(
+                f"{p.name}: these recordings do not determine it; the value is no better than its start value."
+            )
         elif p.name in asked and p.at_bound:
             said.append(
-                f"{p.name}: it stands at its bound; the data ask for more, or the model is wrong there."
+                f"{p.name}: it lies at its bound; the data call for more, or the model is wrong there."
             )
     said.extend(fit.ties)
     if not any(one.use == "held out" for one in exhibits):
-        said.append("How it predicts what it has not seen: no recording was held out.")
+        said.append("How it predicts new data: no recording was held out.")
     return said
 
 
 def notes(exhibits: Sequence[Exhibit]) -> list[str]:
-    """What makes a recording unfit, and what the predictions say that their scores do not show."""
+    """What makes a recording unfit, and notes on the predictions that their scores do not show."""
     unfit = [
         f"{one.recording.name}: {remark.message}"
         for one in exhibits
@@ -70,7 +72,7 @@ def _coloured(exhibits: Sequence[Exhibit]) -> list[str]:
                 said.append(
                     f"Why the window residuals of {role} in {one.recording.name} are not white: "
                     f"{100 * share:.0f} % of their autocorrelation lies outside the 95 % band. "
-                    "The model lacks something, or the windows start from a state that is a little off."
+                    "The model lacks something, or the windows start from a slightly wrong state."
                 )
     return said
 
@@ -85,7 +87,7 @@ def _ranges(exhibits: Sequence[Exhibit], rig: Rig) -> list[str]:
             high = max(float(np.nanmax(channel.recorded)) for channel in channels)
             factor, unit = friendly(channels[0].recorded_unit)
             span = f"{plain(low * factor, 4)} to {plain(high * factor, 4)} {unit}".rstrip()
-            said.append(f"Anything outside the {words} these recordings visit: {span}.")
+            said.append(f"Any {words} outside the range of these recordings: {span}.")
         elif role in outputs:
-            said.append(f"{words}: it was not measured, so the model's idea of it is untested.")
+            said.append(f"{words}: it was not measured, so the model's prediction of it is untested.")
     return said

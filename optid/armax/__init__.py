@@ -1,4 +1,4 @@
-"""ARMAX models of eq. 12: identified recursively or in batch, predicted, compared, audited, exported."""
+"""ARMAX models of eq. 12: recursive and offline identification, prediction, comparison, checks, export."""
 
 from optid.armax.forgetting import Constant, Directional, Variable
 from optid.armax.identifier import Identifier, Method, Settings

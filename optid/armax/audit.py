@@ -1,4 +1,4 @@
-"""What a discrete model really contains: said without being asked."""
+"""The audit of a discrete-time model: what it really contains."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ EMPTY = 0.01  # share of the impulse response's energy below which a pole carrie
 CLOSE = 0.1  # and whose distance is at most this share of the pole's modulus
 STATIC = 0.01  # share of the impulse response's energy outside its first sample that a static gain may have
 SETTLED = 0.01  # share of the impulse response's peak
-LONGEST = 100_000  # samples of impulse response looked at
+LONGEST = 100_000  # samples of impulse response examined
 
 
 @dataclass(frozen=True)
@@ -40,16 +40,16 @@ class Cancellation:
 
     @property
     def poles(self) -> int:
-        """How many poles go: two for a complex pair."""
+        """Number of poles removed: two for a complex pair."""
         return 2 if self.pole.imag else 1
 
 
 @dataclass(frozen=True)
 class NoiseCancellation:
-    """A pole that a root of C nearly cancels, so that the noise does not see it.
+    """A pole that a root of C nearly cancels, so that the noise does not excite it.
 
-    `share` is the pole's own share of the impulse response's energy from the input: where that is nothing either, the
-    pole is one too many.
+    `share` is the pole's own share of the impulse response's energy from the input: where that is zero as well, the
+    pole is superfluous.
     """
 
     pole: complex
@@ -58,16 +58,16 @@ class NoiseCancellation:
 
     @property
     def empty(self) -> bool:
-        """Neither noise nor input has any use for the pole."""
+        """Whether neither noise nor input excites the pole."""
         return self.share < EMPTY
 
 
 @dataclass(frozen=True)
 class Audit:
-    """What one input's path of a model contains.
+    """The audit of one input's path of a model.
 
     Attributes:
-        order: number of poles as written.
+        order: number of poles of the model.
         poles, zeros: in z.
         pole_errors: standard error of each pole's modulus, from the model's covariance; NaN where unknown.
         stable: every pole lies inside the unit circle.
@@ -75,15 +75,15 @@ class Audit:
         noise_cancellations: poles a root of C nearly cancels.
         effective_order: poles that remain when those are gone.
         static_gain: response to a constant, infinite for an integrator; formal where the model is unstable.
-        static_gain_error: its standard error, NaN where unknown, infinite where the data leave it open.
+        static_gain_error: its standard error, NaN where unknown, infinite where the data do not determine it.
         static_gain_interval: its 95 % interval, the same where unknown or open.
-        first: coefficient of the first sample that answers.
+        first: first coefficient of the impulse response.
         static_share: share of the impulse response's energy in that sample (cancelled pairs removed).
         settles: samples until the impulse response stays below 1 % of its peak, None where it never does.
         time_constants: of the poles inside the unit circle, in samples, slowest first.
         residuals: tests on a recording, where one was given.
         loop: the loop closed with given gains, where some were given.
-        findings: all of it in words, grave ones first.
+        findings: findings as sentences, alarms first.
     """
 
     order: int
@@ -107,7 +107,7 @@ class Audit:
 
     @property
     def only_static(self) -> bool:
-        """The model holds no more than a static gain and its delay."""
+        """Whether the model is no more than a static gain with delay."""
         return self.static_share >= 1.0 - STATIC
 
 
@@ -122,16 +122,16 @@ def audit(
     error_rate: float = 0.01,
     intervals: Intervals | None = None,
 ) -> Audit:
-    """Look into a discrete model.
+    """Audit a discrete-time model.
 
     Args:
         model: `Armax`, a discrete `control.TransferFunction`, or (numerator, denominator) in powers of z.
         y, u: a recording to test its residuals on.
         gains: a PID controller to close its loop with.
-        input: whose path to look into.
-        fitted: the model was fitted to this recording.
-        error_rate: at which a right model's residuals are refused.
-        intervals: of its static gains, where they are known better than by the delta method.
+        input: index of the input.
+        fitted: whether the model was fitted to this recording.
+        error_rate: at which a correct model's residuals fail a test.
+        intervals: of its static gains, if they are better than those of the delta method.
     """
     if not isinstance(model, Armax):
         model = from_transfer_function(model)
@@ -181,7 +181,7 @@ def cancellations(poles: Roots, zeros: Roots, near: float = NEAR) -> tuple[Cance
     """Pairs of a pole and a zero that nearly cancel, nearest first; a complex pole stands for its pair.
 
     Without both the response changes on the unit circle by at most |pole - zero| / |1 - |pole|| of itself.
-    Near the origin all is close in that sense, so they must also lie within a tenth of the pole's modulus.
+    Near the origin all roots are close in that sense, so they must also lie within a tenth of the pole's modulus.
     """
     candidates = [
         Cancellation(complex(p), complex(z), float(abs(p - z) / max(abs(1.0 - abs(p)), 1e-12)))
@@ -262,7 +262,7 @@ def _gain_interval(model: Armax, gain: float, input: int) -> tuple[float, float]
 
 
 def impulse_response(model: Armax, input: int = 0) -> Array:
-    """From the first sample that answers until it has settled or a limit is reached, shape (samples,)."""
+    """The impulse response from its first non-zero sample until it has decayed, or up to a limit, shape (samples,)."""
     from scipy.signal import lfilter
 
     a = np.array(model.a)

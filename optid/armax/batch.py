@@ -1,8 +1,8 @@
 """Offline prediction-error ARMAX: the reference for the recursion.
 
 Minimises V = mean of e(t)^2, e = (A y - B u) / C, by Levenberg-Marquardt with the exact gradient
-(`optid.armax.gradient`). The criterion has false minima, in which a search from one start may end; so several starts
-run, the best counts. A long recording is searched in excerpts first; its end is polished on every sample.
+(`optid.armax.gradient`). The criterion has local minima, so several starts are used, and the best result counts. A
+long recording is first fitted to excerpts, and then refined on all samples.
 """
 
 from __future__ import annotations
@@ -27,21 +27,22 @@ from optid.core.model import Array
 from optid.errors import NotIdentifiable
 
 MOST_STEPS = 200
-# Relative decrease of V below which a search has arrived, and the share of what the noise leaves open that a next
-# step may then have (Bates and Watts 1981): at the end, on a long recording, and while starts are compared.
+# Relative decrease of V below which a search has converged, and the largest next step relative to the noise (Bates #
+# and Watts 1981): at the end, on a long recording, and while starts are compared.
 AT_LAST, AT_LENGTH, AMONG_STARTS = (1e-10, 1e-3), (1e-9, 1e-2), (1e-7, 1e-2)
 STABLE_RADIUS = 0.9999
-SEARCHED = 40_000  # samples on which the starts are tried; all of them on a shorter recording
-CHANCE = 10.0  # residual variances that each direction closed may cost in the sum of squares
+SEARCHED = 40_000  # samples on which the starts are compared; all of a shorter recording
+CHANCE = 10.0  # residual variances by which fixing a direction may increase the sum of squares
 
 
 class Outcome(enum.Enum):
     """How the search ended, and what to do about it."""
 
     CONVERGED = "converged"
-    STEPS_USED_UP = "still improving after the last step: fewer orders or a longer recording would settle it"
+    STEPS_USED_UP = "it was still improving at the last iteration: use a lower order or a longer recording"
     AT_STABILITY = (
-        "the noise polynomial C lies at the edge of stability: lower nc, or take a trend out of the data"
+        "the roots of the noise polynomial C lie on the unit circle: lower nc, or remove a trend from "
+        "the data"
     )
 
 
@@ -53,10 +54,10 @@ class BatchFit:
         model: with covariance noise_variance (Psi' Psi)^-1, infinite where the data leave a direction open.
         outcome: how the search ended.
         loss: mean squared one-step error, output unit squared.
-        samples: residuals that count.
-        starts: loss reached from each start, best first, on the excerpts of a long recording; starts that differ say
-            how rugged the criterion is.
-        open: combinations of coefficients that the samples leave open.
+        samples: number of residuals used.
+        starts: loss reached from each start, best first, on the excerpts of a long recording; differences between them
+            show local minima.
+        open: combinations of coefficients that the samples do not determine.
     """
 
     model: Armax
@@ -68,7 +69,7 @@ class BatchFit:
 
     @property
     def determined(self) -> bool:
-        """The samples leave no combination of parameters open."""
+        """Whether the samples determine all combinations of parameters."""
         return not self.open
 
 
@@ -105,7 +106,7 @@ def fit_batch(
         orders: of eq. 12.
         sample_time: seconds.
         start: theta to start from besides the built-in starts.
-        trend: what stands beside eq. 12.
+        trend: terms added to eq. 12.
         alone: search from `start` alone.
         quick: search from the long regressions alone.
 
@@ -146,12 +147,12 @@ def fit_batch(
 
 
 def informed(record: Signals, model: Armax, trend: Trend) -> tuple[Array, tuple[OpenDirection, ...]]:
-    """Covariance of a model's coefficients at its own place, and what the recording leaves open, as of a fit.
+    """Covariance of a model's coefficients, and the undetermined combinations, as for a fit.
 
     Args:
         record: on which it was identified.
-        model: by whatever estimator.
-        trend: that was estimated along.
+        model: of any estimator.
+        trend: estimated with it.
     """
     frame, problem, theta = placed([record], model, trend)
     _, covariance, found = _uncertainty(problem, frame, [record], theta, problem.loss(theta))
@@ -160,7 +161,7 @@ def informed(record: Signals, model: Armax, trend: Trend) -> tuple[Array, tuple[
 
 
 def placed(records: Sequence[Signals], model: Armax, trend: Trend) -> tuple[Frame, Problem, Array]:
-    """The coordinates of a fit to these recordings, its problem, and where in them a model lies, shape (n,)."""
+    """The coordinates of a fit to these recordings, its problem, and a model in these coordinates, shape (n,)."""
     frame = Frame.of(records, model.orders, model.sample_time, trend)
     problem = Problem.of([frame.augmented(record) for record in records], frame.full_orders)
     M, m = frame.affine()
@@ -181,7 +182,7 @@ def _excerpted(problem: Problem, orders: Orders) -> Problem:
 
 
 def _starts(problem: Problem, quick: bool) -> dict[str, Array]:
-    """Parameter vectors to search from: names say how they were found."""
+    """Start vectors of the search, by the method that gave them."""
     records, orders = problem.records, problem.orders
     if orders.nc == 0:
         return {"least squares": least_squares(records, orders)}
@@ -191,7 +192,7 @@ def _starts(problem: Problem, quick: bool) -> dict[str, Array]:
         try:
             starts[f"long regression {long}"] = hannan_rissanen(records, orders, long)
         except (NotIdentifiable, np.linalg.LinAlgError):
-            continue  # too short for this one; the others remain
+            continue  # too short for this start; the others remain
     if quick and len(starts) > 1:
         return {name: theta for name, theta in starts.items() if name != "least squares"}
     settings = Settings(method=Method.EXTENDED_LEAST_SQUARES)
@@ -210,7 +211,7 @@ def _stable(theta: Array, orders: Orders) -> Array:
 
 
 def _open_in_data(problem: Problem, frame: Frame, raw: Sequence[Signals]) -> Array:
-    """Combinations of A, B and trend that move no regressor, whatever C is, shape (n, k)."""
+    """Combinations of A, B and trend that do not change the regression, for any C, shape (n, k)."""
     at_rest = np.zeros(problem.orders.parameters)
     R, _, size = equilibrated(problem.information(at_rest))
     own = np.setdiff1d(np.arange(at_rest.size), np.r_[problem.orders.c_block])
@@ -266,7 +267,7 @@ def _shortest(theta: Array, idle: Array, size: Array) -> Array:
 
 
 def _closed(R: Array, idle: Array, size: Array) -> Array:
-    """R that does not answer to the idle directions, so that the shortest step leaves them alone."""
+    """R without the idle directions, so that the shortest step does not change them."""
     if not idle.size:
         return R
     Q, _ = np.linalg.qr(idle * size[:, None])
@@ -275,7 +276,7 @@ def _closed(R: Array, idle: Array, size: Array) -> Array:
 
 
 def equilibrated(both: Array) -> tuple[Array, Array, Array]:
-    """R of Psi with columns of unit size, Q' e with the length of what Psi cannot explain, and the sizes."""
+    """R of Psi with columns of unit size, Q' e with the norm of the unexplained part, and the sizes."""
     n = both.shape[1] - 1
     size: Array = np.sqrt(np.sum(both[:, :n] ** 2, axis=0))
     size[size == 0.0] = 1.0
@@ -285,7 +286,7 @@ def equilibrated(both: Array) -> tuple[Array, Array, Array]:
 def _uncertainty(
     problem: Problem, frame: Frame, raw: Sequence[Signals], theta: Array, loss: float
 ) -> tuple[Array, Array, tuple[OpenDirection, ...]]:
-    """Theta without what is open, where that costs nothing; the covariance; what is open."""
+    """Theta without undetermined parts, where that does not raise the loss; the covariance; the combinations."""
     orders = problem.orders
     R, _, size = equilibrated(problem.information(theta))
     floor = _floor(problem, frame, raw, theta) / size
@@ -310,7 +311,7 @@ def _uncertainty(
 
 
 def _floor(problem: Problem, frame: Frame, raw: Sequence[Signals], theta: Array) -> Array:
-    """Length of what the rounding of the recorded numbers puts into each column of Psi, shape (n,)."""
+    """Norm of the contribution of rounding to each column of Psi, shape (n,)."""
     from scipy.signal import lfilter
 
     orders = problem.orders

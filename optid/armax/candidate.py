@@ -1,4 +1,4 @@
-"""One order identified: recursively and offline, audited, with what its data leave open."""
+"""One candidate order: identified recursively and offline, audited, with its undetermined combinations."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from optid.armax.words import (
 )
 from optid.core.model import Array
 
-HEAD = 4  # the recursion begins from a regression over one sample in so many, the first ones
+HEAD = 4  # divisor: the recursion starts from a regression over this share of first samples
 FEW = 20_000  # and over no more than these
 LATER = Settings(start_sd=0.003, start_sd_c=0.03, ease=None, warm=(0.0, 0.0))  # begins near its aim
 SHARED = (
@@ -44,23 +44,23 @@ SHARED = (
     "drift",
 )
 CLOSE = 1.1  # the recursion's loss may exceed the batch fit's by this factor
-PROFILED = 40_000  # samples up to which intervals are profiled; beyond, the delta method's do
+PROFILED = 40_000  # samples up to which intervals are profiled; beyond, the delta method is used
 TESTED = 60_000  # samples on which residuals are tested
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """One order by the estimator asked for, beside the recursion and the batch fit of the same structure.
+    """One order by the requested estimator, with the recursion and the offline fit of the same structure.
 
     Attributes:
         order: na.
-        recursive: what the recursion taught.
+        recursive: result of the recursion.
         batch: the reference.
         loss: mean squared one-step error of the recursion's last model over the recording.
-        model: of the estimator asked for.
+        model: of the requested estimator.
         held_out: of the same estimator, fitted to the part before the one held out.
-        audit: of `model`, its first input; findings on the paths of the others follow.
-        open: what the data leave open.
+        audit: of `model`, its first input; findings on the other inputs follow.
+        open: combinations that the data do not determine.
         intervals: of the model's poles and static gains.
     """
 
@@ -76,7 +76,7 @@ class Candidate:
 
     @property
     def settled(self) -> bool:
-        """The recursion's model predicts about as well as the batch fit's."""
+        """Whether the recursion's model predicts about as well as the offline fit's."""
         return self.loss <= CLOSE * self.batch.loss
 
 
@@ -87,7 +87,7 @@ def identify_candidate(
     about: tuple[Plan, Trend, OrderTable],
     whose: list[Finding],
 ) -> Candidate:
-    """Identify one order recursively and offline, take whom the plan asks for, and audit what is taken."""
+    """Identify one order recursively and offline, select the plan's estimator, and audit its model."""
     plan, trend, table = about
     alike = next((row.fit.model for row in table.rows if row.orders == orders), None)
     head = record.part(0, cut_of(record.y.size))
@@ -137,7 +137,7 @@ def identify_candidate(
 
 
 def _audited(model: Armax, record: Signals, plan: Plan, intervals: Intervals) -> Audit:
-    """The audit of the first input's path, with what else the others' say behind its findings."""
+    """The audit of the first input's path, followed by further findings on the others."""
     some = record.part(0, TESTED)
     looked = audit(model, some.y, some.u, gains=plan.gains, intervals=intervals)
     more = [
@@ -152,9 +152,9 @@ def _audited(model: Armax, record: Signals, plan: Plan, intervals: Intervals) ->
 def _with_covariance(
     model: Armax, record: Signals, trend: Trend, plan: Plan
 ) -> tuple[Armax, tuple[OpenDirection, ...]]:
-    """A recursion's model with the covariance that its data give it there: P holds what the start assumed, too.
+    """A recursion's model with the covariance from its data: P also contains the assumed start.
 
-    Where samples fade, P stands: it knows how many of them count.
+    With forgetting, P is used: it has the effective number of samples.
     """
     spread, left_open = informed(record, model, trend)
     if isinstance(plan.forgetting, Constant) and plan.forgetting.factor == 1.0:
@@ -170,14 +170,14 @@ def _with_covariance(
 
 
 def _undetermined(model: Armax) -> Armax:
-    """The same with nothing known of any coefficient."""
+    """The same with infinite covariance."""
     n = model.theta.size
     nothing = np.where(np.eye(n) > 0, np.inf, np.nan)
     return replace(model, covariance=tuple(tuple(float(x) for x in row) for row in nothing))
 
 
 def _teach(record: Signals, orders: Orders, sample_time: float, plan: Plan, trend: Trend) -> Identification:
-    """Run the recursion from a regression over the first part of the recording, if that can be done."""
+    """Run the recursion from a regression over the first part of the recording, if possible."""
     length = min(max(record.y.size // HEAD, 10 * orders.parameters + orders.reach), FEW)
     frame = Frame.of([record], orders, sample_time, trend)
     try:
@@ -201,7 +201,7 @@ def _full_names(orders: Orders, trend: Trend) -> list[str]:
 
 
 def feedback_findings(record: Signals, plan: Plan) -> list[Finding]:
-    """Inputs that earlier outputs determine, wholly or nearly."""
+    """Findings on inputs that earlier outputs determine, completely or nearly."""
     listed = [role.strip().replace("_", " ") for role in plan.input.split(",")]
 
     def name(i: int) -> str:
@@ -216,7 +216,7 @@ def feedback_findings(record: Signals, plan: Plan) -> list[Finding]:
 
 
 def _excited(record: Signals, plan: Plan, orders: Orders) -> list[Finding]:
-    """Inputs that excite less than A and B have numbers."""
+    """Findings on inputs with an order of excitation below the number of coefficients of A and B."""
     said = []
     for i, (role, column) in enumerate(zip(_inputs(plan, orders), record.u.T, strict=True)):
         needed = orders.na + orders.nb[i]
@@ -227,7 +227,9 @@ def _excited(record: Signals, plan: Plan, orders: Orders) -> list[Finding]:
 
 
 def _unsettled(ratio: float, taken: bool) -> Finding:
-    where = "it stands here all the same, as asked" if taken else "the models here are the offline fit's"
+    where = (
+        "the table shows it all the same, as requested" if taken else "the models here are the offline fit's"
+    )
     return Finding(
         "recursion_not_settled",
         taken,

@@ -1,4 +1,4 @@
-"""Linear constraints on an ARMAX model's coefficients that a static gain or a pole at a given place amounts to.
+"""Linear constraints on an ARMAX model's coefficients for a given static gain or a given pole.
 
 A constraint says, at coefficients theta and the angle of a pair of poles: rows L and right side d of L theta = d, and
 the change of L theta - d with the angle.
@@ -37,7 +37,7 @@ def fixed_pair(orders: Orders, modulus: float) -> Constraint:
     powers = np.arange(n, -1.0, -1.0)
 
     def rows(theta: Array, angle: float) -> tuple[Array, Array, Array]:
-        """Re A(z) and Im A(z) / sin(angle), which stays of use where the pair becomes a double pole."""
+        """Re A(z) and Im A(z) / sin(angle), which stays regular where the pair becomes a double pole."""
         of, slope = np.zeros((2, n + 1)), np.zeros((2, n + 1))
         size, s, c = modulus**powers, math.sin(angle), math.cos(angle)
         of[0], of[1] = size * np.cos(powers * angle), size * np.sin(powers * angle) / s
@@ -51,6 +51,6 @@ def fixed_pair(orders: Orders, modulus: float) -> Constraint:
 
 
 def across(constraint: Constraint, theta: Array, angle: float) -> Array:
-    """The direction of the coefficients, shape (n,), in which a constraint is left whatever the angle does."""
+    """The direction of the coefficients, shape (n,), normal to the constraint for any change of the angle."""
     rows, _, turn = constraint(theta, angle)
     return np.asarray(rows[0] if len(rows) == 1 else turn[1] * rows[0] - turn[0] * rows[1])

@@ -1,4 +1,4 @@
-"""An identifier or a model as one C header: no allocation, nothing but <math.h>."""
+"""An identifier or a model as one C header, without allocation, with <math.h> only."""
 
 from __future__ import annotations
 
@@ -156,7 +156,7 @@ def identifier_header(identifier: Identifier, name: str = "optid", constant: boo
     """C of an identifier that continues from its present memory.
 
     Args:
-        identifier: whose orders, settings and memory are written down.
+        identifier: whose orders, settings and memory are written.
         name: prefix of all names in C.
         constant: its last input is 1 at every sample and not an argument.
     """
@@ -190,7 +190,7 @@ def model_header(model: Armax, name: str = "optid") -> str:
     """C of a model: one-step and k-step prediction and simulation.
 
     Args:
-        model: whose coefficients are written down.
+        model: whose coefficients are written.
         name: prefix of all names in C.
     """
     _check(name)

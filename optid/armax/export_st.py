@@ -122,7 +122,7 @@ def identifier_block(identifier: Identifier, name: str = "optid", constant: bool
     """Structured text of an identifier that continues from its present memory.
 
     Args:
-        identifier: whose orders, settings and memory are written down.
+        identifier: whose orders, settings and memory are written.
         name: of the function block, and prefix of its functions.
         constant: its last input is 1 at every sample and not an argument.
     """
@@ -150,10 +150,10 @@ def identifier_block(identifier: Identifier, name: str = "optid", constant: bool
 
 
 def model_block(model: Armax, name: str = "optid") -> str:
-    """Structured text of a model: one-step prediction and simulation. A slope beside eq. 12 is left out.
+    """Structured text of a model: one-step prediction and simulation. A slope added to eq. 12 is left out.
 
     Args:
-        model: whose coefficients are written down.
+        model: whose coefficients are written.
         name: of the function block.
     """
     _check(name)
@@ -208,7 +208,7 @@ def _function(one: Translation, size: int) -> str:
 
 
 def _unscaled(identifier: Identifier) -> list[float]:
-    """By what each parameter of the scaled signals is multiplied."""
+    """Factor on each parameter of the scaled signals."""
     state, orders = identifier.state, identifier.orders
     factors = [1.0] * orders.parameters
     for i, block in enumerate(orders.blocks()):

@@ -26,7 +26,7 @@ MOST = 1000  # coefficients of a polynomial
 
 @dataclass(frozen=True)
 class SavedModel:
-    """A model, what its audit found, and its intervals where they are better known than from its covariance."""
+    """A model, the findings of its audit, and its intervals if they are better than those from its covariance."""
 
     model: Armax
     audit: tuple[Finding, ...] = ()
@@ -39,11 +39,11 @@ class ArmaxFile:
 
     Attributes:
         input, output: roles of the signals; several inputs are separated by commas.
-        recommended: order na of the model to take.
-        words: why.
+        recommended: order na of the recommended model.
+        words: the reasons.
         models: all of them.
-        input_unit, output_unit: in which the models take and give them; empty where not stated.
-        axis: with dry friction, fitted to the recording beside the linear models; None where it shows none.
+        input_unit, output_unit: units of the models' signals; empty where not stated.
+        axis: with dry friction, fitted to the recording in addition to the linear models; None where it shows none.
     """
 
     input: str
@@ -62,7 +62,7 @@ class ArmaxFile:
 
 
 def from_survey(survey: Survey, axis: SlidingAxis | None = None) -> ArmaxFile:
-    """What of a survey goes into armax.json, with the axis that its recording shows."""
+    """The content of armax.json from a survey, with the axis fitted to its recording."""
     models = tuple(SavedModel(c.model, c.audit.findings, c.intervals) for c in survey.candidates)
     units = survey.input_unit, survey.table2.unit
     return ArmaxFile(survey.input, survey.output, survey.recommended, models, survey.words, *units, axis)
@@ -129,7 +129,7 @@ def from_document(document: Any, where: object = None) -> ArmaxFile:
 def _list(document: dict[str, Any], field: str) -> list[Any]:
     value = document[field]
     if not isinstance(value, list) or not value:
-        raise ValueError(f"{field} is no list with entries")
+        raise ValueError(f"{field} is not a list with entries")
     return value
 
 
@@ -161,7 +161,7 @@ def _model_out(saved: SavedModel) -> dict[str, Any]:
 
 
 def _covariance_out(model: Armax) -> list[list[float | None]] | None:
-    """Null stands for what is infinite: the data leave it open."""
+    """Null represents infinity: the data do not determine it."""
     if model.covariance is None:
         return None
     return [[_number(x) for x in row] for row in model.covariance]
@@ -172,7 +172,7 @@ def _number(x: float) -> float | None:
 
 
 def _gain_out(model: Armax, input: int, interval: Interval) -> dict[str, Any]:
-    """Value and 95 % interval of B(1)/A(1); null for an integrator's, or where the data leave it open."""
+    """Value and 95 % interval of B(1)/A(1); null for an integrator's, or where the data do not determine it."""
     at_one = math.fsum(model.a)
     value = math.fsum(model.b[input]) / at_one if abs(at_one) > 1e-12 else math.inf
     return {"value": _number(value), "ci95": _interval_out(interval)}
@@ -231,7 +231,7 @@ def _model_in(entry: dict[str, Any], field: str, where: object) -> SavedModel:
         len(model.theta)
     }:
         size = f"{len(model.theta)} rows and columns, as many as there are coefficients"
-        raise InputError("another size", where=where, field=f"{field}.covariance", expected=size)
+        raise InputError("a matrix of another size", where=where, field=f"{field}.covariance", expected=size)
     said = (entry["na"], entry["nb"], entry["nc"])
     if said != (o.na, o.nb[0] if single else list(o.nb), o.nc):
         raise InputError(
@@ -244,7 +244,7 @@ def _model_in(entry: dict[str, Any], field: str, where: object) -> SavedModel:
 
 
 def _intervals_in(entry: dict[str, Any]) -> Intervals | None:
-    """As written; None where a file says nothing of them."""
+    """The stored intervals; None where a file has none."""
 
     def interval(said: list[float | None] | None) -> Interval:
         low, high = (None, None) if said is None else said

@@ -1,4 +1,4 @@
-"""How old samples fade: three laws, each a frozen record that writes its numbers into the packed state."""
+"""Forgetting of old samples: three laws, each a frozen record that writes its numbers into the packed state."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def _check(factor: float, field: str) -> None:
 
 @dataclass(frozen=True)
 class Constant:
-    """Every sample weighs `factor` times as much as the next; 1 forgets nothing."""
+    """Every sample has `factor` times the weight of the next; 1 means no forgetting."""
 
     factor: float = 1.0
 
@@ -47,7 +47,7 @@ class Variable:
 
 @dataclass(frozen=True)
 class Directional:
-    """Forget only in the direction a sample brings news about; what is not excited is kept.
+    """Forget only in the direction in which a sample gives information; other directions are kept.
 
     Kulhavý and Kárný, Tracking of slowly varying parameters by directional forgetting, IFAC Congress 1984.
     """

@@ -1,7 +1,7 @@
 """Degrees of freedom of an estimated variance of A's and B's coefficients.
 
-A standard error is computed with the noise's spectrum, C and a variance, which the same data have told. Where C is
-slow, as with a sensor's noise (C = A), few effective samples tell it, and an interval of 1.96 standard errors is too
+A standard error is computed with the noise's spectrum, C and a variance, which come from the same data. Where C is
+slow, as with sensor noise (C = A), few effective samples determine it, and an interval of 1.96 standard errors is too
 short. The degrees of freedom are Satterthwaite's, two over the relative variance of the variance, C and the noise's
 variance being what varies (Kenward and Roger, Biometrics 53, 1997).
 """
@@ -17,8 +17,8 @@ from optid.armax.gradient import Problem
 from optid.armax.stability import roots_inside
 from optid.core.model import Array
 
-FEWEST = 5.0  # what is found below is an extrapolation of how the variance changes with C
-STEP = 0.05  # standard errors by which a coefficient of C is moved to see how the variance changes
+FEWEST = 5.0  # smaller results extrapolate the change of the variance with C
+STEP = 0.05  # standard errors by which a coefficient of C is moved for the slope of the variance
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,8 +1,8 @@
-"""The frequency response that a recording shows without any model, with its coherence; and a model's.
+"""The frequency response of a recording without a model, with its coherence; and that of a model.
 
 Welch's averaged spectra (IEEE Trans. Audio Electroacoust. 15, 1967). In a closed loop Phi_yu / Phi_uu mixes the plant
-with the controller's inverse; with a recorded reference r the response is Phi_yr / Phi_ur instead, to which the noise
-in the loop adds nothing (Ljung, System Identification, 2nd ed. 1999, sec. 6.4 and 13.5).
+with the controller's inverse; with a recorded reference r the response is Phi_yr / Phi_ur instead, which is not biased
+by noise in the loop (Ljung, System Identification, 2nd ed. 1999, sec. 6.4 and 13.5).
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ Complex = NDArray[np.complex128]
 
 SEGMENTS = 16  # at least, half overlapping
 SHORTEST, LONGEST = 64, 8192  # samples of a segment
-LARGEST = 400_000  # samples looked at
+LARGEST = 400_000  # samples used
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,10 +30,10 @@ class FrequencyResponse:
     Attributes:
         frequency: Hz, shape (n,).
         response: output per input, shape (n,).
-        coherence: from 0 to 1, shape (n,): the share of the output's power that follows the input, or the reference.
+        coherence: from 0 to 1, shape (n,): the share of the output's power explained by the input, or the reference.
         relative_error: standard deviation of |response| as a share of it, from coherence and averages, shape (n,).
-        by_reference: the reference was used.
-        averages: independent segments, about.
+        by_reference: whether the reference was used.
+        averages: approximate number of independent segments.
     """
 
     frequency: Array
@@ -47,7 +47,7 @@ class FrequencyResponse:
 def measured_response(
     record: Signals, sample_time: float, input: int = 0, reference: Array | None = None
 ) -> FrequencyResponse | None:
-    """The response from one input to the output; None where too few samples hang together.
+    """The response from one input to the output; None where too few samples are contiguous.
 
     Args:
         record: recording; its longest stretch without a missing sample is used.
@@ -82,7 +82,7 @@ def measured_response(
     across, power = spectrum(source, parts[0]), np.real(spectrum(source, source))
     with np.errstate(all="ignore"):
         coherence = np.abs(across) ** 2 / (power * np.real(spectrum(parts[0], parts[0])))
-        if by_reference:  # a reference that hardly reaches the input says as little
+        if by_reference:  # a reference that hardly affects the input gives no estimate
             coherence = np.minimum(
                 coherence, np.abs(over) ** 2 / (power * np.real(spectrum(parts[1], parts[1])))
             )

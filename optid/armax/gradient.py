@@ -1,12 +1,13 @@
 """Residuals of an ARMAX model over a recording, and their gradient.
 
 e = (A y - B u) / C, and psi(t) = -de(t)/dtheta = phi(t) / C(q) (Ljung, System Identification, 2nd ed. 1999,
-sec. 10.3). The nc residuals before a recording are noise like the others: they are estimated along, their squares
-counting with the rest, and the determinant with them, as the exact likelihood has it (Box, Jenkins and Reinsel, Time
-Series Analysis, 3rd ed. 1994, sec. 7.1.4). Taken as zero, slow roots of C carry the error far into the recording, and
-A and B bend to it: one of four poles then missed its 95 % interval where the noise was the sensor's
-(`studies/armax_coverage.py`). So it goes after long gaps; after short ones the residuals start from zero. A long
-recording's gradient is never held as a whole: `information` reduces it to a triangle while it is computed.
+sec. 10.3). The nc residuals before a recording are noise like the others: they are estimated as well, with their
+    squares and the determinant in the criterion, as in the exact likelihood (Box, Jenkins and Reinsel, Time
+Series Analysis, 3rd ed. 1994, sec. 7.1.4). If they are set to zero, slow roots of C carry the error far into the
+    recording and bias A and B: one of four poles then missed its 95 % interval with sensor noise
+        (`studies/armax_coverage.py`). The same is done after long gaps; after short ones the residuals start from
+        zero. A long recording's gradient is never stored completely: `information` reduces it to a triangle while it
+        is computed.
 """
 
 from __future__ import annotations
@@ -23,8 +24,8 @@ from optid.armax.structure import Orders
 from optid.core.jit_cache import kept
 from optid.core.model import Array
 
-REACH = 1000  # samples into which residuals from before a run are followed at most
-NOTHING = 1e-8  # share of such a residual that counts as nothing
+REACH = 1000  # largest number of samples over which residuals from before a run are followed
+NOTHING = 1e-8  # share of such a residual that counts as zero
 SHORTEST = 10  # times nc: a run shorter than that starts from zero residuals
 MOST_OPENINGS = 20  # of a recording, those of its longest runs
 
@@ -104,14 +105,14 @@ def _information(y, u, keep, counted, theta, na, nbs, nks, nc, e, work):  # type
 
 @dataclass(frozen=True)
 class Problem:
-    """Recordings and orders between which a sum of squared one-step errors stands.
+    """Recordings and orders that define a sum of squared one-step errors.
 
     Attributes:
         records: in the coordinates of the fit.
         keeps: where output and lags were measured, one mask a record.
         orders: with an input for each of the trend's parameters.
-        count: residuals that count.
-        openings: first and last sample of what residuals from before a run of samples reach into, by record.
+        count: number of residuals used.
+        openings: first and last sample influenced by residuals from before a run, by record.
     """
 
     records: tuple[Signals, ...]
@@ -130,12 +131,12 @@ class Problem:
         return cls(tuple(records), keeps, orders, count, tuple(openings(keep, orders.nc) for keep in keeps))
 
     def loss(self, theta: Array) -> float:
-        """Mean squared residual, times what the residuals before the recordings make of it in the likelihood."""
+        """Mean squared residual, times the factor of the likelihood for the residuals before the recordings."""
         total = sum(_from_openings(*each, self.orders, theta)[1] for each in self._each())
         return total / self.count * self._of_openings(theta)
 
     def _of_openings(self, theta: Array) -> float:
-        """exp(log det / count) of what is learnt of the residuals before the recordings."""
+        """exp(log det / count) of the information on the residuals before the recordings."""
         spent = _log_determinant(theta[self.orders.c_block], self._lengths())
         return math.exp(min(spent / self.count, 100.0)) if spent == spent else math.inf
 
@@ -145,7 +146,7 @@ class Problem:
     def information(self, theta: Array) -> Array:
         """Triangle R of [Psi, e] over all records, shape (n + 1, n + 1): R'R holds Psi'Psi, Psi'e and e'e.
 
-        Without what the residuals before the recordings, estimated along, explain of Psi.
+        Without the part of Psi explained by the residuals before the recordings, which are estimated as well.
         """
         n = self.orders.parameters
         work, parts = np.zeros((n + 1, n + 1 + BLOCK)), []
@@ -164,7 +165,7 @@ class Problem:
         return self._with_determinant(R, theta)
 
     def _with_determinant(self, R: Array, theta: Array) -> Array:
-        """The triangle whose gradient is that of `loss`: the determinant pulls, too, where C forgets slowly."""
+        """The triangle with the gradient of `loss`: the determinant contributes where C decays slowly."""
         n, block, lengths = theta.size, self.orders.c_block, self._lengths()
         total, slope = float(np.sum(R[:, n] ** 2)), np.zeros(n)
         c = theta[block]
@@ -220,7 +221,7 @@ def _from_openings(
 def _opening_information(
     record: Signals, keep: Mask, opened: tuple[int, int], orders: Orders, theta: Array, e: Array
 ) -> Array:
-    """Triangle of [Psi, e] over an opening, what the residuals before it explain being taken out."""
+    """Triangle of [Psi, e] over an opening, without the part explained by the residuals before it."""
     (first, last), nc, n = opened, orders.nc, orders.parameters
     start = max(0, first - nc - orders.reach)
     Psi = np.empty((last - start, n))
@@ -234,7 +235,7 @@ def _opening_information(
 
 
 def _log_determinant(c: Array, lengths: Sequence[int]) -> float:
-    """Sum over the openings of log det(I + G'G): what the likelihood of a moving average pays for its beginnings."""
+    """Sum over the openings of log det(I + G'G): the determinant in a moving average's likelihood."""
     if not lengths or not c.size:
         return 0.0
     reach = decay(c)
@@ -247,7 +248,7 @@ def _log_determinant(c: Array, lengths: Sequence[int]) -> float:
 
 
 def decay(c: Array) -> int:
-    """Samples into which residuals from before are followed: until nothing is left of them."""
+    """Number of samples over which residuals from before are followed: until they have decayed."""
     largest = float(np.max(np.abs(np.roots(np.concatenate([[1.0], c]))), initial=0.0)) if c.size else 0.0
     if not 0.0 < largest < 1.0:
         return REACH if largest else SHORTEST

@@ -1,9 +1,9 @@
-"""Which combinations of coefficients the data leave open, and why.
+"""Combinations of coefficients that the data do not determine, and why.
 
 A combination is open where the regressors hardly move along it: to the last digit (a noise-free common factor), or
 no further than the rounding of the recorded numbers moves them (an input that follows from earlier outputs, from
-another input, or from a few of its own samples). Its variance is infinite; least squares would report what rounding
-allows, or, by dropping the direction, nothing at all.
+another input, or from a few of its own samples). Its variance is infinite; least squares would report a value due to
+rounding, or, by dropping the direction, none.
 """
 
 from __future__ import annotations
@@ -19,26 +19,28 @@ from optid.armax.signals import Signals
 from optid.armax.structure import Orders
 from optid.core.model import Array
 
-OPEN = 1e-9  # share of the largest singular value of Psi below which a direction counts as left open
-ROUNDING = 3.0  # times what rounding alone moves: a direction that moves no more is open
-OWN = 0.01  # share of an input in a direction that is the input's
+OPEN = 1e-9  # share of the largest singular value of Psi below which a direction counts as open
+ROUNDING = 3.0  # times the effect of rounding: a direction with no larger effect is open
+OWN = 0.01  # share of an input in a direction from which it is attributed to the input
 TOUCHED = 1e-3  # share of an undetermined direction, of unit length, above which it concerns a coefficient
-DIGITS = 15  # decimal places looked at
-LOOKED_AT = 2000  # samples whose digits are looked at
-FINE = 1e-3  # share of a signal's standard deviation up to which its step is taken for rounding
-HARDLY = 0.02  # share of an input's size from outside a loop that is hardly any
-BY_OUTPUT = 0.3  # of what its own past leaves open, an input that follows the output leaves at most this much
-EXCITED = 24  # lags over which an input's excitation is counted
+DIGITS = 15  # decimal places examined
+LOOKED_AT = 2000  # samples whose digits are examined
+FINE = 1e-3  # share of a signal's standard deviation up to which its step counts as rounding
+HARDLY = 0.02  # share of an input from outside a loop that counts as very small
+BY_OUTPUT = (
+    0.3  # of the part not predicted by its own past: an input that follows the output leaves at most this
+)
+EXCITED = 24  # lags over which the order of excitation is counted
 
 
 class Reason(enum.Enum):
     """Why a direction is open; the value is a sentence."""
 
-    IDLE_INPUT = "the input stands still"
-    POOR_EXCITATION = "the input's earlier samples already say what its next one is"
-    FOLLOWING_INPUTS = "the inputs follow each other"
-    FEEDBACK = "the input is a function of earlier outputs: a loop closed with nothing from outside"
-    COMMON_FACTOR = "A, B and C share a factor: the order is higher than what the data hold"
+    IDLE_INPUT = "the input is constant"
+    POOR_EXCITATION = "each sample of the input follows from its earlier samples"
+    FOLLOWING_INPUTS = "the inputs are linearly dependent"
+    FEEDBACK = "the input is a function of earlier outputs: a closed loop without external excitation"
+    COMMON_FACTOR = "A, B and C share a factor: the order is higher than the data support"
 
 
 @dataclass(frozen=True)
@@ -68,12 +70,12 @@ def rounding(x: Array) -> float:
         if float(np.max(np.abs(scaled))) > 1e11:
             break
         if np.all(np.abs(scaled - np.round(scaled)) < 1e-3) and np.any(np.round(scaled) != 0.0):
-            if 10.0**-places > FINE * float(np.std(some)):  # levels, as of a binary signal, are no rounding
+            if 10.0**-places > FINE * float(np.std(some)):  # levels of a binary signal are not rounding
                 return largest * float(np.finfo(float).eps)
             return 10.0**-places
     if np.array_equal(some.astype(np.float32).astype(float), some):
         return largest * float(np.finfo(np.float32).eps)
-    # Twelve significant digits are what text files usually keep of a number that has no last place.
+    # Text files usually keep twelve significant digits of a number without a last place.
     return largest * (1e-12 if np.all(_twelve(some)) else float(np.finfo(float).eps))
 
 
@@ -85,7 +87,7 @@ def _twelve(x: Array) -> Array:
 
 
 def excitation(u: Array, lags: int = EXCITED) -> int:
-    """Order to which an input excites, at most `lags`: the lagged samples, beside a constant, that say anything new.
+    """Order of excitation of an input, at most `lags`: independent lagged samples, in addition to a constant.
 
     A sine has order 2, k sines order 2 k, white noise any (Ljung 1999, definition 13.2).
     """
@@ -103,9 +105,9 @@ def excitation(u: Array, lags: int = EXCITED) -> int:
 
 
 def follows_output(record: Signals, lags: int = EXCITED) -> tuple[int, ...]:
-    """Inputs that earlier outputs and inputs determine to the last digit: a loop with nothing from outside.
+    """Inputs determined exactly by earlier outputs and inputs: a loop without external excitation.
 
-    Not those that their own past determines alone, for which `excitation` is low.
+    Excluded are those determined by their own past alone, for which `excitation` is low.
     """
     from optid.armax.regression import arx_rows, triangle
 
@@ -131,10 +133,10 @@ def follows_output(record: Signals, lags: int = EXCITED) -> tuple[int, ...]:
 
 
 def loop_share(record: Signals, lags: int = EXCITED) -> tuple[tuple[int, float], ...]:
-    """Inputs that earlier outputs and inputs nearly determine, and the share of their size that they leave open.
+    """Inputs nearly determined by earlier outputs and inputs, and the share that is not.
 
-    A controller's converter rounds, so that a loop with nothing from outside seems excited by the rounding. Not those
-    that their own past foretells as well.
+    A controller's converter rounds, so that a loop without external excitation seems excited by the rounding. Excluded
+    are those that their own past predicts equally well.
     """
     from optid.armax.regression import arx_rows, triangle
 
@@ -159,7 +161,7 @@ class Directions:
 
     Attributes:
         basis: orthonormal, in columns of Psi divided by their lengths, shape (n, k).
-        named: what each of them is.
+        named: description of each.
     """
 
     basis: Array
@@ -167,7 +169,7 @@ class Directions:
 
     @property
     def touched(self) -> Array:
-        """Which parameters they concern, shape (n,)."""
+        """Parameters that they involve, shape (n,)."""
         return np.asarray(np.any(np.abs(self.basis) > TOUCHED, axis=1))
 
 
@@ -177,8 +179,8 @@ def open_directions(R: Array, orders: Orders, inputs: int, floor: Array) -> Dire
     Args:
         R: triangle of Psi, its columns of unit length or zero, shape (n, n).
         orders: with the trend's inputs behind the others.
-        inputs: how many are no trend's.
-        floor: length of what rounding alone puts into each column, shape (n,).
+        inputs: number of inputs without the trend's.
+        floor: norm of the effect of rounding on each column, shape (n,).
     """
     n = orders.parameters
     blocks = list(orders.blocks())
@@ -208,7 +210,7 @@ def _indices(blocks: Sequence[slice]) -> Array:
 
 
 def _without_news(R: Array, wanted: Array, known: Array, floor: Array) -> list[Array]:
-    """Combinations of the columns `wanted` that, given those `known`, move no further than rounding."""
+    """Combinations of the columns `wanted` that, given those `known`, are within rounding."""
     if not wanted.size:
         return []
     n, p = R.shape[1], known.size
@@ -226,14 +228,14 @@ def _without_news(R: Array, wanted: Array, known: Array, floor: Array) -> list[A
             direction = np.zeros(n)
             direction[known], direction[wanted] = -through, w
             direction = direction / np.linalg.norm(direction)
-            # Where the inputs hardly count, it is differences of the output that are small, as they may be.
+            # Where the inputs hardly contribute, small differences of the output are normal.
             if s <= OPEN or float(np.max(np.abs(direction[wanted]))) > OWN:
                 out.append(direction)
     return out
 
 
 def _beyond(direction: Array, found: Sequence[Array]) -> Array | None:
-    """What of a direction those found before do not hold, of unit length; None where that is nothing."""
+    """The part of a direction orthogonal to those found before, of unit length; None where that is zero."""
     rest = direction.copy()
     for other in found:
         rest -= (other @ rest) * other
@@ -242,7 +244,7 @@ def _beyond(direction: Array, found: Sequence[Array]) -> Array | None:
 
 
 def _projected(R: Array, found: Sequence[Array]) -> Array:
-    """R in which the directions found no longer count as short ones."""
+    """R after projection, in which the directions found no longer appear as short."""
     out = R.copy()
     for direction in found:
         out = out - np.outer(out @ direction, direction)
@@ -261,7 +263,7 @@ def _named(
         elif len(inputs) > 1:
             reason = Reason.FOLLOWING_INPUTS
     elif reason is Reason.FEEDBACK:
-        # A controller's newest sample is the input's; where the output's is newer, it follows from the input.
+        # In a controller's law the input has the newest sample; if the output's is newer, it follows from the input.
         lags = [int(k) + 1 for k in touched if k < orders.na]
         acts = [orders.nk[i] + int(touched[touched >= blocks[i].start][0]) - blocks[i].start for i in inputs]
         if lags and acts and min(lags) < min(acts):

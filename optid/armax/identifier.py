@@ -1,4 +1,4 @@
-"""Recursive identification, one sample at a time as a rig would, or over a whole recording."""
+"""Recursive identification, one sample at a time in real time, or over a whole recording."""
 
 from __future__ import annotations
 
@@ -21,39 +21,40 @@ from optid.errors import InputError
 
 
 class Method(enum.Enum):
-    """What the gradient of the innovation is taken to be."""
+    """The approximation of the innovation's gradient."""
 
     EXTENDED_LEAST_SQUARES = (
         "extended least squares: simple and quick, consistent where 1/C - 1/2 is positive real"
     )
-    MAXIMUM_LIKELIHOOD = "recursive maximum likelihood: exact gradient, tends to the batch estimate"
+    MAXIMUM_LIKELIHOOD = "recursive maximum likelihood: exact gradient, converges to the offline estimate"
 
 
-NOISE = 0.01  # share of the output's scale that the innovation is taken to have where nothing is said
+NOISE = 0.01  # default sd of the innovation as a share of the output's scale
 
 
 @dataclass(frozen=True)
 class Settings:
-    """How the recursion learns.
+    """Settings of the recursion.
 
     Attributes:
-        method: the gradient; without C both are recursive least squares.
-        forgetting: how old samples fade.
-        start_sd: how far, a priori, coefficients of A and B of the scaled signals lie from zero.
-        start_sd_c: the same for C. A loose C winds up before A and B are known, so it is held tighter.
+        method: of the gradient; without C both are recursive least squares.
+        forgetting: law of forgetting.
+        start_sd: prior sd of the coefficients of A and B of the scaled signals.
+        start_sd_c: the same for C. A large value lets C diverge before A and B are known, so it is smaller.
         noise: expected standard deviation of the innovation as a share of the output's scale, on which P's
             start rests; None is 0.01 for an `Identifier` and a quick regression in `identify`.
         variance_limit: trace of P above which nothing is forgotten; None is the start's own trace.
-        outliers: standard deviations of the innovation beyond which its step grows no more; None: no bound.
-        warm: how far below its value the forgetting factor starts, and the factor by which that fades; lets
-            early gradients, taken with a wrong C, be forgotten (Ljung and Söderström 1983, sec. 5.6). None is
-            (0.05, 0.99) where there is a C and (0, 0) where there is none.
-        ease: maximum likelihood begins with the gradient of extended least squares and goes over to its own,
-            C(q) drawn towards 1 by a share that fades by this factor a sample; None starts with its own.
-        patience: updates for each parameter before C is learnt. Innovations taken while A and B are still wrong
-            are no noise; as regressors of C they would outweigh years of real noise in a quiet system.
+        outliers: standard deviations of the innovation beyond which its step is bounded; None: no bound.
+        warm: initial reduction of the forgetting factor, and the factor by which it decays; so early gradients,
+            computed with a wrong C, are forgotten (Ljung and Söderström 1983, sec. 5.6). None is (0.05, 0.99) where
+            there is a C and (0, 0) where there is none.
+        ease: maximum likelihood starts with the gradient of extended least squares and changes to its own: C(q) is
+            mixed with 1 by a share that decays by this factor per sample; None starts with its own.
+        patience: updates per parameter before C is estimated. Innovations with wrong A and B are not noise; as
+            regressors of C they would dominate the real noise of a quiet system.
         radius: the roots of C stay inside this circle.
-        at_rest: the signals were zero before the first sample; otherwise learning waits until lags are real.
+        at_rest: whether the signals were zero before the first sample; otherwise updates start when all lags are
+            measured.
     """
 
     method: Method = Method.MAXIMUM_LIKELIHOOD
@@ -95,7 +96,7 @@ class Settings:
 
 @dataclass(frozen=True)
 class Counts:
-    """What happened to the samples."""
+    """Counts of processed samples."""
 
     samples: int
     learnt_from: int
@@ -105,14 +106,14 @@ class Counts:
 
 
 class Identifier:
-    """A recursive ARMAX identifier whose whole memory is one array.
+    """A recursive ARMAX identifier; its whole state is one array.
 
     Args:
         orders: of eq. 12.
         sample_time: seconds.
-        settings: how it learns.
-        scales: usual sizes of the output and of each input, in the units `step` receives them in. They make
-            the start variance and the limits mean the same in any units.
+        settings: of the recursion.
+        scales: usual sizes of the output and of each input, in the units `step` receives them in. With them the start
+            variance and the limits are independent of units.
         tailored: compile for these orders alone. Takes seconds once (numba keeps the result on disk) and then
             about half the time a sample; the results are the same bits.
     """
@@ -141,11 +142,11 @@ class Identifier:
         if tailored:
             step, run = recursion.kernels(at.shape(self.orders))
         self._kernel, self._whole = cast("Callable[[Array, float, Any], float]", step), run
-        # Compile (or load) now, on a copy: the first sample of a rig must not wait for it.
+        # Compile (or load) now, on a copy: the first real-time sample must not wait for it.
         self._kernel(self._state.copy(), 0.0, 0.0 if single else np.zeros(self.orders.inputs))
 
     def step(self, y: float, u: Any = 0.0) -> float:
-        """Learn from one sample and return its innovation, the error of the one-step prediction.
+        """Update with one sample and return its innovation, the error of the one-step prediction.
 
         Args:
             y: output; NaN where it is missing.
@@ -154,10 +155,10 @@ class Identifier:
         return self._kernel(self._state, y, u)
 
     def run(self, y: ArrayLike, u: ArrayLike | None = None, every: int = 0) -> tuple[Array, Array]:
-        """Learn from a whole recording: the same samples through the same recursion.
+        """Process a whole recording with the same recursion.
 
         Returns:
-            innovations, shape (N,), and theta after every so many samples, shape (N // every, parameters).
+            innovations, shape (N,), and theta after every `every` samples, shape (N // every, parameters).
         """
         record = signals(y, u)
         if record.u.shape[1] != self.orders.inputs:
@@ -168,7 +169,7 @@ class Identifier:
         return innovations, track * self._unscale()
 
     def start_at(self, theta: ArrayLike) -> None:
-        """Begin from a parameter vector in the signals' units; C is brought to stability.
+        """Start from a parameter vector in the signals' units; C is stabilised.
 
         Args:
             theta: [a_1.., b.., c_1..], from a regression or an earlier model.
@@ -184,7 +185,7 @@ class Identifier:
         stabilise(part[self.orders.c_block], nc, self.settings.radius, np.empty(2 * nc))
         self._state[at.PATIENCE] = 0.0
 
-    # What has been estimated.
+    # Estimates.
 
     @property
     def theta(self) -> Array:
@@ -218,12 +219,12 @@ class Identifier:
 
     @property
     def model(self) -> Armax:
-        """What has been learnt so far, as a frozen model."""
+        """The current estimate as a frozen model."""
         return from_theta(self.theta, self.orders, self.sample_time, self.noise_variance, self.covariance)
 
     @property
     def counts(self) -> Counts:
-        """What happened to the samples so far."""
+        """Counts of samples so far."""
         fields = (at.SAMPLES, at.UPDATES, at.MISSING, at.BOUNDED, at.PROJECTED)
         return Counts(*(int(self._state[i]) for i in fields))
 
@@ -261,7 +262,9 @@ class Identifier:
         table = [at.table_at() + 3 * i + j for i in range(self.orders.inputs) for j in (0, 1)]
         if memory.shape != expected.shape or np.any(memory[fixed + table] != expected[fixed + table]):
             raise InputError(
-                "another model's memory", field="state", expected=f"one saved from orders {self.orders}"
+                "the state of another model",
+                field="state",
+                expected=f"a state saved with orders {self.orders}",
             )
         other = object.__new__(type(self))
         other.orders, other.sample_time, other.settings = self.orders, self.sample_time, self.settings
@@ -289,7 +292,7 @@ class Identifier:
         for i, (nb, nk) in enumerate(zip(o.nb, o.nk, strict=True)):
             past = self._part(start, nb + nk)[::-1] / self._state[at.table_at() + 3 * i + 2]
             u[rows - past.size :, i] = past
-            for t in range(1, rows):  # a lost command is taken to hold
+            for t in range(1, rows):  # a lost command is assumed to hold
                 if np.isnan(u[t, i]):
                     u[t, i] = u[t - 1, i]
             start += nb + nk + max(nb + nk, o.nc)

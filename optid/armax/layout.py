@@ -1,7 +1,7 @@
-"""Where everything stands in the recursion's one packed array of float64.
+"""Layout of the recursion's packed array of float64.
 
-One array instead of an object with fields: a numba call that takes one array costs 0.4 microseconds less than
-one that takes a class, saving is copying, and C reads the same memory. After the header below follow, without
+One array instead of an object with fields: a numba call with one array takes 0.4 microseconds less than one with a
+    class, the state is saved by copying, and C uses the same memory. After the header below follow, without
 gaps (n parameters, m inputs; S is n rounded up to a multiple of 4, what lies behind the parameters is zero)::
 
     table   3 m   for each input: nb, nk, 1/scale
@@ -23,7 +23,7 @@ from typing import Final, NamedTuple
 
 from optid.armax.structure import Orders
 
-# Numbers that do not change while it runs.
+# Constant numbers.
 FORMAT: Final = 0  # version of this layout
 NA: Final = 1
 NC: Final = 2
@@ -32,7 +32,7 @@ INPUTS: Final = 4
 FILTERED: Final = 5  # 1: recursive maximum likelihood, 0: extended least squares
 FORGETTING: Final = 6  # 0 constant or variable, 1 directional
 FACTOR: Final = 7  # forgetting factor lambda; the lowest one where it varies
-MEMORY: Final = 8  # 0, or the samples a variable factor remembers
+MEMORY: Final = 8  # 0, or the memory of a variable factor in samples
 OUTLIER: Final = 9  # 0, or the standard deviations at which a step is bounded
 LIMIT: Final = 10  # the trace of P above which nothing is forgotten
 RADIUS: Final = 11  # the roots of C stay inside
@@ -40,9 +40,9 @@ WARM_RATE: Final = 12
 SCALE: Final = 13  # of the output, in the user's unit
 EASE_RATE: Final = 14
 
-# Numbers that do.
-WARM: Final = 15  # how far below its value the forgetting factor still is
-HOLD: Final = 16  # samples until every regressor is a measured one
+# Numbers that change.
+WARM: Final = 15  # current reduction of the forgetting factor
+HOLD: Final = 16  # samples until every regressor is measured
 SAMPLES: Final = 17
 UPDATES: Final = 18
 TRACE: Final = 19
@@ -52,12 +52,12 @@ SLOW: Final = 22  # slow average of the squared innovation
 PREDICTION: Final = 23  # of the last sample, scaled
 MISSING: Final = 24
 BOUNDED: Final = 25  # outliers
-PROJECTED: Final = 26  # updates after which C had to be brought back
+PROJECTED: Final = 26  # updates after which C had to be stabilised
 
-EASE: Final = 27  # how far the gradient's filter still is from 1/C
+EASE: Final = 27  # remaining difference of the gradient's filter from 1/C
 
 STRIDE: Final = 28  # S
-PATIENCE: Final = 29  # updates before C is learnt
+PATIENCE: Final = 29  # updates before C is estimated
 OUTPUTS: Final = 30  # start of yh
 OUTPUTS_FILTERED: Final = 31  # of yf
 RESIDUALS: Final = 32  # of eh

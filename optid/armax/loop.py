@@ -52,9 +52,9 @@ class Loop:
         gains: as given.
         stable: all closed-loop poles lie inside the unit circle.
         poles: of the closed loop.
-        first_sample: loop gain of the first sample that answers, the product of the first coefficients.
+        first_sample: loop gain of the first sample, the product of the first coefficients.
         first_sample_kp: the same with kp alone.
-        largest_factor: all gains may be multiplied by anything up to this; 0 where no scaling stabilises.
+        largest_factor: largest common factor on all gains; 0 where no scaling stabilises.
     """
 
     gains: Gains
@@ -66,7 +66,7 @@ class Loop:
 
 
 def close_loop(model: Armax, gains: Gains, input: int = 0) -> Loop:
-    """Close the loop of one input and look at its poles."""
+    """Close the loop of one input and compute its poles."""
     numerator, denominator = model.powers_of_z(input)
     top, bottom = gains.polynomials(model.sample_time)
 
@@ -91,7 +91,7 @@ def close_loop(model: Armax, gains: Gains, input: int = 0) -> Loop:
 
 
 def _largest(stable: object) -> float:
-    """The first factor, from small ones up, at which stability is lost; 0 if it is never there."""
+    """The smallest factor at which stability is lost; 0 if the loop is never stable."""
     assert callable(stable)
     factors = np.geomspace(1e-9, 1e4, 400)
     low = 0.0

@@ -1,4 +1,4 @@
-"""The ARMAX model of eq. 12 as a frozen noun."""
+"""The ARMAX model of eq. 12, frozen."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ class Armax:
         nk: delay of each input, samples.
         sample_time: seconds.
         noise_variance: of e, in the output's unit squared.
-        covariance: of [a_1.., b.., c_1..], shape (parameters, parameters), where known. What the data leave open has
-            an infinite variance and no covariance (NaN) with what else is open.
-        constant: what stands on the right side besides, output's unit; the print's eq. 12 has none.
-        slope: by how much that grows a second, counted from the recording's first sample.
+        covariance: of [a_1.., b.., c_1..], shape (parameters, parameters), where known. Undetermined coefficients have
+            infinite variance and no covariance (NaN) with each other.
+        constant: constant term on the right side, output's unit; the printed eq. 12 has none.
+        slope: its increase per second, counted from the recording's first sample.
         trend_errors: standard errors of `constant` and `slope`, 0 for what was not estimated.
     """
 
@@ -66,7 +66,7 @@ class Armax:
 
     @property
     def orders(self) -> Orders:
-        """Numbers of coefficients and delays."""
+        """Orders and delays."""
         return Orders(len(self.a) - 1, tuple(len(b) for b in self.b), len(self.c) - 1, self.nk)
 
     @cached_property
@@ -84,11 +84,11 @@ class Armax:
 
     @property
     def determined(self) -> bool:
-        """The data determine every coefficient, as far as the covariance tells."""
+        """Whether the data determine every coefficient, according to the covariance."""
         return bool(np.all(np.isfinite(self.standard_errors))) or self.covariance is None
 
     def error_of(self, gradient: Array) -> float:
-        """Standard error, to first order, of what has this gradient to `theta`; infinite where an open one counts."""
+        """First-order standard error of a function with this gradient to `theta`; infinite if undetermined."""
         if self.covariance is None:
             return math.nan
         weight = np.abs(gradient)
@@ -99,7 +99,7 @@ class Armax:
         return float(np.sqrt(max(gradient[told] @ spread @ gradient[told], 0.0)))
 
     def trend(self, samples: int, first: int = 0) -> Array:
-        """constant + slope t over so many samples, of which `first` have gone before, shape (samples,)."""
+        """constant + slope t over some samples after `first` earlier ones, shape (samples,)."""
         times: Array = self.sample_time * (first + np.arange(float(samples)))
         return self.constant + self.slope * times
 
@@ -127,7 +127,7 @@ class Armax:
         return control.StateSpace(A, B, C, D, self.sample_time)
 
     def matrices(self) -> tuple[Array, Array, Array, Array]:
-        """A, B, C, D of the observer form, whose states are what past samples still contribute."""
+        """A, B, C, D of the observer form, whose states are the remaining contributions of past samples."""
         taps = [np.concatenate([np.zeros(nk), b]) for b, nk in zip(self.b, self.nk, strict=True)]
         order = max([len(self.a) - 1, *(len(tap) - 1 for tap in taps), 1])
         a = np.pad(np.array(self.a), (0, order + 1 - len(self.a)))
@@ -207,7 +207,7 @@ def from_transfer_function(system: Any, sample_time: float | None = None) -> Arm
         dt = system.dt if sample_time is None else sample_time
         if system.dt == 0:
             raise InputError(
-                "continuous", field="transfer function", expected="a discrete one, with sample time"
+                "continuous", field="transfer function", expected="a discrete-time one, with sample time"
             )
     if dt is None or dt is True:
         dt = 1.0

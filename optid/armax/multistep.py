@@ -1,8 +1,8 @@
-"""Models fitted for a horizon: the k-step prediction error itself is made small.
+"""Models fitted for a horizon: the k-step prediction error itself is minimised.
 
 The error of predicting y(t) from t - k is e(t) + f_1 e(t-1) + .. + f_{k-1} e(t-k+1), f being the first k samples of
-C/A (Ljung, System Identification, 2nd ed. 1999, sec. 3.2). A right model has the same coefficients at every horizon;
-one that lacks something trades the next sample's error for later ones.
+C/A (Ljung, System Identification, 2nd ed. 1999, sec. 3.2). A correct model has the same coefficients at every horizon;
+an incomplete one trades the error of the next sample for later ones.
 """
 
 from __future__ import annotations
@@ -43,13 +43,13 @@ def expected_error(model: Armax, steps: int) -> float:
 
 
 def fit_for_horizon(records: Sequence[Signals], start: Armax, steps: int, trend: Trend = Trend.NONE) -> Armax:
-    """The model of the same structure with the smallest k-step error, searched from one fitted to one step.
+    """The model of the same structure with the smallest k-step error, started from one fitted to one step.
 
     Args:
         records: to fit to; of long ones excerpts.
         start: orders, sample time and where to begin.
         steps: k.
-        trend: what stands beside eq. 12.
+        trend: terms added to eq. 12.
 
     Returns:
         the model, without covariance; its noise variance is the one-step error's.
@@ -122,7 +122,7 @@ def _accumulated(e: Array, Psi: Array, orders: Orders, theta: Array, steps: int)
 
 
 def _all_known(keep: Mask, steps: int) -> Mask:
-    """True where this sample's residual and the k - 1 before it count."""
+    """Where this sample's residual and the k - 1 before it are known."""
     count = np.cumsum(np.r_[0, keep.astype(int)])
     known = np.zeros(keep.size, dtype=bool)
     known[steps - 1 :] = count[steps:] - count[:-steps] == steps

@@ -21,13 +21,13 @@ from optid.errors import NotIdentifiable
 if TYPE_CHECKING:
     import pandas as pd
 
-HEAD = 4  # the noise is looked up in one sample of so many, the first ones
+HEAD = 4  # divisor: the noise is estimated from this share of first samples
 FEW = 20_000  # and in no more than these
 LONG = 10  # coefficients of the long ARX model that does it
 
 
 def exact_start(identifier: Identifier, y: ArrayLike, u: ArrayLike | None, rows: int | None = None) -> int:
-    """Let a fresh identifier begin with the least-squares fit of the first samples instead of a guess.
+    """Start a new identifier with the least-squares fit of the first samples instead of a guess.
 
     With lambda = 1 an ARX identifier then gives the batch least-squares estimate of all samples it has seen.
     The coefficients of C begin at zero with the start variance.
@@ -38,7 +38,7 @@ def exact_start(identifier: Identifier, y: ArrayLike, u: ArrayLike | None, rows:
         rows: complete samples to fit; as few as possible where None.
 
     Returns:
-        how many samples of the recording have been used up: go on with the next one.
+        number of samples used: continue with the next one.
 
     Raises:
         NotIdentifiable: the recording does not determine the parameters of A and B.
@@ -53,7 +53,7 @@ def exact_start(identifier: Identifier, y: ArrayLike, u: ArrayLike | None, rows:
     count = rows or p
     while True:
         if count > where.size:
-            raise NotIdentifiable(f"the recording never determines the {p} parameters of A and B")
+            raise NotIdentifiable(f"the recording does not determine the {p} parameters of A and B")
         used = int(where[count - 1]) + 1
         Phi, target = arx_rows(scaled.part(0, used), plain)
         Q, R = np.linalg.qr(Phi)
@@ -89,15 +89,15 @@ def _input_factors(identifier: Identifier) -> Array:
 
 @dataclass(frozen=True)
 class Identification:
-    """What a whole recording has taught.
+    """The result of a recursion over a whole recording.
 
     Attributes:
         model: the last estimate.
-        innovations: error of each one-step prediction before the sample was learnt, shape (N,).
-        track: theta after every so many samples, shape (rows, parameters).
+        innovations: error of each one-step prediction before the update, shape (N,).
+        track: theta after every `every` samples, shape (rows, parameters).
         every: samples between two rows of `track`.
-        counts: what happened to the samples.
-        state: the identifier's memory after the last sample, of signals centred and scaled as `Frame` has them.
+        counts: of processed samples.
+        state: the identifier's memory after the last sample, for signals centred and scaled as in `Frame`.
     """
 
     model: Armax
@@ -155,10 +155,10 @@ def identify(
         u: input, shape (N,) or (N, inputs), None for an ARMA model.
         orders: of eq. 12.
         sample_time: seconds.
-        settings: how it learns.
-        every: keep theta after every so many samples; 0 keeps about a thousand rows.
-        start: theta to begin with; zeros where None.
-        trend: what is learnt beside eq. 12, as inputs behind the others.
+        settings: of the recursion.
+        every: store theta every `every` samples; 0 stores about a thousand rows.
+        start: initial theta; zeros if None.
+        trend: terms added to eq. 12, as further inputs.
 
     Raises:
         RecordingError: arrays of shapes that do not fit.

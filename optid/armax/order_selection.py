@@ -20,11 +20,11 @@ from optid.errors import InputError, NotIdentifiable
 if TYPE_CHECKING:
     import pandas as pd
 
-BLOCKS = 20  # of the held-out part, over which the spread of a difference in loss is taken
+BLOCKS = 20  # blocks of the held-out part, for the scatter of a difference in loss
 GLANCED = 10_000  # samples on which delays are compared
 VALIDATED = 100_000  # samples of the held-out part, at most
-LEAD = 2000  # samples before it on which residuals run in
-SURE = 2.0  # standard errors by which a larger model must forecast better to be worth its parameters
+LEAD = 2000  # samples before it for the transient of the residuals
+SURE = 2.0  # standard errors by which a larger model must predict better to justify its parameters
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class Row:
     """One candidate, fitted to the first part of the recording and validated on the rest.
 
     Attributes:
-        orders, fit: what was fitted, and how.
+        orders, fit: the fitted orders and the fit.
         aic, bic, fpe: N ln V + 2 p, N ln V + p ln N, V (1 + p/N)/(1 - p/N) with V the mean squared residual
             (Ljung, System Identification, 2nd ed. 1999, sec. 16.4).
         validated_loss: mean squared one-step error on the held-out part, output unit squared.
@@ -54,11 +54,11 @@ class Row:
 
 @dataclass(frozen=True)
 class OrderTable:
-    """All candidates and the one to take.
+    """All candidates and the recommended one.
 
     Attributes:
-        rows: in the order they were asked for.
-        recommended: the one with fewest parameters that no other forecasts significantly better than.
+        rows: in the requested order.
+        recommended: the one with the fewest parameters that no other beats significantly.
         words: the recommendation and its reason.
         refused: candidates that could not be fitted, and why.
     """
@@ -110,9 +110,9 @@ def compare_orders(
         y, u: the recording.
         candidates: orders and delays to compare.
         sample_time: seconds.
-        held_out: share of the recording kept for validation.
+        held_out: share of the recording for validation.
         trend: what stands beside eq. 12.
-        tell: is told the share done.
+        tell: called with the share done.
 
     Raises:
         NotIdentifiable: no candidate could be fitted.
@@ -143,11 +143,11 @@ def cut_of(samples: int, held_out: float = 0.3) -> int:
 
 
 def choose_delay(record: Signals, candidates: Iterable[Orders], trend: Trend) -> tuple[int, ...]:
-    """The delays of the candidate with the least loss; of those that differ by chance alone, of the first one.
+    """The delays of the candidate with the smallest loss; among those without a significant difference, the first.
 
     Args:
-        record: recording, of a long one excerpts are looked at.
-        candidates: as many numbers each, shortest delay first.
+        record: recording; excerpts of a long one are used.
+        candidates: with equal numbers of coefficients, shortest delay first.
         trend: what stands beside eq. 12.
     """
     parts, losses, listed = record.excerpts(GLANCED), {}, list(candidates)
@@ -164,7 +164,7 @@ def choose_delay(record: Signals, candidates: Iterable[Orders], trend: Trend) ->
 
 def _row(orders: Orders, fit: BatchFit, record: Signals, cut: int) -> Row:
     N, p, V = fit.samples, orders.parameters, max(fit.loss, 1e-300)
-    # The residuals run on from the training part: no transient is validated.
+    # The residuals continue from the training part: no transient is validated.
     rest = record.part(cut, cut + VALIDATED)
     lead = min(cut, LEAD + orders.reach)
     run = record.part(cut - lead, cut + VALIDATED)
@@ -190,32 +190,33 @@ def _row(orders: Orders, fit: BatchFit, record: Signals, cut: int) -> Row:
 
 
 def recommend(rows: list[Row]) -> tuple[Orders, str]:
-    """The smallest candidate that the best forecaster does not beat by more than chance, and why in words."""
+    """The smallest candidate that the best one does not beat significantly, and the reason in words."""
     best = min(rows, key=lambda row: row.validated_loss)
     alike = [row for row in rows if row is best or not _beats(best, row)]
     chosen = min(alike, key=lambda row: (row.orders.parameters, row.validated_loss))
     by_bic = min(rows, key=lambda row: row.bic)
     words = f"Take {_spoken(chosen.orders)}"
     if chosen is best:
-        words += ": it forecasts the held-out part best"
+        words += ": it predicts the held-out part best"
         if len(alike) > 1:
-            words += ", and nothing smaller does as well"
+            words += ", and no smaller order does as well"
     else:
         gain = 100 * (1 - best.validated_loss / chosen.validated_loss)
         words += (
-            f": the best forecaster of the held-out part ({_spoken(best.orders)}) gains {gain:.2g} % in mean square, "
+            f": the order that predicts the held-out part best ({_spoken(best.orders)}) gains {gain:.2g} % in mean "
+            "square, "
             "which is within chance, and needs "
             f"{best.orders.parameters - chosen.orders.parameters} more parameters"
         )
     if by_bic is chosen:
         words += "; BIC agrees."
     else:
-        words += f"; BIC would take {_spoken(by_bic.orders)}."
+        words += f"; BIC would choose {_spoken(by_bic.orders)}."
     return chosen.orders, words
 
 
 def _spoken(orders: Orders) -> str:
-    """Orders as people say them, where they are all the same."""
+    """Orders in words, if they are all equal."""
     if {orders.na, *orders.nb, orders.nc} != {orders.na} or len(set(orders.nk)) != 1:
         return str(orders)
     plural = "s" if orders.nk[0] != 1 else ""
@@ -223,7 +224,7 @@ def _spoken(orders: Orders) -> str:
 
 
 def _beats(better: Row, other: Row) -> bool:
-    """The mean difference of block losses exceeds its standard error by more than chance does."""
+    """Whether the mean difference of block losses is significant."""
     pairs = zip(better.block_losses, other.block_losses, strict=False)
     difference: Array = np.array([b - a for a, b in pairs])
     if difference.size < 3:

@@ -1,4 +1,4 @@
-"""The poles of the rig's own equations, linearised where a recording lies: which pole is which physics."""
+"""The poles of the rig's own equations, linearised at a recording's operating point, to interpret identified poles."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from optid.core.recording import Recording
 from optid.errors import OptidError
 from optid.rigs.rigfile import Rig
 
-SHARE = 0.2  # of a mode above which a state is named
+SHARE = 0.2  # participation in a mode from which a state is named
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class PhysicalPole:
 
     Attributes:
         pole: 1/s; `discrete` is exp(pole T).
-        states: that take part most, largest share first.
+        states: participating states, largest share first.
         nearest: the identified pole in z.
         distance: between the two in z.
     """
@@ -36,13 +36,13 @@ class PhysicalPole:
 
     @property
     def words(self) -> str:
-        """Time constant or frequency, as people say them."""
+        """Time constant or frequency, in words."""
         if abs(self.pole) < 1e-6:
             return "integrates"
         if self.pole.imag:
             damping = -self.pole.real / abs(self.pole)
             return f"{abs(self.pole) / (2 * math.pi):.3g} Hz, damping ratio {damping:.2g}"
-        kind = "time constant" if self.pole.real < 0 else "grows with a time constant of"
+        kind = "time constant" if self.pole.real < 0 else "unstable, with a time constant of"
         return f"{kind} {1e3 / abs(self.pole.real):.3g} ms"
 
 
@@ -52,7 +52,7 @@ def physical_poles(
     """Poles of the rig at the recording's mean output, moving at its root mean square speed.
 
     Returns:
-        them, slowest first, and where they were taken in words; or none, and why.
+        the poles, slowest first, and the operating point in words; or none, and why.
     """
     from optid.core.linearise import linearise
 
@@ -65,7 +65,7 @@ def physical_poles(
     values = {p.name: float(x) for p, x in zip(plant.parameters, plant.vector(rig.parameters), strict=True)}
     held = {output: float(np.nanmean(y))}
     if moves is not None:
-        measured = np.isfinite(y)  # an output of a slower rate of its own has none beside another
+        measured = np.isfinite(y)  # an output with a slower rate has no value at every sample
         held[moves] = float(np.sqrt(np.mean(np.gradient(y[measured], recording.time[measured]) ** 2)))
     try:
         point = linearise(plant, values, held, moving=() if moves is None else (output,), near=_near(rig))
@@ -76,7 +76,7 @@ def physical_poles(
 
 
 def _near(rig: Rig) -> dict[str, float]:
-    """Where laws change at zero, the side of small positive inputs."""
+    """Guess at the side of small positive inputs, where laws change at zero."""
     return {port.role: 0.05 for port in rig.model.inputs if not port.ago}
 
 

@@ -1,4 +1,4 @@
-"""What `optid identify` shall do: orders, horizons, estimator, trend."""
+"""The plan of `optid identify`: orders, horizons, estimator, trend."""
 
 from __future__ import annotations
 
@@ -11,34 +11,34 @@ from optid.armax.structure import Orders
 from optid.armax.trend import Trend
 from optid.errors import InputError
 
-DELAYS = (1, 2, 3, 5, 8, 12)  # samples, tried where none is given
+DELAYS = (1, 2, 3, 5, 8, 12)  # delays in samples that are compared if none is given
 
 
 class Estimator(enum.Enum):
-    """Who makes the models of a table; the value says how."""
+    """The estimator of the models; the value describes it."""
 
-    PEM = "prediction errors of the whole recording made least, offline"
+    PEM = "offline prediction error method over the whole recording"
     RML = "recursive maximum likelihood, one pass"
     RLS = "recursive (extended) least squares, one pass, as the paper does"
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What `survey` shall do.
+    """The settings of `survey`.
 
     Attributes:
         orders: na of the models to identify.
         steps: horizons of the Table 2 rows of `table_order`.
-        delay: samples, one for all inputs or one for each; None lets the recording choose among `DELAYS`.
-        nb: numbers of B, one for all inputs or one for each; None is na.
-        nc: numbers of C; None is na.
-        exact: these structures alone, nothing beside them is compared.
-        table_order: the order predicted over all horizons; None is 4 if asked for, else the last.
+        delay: samples, one for all inputs or one for each; None selects among `DELAYS` from the data.
+        nb: number of coefficients of B, one for all inputs or one for each; None is na.
+        nc: number of coefficients of C; None is na.
+        exact: only these structures; no others are compared.
+        table_order: the order predicted over all horizons; None is 4 if it is among `orders`, else the last.
         gains: PID gains to check the models with.
-        estimator: who makes the models.
+        estimator: of the models.
         forgetting: of the recursion.
-        trend: what stands beside eq. 12; None is a constant, and a slope where the recording shows one.
-        horizons: fit models to each horizon, too.
+        trend: terms added to eq. 12; None is a constant, and a slope where the recording shows one.
+        horizons: whether models are also fitted to each horizon.
         unit: of the output.
         input, output: roles of the signals; several inputs are separated by commas.
         input_unit: of the input; of several, separated by commas.
@@ -69,14 +69,14 @@ class Plan:
             raise InputError(f"{self.table_order}", field="table_order", expected=f"one of {self.orders}")
 
     def structure(self, na: int, nk: int | tuple[int, ...], inputs: int) -> Orders:
-        """Eq. 12's numbers for an order."""
+        """The structure of eq. 12 for an order."""
 
         def each(value: int | tuple[int, ...], field: str) -> tuple[int, ...]:
             if isinstance(value, int):
                 return (value,) * inputs
             if len(value) != inputs:
                 raise InputError(
-                    f"{len(value)} numbers", field=field, expected=f"one, or {inputs}: one an input"
+                    f"{len(value)} numbers", field=field, expected=f"one number, or {inputs}: one per input"
                 )
             return value
 

@@ -1,8 +1,8 @@
 """k-step prediction through the noise model, and simulation.
 
-Knowing outputs up to t - k and inputs up to t, the best prediction of y(t) lets the known residuals act
-through C(q) and sets the unknown ones, e(t-k+1) .. e(t), to zero (Ljung, System Identification, 2nd ed. 1999,
-sec. 3.2). It is not the one-step prediction repeated on measured outputs.
+Given outputs up to t - k and inputs up to t, the best prediction of y(t) uses the known residuals through C(q) and
+sets the unknown ones, e(t-k+1) .. e(t), to zero (Ljung, System Identification, 2nd ed. 1999, sec. 3.2). It is not the
+one-step prediction repeated on measured outputs.
 """
 
 from __future__ import annotations
@@ -94,7 +94,7 @@ def _prepare(model: Armax, y: ArrayLike, u: ArrayLike | None) -> tuple[Array, Ar
             f"{record.u.shape[1]} inputs", field="u", expected=f"{len(model.b)}, the model's"
         )
     inputs = record.u.copy()
-    for column in inputs.T:  # a lost command is taken to hold
+    for column in inputs.T:  # a lost command is assumed to hold
         lost = ~np.isfinite(column)
         if lost.any():
             last = np.maximum.accumulate(np.where(lost, 0, np.arange(column.size)))
@@ -104,7 +104,7 @@ def _prepare(model: Armax, y: ArrayLike, u: ArrayLike | None) -> tuple[Array, Ar
 
 
 def _start(model: Armax, outputs: Array, inputs: Array, trend: Array, estimated: bool) -> tuple[Array, int]:
-    """Residuals before the first that can be predicted, shape (N,), zero elsewhere; and which that is."""
+    """Residuals before the first predictable sample, shape (N,), zero elsewhere; and its index."""
     e, nc, reach = np.zeros(outputs.size), model.orders.nc, model.orders.reach
     if not estimated or nc == 0:
         return e, reach
@@ -123,14 +123,13 @@ def _start(model: Armax, outputs: Array, inputs: Array, trend: Array, estimated:
 def innovations(
     model: Armax, y: ArrayLike, u: ArrayLike | None = None, first: int = 0, *, estimated_start: bool = False
 ) -> Array:
-    """Errors of the model's one-step predictions, shape (N,); NaN before the first and where y is.
+    """Errors of the model's one-step predictions, shape (N,); NaN before the first and where y is NaN.
 
     Args:
-        model: whose.
+        model: that predicts.
         y, u: as in `predict`.
-        first: samples of the recording before these, on which the model's trend depends.
-        estimated_start: the residuals before the first are estimated, as in a fit; otherwise they are taken for zero,
-            as they are where predicting begins.
+        first: number of earlier samples of the recording, for the model's trend.
+        estimated_start: whether the residuals before the first are estimated, as in a fit; otherwise they are zero.
     """
     outputs, inputs = _prepare(model, y, u)
     lost = np.isnan(outputs)
@@ -155,11 +154,11 @@ def predict(
     """Prediction of y(t) from outputs up to t - steps and inputs up to t, shape (N,); NaN before the first.
 
     Args:
-        model: whose noise model lets past residuals act.
-        y: output, shape (N,); NaN where missing (its prediction stands in).
+        model: that predicts.
+        y: output, shape (N,); NaN where missing (replaced by its prediction).
         u: inputs, shape (N,) or (N, inputs).
         steps: how far ahead.
-        first: samples of the recording before these.
+        first: number of earlier samples of the recording.
         estimated_start: as for `innovations`.
     """
     if steps < 1 or int(steps) != steps:
@@ -181,9 +180,9 @@ def simulate(
     Args:
         model: to simulate.
         u: inputs, shape (N,) or (N, inputs).
-        start: the first outputs, from which it goes on; zeros where there are fewer than the model needs.
-        samples: length, where the model has no input.
-        since: samples of the recording before these.
+        start: the first outputs, from which it continues; zeros where there are fewer than the model needs.
+        samples: length, if the model has no input.
+        since: number of earlier samples of the recording.
     """
     first, lead = np.asarray(start, dtype=float), 0
     size = np.asarray(u).shape[0] if u is not None else (samples or first.size)
@@ -216,7 +215,7 @@ def ahead(model: Armax, y: Array, u: Array, e: Array, steps: int) -> Array:
 
 
 def fit_percent(y: ArrayLike, guess: ArrayLike) -> float:
-    """100 (1 - |y - guess| / |y - mean y|) over samples where both are there."""
+    """100 (1 - |y - guess| / |y - mean y|) over samples where both exist."""
     y, guess = np.asarray(y, dtype=float), np.asarray(guess, dtype=float)
     both = np.isfinite(y) & np.isfinite(guess)
     if not both.any():

@@ -1,11 +1,11 @@
 """95 % intervals of poles and static gains by profile likelihood.
 
-A standard error carried over from the coefficients (the delta method) takes A's roots for linear functions of its
-coefficients. Where poles lie close together, or hardly show in the data, they are not: the interval is too short and
-lies in the wrong place. The profile asks instead how far a pole may be moved, all else being fitted anew, until the
-sum of squares has grown by what chance allows (Bates and Watts, Nonlinear Regression Analysis, 1988, sec. 6.1;
-Venzon and Moolgavkar, Appl. Statist. 37, 1988). A pole at a given place, a pair of given modulus and a given static
-gain are linear constraints on the coefficients, so each question is a small least-squares problem.
+A standard error propagated from the coefficients (the delta method) treats A's roots as linear functions of its
+coefficients. For poles that are close together, or hardly visible in the data, this is wrong: the interval is too
+    short and misplaced. The profile instead moves a pole, with all else refitted, until the sum of squares has grown
+    by the significant amount (Bates and Watts, Nonlinear Regression Analysis, 1988, sec. 6.1; Venzon and Moolgavkar,
+    Appl. Statist. 37, 1988). A pole at a given place, a pair of given modulus and a given static
+gain are linear constraints on the coefficients, so each point is a small least-squares problem.
 """
 
 from __future__ import annotations
@@ -29,17 +29,15 @@ from optid.armax.trend import Trend
 from optid.core.model import Array
 
 LIMIT = 1.96  # standard errors at a 95 % interval's end, of one whose variance is known
-NEAR = 0.05  # of that root: near enough
-WALKS = 14  # places looked at on either side
-STEPS = 12  # Gauss-Newton steps for a place
-SETTLED = 0.02  # change of -2 log likelihood below which a place is settled
+NEAR = 0.05  # of that root: tolerance
+WALKS = 14  # points on each side
+STEPS = 12  # Gauss-Newton steps per point
+SETTLED = 0.02  # change of -2 log likelihood below which a point has converged
 FLATTEST = 2.0  # factor by which a step outwards may grow
 OUTERMOST = 1.2  # modulus up to which a pole is followed
 FARTHEST = 1e3  # standard errors up to which a static gain is followed
-BESIDE = 1e-3  # of them, within which no true end lies
-MOST = (
-    4_000_000  # samples gone through for all intervals of a model; what is left then keeps the delta method's
-)
+BESIDE = 1e-3  # of them: a shorter interval is not credible
+MOST = 4_000_000  # samples processed for all intervals of a model; the remaining ones use the delta method
 TURN = 0.3  # rad, by which a pair's angle may change in a step
 APART = 1e-3  # rad, from the real axis
 
@@ -51,7 +49,7 @@ class Intervals:
     """95 % intervals.
 
     Attributes:
-        poles: of each pole's modulus, in the order of `numpy.roots(a)`; infinite where the data leave a side open.
+        poles: of each pole's modulus, in the order of `numpy.roots(a)`; infinite where a side is not determined.
         static_gains: of each input's; the same.
     """
 
@@ -61,7 +59,7 @@ class Intervals:
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """Coefficients under a constraint, and what they cost.
+    """Coefficients under a constraint, and their loss.
 
     Attributes:
         theta: in the coordinates of the fit, shape (n,).
@@ -75,7 +73,7 @@ class Place:
 
 
 def wald_intervals(model: Armax) -> Intervals:
-    """From the covariance, to first order: right on long recordings."""
+    """First-order intervals from the covariance: accurate for long recordings."""
     poles = np.roots(np.array(model.a)).astype(complex)
     errors = pole_errors(model, poles)
     around = [_around(float(abs(p)), sd) for p, sd in zip(poles, errors, strict=True)]
@@ -86,11 +84,11 @@ def wald_intervals(model: Armax) -> Intervals:
 def profile_intervals(records: Sequence[Signals], model: Armax, trend: Trend) -> Intervals:
     """From the recordings to which the model was fitted by prediction errors, where these are not too long.
 
-    What the data leave open, and what would take too long, keeps the interval of the delta method, which is right where
-    much is known.
+    Undetermined quantities, and those that would take too long, keep the interval of the delta method, which is
+    accurate with much data.
 
     Args:
-        records: fitted to.
+        records: to which it was fitted.
         model: the best one.
         trend: that was estimated along.
     """
@@ -105,7 +103,7 @@ def profile_intervals(records: Sequence[Signals], model: Armax, trend: Trend) ->
             if math.isfinite(low + high):
                 own = profile.gain(i, (low / unit, high / unit))
                 gains[i] = unit * own[0], unit * own[1]
-        for i in np.argsort(-np.abs(poles), kind="stable"):  # those that matter most first
+        for i in np.argsort(-np.abs(poles), kind="stable"):  # the most important ones first
             pole, twin = complex(poles[i]), np.flatnonzero(poles == np.conj(poles[i]))
             if pole.imag >= 0.0 and np.isfinite(first.poles[i]).all():
                 every[i] = profile.pole(pole, first.poles[i])
@@ -115,24 +113,24 @@ def profile_intervals(records: Sequence[Signals], model: Armax, trend: Trend) ->
 
 
 class _Replaced(Exception):
-    """Another pole went to the place."""
+    """Another pole moved to the given value."""
 
 
 class _WorkExceeded(Exception):
-    """As much has been computed as intervals may cost."""
+    """The limit of computation for intervals is reached."""
 
 
 @dataclass(frozen=True, eq=False)
 class Profile:
-    """The sum of squares around its least value.
+    """The sum of squares around its minimum.
 
     Attributes:
-        problem: whose sum of squares.
-        theta: where it is least, shape (n,).
+        problem: of the sum of squares.
+        theta: at the minimum, shape (n,).
         loss: there.
         metric: inverse of the information there, of parameters times their sizes, and these.
         spent: samples gone through so far, in a list of one.
-        told: how the variance changes with C, in a list of one, where asked for.
+        told: change of the variance with C, in a list of one, if computed.
     """
 
     problem: Problem
@@ -161,7 +159,7 @@ class Profile:
         return self.told[0].quantile(across(constraint, self.theta, angle))
 
     def gain(self, input: int, first: Interval) -> Interval:
-        """How far a static gain may lie, from a first guess of its interval."""
+        """The interval of a static gain, from a first guess."""
         orders, middle, half = self.problem.orders, (first[0] + first[1]) / 2, (first[1] - first[0]) / 2
         limit, ends = self.limit(fixed_gain(orders, input, middle), 0.0), []
         for side in (-1.0, 1.0):
@@ -172,17 +170,17 @@ class Profile:
                 side * half,
                 middle + side * FARTHEST * half,
             )
-            # A likelihood has no edge beside its top: where no step succeeds, nothing is known of that side.
+            # A likelihood is continuous at its maximum: where no step succeeds, that side is not determined.
             known = BESIDE * half < abs(end - middle) < FARTHEST * half
             ends.append(end if known else side * math.inf)
         return ends[0], ends[1]
 
     def pole(self, pole: complex, first: Interval) -> Interval:
-        """How far a pole's modulus may lie, from a first guess of its interval.
+        """The interval of a pole's modulus, from a first guess.
 
         Along the real axis through zero if the pole is real. Two real poles may become a pair on the way, and a pair
-        two real ones: a modulus is within the interval if any of them fits. Where another pole would go there instead,
-        it ends at the first guess or at what was reached.
+        two real ones: a modulus is within the interval if any of them fits. If another pole would move there instead,
+            the interval ends at the first guess or at the point reached.
         """
         half = (first[1] - first[0]) / 2
         sign = -1.0 if pole.real < 0.0 else 1.0
@@ -215,9 +213,9 @@ class Profile:
         return min(abs(low), abs(high)), max(abs(low), abs(high))
 
     def _nearer(self, theta: Array, modulus: float, pole: complex) -> complex | None:
-        """The pole nearest to this one if it was not this one that went to the place.
+        """The nearest other pole, if it moved to the given value instead of this one.
 
-        A pole too many goes anywhere and proves nothing.
+        A superfluous pole can move anywhere and gives no information.
         """
         roots = np.roots(np.concatenate([[1.0], theta[: self.problem.orders.na]])).astype(complex)
         distance = np.abs(roots.real + 1j * np.abs(roots.imag) - (pole.real + 1j * abs(pole.imag)))
@@ -228,7 +226,7 @@ class Profile:
         return None if there[nearest] else complex(roots[nearest])
 
     def _kinds(self, x: float, pole: complex, sign: float) -> list[tuple[Constraint, float]]:
-        """A real pole there, or a pair of that modulus; what the pole is now comes first."""
+        """A real pole at that value, or a pair of that modulus; the present kind comes first."""
         orders = self.problem.orders
         real = (fixed_pole(orders, x if not pole.imag else sign * x), 0.0)
         if orders.na < 2 or x == 0.0:
@@ -238,7 +236,7 @@ class Profile:
         return [pair, real] if pole.imag else [real, pair]
 
     def nearest(self, constraint: Constraint, start: Place) -> Place:
-        """The least sum of squares under a constraint, searched from a place."""
+        """The smallest sum of squares under a constraint, started from a point."""
         place, damping = self._brought(constraint, start), 1e-3
         for _ in range(STEPS):
             if not math.isfinite(place.growth):
@@ -282,7 +280,7 @@ class Profile:
         return self._brought(constraint, Place(place.theta + step[:n] / size, angle, 0.0))
 
     def _brought(self, constraint: Constraint, place: Place) -> Place:
-        """The nearest coefficients that keep the constraint, nearness being what the residuals notice."""
+        """The nearest coefficients that satisfy the constraint, in the metric of the residuals."""
         rows, right, _ = constraint(place.theta, place.angle)
         weight, size = self.metric
         scaled = rows / size
@@ -298,13 +296,13 @@ class Profile:
 
 
 class _Steps:
-    """Places one after another, each searched from the one before and from the best one."""
+    """Successive points, each started from the one before and from the best one."""
 
     def __init__(self, profile: Profile, limit: float) -> None:
         self._profile, self.last, self._limit = profile, profile.theta, limit
 
     def to(self, kinds: Sequence[tuple[Constraint, float]]) -> float:
-        """Root of the growth under the first constraint that chance allows, else under the best one."""
+        """Root of the growth under the first constraint within the limit, else under the best one."""
         best = math.inf
         for constraint, angle in kinds:
             for theta in (self.last, self._profile.theta):
@@ -318,7 +316,7 @@ class _Steps:
 
 
 def _end(root: Callable[[float], float], begin: Interval, step: float, bound: float) -> float:
-    """Where, from a start in the direction of `step`, the root of the growth first exceeds the limit beside it."""
+    """The point, from a start in the direction of `step`, at which the root of the growth first exceeds the limit."""
     start, limit = begin
     inner, low, outer, high = start, 0.0, math.nan, math.nan
     x = start + step
@@ -342,7 +340,7 @@ def _end(root: Callable[[float], float], begin: Interval, step: float, bound: fl
 
 
 def _free(rows: Array) -> Array:
-    """An orthonormal basis of the directions that rows do not notice, shape (n, n - rank)."""
+    """An orthonormal basis of the null space of rows, shape (n, n - rank)."""
     _, singular, Vt = np.linalg.svd(rows)
     rank = int(np.sum(singular > 1e-10 * max(float(singular[0]), 1e-300)))
     return np.asarray(Vt[rank:].T)

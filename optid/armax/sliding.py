@@ -41,7 +41,7 @@ SURE = 3.0  # standard errors
 # Half-widths of a dead zone, shares of the largest command; how many of them.
 NARROW, WIDEST, TRIED = 2e-3, 0.12, 25
 BETTER = 0.95  # a dead zone must leave less than this of the squared residual
-STARTS = 5  # from rest that a break-away force wants
+STARTS = 5  # starts from rest needed for a break-away force
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class SlidingAxis:
         damping: c, 1/s, without dry friction.
         dry_friction: f, output's unit/s2.
         breakaway_ratio: friction at which the axis breaks away over f, at least 1.
-        load: d, standing disturbance added to the command; 0 where it is not sure.
+        load: d, constant load added to the command; 0 where it is not significant.
         dead_zone: half-width, command's unit; 0 for none.
         explained: share of the acceleration's variance.
     """
@@ -84,7 +84,7 @@ def mode_frequency(model: Armax) -> float | None:
 
 
 def axis_shown(signals: Signals, model: Armax) -> SlidingAxis | None:
-    """The axis that a recording shows, whose linear model is known; None for none, or for more than one input."""
+    """The axis fitted to a recording with a known linear model; None without one, or for more than one input."""
     frequency = mode_frequency(model)
     if frequency is None or signals.u.shape[1] != 1:
         return None
@@ -101,7 +101,7 @@ def sliding_axis(y: Array, u: Array, sample_time: float, frequency: float) -> Sl
         frequency: of its mode, roughly, rad/s.
 
     Returns:
-        None where the recording does not show such an axis.
+        None if the recording does not show such an axis.
     """
     signals = _Signals.of(y, u, sample_time, frequency)
     if signals is None:
@@ -161,11 +161,11 @@ class _Signals:
         return cls(T, window, x, v, a, held, moving, slow, stretch) if moving.sum() >= LEAST else None
 
     def integral(self, values: Array) -> Array:
-        """Up to each sample, of what is held from sample to sample; smoothed as the position is."""
+        """The integral up to each sample of a held signal, smoothed like the position."""
         return _smooth(np.r_[0.0, np.cumsum(values)[:-1]] * self.T, self.window, self.T, 0)
 
     def passed(self, width: float) -> Array:
-        """The command behind a dead zone."""
+        """The command after a dead zone."""
         return np.asarray(np.sign(self.u) * np.maximum(np.abs(self.u) - width, 0.0))
 
     def regression(self, width: float) -> _Regression:
@@ -189,7 +189,7 @@ class _Signals:
         A, b = table[:, :-1], table[:, -1]
         theta = np.linalg.lstsq(A, b, rcond=None)[0]
         squares = float(np.sum((b - A @ theta) ** 2))
-        # Smoothing makes neighbours alike: a window of them counts as two samples.
+        # Smoothing correlates neighbours: a window of them counts as two samples.
         free = max(2.0 * b.size / self.window - theta.size - count.size, 1.0)
         covariance = np.linalg.pinv(A.T @ A) * squares / free
         explained = 1.0 - squares / max(float(np.sum(b**2)), 1e-300)
@@ -197,7 +197,7 @@ class _Signals:
 
 
 def _axis(signals: _Signals, found: _Regression) -> SlidingAxis | None:
-    """What the regression means; None where it makes no sense as an axis."""
+    """The axis from the regression; None where its values are not those of an axis."""
     c, f, w2, k, ka, kd = found.theta
     sd = np.sqrt(np.diag(found.covariance))
     if not (
@@ -219,13 +219,13 @@ def _axis(signals: _Signals, found: _Regression) -> SlidingAxis | None:
 
 
 def _breakaway(signals: _Signals, found: _Regression, sd: float) -> float:
-    """Median force at which the axis leaves a rest, per mass; that in motion where it is not surely more.
+    """Median force at which the axis leaves a rest, per mass; that in motion if it is not significantly larger.
 
     `sd` is the standard error of that in motion.
     """
     c, f, w2, k, ka, kd = found.theta
     time = signals.T * np.arange(float(signals.u.size))
-    # The force up to a constant, which the motion after the rest tells.
+    # The force up to a constant, which follows from the motion after the rest.
     grown = (
         k * signals.integral(found.passed)
         + ka * signals.integral(np.abs(found.passed))
@@ -280,7 +280,7 @@ def from_document(content: Any, where: object) -> SlidingAxis | None:
     """From armax.json.
 
     Raises:
-        InputError: a field is missing, no number, or none that an axis can have.
+        InputError: a field is missing, not a number, or not possible for an axis.
     """
     if content is None:
         return None

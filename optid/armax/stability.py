@@ -1,4 +1,4 @@
-"""C(q) kept stable: the Schur-Cohn test, and drawing the roots inwards."""
+"""Stability of C(q): the Schur-Cohn test, and scaling of the roots inwards."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def roots_inside(c: Array, order: int, radius: float, work: Array) -> float:
 
 @jit
 def stabilise(c: Array, order: int, radius: float, work: Array) -> float:
-    """Draw the roots of C radially inwards until all lie inside the radius; returns 1 if it had to."""
+    """Scale the roots of C radially inwards until all lie inside the radius; returns 1 if that was needed."""
     if roots_inside(c, order, radius, work) > 0.0:
         return 0.0
     for _ in range(100):

@@ -8,12 +8,12 @@ from typing import Self
 
 from optid.errors import InputError
 
-MOST_PARAMETERS = 512  # beyond this a covariance no longer fits a processor's cache, and a model its data
+MOST_PARAMETERS = 512  # more neither fit a processor's cache nor usual amounts of data
 
 
 @dataclass(frozen=True)
 class Orders:
-    """Numbers of coefficients and delays of eq. 12.
+    """Orders and delays of eq. 12.
 
     Attributes:
         na: poles; 0 makes a moving-average model.
@@ -62,16 +62,16 @@ class Orders:
 
     @property
     def parameters(self) -> int:
-        """Number of coefficients to find."""
+        """Number of coefficients."""
         return self.na + sum(self.nb) + self.nc
 
     @property
     def reach(self) -> int:
-        """How many earlier samples of output and inputs a prediction needs."""
+        """Number of earlier samples of output and inputs that a prediction needs."""
         return max([self.na, *(nb + nk - 1 for nb, nk in zip(self.nb, self.nk, strict=True))])
 
     def blocks(self) -> Iterator[slice]:
-        """Where each input's coefficients stand in the parameter vector [a, b_1, ..., b_m, c]."""
+        """Slices of each input's coefficients in the parameter vector [a, b_1, ..., b_m, c]."""
         start = self.na
         for nb in self.nb:
             yield slice(start, start + nb)
@@ -79,7 +79,7 @@ class Orders:
 
     @property
     def c_block(self) -> slice:
-        """Where the coefficients of C stand in the parameter vector."""
+        """Slice of the coefficients of C in the parameter vector."""
         return slice(self.parameters - self.nc, self.parameters)
 
     def __str__(self) -> str:

@@ -19,25 +19,25 @@ from optid.armax.structure import Orders
 from optid.armax.table2 import Entry, Table2, last_value, table2
 from optid.armax.trend import Trend, find_trend
 
-LAST = 20_000  # samples by which an identifier that goes on has learnt how sure it is
+LAST = 20_000  # samples after which a continuing identifier has estimated its uncertainty
 
 Tell = Callable[[float, str], None]
 
 
 @dataclass(frozen=True)
 class Survey:
-    """All that `optid identify` reports.
+    """The results that `optid identify` reports.
 
     Attributes:
         candidates: one for each order.
-        recommended: the order to take.
-        words: why, in a sentence.
+        recommended: the recommended order.
+        words: the reason, as a sentence.
         orders: table over orders and delays.
         table2: as in the paper.
         input, output: roles of the signals.
         input_unit: of the input.
         estimator: that made the models and the table.
-        trend: what stands beside eq. 12.
+        trend: terms added to eq. 12.
     """
 
     candidates: tuple[Candidate, ...]
@@ -65,8 +65,8 @@ def survey(
     Args:
         y: output, shape (N,); u: input, shape (N,) or (N, inputs); NaN where missing.
         sample_time: seconds.
-        plan: what to do.
-        tell: is told the share done and what comes next.
+        plan: of the survey.
+        tell: called with the share done and the next step.
 
     Raises:
         NotIdentifiable: the recording is too short for the orders.
@@ -113,7 +113,7 @@ def survey(
 
 
 def _structures(plan: Plan, record: Signals, middle: int, trend: Trend) -> list[Orders]:
-    """What is compared: the structures asked for, and smaller and later ones beside them."""
+    """The structures to compare: the requested ones, smaller ones, and longer delays."""
     inputs = record.u.shape[1]
     if plan.delay is not None:
         delays: tuple[int | tuple[int, ...], ...] = (plan.delay,)
@@ -126,7 +126,7 @@ def _structures(plan: Plan, record: Signals, middle: int, trend: Trend) -> list[
 
 
 def _table(record: Signals, plan: Plan, candidates: Sequence[Candidate], trend: Trend) -> Table2:
-    """Table 2 by one estimator; models for each horizon and the last value stand beside it."""
+    """Table 2 by one estimator; with models for each horizon and the last value for comparison."""
     many = plan.table_order or (4 if 4 in plan.orders else plan.orders[-1])
     by_order = {c.order: c for c in candidates}
     pairs = dict.fromkeys([(n, 1) for n in plan.orders] + [(many, k) for k in plan.steps])
@@ -148,7 +148,7 @@ def _table(record: Signals, plan: Plan, candidates: Sequence[Candidate], trend: 
 
 
 def _recommended(asked: Sequence[int], table: OrderTable) -> tuple[int, str]:
-    """The recommended order among those asked for, in words that name another one where that is better."""
+    """The recommended order among the requested ones, and a sentence that names a better one if there is any."""
     best = table.recommended.na
     if best in asked:
         return best, table.words
@@ -164,12 +164,12 @@ def going_on(found: Survey, record: Signals) -> tuple[Identifier, bool]:
     """An identifier in the signals' own units that continues from the chosen model at the recording's end.
 
     Returns:
-        it, and whether its last input is a constant of 1 that the caller has to give it.
+        the identifier, and whether its last input is a constant of 1 that the caller must supply.
     """
     model = found.chosen.model
     constant = bool(model.constant or model.slope)
     orders, u, theta = model.orders, record.u, model.theta
-    if constant:  # the slope's end: a ramp that never stops is no model of what comes
+    if constant:  # the slope ends here: an endless ramp is not a model of the future
         at = orders.parameters - orders.nc
         level = model.constant + model.slope * model.sample_time * record.y.size
         orders = Orders(orders.na, (*orders.nb, 1), orders.nc, (*orders.nk, 0))

@@ -1,7 +1,7 @@
 """The paper's Table 2 for any recording: real output, predicted output and error, for orders and horizons.
 
-One estimator makes all rows of a table. Each stands twice: in sample, the models being fitted to the whole recording,
-and held out, models of the same structure being fitted to its first part and judged on the rest.
+One estimator makes all rows of a table. Each row occurs twice: in sample, for models fitted to the whole recording,
+    and held out, for models of the same structure fitted to its first part and judged on the rest.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from optid.core.model import Array
 if TYPE_CHECKING:
     import pandas as pd
 
-# Column -> (what stands in it, as a formula, and its unit in units of the output).
+# Column -> (its formula, and its unit in units of the output).
 CAPTIONS: Final = {
     "order": ("na of the ARMAX model, eq. 12; 0: no model of this kind", ""),
     "steps": (
@@ -59,20 +59,20 @@ CAPTIONS: Final = {
     "expected_sd": ("the k-step error's standard deviation that A, C and the noise variance predict", "1"),
 }
 IN_SAMPLE, HELD_OUT = "in sample", "held out"
-LAGGED_AT_MOST = 100_000  # samples in which the lag is looked for
+LAGGED_AT_MOST = 100_000  # samples in which the lag is searched
 
 
 @dataclass(frozen=True)
 class Entry:
-    """One experiment: order, horizon, and who predicts.
+    """One experiment: order, horizon, and predictor.
 
     Attributes:
         order: na.
         steps: horizon.
-        model: fitted to the whole recording; None for a predictor that is no ARMAX model.
+        model: fitted to the whole recording; None for a predictor other than an ARMAX model.
         held_out: of the same structure, fitted to the first part.
-        predictor: as the column says.
-        guesses: predictions of the whole recording by what is no ARMAX model, in sample and held out, shapes (N,).
+        predictor: as in the column.
+        guesses: predictions of the whole recording by another predictor, in sample and held out, shapes (N,).
     """
 
     order: int
@@ -83,7 +83,7 @@ class Entry:
     guesses: tuple[Array, Array] | None = None
 
     def guess(self, record: Signals, held_out: bool) -> Array | None:
-        """Its predictions of a recording, shape (N,); None where it has none of that kind."""
+        """Its predictions of a recording, shape (N,); None where there are none of that kind."""
         if self.guesses is not None:
             return self.guesses[int(held_out)]
         model = self.held_out if held_out else self.model
@@ -92,7 +92,7 @@ class Entry:
 
 @dataclass(frozen=True)
 class Table2:
-    """The table and what its figures are drawn from.
+    """The table and the data of its figures.
 
     Attributes:
         rows: three per experiment (real, predicted, error), columns as in `CAPTIONS`.
@@ -177,7 +177,7 @@ def table2(
 
 
 def last_value(y: Array, steps: int) -> Array:
-    """The prediction that nothing moves: y(t - k), the last one known there, shape (N,)."""
+    """The prediction by the last known value, y(t - k), shape (N,)."""
     known = np.maximum.accumulate(np.where(np.isfinite(y), np.arange(y.size), 0))
     held = y[known]
     return np.concatenate([np.full(min(steps, y.size), np.nan), held[: max(y.size - steps, 0)]])
@@ -202,7 +202,7 @@ def _rows(entry: Entry, part: str, real: Array, guess: Array) -> list[dict[str, 
 
 
 def lag_of(real: Array, guess: Array, steps: int) -> float:
-    """Samples by which a prediction comes late, between whole ones by a parabola through the least square error."""
+    """Lag of a prediction in samples, interpolated by a parabola around the smallest square error."""
     real, guess = real[:LAGGED_AT_MOST], guess[:LAGGED_AT_MOST]
     shifts = range(-2, steps + 3)
     errors = [_shifted(real, guess, shift) for shift in shifts]

@@ -1,8 +1,8 @@
 """Operating point and trend as part of the model: two more inputs, one that is 1 and one that grows with time.
 
-A recording made away from zero obeys eq. 12 only in distances from its operating point, which is not known exactly.
-Estimated together with the coefficients, constant and slope cost two parameters; left out, they come back as a pole
-and a zero at 1 and a wrong static gain (Ljung, System Identification, 2nd ed. 1999, sec. 14.1).
+A recording away from zero satisfies eq. 12 only relative to its operating point, which is not known exactly. Estimated
+with the coefficients, constant and slope cost two parameters; left out, they appear as a pole and a zero at 1 and a
+wrong static gain (Ljung, System Identification, 2nd ed. 1999, sec. 14.1).
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from optid.armax.signals import Signals
 from optid.armax.structure import Orders
 from optid.core.model import Array
 
-# Standard errors beyond which a slope is estimated as well. With 4.5 a third of the poles beside an overlooked trend
-# missed their 95 % intervals; with 2 slopes that are not there bend poles as well (studies/armax_coverage.py).
+# Standard errors beyond which a slope is estimated as well. With 4.5 a third of the poles missed their 95 % #
+# intervals due to an overlooked trend; with 2 spurious slopes bias poles as well (studies/armax_coverage.py).
 SURE = 3.0
-LONG = 10  # coefficients of the regression in which a slope is looked for
+LONG = 10  # coefficients of the regression that detects a slope
 
 
 class Trend(enum.Enum):
-    """What stands beside eq. 12; the value counts the parameters."""
+    """Terms added to eq. 12; the value is the number of parameters."""
 
     NONE = 0
     CONSTANT = 1
@@ -39,10 +39,10 @@ class Frame:
 
     Attributes:
         orders: of the model.
-        trend: what stands beside them.
+        trend: terms added to eq. 12.
         sample_time: seconds.
         output, inputs: sizes, by which signals are divided.
-        output_centre, input_centres: what is taken off first; 0 without a trend.
+        output_centre, input_centres: subtracted first; 0 without a trend.
         middle, half: of the recordings' span, samples.
     """
 
@@ -65,7 +65,7 @@ class Frame:
         if trend is not Trend.NONE:
             centre = _mean(y)
             centres = np.array([_mean(column) for column in u.T])
-            for i, column in enumerate(u.T):  # one that stands still is zero, not its mean's last digit
+            for i, column in enumerate(u.T):  # a constant one becomes zero, not the rounding of its mean
                 known = column[np.isfinite(column)]
                 centres[i] = known[0] if known.size and np.ptp(known) == 0.0 else centres[i]
         output, inputs = Signals(y - centre, u - centres).scales
@@ -142,7 +142,7 @@ class Frame:
 
 
 def spread_of(M: Array, covariance: Array) -> Array:
-    """M covariance M', with infinite variances where M takes anything from an entry of infinite variance."""
+    """M covariance M', with infinite variances where M uses an entry of infinite variance."""
     open_ = ~np.isfinite(np.diag(covariance))
     finite = np.where(np.isfinite(covariance), covariance, 0.0)
     finite[open_] = 0.0
@@ -162,7 +162,7 @@ def _mean(x: Array) -> float:
 def find_trend(records: Sequence[Signals], orders: Orders) -> Trend:
     """A constant always, a slope where the recordings show one.
 
-    Looked for by a long ARX regression, which has one minimum.
+    Detected by a long ARX regression, which has a unique minimum.
     """
     long = Orders(max(LONG, orders.na), tuple(max(LONG, nb) for nb in orders.nb), 0, orders.nk)
     frame = Frame.of(records, long, 1.0, Trend.LINEAR)
@@ -171,9 +171,7 @@ def find_trend(records: Sequence[Signals], orders: Orders) -> Trend:
     Phi, y = np.concatenate([r[0] for r in rows]), np.concatenate([r[1] for r in rows])
     if y.size < 3 * full.parameters:
         return Trend.CONSTANT
-    R = triangle(
-        np.column_stack([Phi, y])
-    )  # the slope is the last regressor: its t value stands in the corner
+    R = triangle(np.column_stack([Phi, y]))  # the slope is the last regressor: its t value is in the corner
     explained, left = float(R[-2, -1] ** 2), float(R[-1, -1] ** 2)
     new = abs(float(R[-2, -2])) > 1e-9 * float(np.linalg.norm(Phi[:, -1]))
     strong = new and explained * (y.size - full.parameters) > SURE**2 * left

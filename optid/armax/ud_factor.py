@@ -6,7 +6,7 @@ forgetting, negative. Arrays of the parameters hold `size` numbers, a multiple o
 many; behind the parameters stand zeros, and ones on U's diagonal. Sums run in four lanes, as processors add
 vectors, and running sums in as few steps as they can.
 
-These functions say what happens; `optid.armax.ud_simd` does the same with vector instructions.
+These functions are the reference; `optid.armax.ud_simd` does the same with vector instructions.
 """
 
 from __future__ import annotations

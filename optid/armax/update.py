@@ -1,4 +1,4 @@
-"""Learning from one innovation: how much it counts, how much is forgotten, and the update of theta and P."""
+"""The update by one innovation: its weight, the forgetting, and the update of theta and P."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ from optid.armax.layout import (
 from optid.armax.ud_simd import inner, move, part, sweep, weigh
 from optid.core.model import Array
 
-LARGEST_STEP = 1e100  # squared length of a step of theta; a larger one is not taken
+LARGEST_STEP = 1e100  # squared length of a step of theta; a larger one is rejected
 SMALLEST_NEWS = 1e-30  # psi' P psi below which a direction is not forgotten
-QUIET = 0.02  # share of the usual news below which a sample counts as rest
+QUIET = 0.02  # share of the usual information below which a sample counts as rest
 RETRACE = 256  # updates between two exact computations of the trace of P
 
 
@@ -48,7 +48,7 @@ def trace_of(U: Array, D: Array, size: int) -> float:
 
 @inline_jit
 def weight_of(s: Array, n: int, e: float) -> float:
-    """An outlier counts with Huber's weight: its step is that of an innovation at the bound."""
+    """Huber's weight of an outlier: its step is that of an innovation at the bound."""
     if s[OUTLIER] > 0.0 and s[UPDATES] > 2.0 * n + 10.0:
         bound = s[OUTLIER] * math.sqrt(s[SQUARES] / s[WEIGHT])
         if abs(e) > bound:
@@ -60,7 +60,7 @@ def weight_of(s: Array, n: int, e: float) -> float:
 
 @inline_jit
 def forget_of(s: Array, n: int, e: float, weight: float, news: float) -> float:
-    """By what factor earlier samples fade at this one."""
+    """The forgetting factor at this sample."""
     updates = s[UPDATES]
     forget: float = s[FACTOR]
     if s[MEMORY] > 0.0:  # Fortescue, Kershenbaum and Ydstie, Automatica 17 (1981)
@@ -69,13 +69,13 @@ def forget_of(s: Array, n: int, e: float, weight: float, news: float) -> float:
             forget = 1.0 - weight * e * e / ((1.0 + news) * s[MEMORY] * s[SLOW])
         if forget < s[FACTOR]:
             forget = s[FACTOR]
-        if updates >= n and news * s[MEMORY] > 1.5:  # at rest errors say nothing about their usual size
-            span = 0.25 * (updates - n) + 1.0  # early, and large, errors fade from the average
+        if updates >= n and news * s[MEMORY] > 1.5:  # errors at rest give no information on their usual size
+            span = 0.25 * (updates - n) + 1.0  # early and large errors decay from the average
             if span > 10.0 * s[MEMORY]:
                 span = 10.0 * s[MEMORY]
             s[SLOW] += (weight * e * e / (1.0 + news) - s[SLOW]) / span
     elif s[FORGETTING] == 0.0:
-        # A sample that brings less news than forgetting costs is no reason to forget: at rest nothing fades.
+        # A sample with less information than forgetting removes does not cause forgetting: none at rest.
         worth = 1.5
         if n < 3:
             worth = 0.5 * n
@@ -100,7 +100,7 @@ def forget_of(s: Array, n: int, e: float, weight: float, news: float) -> float:
 
 @inline_jit
 def learn(s: Array, shape: Shape, e: float, news: float) -> float:
-    """Move theta and P by one innovation; returns how many G theta has moved."""
+    """Update theta and P by one innovation; returns the multiple of G that was added to theta."""
     n = shape.n
     size = shape.size
     at = HEADER + 4 * shape.m
@@ -135,8 +135,8 @@ def learn(s: Array, shape: Shape, e: float, news: float) -> float:
     if count % RETRACE == 0:
         s[TRACE] = trace_of(U, D, size)
 
-    # Innovation times residual: at forget = 1 its sum is the residual sum of squares. At rest a sensor's last
-    # digit stands still, which says nothing about the noise: such samples bring far less news than usual.
+    # Innovation times residual: at forget = 1 its sum is the residual sum of squares. At rest a sensor's last # digit
+    # is constant, which gives no information on the noise: such samples have far less information than usual.
     if s[WEIGHT] < 2.0 * n or news * s[WEIGHT] > QUIET * n:
         s[WEIGHT] = forget * s[WEIGHT] + 1.0
         s[SQUARES] = forget * (s[SQUARES] + weight * e * step)

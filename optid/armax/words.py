@@ -17,15 +17,15 @@ if TYPE_CHECKING:
 
 
 TWO_SIDED = 1.96
-LOPSIDED = 0.1  # share of an interval's width by which its sides may differ and still be told as a margin
-NEAR_ONE = 0.01  # a pole so near to 1 that is cancelled describes an offset or a drift
+LOPSIDED = 0.1  # share of an interval's width by which its sides may differ and still be written as ±
+NEAR_ONE = 0.01  # a cancelled pole this near to 1 describes an offset or a drift
 SURE = 3.0  # standard errors within which a pole may be an integrator's
-SLOW = 1e-3  # a pole so little outside 1 needs a thousand samples to grow by e
+SLOW = 1e-3  # a pole this little outside 1 needs a thousand samples to grow by e
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing worth knowing: a fixed name, a grave one or not, and a sentence."""
+    """A finding: a fixed name, whether it is an alarm, and a sentence."""
 
     name: str
     grave: bool
@@ -33,7 +33,7 @@ class Finding:
 
 
 def findings(audit: Audit) -> tuple[Finding, ...]:
-    """All that is worth saying, grave things first."""
+    """All findings, alarms first."""
     said = [*_stability(audit), *_cancelled(audit), *_noise_cancelled(audit), *_contents(audit)]
     if audit.residuals is not None:
         said += _residuals(audit.residuals)
@@ -43,7 +43,7 @@ def findings(audit: Audit) -> tuple[Finding, ...]:
 
 
 def number(root: complex) -> str:
-    """A root as people write it."""
+    """A root in readable form."""
     real = round(root.real, 4) + 0.0  # no minus zero
     return f"{real:.4f}±{root.imag:.4f}i" if root.imag else f"{real:.4f}"
 
@@ -62,20 +62,18 @@ def _stability(audit: Audit) -> list[Finding]:
     if len(outside) == 1 and outside[0] in [p for p, _ in near]:
         sd = dict(near)[outside[0]]
         margin = f" ± {sd:.1g}" if not math.isnan(sd) else ""
-        text = f"A pole at {outside[0].real:.4f}{margin}: as far as the data tell, it integrates."
+        text = f"A pole at {outside[0].real:.4f}{margin}: within its uncertainty it is an integrator."
         return [_finding("integrating", False, text)]
     tests = audit.residuals
     coloured = tests is not None and not (tests.white and tests.independent)
     if len(outside) == 1 and not outside[0].imag and abs(outside[0] - 1.0) <= SLOW and coloured:
         text = (
-            f"A pole at {outside[0].real:.4f}: an integrator's, or one that grows slowly. The data do not tell, "
-            "because with these residuals its standard error is too small."
+            f"A pole at {outside[0].real:.4f}: an integrator, or slowly unstable. The data do not decide it, "
+            "because with these residuals the standard error is too small."
         )
         return [_finding("integrating", False, text)]
     listed = ", ".join(number(p) for p in outside)
-    return [
-        _finding("unstable", True, f"Unstable as written: pole {listed} lies on or outside the unit circle.")
-    ]
+    return [_finding("unstable", True, f"Unstable: pole {listed} lies on or outside the unit circle.")]
 
 
 def _margin(sd: float) -> float:
@@ -93,7 +91,7 @@ def _cancelled(audit: Audit) -> list[Finding]:
         for c in audit.cancellations
     ]
     if said:
-        text = f"Written with order {audit.order}, effectively of order {audit.effective_order}."
+        text = f"Its order is {audit.order}, its effective order {audit.effective_order}."
         said.append(_finding("effective_order", True, text))
     return said
 
@@ -105,17 +103,18 @@ def _noise_cancelled(audit: Audit) -> list[Finding]:
         pair = f"The pole {number(c.pole)} is nearly cancelled by the root {number(c.root)} of C"
         if c.empty or c.pole in by_zero:
             text = (
-                f"{pair}, and the input hardly moves it: A, B and C share a factor, a lower order would do."
+                f"{pair}, and the input hardly excites it: A, B and C share a factor, so a lower order would be "
+                "enough."
             )
             said.append(_finding("common_factor", True, text))
         else:
-            text = f"{pair}: the noise does not see it, as noise of the sensor does not."
+            text = f"{pair}: the noise does not excite it, which is what sensor noise does."
             said.append(_finding("noise_cancellation", False, text))
     drifting = [p for p in by_zero if not p.imag and abs(p - 1.0) < NEAR_ONE]
     if drifting:
         text = (
-            f"A pole at {drifting[0].real:.4f} beside a zero: an offset or a drift of the recording that constant and "
-            "slope do not describe would look so."
+            f"A pole at {drifting[0].real:.4f} beside a zero: an offset or a drift of the recording that "
+            "constant and slope do not describe would look like this."
         )
         said.append(_finding("drift", True, text))
     return said
@@ -127,7 +126,7 @@ def _static_gain(audit: Audit) -> Finding:
     if math.isinf(gain) or _stability(audit)[0].name == "integrating":
         return _finding("static_gain", False, "No static gain: it integrates.")
     if math.isinf(error):
-        text = f"The static gain is not known: the data leave it open ({gain:.4g} is one of many)."
+        text = f"The static gain is not known: the data do not determine it ({gain:.4g} is one of many)."
         return _finding("static_gain_unknown", True, text)
     low, high = audit.static_gain_interval
     margin = "" if math.isnan(error) else f" {_interval(gain, low, high)} (95 %)"
@@ -140,7 +139,7 @@ def _static_gain(audit: Audit) -> Finding:
 
 
 def _interval(value: float, low: float, high: float) -> str:
-    """As a margin where both sides are about equal, else as limits with two digits more than their width."""
+    """With ± where both sides are about equal, else as limits with two digits more than their width."""
     down, up = value - low, high - value
     if math.isfinite(up + down) and abs(up - down) <= LOPSIDED * (up + down):
         return f"± {(up + down) / 2:.2g}"
@@ -161,7 +160,7 @@ def _significant(value: float, error: float) -> str:
 def open_findings(
     directions: Sequence[OpenDirection], names: Sequence[str], inputs: Sequence[str]
 ) -> list[Finding]:
-    """What the data leave open, each reason once."""
+    """Findings on undetermined combinations, each reason once."""
     said = []
     for reason in dict.fromkeys(d.reason for d in directions):
         alike = [d for d in directions if d.reason is reason]
@@ -178,36 +177,38 @@ def open_findings(
 def feedback_finding(whose: str) -> Finding:
     """For an input that earlier outputs determine."""
     text = (
-        f"Not identifiable: {whose} is, to the last digit, a function of earlier outputs and of itself: the loop was "
-        "closed and nothing came from outside. Infinitely many models agree; excite the set-point or the command."
+        f"Not identifiable: {whose} is exactly a function of earlier outputs and of its own past: the loop was "
+        "closed without external excitation. Infinitely many models fit equally well; excite the set-point or the "
+        "command."
     )
     return _finding("feedback", True, text)
 
 
 def weak_feedback_finding(whose: str, share: float) -> Finding:
-    """For an input that earlier outputs determine but for a little."""
+    """For an input that earlier outputs nearly determine."""
     text = (
         f"Hardly identifiable: but for {100 * share:.2g} % of its size {whose} is a function of outputs and of its own "
-        "past: the loop was closed, and a converter's rounding or something as small is all that came from outside. "
+        "past: the loop was closed, and the only external excitation was as small as a converter's rounding. "
         "Excite the set-point or the command."
     )
     return _finding("feedback_weak", True, text)
 
 
 def excitation_finding(whose: str, order: int, needed: int) -> Finding:
-    """For an input that excites to a lower order than B and A have numbers."""
+    """For an input with an order of excitation below the number of coefficients of A and B."""
     what = "one sine excites to order 2" if order == 2 else f"as {order / 2:.3g} sines would"
     if order == 1:
-        what = "as one that stands still"
+        what = "as a constant input"
     text = (
-        f"Poor excitation: {whose} excites to order {order} only ({what}), and A and B have {needed} numbers. The "
-        "model holds at the frequencies that were excited; its static gain is extrapolated, not measured."
+        f"Poor excitation: {whose} excites to order {order} only ({what}), and A and B have {needed} "
+        "coefficients. The model is valid at the frequencies that were excited; its static gain is extrapolated, "
+        "not measured."
     )
     return _finding("poor_excitation", True, text)
 
 
 def trend_finding(model: Armax, unit: str) -> Finding | None:
-    """What stands beside eq. 12; None for nothing."""
+    """Finding on the terms added to eq. 12; None for none."""
     pairs = zip((model.constant, model.slope), model.trend_errors, strict=True)
     if not any(abs(value) > SURE * sd if math.isfinite(sd) else value for value, sd in pairs):
         return None
@@ -233,7 +234,7 @@ def _contents(audit: Audit) -> list[Finding]:
             _finding(
                 "only_static",
                 True,
-                f"It holds hardly more than a static gain: {rest:.2g} % of the impulse response's energy is "
+                f"It is little more than a static gain: {rest:.2g} % of the impulse response's energy is "
                 f"outside its first sample ({audit.first:.4f}), so the recorded output was nearly "
                 "proportional to the input.",
             )
@@ -244,7 +245,7 @@ def _contents(audit: Audit) -> list[Finding]:
             _finding(
                 "settles",
                 False,
-                f"All that answers an impulse is over (below 1 %) within {audit.settles} sample{plural}.",
+                f"The impulse response has decayed (below 1 %) within {audit.settles} sample{plural}.",
             )
         )
     if audit.time_constants:
@@ -257,7 +258,7 @@ def _contents(audit: Audit) -> list[Finding]:
 
 def _residuals(tests: ResidualTests) -> list[Finding]:
     said = []
-    rate = f"a right model fails once in {1 / tests.error_rate:.0f} recordings"
+    rate = f"a correct model fails once in {1 / tests.error_rate:.0f} recordings"
     white = tests.whiteness
     if white.passed:
         said.append(_finding("white", False, f"The residuals are white (p = {white.p_value:.2g}; {rate})."))
@@ -267,7 +268,7 @@ def _residuals(tests: ResidualTests) -> list[Finding]:
                 "not_white",
                 True,
                 f"The residuals depend on their own past (p = {white.p_value:.2g}; largest correlation "
-                f"{white.largest:.3f} at {white.lag} samples; {rate}): the noise model lacks something.",
+                f"{white.largest:.3f} at {white.lag} samples; {rate}): the noise model is incomplete.",
             )
         )
     for test in tests.independence:
@@ -280,8 +281,7 @@ def _residuals(tests: ResidualTests) -> list[Finding]:
                     "not_independent",
                     True,
                     f"The residuals depend on {test.name} (p = {test.p_value:.2g}; largest correlation "
-                    f"{test.largest:.3f} at {test.lag} samples; {rate}): the model from input to output "
-                    "lacks something.",
+                    f"{test.largest:.3f} at {test.lag} samples; {rate}): the model from input to output is incomplete.",
                 )
             )
     return said
@@ -291,7 +291,7 @@ def _loop(loop: Loop) -> Finding:
     g = loop.gains
     gains = f"Kp = {g.kp:g}, Ki = {g.ki:g}, Kd = {g.kd:g}"
     if loop.stable:
-        text = f"{gains} stabilise it; all gains together may grow {loop.largest_factor:.3g} times."
+        text = f"{gains} stabilise it; all gains together may be multiplied by up to {loop.largest_factor:.3g} times."
         return _finding("loop_stable", False, text)
     worst = max(loop.poles, key=abs)
     cure = (

@@ -1,7 +1,7 @@
 """The command line: reads arguments, calls one job, prints a short summary and an exit status.
 
-0 done; 1 the job failed, and why; 2 the call or an input file is wrong. Each command is one file; slow imports
-stay inside the commands, so that help is there at once.
+0 done; 1 the job failed, and why; 2 the call or an input file is wrong. Each command has its own file; slow imports
+stay inside the commands, so that help appears at once.
 """
 
 from __future__ import annotations
@@ -28,29 +28,29 @@ from optid.cli.simulate import simulate
 from optid.cli.tune import tune
 from optid.errors import InputError, JobError, one_line
 
-HELP = """From recordings of a servo axis to a model. To begin: optid example DIR
+HELP = """From recordings of a servo axis to a model. To start: optid example DIR
 
 \b
   optid check bench.toml run1.csv
-      Are the files right, and are the data fit for identification?
+      Are the files valid, and are the data good enough for identification?
   optid simulate bench.toml run1.csv --out out/sim
-      How far do the rig file's numbers carry?
+      How well do the rig file's values predict the recording?
   optid fit bench.toml run1.csv run2.csv --holdout run3.csv --out out/fit
-      Fit the parameters of the [fit] table, and judge them on what they have not seen.
+      Fit the parameters of the [fit] table and judge them on a recording that was held out.
   optid diagnose bench.toml run1.csv run2.csv --holdout run3.csv --out out/diagnosis
-      What physics does the model leave out, where, how big, and what does it gain on what it has not seen?
+      Which physics does the model lack, where, how large is it, and does it improve held-out predictions?
   optid plan bench.toml --rivals valve_lag,input_delay --out out/plan
-      Which experiment tells these effects apart best? Writes its reference and what it would show.
+      Which experiment distinguishes these effects best? Writes its reference and the predicted outcome.
   optid live bench.toml --driver simulated --out out/live
-      Control a rig with its model running beside it: read, identify, simulate, control, log.
+      Control a rig while its model runs in parallel: read, identify, simulate, control, log.
   optid identify run1.csv --rig bench.toml --out out/armax
-      Recursive ARMAX models, their audit, and their predictions as a table.
+      ARMAX models, checks of each model, and a table of their prediction errors.
   optid fleet fleet.toml --out out/fleet
-      Do any of these for many rigs and recordings, and say which rigs changed or differ from the rest.
+      Run any of these for many rigs and recordings, and list the rigs that changed or differ.
   optid tune out/armax/armax.json --rig out/fit/rig.toml --out out/tune
       PID gains by direct ITAE optimisation under the actuator's limits.
 
-Exit status: 0 done, 1 the job failed, 2 the call or a file is wrong.
+Exit status: 0 done, 1 the job failed, 2 a wrong call or input file.
 """
 
 
@@ -75,7 +75,7 @@ class OneLine(click.Group):
             what = "nothing was written" if run.delivered is None else f"the results are in {run.delivered}"
             _leave(f"interrupted{how}; {what}", 1)
         except BrokenPipeError:
-            sys.stdout = None  # whoever read has gone; nothing is left to say
+            sys.stdout = None  # the reader of the pipe has gone: nobody reads more output
             sys.exit(1)
         except Exception as error:
             if os.environ.get("OPTID_TRACEBACK") == "1":
@@ -120,6 +120,6 @@ cli.add_command(fleet)
 def main() -> None:
     """Entry point of the `optid` script."""
     if not sys.warnoptions:
-        warnings.simplefilter("ignore")  # what libraries warn of means nothing to who calls a command
+        warnings.simplefilter("ignore")  # warnings of libraries mean nothing to the user of a command
     with ended_at_once():
         cli()

@@ -1,4 +1,4 @@
-"""Options that say what eq. 12 holds and how it is learnt, for every command that identifies."""
+"""Options for the structure of eq. 12 and for its estimation, shared by all commands that identify."""
 
 from __future__ import annotations
 
@@ -78,5 +78,5 @@ FORGETTING = click.option(
     "--forgetting",
     callback=forgetting,
     metavar="LAW",
-    help="Of the recursion: 0.998, directional:0.99, variable:500.",
+    help="Forgetting of the recursion: 0.998, directional:0.99 or variable:500.",
 )

@@ -1,4 +1,4 @@
-"""The command line in the process of a fleet's job: as a user would call it, within bounds.
+"""The command line in the process of a fleet's job: the user's command, with limits on memory and time.
 
 python -m optid.cli.bounded MEMORY SECONDS PARENT ARGUMENTS...
 """
@@ -12,7 +12,7 @@ from optid.fleet.bounds import bound, die_with
 
 
 def main() -> None:
-    """Bound this process (bytes, s of its own time, whose child it is), and run the command."""
+    """Limit this process (bytes, s of processor time, id of the parent process) and run the command."""
     memory, seconds, parent = int(sys.argv[1]), float(sys.argv[2]), int(sys.argv[3])
     sys.argv[1:4] = []
     die_with(parent)

@@ -1,4 +1,4 @@
-"""`optid check`: read a rig file and recordings; remark on the data, and say what they are fit for."""
+"""`optid check`: read a rig file and recordings; report on the quality of the data and what they can be used for."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ if TYPE_CHECKING:
 @click.command()
 @click.argument("rig")
 @click.argument("recordings", metavar="RECORDING...", nargs=-1, required=True)
-@click.option("--out", metavar="DIR", help="Write check.json and report.html there; made if absent.")
+@click.option("--out", metavar="DIR", help="Folder for check.json and report.html; made if absent.")
 @click.option(
     "--detectability",
     is_flag=True,
-    help="Say, too, from what size each effect would show in these recordings, and be told from others.",
+    help="Also list the smallest size of each effect that these recordings would show and distinguish from others.",
 )
 @RATE
 @click.pass_context
 def check(
     context: click.Context, rig: str, recordings: tuple[str, ...], out: str | None, detectability: bool
 ) -> None:
-    """Read a rig file and recordings; remark on the data and on what they can tell of the parameters.
+    """Read a rig file and recordings; report on the quality of the data and on the identifiability of the parameters.
 
-    Exit status 0 with or without remarks, 1 when a recording cannot serve a fit or a parameter to fit has no influence
+    Exit status 0 with or without remarks, 1 when a recording cannot be fitted or a parameter to fit has no influence
     on any, 2 when a file cannot be read.
     """
     folder = results_folder(out) if out is not None else None
@@ -51,7 +51,7 @@ def check(
     if detectability and not grave:
         from optid.api.checking import what_they_could_show
 
-        with waiting("what each effect would change"):
+        with waiting("sensitivity to each effect"):
             seen = what_they_could_show(understood, [r for r, _ in read])
     if folder is not None or seen is not None:
         from optid.api.checking import result_of
@@ -68,7 +68,7 @@ def check(
 
 
 def _say_lags(rig: Rig, recording: Recording) -> None:
-    """By how much what is measured follows each input, where they resemble each other at all."""
+    """The lag of each measured signal behind each input, where they are correlated."""
     from optid.quality.quality import lags
 
     for what, cause, lag in lags(recording, rig.model):
@@ -77,17 +77,19 @@ def _say_lags(rig: Rig, recording: Recording) -> None:
 
 
 def _identifiability(rig: Rig, recordings: list[Recording]) -> dict[str, Any]:
-    """What the data tell of the parameters to fit, said and as a document."""
+    """Identifiability of the parameters to fit: printed, and returned as a document."""
     from optid.api.checking import what_they_tell
 
-    with waiting("examining what the data can tell"):
+    with waiting("checking identifiability"):
         told = what_they_tell(rig, recordings)
     free, condition = told["parameters"], told["condition"]
     size = "inf" if condition is None else f"{condition:.2g}"
-    click.echo(f"what these data tell of {free} parameters, at the rig file's values and before any fit:")
+    click.echo(f"identifiability of {free} parameters at the rig file's values, before any fit:")
     click.echo(f"  rank {told['rank']} of {free}, condition number of the sensitivities {size}")
     if told["without_influence"]:
-        click.echo(f"  without influence: {', '.join(told['without_influence'])}; a fit would be refused")
+        click.echo(
+            f"  no influence on the data: {', '.join(told['without_influence'])}; a fit would be refused"
+        )
     for sentence in told["sentences"]:
         click.echo(f"  {sentence}")
     return told

@@ -18,7 +18,7 @@ def checkpoint(folder: Path, resume: bool) -> Path | None:
     """A file in the user's cache for work into this folder; ``None`` where nothing can be kept.
 
     It is named after the folder and all that the work depends on: another version of optid, or a plant, an effect or
-    a recording that was edited since, begins anew.
+    a recording that was edited since, starts from the beginning.
     """
     home = cache_folder()
     if home is None:
@@ -42,7 +42,7 @@ def _digest(content: bytes) -> str:
 
 
 def _depends() -> list[object]:
-    """What decides what a run finds: optid's own code, its inputs, and the programs that they name."""
+    """What the result of a run depends on: optid's own code, its inputs, and the programs that they name."""
     from optid.rigs.programs import programs
 
     run = this_run()

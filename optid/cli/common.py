@@ -1,4 +1,4 @@
-"""What the commands share: reading inputs and saying things on a terminal; results and progress from beside it."""
+"""What the commands share: reading inputs and printing; results and progress come from the modules beside it."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ __all__ = [
     "write_json",
 ]
 
-_RATE = "optid.rate"  # under which a call keeps the rate asked for
+_RATE = "optid.rate"  # key under which a call keeps the requested rate
 
 
 def _keep_rate(context: click.Context, option: click.Parameter, value: float | None) -> None:
@@ -52,7 +52,7 @@ RATE = click.option(
     metavar="HZ",
     callback=_keep_rate,
     expose_value=False,
-    help="Bring faster recordings down to it; by default what the fastest pole that shows asks for.",
+    help="Decimate faster recordings to this rate; by default as fast as the fastest visible pole needs.",
 )
 
 Read = list[tuple["Recording", tuple["Remark", ...]]]
@@ -61,7 +61,7 @@ Read = list[tuple["Recording", tuple["Remark", ...]]]
 def read_all(rig: str, recordings: Sequence[str], holdout: Sequence[str] = ()) -> tuple[Rig, Read, Read]:
     """The rig, and the recordings with their remarks: the first ones, and those held out.
 
-    Remarks are on what the files hold; recordings faster than the axis needs are then brought down, and that is said.
+    Remarks are on what the files hold; recordings faster than the axis needs are then decimated, with a note.
     """
     from optid.api.inputs import at_their_rate, given, rig_of
 
@@ -75,16 +75,16 @@ def _pairs(data: Sequence[Given]) -> Read:
 
 
 def rate_asked() -> float | None:
-    """The rate that the call asks recordings to be brought down to, Hz."""
+    """The rate to which the call decimates recordings, Hz."""
     context = click.get_current_context(silent=True)
     asked: float | None = None if context is None else context.meta.get(_RATE)
     if asked is not None and not math.isfinite(asked):
-        raise InputError("not finite", where="--rate", expected="samples a second")
+        raise InputError("not finite", where="--rate", expected="a number of samples per second")
     return asked
 
 
 def refuse_unfit(read: Read) -> None:
-    """Data that the check calls unfit are not worked on.
+    """Refuse data that the check calls unfit.
 
     Raises:
         NotIdentifiable: names the recording and the gravest remark.

@@ -20,29 +20,38 @@ from optid.cli.common import (
     waiting,
 )
 
-TIME_LIMIT = 800.0  # s: where much is missing, the second of two effects was found after 650 of a core
+TIME_LIMIT = 800.0  # s: with much missing, the second of two effects was found after 650 s on one core
 
 
 @click.command()
 @click.argument("rig")
 @click.argument("recordings", metavar="RECORDING...", nargs=-1, required=True)
-@click.option("--holdout", multiple=True, required=True, metavar="REC", help="Judge on it; may be repeated.")
+@click.option(
+    "--holdout",
+    multiple=True,
+    required=True,
+    metavar="REC",
+    help="Recording held out for the final test; may be repeated.",
+)
 @click.option(
     "--validate",
     multiple=True,
     metavar="REC",
-    help="Judge the search on it alone, not on each RECORDING in turn; may be repeated.",
+    help="Recording that judges the search, instead of blocks of each RECORDING; may be repeated.",
 )
 @click.option(
-    "--effects", multiple=True, metavar="FILE.py", help="Effects of your own, to take part in everything."
+    "--effects",
+    multiple=True,
+    metavar="FILE.py",
+    help="Python file with effects of your own; may be repeated.",
 )
-@click.option("--seed", default=0, type=click.IntRange(min=0), help="Of the resampling; 0 by default.")
+@click.option("--seed", default=0, type=click.IntRange(min=0), help="Seed of the resampling; 0 by default.")
 @click.option(
     "--time-limit",
     default=TIME_LIMIT,
     type=click.FloatRange(min=0, min_open=True),
     metavar="S",
-    help="Seconds of the process's own time, about: the search for effects ends with what it has.",
+    help="Processor time, approximately, after which the search for effects stops and keeps its best model.",
     show_default=True,
 )
 @click.option(
@@ -50,10 +59,10 @@ TIME_LIMIT = 800.0  # s: where much is missing, the second of two effects was fo
     default=math.inf,
     type=click.FloatRange(min=0, min_open=True),
     metavar="S",
-    help="Seconds by the clock, about, after which it ends with what it has.",
+    help="Wall-clock time, approximately, after which the diagnosis stops and keeps its best model.",
 )
 @click.option(
-    "--resume/--no-resume", default=True, help="Go on from a diagnosis of the same that was cut short."
+    "--resume/--no-resume", default=True, help="Continue an interrupted diagnosis of the same inputs."
 )
 @RATE
 @OUT
@@ -69,7 +78,7 @@ def diagnose(
     resume: bool,
     out: str,
 ) -> None:
-    """Say what physics the rig's model leaves out, and prove it on recordings held out."""
+    """Find the physics that the rig's model leaves out, and prove it on held-out recordings."""
     folder = results_folder(out, keeps=Path(rig))
 
     from optid.api.diagnosing import diagnose as run

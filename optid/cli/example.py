@@ -14,8 +14,8 @@ def example(folder: str) -> None:
     files = write(folder)
     click.echo(f"written to {folder}: {', '.join(file.name for file in files)}")
     rig, train, holdout = f"{folder}/bench.toml", f"{folder}/worn.csv", f"{folder}/worn_holdout.csv"
-    click.echo("bench.toml and bench.csv belong together; worn.csv is the same axis with a fault. Try")
-    click.echo(f"  optid simulate {rig} {train} --out {folder}/simulation")
-    click.echo("      how far the model carries: 25 s at first, as code is compiled, then 5 s")
-    click.echo(f"  optid diagnose {rig} {train} --holdout {holdout} --out {folder}/diagnosis")
-    click.echo("      what it leaves out: about two minutes at first, then one")
+    click.echo("bench.csv was recorded on the axis of bench.toml; worn.csv is the same axis with a fault.")
+    click.echo(f"next: optid simulate {rig} {train} --out {folder}/simulation")
+    click.echo("      how well does the model predict? 25 s the first time, while code is compiled, then 5 s")
+    click.echo("      which physics does it leave out? about two minutes the first time, then one:")
+    click.echo(f"then: optid diagnose {rig} {train} --holdout {holdout} --out {folder}/diagnosis")

@@ -16,14 +16,26 @@ from optid.errors import InputError, JobError
 @click.command()
 @click.argument("rig")
 @click.argument("recordings", metavar="RECORDING...", nargs=-1, required=True)
-@click.option("--holdout", multiple=True, metavar="REC", help="Judge the fit on it; may be repeated.")
+@click.option(
+    "--holdout", multiple=True, metavar="REC", help="Recording held out to judge the fit; may be repeated."
+)
 @RATE
 @OUT
 @click.option("--starts", default=1, type=click.IntRange(min=1), help="Number of start points; 1 by default.")
-@click.option("--time-limit", type=click.FloatRange(min=0, min_open=True), metavar="S", help="Seconds.")
-@click.option("--robust", is_flag=True, help="Let outliers count linearly, not squared.")
-@click.option("--resume/--no-resume", default=True, help="Go on from a fit of the same that was cut short.")
-@click.option("--profile", multiple=True, metavar="NAME", help="Follow its likelihood; may be repeated.")
+@click.option(
+    "--time-limit",
+    type=click.FloatRange(min=0, min_open=True),
+    metavar="S",
+    help="Processor time after which the best point so far is kept.",
+)
+@click.option("--robust", is_flag=True, help="Weigh outliers by their size, not by its square.")
+@click.option("--resume/--no-resume", default=True, help="Continue an interrupted fit of the same inputs.")
+@click.option(
+    "--profile",
+    multiple=True,
+    metavar="NAME",
+    help="Compute the profile likelihood of this parameter; may be repeated.",
+)
 def fit(rig: str, recordings: tuple[str, ...], holdout: tuple[str, ...], out: str, **choices: Any) -> None:
     """Fit the parameters of the rig file's [fit] table to recordings."""
     folder = results_folder(out, keeps=Path(rig))
@@ -61,6 +73,6 @@ def fit(rig: str, recordings: tuple[str, ...], holdout: tuple[str, ...], out: st
     else:
         say_next("simulate", rig, (holdout or recordings)[0], "--fit", out, "--out", "DIR")
     if result.outcome.failed:
-        raise JobError(f"{result.outcome.value} The best found is in {out}.")
+        raise JobError(f"{result.outcome.value} The best point found is in {out}.")
     if result.refuted:
         raise JobError(f"{result.refuted}. The fit is in {out}.")

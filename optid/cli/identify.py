@@ -48,44 +48,52 @@ def _gains(context: click.Context, option: click.Parameter, value: str | None) -
 
 @click.command()
 @click.argument("recording")
-@click.option("--rig", required=True, metavar="RIG", help="Rig file: says which column is what.")
+@click.option("--rig", required=True, metavar="RIG", help="Rig file; its [channels] table names the columns.")
 @click.option(
-    "--orders", callback=numbers, default="3,4,5", metavar="N,N", help="na = nb = nc; 3,4,5 by default."
+    "--orders",
+    callback=numbers,
+    default="3,4,5",
+    metavar="N,N",
+    help="Model orders na = nb = nc; 3,4,5 by default.",
 )
 @click.option(
-    "--steps", callback=numbers, default="1,5,10", metavar="K,K", help="Horizons; 1,5,10 by default."
+    "--steps",
+    callback=numbers,
+    default="1,5,10",
+    metavar="K,K",
+    help="Prediction horizons in samples; 1,5,10 by default.",
 )
 @click.option(
     "--na",
     type=click.IntRange(1, 400),
     metavar="N",
-    help="One model of this structure alone, in the place of --orders.",
+    help="Number of coefficients of A: one model of this structure, instead of --orders.",
 )
 @click.option(
     "--nb",
     callback=one_for_each_input(1),
     metavar="N[,N]",
-    help="Numbers of B, for each input; na by default.",
+    help="Number of coefficients of B, one for each input; na by default.",
 )
 @click.option(
     "--nc",
     type=click.IntRange(0, 400),
     metavar="N",
-    help="Numbers of C; na by default, 0 makes an ARX model.",
+    help="Number of coefficients of C; na by default, 0 gives an ARX model.",
 )
 @click.option(
     "--delay",
     callback=one_for_each_input(0),
     metavar="NK[,NK]",
-    help="Samples, for each input; chosen if absent.",
+    help="Delay in samples, one for each input; chosen from the data by default.",
 )
 @click.option(
     "--method",
     type=click.Choice(["pem", "rml", "rls"]),
     default="pem",
     show_default=True,
-    help="Who makes the models and the table: offline prediction errors, recursive maximum likelihood, the paper's "
-    "recursive least squares.",
+    help="Estimator of the models and the table: offline prediction error method, recursive maximum "
+    "likelihood, or the paper's recursive least squares.",
 )
 @FORGETTING
 @click.option(
@@ -93,15 +101,25 @@ def _gains(context: click.Context, option: click.Parameter, value: str | None) -
     type=click.Choice(["auto", "none", "constant", "linear"]),
     default="auto",
     show_default=True,
-    help="What stands beside eq. 12; auto: a constant, and a slope where the recording shows one.",
+    help="Terms added to eq. 12; auto: a constant, and a slope where the recording shows one.",
 )
 @click.option(
-    "--input", "inputs", multiple=True, metavar="ROLE", help="The plant's by default; may be repeated."
+    "--input",
+    "inputs",
+    multiple=True,
+    metavar="ROLE",
+    help="Input channel; the plant's inputs by default; may be repeated.",
 )
-@click.option("--output", metavar="ROLE", help="The plant's first measured one by default.")
-@click.option("--gains", callback=_gains, metavar="KP,KI,KD", help="Say whether these stabilise the models.")
-@click.option("--export-c", is_flag=True, help="Write the recommended model and its identifier as C headers.")
-@click.option("--export-st", is_flag=True, help="The same as IEC 61131-3 structured text.")
+@click.option(
+    "--output", metavar="ROLE", help="Output channel; the plant's first measured output by default."
+)
+@click.option(
+    "--gains", callback=_gains, metavar="KP,KI,KD", help="PID gains to test: do they stabilise the models?"
+)
+@click.option(
+    "--export-c", is_flag=True, help="Write the recommended model and its recursive identifier as C headers."
+)
+@click.option("--export-st", is_flag=True, help="Write both as IEC 61131-3 structured text.")
 @RATE
 @OUT
 def identify(
@@ -114,7 +132,7 @@ def identify(
     export_st: bool,
     **asked: Any,
 ) -> None:
-    """Identify ARMAX models, audit them, and tabulate their predictions as the paper's Table 2."""
+    """Identify ARMAX models, check them, and tabulate their prediction errors as in the paper's Table 2."""
     folder = results_folder(out)
     understood, [(read, remarks)], _ = read_all(rig, (recording,))
 
@@ -221,7 +239,7 @@ def _say(found: Survey) -> None:
 
     click.echo(f"{found.output} from {found.input}: {found.words}")
     click.echo(f"order {found.recommended}: {found.chosen.model}")
-    click.echo(f"by {found.estimator.value}")
+    click.echo(f"estimator: {found.estimator.value}")
     unit, held = found.table2.unit, {_key(row): row for row in found.table2.errors(HELD_OUT)}
     rows = []
     for row in found.table2.errors(IN_SAMPLE):

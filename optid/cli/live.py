@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from optid.live.settings import Settings
     from optid.rigs.rigfile import Rig
 
-POLL = 0.05  # s between looks at a running session
+POLL = 0.05  # s between polls of a running session
 POSITIVE = click.FloatRange(min=0, min_open=True)
 
 
@@ -43,8 +43,10 @@ POSITIVE = click.FloatRange(min=0, min_open=True)
     help="simulated, replay, nidaqmx, opcua, or path/to/file.py:function.",
 )
 @OUT
-@click.option("--seconds", type=POSITIVE, metavar="S", help="Until it is stopped where absent.")
-@click.option("--rate", type=POSITIVE, metavar="HZ", help="Samples a second; the rig file's where absent.")
+@click.option(
+    "--seconds", type=POSITIVE, metavar="S", help="Duration; without it the session runs until it is stopped."
+)
+@click.option("--rate", type=POSITIVE, metavar="HZ", help="Sampling rate; the rig file's by default.")
 @click.option(
     "--reference",
     metavar="WHAT",
@@ -53,27 +55,49 @@ POSITIVE = click.FloatRange(min=0, min_open=True)
 @click.option(
     "--command",
     metavar="WHAT",
-    help='Open loop: "impulse 2 V 40 ms", steps, ramp, multisine, or a recording with a command.',
+    help='Open-loop command: "impulse 2 V 40 ms", steps, a ramp, a multisine, or a recording with a command.',
 )
-@click.option("--gains", metavar="WHAT", help='A pid.json, or "kp=40 ki=60"; gentle ones where absent.')
 @click.option(
-    "--order", type=click.IntRange(1, 12), metavar="N", help="na = nb = nc of the ARMAX model; 4 by default."
+    "--gains",
+    metavar="WHAT",
+    help='Controller gains: a pid.json, or "kp=40 ki=60"; cautious gains by default.',
 )
-@click.option("--na", type=click.IntRange(1, 12), metavar="N", help="Numbers of A, in the place of --order.")
-@click.option("--nb", type=click.IntRange(1, 12), metavar="N", help="Numbers of B; na by default.")
-@click.option("--nc", type=click.IntRange(0, 12), metavar="N", help="Numbers of C; na by default, 0: ARX.")
-@click.option("--delay", default=1, type=click.IntRange(1, 1000), show_default=True, help="Samples.")
+@click.option(
+    "--order",
+    type=click.IntRange(1, 12),
+    metavar="N",
+    help="Order na = nb = nc of the ARMAX model; 4 by default.",
+)
+@click.option(
+    "--na", type=click.IntRange(1, 12), metavar="N", help="Number of coefficients of A, instead of --order."
+)
+@click.option(
+    "--nb", type=click.IntRange(1, 12), metavar="N", help="Number of coefficients of B; na by default."
+)
+@click.option(
+    "--nc",
+    type=click.IntRange(0, 12),
+    metavar="N",
+    help="Number of coefficients of C; na by default, 0 gives ARX.",
+)
+@click.option("--delay", default=1, type=click.IntRange(1, 1000), show_default=True, help="Delay in samples.")
 @click.option(
     "--method",
     type=click.Choice(["rml", "rls"]),
     default="rml",
     show_default=True,
-    help="Recursive maximum likelihood, or the paper's recursive least squares.",
+    help="Recursive estimator: maximum likelihood, or the paper's least squares.",
 )
 @FORGETTING
-@click.option("--dither", default=0.0, type=click.FloatRange(min=0), metavar="V", help="Random signs added.")
 @click.option(
-    "--tune", "tune_after", type=POSITIVE, metavar="S", help="Tune after so many seconds, and apply."
+    "--dither",
+    default=0.0,
+    type=click.FloatRange(min=0),
+    metavar="V",
+    help="Amplitude of a random binary signal added to the command.",
+)
+@click.option(
+    "--tune", "tune_after", type=POSITIVE, metavar="S", help="Tune after this time and apply the gains."
 )
 @click.option(
     "--sensitivity",
@@ -81,24 +105,30 @@ POSITIVE = click.FloatRange(min=0, min_open=True)
     type=click.FloatRange(min=1, min_open=True),
     show_default=True,
     metavar="MS",
-    help="Largest maximum sensitivity of tuned gains; 2 is brisk, 1.2 careful.",
+    help="Upper limit of the maximum sensitivity of tuned gains; 2 is fast, 1.2 cautious.",
 )
 @click.option(
     "--since",
     metavar="FILE",
-    help="live.json of an earlier session: what has changed since; the rig file else.",
+    help="live.json of an earlier session to compare with; the rig file by default.",
 )
-@click.option("--page", is_flag=True, help="Show and steer it in a browser; on this machine alone.")
-@click.option("--host", default="127.0.0.1", metavar="NAME", show_default=True, help="Serve the page there.")
+@click.option("--page", is_flag=True, help="Show and control the session in a browser on this machine.")
 @click.option(
-    "--port", default=0, type=click.IntRange(0, 65535), help="Of the page; a free one where absent."
+    "--host",
+    default="127.0.0.1",
+    metavar="NAME",
+    show_default=True,
+    help="Address at which the page is served.",
 )
-@click.option("--token", metavar="TEXT", help="That opens the page; made at random where absent.")
-@click.option("--recording", metavar="FILE", help="What the replay driver replays.")
-@click.option("--fast", is_flag=True, help="As fast as it goes: simulated and replay only.")
-@click.option("--seed", default=0, type=click.IntRange(min=0), help="Of everything random.")
+@click.option(
+    "--port", default=0, type=click.IntRange(0, 65535), help="Port of the page; a free one by default."
+)
+@click.option("--token", metavar="TEXT", help="Token that opens the page; random by default.")
+@click.option("--recording", metavar="FILE", help="Recording for the replay driver.")
+@click.option("--fast", is_flag=True, help="Run faster than real time: simulated and replay drivers only.")
+@click.option("--seed", default=0, type=click.IntRange(min=0), help="Seed of all random numbers.")
 def live(rig: str, driver: str, out: str, **choices: Any) -> None:
-    """Run a rig and its simulation side by side: read, identify, simulate, control, write, log."""
+    """Run a rig and its simulation in parallel: read, identify, simulate, control, log."""
     folder = results_folder(out)
 
     from optid.armax.files import to_json
@@ -140,11 +170,11 @@ def live(rig: str, driver: str, out: str, **choices: Any) -> None:
     if document["followed"] is not None:
         click.echo(document["followed"]["words"])
     if document["parted"]:
-        click.echo(f"rig and model disagree; to find out what is missing:\n  {document['diagnosis']}")
+        click.echo(f"rig and model disagree; to find what is missing, next: {document['diagnosis']}")
     else:
         say_next("fit", rig, f"{out}/{LOG}", "--out", "DIR")
     if document["outcome"] == "failed":
-        raise JobError(f"{document['why']}; the recording up to there was kept in {out}")
+        raise JobError(f"{document['why']}; the recording up to that moment is in {out}")
 
 
 def _plan(rig: Path, driver: str, folder: Path, choices: dict[str, Any]) -> Plan:
@@ -162,7 +192,9 @@ def _plan(rig: Path, driver: str, folder: Path, choices: dict[str, Any]) -> Plan
             raise InputError("not finite", where=f"--{name}", expected="a number")
     check_driver_name(driver)
     if choices["fast"] and driver not in ("simulated", "replay"):
-        raise InputError(f"with --driver {driver}", where="--fast", expected="simulated or replay")
+        raise InputError(
+            f"it cannot run with --driver {driver}", where="--fast", expected="the driver simulated or replay"
+        )
     understood = read_rig(rig)
     settings, wiring = live_settings(understood, choices["rate"]), wiring_of(understood)
     limits, wanted = settings.limits, choices["reference"]
@@ -194,7 +226,7 @@ def _plan(rig: Path, driver: str, folder: Path, choices: dict[str, Any]) -> Plan
 
 
 def _command(choices: dict[str, Any], rig: Rig, settings: Settings) -> Excitation | None:
-    """The experiment in open loop, where one is asked for."""
+    """The open-loop experiment, if one is requested."""
     from optid.live.excitation import read_command
     from optid.live.settings import wiring_of
 
@@ -204,27 +236,27 @@ def _command(choices: dict[str, Any], rig: Rig, settings: Settings) -> Excitatio
         if choices[name]:
             option = name.removesuffix("_after")
             raise InputError(
-                f"with --{option}",
+                f"it is given together with --{option}",
                 where="--command",
-                expected="one of them: nothing is controlled in open loop",
+                expected="only one of the two: in open loop nothing is controlled",
             )
     channel = wiring_of(rig).command
     return read_command(choices["command"], rig, settings, channel.role, channel.recorded_unit)
 
 
 def _orders(choices: dict[str, Any]) -> Orders:
-    """Eq. 12's numbers from the options."""
+    """The orders of eq. 12, from the options."""
     from optid.armax.structure import Orders
 
     if choices["order"] is not None and choices["na"] is not None:
-        raise InputError("--order and --na", where="--na", expected="one of them")
+        raise InputError("it is given together with --order", where="--na", expected="only one of the two")
     na = choices["na"] or choices["order"] or 4
     nb, nc = (na if choices[name] is None else choices[name] for name in ("nb", "nc"))
     return Orders(na, (nb,), nc, (choices["delay"],))
 
 
 def _learning(choices: dict[str, Any]) -> Learning:
-    """How the recursion learns, from the options."""
+    """The settings of the recursion, from the options."""
     from optid.armax.identifier import Method
     from optid.armax.identifier import Settings as Learning
 
@@ -234,17 +266,17 @@ def _learning(choices: dict[str, Any]) -> Learning:
 
 
 def _no_page() -> None:
-    """Options of the page without the page are a mistake, and one of them keeps others out."""
+    """Refuse options of the page without --page: they are a mistake, and one of them protects access."""
     context = click.get_current_context()
     for name in ("token", "host", "port"):
         if context.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE:
-            raise InputError("without --page", where=f"--{name}", expected="--page beside it")
+            raise InputError("it is given without --page", where=f"--{name}", expected="--page as well")
 
 
 def _way_in(choices: dict[str, Any]) -> tuple[Access, socket.socket]:
-    """Who may open the page, and where it listens: taken before the session begins."""
+    """Access to the page and its socket, which is opened before the session begins."""
     if choices["token"] == "":
-        raise InputError("empty", where="--token", expected="a word that is hard to guess")
+        raise InputError("it is empty", where="--token", expected="a word that is hard to guess")
     try:
         from optid.live.page.access import Access
     except ImportError as error:
@@ -261,7 +293,7 @@ def _way_in(choices: dict[str, Any]) -> tuple[Access, socket.socket]:
 
 @contextmanager
 def _stopped_by_signals(session: Session) -> Iterator[None]:
-    """Ctrl-C and SIGTERM ask the guard to put the safe command and end."""
+    """On Ctrl-C or SIGTERM the guard writes the safe command and ends the session."""
 
     def stop(number: int, _: object) -> None:
         session.stop("Ctrl-C" if number == signal.SIGINT else "SIGTERM")

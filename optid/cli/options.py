@@ -22,7 +22,7 @@ _THREADS = (
 
 
 def everywhere(command: click.Command) -> click.Command:
-    """A command with the options that all have."""
+    """Add the options that every command has."""
     command.params += [
         click.Option(
             ["--progress"],
@@ -30,7 +30,7 @@ def everywhere(command: click.Command) -> click.Command:
             default="auto",
             expose_value=False,
             callback=_progress,
-            help="A bar on a terminal (auto), nothing, or JSON lines on stderr.",
+            help="A bar where stderr is a terminal (auto), nothing (none), or JSON lines on stderr (json).",
         ),
         click.Option(
             ["--threads"],
@@ -40,14 +40,14 @@ def everywhere(command: click.Command) -> click.Command:
             expose_value=False,
             is_eager=True,
             callback=_threads,
-            help="Cores to use at most; all where absent (OPTID_THREADS).",
+            help="Largest number of cores; all by default (OPTID_THREADS).",
         ),
         click.Option(
             [OUTSIDE],
             is_flag=True,
             expose_value=False,
             callback=_outside,
-            help="Let a rig file run Python files from outside its folder.",
+            help="Allow a rig file to run Python files from outside its folder.",
         ),
     ]
     return command

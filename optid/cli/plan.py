@@ -18,21 +18,41 @@ POSITIVE = click.FloatRange(min=0, min_open=True)
 @click.command()
 @click.argument("rig")
 @click.option(
-    "--rivals", metavar="NAMES", help="Effects to tell apart: valve_lag,input_delay; one to show it."
+    "--rivals",
+    metavar="NAMES",
+    help="Effects to distinguish, as in valve_lag,input_delay; or one effect to detect.",
 )
 @click.option(
-    "--diagnosis", metavar="DIR", help="Instead: what this diagnosis (or diagnosis.json) left open."
+    "--diagnosis",
+    metavar="DIR",
+    help="Folder of a diagnosis (or diagnosis.json): distinguish the effects that it left open.",
 )
 @click.option(
-    "--seconds", type=POSITIVE, default=12.0, show_default=True, metavar="S", help="Of the experiment."
+    "--seconds",
+    type=POSITIVE,
+    default=12.0,
+    show_default=True,
+    metavar="S",
+    help="Duration of the experiment.",
 )
-@click.option("--rate", type=POSITIVE, metavar="HZ", help="Samples a second; the rig file's where absent.")
-@click.option("--gains", metavar="WHAT", help='A pid.json, or "kp=40 ki=60"; gentle ones where absent.')
-@click.option("--effects", multiple=True, metavar="FILE.py", help="Effects of your own.")
-@click.option("--seed", default=0, type=click.IntRange(min=0), help="Of everything random; 0 by default.")
+@click.option("--rate", type=POSITIVE, metavar="HZ", help="Sampling rate; the rig file's by default.")
+@click.option(
+    "--gains",
+    metavar="WHAT",
+    help='Controller gains: a pid.json, or "kp=40 ki=60"; cautious gains by default.',
+)
+@click.option(
+    "--effects",
+    multiple=True,
+    metavar="FILE.py",
+    help="Python file with effects of your own; may be repeated.",
+)
+@click.option(
+    "--seed", default=0, type=click.IntRange(min=0), help="Seed of all random numbers; 0 by default."
+)
 @OUT
 def plan(rig: str, out: str, **choices: Any) -> None:
-    """Write the experiment that tells rival effects apart best: a reference within stroke and limits."""
+    """Write the experiment that best distinguishes rival effects: a reference within stroke and limits."""
     folder = results_folder(out)
     for name in ("seconds", "rate"):
         if choices[name] is not None and not math.isfinite(choices[name]):
@@ -55,11 +75,11 @@ def plan(rig: str, out: str, **choices: Any) -> None:
     deliver(folder, placed(result, out).write)
     click.echo(result.summary())
     click.echo(f"written to {out}: {', '.join(result.written)}")
-    click.echo(f"run it: {_call(rig, Path(out), result.document['seconds'], choices)}")
+    click.echo(f"next: {_call(rig, Path(out), result.document['seconds'], choices)}")
 
 
 def _call(rig: str, out: Path, seconds: float, choices: dict[str, Any]) -> str:
-    """The session that follows the plan."""
+    """The command that runs the plan."""
     call = [
         "optid",
         "live",
@@ -76,8 +96,8 @@ def _call(rig: str, out: Path, seconds: float, choices: dict[str, Any]) -> str:
 
 
 def _rivals(choices: dict[str, Any]) -> str | Path:
-    """Names, or where a diagnosis lies."""
+    """Names of effects, or the path of a diagnosis."""
     if (choices["rivals"] is None) == (choices["diagnosis"] is None):
         found = "neither is given" if choices["rivals"] is None else "both are given"
-        raise InputError(found, where="--rivals, --diagnosis", expected="one of them")
+        raise InputError(found, where="--rivals, --diagnosis", expected="one of the two")
     return Path(choices["diagnosis"]) if choices["rivals"] is None else str(choices["rivals"])

@@ -1,4 +1,4 @@
-"""What a command says of a running job: a bar on a terminal, JSON lines for a program, or nothing."""
+"""How a command shows the progress of a job: a bar on a terminal, JSON lines for a program, or nothing."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ def _line(what: str, share: float | None, words: str) -> None:
 
 
 def event(what: str, share: float | None, words: str) -> None:
-    """A JSON line of something that happened, for what a person is told on stdout anyway."""
+    """A JSON line for an event that is also printed on stdout."""
     if _CHOSEN.get() == "json":
         _line(what, share, words)
 
 
 @contextmanager
 def waiting(what: str) -> Iterator[None]:
-    """For what takes a moment: a spinner, or a line when it begins and one when it is done."""
+    """For a short step: a spinner, or one line at its start and one at its end."""
     if _shown():
         from rich.console import Console
 
@@ -53,7 +53,7 @@ def waiting(what: str) -> Iterator[None]:
 
 @contextmanager
 def progress(what: str) -> Iterator[Callable[[float, str], None]]:
-    """For what takes longer; what it yields takes the share done and a few words."""
+    """For a longer job; yields a function of the share done and a few words."""
     if _CHOSEN.get() == "json":
         yield _each_new(what)
         _line(what, 1.0, "done")
@@ -76,7 +76,7 @@ def progress(what: str) -> Iterator[Callable[[float, str], None]]:
 
 
 def _each_new(what: str) -> Callable[[float, str], None]:
-    """A line where something changed by a hundredth or in words."""
+    """Print a line when the share changed by a hundredth, or the words changed."""
     last: tuple[float, str] | None = None
 
     def show(share: float, words: str) -> None:
@@ -89,8 +89,8 @@ def _each_new(what: str) -> Callable[[float, str], None]:
 
 
 def tell_first_compile(how: str) -> None:
-    """Say, one of `CHOICES`, that optid's functions are compiled for this machine, which takes a minute."""
-    words = "compiling optid's functions for this machine; once per version, about a minute"
+    """Report, in one of the ways of `CHOICES`, that functions are being compiled, which takes a minute."""
+    words = "compiling optid's functions for this machine: about a minute, once per version"
     if how == "json":
         _line("compiling", None, words)
     elif how == "auto" and sys.stderr.isatty():

@@ -1,4 +1,4 @@
-"""Where results go: tried before the work starts, written whole or not at all, and never lost at the end."""
+"""The results folder: tested before the work starts, written completely or not at all, and never lost."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ Write = Callable[[Path], None]
 
 @dataclass
 class _Claim:
-    """A folder that this run writes into: what it made of the way there, its lock, and what it found."""
+    """A folder that this run writes into: the parents it created, its lock, and the manifest it found."""
 
     folder: Path
     made: list[Path] = field(default_factory=list)
@@ -37,7 +37,7 @@ class _Claim:
     found: Any = None
 
     def release(self) -> None:
-        """Let others have it; folders that were made and hold nothing go."""
+        """Release the folder; folders that were created and are empty are removed."""
         if self.lock is not None:
             os.close(self.lock)
             self.lock = None
@@ -49,7 +49,7 @@ class _Claim:
 
 
 def results_folder(out: str, keeps: Path | None = None) -> Path:
-    """Where results go, tried before any work starts: everything that writing them will do is done once.
+    """The results folder, tested before any work starts by doing once what writing will do.
 
     Raises:
         InputError: it is a file, cannot be written to, is another run's, or would lose the file that it `keeps`.
@@ -59,7 +59,7 @@ def results_folder(out: str, keeps: Path | None = None) -> Path:
         if folder.exists() and not folder.is_dir():
             raise InputError(f"{out} is a file", where="--out", expected="a folder")
     except (OSError, RuntimeError, ValueError) as error:
-        raise InputError(f"no name for a folder ({error})", where="--out", expected="a folder") from None
+        raise InputError(f"this cannot name a folder ({error})", where="--out", expected="a folder") from None
     if keeps is not None and keeps.resolve() == folder / "rig.toml":
         raise InputError(f"the fitted rig would overwrite {keeps}", where="--out", expected="another folder")
     context = click.get_current_context(silent=True)
@@ -116,7 +116,7 @@ def _locked(folder: Path) -> int | None:
     except BlockingIOError:
         os.close(descriptor)
         raise InputError(
-            "another run is writing into it",
+            "another run is writing into this folder",
             where="--out",
             expected="a folder of its own for each run",
             hint="wait for it to end",
@@ -128,7 +128,7 @@ def _locked(folder: Path) -> int | None:
 
 
 def _lend_temporary(folder: Path) -> None:
-    """Where nothing else can be written, what libraries need for the moment goes here, too."""
+    """Use it for libraries' temporary files if no other folder is writable."""
     try:
         tempfile.gettempdir()
     except OSError:
@@ -161,17 +161,17 @@ def _refuse_obstacle(folder: Path) -> None:
     for name in _FILES:
         if (folder / name).is_dir():
             raise InputError(
-                f"{name} is a folder there",
+                f"it contains a folder named {name}, which is the name of a result file",
                 where="--out",
-                expected="a folder in which files of results can stand",
+                expected="a folder without a subfolder of that name",
             )
 
 
 def deliver(folder: Path, write: Write) -> None:
     """Write all files into the folder, as one set.
 
-    Where the folder refuses, the set that stands there stays, and the new one goes whole to another folder. Where one
-    file cannot be made, the others are kept there as well.
+    If the folder cannot be written, its present files stay and all new ones go to another folder. If one file cannot
+    be made, the others are kept there as well.
 
     Args:
         folder: as `results_folder` gave it.
@@ -185,14 +185,14 @@ def deliver(folder: Path, write: Write) -> None:
     with undisturbed():
         try:
             if claim is not None and claim.lock is None and resultset.manifest(folder) != claim.found:
-                raise FileExistsError("another run wrote into it in the meantime")
+                raise FileExistsError("another run wrote into this folder in the meantime")
             _save(folder, write)
         except OSError as error:
-            _elsewhere(folder, write, f"{error}", "they are all")
+            _elsewhere(folder, write, f"{error}", "all of them are")
         except Exception as error:
             bug = "" if isinstance(error, OptidError) else "this is a bug in optid, please report it: "
             why = f"{bug}{type(error).__name__}: {error}"
-            _elsewhere(folder, _bearing(write), why, "what could be written is")
+            _elsewhere(folder, _bearing(write), why, "the files that could be written are")
 
 
 def _save(folder: Path, write: Write) -> None:
@@ -215,7 +215,7 @@ def _save(folder: Path, write: Write) -> None:
 
 
 def _bearing(write: Write) -> Write:
-    """What it writes before it fails, if anything."""
+    """Keep what was written before a failure, if anything."""
 
     def kept(staged: Path) -> None:
         try:
@@ -244,7 +244,7 @@ def _elsewhere(folder: Path, write: Write, why: str, what: str) -> NoReturn:
 
 
 def _places(folder: Path) -> Iterator[Path]:
-    """New folders: beside the one meant, where the command was called, in the user's own, for temporary files."""
+    """New folders: beside the intended one, in the working directory, in the home, and among temporary files."""
     name = f"{folder.name[:80] or 'optid'}-rescued"
     homes = [folder.parent]
     with contextlib.suppress(OSError):
@@ -264,13 +264,13 @@ def _stamp(staged: Path) -> None:
         content = json.loads(path.read_text(encoding="utf-8"))
         if isinstance(content, dict):
             schema = content.pop("schema", f"optid.{path.stem}/1")
-            facts = this_run().facts  # what the call says of itself gives way: the command line says more
+            facts = this_run().facts  # the command line replaces what the Python call recorded
             rest = {key: value for key, value in content.items() if key not in facts}
             write_json(path, {"schema": schema, **facts, **rest})
 
 
 def placed(result: Found, out: str) -> Found:
-    """The result with the folder that its page's next command is to name."""
+    """The result with its folder, which the page's next command names."""
     about = {**result.document["about"], "folder": out}
     return replace(result, document={**result.document, "about": about})
 

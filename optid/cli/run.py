@@ -1,4 +1,4 @@
-"""What is known of the run itself: its command line, its inputs with their digests, and whether it was told to stop."""
+"""Facts of the run itself: its command line, its inputs with their digests, and whether a signal asked it to stop."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ class Run:
         command: as it was called.
         inputs: path as named -> SHA-256 of the files that it names, read before the work began.
         delivered: the folder that holds its results, once it does.
-        held: whether a word to stop must wait.
-        stopped: the signal that came meanwhile.
+        held: whether a request to stop must wait.
+        stopped: the signal that arrived meanwhile.
         before: a user's Python files that were run before this run.
     """
 
@@ -46,7 +46,7 @@ class Run:
 
     @property
     def facts(self) -> dict[str, Any]:
-        """What every document says of where it comes from."""
+        """The origin that every document states."""
         own = {
             str(one.path): one.digest for one in loaded() if all(one is not other for other in self.before)
         }
@@ -64,8 +64,10 @@ def this_run() -> Run:
 
 @contextmanager
 def begun(arguments: Sequence[str]) -> Iterator[Run]:
-    """A run from its first word to its last; SIGINT, SIGTERM and a shut terminal end it alike."""
-    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # where it keeps its fonts is no news for a user
+    """The context of a run; SIGINT, SIGTERM and a closed terminal end it in the same way."""
+    logging.getLogger("matplotlib").setLevel(
+        logging.ERROR
+    )  # the user need not know where it caches its fonts
     run = Run(shlex.join(["optid", *map(str, arguments)]), before=loaded())
     token = _RUN.set(run)
     before = _listen(run)
@@ -83,7 +85,7 @@ class Stopped(KeyboardInterrupt):
 
 @contextmanager
 def undisturbed() -> Iterator[None]:
-    """Let a word to stop wait until the few file operations inside are done."""
+    """Postpone a request to stop until the file operations inside are done."""
     run = this_run()
     before, run.held = run.held, True
     try:
@@ -105,7 +107,7 @@ def note_inputs(context: click.Context) -> None:
 
 def _note(run: Run, text: str) -> None:
     digest = digest_of(text)
-    if digest is not None:  # else who reads it says what is wrong
+    if digest is not None:  # otherwise the reader of the file reports what is wrong
         run.inputs[text] = digest
 
 
@@ -121,7 +123,7 @@ def _listen(run: Run) -> dict[int, Any]:
 
     if threading.current_thread() is not threading.main_thread():
         return {}
-    names = ("SIGINT", "SIGTERM", "SIGHUP")  # the last where a terminal can be shut
+    names = ("SIGINT", "SIGTERM", "SIGHUP")  # the last one where a terminal can be closed
     wanted = [getattr(signal, name) for name in names if hasattr(signal, name)]
     return {
         number: signal.signal(number, stop)
@@ -132,7 +134,7 @@ def _listen(run: Run) -> dict[int, Any]:
 
 @contextmanager
 def ended_at_once() -> Iterator[None]:
-    """Once a run was told to stop, do not wait for what its threads still reckon."""
+    """Once a run was asked to stop, do not wait for its threads."""
     try:
         yield
     except SystemExit as end:

@@ -16,12 +16,15 @@ if TYPE_CHECKING:
 @click.argument("rig")
 @click.argument("recording")
 @click.option(
-    "--fit", "fitted", metavar="DIR", help="Use this fit's values, and draw the 95 % band they give."
+    "--fit",
+    "fitted",
+    metavar="DIR",
+    help="Folder of a fit: use its values and draw the 95 % band of its parameters.",
 )
 @RATE
 @OUT
 def simulate(rig: str, recording: str, fitted: str | None, out: str) -> None:
-    """Run the model along a recording, with the rig file's numbers."""
+    """Simulate the model along a recording with the rig file's values."""
     folder = results_folder(out)
 
     from optid.api.simulating import simulate as run
@@ -44,15 +47,23 @@ def _fit_in(folder: str) -> FitResult:
     values = load(folder)
     if not isinstance(values, FitResult):
         raise InputError(
-            f"{folder} holds a {type(values).__name__}", where="--fit", expected="results of optid fit"
+            f"{folder} holds a {type(values).__name__}",
+            where="--fit",
+            expected="a folder with the results of optid fit",
         )
     try:
         found = values.parameters, values.values, values.process_noise, values.covariance
         complete = len(found[3]) == len(found[0])
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise InputError(
-            f"holds no whole fit ({type(error).__name__}: {error})", where=folder, hint="run optid fit again"
+            f"the fit in this folder is incomplete ({type(error).__name__}: {error})",
+            where=folder,
+            hint="run optid fit again",
         ) from None
     if not complete:
-        raise InputError("the covariance is of other parameters", where=folder, hint="run optid fit again")
+        raise InputError(
+            "the covariance and the parameters of this fit do not match",
+            where=folder,
+            hint="run optid fit again",
+        )
     return values

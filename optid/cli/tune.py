@@ -30,90 +30,139 @@ if TYPE_CHECKING:
     "setpoints",
     multiple=True,
     metavar="SIZE",
-    help='Largest step, "6 cm"; shares of it in both directions are added. May be repeated.',
+    help='Largest step, as in "6 cm"; smaller steps and both directions are added. May be repeated.',
 )
 @click.option(
-    "--profile", "profiles", multiple=True, metavar="CSV", help="Path to follow: columns time and value."
+    "--profile", "profiles", multiple=True, metavar="CSV", help="Set-point profile: columns time and value."
 )
 @click.option(
-    "--disturbance", "disturbances", multiple=True, metavar="SIZE", help="Step added to the command."
+    "--disturbance",
+    "disturbances",
+    multiple=True,
+    metavar="SIZE",
+    help="Size of a load step, added to the command.",
 )
 @click.option(
-    "--limits", metavar="LOW,HIGH", help='Of the command; "-5,5", "-5 V, 5 V", or one for both sides.'
+    "--limits",
+    metavar="LOW,HIGH",
+    help='Limits of the command: "-5,5", "-5 V, 5 V", or one value for both sides.',
 )
 @click.option("--rate", metavar="RATE", help="Largest change of the command per second.")
 @click.option("--resolution", metavar="STEP", help="Smallest step of the command.")
 @click.option(
-    "--deadband", metavar="LOW,HIGH", help="Widths of the valve's dead band to jump over, both positive."
+    "--deadband",
+    metavar="LOW,HIGH",
+    help="Widths of the valve's dead band that the controller jumps over, both positive.",
 )
 @click.option(
     "--anti-windup",
     type=click.Choice(["clamping", "back-calculation", "none"]),
     default="clamping",
     show_default=True,
+    help="What the integral does while the command is at a limit.",
 )
-@click.option("--order", type=int, metavar="NA", help="Model to take; the recommended one by default.")
-@click.option("--horizon", metavar="S", help="Seconds of an episode.")
-@click.option("--sample-time", metavar="S", help="At which the controller will run: must be the model's.")
-@click.option("--cost", type=click.Choice(["itae", "iae", "itse", "ise"]), default="itae", show_default=True)
-@click.option("--effort", type=float, default=0.0, metavar="W", help="Weight of the command's travel.")
-@click.option("--overshoot", type=float, default=0.0, metavar="W", help="Weight of the overshoot.")
+@click.option(
+    "--order",
+    type=int,
+    metavar="NA",
+    help="Order of the model in MODEL.json; the recommended one by default.",
+)
+@click.option("--horizon", metavar="S", help="Duration of each simulated step or profile.")
+@click.option("--sample-time", metavar="S", help="Sampling interval of the controller: must be the model's.")
+@click.option(
+    "--cost",
+    type=click.Choice(["itae", "iae", "itse", "ise"]),
+    default="itae",
+    show_default=True,
+    help="Integral criterion that is minimised.",
+)
+@click.option(
+    "--effort",
+    type=float,
+    default=0.0,
+    metavar="W",
+    help="Weight of the command's total variation in the cost.",
+)
+@click.option(
+    "--overshoot", type=float, default=0.0, metavar="W", help="Weight of the overshoot in the cost."
+)
 @click.option(
     "--ms",
     metavar="MS",
-    help="Maximum sensitivity on MODEL, at most; 2, 5 where friction is assumed, none with --rig.",
+    help="Largest maximum sensitivity on MODEL; by default 2, 5 where friction is assumed, none with --rig.",
 )
-@click.option("--gain-margin", type=float, metavar="FACTOR", help="At least.")
-@click.option("--phase-margin", type=float, metavar="DEG", help="At least, degrees.")
-@click.option("--delay-margin", metavar="S", help="At least, seconds.")
-@click.option("--present", metavar="KP,KI,KD", help="Gains now in force (SI, as in pid.json): a baseline.")
+@click.option("--gain-margin", type=float, metavar="FACTOR", help="Smallest gain margin.")
+@click.option("--phase-margin", type=float, metavar="DEG", help="Smallest phase margin, degrees.")
+@click.option("--delay-margin", metavar="S", help="Smallest delay margin.")
+@click.option("--present", metavar="KP,KI,KD", help="Gains in use today (SI, as in pid.json), as a baseline.")
 @click.option(
     "--structure", metavar="NAME", help="pid, pid2, pd, pi, p, or p-pi: P position over PI velocity."
 )
 @click.option(
     "--notch",
     metavar="HZ[,WIDTH[,DEPTH]]",
-    help="Take out one frequency of the command; a third as wide, in full.",
+    help="Notch filter on the command; by default a third of HZ wide, and of full depth.",
 )
 @click.option(
-    "--acceleration", metavar="GAIN", help="Feed-forward: command per acceleration of the set-point."
+    "--acceleration", metavar="GAIN", help="Feed-forward gain: command per acceleration of the set-point."
 )
 @click.option(
-    "--compensate", is_flag=True, help="Friction and dead band of RIG's model are overcome by the controller."
+    "--compensate", is_flag=True, help="Let the controller compensate friction and dead band of RIG's model."
 )
-@click.option("--free", metavar="NAMES", help="Gains that may move; the structure's by default.")
+@click.option("--free", metavar="NAMES", help="Gains to optimise, as in kp,ki; the structure's by default.")
 @click.option(
     "--integrator",
     type=click.Choice(["auto", "yes", "no"]),
     default="auto",
     show_default=True,
-    help="Carry the model's pole nearest to 1 as an exact integrator.",
+    help="Replace the model's pole nearest to 1 by an exact integrator.",
 )
 @click.option(
-    "--dead-zone", metavar="LOW,HIGH", help="Of the valve, part of the plant; both widths positive."
+    "--dead-zone", metavar="LOW,HIGH", help="Widths of the valve's dead zone in the plant, both positive."
 )
 @click.option(
     "--time-limit",
     type=click.FloatRange(min=0, min_open=True),
     metavar="S",
-    help="Seconds of the processor; the best so far is kept.",
+    help="Processor time after which the best gains so far are kept.",
 )
 @click.option(
-    "--deadline", type=click.FloatRange(min=0, min_open=True), metavar="S", help="The same by the clock."
+    "--deadline",
+    type=click.FloatRange(min=0, min_open=True),
+    metavar="S",
+    help="Wall-clock time after which the best gains so far are kept.",
 )
-@click.option("--derivative-filter", metavar="S", help="Time constant of the derivative's lag.")
+@click.option("--derivative-filter", metavar="S", help="Time constant of the filter on the derivative.")
 @click.option(
-    "--scenarios", type=click.IntRange(1, 1000), default=1, help="Plants drawn from the covariance."
+    "--scenarios",
+    type=click.IntRange(1, 1000),
+    default=1,
+    help="Number of plants drawn from the model's covariance.",
 )
-@click.option("--robust", type=click.Choice(["worst", "mean"]), default="worst", help="Over the scenarios.")
-@click.option("--rig", metavar="RIG", help="Physical model of the axis: tuned for and tried on as well.")
-@click.option("--check-only", is_flag=True, help="Try the gains on the rig's model, but do not tune for it.")
 @click.option(
-    "--starts", type=click.IntRange(1, 100), default=4, show_default=True, help="Independent searches."
+    "--robust",
+    type=click.Choice(["worst", "mean"]),
+    default="worst",
+    help="Minimise the worst or the mean cost over the scenarios.",
 )
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True)
 @click.option(
-    "--export", is_flag=True, help="Write the controller as C (pid.h) and structured text (pid.st), too."
+    "--rig",
+    metavar="RIG",
+    help="Rig file of the axis: its physical model is used for tuning and for the test.",
+)
+@click.option("--check-only", is_flag=True, help="Test the gains on the rig's model, but do not tune for it.")
+@click.option(
+    "--starts",
+    type=click.IntRange(1, 100),
+    default=4,
+    show_default=True,
+    help="Number of independent searches.",
+)
+@click.option(
+    "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of all random numbers."
+)
+@click.option(
+    "--export", is_flag=True, help="Also write the controller as C (pid.h) and structured text (pid.st)."
 )
 def tune(model: str, out: str, **choices: Any) -> None:
     """Find PID gains for an identified model (armax.json) by optimising the closed loop."""
@@ -174,11 +223,11 @@ def tune(model: str, out: str, **choices: Any) -> None:
 
 
 class _Patience:
-    """Ends a search at its time, or at the first Ctrl-C, so that the best so far is kept; the second one ends all.
+    """Ends a search at its time limit or at the first Ctrl-C and keeps the best so far; a second Ctrl-C aborts.
 
     Args:
         processor: s of the process's own time, so that other work on the machine changes no answer.
-        clock: s by the clock.
+        clock: s of wall-clock time.
     """
 
     def __init__(self, processor: float | None, clock: float | None) -> None:
@@ -201,11 +250,11 @@ class _Patience:
         self.interrupted = True
 
     def over(self) -> bool:
-        """Time is up, or somebody said so."""
+        """Whether the time limit is reached or the search was interrupted."""
         if self.interrupted:
             self.words = "Interrupted: these are the best gains so far."
         elif time.process_time() > self._processor or time.monotonic() - self._began > self._clock:
-            self.words = "Time was up: these are the best gains so far."
+            self.words = "The time limit was reached: these are the best gains so far."
         return bool(self.words)
 
 
@@ -260,7 +309,7 @@ def _say(tuning: Tuning, problem: TuningProblem, structure: Structure) -> None:
     on_rig = () if problem.bench is None else ("on the rig's model",)
     head: tuple[str, ...] = ("", f"ITAE ({unit_name(named['itae'])})", *on_rig, "Ms", "")
     say_table(head, [_row(one, problem) for one in (tuning.found, *compared(tuning), *tuning.baselines)])
-    click.echo(f"costs stand for {problem.judged_on}")
+    click.echo(f"the costs were computed on {problem.judged_on}")
     for remark in tuning.remarks:
         click.echo(f"  ! {remark}")
 
@@ -274,5 +323,5 @@ def _row(one: Scored, problem: TuningProblem) -> tuple[str, ...]:
     if problem.bench is not None:
         costs.append(f"{one.total('itae', True):.4g}")
     if not one.stable:
-        return (name, *costs, "–", "unstable: only its limits hold it")
+        return (name, *costs, "–", "unstable: only the limits of the command hold it")
     return (name, *costs, f"{one.margins.maximum_sensitivity:.3g}", "")

@@ -1,4 +1,4 @@
-"""What the options of `optid tune` mean: numbers with units, ranges and paths, read into a specification in SI."""
+"""The options of `optid tune`: numbers with units, ranges and profiles, read into a specification in SI."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def _numeric(text: str) -> bool:
 
 
 def present_gains(text: str | None) -> Gains | None:
-    """Gains now in force: KP,KI,KD and no more."""
+    """The gains in use: KP,KI,KD and nothing else."""
     from optid.pid.controller import Gains
 
     if text is None:
@@ -69,7 +69,7 @@ def notch_of(text: str | None) -> Notch | None:
 
 
 def search_options(choices: dict[str, Any], structure: Structure, effort: Effort, simulated: bool) -> Options:
-    """How to search; `simulated` says that a simulation with friction judges."""
+    """Options of the search; `simulated` if the gains are judged by a simulation with friction."""
     from optid.pid.controller import Gains
     from optid.tuning.optimise import Options
     from optid.tuning.structures import free_gains
@@ -187,16 +187,18 @@ def _path(name: str, sample_time: float) -> tuple[str, Array]:
     except FileNotFoundError:
         raise InputError("no such file", where=name) from None
     except (OSError, ValueError, UnicodeDecodeError, pd.errors.ParserError) as error:
-        raise InputError(f"{error}", where=name, expected="two columns of numbers: time (s), value") from None
+        raise InputError(
+            f"cannot be read ({error})", where=name, expected="two columns of numbers: time (s), value"
+        ) from None
     if values.ndim != 2 or values.shape[1] != 2 or len(values) < 2 or not np.isfinite(values).all():
         raise InputError(
-            "not a path",
+            "this is not a set-point profile",
             where=name,
             expected="two columns of numbers: time (s), value",
             hint="no row may be empty",
         )
     time, wanted = values.T
     if not np.all(np.diff(time) > 0):
-        raise InputError("time does not rise", where=name, field=str(table.columns[0]))
+        raise InputError("the times do not increase", where=name, field=str(table.columns[0]))
     at = time[0] + sample_time * np.arange(round((time[-1] - time[0]) / sample_time) + 1)
     return Path(name).stem, wanted[np.searchsorted(time, at + 1e-9 * sample_time, side="right") - 1]

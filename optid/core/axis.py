@@ -1,7 +1,7 @@
-"""What a plant's axis moves by and what drives it: laws stated for a slide of 0.1 m and 100 N get its units and sizes.
+"""Units and usual sizes of a plant's axis: laws stated for a slide of 0.1 m and 100 N are converted to them.
 
-A law of friction or of a spring is the same for a slide and for a joint; only "m" is "rad" there, "N" is "N m", and
-what is usual is in proportion.
+A law of friction or of a spring is the same for a slide and for a joint; for a joint "m" becomes "rad", "N" becomes "N
+m", and usual sizes are scaled.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 from optid.core.parameter import Nuisance, Parameter
 
-TRAVEL, EFFORT = 0.1, 100.0  # m, N: of the slide that laws are stated for
+TRAVEL, EFFORT = 0.1, 100.0  # m, N: the slide for which laws are stated
 _FACTOR = re.compile(r"(/?) ?\b([A-Za-z]+)(?:\*\*([\d.]+))?")
 _LENGTH = re.compile(r"(\d+(?:\.\d+)?)(?: to (\d+(?:\.\d+)?))? (mm|m)\b")
 
@@ -25,11 +25,11 @@ class Axis:
     travel_unit : str
         "m" or "rad".
     travel : float
-        usual half of the way it goes.
+        usual half of its travel.
     effort_unit : str
         "N" or "N m".
     effort : float
-        usual size of what drives it.
+        usual size of the driving force or torque.
     """
 
     travel_unit: str = "m"
@@ -38,17 +38,17 @@ class Axis:
     effort: float = EFFORT
 
     def length(self, value: float) -> float:
-        """A length of the slide, m, in proportion on this axis."""
+        """A length of the slide, m, scaled to this axis."""
         return value * (self.travel / TRAVEL)
 
     def factor(self, unit: str) -> float:
-        """By what a size in a unit of the slide grows on this axis: 1 where the unit is not one of motion."""
+        """Scale factor of a quantity in a unit of the slide; 1 where the unit is not one of motion."""
         powers = _powers(unit)
         metres, newtons = powers.get("m", 0.0), powers.get("N", 0.0)
         return float((self.travel / TRAVEL) ** metres * (self.effort / EFFORT) ** newtons)
 
     def unit(self, unit: str) -> str:
-        """A unit of the slide as this axis has it: "N s/m" is "N m s/rad" on a joint."""
+        """A unit of the slide, converted to this axis: "N s/m" is "N m s/rad" on a joint."""
         if not _powers(unit):
             return unit
         moved = re.sub(r"\bm\b", self.travel_unit, unit)
@@ -67,7 +67,7 @@ class Axis:
         Returns
         -------
         Parameter
-            the same, by its dimension in proportion.
+            the same, scaled by its dimension.
         """
         by = self.factor(q.unit)
         return replace(
@@ -82,7 +82,7 @@ class Axis:
         )
 
     def words(self, text: str) -> str:
-        """A text with its lengths as this axis has them: "0.1 m" is "1 rad" on a joint that goes ten times as far."""
+        """A text with its lengths converted to this axis: "0.1 m" is "1 rad" on a joint with ten times the travel."""
 
         def said(found: re.Match[str]) -> str:
             metres = 1e-3 if found[3] == "mm" else 1.0
@@ -97,7 +97,7 @@ def _grown(n: Nuisance, by: float) -> Nuisance:
 
 
 def _powers(unit: str) -> dict[str, float]:
-    """Exponents of N, m and s in a unit made of nothing else; none for areas, volumes and other physics."""
+    """Exponents of N, m and s in a unit made of these only; none for areas, volumes and other quantities."""
     found: dict[str, float] = {}
     for slash, name, power in _FACTOR.findall(unit):
         found[name] = found.get(name, 0.0) + (-1.0 if slash else 1.0) * float(power or 1.0)

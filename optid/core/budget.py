@@ -1,4 +1,4 @@
-"""How much work a job may still do: its own processor time, so that load does not change answers, and a deadline."""
+"""The budget of a job: its own processor time, so that load does not change answers, and a wall-clock deadline."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ class Budget:
 
     @property
     def is_over(self) -> bool:
-        """The limit is reached: the best found so far counts."""
+        """Whether a limit is reached; then the best result so far is used."""
         return self.spent > self.time_limit or time.monotonic() - self._began[1] > self.deadline
 
     def share(self, part: float) -> Self:
-        """The same clock, with so much of both limits."""
+        """The same clock, with this share of both limits."""
         return replace(self, time_limit=part * self.time_limit, deadline=part * self.deadline)
 
 

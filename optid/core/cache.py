@@ -1,4 +1,4 @@
-"""One place for what optid keeps between runs: below XDG_CACHE_HOME, checked when read, done without if need be."""
+"""The cache that optid keeps between runs: below XDG_CACHE_HOME, verified when read, and optional."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from pathlib import Path
 
 import platformdirs
 
-MOST = 4000  # models kept, some tens of kilobytes each; half of them go when there are more
+MOST = 4000  # models kept, some tens of kilobytes each; half of them are deleted when there are more
 
 _IMPORT = re.compile(r"^\s*from (optid[\w.]*) import (\([^)]*\)|[^\n]*)", re.MULTILINE)
 _NAME = re.compile(r"\w+")
@@ -23,19 +23,19 @@ _TOLD = threading.Lock()
 
 
 def cache_folder() -> Path | None:
-    """Where everything is kept; ``None`` where no user's folder is known."""
+    """The cache folder; ``None`` where the user's folder is unknown."""
     stated = os.environ.get("XDG_CACHE_HOME", "")
-    if stated and Path(stated).is_absolute():  # a relative one is to be ignored, says the standard
+    if stated and Path(stated).is_absolute():  # the standard says to ignore a relative path
         return Path(stated) / "optid"
     try:
         usual = Path(platformdirs.user_cache_dir("optid"))  # older ones take a relative place
         return usual if usual.is_absolute() else Path.home() / ".cache" / "optid"
-    except (OSError, RuntimeError, KeyError):  # no home, no name in the user database
+    except (OSError, RuntimeError, KeyError):  # no home folder and no entry in the user database
         return None
 
 
 def kernels_folder() -> Path | None:
-    """Where machine code is kept."""
+    """The folder of machine code."""
     home = cache_folder()
     return None if home is None else home / "kernels"
 
@@ -44,7 +44,7 @@ def kernels_folder() -> Path | None:
 def sources(file: str) -> str:
     """Digest of a source file of optid and of all of optid that it imports, directly or not.
 
-    What was made by the code of a file is named after this: a change elsewhere does not make it anew.
+    What the code of a file produced is named after this, so that a change elsewhere does not invalidate it.
     """
     digest, seen, left = hashlib.sha256(), set(), [Path(file).resolve()]
     while left:
@@ -70,9 +70,9 @@ def _imported(source: Path) -> list[Path]:
 
 
 def stored(key: str, make: Callable[[], bytes]) -> bytes:
-    """What `make` returned when it was first called under this key, on this machine or in another run.
+    """The stored result of `make` for this key; `make` is called when there is none.
 
-    A file that is damaged is made anew, and a folder that cannot be written to is done without.
+    A damaged file is replaced, and a folder that cannot be written is not used.
     """
     folder = kernels_folder()
     if folder is None:
@@ -86,7 +86,7 @@ def stored(key: str, make: Callable[[], bytes]) -> bytes:
 
 
 def checked(place: Path) -> bytes | None:
-    """What was kept at a place; ``None`` where there is nothing or it is damaged."""
+    """The content stored at a path; ``None`` where there is none or it is damaged."""
     with contextlib.suppress(OSError):
         digest, held = (whole := place.read_bytes())[:32], whole[32:]
         if held and hashlib.sha256(held).digest() == digest:
@@ -95,7 +95,7 @@ def checked(place: Path) -> bytes | None:
 
 
 def keep(place: Path, held: bytes) -> None:
-    """Keep it with its checksum, whole or not at all; not where that cannot be done."""
+    """Store it with its checksum, completely or not at all; do nothing where that is impossible."""
     with contextlib.suppress(OSError):
         place.parent.mkdir(parents=True, exist_ok=True)
         _thin(place.parent)
@@ -109,7 +109,7 @@ def keep(place: Path, held: bytes) -> None:
 
 
 def _thin(folder: Path) -> None:
-    """Delete the older half where there are too many."""
+    """Delete the older half if there are too many files."""
     files = list(folder.iterdir())
     if len(files) > MOST:
         for file in sorted(files, key=lambda one: one.stat().st_mtime)[: len(files) // 2]:
@@ -117,12 +117,12 @@ def _thin(folder: Path) -> None:
 
 
 def first_compile(tell: Callable[[], None]) -> None:
-    """Have this called once, when optid's own functions turn out not to be compiled for this machine yet."""
+    """Register a function that is called once if optid's own functions must still be compiled for this machine."""
     _TELL[:] = [tell]
 
 
 def compiling() -> None:
-    """A function is about to be compiled: say so, once."""
+    """Report, once, that a function is about to be compiled."""
     with _TOLD:
         tell = _TELL.pop() if _TELL else None
     if tell is not None:

@@ -25,7 +25,7 @@ class CasadiFunctions:
     rhs : ca.Function
         (x, u, p) -> xdot, the right-hand side.
     outputs : ca.Function
-        (x, u, p) -> y, what the sensors show.
+        (x, u, p) -> y, the sensors' readings.
     step : ca.Function
         (x, u, p, dt) -> x_next, one hold of the input, by Runge-Kutta steps of fourth order.
     start : ca.Function
@@ -86,7 +86,7 @@ def casadi_functions(model: Model, substeps: int = SUBSTEPS) -> CasadiFunctions:
 
 
 def _step(model: Model, substeps: int) -> ca.Function:
-    """One hold; where an input switches inside it, its two halves one after the other."""
+    """One hold; if an input switches inside it, its two halves in sequence."""
     x, u = ca.SX.sym("x", len(model.states)), ca.SX.sym("u", len(model.inputs))
     p, dt = ca.SX.sym("p", len(model.parameters)), ca.SX.sym("dt")
     rates: list[Any] = [lambda at: model.rates(at, u, p)]

@@ -1,4 +1,4 @@
-"""Channels of a recording: how a column becomes one, what one holds, and where it came from."""
+"""Channels of a recording: the mapping from columns, their content, and their provenance."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class ChannelMap:
     Attributes
     ----------
     role : str
-        what the channel is to the model: "time", an input, an output, or "reference".
+        role of the channel in the model: "time", an input, an output, or "reference".
     column : str
         name of the column; empty for a time that is given by `rate`.
     unit : str
@@ -27,7 +27,7 @@ class ChannelMap:
     model_unit : str
         SI unit the model wants ("1" for a command divided by its full scale).
     factor : float
-        recorded to model value, with `shift`; they hold unit, full scale, offset and gauge zero.
+        converts recorded to model values, with `shift`; both account for unit, full scale, offset and gauge zero.
     shift : float
         see `factor`, in `model_unit`.
     sd : float | None
@@ -41,10 +41,10 @@ class ChannelMap:
     rate : float | None
         samples per second, for a time without a column.
     held : bool
-        it holds from each sample to the next, as a command does.
+        the value is held from each sample to the next, as a command is.
     linear : bool | None
-        an input that goes on straight from each sample to the next instead, as what was measured does; None where the
-        rig file leaves that open.
+        an input is interpolated linearly between samples instead, as a measured one is; None where the rig file does
+        not say.
     """
 
     role: str
@@ -69,7 +69,7 @@ class Channel:
     Attributes
     ----------
     role : str
-        what it is to the model.
+        its role in the model.
     column : str
         the column it was read from.
     unit : str
@@ -85,7 +85,7 @@ class Channel:
     recorded_unit : str
         SI unit of what was recorded, "V" for a valve command.
     held : bool
-        it holds from each sample to the next, as a command does; where it is not known, nothing is simulated.
+        the value is held from each sample to the next, as a command is; where it is unknown, nothing is simulated.
     """
 
     role: str
@@ -111,16 +111,16 @@ class Channel:
 
 @dataclass(frozen=True)
 class Repair:
-    """What was wrong with a channel in the file and was put right while it was read.
+    """A fault of a channel that was corrected while the file was read.
 
     Attributes
     ----------
     role : str
         of the channel.
     message : str
-        what was seen and what was done, with the numbers as the file has them.
+        what was found and what was done, with the numbers of the file.
     row : int
-        where it is first seen, counted from 0 in the recording.
+        the first row affected, counted from 0 in the recording.
     """
 
     role: str
@@ -130,7 +130,7 @@ class Repair:
 
 @dataclass(frozen=True)
 class Provenance:
-    """Where a recording came from and what was done to it.
+    """The source of a recording and what was done to it.
 
     Attributes
     ----------
@@ -145,9 +145,9 @@ class Provenance:
     rows_read : int
         rows of data in the file.
     notes : tuple[str, ...]
-        everything that was left out, in words; empty when nothing was.
+        everything that was left out, as sentences; empty if nothing was.
     repairs : tuple[Repair, ...]
-        what was wrong with channels and was put right.
+        faults of channels that were corrected.
     """
 
     path: Path

@@ -1,3 +1,3 @@
-"""Inputs that no channel holds: the time to the next sample, and the time since the record began."""
+"""Inputs without a channel: the time to the next sample, and the time since the start of the recording."""
 
 INTERVAL, CLOCK = "interval", "clock"

@@ -1,9 +1,9 @@
 """A sigma-point Kalman filter over held commands, compiled once for every model.
 
 The filter is the divided difference filter of second order (Norgaard, Poulsen and Ravn, Automatica 36, 2000): its
-points reach sqrt(3) sd to either side whatever the number of states, so that it sees past the kinks of dry friction
-where a linearisation does not. Points move `LANES` at a time, outputs are taken one at a time; those that are linear in
-the states, as most sensors are, need no points. States and covariances are in units of the states' usual sizes.
+points reach sqrt(3) sd to each side for any number of states, so that it averages over the kinks of dry friction,
+which a linearisation does not. Points move `LANES` at a time, outputs are taken one at a time; those that are linear
+in the states, as most sensors are, need no points. States and covariances are in units of the states' usual sizes.
 """
 
 from __future__ import annotations
@@ -60,11 +60,11 @@ def filtered(
         tolerance: local error of the integration, (sets, states).
         keep: also fill X and K.
         E, V: receive innovations and their variances, (sets, samples, outputs); NaN where nothing is measured.
-        X: receives the states predicted from the past alone, (sets, samples, states).
+        X: receives the one-step predicted states, (sets, samples, states).
         K: receives the gains, (sets, samples, outputs, states), SI.
         S: receives the covariances of X, (sets, samples, states, states), SI; without sets it receives none.
 
-    A run that diverges leaves E infinite from there on.
+    After a divergence E is infinite for the rest of the run.
     """
     nx, ny = len(scales), Y.shape[1]
     n_points = 2 * nx + 1
@@ -163,7 +163,7 @@ def _scatter(m, C, L, points, scales):
 @compiled
 def _see(code, m, u, c, x, y, scales):
     """Outputs y at the mean."""
-    none = at(x, 0)  # what stands for slopes is never touched
+    none = at(x, 0)  # the placeholder for slopes is never used
     for i in range(len(m)):
         x[i] = m[i] * scales[i]
     call(code.sensors, (at(x, 0), none, u, at(c, 0), at(y, 0), none))
@@ -183,7 +183,7 @@ def _slopes(code, m, u, c, x, y, scales, H):
 
 @compiled
 def _look(code, points, u, c, x, y):
-    none = at(x, 0)  # what stands for slopes is never touched
+    none = at(x, 0)  # the placeholder for slopes is never used
     for q in range(y.shape[0]):
         for i in range(len(x)):
             x[i] = points[q // LANES, i, q % LANES]
@@ -282,14 +282,14 @@ def fixed_gain(
 
     Between corrections E is the error of the prediction from the last one.
 
-    Run r takes `LANES` parameter sets from of_set[r] on over segment of_segment[r]. Where they cannot go on together,
+    Run r takes `LANES` parameter sets from of_set[r] on over segment of_segment[r]. If they cannot advance together,
     one of them has diverged: then each runs alone.
 
     Args:
         K: gains of the plain model's filter, (samples, outputs, plain states).
         common: index of each plain state among the model's own.
         tolerance: local error of the integration, (states,).
-        resets: samples at which what is predicted begins anew, (samples,).
+        resets: samples at which a new prediction begins, (samples,).
         E: receives innovations, (sets, samples, outputs); infinite after a failure.
     Others as for `filtered`.
     """

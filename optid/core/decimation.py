@@ -1,4 +1,4 @@
-"""Fast recordings brought down to the rate at which an axis still shows all it does, without folding noise into it."""
+"""Decimation of fast recordings to the lowest rate that still resolves the axis, without aliasing of noise."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from optid.core.simulation import simulate
 
 Integers = NDArray[np.int64]
 
-# Hz: pressures take milliseconds, and what averaging leaves out of a millisecond of motion is below a micrometre.
+# Hz: pressures take milliseconds, and averaging over a millisecond changes a position by less than a micrometre.
 FASTEST = 1000.0
 WHOLE = 0.75  # of a filter's weight that must be measured for its result to count
-SAMPLES = 10  # a period of the fastest pole
-MOST = 5.0  # times FASTEST: a faster pole (a contact that sticks) is left to the integrator
-SHARE = 0.01  # of the response by which a pole counts
+SAMPLES = 10  # samples per period of the fastest pole
+MOST = 5.0  # times FASTEST: a faster pole (a sticking contact) is left to the integrator
+SHARE = 0.01  # of the response from which a pole counts
 _LOBES = 4  # zero crossings of the low-pass on either side
-_PASS = 0.8  # of the new Nyquist frequency that passes whole
-_ALONG = 1 << 17  # samples along which it is simulated for that
+_PASS = 0.8  # of the new Nyquist frequency that passes unattenuated
+_ALONG = 1 << 17  # samples simulated to find the poles
 _POINTS = 24  # of the motion at which the model is linearised
 
 
 @dataclass(frozen=True)
 class Rate:
-    """To what rate recordings are brought down, and why.
+    """The rate to which recordings are decimated, and why.
 
     Attributes:
         hz: samples a second.
@@ -45,7 +45,7 @@ class Rate:
 def brought_down(
     model: Model, parameters: Mapping[str, float], recording: Recording, rate: float | None = None
 ) -> Recording:
-    """A recording at the rate asked for, or at the one that `needed_rate` says; what was done stands in its notes.
+    """A recording decimated to the requested rate, or to that of `needed_rate`; its notes say what was done.
 
     Args:
         model: the plant.
@@ -61,17 +61,17 @@ def brought_down(
     if slow is recording or slow.provenance is None:
         return slow
     note = (
-        f"brought down from {recording.rate:.6g} to {slow.rate:.6g} samples a second behind a low-pass ({chosen.why}); "
-        "--rate sets another"
+        f"decimated from {recording.rate:.6g} to {slow.rate:.6g} samples a second behind a low-pass ({chosen.why}); "
+        "--rate sets another rate"
     )
     return replace(slow, provenance=replace(slow.provenance, notes=(*slow.provenance.notes, note)))
 
 
 def needed_rate(model: Model, parameters: Mapping[str, float], recording: Recording) -> Rate:
-    """The rate that the fastest pole asks for, which shows in what is measured.
+    """The rate that the fastest visible pole requires.
 
-    The model is simulated along the recording and linearised on the way; of each point's poles the fastest counts
-    that makes at least `SHARE` of the response of some measured output.
+    The model is simulated along the recording and linearised at points of it; at each point the fastest pole that
+    makes at least `SHARE` of some measured output's response counts.
 
     Args:
         model: the plant.
@@ -80,10 +80,10 @@ def needed_rate(model: Model, parameters: Mapping[str, float], recording: Record
     """
     poles = [pole for pole in _fastest_poles(model, parameters, recording) if math.isfinite(pole)]
     if not poles:
-        return Rate(FASTEST, "the axis shows all it does at that rate")
+        return Rate(FASTEST, "which resolves all that the axis does")
     pole = float(np.median(poles)) / (2 * math.pi)
     hz = min(max(FASTEST, SAMPLES * pole), MOST * FASTEST)
-    return Rate(float(f"{hz:.3g}"), f"the fastest pole that shows has {pole:.3g} Hz")
+    return Rate(float(f"{hz:.3g}"), f"the fastest visible pole lies at {pole:.3g} Hz")
 
 
 def _fastest_poles(model: Model, parameters: Mapping[str, float], recording: Recording) -> list[float]:
@@ -135,9 +135,9 @@ def _fastest(A: Array, B: Array, C: Array, scales: Array) -> float:
 def decimated(recording: Recording, commands: Iterable[str], fastest: float = FASTEST) -> Recording:
     """A recording of at most about `fastest` samples a second; slower ones come back as they are.
 
-    Measured channels pass a low-pass without delay whose band ends below half the new rate, so that nothing is
-    folded into them and their noise falls as if they had been measured so often; held ones are averaged over the time
-    until the next sample, which keeps their impulse. Each stretch between gaps is brought down by itself.
+    Measured channels pass a zero-phase low-pass whose band ends below half the new rate, so that nothing is aliased
+    and their noise falls by averaging; held ones are averaged over the time until the next sample, which keeps their
+    impulse. Each stretch between gaps is decimated separately.
 
     Args:
         recording: evenly sampled but for gaps.
@@ -152,7 +152,7 @@ def decimated(recording: Recording, commands: Iterable[str], fastest: float = FA
     edges = [0, *cuts.tolist(), len(recording)]
     parts = [(a, b) for a, b in itertools.pairwise(edges) if b - a >= count]
     if len(parts) * 4 * count > len(recording) or not parts:
-        return recording  # gaps all over: it is no even sampling
+        return recording  # gaps everywhere: the sampling is not even
     rows = np.concatenate([np.arange(a, b - count + 1, count) for a, b in parts])
     channels = {}
     for role, channel in recording.channels.items():
@@ -167,7 +167,7 @@ def decimated(recording: Recording, commands: Iterable[str], fastest: float = FA
 
 
 def _rows_apart(values: Array) -> int:
-    """Rows from one sample of a channel to the next, as a rule: more than one where it has a slower rate of its own."""
+    """Usual number of rows from one sample of a channel to the next: more than one if its own rate is slower."""
     known = np.flatnonzero(np.isfinite(values))
     return int(np.median(np.diff(known))) if len(known) > 1 else 1
 
@@ -224,7 +224,7 @@ def _filtered(values: Array, count: int) -> Array:
 
 
 def _beyond_ends(filled: Array, known: Integers) -> Array:
-    """Straight on before the first known sample and behind the last, for as far as their neighbours are away."""
+    """Extrapolate linearly before the first and after the last known sample, over one spacing."""
     changed = filled.copy()
     for end, neighbour, rows in (
         (known[0], known[1], np.arange(known[0])),

@@ -14,7 +14,9 @@ from optid.core.parameter import Parameter
 from optid.errors import PlantError, nearest
 
 Expression = Any  # casadi.SX or a number: CasADi's operators are not typed
-GROUP = "group "  # before the label, in the role of an input that tells whether a recording belongs to it
+GROUP = (
+    "group "  # before the label, in the role of the input that says whether a recording belongs to the group
+)
 
 
 def member(name: str, label: str) -> str:
@@ -35,14 +37,14 @@ class Declarations:
     name : str
         of the plant.
     groups : Mapping[str, Sequence[str]] | None
-        name of a parameter that groups of recordings have of their own -> the groups.
+        name of a parameter with a value per group of recordings -> the groups.
     """
 
     def __init__(self, name: str, groups: Mapping[str, Sequence[str]] | None = None) -> None:
         self.name = name
         self._groups = dict(groups or {})
-        self._members: dict[str, ca.SX] = {}  # names of parameters that recordings have of their own
-        self._tells: dict[str, ca.SX] = {}  # inputs that tell of which group a recording is
+        self._members: dict[str, ca.SX] = {}  # names of parameters with values per recording
+        self._tells: dict[str, ca.SX] = {}  # inputs that say to which group a recording belongs
         self._states: dict[str, State] = {}
         self._state_symbols: dict[str, ca.SX] = {}
         self._rates: dict[str, Expression] = {}
@@ -63,7 +65,7 @@ class Declarations:
         start: Expression = 0.0,
         spread: Expression | None = None,
     ) -> ca.SX:
-        """Declare a state; `scale` is its usual size, `start` and `spread` its mean and sd at a record's start.
+        """Declare a state; `scale` is its usual size, `start` and `spread` its mean and sd at the start of a recording.
 
         Parameters
         ----------
@@ -74,7 +76,7 @@ class Declarations:
         scale : float
             a usual size, in that unit.
         start : Expression
-            at a record's start, where nothing tells it.
+            its mean at the start of a recording, without data.
         spread : Expression | None
             sd of the start.
 
@@ -93,7 +95,7 @@ class Declarations:
     def input(self, role: str, unit: str, *, idle: float | None = None) -> ca.SX:
         """Declare a recorded input; with unit "1" a channel in volts needs a `full_scale`.
 
-        Where one value leaves the plant at rest, `idle` tells what was commanded before a record that begins at rest.
+        `idle` is the value at which the plant stays at rest: it is assumed before a recording that begins at rest.
 
         Parameters
         ----------
@@ -113,7 +115,7 @@ class Declarations:
         return self._port(role, Port(role, unit, idle=idle))
 
     def past(self, role: str, samples: int) -> ca.SX:
-        """A declared input as it was so many samples ago; before the record began it was idle, or as it is first.
+        """A declared input some samples ago; before the recording it is idle, or equal to its first sample.
 
         Parameters
         ----------
@@ -131,7 +133,7 @@ class Declarations:
         return self._port(f"{role}@{samples}", replace(port, ago=samples)) if samples else now
 
     def input_at(self, signal: ca.SX) -> str | None:
-        """Which declared input a signal is, with nothing done to it.
+        """The declared input that a signal is, if it is one, unchanged.
 
         Parameters
         ----------
@@ -146,7 +148,7 @@ class Declarations:
         return next((role for role, (_, now) in self._inputs.items() if ca.is_equal(now, signal)), None)
 
     def signal(self, name: str) -> ca.SX:
-        """A state or an input that the plant has declared, for an effect that can follow any of them.
+        """A state or an input that the plant has declared, for an effect that can depend on any of them.
 
         Parameters
         ----------
@@ -161,11 +163,15 @@ class Declarations:
         Raises
         ------
         PlantError
-            the plant has declared none of that name so far.
+            the plant has not declared it before.
         """
         known = {**self._state_symbols, **{role: symbol for role, (_, symbol) in self._inputs.items()}}
         if name not in known:
-            raise PlantError(f'no state or input "{name}" so far', where=self.name, hint=nearest(name, known))
+            raise PlantError(
+                f'no state or input "{name}" has been declared so far',
+                where=self.name,
+                hint=nearest(name, known),
+            )
         return known[name]
 
     def interval(self) -> ca.SX:
@@ -194,7 +200,7 @@ class Declarations:
         return self._inputs[key][1]
 
     def param(self, parameter: Parameter) -> ca.SX:
-        """Use a parameter; the same object may be used again. An effect's carries the effect's name in front.
+        """Use a parameter; the same object may be used again. An effect's parameter is prefixed with the effect's name.
 
         Parameters
         ----------
@@ -214,7 +220,7 @@ class Declarations:
             known, symbol = self._parameters[parameter.name]
             if known != parameter:
                 raise PlantError(
-                    f'parameter "{parameter.name}" is declared twice with different contents',
+                    f'parameter "{parameter.name}" is declared twice, with different attributes',
                     where=self.name,
                 )
             return symbol
@@ -222,7 +228,7 @@ class Declarations:
         return self._parameters[parameter.name][1]
 
     def _of_groups(self, q: Parameter) -> ca.SX:
-        """The parameter of the recording's own group, of which an input is 1; their mean where there is none."""
+        """The parameter of the recording's group, whose input is 1; the mean of all groups where there is none."""
         if q.name not in self._members:
             labels = self._groups[q.name]
             own = [ca.SX.sym(member(q.name, label)) for label in labels]
@@ -238,7 +244,7 @@ class Declarations:
         return self._members[q.name]
 
     def axis(self, travel_unit: str, travel: float, effort_unit: str, effort: float) -> None:
-        """Say what the plant's axis goes by and how far, and what drives it; first of all that a plant writes.
+        """State unit and size of the axis's travel and of its driving force; a plant calls this first.
 
         Laws of the catalogue, stated for a slide of 0.1 m and 100 N, then have its units, and sizes in proportion.
 
@@ -247,16 +253,16 @@ class Declarations:
         travel_unit : str
             "m" or "rad".
         travel : float
-            usual half of its way, in that unit.
+            usual half of its travel, in that unit.
         effort_unit : str
             "N" or "N m".
         effort : float
-            usual size of what drives it, in that unit.
+            usual size of the driving force or torque, in that unit.
         """
         self._axis = Axis(travel_unit, travel, effort_unit, effort)
 
     def sized(self, parameter: Parameter) -> Parameter:
-        """A parameter of a law stated for a slide, as the plant's axis has it.
+        """A parameter of a law stated for a slide, converted to the plant's axis.
 
         Parameters
         ----------
@@ -271,7 +277,7 @@ class Declarations:
         return self._axis.sized(parameter) if self._axis else parameter
 
     def length(self, value: float) -> float:
-        """A length of a law stated for a slide, m, as the plant's axis has it.
+        """A length of a law stated for a slide, m, converted to the plant's axis.
 
         Parameters
         ----------
@@ -301,13 +307,15 @@ class Declarations:
         Raises
         ------
         PlantError
-            the plant has declared no such parameter so far.
+            the plant has not declared such a parameter before.
         """
         if name in self._members:
             return self._members[name]
         if name not in self._parameters:
             raise PlantError(
-                f'no parameter "{name}" so far', where=self.name, hint=nearest(name, self._parameters)
+                f'no parameter "{name}" has been declared so far',
+                where=self.name,
+                hint=nearest(name, self._parameters),
             )
         return self._parameters[name][1]
 
@@ -338,7 +346,7 @@ class Declarations:
         *,
         within: tuple[Expression, Expression] | None = None,
     ) -> None:
-        """Write what a sensor shows.
+        """Write the equation of a sensor.
 
         Parameters
         ----------
@@ -347,9 +355,9 @@ class Declarations:
         unit : str
             SI.
         expression : Expression
-            what the sensor shows.
+            the sensor's reading.
         within : tuple[Expression, Expression] | None
-            what it can reach, from and to, by the parameters; a recording that goes further is not the plant's.
+            lowest and highest value it can reach, from the parameters; a recording beyond is not of this plant.
         """
         self._fresh(role, self._outputs)
         if within is not None:

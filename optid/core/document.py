@@ -1,4 +1,4 @@
-"""Reading optid's own JSON files and others of a bounded size: the answer is a value, or one line that says why not."""
+"""Reading JSON files of bounded size: the result is a value, or an error of one line."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from optid.errors import InputError
 MOST = 16 * 2**20  # bytes of a JSON file; a model of 500 coefficients with its covariance takes 5 MB
 _PARTS = 32  # of a TOML key: rig files have three
 _DEEP_KEY = re.compile(rf"""(?<![\w."'-])(?>(?>[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*){{{_PARTS}}}""")
-HUGE = 1e100  # no quantity of an axis, in any unit, comes near: beyond, squares overflow
+HUGE = 1e100  # no quantity of an axis comes near in any unit; beyond, squares overflow
 
 
 def read_bounded(path: Path, most: int = MOST) -> bytes:
-    """The content of a file, of a device no more than what is asked for.
+    """The content of a file; of a device no more than `most` bytes.
 
     Raises:
         OSError: cannot be read.
@@ -28,7 +28,7 @@ def read_bounded(path: Path, most: int = MOST) -> bytes:
     with path.open("rb") as file:
         content = file.read(most + 1)
     if len(content) > most:
-        raise ValueError(f"it holds more than {most} bytes")
+        raise ValueError(f"it is larger than {most} bytes")
     return content
 
 
@@ -36,8 +36,8 @@ def read_document(path: Path, schema: str, expected: str) -> dict[str, Any]:
     """Read a JSON document of a known schema; its numbers are finite.
 
     Args:
-        path: the file; in a result folder that is half in place, its whole version is read.
-        schema: such as "optid.fit/1"; older ones of the same kind are handed on.
+        path: the file; in a results folder whose replacement was interrupted, the complete version is read.
+        schema: such as "optid.fit/1"; older versions are accepted.
         expected: what the file should be, for messages.
 
     Raises:
@@ -50,7 +50,7 @@ def read_json(path: Path, expected: str) -> Any:
     """Read a JSON file of a bounded size; its numbers are finite.
 
     Args:
-        path: the file; in a result folder that is half in place, its whole version is read.
+        path: the file; in a results folder whose replacement was interrupted, the complete version is read.
         expected: what the file should be, for messages.
 
     Raises:
@@ -61,12 +61,12 @@ def read_json(path: Path, expected: str) -> Any:
     except FileNotFoundError:
         raise InputError("no such file", where=path, expected=expected) from None
     except (OSError, ValueError, RecursionError) as error:
-        why = "nested too deeply" if isinstance(error, RecursionError) else f"{error}"
+        why = "its tables or lists are nested too deeply" if isinstance(error, RecursionError) else f"{error}"
         raise InputError(f"cannot be read ({why})", where=path, expected=expected) from None
 
 
 def optional_document(path: Path, most: int = MOST) -> dict[str, Any] | None:
-    """A JSON object that may be there; ``None`` where there is none, or nothing that can be understood."""
+    """An optional JSON object; ``None`` where there is none, or none that can be parsed."""
     try:
         content = json.loads(read_bounded(path, most))
     except (OSError, ValueError, RecursionError):
@@ -78,8 +78,8 @@ def parsed_toml(text: str) -> dict[str, Any]:
     """The tables of a TOML text.
 
     Raises:
-        ValueError: not valid, nested too deeply, or keys of more parts than anybody writes, which take the parser
-            time with their square.
+        ValueError: not valid, nested too deeply, or keys of more parts than anybody writes,
+            which take the parser time with their square.
     """
     if (deep := _DEEP_KEY.search(text)) is not None:
         line = text.count("\n", 0, deep.start()) + 1
@@ -87,11 +87,11 @@ def parsed_toml(text: str) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
     except RecursionError:
-        raise ValueError("nested too deeply") from None
+        raise ValueError("its tables or lists are nested too deeply") from None
 
 
 def known(content: Any, schema: str, where: object = None) -> dict[str, Any]:
-    """A parsed document, once it is of the schema or an older one of its kind.
+    """A parsed document, if it has the schema or an older version of it.
 
     Raises:
         InputError: it is not.
@@ -107,7 +107,7 @@ def known(content: Any, schema: str, where: object = None) -> dict[str, Any]:
     if int(match.group(2)) > int(version):
         written = f"; optid {str(content['version'])[:20]} wrote it" if "version" in content else ""
         raise InputError(
-            f"{found} is newer than what this optid reads{written}",
+            f"{found} is newer than this version of optid can read{written}",
             where=where,
             field="schema",
             expected=f"{schema} or older",
@@ -146,9 +146,9 @@ def whole(value: object, field: str, where: object = None, *, low: int = 0, high
 
 
 def _no_number(text: str) -> float:
-    raise ValueError(f"{text} is no number")
+    raise ValueError(f"{text} is not a number")
 
 
 def _kind_of(value: object) -> str:
-    names = {dict: "an object", list: "a list", str: "a text", bool: "a truth value", type(None): "null"}
+    names = {dict: "an object", list: "a list", str: "a text", bool: "true or false", type(None): "null"}
     return names.get(type(value), "a number")

@@ -7,9 +7,7 @@ import numpy as np
 from optid.core.kernel import advance, at, call, compiled, put
 from optid.core.llvm_simd import LANES
 
-EQUAL = (
-    1e-9  # relative difference up to which two samplings are the same: what rounding leaves of time stamps
-)
+EQUAL = 1e-9  # relative difference up to which two sampling intervals are equal: rounding of time stamps
 
 
 @compiled
@@ -182,7 +180,7 @@ def _spread(rows, lane, row):
 
 @compiled
 def _weighed(begin, stop, n, o, starts, Y, y, weight, huber, a, b, loss, used):
-    """What output o at the windows' n-th sample adds: a and b for `many_gather`, the loss; whether there is any."""
+    """Contribution of output o at the n-th sample: a and b for `many_gather`, the loss; whether any is measured."""
     some = False
     for lane in range(stop - begin):
         m = starts[begin + lane] + n

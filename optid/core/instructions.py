@@ -73,7 +73,7 @@ def _library(name: str) -> Form:
 
 
 def _define(function: Value, form: Form) -> None:
-    """Write a function of its own, once in a module; calls of it dissolve in their surroundings."""
+    """Write a separate function, once per module; its calls are inlined."""
     function.linkage = "private"
     function.attributes.add("alwaysinline")
     b = ir.IRBuilder(function.append_basic_block())

@@ -36,7 +36,7 @@ class Compiled:
     engine: Any = field(repr=False)
 
     def run(self, function: Callable[..., None], *arguments: Any) -> None:
-        """Call a kernel with this code, which stays in memory until it is done; the addresses alone would not hold it.
+        """Call a kernel with this code, which is kept in memory until it returns; addresses alone would not keep it.
 
         Args:
             function: one of `optid.core.kernel`, `optid.core.ddf2` or `optid.core.gauss_newton_kernels`.
@@ -49,7 +49,7 @@ class Compiled:
 def compiled(model: Model, free: tuple[int, ...] = ()) -> Compiled:
     """The machine code of a model, with slopes to the states and to the `free` parameters.
 
-    What was never compiled on this machine takes a fraction of a second.
+    A model that was never compiled on this machine takes a fraction of a second.
     """
     return _bound(f"slopes {free}", model, lambda: source(model, free), len(model.states) + len(free))
 
@@ -71,7 +71,9 @@ def _bound(kind: str, model: Model, write: Callable[[], str], directions: int) -
     equations = [f.serialize() for f in (model.rates, model.sensors, model.halves) if f is not None]
     engine = machine_code(" ".join([kind, *equations]), write)
     names = (name for name in kernel.Code._fields if name != "hoisted")
-    places = {name: engine.get_function_address(name) for name in names}  # 0 for what is not there
+    places = {
+        name: engine.get_function_address(name) for name in names
+    }  # 0 for a function that does not exist
     hoisted = ctypes.CFUNCTYPE(ctypes.c_double)(engine.get_function_address("hoisted"))()
     return Compiled(kernel.Code(**places, hoisted=int(hoisted)), directions, width(directions), engine)
 
@@ -83,7 +85,9 @@ def machine_code(content: str, write: Callable[[], str]) -> Any:
     """
     machine = _machine()
     host = f"{llvm.llvm_version_info} {machine.triple} {llvm.get_host_cpu_name()} {_features()}"
-    with _COMPILING:  # LLVM does one at a time anyway, and who waits for the same model finds it stored
+    with (
+        _COMPILING
+    ):  # LLVM compiles one at a time anyway, and a thread that waited for the same model finds it stored
         code = stored(f"{host} {sources(__file__)} {content}", lambda: object_code(write()))
     engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
     engine.add_object_file(llvm.ObjectFileRef.from_data(code))

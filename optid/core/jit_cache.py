@@ -1,7 +1,7 @@
 """How numba's machine code is kept between runs: beside optid's other caches, with checksums.
 
-numba trusts its files: a damaged one ends the process, two processes can give two functions one file, and a folder
-that cannot be written to is an error. Here each signature of a function has files of its own, which are handed to
+numba trusts its files: a damaged one crashes the process, two processes can write one file for two functions, and a
+    folder that is not writable is an error. Here each signature of a function has files of its own, which are handed to
 numba once their checksum is right. They are named after the function's source file and all of optid that it imports:
 numba looks at the file of the outermost function alone, and a change of one that others call would leave machine code
 with the old one inside.
@@ -64,7 +64,7 @@ class _Implementation(CompileResultCacheImpl):  # type: ignore[misc]
 
 
 class _Cache(FunctionCache):  # type: ignore[misc]
-    """numba's cache of one function, whose damaged files are made anew."""
+    """numba's cache of one function, whose damaged files are compiled again."""
 
     _impl_class = _Implementation
 
@@ -75,14 +75,14 @@ class _Cache(FunctionCache):  # type: ignore[misc]
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         found = None
-        with contextlib.suppress(Exception):  # whatever is wrong with the file, it can be made anew
+        with contextlib.suppress(Exception):  # whatever is wrong with the file, it can be compiled again
             found = super().load_overload(sig, target_context)
         if found is None:
             compiling()
         return found
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        with contextlib.suppress(OSError):  # read-only, or a full disk: done without
+        with contextlib.suppress(OSError):  # read-only, or a full disk: nothing is cached
             super().save_overload(sig, data)
 
 
@@ -103,7 +103,7 @@ class _Files:
         base, files = self._of(key)
         seal = Path(f"{base}.sum")
         seal.unlink(missing_ok=True)
-        files.flush()  # what a damaged index says is not asked
+        files.flush()  # a damaged index is not used
         files.save(key, data)
         draft = Path(f"{base}.{os.getpid()}.part")
         draft.write_text(_sum(base))

@@ -26,9 +26,9 @@ compiled = kept(nogil=True, error_model="numpy", fastmath={"contract", "nsz", "a
 
 STABLE = 2.5  # largest step times relaxation rate; the method's own limit on the real axis is 3.3
 SMALLEST = 1e-12  # of a hold: below this step the equations are singular, not stiff
-# Steps tried in a hold: equations that need more have diverged, though it may take hours to see it.
+# Steps tried in a hold: equations that need more have diverged, which could otherwise take hours to appear.
 MOST = 1000  # linearly implicit ones
-MOST_EXPLICIT = 10_000  # ten times what friction at its stiffest needs in a hold of 0.1 s
+MOST_EXPLICIT = 10_000  # ten times what the stiffest friction needs in a hold of 0.1 s
 
 
 class Code(NamedTuple):
@@ -146,8 +146,8 @@ def advance_many(step, half, x, u, c, tolerance, span, h):
 def _advance_many(step, x, u, c, tolerance, span, h):
     """As `advance_many`, where nothing switches.
 
-    The next hold begins with what suited the beginning of this one: states that a measurement has just moved relax
-    anew in every hold, and a step that suited its end would be rejected.
+    The next hold starts with the step that suited the start of this one: states just corrected by a measurement relax
+        again in every hold, and a step that suited its end would be rejected.
     """
     left, begin = span, -1.0
     for _ in range(MOST):
@@ -169,7 +169,7 @@ def _advance_many(step, x, u, c, tolerance, span, h):
 
 @compiled
 def put(values, place):
-    """Copy numbers one by one: of an assignment of arrays numba compiles the message on shapes, too, for 4 s."""
+    """Copy numbers one by one: for an array assignment numba also compiles its error message, which takes 4 s."""
     for i in range(len(place)):
         place[i] = values[i]
 

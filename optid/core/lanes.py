@@ -106,7 +106,7 @@ def log(b: Value, x: Value) -> Value:
 
 
 def log1p(b: Value, x: Value) -> Value:
-    """log(1 + x), what rounding 1 + x loses made good (Kahan)."""
+    """log(1 + x), corrected for the rounding of 1 + x (Kahan)."""
     whole = b.fadd(like(x, 1.0), x)
     lost = b.fsub(x, b.fsub(whole, like(x, 1.0)))
     found = b.fadd(log(b, whole), b.fdiv(lost, whole))
@@ -137,7 +137,7 @@ def cos(b: Value, x: Value) -> Value:
 
 
 def _wave(b: Value, x: Value, ahead: int) -> Value:
-    """The sine so many quarters of a turn ahead."""
+    """The sine, advanced by some quarter turns."""
     n = intrinsic(b, "rint", b.fmul(x, like(x, 2 / math.pi), flags=FLAGS))
     r = x
     for part in QUARTER:

@@ -17,12 +17,12 @@ if TYPE_CHECKING:
 
     from optid.core.model import Array, Model
 
-STEADY = 1e-9  # 1/s: largest rate of a state, as a share of its usual size, that counts as none
-STRIDE = 0.5  # usual sizes: the longest step of the search, lest it leap to where no pressure is positive
-PROBE = 1e-6  # of a usual size: the step to either side by which a kink is seen
-KINK = 1e-3  # relative difference of the slopes on both sides that is no curvature
+STEADY = 1e-9  # 1/s: largest rate of a state, as a share of its usual size, that counts as zero
+STRIDE = 0.5  # usual sizes: the longest step of the search, so that it cannot reach negative pressures
+PROBE = 1e-6  # of a usual size: the step to each side that detects a kink
+KINK = 1e-3  # relative difference of the slopes on both sides beyond which it is a kink
 RELAXES = (
-    1e-3  # of its largest slope: with less of its own, a contact's state follows the motion as a spring does
+    1e-3  # of its largest slope: with a smaller own slope, a contact's state follows the motion like a spring
 )
 
 
@@ -36,12 +36,12 @@ class Linear:
         continuous time; states, inputs and outputs carry the model's names. An input taken some
         samples ago is an input of its own, "command@3".
     states : Mapping[str, float]
-        where it was taken, by name; `inputs` and `outputs` alike.
+        the operating point, by name; `inputs` and `outputs` likewise.
     rates : Mapping[str, float]
         1/s times the state's unit; zero but for the states declared `moving`.
     kinks : tuple[str, ...]
-        names to which the slope jumps at this very point (a valve that is just closed); there the
-        system holds the mean of both sides.
+        names with respect to which the slope jumps at this point (a valve that is just closed); the system has the
+        mean of both sides.
     elastic : tuple[str, ...]
         dimensionless states that only follow a speed here, as the contact of dry friction does at rest, where
         it is a spring.
@@ -57,11 +57,11 @@ class Linear:
 
     @property
     def note(self) -> str:
-        """Where the linear model holds for the smallest motion only, in words; empty elsewhere."""
+        """Why the linear model is valid for very small motion only, in words; empty otherwise."""
         said = []
         if self.elastic:
             said.append(
-                f"Here friction holds the axis: its contact ({', '.join(self.elastic)}) is a spring, and this system "
+                f"Friction holds the axis here: its contact ({', '.join(self.elastic)}) is a spring, and this system "
                 "describes the elastic motion before it slides only. Hold a speed and declare the position moving for "
                 "the system of the axis as it slides."
             )
@@ -81,23 +81,23 @@ def linearise(
 ) -> Linear:
     """Find the operating point nearest to a guess and linearise there.
 
-    A closed pneumatic axis rests anywhere and at any balanced pair of pressures, so a point is asked for by
-    what is `held`; all other states and inputs move as little as possible (in usual sizes) from where they
-    are guessed until no rate is left.
+    A closed pneumatic axis rests anywhere and at any balanced pair of pressures, so the point is specified by what is
+    `held`; all other states and inputs are moved as little as possible (in usual sizes) from their guesses until all
+    rates are zero.
 
     Parameters
     ----------
     model : Model
         the plant.
     parameters : Mapping[str, float]
-        SI values by name; the model's defaults where silent (a fit's `values`, a rig's `parameters`).
+        SI values by name; the model's defaults elsewhere (a fit's `values`, a rig's `parameters`).
     held : Mapping[str, float]
         states and inputs with a stated value, SI, by name.
     moving : Sequence[str]
         states whose rate need not vanish: the position of an axis at constant speed.
     near : Mapping[str, float] | None
-        guesses for the others; without one a state starts where records start, an input at zero. Where
-        laws change at zero, as a valve's do, the side must be guessed.
+        guesses for the others; without one a state starts at its usual start value, an input at zero. Where a law
+        changes at zero, as a valve's does, the guess chooses the side.
 
     Returns
     -------
@@ -109,7 +109,7 @@ def linearise(
     PlantError
         an unknown name, or no value for the sampling interval of a model that uses it.
     SolveError
-        no equilibrium was found; names the state that keeps moving.
+        no equilibrium was found; names the state that still changes.
     """
     names = [state.name for state in model.states] + _input_names(model)
     p = model.vector(parameters)
@@ -120,7 +120,7 @@ def linearise(
             raise PlantError(f'no state or input "{name}"', where=model.name, hint=nearest(name, names))
     if INTERVAL in names and not values[INTERVAL] > 0:
         raise PlantError(
-            "the equations use the sampling interval",
+            "the equations use the sampling interval, which is not given",
             where=model.name,
             field=INTERVAL,
             expected="its value in s among `held`",
@@ -205,7 +205,8 @@ def _equilibrium(
     worst = int(np.abs(rate).argmax())
     name = model.states[worst]
     raise SolveError(
-        f"no operating point: {name.name} still moves by {rate[worst] * scales[worst]:.3g} {name.unit}/s; hold "
+        f"no operating point was found: {name.name} still changes by {rate[worst] * scales[worst]:.3g} "
+        f"{name.unit}/s; hold "
         "less, guess better (`near`), or declare it moving"
     )
 
@@ -221,7 +222,7 @@ def _linear(
     import control
 
     nx = len(model.states)
-    # The clock and the interval are no signals that anyone could move.
+    # The clock and the sampling interval are not signals that can be moved.
     real = [j for j, name in enumerate(names) if j >= nx and name not in (INTERVAL, CLOCK)]
     inputs, outputs = [names[j] for j in real], [port.role for port in model.outputs]
     system: Any = control.ss(

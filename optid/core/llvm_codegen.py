@@ -142,7 +142,7 @@ class _Writer:
             self.slots[id(begins)] = HALF, begins
             self._halves("half", REAL)
             self._halves("many_half", SEVERAL)
-        self._named: dict[tuple[object, ...], Value] = {}  # instruction and operands -> what holds it
+        self._named: dict[tuple[object, ...], Value] = {}  # instruction and operands -> its value
 
     def _halves(self, name: str, kind: Value) -> None:
         """Which half of a hold the equations are of."""
@@ -174,7 +174,7 @@ class _Writer:
         b.ret(number(0.0))
 
     def step(self, name: str, rates: str, sensitive: bool) -> None:
-        """A Runge-Kutta step from the rates k (and slopes T) at x, unrolled; nothing moves when it errs too much."""
+        """A Runge-Kutta step from the rates k (and slopes T) at x, unrolled; too large an error leaves x unchanged."""
         b, at = self._function(name, ("x", "S", "u", "c", "k", "T", "tolerance"), ("h",))
         x = [load(b, at["x"], i) for i in range(self.nx)]
         k = [[load(b, at["k"], i) for i in range(self.nx + 1)]]
@@ -201,7 +201,7 @@ class _Writer:
         b.ret(error)
 
     def many_step(self, function: ca.Function) -> None:
-        """A step of `rosenbrock` for `LANES` states at once; nothing moves when it errs too much."""
+        """A step of `rosenbrock` for `LANES` states at once; too large an error leaves them unchanged."""
         b, at = self._function("many_step", ("x", "u", "c", "tolerance"), ("h",))
         moved = self._equations(function, b, at, SEVERAL)[0]
         error = ir.Constant(SEVERAL, None)

@@ -47,7 +47,7 @@ def row_at(b: Value, place: Value, first: int, counter: Value) -> tuple[Value, V
 
 
 def splat(b: Value, value: Value, kind: Value) -> Value:
-    """One number in every lane of a row; what is of that kind already stays."""
+    """One number in every lane of a row; a row is returned as it is."""
     if value.type == kind:
         return value
     if isinstance(value, ir.Constant):

@@ -1,4 +1,4 @@
-"""A user's own Python files: plants, effects, drivers. They are programs: who runs a rig file runs them."""
+"""A user's own Python files: plants, effects, drivers. They are programs: running a rig file runs them."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from optid.core.document import read_bounded
 from optid.core.resultset import located
 from optid.errors import RigError, nearest
 
-MOST = 4 * 2**20  # bytes of a file: more is no program that someone wrote
+MOST = 4 * 2**20  # bytes of a file: nobody writes a longer program
 LONGEST = 200  # signs of a path that a message holds
 OUTSIDE = "--outside-files"
 _PREFIX = "optid_user_"
-# A session's processes read the rig file again: what is allowed here goes on to them with the environment.
+# A session's processes read the rig file again: the permission passes to them in the environment.
 _VARIABLE = "OPTID_OUTSIDE_FILES"
 
 
@@ -51,7 +51,7 @@ def loaded() -> tuple[Loaded, ...]:
 
 
 def loaded_from(thing: object) -> Loaded | None:
-    """The file that a function, or the class of an object, comes from; ``None`` for what is not a user's own."""
+    """The file that a function, or the class of an object, comes from; ``None`` if it is not from a user's file."""
     module = getattr(thing, "__module__", None) or type(thing).__module__
     return _LOADED.get(module)
 
@@ -80,18 +80,18 @@ def named_file(file: str, folder: Path) -> Path:
     try:
         inside = path.resolve().is_relative_to(folder.resolve())
     except (OSError, RuntimeError, ValueError) as error:
-        raise RigError(f'"{file}" is no path ({error})') from None
+        raise RigError(f'"{file}" is not a path ({error})') from None
     if not (inside or _ALLOWED.get() or os.environ.get(_VARIABLE) == "1"):
         raise RigError(
-            f'"{file}" lies outside the folder of the rig file; it is a program and would be run',
+            f'"{file}" lies outside the folder of the rig file, and a Python file is a program that would be run',
             expected="a file in that folder or below",
-            hint=f"copy it there, or call with {OUTSIDE}",
+            hint=f"copy it there, or allow it with {OUTSIDE}",
         )
     return path
 
 
 def load_file(path: Path) -> ModuleType:
-    """Run a user's Python file as a module of its own, afresh each time: it may have been edited.
+    """Run a user's Python file as a separate module, again each time: it may have been edited.
 
     Raises:
         RigError: no such file, or it raises while it is imported.
@@ -100,7 +100,7 @@ def load_file(path: Path) -> ModuleType:
         there = path.is_file() or located(path).is_file()
     except OSError as error:  # a name that no file can have
         shown = str(path) if len(str(path)) <= LONGEST else f"...{str(path)[-LONGEST:]}"
-        raise RigError(f'"{shown}" is no path ({error.strerror})', expected="a Python file") from None
+        raise RigError(f'"{shown}" is not a path ({error.strerror})', expected="a Python file") from None
     if not there:
         what = "is a directory" if path.is_dir() else "does not exist"
         near = sorted(p.name for p in path.parent.glob("*.py")) if path.parent.is_dir() else []
@@ -112,7 +112,7 @@ def load_file(path: Path) -> ModuleType:
     key = f"{_PREFIX}{hashlib.sha256(os.fsencode(path.resolve())).hexdigest()[:16]}"
     loader = _Source(path, content)
     module = importlib.util.module_from_spec(importlib.machinery.ModuleSpec(key, loader, origin=str(path)))
-    module.__file__ = str(path.resolve())  # a file finds its neighbours by it
+    module.__file__ = str(path.resolve())  # lets a file find modules beside it
     sys.modules[key] = module  # dataclasses and type hints inside look their module up here
     try:
         loader.exec_module(module)
@@ -124,7 +124,7 @@ def load_file(path: Path) -> ModuleType:
 
 
 class _Source(importlib.abc.SourceLoader):
-    """Runs what was read once, so that what ran and what its digest says are the same."""
+    """Runs the text that was read once, so that the digest is of what ran."""
 
     def __init__(self, path: Path, content: bytes) -> None:
         self._path, self._content = path, content
@@ -134,14 +134,14 @@ class _Source(importlib.abc.SourceLoader):
         return str(self._path)
 
     def get_data(self, path: str | bytes) -> bytes:
-        """Its text; of compiled forms beside it nothing is wanted."""
+        """Its text; compiled files beside it are not used."""
         if path != str(self._path):
             raise OSError(path)
         return self._content
 
 
 def blame(error: BaseException, path: Path) -> str:
-    """What a user's code raised, and the last line of that code on the way: "NameError: ... (line 7)"."""
+    """The exception that a user's code raised, and the last line of that code: "NameError: ... (line 7)"."""
     if isinstance(error, SyntaxError) and error.lineno is not None:
         return f"SyntaxError: {error.msg} (line {error.lineno})"
     frames = traceback.extract_tb(error.__traceback__)

@@ -34,7 +34,7 @@ class State:
 
 @dataclass(frozen=True)
 class Port:
-    """An input or output: the role a recording's channel can take, its SI unit, and how many samples ago.
+    """An input or output: its role, which a recording's channel can take, its SI unit, and its delay in samples.
 
     `idle` is the input at which the plant stays at rest, where there is one such value.
     """
@@ -47,14 +47,14 @@ class Port:
 
 @dataclass(frozen=True, eq=False)
 class Constraint:
-    """What must hold between parameters for them to describe anything that can be built.
+    """A condition on parameters without which they describe nothing that can be built.
 
     Attributes
     ----------
     words : str
         what must hold, as a sentence: "the rod is thinner than the bore".
     parameters : tuple[str, ...]
-        names of those that it is about.
+        names of the parameters in it.
     margin : ca.Function
         p -> a number that is positive where it holds.
     """
@@ -83,7 +83,7 @@ class Model:
     sites : tuple[str, ...]
         where effects can act.
     sizes : tuple[float, ...]
-        usual size of the signal at each site, SI; 0 where nothing flows without an effect.
+        usual size of the signal at each site, SI; 0 where the signal is zero without an effect.
     site_units : tuple[str, ...]
         SI unit of the signal at each site; "" where the plant does not state it.
     near : tuple[tuple[str, ...], ...]
@@ -93,26 +93,26 @@ class Model:
     sensors : ca.Function
         (x, u, p) -> y.
     start : ca.Function
-        p -> (mean, spread): what is known of the state at a record's start without data.
+        p -> (mean, spread) of the state at the start of a recording, without data.
     halves : ca.Function | None
         (x, u, p, half) -> dx/dt of the two halves, 0 and 1, of a hold in which an input switches, each half
         stretched to take as long as the other; None where inputs change at samples only. `rates` then holds the
         mean of what is held before and after.
     form_error : float | None
-        share of the squared error that names may leave, which right laws of another form exceed in no
-        more than one of 20 blind cases; None where no trial has measured it.
+        share of the squared error that named effects may leave: the right effects, in another functional form, leave
+            more in at most one of 20 blind cases; None where this was not measured.
     suspects : tuple[tuple[str, ...], ...]
-        groups of sites at which unknown physics may act, for a diagnosis to look for an unknown input.
+        groups of sites at which unknown physics may act; a diagnosis estimates an unknown input there.
     scalable : tuple[str, ...]
-        sites of a level that others turn, as that of dry friction.
+        sites of a magnitude whose sign is set elsewhere, as that of dry friction.
     biases : Mapping[str, float]
-        by what share of its value a stand-in for a law that jumps may shift a fitted parameter, by name.
+        share by which a smooth approximation of a discontinuous law may bias a fitted parameter, by name.
     constraints : tuple[Constraint, ...]
-        what must hold between parameters.
+        conditions on the parameters.
     axis : Axis | None
         unit and size of travel and effort, where the plant states them.
     reach : Mapping[str, ca.Function]
-        output -> p -> (from, to): what it can reach, where the plant knows.
+        output -> p -> (from, to): its possible range, where the plant states it.
     """
 
     name: str
@@ -245,7 +245,7 @@ class Model:
         return np.array([float(values.get(q.name, q.default)) for q in self.parameters])  # type: ignore[arg-type]
 
     def vector_from(self, smaller: Model, p: Array, values: Mapping[str, float]) -> Array:
-        """The vector p with what a smaller model of the same plant has, too, as in its own `p`; the rest as named.
+        """The vector p with the values of a smaller model of the same plant; the other parameters by name.
 
         Parameters
         ----------

@@ -8,16 +8,16 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Nuisance:
-    """How a nuisance parameter is fitted beside those that are asked for.
+    """How a nuisance parameter is fitted together with the requested ones.
 
     Attributes
     ----------
     low, high : float
-        between these it is a matter of the law; beyond them it is physics worth a name.
+        within these bounds it belongs to the law; beyond them it is an effect worth a name.
     sd : float | None
-        of what is known before, about the stated or default value; ``None``: nothing.
+        prior standard deviation about the stated or default value; ``None`` without a prior.
     by_filter : bool
-        freed where fits are by filter only: a smoother of short recordings loses its way in it.
+        fitted only by filter methods: a smoother of short recordings does not converge with it.
     """
 
     low: float = -math.inf
@@ -43,21 +43,23 @@ class Parameter:
     source : str
         equation, table, standard or data sheet the number comes from.
     default : float | None
-        value when a rig file is silent; ``None`` makes it required.
+        value when the rig file gives none; ``None`` makes it required.
     bounds : tuple[float, float]
         the closed interval outside which the value is meaningless.
     logarithmic : bool
-        the fit moves log(value): for widths and rates known to a factor.
+        the fit uses log(value): for widths and rates known to a factor.
     fitted : bool
-        an effect's are fitted where it is missing, unless they only say what the others mean, like the ends of
-        a curve.
+        whether a diagnosis fits it; false for parameters that only define others, like the ends of a curve.
     leeway : float
-        by how much the value may be off before anyone would call it physics, where a law stands in for
-        nature's; what that changes is no mark against a model.
+        tolerated deviation of the value, where the law is an approximation; errors within it do not count against a
+        model.
     starts : tuple[float, ...]
         values at which searches begin, one after the other; the stated or default one if empty.
     nuisance : Nuisance | None
         how fits free it unless the rig file states it; ``None``: they do not.
+    daily : float
+        sd of its change from day to day without any wear, as a share of its value (a supply pressure, for example);
+        estimates of single nights free it.
     """
 
     name: str
@@ -72,6 +74,7 @@ class Parameter:
     leeway: float = 0.0
     starts: tuple[float, ...] = ()
     nuisance: Nuisance | None = None
+    daily: float = 0.0
 
     def __post_init__(self) -> None:
         low, high = self.bounds

@@ -1,4 +1,4 @@
-"""Numbers with units as people read them: one way for terminals, pages and figures."""
+"""Readable numbers with units, formatted in the same way for terminals, pages and figures."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ _SPELT = (
 
 
 def quantity(value: float, unit: str, digits: int = 3) -> str:
-    """A number with the unit that people use for it: ``quantity(45e-6, "m")`` is "45 µm".
+    """A number in the unit that suits its size: ``quantity(45e-6, "m")`` is "45 µm".
 
     Args:
         value: in `unit`.
@@ -77,7 +77,7 @@ def friendly(unit: str) -> tuple[float, str]:
 
 
 def unit_name(unit: str) -> str:
-    """A unit as people write it: "m s**2" is "m s²", "V**0.5" is "√V"; nothing for a pure number."""
+    """A unit in typographic form: "m s**2" is "m s²", "V**0.5" is "√V"; nothing for a pure number."""
     if unit == "1":
         return ""
     unit = _ROOT.sub(r"√\1", unit)
@@ -85,7 +85,7 @@ def unit_name(unit: str) -> str:
 
 
 def typeset(sentence: str) -> str:
-    """A sentence with units as `quantity` writes them, whoever wrote it."""
+    """A sentence with its units written as `quantity` writes them."""
     for written, meant in _SPELT:
         sentence = written.sub(meant, sentence)
     return _LONG.sub(lambda found: plain(float(found.group()), 6), sentence)

@@ -1,4 +1,4 @@
-"""A recording: what was measured, in SI units, with where every number came from."""
+"""A recording: measured signals in SI units, with the provenance of every number."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ __all__ = [
 Interval = tuple[float, float]
 
 GAP = 1.5  # median sampling intervals: beyond, at least one sample is missing from the table
-LONG_GAP = 10.0  # median sampling intervals: beyond, the held command can no longer be trusted
+LONG_GAP = 10.0  # median sampling intervals: for longer, a held command is no longer trusted
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +50,7 @@ class Recording:
     Attributes
     ----------
     name : str
-        the file's name; how findings speak of it.
+        the file's name, as findings refer to it.
     time : Array
         s, shape (samples,), strictly increasing, read-only.
     channels : Mapping[str, Channel]
@@ -75,7 +75,7 @@ class Recording:
         if time.ndim != 1 or len(time) < 2:
             raise RecordingError(f"{time.size} samples", where=self.name, expected="at least two")
         if not (np.isfinite(time).all() and (np.diff(time) > 0).all()):
-            raise RecordingError("the times do not increase strictly", where=self.name, field="time")
+            raise RecordingError("the times are not strictly increasing", where=self.name, field="time")
         channels = {}
         for role, channel in self.channels.items():
             values = frozen(channel.values)
@@ -93,12 +93,12 @@ class Recording:
         Parameters
         ----------
         frame : pd.DataFrame
-            columns as the rig file maps them, by the names it gives or by role ("time", "command", ...), in the
-            units that it states; others are left alone. NaN is a missing sample.
+            columns as the rig file maps them, by its names or by role ("time", "command", ...), in its units; other
+            columns are ignored. NaN is a missing sample.
         rig : Mapped
             as read with `read_rig`.
         name : str
-            how findings speak of it.
+            name of the recording, as findings refer to it.
 
         Raises
         ------
@@ -163,7 +163,7 @@ class Recording:
         return {role: channel.missing for role, channel in self.channels.items() if channel.missing}
 
     def gaps(self, longer_than: float = GAP) -> tuple[Interval, ...]:
-        """Times (s) between neighbouring samples that lie further apart than so many median intervals.
+        """Times (s) of neighbouring samples that are further apart than this many median intervals.
 
         Parameters
         ----------
@@ -209,11 +209,11 @@ class Recording:
         return self.part(int(first), int(last))
 
     def segments(self, longer_than: float = LONG_GAP) -> tuple[Recording, ...]:
-        """Stretches between gaps longer than so many median intervals, so that none is simulated across.
+        """Stretches between gaps longer than this many median intervals, so that no gap is simulated across.
 
         A stretch in which a held channel (a command) is missing for so long is a gap, too. A shorter gap stays inside
-        a stretch: the command held before it is taken to hold through it. Stretches of a single sample carry no
-        motion and are left out.
+        a stretch: the command before it is assumed to hold. Stretches of a single sample contain no motion and are
+            left out.
 
         Parameters
         ----------
@@ -233,14 +233,14 @@ class Recording:
         return tuple(self.taken(rows[a:b]) for a, b in itertools.pairwise(edges) if b - a > 1)
 
     def commanded(self, longer_than: float = LONG_GAP) -> NDArray[np.bool_]:
-        """Samples at which every held channel is known, or missing for no longer than so many median intervals.
+        """Samples at which every held channel is known, or missing for no longer than this many median intervals.
 
         Those before the first known one count as missing for long.
 
         Parameters
         ----------
         longer_than : float
-            median intervals; a command that is missing for no longer is taken to hold.
+            median intervals; a command that is missing for no longer is assumed to hold.
 
         Returns
         -------
@@ -291,7 +291,7 @@ class Recording:
         return dataclasses.replace(self, time=self.time[first:last], channels=channels)
 
     def taken(self, rows: NDArray[np.int64]) -> Recording:
-        """These samples of it, in their order; what is left out between them is a gap.
+        """The given samples, in their order; samples left out between them become a gap.
 
         Parameters
         ----------
@@ -320,17 +320,17 @@ def frozen(values: Array) -> Array:
 
 
 def sealed(values: Array) -> Array:
-    """The same array, made read-only: for one that nobody else holds."""
+    """The same array, made read-only: for one without other references."""
     values = np.asarray(values, dtype=np.float64)
     values.flags.writeable = False
     return values
 
 
 def midpoints(values: Array) -> Array:
-    """What an input that goes on straight from sample to sample is on the mean until the next one.
+    """The mean, until the next sample, of an input that is interpolated linearly.
 
-    Held from sample to sample, the mean does to a slower plant what the straight line does: both have the same
-    impulse, and what they differ by is of second order in the sampling time. A value held is half a sample late.
+    Held from sample to sample, the mean acts on a slower plant like the straight line: both have the same impulse, and
+        their difference is of second order in the sampling time. A held value would be half a sample late.
     """
     return np.append(
         np.where(np.isfinite(values[1:]), (values[:-1] + values[1:]) / 2, values[:-1]), values[-1:]

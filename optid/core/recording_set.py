@@ -1,4 +1,4 @@
-"""Several recordings of one rig, none of them given twice, told apart by name."""
+"""Several recordings of one rig, none of them given twice, each with its own name."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from optid.errors import RecordingError, nearest
 
 @dataclass(frozen=True, eq=False)
 class Experiments:
-    """Recordings of one rig, told apart by unique names.
+    """Recordings of one rig, with unique names.
 
     Build it with `Experiments.of`, which gives two files of the same name names of their own.
     """
@@ -34,7 +34,7 @@ class Experiments:
             for other in given[:i]:
                 if _same_samples(recording, other):
                     raise RecordingError(
-                        "these samples are given twice, and would count twice", where=recording.name
+                        "these samples are given twice and would count twice", where=recording.name
                     )
         names = _told_apart(given)
         return cls(tuple(dataclasses.replace(r, name=n) for r, n in zip(given, names, strict=True)))

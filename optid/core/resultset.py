@@ -1,4 +1,4 @@
-"""A folder of results is replaced as a whole or not at all, wherever the process that writes it ends.
+"""A results folder is replaced completely or not at all, whenever the writing process ends.
 
 The new files are written into `.optid-new-...` inside the folder, with a manifest of their digests. Renaming that to
 `.optid-commit` is the one step that decides: before it the old set counts, after it the new one. Then each file is
@@ -24,7 +24,7 @@ from optid.errors import InputError
 MANIFEST = "manifest.json"
 SCHEMA = "optid.manifest/1"
 STAGED, COMMITTED, UNDONE = ".optid-new-", ".optid-commit", ".optid-undo"
-OLD = "old"  # inside those: what stood in the folder before, to be put back if the folder refuses half-way
+OLD = "old"  # inside those: the former files, to be restored if the folder fails half-way
 _MOST = 2**24  # bytes of a manifest; a file of that name may be anybody's
 _TRIAL = "x" * 40  # longer than the name of any result
 
@@ -39,7 +39,7 @@ def staging(folder: Path) -> Path:
 
 
 def try_out(folder: Path) -> None:
-    """Do in a folder what writing results will do, and leave it as it was.
+    """Test a folder by doing what writing results will do, and leave it as it was.
 
     Raises:
         OSError: it cannot be done: no permission, no space, a name too long, a read-only place.
@@ -57,12 +57,12 @@ def try_out(folder: Path) -> None:
 
 
 def recover(folder: Path) -> None:
-    """Finish what a process that was ended left half-done, and remove its litter.
+    """Finish what an interrupted process left half-done, and remove its temporary files.
 
-    Only who knows that no other process writes into the folder may call it.
+    The caller must know that no other process writes into the folder.
 
     Raises:
-        OSError: the folder refuses.
+        OSError: the folder cannot be written.
     """
     if (folder / UNDONE).is_dir():
         _put_back(folder)
@@ -76,10 +76,10 @@ def recover(folder: Path) -> None:
 
 
 def commit(folder: Path, staged: Path, facts: Mapping[str, Any]) -> None:
-    """Let the staged files take their places in a folder, and write its manifest.
+    """Move the staged files into place and write the folder's manifest.
 
-    Of the set before, files of the same command that are not written anew go, unless they were changed since; files of
-    other commands stay and are listed as earlier ones.
+    Former files of the same command that are not replaced are deleted, unless they were changed since; files of other
+    commands stay and are listed as earlier ones.
 
     Args:
         folder: where nothing is half-done.
@@ -87,12 +87,12 @@ def commit(folder: Path, staged: Path, facts: Mapping[str, Any]) -> None:
         facts: what the manifest says of the run: version, command and inputs.
 
     Raises:
-        OSError: the folder refuses; the old set then stands as before.
+        OSError: the folder cannot be written; the old files then stay.
     """
     names = sorted(path.name for path in staged.iterdir())
     for name in (*names, MANIFEST):
         if (folder / name).is_dir():
-            raise IsADirectoryError(errno.EISDIR, f"{name} is a folder there", str(folder / name))
+            raise IsADirectoryError(errno.EISDIR, f"there is a folder named {name}", str(folder / name))
     before = manifest(folder) or {}
     known: dict[str, str] = {**before.get("earlier", {}), **before.get("files", {})}
     here = {name: digest for name in {*known, *names} if (digest := digest_of(folder / name))}
@@ -102,7 +102,9 @@ def commit(folder: Path, staged: Path, facts: Mapping[str, Any]) -> None:
             and name in here
             and here[name] not in (known.get(name), digest_of(staged / name))
         ):
-            raise FileExistsError(errno.EEXIST, "another program of this name is there", str(folder / name))
+            raise FileExistsError(
+                errno.EEXIST, "another program's file of this name is in the folder", str(folder / name)
+            )
     rest = {name: digest for name, digest in known.items() if name not in names and here.get(name) == digest}
     same = _kind(before) == _kind(facts)
     removed = sorted(name for name in rest if same and name in before.get("files", {}))
@@ -136,7 +138,7 @@ def commit(folder: Path, staged: Path, facts: Mapping[str, Any]) -> None:
 
 
 def manifest(folder: Path) -> dict[str, Any] | None:
-    """The content of a folder's manifest; ``None`` where there is none that can be understood."""
+    """The content of a folder's manifest; ``None`` where there is none that can be parsed."""
     try:
         with (folder / MANIFEST).open("rb") as file:
             content = json.loads(file.read(_MOST))
@@ -150,10 +152,10 @@ def manifest(folder: Path) -> dict[str, Any] | None:
 
 
 def located(path: Path) -> Path:
-    """Where a file of a result folder is to be read: elsewhere than at `path` while its set is half in place.
+    """Where to read a file of a results folder: not at `path` while a replacement is half done.
 
     Raises:
-        InputError: the file is of another set than the folder's manifest tells of.
+        InputError: the file does not belong to the set that the manifest lists.
     """
     folder, name = path.parent, path.name
     for half, place in ((COMMITTED, folder / COMMITTED / name), (UNDONE, folder / UNDONE / OLD / name)):
@@ -168,9 +170,9 @@ def located(path: Path) -> Path:
     old = told["replaced"].get(name)
     if old is not None and old != told["files"].get(name) and digest_of(path) == old:
         raise InputError(
-            f"this is the file that stood there before the results that {MANIFEST} tells of",
+            f"this file is older than the results that {MANIFEST} lists",
             where=path,
-            expected="the files of one run",
+            expected="files that one run wrote",
             hint=f"run {_kind(told) or 'the command'} again",
         )
     return path
@@ -192,7 +194,7 @@ def _keep_old(folder: Path, old: Path, names: Iterable[str]) -> None:
 
 
 def _move_in(folder: Path) -> None:
-    """From `.optid-commit` to the places; may be called again after it was cut short."""
+    """Move files from `.optid-commit` into place; may be called again after an interruption."""
     source = folder / COMMITTED
     told = manifest(source)
     if told is not None:  # else the manifest, which goes last, has gone
@@ -208,7 +210,7 @@ def _move_in(folder: Path) -> None:
 
 
 def _put_back(folder: Path) -> None:
-    """What stood in the folder before; may be called again after it was cut short."""
+    """Restore the former files; may be called again after an interruption."""
     source = folder / UNDONE
     told = manifest(source) or {"files": {}}
     for name in told["files"]:

@@ -1,7 +1,7 @@
-"""A linearly implicit step of a model, as one symbolic function: friction at rest does not keep it short.
+"""A linearly implicit step of a model, as one symbolic function; friction at rest does not limit its length.
 
-The bristles of an axis at rest relax and oscillate within tens of microseconds, at amplitudes that nothing measures. An
-explicit method has to follow them, this one damps what it does not resolve.
+The bristles of an axis at rest relax and oscillate within tens of microseconds, at amplitudes that nothing measures.
+An explicit method has to follow them; this one damps what it does not resolve.
 
 RODAS3 (Sandu and others, Atmospheric Environment 31, 1997, p. 3459): four stages of order 3 with an embedded method of
 order 2, both L-stable, in the form without products with the Jacobian (Hairer and Wanner, Solving Ordinary Differential

@@ -26,8 +26,8 @@ class Effect(Protocol):
     """Physics that a plant may have left out: acts on the signals of one site or more.
 
     ``apply`` is called at each of its sites, in the order in which the plant offers them; at a common site those come
-    first that name the others in `ahead_of`. It receives the nominal signal, the signals the plant declared near the
-    site, and the sheet (for parameters and states of its own, which carry the effect's name in front); at its null
+    first that name the others in `ahead_of`. It receives the nominal signal, the signals that the plant declares near
+    the site, and the sheet (for its own parameters and states, which are prefixed with the effect's name); at its null
     parameter values it returns the nominal signal.
     """
 
@@ -41,12 +41,12 @@ class Effect(Protocol):
 
     @property
     def ahead_of(self) -> Sequence[str]:
-        """Names of effects that take up its signal where both act."""
+        """Names of effects that receive its signal where both act."""
 
     def apply(
         self, site: str, nominal: Expression, near: Mapping[str, Expression], sheet: Sheet
     ) -> Expression:
-        """The signal as the effect makes it."""
+        """The signal modified by the effect."""
 
 
 class _Site(NamedTuple):
@@ -80,7 +80,7 @@ class Sheet(Declarations):
     name : str
         of the plant.
     effects : Sequence[Effect]
-        that act at its sites.
+        effects that act at its sites.
     groups : Mapping[str, Sequence[str]] | None
         name of a parameter that groups of recordings have of their own -> the groups.
     """
@@ -92,7 +92,7 @@ class Sheet(Declarations):
         self._effects = tuple(effects)
         self._sites: dict[str, _Site] = {}
         self._notes: dict[str, Expression] = {}
-        self._late: Expression | None = None  # s: how late commands come
+        self._late: Expression | None = None  # s: delay of commands
         self._switch: tuple[ca.SX, Expression] | None = None
         self._form_error: float | None = None
         self._suspects: list[tuple[str, ...]] = []
@@ -102,23 +102,23 @@ class Sheet(Declarations):
         self._near = _Near("")  # where it writes
 
     def delay_input(self, time: Expression) -> tuple[Expression | None, Expression]:
-        """Let commands come later by `time`, s: how late they came before, None if at once, and how late they come.
+        """Delay commands by a further `time`, s; returns the delay before (None if there was none) and after.
 
         Parameters
         ----------
         time : Expression
-            s, by which they come later.
+            further delay, s.
 
         Returns
         -------
         tuple[Expression | None, Expression]
-            s: how late they came before, ``None`` if at once, and how late they come now.
+            delay before, ``None`` if there was none, and delay now, s.
         """
         before, self._late = self._late, time if self._late is None else self._late + time
         return before, self._late
 
     def switch_within_hold(self, share: Expression, before: Expression, after: Expression) -> Expression:
-        """A signal that changes inside each hold, after this share of it; of two such shares the last one counts.
+        """A signal that switches inside each hold, after this share of it; the last of two such shares is used.
 
         Parameters
         ----------
@@ -151,7 +151,7 @@ class Sheet(Declarations):
         self._notes[self._prefix + name] = expression
 
     def recall(self, name: str) -> Expression:
-        """What the same effect noted at an earlier site.
+        """The expression that the same effect stored at an earlier site.
 
         Parameters
         ----------
@@ -177,16 +177,16 @@ class Sheet(Declarations):
         nominal : Expression
             the signal.
         size : float
-            its usual size in SI units, for effects that can act on any signal; 0 where none of these makes sense.
+            its usual size in SI units, for generic effects; 0 where these make no sense.
         unit : str
-            of the signal, SI, in which reports draw what is missing here; "1" of a pure number, "" if not stated.
+            SI unit of the signal, used in reports; "1" for a pure number, "" if not stated.
         **near : Expression
             other signals that an effect here may need; it finds `size` among them too.
 
         Returns
         -------
         Expression
-            the signal, as effects here make it.
+            the signal, modified by the effects that act here.
         """
         here = ca.SX(nominal)
         self._sites.setdefault(name, _Site(0.0 if here.is_constant() else size, unit, tuple(near)))
@@ -199,21 +199,21 @@ class Sheet(Declarations):
         return nominal
 
     def override_signal(self, name: str, signal: Expression) -> None:
-        """Let the effects that follow at this site find another signal near it: the speed of what is shown now.
+        """Replace a signal near this site for the effects that follow, as the speed of a modified position.
 
         Parameters
         ----------
         name : str
             of the signal near the site.
         signal : Expression
-            what the others find there.
+            its replacement.
         """
         self._near[name] = signal
 
     def form_error(self, share: float) -> None:
-        """State which share of the squared error right names may leave on this plant.
+        """State which share of the squared error the right effects may leave on this plant.
 
-        In no more than one of 20 blind cases may right names leave more.
+        In at most one of 20 blind cases do the right effects leave more.
 
         Parameters
         ----------
@@ -233,7 +233,7 @@ class Sheet(Declarations):
         self._suspects.append(sites)
 
     def scalable(self, *sites: str) -> None:
-        """Name sites of a level whose sign the plant sets, as of dry friction: no added signal describes sticking.
+        """Name sites of a magnitude whose sign the plant sets, as of dry friction: no added signal describes sticking.
 
         Parameters
         ----------
@@ -243,7 +243,7 @@ class Sheet(Declarations):
         self._scalable.extend(sites)
 
     def biased(self, parameter: str, share: float) -> None:
-        """Say by what share of its value a stand-in for a law that jumps may shift a fitted parameter.
+        """State the share by which the smooth approximation of a discontinuous law may bias a fitted parameter.
 
         It was measured against the law itself; intervals count it as a standard uncertainty of type B (GUM, 4.3).
 
@@ -257,7 +257,7 @@ class Sheet(Declarations):
         self._biases[parameter] = share
 
     def require(self, words: str, margin: Expression) -> None:
-        """State what must hold between parameters: a sentence, and an expression of them that is positive then.
+        """State a condition on parameters: a sentence, and an expression that is positive where it holds.
 
         Parameters
         ----------
@@ -274,7 +274,7 @@ class Sheet(Declarations):
         Returns
         -------
         Model
-            the model, which nothing changes any more.
+            the frozen model.
 
         Raises
         ------
@@ -284,7 +284,7 @@ class Sheet(Declarations):
         missing = [name for name in self._states if name not in self._rates]
         if missing or not self._states:
             raise PlantError(
-                f"no rate for {', '.join(missing) or 'any state: there is none'}", where=self.name
+                f"no rate for {', '.join(missing) or 'any state: none is declared'}", where=self.name
             )
         if not self._outputs:
             raise PlantError("the plant declares no output", where=self.name)
@@ -344,7 +344,7 @@ class Sheet(Declarations):
             ) from error
 
     def _of_any(self, expression: Expression) -> Expression:
-        """The same for a recording of no group."""
+        """The same for a recording without a group."""
         told = list(self._tells.values())
         return (
             ca.substitute(ca.SX(expression), ca.vertcat(*told), ca.SX.zeros(len(told)))
@@ -377,7 +377,7 @@ def build(
     groups : Mapping[str, Sequence[str]] | None
         name of a parameter that groups of recordings have of their own -> the groups.
     **options : object
-        choices the plant offers, such as ``rod_force=False``.
+        options of the plant, such as ``rod_force=False``.
 
     Returns
     -------

@@ -71,9 +71,9 @@ def soft_floor(value: Any, floor: Any, width: Any) -> Any:
 
 
 def dead_zone(value: Any, half_width: Any) -> Any:
-    """What of a value lies beyond +- half_width; the value itself at a half width of zero.
+    """The part of a value beyond +- half_width; the value itself at a half width of zero.
 
-    Not rounded: its slopes are bounded, and a rounded one would forget at half width 0 on which side the value is.
+    Not smoothed: its slopes are bounded, and a smoothed one would not be the identity at half width 0.
 
     Parameters
     ----------

@@ -15,7 +15,7 @@ VARIABLE = "OPTID_THREADS"
 
 
 def _allowed() -> int:
-    """The cores that this process may use, or as many of them as the environment grants."""
+    """The cores that this process may use, or fewer if the environment limits them."""
     here = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     granted = os.environ.get(VARIABLE, "")
     return max(1, min(here, int(granted)) if granted.isdecimal() and int(granted) > 0 else here)
@@ -32,7 +32,7 @@ _symbolic = threading.RLock()
 
 
 def limit(cores: int | None) -> None:
-    """Use so many cores at most from now on; ``None`` for as many as at the start."""
+    """Limit the number of cores from now on; ``None`` restores the initial number."""
     global WORKERS
     allowed = _allowed()
     WORKERS = allowed if cores is None else max(1, min(cores, allowed))
@@ -45,7 +45,7 @@ def parallel_for(count: int, work: Callable[[int, int], None], grain: int = 1) -
 
     `first` is a multiple of `grain`.
     """
-    chunks = min(2 * WORKERS, -(-count // grain))  # two per core: windows differ in effort
+    chunks = min(2 * WORKERS, -(-count // grain))  # two per core, because windows differ in effort
     if chunks <= 1 or WORKERS == 1:
         work(0, count)
         return
@@ -71,10 +71,10 @@ def parallel_map(work: Callable[[Item], Result], items: Iterable[Item]) -> list[
 
 
 def one_at_a_time(work: Callable[Given, Result]) -> Callable[Given, Result]:
-    """Let a function that builds expressions run in no two threads at once, nor while garbage is collected.
+    """Run a function that builds expressions in one thread at a time, and not during garbage collection.
 
     CasADi gives up Python's lock while it builds. Expressions of different models share their constants, and a thread
-    that lets go of one while another takes hold of it has been seen to end the process.
+    that releases one while another acquires it has crashed the process.
     """
 
     @wraps(work)

@@ -1,6 +1,7 @@
-"""Python functions rewritten as C and as IEC 61131-3 structured text, so that there is one source and no twin.
+"""Python functions rewritten as C and as IEC 61131-3 structured text, so that there is a single source.
 
-Reads what the controller's law and the recursive identifier are made of: assignments, ranges, conditions, floats, whole
+Reads the subset of Python used by the control law and the recursive identifier: assignments, ranges, conditions,
+    floats, whole
 numbers, parts of one array of doubles, members of structures, and calls of known functions. Anything else is refused.
 Every operation keeps its brackets, so that it is done in the same order and gives the same bits.
 """
@@ -39,7 +40,7 @@ def translated(
         functions: compiled by numba; annotated with `Array`, `float` or `int`.
         language: to write.
         prefix: of every function's name.
-        constants: what `shape.NAME` is; an argument `shape` falls away.
+        constants: values of `shape.NAME`; the argument `shape` is dropped.
 
     Raises:
         JobError: a function uses more than is read here.
@@ -198,7 +199,7 @@ class Translation:
         return self._place(node)
 
     def _place(self, node: ast.expr) -> str:
-        """What stands for itself: a name, an entry, a member, a call."""
+        """An operand: a name, an entry, a member, a call."""
         if isinstance(node, ast.Name):
             return self._named(node.id)
         if isinstance(node, ast.Subscript):
@@ -259,4 +260,4 @@ class Translation:
             return repr(value)
         if isinstance(value, float) and not math.isnan(value):
             return literal(value)
-        raise JobError(f'cannot write in {self.language.name}: "{name}" is no number')
+        raise JobError(f'cannot write in {self.language.name}: "{name}" is not a number')

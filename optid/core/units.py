@@ -1,4 +1,4 @@
-"""Units at the doors: text such as "7 bar" becomes an SI number, and back.
+"""Conversion of units at the interfaces: text such as "7 bar" becomes an SI number, and back.
 
 Pint knows the units; it is imported on first use because it is slow. Nothing here evaluates data: a unit may
 hold names, products, quotients and plain exponents, and anything else is refused before pint sees it.
@@ -21,13 +21,13 @@ from optid.errors import InputError, RigError, nearest
 Array = NDArray[np.float64]
 
 GAUGE = "_gauge"
-_LEAST = 1e-60  # size of a unit in SI units: smaller or its reciprocal is no unit of a machine
+_LEAST = 1e-60  # size of a unit in SI units: anything smaller, or larger than its reciprocal, is refused
 MOST = 400  # characters of "value unit": digits of a gauge pressure near zero are the longest
 _NUMBER = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*", re.DOTALL)
 _UNIT = re.compile(r"[\w\s*/^.()\-+%°·Ωµμ²³⁻¹]{0,60}")
-# A power of a number, or an exponent of more than three digits, is no unit: refused before it is computed.
+# A power of a number, or an exponent of more than three digits, is not a unit: refused before it is computed.
 _RUNAWAY = re.compile(r"(?<![\w.])[\d.]+\s*(?:\*\*|\^)|(?:\*\*|\^)\s*[-+(]*\d{4,}")
-# Names people write by habit, and what they mean here.
+# Common spellings, and what they mean here.
 _HABITS = {
     "barg": "bar_gauge",
     "bar(g)": "bar_gauge",
@@ -106,7 +106,7 @@ def conversion(
             raise InputError(f'"{unit}": only pressures can be gauge', expected=_expected(si_unit))
         if gauge and atmospheric is None:
             raise InputError(
-                f'"{unit}" needs the atmospheric pressure, which is not known here',
+                f'"{unit}" needs the atmospheric pressure, which is not given',
                 expected=f'an absolute pressure such as "1 {base}", or the parameter atmospheric_pressure',
             )
     except InputError as error:
@@ -129,7 +129,7 @@ def to_si(
         value: number or text, e.g. ``0.8``, ``"7 bar"``, ``"6 bar_gauge"``, ``"20 degC"``.
         si_unit: the expected SI unit; "1" is a pure number.
         atmospheric: absolute ambient pressure, Pa; without it gauge pressures are errors.
-        difference: a width rather than a position on the scale ("5 degC" is 5 K): for standard deviations.
+        difference: a difference rather than a position on the scale ("5 degC" is 5 K): for standard deviations.
         where: file the value stands in, for messages.
         field: field of that file, for messages.
 
@@ -179,7 +179,7 @@ def split(value: object, si_unit: str) -> tuple[str, str]:
 
 
 def shown(value: object) -> str:
-    """A value as a message quotes it: text in double quotes, and never longer than a line bears."""
+    """A value quoted for a message: text in double quotes, of bounded length."""
     text = f'"{value}"' if isinstance(value, str) else repr(value)
     return text if len(text) <= 60 else f"{text[:56]} ..."
 
@@ -202,7 +202,7 @@ def si_unit_of(unit: str, *, where: object = None, field: str | None = None) -> 
             return candidate
     try:
         return f"{registry.Quantity(1, parsed).to_base_units().units:~C}"
-    except Exception:  # pint and the floats raise many kinds
+    except Exception:  # pint and float conversion raise many kinds of exceptions
         raise _located(_inconvertible(unit), where, field) from None
 
 
@@ -222,7 +222,7 @@ def _expected(si_unit: str) -> str:
 
 
 def _located(error: InputError, where: object, field: str | None) -> RigError:
-    """The same complaint, now with the file and the field it is about."""
+    """The same error, with its file and field."""
     return RigError(str(error), where=where, field=field)
 
 
@@ -251,7 +251,7 @@ def _factor(unit: str, si_unit: str) -> tuple[float, float]:
 def _dimension(parsed: Any, unit: str) -> Any:
     try:
         return parsed.dimensionality
-    except Exception:  # pint raises many kinds
+    except Exception:  # pint raises many kinds of exceptions
         raise InputError(f'"{unit}" is not a unit that has a dimension') from None
 
 
@@ -263,7 +263,7 @@ def _converted(value: float, parsed: Any, target: Any, unit: str) -> float:
     """
     try:
         result = float(_registry().Quantity(value, parsed).to(target).magnitude)
-    except Exception:  # pint and the floats raise many kinds
+    except Exception:  # pint and float conversion raise many kinds of exceptions
         result = math.nan
     if not math.isfinite(result) or (value and not _LEAST < abs(result) < 1.0 / _LEAST):
         raise _inconvertible(unit)
@@ -288,5 +288,5 @@ def _parse(unit: str) -> Any:
         raise bad
     try:
         return _registry().parse_units(unit)
-    except Exception:  # pint raises many kinds, among them AssertionError and tokenizer errors
+    except Exception:  # pint raises many kinds of exceptions, among them AssertionError and tokenizer errors
         raise bad from None

@@ -1,1 +1,1 @@
-"""Missing physics: where model and recordings differ, what was left out, and proof on held-out data."""
+"""Diagnosis of missing physics: where model and recordings differ, what is missing, and proof on held-out data."""

@@ -1,4 +1,4 @@
-"""Does all evidence for a name agree? The test on the hold-out, the interval of its size, and every output."""
+"""Consistency of the evidence for a named effect: the test on the hold-out, the interval of its size, every output."""
 
 from __future__ import annotations
 
@@ -21,25 +21,25 @@ def disagreement(
     noise: Mapping[str, float],
     criteria: Criteria,
 ) -> str:
-    """Why a name is not proven; empty if everything speaks for it.
+    """Why a named effect is not proven; empty if all evidence agrees.
 
     Args:
-        effect: that was selected.
+        effect: the selected one.
         estimates: its parameters by own name, with intervals, SI.
-        evidence: of the hold-out, against the model without it.
-        before, after: the model as it came and the one with all names, on the hold-out.
+        evidence: on the hold-out, compared with the model without it.
+        before, after: the original model and the one with all named effects, on the hold-out.
         noise: role -> sd of the measurement, SI.
         criteria: what counts as proof.
     """
     if not evidence.p_value <= criteria.level:
         return f"the hold-out does not confirm it (p = {evidence.p_value:.2g})"
     if not evidence.error_gain > 0.0:
-        return "no output of the hold-out is predicted better"
+        return "it predicts no output of the hold-out better"
     return _no_size(effect, estimates) or worse_output(before, after, noise, criteria)
 
 
 def _no_size(effect: Effect, estimates: Sequence[Estimate]) -> str:
-    """An effect of no size lies within the intervals of all parameters that say how strong it is."""
+    """Whether zero is inside the intervals of all its strengths: the reason in words, or empty."""
     null = effect.at_null()
     sizes = [one for one in estimates if one.name in effect.strength]
     if not sizes or any(not one.low <= null[one.name] <= one.high for one in sizes):
@@ -48,4 +48,4 @@ def _no_size(effect: Effect, estimates: Sequence[Estimate]) -> str:
         f"{one.name.replace('_', ' ')} {quantity(one.low, one.unit)} to {quantity(one.high, one.unit)}"
         for one in sizes
     )
-    return f"its interval holds none of it ({told})"
+    return f"its confidence interval includes an effect of no size ({told})"

@@ -1,4 +1,4 @@
-"""What else could stand where an effect was named: its look-alikes in its place, judged as it was."""
+"""Alternatives to a named effect: its look-alikes in its place, judged in the same way."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from optid.errors import SolveError
 
 @dataclass(frozen=True, eq=False)
 class Alternative:
-    """A model with a look-alike in the place of an effect, and whether windows tell the two apart."""
+    """A model with a look-alike in place of an effect, and whether the windows distinguish the two."""
 
     effect: Effect
     model: FittedModel
@@ -29,17 +29,17 @@ class Alternative:
 
 
 def are_confusable(one: Effect, other: Effect) -> bool:
-    """Either is known to be easily confused with the other."""
+    """Whether either lists the other as a look-alike."""
     return one.name in other.look_alikes or other.name in one.look_alikes
 
 
 def compare_alternatives(
     path: SelectionPath, problem: DiagnosisProblem
 ) -> tuple[SelectionPath, Mapping[str, tuple[Alternative, ...]]]:
-    """Every effect against its look-alikes in its place; one that predicts better takes it."""
+    """Compare every effect with its look-alikes in its place; one that predicts better replaces it."""
     found: dict[str, tuple[Alternative, ...]] = {}
     for effect in path.best.effects:
-        problem.report(Stage.ALTERNATIVES, f"what else could stand in the place of {effect.name}")
+        problem.report(Stage.ALTERNATIVES, f"alternatives to {effect.name}")
         others = _others(path, effect, problem)
         better = min(others, key=lambda one: one.validated.windows.sum(), default=None)
         if better is not None and better.validated.windows.sum() < path.validated.windows.sum() - _price(
@@ -58,7 +58,7 @@ def compare_alternatives(
 
 
 def _price(one: Effect, other: Effect) -> float:
-    """What more parameters must gain in windows' errors, half a unit each (Akaike)."""
+    """Gain in windows' errors that additional parameters require, half a unit each (Akaike)."""
     return float(len(one.fitted) - len(other.fitted))
 
 
@@ -68,7 +68,7 @@ def _told_apart(worse: Validated, better: Validated, problem: DiagnosisProblem) 
 
 
 def _others(path: SelectionPath, effect: Effect, problem: DiagnosisProblem) -> list[Alternative]:
-    """Look-alikes beside the effects that stay: from the rounds that tried the catalogue beside just these, if any."""
+    """Look-alikes together with the effects that stay: from rounds that tried the catalogue with just these, if any."""
     rest = {one.name for one in path.best.effects if one is not effect}
     rounds = [step for step in path.rounds if {one.name for one in step.model.effects} == rest]
     return _met(rounds, path, effect, problem) if rounds else _in_place(path, effect, problem)
@@ -77,7 +77,7 @@ def _others(path: SelectionPath, effect: Effect, problem: DiagnosisProblem) -> l
 def _met(
     rounds: Sequence[Round], path: SelectionPath, effect: Effect, problem: DiagnosisProblem
 ) -> list[Alternative]:
-    """Look-alikes that were fitted in full when the effect was chosen: nothing else has changed since."""
+    """Look-alikes that were fully fitted when the effect was chosen: nothing else has changed since."""
     met = {
         one.effect.name: Alternative(
             one.effect, one.model, one.validated, _told_apart(one.validated, path.validated, problem)
@@ -96,7 +96,7 @@ def _in_place(path: SelectionPath, effect: Effect, problem: DiagnosisProblem) ->
     others = [one for one in every if are_confusable(one, effect) and one.name not in kept]
     if not others or problem.budget.is_over:
         return []
-    # From where the named model stands: the one without it is bent by what it lacks.
+    # Start from the named model: the parameters of the one without it are biased by what it lacks.
     index = less.likelihood_problem.model.parameters
     stands = less.likelihood_problem.model.vector({q.name: path.best.values[q.name] for q in index})
     ranked = propose(less, [effect, *others], problem, begin=stands).ranked

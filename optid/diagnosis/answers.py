@@ -1,10 +1,10 @@
-"""The answer of a diagnosis in a word, for those who read results and diagnose nothing."""
+"""The verdicts of a diagnosis, for code that reads results only."""
 
 import enum
 
 
 class Verdict(enum.Enum):
-    """What a diagnosis says; the value is the word in its file."""
+    """The verdict of a diagnosis; the value is the word in its file."""
 
     CONSISTENT = "consistent"
     PARAMETERS = "parameters"

@@ -1,4 +1,4 @@
-"""The rig's own model, fitted from every way in which its plant says that a search may have to begin."""
+"""The rig's own model, fitted from every start that its plant suggests."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from optid.rigs.rigfile import Freed
 
 
 def fit_base(problem: DiagnosisProblem) -> tuple[FittedModel, DiagnosisProblem]:
-    """The base model, and the problem with what windows must err by anyway.
+    """The base model, and the problem with the expected errors of a correct model's windows.
 
     Raises:
         SolveError: the model cannot be simulated at any start.
@@ -46,7 +46,7 @@ def fit_base(problem: DiagnosisProblem) -> tuple[FittedModel, DiagnosisProblem]:
         lambda one: fit_multistep(q, one.p, problem.window, turns=o.turns, steps=o.steps), near
     )
     best = min(whole, key=lambda one: one.loss)
-    # What windows must err by depends on where the axis rests: once more where the parameters are.
+    # The expected errors depend on where the axis rests: computed again at the fitted parameters.
     noise = quiet_noise(q, best.level)
     problem = replace(problem, open_variance=open_variance(q, best.p, noise, problem.window))
     q = problem.likelihood_problem(problem.rig)
@@ -55,7 +55,7 @@ def fit_base(problem: DiagnosisProblem) -> tuple[FittedModel, DiagnosisProblem]:
 
 
 def with_open_variance(problem: DiagnosisProblem, model: FittedModel) -> DiagnosisProblem:
-    """The problem with what windows must err by anyway where the parameters are."""
+    """The problem with the expected errors of a correct model's windows at these parameters."""
     if problem.open_variance is not None:
         return problem
     q = problem.likelihood_problem(problem.rig)
@@ -64,7 +64,7 @@ def with_open_variance(problem: DiagnosisProblem, model: FittedModel) -> Diagnos
 
 
 def search_starts(q: LikelihoodProblem, p: Array) -> list[Array]:
-    """The parameters with every alternative start that the plant states for those that are free, each once."""
+    """The parameters with each alternative start that the plant states for the free ones, one at a time."""
     sets = [q.model.parameters[i].starts for i in q.free]
     count = max((len(one) for one in sets), default=0)
     found: list[Array] = []
@@ -79,7 +79,7 @@ def search_starts(q: LikelihoodProblem, p: Array) -> list[Array]:
 
 
 def relax_bounds(base: FittedModel, problem: DiagnosisProblem) -> FittedModel | None:
-    """The base model with bounds lifted from the [fit] table's to the plant's own, if that explains everything."""
+    """The base model with the [fit] table's bounds widened to the plant's own, if that explains everything."""
     rig, own = base.rig, {q.name: q.bounds for q in base.rig.model.parameters}
     first = cross_validate(base, problem)
     if first.error_over_noise <= problem.criteria.error_over_noise:

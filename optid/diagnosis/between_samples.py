@@ -1,8 +1,8 @@
 """Is an input held from sample to sample (zero-order hold, a command), or a straight line (first-order, a sensor)?
 
-A first-order signal that is held comes half a sample late. No fit of physics makes up for that: a delay that nothing
-has, or damping several times too large, is what comes out. Nothing physical acts ahead of its cause, so that windows
-which err less with the straight line tell it beyond doubt.
+A first-order signal treated as held is half a sample late. No physics can compensate that: the fit shows a spurious
+delay, or damping several times too large. No physical effect precedes its cause, so smaller errors of windows with
+linear interpolation are conclusive.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from optid.diagnosis.validation import cross_validate, p_value
 from optid.errors import SolveError
 from optid.estimation.multistep import fit_multistep
 
-STEADY = 0.5  # share of steps without a change from which on an input is one that holds
-TURNS, STEPS = 2, 3  # of the fit that is compared
+STEADY = 0.5  # share of unchanged steps from which an input counts as held
+TURNS, STEPS = 2, 3  # iterations of the compared fit
 
 
 def inputs_that_go_on(base: FittedModel, search: DiagnosisProblem) -> tuple[str, ...]:
-    """The inputs that the training recordings want a straight line of between samples; none, or all that may.
+    """The inputs that are better interpolated linearly between samples: none, or all candidates.
 
     Args:
         base: the fitted model, with all inputs held.
@@ -48,7 +48,7 @@ def inputs_that_go_on(base: FittedModel, search: DiagnosisProblem) -> tuple[str,
 
 
 def straightened(problem: DiagnosisProblem, roles: Sequence[str]) -> DiagnosisProblem:
-    """The problem with these inputs on straight lines between their samples."""
+    """The problem with these inputs interpolated linearly."""
     channels = {
         role: replace(channel, linear=True) if role in roles else channel
         for role, channel in problem.rig.channels.items()
@@ -72,14 +72,14 @@ def straight_inputs(recordings: Iterable[Recording], roles: Sequence[str]) -> tu
 
 
 def _open(problem: DiagnosisProblem) -> list[str]:
-    """Inputs of which the rig file does not say it."""
+    """Inputs for which the rig file does not state it."""
     channels = problem.rig.channels
     ports = [port.role for port in problem.rig.model.recorded]
     return [role for role in ports if role in channels and channels[role].linear is None]
 
 
 def _moves_on(role: str, recordings: Sequence[Recording]) -> bool:
-    """It changes at most samples: what rests between jumps is held."""
+    """Whether it changes at most samples: a signal that rests between jumps is held."""
     steps = np.concatenate([np.diff(one[role].values) for one in recordings if role in one])
     steps = steps[np.isfinite(steps)]
     return len(steps) > 0 and float(np.mean(steps == 0.0)) < STEADY

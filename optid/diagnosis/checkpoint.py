@@ -1,8 +1,8 @@
-"""What a diagnosis has done so far, stage by stage, so that an interrupted one continues there.
+"""Checkpoints of a diagnosis, stage by stage, from which an interrupted one continues.
 
-One JSON file with a digest of its stages: one that was damaged counts as empty. Numbers are written so that they come
-back to the last bit; models come back by running their filter at the parameters written, so that the answer is the same
-as without a break.
+One JSON file with a digest of its stages: a damaged one counts as empty. Numbers are stored bit-exactly; models are
+    restored by running their filter at the stored parameters, so that the answer is the same as without an
+    interruption.
 """
 
 from __future__ import annotations
@@ -40,18 +40,18 @@ class Checkpoint:
 
     Attributes:
         path: of the file; ``None`` keeps nothing.
-        key: of what the diagnosis works on; a file with another one counts as empty.
+        key: digest of the diagnosis's inputs; a file with another one counts as empty.
     """
 
     path: Path | None = None
     key: str = ""
 
     def load(self, stage: str) -> Any:
-        """What a stage left, or ``None``."""
+        """The stored result of a stage, or ``None``."""
         return self._stages().get(stage)
 
     def save(self, stage: str, content: Mapping[str, Any]) -> None:
-        """Keep what a stage found; the file is replaced whole."""
+        """Store the result of a stage; the file is replaced completely."""
         if self.path is None:
             return
         stages = {**self._stages(), stage: content}
@@ -60,7 +60,7 @@ class Checkpoint:
         try:
             part.write_text(json.dumps(document), encoding="utf-8")
             part.replace(self.path)
-        except OSError:  # a full disk costs the way back, not the job
+        except OSError:  # a full disk prevents resuming, not the job
             with contextlib.suppress(OSError):
                 part.unlink(missing_ok=True)
 
@@ -82,10 +82,10 @@ def _digest(stages: Mapping[str, Any]) -> str:
 
 
 def key_of(problem: DiagnosisProblem) -> str:
-    """A digest of all that decides what the stages find.
+    """A digest of everything on which the stages depend.
 
-    That is the rig's values, bounds and equations, the user's effects by what each does to them, the recordings with
-    their noise, what counts as proof, and optid's own code.
+    These are the rig's values, bounds and equations, the user's effects by their action on them, the recordings with
+    their noise, the criteria, and optid's own code.
     """
     rig = problem.rig
     freed = [(f.name, f.low, f.high, f.sd) for f in rig.freed]
@@ -119,7 +119,7 @@ def _with_each(problem: DiagnosisProblem) -> Iterator[Model]:
 
 
 def _equations(model: Model) -> bytes:
-    """What a model computes, as text of its functions and numbers: an edited program or option shows here."""
+    """A model's functions and numbers as text, in which an edited program or option shows."""
     functions = [
         f.serialize() for f in (model.rates, model.sensors, model.start, model.halves) if f is not None
     ]
@@ -194,7 +194,7 @@ def _round(one: Round) -> dict[str, Any]:
 
 
 class _Reader:
-    """Models of a problem by what a document says of them, each once."""
+    """Restores the models of a document, each once."""
 
     def __init__(self, problem: DiagnosisProblem) -> None:
         self.problem = problem

@@ -1,4 +1,4 @@
-"""Every number that a diagnosis goes by: what counts as proof, and how much work a search does."""
+"""All numbers of a diagnosis: what counts as proof, and how much work a search does."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ class Criteria:
     """What counts as proof.
 
     Attributes:
-        level: rate of false names on a rig that lacks nothing, the whole catalogue together.
-        error_over_noise: error of windows over the noise up to which a model is good to the noise.
+        level: rate of false effects on a rig that lacks nothing, for the whole catalogue together.
+        error_over_noise: error of windows over the noise up to which a model counts as at the noise.
         smallest_gain: share by which an effect must lower the windows' error (physics catalogue B.3, step 5).
-        smallest_share: of the squared error of the plain model, what an effect beside others must explain: right laws
-            follow those of the catalogue within a tenth or two of their size.
-        largest_rest: share of the squared error that names may leave where a plant states none of its own: no more than
+        smallest_share: share of the plain model's squared error that an effect must explain in addition to others:
+            true laws follow those of the catalogue within a tenth or two of their size.
+        largest_rest: share of the squared error that named effects may leave where the plant states none: no more than
             they explain.
-        most_effects: that are named together.
-        fewest_windows: that a recording must hold.
-        told_apart: level at which windows must prefer an effect to a look-alike for the two to be told apart.
+        most_effects: largest number of effects that are named together.
+        fewest_windows: smallest number of windows of a recording.
+        told_apart: level at which windows must prefer an effect to a look-alike for the two to count as distinguished.
     """
 
     level: float = 0.01
@@ -34,19 +34,19 @@ class Criteria:
 
 @dataclass(frozen=True)
 class SearchOptions:
-    """How much a search does; it never changes what counts as proof.
+    """The effort of a search; it never changes what counts as proof.
 
     Attributes:
-        rate: samples a second at most, over which is searched; what was found is fitted and tested on all.
-        short: share of a window over which effects are first fitted: short enough for parameters that are far off.
-        race: legs of the race of proposals, which the best branch of each effect enters: steps, and how many go on;
-            over the recording that lacks most, the last leg over all.
-        entrants: branches that race beside a model that is good to the noise; all of them elsewhere.
-        contenders: proposals that are fitted in full in a round.
+        rate: largest sampling rate of the search; its result is fitted and tested at full rate.
+        short: share of a window over which effects are fitted first: short enough for parameters that are far off.
+        race: rounds of successive halving of proposals, with the best branch of each effect: steps, and number kept;
+            on the recording with the largest mismatch, in the last round on all.
+        entrants: branches that compete if the model is at the noise; otherwise all.
+        contenders: proposals that are fully fitted in a round.
         turns, steps: of a full fit by multi-step prediction errors.
         validation_steps: of a fit without one recording.
-        near: times the least loss of a start or a proposal beyond which others are not fitted in full.
-        search_share: of the budget, that the search may spend; what was found is then tested and told.
+        near: multiple of the smallest loss beyond which other starts or proposals are not fully fitted.
+        search_share: share of the budget for the search; the rest is for testing and reporting.
     """
 
     rate: float = 500.0

@@ -1,4 +1,4 @@
-"""A model on recordings: how far its windows err, and how far even a right model must err there."""
+"""A model on recordings: the errors of its windows, and those that even a correct model would have."""
 
 from __future__ import annotations
 
@@ -29,9 +29,7 @@ from optid.estimation.prediction import PROCESS_NOISE, window_seconds
 from optid.estimation.problem import Booleans, Integers, Problem, build_problem
 from optid.estimation.result import Score
 
-NUMERICAL = (
-    "numerical"  # how the source of a parameter begins that is a setting of the equations, not physics
-)
+NUMERICAL = "numerical"  # start of `source` for a parameter that is a numerical setting of the equations
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +45,8 @@ class Evaluation:
         measured: what was recorded, (samples, outputs).
         time: of each sample in its recording, s; `recording` says which one.
         scores: of the windows, by role.
-        expected: root mean square that each window errs by beside the noise if nothing is missing, (samples, outputs).
+        expected: expected root mean square error of each window, apart from the noise, of a correct model, (samples,
+            outputs).
     """
 
     horizon: float
@@ -62,9 +61,9 @@ class Evaluation:
     expected: Array
 
     def error_over_noise(self, noise: Mapping[str, float], outputs: Sequence[int] | None = None) -> float:
-        """The largest ratio of windows' errors to what noise and pasts leave open, root mean square, over the channels.
+        """The largest ratio of windows' errors to those of a correct model, root mean square, over the channels.
 
-        Not finite where no window was predicted, or the simulation diverged in one. `outputs` counts only these.
+        Not finite where no window was predicted, or the simulation diverged in one. `outputs` restricts the channels.
         """
         ratios = []
         for j, role in enumerate(self.scores):
@@ -77,7 +76,7 @@ class Evaluation:
         return float(np.max(ratios)) if ratios else math.nan
 
     def explained_share(self, before: Evaluation, noise: Mapping[str, float]) -> float:
-        """Share of the squared error of `before` beyond the noise that is gone, in the channel that had most of it."""
+        """Explained share of the squared error of `before` beyond the noise, in the channel with most of it."""
         worst, share = 0.0, 1.0
         for j, role in enumerate(before.scores):
             floor = noise.get(role, 0.0) ** 2 + float(np.nanmean(before.expected[:, j] ** 2))
@@ -89,14 +88,14 @@ class Evaluation:
 
 
 def open_variance(q: LikelihoodProblem, p: Array, noise: Noise, length: float) -> Array:
-    """Variance by which windows must err beside the noise, (samples, outputs); 0 where unknown."""
+    """Expected variance of windows' errors apart from the noise, (samples, outputs); 0 where unknown."""
     whole = q.problem
     cut = cut_into(whole, length)
     Q, R = noise.spectrum(len(q.model.states))[None], noise.measurement[None]
     f = run_filter(q.model, whole, p[None], Q, R, keep=True)
     QR = np.full((1, len(q.model.states)), QUIET**2), noise.measurement[None]
     sure = run_filter(q.model, whole, p[None], *QR, covariances=True)
-    # The covariance of a model that lacks nothing: with process noise, what is missing would count as uncertain.
+    # The covariance of a correct model: with process noise, missing physics would count as uncertainty.
     starts = f.states[0, cut.begins], sure.covariances[0, cut.begins]
     square = _setting_errors(q, p, whole, f, length) ** 2 + _start_errors(q.model, p, whole, cut, *starts)
     owner = np.repeat(whole.recording, whole.counts + 1)
@@ -133,7 +132,7 @@ def _blocks(owner: Integers, time: Array, length: float) -> Integers:
 
 
 def evaluate(q: LikelihoodProblem, p: Array, noise: Noise, recordings: Sequence[Recording]) -> Evaluation:
-    """Filter recordings with fixed parameters, and predict their windows as `predict` does for every command."""
+    """Filter recordings with fixed parameters, and predict their windows as `predict` does."""
     model = q.model
     length = max(window_seconds(recording.interval, recording.duration) for recording in recordings)
     problem, cut = build_problem(model, recordings, WHOLE), build_problem(model, recordings, length)
@@ -150,7 +149,7 @@ def evaluate(q: LikelihoodProblem, p: Array, noise: Noise, recordings: Sequence[
     square = _setting_errors(q, p, problem, f, length) ** 2 + _start_errors(
         model, p, problem, cut, predicted.starts, predicted.covariances
     )
-    # Where a prediction diverges nothing excuses it: its error is not finite, and so is no claim that rests on it.
+    # A diverging prediction has no finite error, and no claim can be based on it.
     expected = np.where(
         _predicted(problem, cut)[:, None], np.nan_to_num(np.sqrt(_by_block(square, blocks))), np.nan
     )
@@ -170,7 +169,7 @@ def evaluate(q: LikelihoodProblem, p: Array, noise: Noise, recordings: Sequence[
 
 
 def _setting_errors(q: LikelihoodProblem, p: Array, problem: Problem, f: Filtered, length: float) -> Array:
-    """The largest change of windows, by output, where a numerical setting is off by two or a law within its leeway."""
+    """The largest change of windows, by output, for a numerical setting changed by 2 or a law within its leeway."""
     sets = np.concatenate([numerical_settings(q, p), _within_leeway(q, p)])
     own = range(len(q.model.states))
     E = run_fixed_gain_filter(
@@ -178,7 +177,7 @@ def _setting_errors(q: LikelihoodProblem, p: Array, problem: Problem, f: Filtere
     )
     if len(E) < 2:
         return np.zeros(E.shape[1:])
-    with np.errstate(invalid="ignore"):  # settings may make the simulation diverge: they say nothing then
+    with np.errstate(invalid="ignore"):  # a setting that makes the simulation diverge is ignored
         changes = np.where(np.isfinite(E[1:] - E[0]), E[1:] - E[0], 0.0)
     most = np.argmax(np.sqrt(np.mean(changes**2, axis=1)), axis=0)
     return np.stack([changes[k, :, j] for j, k in enumerate(most)], axis=1)
@@ -196,7 +195,7 @@ def numerical_settings(q: LikelihoodProblem, p: Array) -> Array:
 
 
 def _within_leeway(q: LikelihoodProblem, p: Array) -> Array:
-    """The fitted parameters with each that has a leeway moved by it, but to its half or double at most, (2 n, all)."""
+    """The fitted parameters with each that has a leeway moved by it, at most to its half or double, (2 n, all)."""
     sets = []
     for i, parameter in enumerate(q.model.parameters):
         if parameter.leeway > 0.0:
@@ -222,7 +221,7 @@ def _rms(values: Array) -> float:
 
 
 def _windows(model: Model, p: Array, whole: Problem, cut: Problem, starts: Array) -> Array:
-    """Predictions over the windows of a problem from where they start, (samples, outputs)."""
+    """Predictions over the windows of a problem from their start states, (samples, outputs)."""
     out = np.full_like(whole.measured, np.nan)
     heads = set(whole.begins.tolist())
     picked = np.array([w for w, begin in enumerate(cut.begins) if begin not in heads], dtype=int)
@@ -239,7 +238,7 @@ def _windows(model: Model, p: Array, whole: Problem, cut: Problem, starts: Array
 
 
 def _predicted(whole: Problem, cut: Problem) -> Booleans:
-    """Samples of windows that something was read before, (samples,)."""
+    """Samples of windows with past data, (samples,)."""
     heads, known = set(whole.begins.tolist()), np.zeros(len(whole.time), dtype=np.bool_)
     for begin, count, closed in zip(
         cut.begins.tolist(), cut.counts.tolist(), cut.closed.tolist(), strict=True
@@ -252,9 +251,9 @@ def _predicted(whole: Problem, cut: Problem) -> Booleans:
 def _start_errors(
     model: Model, p: Array, whole: Problem, cut: Problem, starts: Array, covariances: Array
 ) -> Array:
-    """What windows miss, squared, as their starts are uncertain, (samples, outputs).
+    """Squared error of windows due to the uncertainty of their starts, (samples, outputs).
 
-    The mean of the squares over a covariance is taken by sigma points, as the filter takes means.
+    The mean square over a covariance is computed with sigma points, as in the filter.
 
     Args:
         model: and `p`, its parameters.

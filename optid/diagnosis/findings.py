@@ -1,4 +1,4 @@
-"""Findings: what is missing, where and when it acts, and what it may be confused with."""
+"""Findings: what is missing, where and when it acts, and what it could be confused with."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ from optid.diagnosis.testing import Evidence
 from optid.effects.effect import Effect
 from optid.estimation.result import Estimate
 
-NOTHING = 0.01  # of the smallest size worth a name: what is below it is told in words
+NOTHING = 0.01  # of the smallest size worth a name: smaller values are described in words
 
 
 def named_findings(
     s: Stages, parameters: Sequence[Estimate], suspects: Sequence[Suspicion]
 ) -> tuple[Finding, ...]:
-    """One of every proven name, the strongest first, and then of what is suspected beside them."""
+    """One finding for each proven effect, the strongest first, then one for what is suspected in addition."""
     doubts = {one.effect: one for one in suspects}
     found = [_named(s, effect, parameters) for effect in s.best.effects if effect.name not in doubts]
     open_ones = [
@@ -96,7 +96,7 @@ def _at_null(best: RefinedModel, effect: Effect) -> np.ndarray:
 
 
 def _signal(s: Stages, effect: Effect) -> tuple[UnknownInput | None, Array | None]:
-    """The unknown input at the effect's site and the law there, at the first of its sites that the law changes."""
+    """The unknown input at the effect's site and its law there, at the first site that the law changes."""
     for site in effect.sites:
         law = effect_signal_at(s.base, s.best, site)
         if law is not None and np.isfinite(law).all() and np.ptp(law) > 0.0:
@@ -113,7 +113,7 @@ def _at_all_samples(s: Stages, found: UnknownInput) -> UnknownInput:
 def _indistinguishable(
     best: RefinedModel, effect: Effect, alternatives: Mapping[str, tuple[Alternative, ...]]
 ) -> tuple[str, ...]:
-    """Look-alikes that windows do not tell from it, and effects whose whole law a part of it is."""
+    """Look-alikes that windows do not distinguish from it, and effects whose law is a part of it."""
     kept = {one.name for one in best.effects}
     names = [one.effect.name for one in alternatives.get(effect.name, ()) if not one.told_apart]
     own, null = best.own_values(effect), effect.at_null()
@@ -124,7 +124,7 @@ def _indistinguishable(
 
 
 def sentence(effect: Effect, model: RefinedModel) -> str:
-    """What an engineer would say of it, with the values that were fitted."""
+    """The effect's sentence with its fitted values."""
     values, units = model.own_values(effect), {q.name: q.unit for q in effect.parameters}
     faint = {name for name, least in effect.strength.items() if abs(values[name]) < NOTHING * least}
     return effect.says.format(
@@ -136,7 +136,7 @@ def sentence(effect: Effect, model: RefinedModel) -> str:
 
 
 def unexplained_findings(s: Stages, suspects: tuple[Suspicion, ...]) -> tuple[Finding, ...]:
-    """What is not proven: where it lies, what describes it, and what it could be."""
+    """Findings that are not proven: where they are, what describes them, and what they could be."""
     if s.surrogate is None:
         by_name = {effect.name: effect for effect in s.best.effects}
         return tuple(_suspected(s, by_name[one.effect], one) for one in suspects if one.effect in by_name)
@@ -171,7 +171,7 @@ def unexplained_findings(s: Stages, suspects: tuple[Suspicion, ...]) -> tuple[Fi
 
 
 def _mismatch_region(s: Stages, first: UnknownInput, described: Effect | None) -> Region:
-    """When and where something without a name acts: by what describes it, or else by the unknown input."""
+    """When and where an unnamed mismatch acts: from its surrogate, or else from the unknown input."""
     answer, signal = s.base.fit, first.signal / max(float(np.nanstd(first.signal)), 1e-300)
     centred = signal - np.nanmedian(signal)
     spread = np.repeat(centred[:, None], len(s.base.rig.model.outputs), axis=1)
@@ -191,7 +191,7 @@ def _where_it_lies(surrogate: Surrogate, first: UnknownInput) -> str:
 
 
 def _suspected(s: Stages, effect: Effect, one: Suspicion) -> Finding:
-    """A name that is not proven, where it would act."""
+    """An effect that is not proven, where it would act."""
     where, name = _region_of(s, effect), effect.name.replace("_", " ")
     return Finding(
         effect=None,
@@ -204,6 +204,6 @@ def _suspected(s: Stages, effect: Effect, one: Suspicion) -> Finding:
         train_gain=0.0,
         delta_bic=0.0,
         indistinguishable=(),
-        sentence=f"it could be {name} ({sentence(effect, s.best)}), which is not proven: {one.why}",
+        sentence=f"it could be {name} ({sentence(effect, s.best)}), but this is not proven: {one.why}",
         suspected=(one,),
     )

@@ -1,4 +1,4 @@
-"""A model fitted to the recordings, and what its windows miss there."""
+"""A model fitted to the recordings, and the errors of its windows."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class FittedModel:
 
     @property
     def likelihood_problem(self) -> LikelihoodProblem:
-        """What it was fitted to."""
+        """The problem to which it was fitted."""
         return self.fit.likelihood_problem
 
     @property
@@ -59,7 +59,7 @@ def fit_model(
     short: bool = False,
     level: float = QUIET,
 ) -> FittedModel:
-    """Fit by short windows first, if asked, and then by whole ones.
+    """Fit over short windows first, if requested, and then over whole ones.
 
     Raises:
         SolveError: the model cannot be simulated at the start.
@@ -72,7 +72,7 @@ def fit_model(
 
 
 def refit(model: FittedModel, problem: DiagnosisProblem) -> FittedModel:
-    """A model that a search found, from there by the recordings of a problem at their full rate; else as it is."""
+    """Refit the result of a search to the recordings at their full rate, if they were decimated."""
     rig = replace(model.rig, channels=problem.rig.channels)
     q = problem.likelihood_problem(rig)
     if len(q.problem.time) == len(model.likelihood_problem.problem.time):

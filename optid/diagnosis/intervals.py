@@ -1,8 +1,8 @@
 """95 % intervals of a diagnosed model's parameters.
 
-Fisher's information of the filter's innovations and a sandwich over blocks where these are coloured. Where a law's form
-is visibly not nature's, what a model misses beyond the noise widens every interval in proportion (Birge, Physical
-Review 40, 1932). Times that a law resolves by samples are no surer than it says.
+Fisher's information of the filter's innovations, with a sandwich estimate over blocks where these are coloured. Where
+a law's form is visibly wrong, the error beyond the noise widens every interval in proportion (Birge, Physical Review
+40, 1932). Times resolved by samples have at least the interval that the effect states.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ from optid.estimation.problem import Booleans
 from optid.estimation.result import Estimate
 
 BLOCK = 0.5  # of a window: innovations within it count as one
-KNOWN = 1e3  # typical sizes: a parameter whose sd is more than so many is not identifiable
+KNOWN = 1e3  # typical sizes: a parameter with a larger sd is not identifiable
 
 
 def intervals(model: RefinedModel, ratio: float = 1.0) -> tuple[Estimate, ...]:
-    """Every free parameter with its interval, SI; `ratio` is of what the model misses by to what it should (Birge)."""
+    """Every free parameter with its interval, SI; `ratio` is the model's error over the expected one (Birge)."""
     answer = model.fit
     q, theta = answer.likelihood_problem, answer.p[list(answer.likelihood_problem.free)]
     span = np.where(np.isfinite(q.high - q.low), q.high - q.low, np.abs(theta) + q.typical)
     bound = (theta - q.low <= 1e-9 * span) | (q.high - theta <= 1e-9 * span)
-    # A bound that holds a parameter takes its freedom from the others, too.
+    # A parameter fixed at a bound also restricts the others.
     own, others = (np.diag(_covariance(answer, fixed)) for fixed in (np.zeros_like(bound), bound))
     sd = np.sqrt(np.maximum(np.where(bound, own, others), 0.0)) * q.typical
     sd = np.hypot(sd, _left_to_go(answer, bound))
@@ -58,17 +58,17 @@ def intervals(model: RefinedModel, ratio: float = 1.0) -> tuple[Estimate, ...]:
 
 
 def apart_from_none(estimates: Sequence[Estimate], effect: Effect, p_value: float) -> tuple[Estimate, ...]:
-    """Estimates of which one says that there is some of an effect, where a test rules out that there is none.
+    """Estimates in which one interval excludes zero, where a test rules out that the effect is absent.
 
-    Wald's interval is to first order about the estimate. Of a law that is far from straight between there and none of
-    it, or whose strength trades with its shape, it may hold none of it, however surely a test rules that out. Then the
-    surest strength ends where the test, inverted along a straight line of its signed root, puts it (Cox and Hinkley,
-    Theoretical Statistics, 1974, section 9.3).
+    Wald's interval is of first order about the estimate. For a law that is strongly nonlinear between there and zero,
+    or whose strength is correlated with its shape, it may include zero although a test clearly rules that out. Then
+    the end of the most certain strength's interval is computed by inverting the test along its signed root (Cox and
+    Hinkley, Theoretical Statistics, 1974, section 9.3).
 
     Args:
         estimates: all parameters, SI.
         effect: whose model reaches the noise.
-        p_value: of the hypothesis that there is none of it.
+        p_value: of the hypothesis that it is absent.
     """
     root, null = float(stats.norm.isf(p_value / 2)), effect.at_null()
     least = {f"{effect.name}.{name}": null[name] for name in effect.strength}
@@ -83,7 +83,7 @@ def apart_from_none(estimates: Sequence[Estimate], effect: Effect, p_value: floa
 
 
 def _resolution(model: RefinedModel) -> Array:
-    """Least half-widths of times that laws resolve by samples, (free,), SI; of numbers of samples as they are."""
+    """Smallest half-widths of times resolved by samples, (free,), SI; for numbers of samples without conversion."""
     q = model.fit.likelihood_problem
     free = {q.model.parameters[i].name: (k, q.model.parameters[i].unit) for k, i in enumerate(q.free)}
     least, interval = np.zeros(len(q.free)), float(np.median(q.problem.dt))
@@ -95,10 +95,10 @@ def _resolution(model: RefinedModel) -> Array:
 
 
 def _left_to_go(answer: LikelihoodFit, fixed: Booleans) -> Array:
-    """The Gauss-Newton step from where a search ended, (free,), SI; of parameters that are `fixed` none.
+    """The Gauss-Newton step from the end of a search, (free,), SI; zero for `fixed` parameters.
 
     Dry friction and the integrator's steps make a likelihood rough on the scale of an sd where the noise is low: a
-    search ends in one of its small valleys, while slopes taken over several of them show where the large one is.
+    search ends in one of its small local minima, while slopes over several of them show the global one.
     """
     q, moved = answer.likelihood_problem, np.append(~fixed, np.ones(len(answer.gradient) - len(fixed), bool))
     step = np.zeros(len(answer.gradient))

@@ -1,7 +1,7 @@
 """The diagnosis: recordings to a problem, a base fit, selection among proposals, alternatives, refinement, the test.
 
-Each stage is a function from a frozen input to a frozen result, in the order in which an engineer thinks. No stage
-before the test receives a sample of the recordings held out.
+Each stage is a function from a frozen input to a frozen result. No stage before the test receives a sample of the
+held-out recordings.
 """
 
 from __future__ import annotations
@@ -60,24 +60,24 @@ def diagnose(
     options: SearchOptions | None = None,
     checkpoint: Path | None = None,
 ) -> Diagnosis:
-    """Say what a rig's model leaves out.
+    """Find the physics that a rig's model leaves out.
 
     Args:
         rig: the base model; its [fit] table says what may be fitted.
-        recordings: to fit and to select on; what is sampled faster than a kilohertz is averaged down to it first.
+        recordings: to fit and to select on; those sampled faster than 1 kHz are decimated to it first.
         holdout: to test on, once.
-        own: effects of the user's, beside the catalogue.
-        validation: names of the recordings to fit on whose windows alone the selection is judged, by parameters that
-            were fitted to the others; every recording in turn if absent.
+        own: the user's effects, in addition to the catalogue.
+        validation: names of training recordings whose windows alone judge the selection, with parameters fitted to the
+            others; blocks of every recording if absent.
         generator: of resampling.
         progress: called with the share done and a few words.
         budget: processor time and deadline of the whole.
         criteria: what counts as proof.
-        options: how much is searched.
-        checkpoint: file of what is done; one that a diagnosis of the same left is gone on from.
+        options: effort of the search.
+        checkpoint: file of finished stages; an interrupted diagnosis of the same inputs continues from it.
 
     Raises:
-        InputError: nothing to fit, nothing held out, or a recording on which nothing can be tested.
+        InputError: no parameter to fit, no held-out recording, or one that is too short for a test.
         SolveError: the model cannot be simulated at the rig file's values.
     """
     criteria, options = criteria or Criteria(), options or SearchOptions()
@@ -89,7 +89,7 @@ def diagnose(
     if not rig.freed:
         raise InputError("nothing to fit", where=rig.path, field="[fit]", expected="at least one parameter")
     if not holdout:
-        raise InputError("no recording held out", where="--holdout", expected="at least one recording")
+        raise InputError("no recording is held out", where="--holdout", expected="at least one recording")
     rig, every = prepare(rig, [*recordings, *holdout])
     train, sealed = every[: len(recordings)], every[len(recordings) :]
     outputs, commands = [port.role for port in rig.model.outputs], [port.role for port in rig.model.recorded]
@@ -121,7 +121,7 @@ def diagnose(
             surrogate = find_surrogate(path, sites, search)
         if is_sufficient(path, search) and not is_explained_elsewhere(path, surrogate, search):
             surrogate = None
-    report(Stage.REFINEMENT, "likeliest parameters and intervals")
+    report(Stage.REFINEMENT, "maximum likelihood and intervals")
     problem = replace(with_open_variance(problem, path.base), budget=budget)
     answer = wide or answer_of(path, surrogate)
     fitted = refit(path.base, problem)
@@ -141,7 +141,7 @@ def diagnose(
 
 
 def _numbers(names: Sequence[str], train: Sequence[Recording]) -> tuple[int, ...]:
-    """Which of the recordings to fit have these names."""
+    """Indices of the training recordings with these names."""
     known = [one.name for one in train]
     if unknown := [name for name in names if name not in known]:
         raise InputError(
@@ -149,7 +149,9 @@ def _numbers(names: Sequence[str], train: Sequence[Recording]) -> tuple[int, ...
         )
     if names and set(known) == set(names):
         raise InputError(
-            "every recording to fit is one to validate on", where="--validate", expected="others to fit"
+            "every recording to fit is also given for validation",
+            where="--validate",
+            expected="at least one recording that is only fitted",
         )
     return tuple(k for k, name in enumerate(known) if name in names)
 

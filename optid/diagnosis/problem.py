@@ -1,4 +1,4 @@
-"""What a diagnosis works on: recordings to fit, their noise, and everything injected. The hold-out is not in it."""
+"""The problem of a diagnosis: training recordings, their noise, and everything injected. It has no hold-out."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Stage(Enum):
 
     @property
     def share(self) -> float:
-        """Of the stages, that are done when this one begins."""
+        """Share of the stages that are done when this one begins."""
         return (self.value - 1) / len(Stage)
 
 
@@ -48,19 +48,19 @@ Report = Callable[[Stage, str], None]
 
 @dataclass(frozen=True, eq=False)
 class DiagnosisProblem:
-    """A rig, recordings to fit, and what the search goes by.
+    """A rig, training recordings, and the settings of the search.
 
     Attributes:
         rig: as stated.
         train: recordings to fit.
         noise: role -> sd of the measurement, SI.
-        own: the user's effects, beside the catalogue.
-        validation: numbers of the recordings whose windows alone judge the selection; every one's in turn if empty.
+        own: the user's effects, in addition to the catalogue.
+        validation: indices of the recordings whose windows alone judge the selection; blocks of all if empty.
         criteria, options: see there.
-        open_variance: of windows' errors beside the noise if nothing is missing, (samples, outputs).
+        open_variance: variance of a correct model's window errors, apart from the noise, (samples, outputs).
         budget: of the search.
         generator: of resampling.
-        report: is told what is being done.
+        report: called with the stage and a few words.
     """
 
     rig: Rig
@@ -83,11 +83,11 @@ class DiagnosisProblem:
 
     @property
     def plain(self) -> Model:
-        """The model as it came, whose states alone carry process noise."""
+        """The original model, whose states alone have process noise."""
         return self.rig.model
 
     def at_search_rate(self) -> DiagnosisProblem:
-        """The same with recordings brought down to the rate of the search; itself where they are no faster."""
+        """The same with recordings decimated to the rate of the search; unchanged if they are not faster."""
         rig, train = prepare(self.rig, self.train, self.options.rate)
         if all(one is before for one, before in zip(train, self.train, strict=True)):
             return self
@@ -95,7 +95,7 @@ class DiagnosisProblem:
         return replace(self, rig=rig, train=train, noise=noise, open_variance=None, _questions={})
 
     def likelihood_problem(self, rig: Rig) -> LikelihoodProblem:
-        """What the recordings are asked of a rig."""
+        """The likelihood problem of a rig with these recordings."""
         if rig not in self._questions:
             self._questions[rig] = likelihood_problem(
                 rig, build_problem(rig.model, self.train, WHOLE), self.plain
@@ -106,11 +106,11 @@ class DiagnosisProblem:
 def prepare(
     rig: Rig, recordings: Sequence[Recording], rate: float | None = None
 ) -> tuple[Rig, tuple[Recording, ...]]:
-    """A rig and recordings of at most so many samples a second, or as many as the axis's fastest pole asks for.
+    """A rig and recordings decimated to this rate, or to what the axis's fastest pole requires.
 
     A stated noise is that of a sample, not of an average.
 
-    What is left of one that was stated, or of rounding, stands in the rig's channels then.
+    The remaining part of a stated noise, or of rounding, is stored in the rig's channels.
     """
     commands = [port.role for port in rig.model.recorded]
     if rate is None:
@@ -126,7 +126,7 @@ def prepare(
 def _noise_left(
     role: str, stated: float | None, before: Sequence[Recording], after: Sequence[Recording]
 ) -> float | None:
-    """Sd of a channel that is brought down, if it was stated or the channel is rounded; else the samples tell it."""
+    """Sd of a decimated channel, if it was stated or the channel is rounded; otherwise it is estimated."""
     pairs = [(a[role].values, b[role].values) for a, b in zip(before, after, strict=True) if role in a]
     if not pairs or (stated is None and not all(grid(values) > 0.0 for values, _ in pairs)):
         return None
@@ -137,7 +137,7 @@ def _noise_left(
 def measurement_noise(rig: Rig, recordings: Sequence[Recording]) -> dict[str, float]:
     """Sd of the measurement by role: as stated, else from neighbouring samples.
 
-    Coloured noise hides behind motion; recordings that rest now and then tell its colour, and speak for the others.
+    Coloured noise is hidden by motion; recordings with phases of rest show its colour, also for the others.
     """
     found = {}
     for port in rig.model.outputs:
@@ -153,5 +153,5 @@ def measurement_noise(rig: Rig, recordings: Sequence[Recording]) -> dict[str, fl
 
 @lru_cache(maxsize=256)
 def with_effect(rig: Rig, effect: Effect) -> Rig:
-    """A rig with one more effect, at its null; remembered, so that every look has one compiled model."""
+    """A rig with one more effect, at its null; cached, so that its model is compiled once."""
     return with_effects(rig, (effect,), {})

@@ -1,7 +1,7 @@
-"""Which effects could it be: every branch of every effect by one simulation, then a race by multi-step errors.
+"""Proposals: every branch of every effect by one simulation, then successive halving by multi-step errors.
 
-A linear step chooses a branch of each effect (`optid.diagnosis.score_test`), and a simulation says how much of what it
-promises holds. The best race on by Gauss-Newton steps, under gains of their own.
+A linear step chooses a branch of each effect (`optid.diagnosis.score_test`), and a simulation checks its predicted
+gain. The best ones continue by Gauss-Newton steps, with their own gains.
 """
 
 from __future__ import annotations
@@ -28,19 +28,19 @@ from optid.estimation.likelihood_point import LikelihoodProblem
 from optid.estimation.multistep import QUIET, quiet_filter, window_starts
 from optid.estimation.problem import Booleans
 
-SHARES = np.linspace(0.0, 1.0, LANES)  # of a linear step, that are tried at once
-SHORT = 5000  # samples of all recordings up to which a look at the catalogue takes them all
+SHARES = np.linspace(0.0, 1.0, LANES)  # shares of a linear step that are tried at once
+SHORT = 5000  # samples of all recordings up to which all of them are used for proposals
 
 
 @dataclass(frozen=True, eq=False)
 class Proposal:
-    """An effect where a search has it.
+    """A proposed effect with its parameters.
 
     Attributes:
-        effect: to come to the model.
+        effect: to be added to the model.
         likelihood_problem: of the model with it.
-        start: all parameters where a linear step had them; under gains of its own a race may lead them astray.
-        p: all parameters where the race ended.
+        start: all parameters after the linear step; iterations with their own gains may diverge from it.
+        p: all parameters at the end of the iterations.
         loss: Huber's, of windows' errors.
     """
 
@@ -53,13 +53,13 @@ class Proposal:
 
 @dataclass(frozen=True, eq=False)
 class Proposals:
-    """What a look at the catalogue found.
+    """The proposals from the catalogue.
 
     Attributes:
         ranked: the most promising first, each effect once.
-        visible: sd by which windows' errors would change, after a refit, with an effect of the smallest size worth a
-            name, each window counting once; by the effect's name; 0 where nothing would change.
-        alone: loss of the model without any of them, after as many steps over the same windows.
+        visible: effect name -> change of windows' errors in sd, after a refit, by an effect of the smallest size worth
+            a name, each window counting once; 0 where nothing would change.
+        alone: loss of the model without any of them, after the same number of steps over the same windows.
     """
 
     ranked: tuple[Proposal, ...]
@@ -78,16 +78,16 @@ def propose(
     level: float = QUIET,
     begin: Array | None = None,
 ) -> Proposals:
-    """Effects, the most promising first.
+    """Rank effects, the most promising first.
 
     Args:
-        current: the model that they come to.
+        current: the model to which they are added.
         effects: to try.
         problem: the recordings.
-        entrants: branches at most that race; all if absent. Far from the truth a linear step holds for
-            none, and a right law may stand in the middle.
-        level: of process noise of the filters under whose gains they race.
-        begin: parameters of the model from which branches begin; its own fitted ones if absent.
+        entrants: largest number of branches that compete; all if absent. Far from the optimum linear steps are not
+            reliable, and the right law may rank in the middle.
+        level: of process noise of the filters that give their gains.
+        begin: parameters of the model from which branches start; its fitted ones if absent.
     """
     o, q = problem.options, current.likelihood_problem
     p = current.p if begin is None else begin
@@ -111,14 +111,14 @@ def propose(
             break
         over = first if leg < len(o.race) - 1 else None
         advanced = parallel_map(partial(_advance, problem, turns, over, resets, level), running)
-        # The first is kept in any case: under its own gains a law may need more steps than a leg has.
+        # The first is kept in any case: with its own gains a law may need more steps than a round has.
         running = [*advanced[:1], *keep_best(advanced[1:], most - 1)]
     _, alone = _moved(problem, q, p, sum(turns for turns, _ in o.race), None, resets, level)
     return Proposals(tuple(keep_best(running, len(running))), visible, alone)
 
 
 def keep_best(running: Sequence[Tried], most: int) -> list[Tried]:
-    """Those that leave least, each effect once."""
+    """Those with the smallest loss, each effect once."""
     kept: list[Tried] = []
     for one in sorted(running, key=lambda one: one.loss):
         if len(kept) < most and math.isfinite(one.loss) and all(k.effect is not one.effect for k in kept):
@@ -127,10 +127,10 @@ def keep_best(running: Sequence[Tried], most: int) -> list[Tried]:
 
 
 def worst_recordings(current: FittedModel, problem: DiagnosisProblem) -> list[int]:
-    """The segments of the recording in which most is missing, and of all others where these are short.
+    """The segments of the recording with the largest mismatch, and of all others if they are short.
 
-    What differs from recording to recording, as friction does under another pressure, shows in no single one: there the
-    rig's own parameters make up for it.
+    A difference between recordings, as friction at another pressure, is not visible in a single one: the rig's own
+        parameters compensate it there.
     """
     q = current.likelihood_problem
     if len(q.problem.time) <= SHORT:
@@ -139,7 +139,7 @@ def worst_recordings(current: FittedModel, problem: DiagnosisProblem) -> list[in
 
 
 def worst_recording(current: FittedModel, problem: DiagnosisProblem) -> list[int]:
-    """The segments of the recording in which most is missing."""
+    """The segments of the recording with the largest mismatch."""
     q = current.likelihood_problem
     resets = window_starts(q.problem, problem.window)
     (z,) = innovations(q, current.p[None], q.model, current.fit.filtered, resets=resets)
@@ -152,7 +152,7 @@ def worst_recording(current: FittedModel, problem: DiagnosisProblem) -> list[int
 def _tried(
     origin: Origin, current: FittedModel, only: Sequence[int], resets: Booleans, one: LinearStep
 ) -> Proposal:
-    """A branch with the parameters moved, by as much of what a linear step promises as one simulation confirms."""
+    """A branch with the parameters moved by the share of the linear step that one simulation confirms."""
     q, steps = one.likelihood_problem, one.step * origin.typical
     moves = [
         {name: origin.values[name] + share * by for name, by in zip(origin.free, steps, strict=True)}
@@ -174,7 +174,7 @@ def _advance(
     level: float,
     one: Proposal,
 ) -> Proposal:
-    """The same some steps further; lost where the simulation diverges."""
+    """The same after some more steps; dropped where the simulation diverges."""
     p, loss = _moved(problem, one.likelihood_problem, one.p, steps, only, resets, level)
     return replace(one, p=p, loss=loss)
 
@@ -188,7 +188,7 @@ def _moved(
     resets: Booleans,
     level: float,
 ) -> tuple[Array, float]:
-    """Parameters some Gauss-Newton steps further under gains of their own, and the loss there."""
+    """Parameters after some Gauss-Newton steps with their own gains, and the loss there."""
     held = None if problem.budget.is_over else quiet_filter(q, p, only, level)
     if held is None:
         return p, math.inf

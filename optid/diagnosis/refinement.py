@@ -1,4 +1,4 @@
-"""The chosen model at its likeliest parameters, unless these predict worse over windows than others do."""
+"""The chosen model at its maximum likelihood parameters, unless these predict windows worse than others."""
 
 from __future__ import annotations
 
@@ -18,9 +18,7 @@ from optid.estimation.likelihood_point import LikelihoodFit, LikelihoodPoint, Li
 from optid.estimation.multistep import multistep_loss
 from optid.rigs.rigfile import Rig
 
-LEVELS = np.linspace(
-    5.0, -5.0, 9
-)  # log: by how much more or less process noise than a middling one may suit a model
+LEVELS = np.linspace(5.0, -5.0, 9)  # log: factors on the default process noise that are tried
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,8 +27,8 @@ class RefinedModel:
 
     Attributes:
         effects: beyond the rig file's; `rig` holds them.
-        fit: parameters, process noise, filter and information there.
-        shift: how far the likeliest parameters are from those taken, (free,), SI.
+        fit: parameters, process noise, filter and information.
+        shift: difference of the maximum likelihood parameters from those used, (free,), SI.
     """
 
     effects: tuple[Effect, ...]
@@ -45,7 +43,7 @@ class RefinedModel:
 
 
 def likely_noise(q: LikelihoodProblem, p: Array) -> Noise:
-    """Process noise at which fixed parameters are likeliest.
+    """The process noise of maximum likelihood at fixed parameters.
 
     Raises:
         SolveError: the model cannot be simulated there.
@@ -66,11 +64,11 @@ def with_information(model: FittedModel) -> RefinedModel:
 
 
 def refine(model: FittedModel, problem: DiagnosisProblem) -> RefinedModel:
-    """From a fit by multi-step prediction errors to the likeliest parameters.
+    """Maximise the likelihood, starting from a fit by multi-step prediction errors.
 
-    Likelihood with process noise looks ahead by one sample. Where a law's form is not nature's it attributes the
-    model error to process noise, and its parameters may predict far worse over a window than the same law can: then
-    those that predict are taken, and how far the two are apart is in the intervals.
+    Likelihood with process noise predicts one sample ahead. Where a law's form is wrong it attributes the model error
+    to process noise, and its parameters may predict windows far worse than the same law can: then the better
+        predicting parameters are used, and the difference widens the intervals.
     """
     q, here = model.likelihood_problem, _point(model)
     led, shift = here.as_fit(False), np.zeros(len(model.likelihood_problem.free))

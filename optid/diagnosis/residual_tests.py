@@ -1,4 +1,4 @@
-"""Do the held-out innovations of a model still hold something it should have explained?"""
+"""Tests of whether a model's held-out innovations still contain something that it should explain."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ from optid.core.recording import Recording
 from optid.diagnosis.evaluation import Evaluation
 
 LAGS = 20
-ERROR_RATE = 0.01  # at which a right model fails a test
+ERROR_RATE = 0.01  # rate at which a correct model fails a test
 
 
 @dataclass(frozen=True)
 class ResidualTests:
-    """Whiteness and independence of the input, with p-values; a right model fails either at `ERROR_RATE`."""
+    """Whiteness and independence of the input, with p-values; a correct model fails each at `ERROR_RATE`."""
 
     whiteness: float
     independence: float
 
     @property
     def white(self) -> bool:
-        """They do not depend on their own past."""
+        """Whether they do not depend on their own past."""
         return self.whiteness >= ERROR_RATE
 
     @property
     def independent(self) -> bool:
-        """They do not depend on past inputs."""
+        """Whether they do not depend on past inputs."""
         return self.independence >= ERROR_RATE
 
 

@@ -1,4 +1,4 @@
-"""What a diagnosis answers: its verdict, what it found, and everything that led there."""
+"""The result of a diagnosis: its verdict, its findings, and everything that led to them."""
 
 from __future__ import annotations
 
@@ -33,19 +33,19 @@ class Finding:
     """One thing that is missing.
 
     Attributes:
-        effect: its effect; ``None`` where nothing of the catalogue is proven to be it.
-        site: its kind of site; `place` the plant's own name of it.
+        effect: the effect; ``None`` where none is proven.
+        site: its kind of site; `place` is the plant's name of it.
         parameters: of the effect, with intervals, by own name.
-        region: when and where.
-        shown: signals worth telling.
+        region: when and where it acts.
+        shown: signals worth reporting.
         evidence: on the hold-out, against the model without it.
-        train_gain: what windows of the training recordings gain, cross-validated: half a mean square in variances each.
-        delta_bic: twice that less what its parameters cost (Schwarz).
+        train_gain: cross-validated gain of windows of the training recordings: half a mean square in variances each.
+        delta_bic: twice that minus the penalty of its parameters (Schwarz).
         indistinguishable: names of effects that explain the recordings as well.
-        sentence: what an engineer would say.
-        suspected: what it could be, where nothing is proven.
+        sentence: the finding in words.
+        suspected: effects that it could be, where nothing is proven.
         signal: the unknown input at the site, where it was estimated.
-        law: what the named effects make of that site's signal, (samples,).
+        law: change of that site's signal by the named effects, (samples,).
     """
 
     effect: Effect | None
@@ -66,19 +66,19 @@ class Finding:
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """All that was found.
+    """The complete result of a diagnosis.
 
     Attributes:
         verdict, summary: the answer.
-        base, best: the fitted model as it came, and improved.
+        base, best: the original model, fitted, and the improved one.
         base_parameters, best_parameters: with intervals.
         findings: strongest first.
         rejected: (effect, why).
         not_testable: (effect, why, smallest size that would show).
-        test: what the hold-out says.
-        path: how the selection went.
-        alternatives: look-alikes in the place of named effects, by these.
-        problem: what it was given.
+        test: on the hold-out.
+        path: of the selection.
+        alternatives: named effect -> look-alikes in its place.
+        problem: its input.
         holdout: names of the recordings held out.
         noise: role -> sd of the measurement, SI.
     """

@@ -1,7 +1,7 @@
 """A linear step from a model along every branch of every effect: a score test with a line search.
 
-A simulation of an effect at its usual size, with the gains of the model's quiet filter held, shows what it would change
-in the windows' errors, and how much of these the effect in any strength and all other parameters explain linearly.
+A simulation of an effect at its usual size, with the fixed gains of the model's quiet filter, shows its change of the
+windows' errors, and how much of these the effect in any strength and all other parameters explain linearly.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ from optid.estimation.likelihood_point import NUDGES, LikelihoodProblem
 from optid.estimation.multistep import quiet_filter
 from optid.estimation.problem import Booleans
 
-LITTLE = 0.1  # of a way, by which its slope is taken
-FARTHEST = 3.0  # times the usual size: how far along a branch its strength is followed
-ROUNDS = 2  # of reweighting in a linear fit
-LOST = 30.0  # sd: a change beyond it counts as so much
-FEWEST = 0.02  # share of the usual size below which a branch says nothing
+LITTLE = 0.1  # of a direction: step of its finite difference
+FARTHEST = 3.0  # times the usual size: largest strength along a branch
+ROUNDS = 2  # iterations of reweighting in a linear fit
+LOST = 30.0  # sd: larger changes are clipped to it
+FEWEST = 0.02  # share of the usual size below which a branch is ignored
 
 
 @dataclass(frozen=True, eq=False)
 class LinearStep:
-    """Where a linear step leads: an effect's parameters, the loss that it promises, and a step of the others.
+    """The result of a linear step: an effect's parameters, the predicted loss, and a step of the other parameters.
 
     The step is in typical sizes, (free,).
     """
@@ -46,7 +46,7 @@ class LinearStep:
 
 @dataclass(frozen=True, eq=False)
 class Branch:
-    """The step along a branch, ``None`` where it says nothing, and how visible its effect is."""
+    """The step along a branch, ``None`` without information, and how visible its effect is."""
 
     best: LinearStep | None
     effect: Effect
@@ -102,7 +102,7 @@ def branches_of(
     resets: Booleans,
     effect: Effect,
 ) -> list[Branch]:
-    """Every branch of an effect, in the strength in which it explains most."""
+    """Every branch of an effect, at the strength that explains most."""
     q = problem.likelihood_problem(with_effect(current.rig, effect))
     null = effect.at_null()
     if effect.ways:
@@ -136,7 +136,7 @@ def _from_ways(
     effect: Effect,
     q: LikelihoodProblem,
 ) -> Branch:
-    """An effect that begins at its null, along all of its ways at once."""
+    """An effect that starts at its null, along all of its directions at once."""
     null = effect.at_null()
     turns = [{**null, **{name: null[name] + LITTLE * by for name, by in way.items()}} for way in effect.ways]
     P = np.array([q.at({**origin.values, **effect.qualified(turn)}) for turn in turns])
@@ -156,14 +156,14 @@ def _from_ways(
 
 
 def _missed(current: FittedModel) -> tuple[list[Array], float]:
-    """What the quiet filter's predictions of the first output miss in every stretch of data, and the sampling time."""
+    """The quiet filter's prediction errors of the first output in every stretch of data, and the sampling time."""
     problem, missed = current.likelihood_problem.problem, current.fit.filtered.innovations[0][:, 0]
     stretches = zip(problem.begins, problem.counts, strict=True)
     return [missed[first : first + count + 1] for first, count in stretches], float(np.median(problem.dt))
 
 
 def _explained(origin: Origin, changes: Array, least: float) -> tuple[Array, float]:
-    """Where parameters within bounds and shares of changes (rows, some) explain most linearly, and the loss there.
+    """Linear least squares over parameters within bounds and shares of changes (rows, some), and the loss.
 
     Returns the parameters' steps in typical sizes and then the shares, (free + some,).
     """
@@ -192,7 +192,7 @@ def _explained(origin: Origin, changes: Array, least: float) -> tuple[Array, flo
 
 
 def _visible(origin: Origin, change: Array) -> float:
-    """Root of what a change adds to the windows' mean squares that the free parameters cannot take away."""
+    """Root of the part of a change in the windows' mean squares that the free parameters cannot compensate."""
     clipped = np.clip(change, -LOST, LOST)
     size = np.maximum(np.linalg.norm(origin.slopes, axis=0), 1e-300)
     unit = origin.slopes / size

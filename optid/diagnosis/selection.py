@@ -1,4 +1,4 @@
-"""Which effects are needed: stepwise, forward and backward, judged on windows that had no part in the fit."""
+"""Stepwise selection of effects, forward and backward, judged on windows that were not fitted."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from optid.errors import SolveError
 from optid.estimation.multistep import QUIET, fit_multistep
 from optid.rigs.rigfile import with_effects
 
-RESTART = 0.95  # of windows' errors: a model continues from another start that leaves no more than this share
+RESTART = 0.95  # of windows' errors: a model restarts from another point if at most this share remains there
 
 
 @dataclass(frozen=True, eq=False)
 class Contender:
-    """A model with one more effect, and why it was not taken; "" if it may be."""
+    """A model with one more effect, and why it was rejected; "" if it is acceptable."""
 
     effect: Effect
     model: FittedModel
@@ -36,7 +36,7 @@ class Contender:
 
 @dataclass(frozen=True, eq=False)
 class Round:
-    """One step: the model from which it went, the proposals, those fitted in full, and the one taken."""
+    """One step: its model, the proposals, those fully fitted, and the one selected."""
 
     model: FittedModel
     proposals: Proposals
@@ -46,15 +46,15 @@ class Round:
 
 @dataclass(frozen=True, eq=False)
 class SelectionPath:
-    """How the selection went.
+    """The path of the selection.
 
     Attributes:
-        base, best: the model as it came, and the one that the selection ended with.
+        base, best: the original model, and the result of the selection.
         first, validated: their cross-validated errors.
         rounds: every step.
-        without: the best model without one of its effects, by that effect's name, with its errors.
-        dropped: (effect, why) of those that others made idle.
-        ended_early: the budget was over before everything was tried.
+        without: effect name -> the best model without that effect, with its errors.
+        dropped: (effect, why) of those made redundant by others.
+        ended_early: the budget was used up before everything was tried.
     """
 
     base: FittedModel
@@ -68,33 +68,33 @@ class SelectionPath:
 
     @property
     def strongest(self) -> FittedModel | None:
-        """The best contender that was met, taken or not."""
+        """The best contender, selected or not."""
         every = [one for step in self.rounds for one in step.contenders]
         best = min(every, key=lambda one: one.validated.windows.sum(), default=None)
         return None if best is None else best.model
 
 
 def nothing_selected(base: FittedModel, problem: DiagnosisProblem) -> SelectionPath:
-    """A path of no steps."""
+    """A path without steps."""
     first = cross_validate(base, problem)
     return SelectionPath(base, base, first, first, ())
 
 
 def without_each(path: SelectionPath, answer: FittedModel) -> dict[str, FittedModel]:
-    """The answer without each of its effects, by their names; the base where it has one that the path does not hold."""
+    """The answer without each of its effects, by their names; the base for one that is not in the path."""
     if answer is path.best:
         return {name: model for name, (model, _) in path.without.items()}
     return {effect.name: path.base for effect in answer.effects}
 
 
 def select(base: FittedModel, problem: DiagnosisProblem) -> SelectionPath:
-    """Add effects while windows that had no part in the fit confirm them, and drop those that turn out idle."""
+    """Add effects while windows that were not fitted confirm them, and drop those that become redundant."""
     first = cross_validate(base, problem)
     current, validated, rounds = base, first, []
     for depth in range(problem.criteria.most_effects):
         if problem.budget.is_over:
             break
-        problem.report(Stage.SELECTION, f"round {depth + 1}: which effects could it be")
+        problem.report(Stage.SELECTION, f"round {depth + 1}: ranking the effects")
         one = _round(current, first, validated, problem)
         rounds.append(one)
         better = None if one.taken else _restarted(current, validated, one, problem)
@@ -115,7 +115,7 @@ def select(base: FittedModel, problem: DiagnosisProblem) -> SelectionPath:
 
 
 def _first_is_open(path: SelectionPath, problem: DiagnosisProblem) -> bool:
-    """Whether the first of several effects was chosen while others were missing, and together they leave something."""
+    """Whether the first of several effects was chosen while others were missing, and some mismatch remains."""
     if len(path.best.effects) < 2 or problem.budget.is_over:
         return False
     first = next(one.taken for one in path.rounds if one.taken is not None)
@@ -128,7 +128,7 @@ def _restarted(
 ) -> tuple[FittedModel, Validated] | None:
     """The current model restarted from its best contender's parameters, if it predicts better from there.
 
-    An effect that is not there may lead a fit out of a local optimum; then the model without it gets there, too.
+    An absent effect may lead a fit out of a local optimum; then the model without it gets there as well.
     """
     if not one.contenders:
         return None
@@ -149,7 +149,7 @@ def _round(
 ) -> Round:
     effects = [one for one in admitted(current.rig.model, problem.own) if one.name != but]
     near = before.error_over_noise <= problem.criteria.error_over_noise
-    # Only beside a model that is good to the noise are a linear step and the model's own quiet filter reliable.
+    # A linear step and the model's own quiet filter are reliable only for a model at the noise.
     entrants, level = (problem.options.entrants, current.fit.level) if near else (None, QUIET)
     proposals = propose(current, effects, problem, entrants, level)
     few = worth_fitting(proposals, near, bool(current.effects), problem)
@@ -164,13 +164,13 @@ def _round(
 
 
 def worth_fitting(found: Proposals, near: bool, named: bool, problem: DiagnosisProblem) -> list[Proposal]:
-    """Proposals to fit in full, given whether they come to a model at the noise, and whether it has a name already."""
+    """Proposals to fit fully, depending on whether the model is at the noise and already has an effect."""
     o, least = problem.options, min((one.loss for one in found.ranked), default=0.0)
     few = [one for one in found.ranked[: o.contenders] if one.loss <= o.near * least]
     if not near:
         return few
-    # A loss goes with the square of the error: a candidate that gained half the smallest gain in the race does not
-    # reach it in full. Beside no name the first is fitted anyway, as the test asks whether it gains anything.
+    # A loss is quadratic in the error: a candidate with half the smallest gain here does not reach it in a full fit. #
+    # Without any effect the first is fitted anyway, as the test asks whether it gains anything.
     most = (1.0 - problem.criteria.smallest_gain) * found.alone
     return [one for k, one in enumerate(few) if one.loss <= most or (k == 0 and not named)]
 
@@ -183,7 +183,7 @@ def contend(
     tried: int,
     one: Proposal,
 ) -> Contender | None:
-    """A proposal fitted in full and validated; ``None`` where the simulation diverges."""
+    """A proposal fully fitted and validated; ``None`` where the simulation diverges."""
     model = fit_proposal(current, problem, one)
     if model is None:
         return None
@@ -197,7 +197,7 @@ def contend(
 
 
 def fit_proposal(current: FittedModel, problem: DiagnosisProblem, one: Proposal) -> FittedModel | None:
-    """A proposal fitted in full from the start that leaves least after a turn; ``None`` where all diverge."""
+    """A proposal fully fitted from the start with the smallest loss after one iteration; ``None`` where all diverge."""
     effects, q, steps = (*current.effects, one.effect), one.likelihood_problem, problem.options.steps
     level, fits = current.fit.level, []
     for p in _starts(one):
@@ -212,7 +212,7 @@ def _starts(one: Proposal) -> list[Array]:
 
 
 def without_effect(model: FittedModel, effect: Effect, problem: DiagnosisProblem) -> FittedModel:
-    """The model without one of its effects, fitted from where the one with it stands."""
+    """The model without one of its effects, fitted from the parameters of the one with it."""
     rest = tuple(one for one in model.effects if one is not effect)
     rig = with_effects(problem.rig, rest, {}) if rest else problem.rig
     q = problem.likelihood_problem(rig)
@@ -221,13 +221,13 @@ def without_effect(model: FittedModel, effect: Effect, problem: DiagnosisProblem
 
 
 def _backward(path: SelectionPath, problem: DiagnosisProblem) -> SelectionPath:
-    """Backward elimination: drop effects that would not be confirmed if they came last, the least needed first."""
+    """Backward elimination: drop effects that would not be confirmed as the last one, the least needed first."""
     best, validated, dropped = path.best, path.validated, list(path.dropped)
     tried = len(admitted(problem.rig.model, problem.own))
     while best.effects:
         without, idle = {}, []
         for effect in best.effects:
-            problem.report(Stage.BACKWARD, f"whether {effect.name} is needed")
+            problem.report(Stage.BACKWARD, f"testing whether {effect.name} is needed")
             less = without_effect(best, effect, problem)
             errors = cross_validate(less, problem)
             if not less.effects and path.first.windows.sum() < errors.windows.sum():
@@ -261,10 +261,10 @@ def _with(
 
 
 def _first_swapped(path: SelectionPath, problem: DiagnosisProblem) -> SelectionPath:
-    """The first effect was chosen while it was alone: it has to hold its place against the catalogue."""
+    """Compare the first effect with the catalogue again: it was chosen while it was alone."""
     name = path.best.effects[0].name
     less, errors = path.without[name]
-    problem.report(Stage.BACKWARD, f"whether something else does better than {name}")
+    problem.report(Stage.BACKWARD, f"testing alternatives to {name}")
     one = _round(less, path.first, errors, problem, but=name)
     better = one.taken
     if better is None or not better.validated.windows.sum() < path.validated.windows.sum():

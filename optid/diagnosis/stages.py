@@ -1,4 +1,4 @@
-"""What the stages before the verdict left, handed on as one."""
+"""The results of the stages before the verdict."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from optid.effects.description import Description
 
 @dataclass(frozen=True, eq=False)
 class Stages:
-    """Everything that a verdict rests on.
+    """Everything on which a verdict is based.
 
     Attributes:
-        problem: the recordings to fit; `search` holds them at the rate of the search.
-        path: how the selection went; `alternatives` are look-alikes in the place of its names.
-        surrogate: what describes a mismatch that the names do not explain.
-        base, best: the model as it came, and the one that stands for the answer.
-        test: what the hold-out says; `holdout` are its recordings' names.
-        wide: the best model is the base with wider bounds.
+        problem: the training recordings; `search` has them at the rate of the search.
+        path: path of the selection; `alternatives` are look-alikes in place of its effects.
+        surrogate: description of a mismatch that the named effects do not explain.
+        base, best: the original model, and the one that is the answer.
+        test: test on the hold-out; `holdout` are its recordings' names.
+        wide: whether the best model is the base with wider bounds.
     """
 
     problem: DiagnosisProblem
@@ -40,5 +40,5 @@ class Stages:
 
     @property
     def names(self) -> bool:
-        """The best model holds effects of the catalogue or the user's, and nothing without a name."""
+        """Whether the best model has effects of the catalogue or the user's, and no surrogate."""
         return bool(self.best.effects) and not any(isinstance(e, Description) for e in self.best.effects)

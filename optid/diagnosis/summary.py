@@ -20,11 +20,11 @@ _FRIENDLY = {
 
 
 def quantity(value: float, unit: str) -> str:
-    """A number with the unit that people use for it."""
+    """A number in the unit that suits its size."""
     factor, shown = _FRIENDLY.get(unit, (1.0, unit))
     if unit == "m" and abs(value) < 1e-4:
         factor, shown = 1e6, "um"
-    if unit in ("m", "m/s") and abs(value) >= 0.9995:  # what three digits of mm would show as 1e+03
+    if unit in ("m", "m/s") and abs(value) >= 0.9995:  # three digits of mm would print as 1e+03
         factor, shown = 1.0, unit
     if unit == "s" and abs(value) < 1.0:
         factor, shown = 1e3, "ms"
@@ -32,20 +32,22 @@ def quantity(value: float, unit: str) -> str:
 
 
 def p_told(p: float) -> str:
-    """A p-value as people read it."""
+    """A p-value in readable form."""
     return "p < 1e-6" if p < 1e-6 else f"p = {p:.2g}"
 
 
 def summarise(d: Diagnosis) -> str:
-    """Where, what, how sure, how much better, and what is not known."""
+    """Summarise where, what, how certain, how much better, and what is not known."""
     words = [ANSWERS[d.verdict.value](d).strip()]
     if d.path.ended_early:
-        words.append("The search ended before everything was tried: it may take longer with --time-limit.")
+        words.append(
+            "The search stopped at its time limit before everything was tried: --time-limit gives it more."
+        )
     if (bent := _at_bound(d, d.base_parameters)) and d.verdict.value != "parameters":
-        words.append(f"The base fit stands at a bound of the rig file: {', '.join(bent)}.")
+        words.append(f"A parameter of the base fit lies at its bound in the rig file: {', '.join(bent)}.")
     if d.best is not d.base and (bent := _at_bound(d, d.best_parameters)):
         words.append(
-            f"With what was found, a parameter of the rig still stands at its bound: {', '.join(bent)}."
+            f"With the effects found, a parameter of the rig still lies at its bound: {', '.join(bent)}."
         )
     return " ".join(words)
 
@@ -58,20 +60,20 @@ def _at_bound(d: Diagnosis, estimates: Sequence[Estimate]) -> list[str]:
 
 def _consistent(d: Diagnosis) -> str:
     return (
-        f"The fitted model is good to the noise: held out, its {_span(d)} windows err by "
+        f"The fitted model is as good as the noise allows: held out, its {_span(d)} windows have an error of "
         f"{_errors(d.test.base.scores)}; the noise is {_floor(d)}. {_nothing_more(d)} {_blind(d)}"
     )
 
 
 def _nothing_more(d: Diagnosis) -> str:
-    """Whether anything of the catalogue predicts the hold-out better, though not by enough to be named."""
+    """Whether any effect of the catalogue predicts the hold-out better, though not enough to be named."""
     strongest, p = d.path.strongest, d.test.p_value
     if strongest is None or not p <= d.test.level:
         return f"No effect of the catalogue improves it ({p_told(p)})."
     name = strongest.effects[-1].name
     return (
-        f"{name.replace('_', ' ').replace('@', ' at ').capitalize()} predicts it better ({p_told(p)}), too little "
-        f"to be named: {dict(d.rejected).get(name, 'others made it idle')}."
+        f"{name.replace('_', ' ').replace('@', ' at ').capitalize()} predicts better ({p_told(p)}), but too "
+        f"little to be named: {dict(d.rejected).get(name, 'other effects explain the same')}."
     )
 
 
@@ -82,26 +84,28 @@ def _parameters(d: Diagnosis) -> str:
         if "." not in e.name
     )
     return (
-        f"No physics is missing, but the model is good to the noise only with parameters outside the rig file's "
-        f"bounds: {values}. Held out, windows err by {_errors(d.test.best.scores)} instead of "
+        f"No physics is missing, but the model reaches the noise only with parameters outside the rig file's "
+        f"bounds: {values}. Held out, windows have an error of {_errors(d.test.best.scores)} instead of "
         f"{_errors(d.test.base.scores)}."
     )
 
 
 def _unexplained(d: Diagnosis) -> str:
-    told = " ".join(_sentence(d, f) for f in d.findings) or "No site could be told."
+    told = " ".join(_sentence(d, f) for f in d.findings) or "The site could not be determined."
     described = ""
     if d.best is not d.base:
         described = (
-            f" With what describes it, which names nothing, windows err by {_errors(d.test.best.scores)}."
+            " With an empirical description, which names no effect, windows have an error of "
+            f"{_errors(d.test.best.scores)}."
         )
     suspected = [s for f in d.findings for s in f.suspected]
     also = ""
     if suspected:
         names = "; ".join(f"{s.effect.replace('_', ' ')} ({s.why})" for s in suspected)
-        also = f" Suspected, and not proven: {names}."
+        also = f" Suspected but not proven: {names}."
     return (
-        f"The recordings hold something that is not explained: held out, windows err by {_errors(d.test.base.scores)} "
+        "The recordings contain something that is not explained: held out, windows have an error of "
+        f"{_errors(d.test.base.scores)} "
         f"where the noise is {_floor(d)}. {told}{described}{also}"
     )
 
@@ -140,7 +144,7 @@ def _errors(scores: Mapping[str, Score]) -> str:
 
 
 def _by_role(told: Mapping[str, str]) -> str:
-    """What is told of every output, or of the only one."""
+    """The same words for every output, or for the only one."""
     if len(told) == 1:
         return next(iter(told.values()))
     return ", ".join(f"{role.replace('_', ' ')} {words}" for role, words in told.items())
@@ -158,8 +162,12 @@ def _sentence(d: Diagnosis, f: Finding) -> str:
         )
     also = ""
     if f.indistinguishable:
-        also = f" These recordings cannot tell it from {', '.join(f.indistinguishable)}."
-        also += f" What would: {f.effect.experiment}." if f.effect is not None and f.effect.experiment else ""
+        also = f" These recordings cannot distinguish it from {', '.join(f.indistinguishable)}."
+        also += (
+            f" An experiment that can: {f.effect.experiment}."
+            if f.effect is not None and f.effect.experiment
+            else ""
+        )
     place = "" if "@" in name else f" at the {f.site}"
     return f"{name.replace('@', ' at ')}{place}: {f.sentence}{sure}.{where}{also}"
 

@@ -1,7 +1,7 @@
-"""The test: everything is frozen, and the recordings held out are opened once.
+"""The test: everything is frozen, and the held-out recordings are opened once.
 
-Selection used every training recording, many times over. What is held out had no part in any of that, so a test on it
-keeps its error rate: each name is compared with the model without it, the whole answer with the model as it came.
+Selection used every training recording many times. Held-out data had no part in it, so a test on them keeps its error
+rate: each named effect is compared with the model without it, the whole answer with the original model.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ from optid.estimation.prediction import window_seconds
 
 @dataclass(frozen=True)
 class Evidence:
-    """One model against another on recordings that neither has seen.
+    """One model compared with another on recordings to which neither was fitted.
 
     Attributes:
-        p_value: of the hypothesis that windows gain nothing.
-        fit_gain: rise of the windows' fit in percent points, of the first output.
-        error_gain: fall of the windows' root mean square error as a share, of the output that gains most.
+        p_value: of the hypothesis that windows' errors do not decrease.
+        fit_gain: increase of the windows' fit in percentage points, of the first output.
+        error_gain: relative decrease of the windows' root mean square error, of the output that gains most.
     """
 
     p_value: float
@@ -43,16 +43,16 @@ class Evidence:
 
 @dataclass(frozen=True, eq=False)
 class HoldoutTest:
-    """What the recordings held out say.
+    """The result of the test on the held-out recordings.
 
     Attributes:
         base, best: the models on them.
-        p_value: is anything missing at all: of the hypothesis that the best model that the search met gains nothing.
+        p_value: whether anything is missing at all: of the hypothesis that the best model of the search gains nothing.
         error_over_noise: of the best model's windows.
         names: evidence for every effect of the best model, by its name.
-        residuals, base_residuals: tests of what the best model and the base leave.
+        residuals, base_residuals: tests of the residuals of the best model and of the base.
         level: error rate of each test.
-        refuted: the best model predicts no better than the base, or an output worse.
+        refuted: the best model does not predict better than the base, or predicts an output worse.
     """
 
     base: Evaluation
@@ -66,7 +66,7 @@ class HoldoutTest:
     refuted: bool
 
     def of_base(self, noise: Mapping[str, float]) -> HoldoutTest:
-        """The test with the base in the place of a best model that was refuted."""
+        """The test with the base in place of a refuted best model."""
         ratio = self.base.error_over_noise(noise)
         return replace(self, best=self.base, error_over_noise=ratio, residuals=self.base_residuals)
 
@@ -74,10 +74,10 @@ class HoldoutTest:
 def gate(
     recordings: Sequence[Recording], outputs: Sequence[str], commands: Sequence[str], criteria: Criteria
 ) -> None:
-    """Refuse recordings on which nothing can be tested, by their form alone.
+    """Refuse recordings that are too short for a test, judged by their length only.
 
     Raises:
-        InputError: names the recording, and what it lacks.
+        InputError: names the recording and what it lacks.
     """
     for one in recordings:
         known = np.ones(len(one), dtype=np.bool_)
@@ -90,7 +90,7 @@ def gate(
             raise InputError(
                 f"only {most:.1f} windows of {window:g} s have a command and a measured output",
                 where=one.name,
-                expected=f"at least {criteria.fewest_windows}: shorter recordings can neither be fitted nor tested on",
+                expected=f"at least {criteria.fewest_windows}: shorter recordings are too short to fit or to test on",
             )
 
 
@@ -103,12 +103,12 @@ def test_on_holdout(
     noise: Mapping[str, float],
     criteria: Criteria,
 ) -> HoldoutTest:
-    """Open the recordings held out, once.
+    """Open the held-out recordings, once.
 
     Args:
-        base, best: the model as it came, and the one that was chosen.
-        without: the chosen one without each of its effects, by the effect's name.
-        strongest: the best model that the search met, where nothing was chosen.
+        base, best: the original model, and the selected one.
+        without: effect name -> the selected model without that effect.
+        strongest: the best model of the search, where nothing was selected.
         holdout: recordings.
         noise: role -> sd of the measurement, SI.
         criteria: what counts as proof.
@@ -136,14 +136,14 @@ def test_on_holdout(
 def worse_output(
     before: Evaluation, after: Evaluation, noise: Mapping[str, float], criteria: Criteria
 ) -> str:
-    """An output that is predicted worse than by the model as it came, and worse than to the noise; "" if none is."""
+    """An output that is predicted worse than by the original model, and worse than the noise; "" if there is none."""
     for j, (role, score) in enumerate(after.scores.items()):
         floor = noise.get(role, 0.0)
         at_noise = after.error_over_noise({role: floor}, (j,)) <= criteria.error_over_noise
         first = before.scores[role].rmse
         if not at_noise and score.rmse > (1.0 + criteria.smallest_gain) * first:
             return (
-                f"{role.replace('_', ' ')} is predicted worse with it: windows err by "
+                f"{role.replace('_', ' ')} is predicted worse with it: windows have an error of "
                 f"{quantity(score.rmse, score.unit)} instead of {quantity(first, score.unit)}"
             )
     return ""
@@ -156,7 +156,7 @@ def _evaluated(model: RefinedModel, recordings: Sequence[Recording]) -> Evaluati
 def compare(
     before: Evaluation, after: Evaluation, noise: Mapping[str, float], criteria: Criteria
 ) -> Evidence:
-    """What a second model gains over a first one on the same samples."""
+    """The gain of a second model over a first one on the same samples."""
     at_noise = after.error_over_noise(noise) <= criteria.error_over_noise
     gains = [_windows(one, after, noise) for one in (before, after)]
     known = np.isfinite(gains[0]) & np.isfinite(gains[1])

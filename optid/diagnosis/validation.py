@@ -1,10 +1,10 @@
-"""Is a model with more in it better? Cross-validated errors of windows, and tests with a stated error rate.
+"""Validation of a larger model: cross-validated errors of windows, and tests with a stated error rate.
 
 The windows of some blocks of each recording are predicted with parameters fitted to all others. A window counts once,
-as its errors last all through it. Two tests look at what windows gain. Signs flipped at random (Pitman, Suppl. J. Roy.
-Statist. Soc. 4, 1937) know nothing of the noise, and see an effect that shows in many windows. The likelihood ratio on
-data that had no part in the fit (universal inference: Wasserman, Ramdas and Balakrishnan, PNAS 117, 2020) sees one that
-shows in a window or two, where the noise is known and reached.
+    as its errors are correlated. Two tests examine the gain of windows. The random sign test (Pitman, Suppl. J. Roy.
+        Statist. Soc. 4, 1937) needs no noise model and detects an effect that shows in many windows. The likelihood
+            ratio on data that were not fitted (universal inference: Wasserman, Ramdas and Balakrishnan, PNAS 117,
+                2020) detects one that shows in a window or two, if the noise is known and reached.
 """
 
 from __future__ import annotations
@@ -29,15 +29,17 @@ from optid.estimation.likelihood import huber
 from optid.estimation.multistep import window_starts
 from optid.estimation.problem import Booleans, Integers, Problem
 
-LARGEST = 700.0  # gain at which a p-value is capped: beyond, its exponential is no number
+LARGEST = 700.0  # gain at which a p-value is capped: beyond it the exponential overflows
 FOLDS, BLOCKS = 3, 2  # of the recordings, and blocks of each recording in a fold
-DRAWS = 20_000  # of random signs: the least p-value is a fifth of what a name of the whole catalogue is asked
-CARRIED = 4  # windows are winsorised at the fourth largest: one must not decide a verdict
+DRAWS = (
+    20_000  # random signs: the smallest p-value is a fifth of the level for one effect of the whole catalogue
+)
+CARRIED = 4  # windows are winsorised at the fourth largest, so that a single one cannot decide a verdict
 
 
 @dataclass(frozen=True, eq=False)
 class Validated:
-    """Errors of windows by parameters that were fitted without them.
+    """Errors of windows with parameters fitted without them.
 
     Attributes:
         squares: mean of each window and measured output, by Huber's loss, in variances, (windows, outputs); NaN in a
@@ -53,19 +55,19 @@ class Validated:
 
     @property
     def error_over_noise(self) -> float:
-        """The largest ratio of errors to what they should be, root mean square, over the outputs."""
+        """The largest ratio of errors to the expected ones, root mean square, over the outputs."""
         return float(np.sqrt(np.max(np.nanmean(self.squares, axis=0))))
 
     @property
     def excess(self) -> float:
-        """Mean square beyond the noise, of the output that has most, in variances."""
+        """Mean square beyond the noise, of the output with the largest, in variances."""
         return max(self.error_over_noise**2 - 1.0, 0.0)
 
 
 def cross_validate(model: FittedModel, problem: DiagnosisProblem) -> Validated:
-    """A fitted model's errors over whole windows, each fold's by parameters fitted to the others.
+    """A fitted model's errors over whole windows, each fold predicted with parameters fitted to the others.
 
-    Where recordings are named for it, theirs alone, by parameters fitted to all others.
+    If validation recordings are named, only these, with parameters fitted to all others.
     """
     q = model.likelihood_problem
     resets = window_starts(q.problem, problem.window)
@@ -84,7 +86,7 @@ def cross_validate(model: FittedModel, problem: DiagnosisProblem) -> Validated:
             q, p[None], q.model, model.fit.filtered, _segments(q.problem, here), resets, here
         )
         z[known & here[:, None]] = seen
-    # Nothing was read before a recording's first window: it says nothing of a prediction.
+    # The first window of a recording has no past data: it is not a prediction.
     first = np.isin(np.arange(len(z)), _first_windows(q.problem, problem.window))
     z[first] = np.nan
     blocks = np.unique(
@@ -95,9 +97,10 @@ def cross_validate(model: FittedModel, problem: DiagnosisProblem) -> Validated:
 
 
 def _folds(recording: Integers, time: Array, validation: Sequence[int]) -> Integers:
-    """The fold of each sample, by the block of its recording that it lies in; -1 where none judges.
+    """The fold of each sample, from the block of its recording; -1 where it is not used for validation.
 
-    Every fold has blocks of every recording: an effect may act in one of them only, and then no other could teach it.
+    Every fold has blocks of every recording: an effect may act in one of them only, and could then not be fitted from
+        the others.
     """
     if validation:
         return np.where(np.isin(recording, validation), 0, -1)
@@ -110,7 +113,7 @@ def _folds(recording: Integers, time: Array, validation: Sequence[int]) -> Integ
 
 
 def _segments(problem: Problem, among: Booleans) -> list[int]:
-    """Those that hold any of these samples."""
+    """The segments that contain any of these samples."""
     owner = np.repeat(np.arange(len(problem.counts)), problem.counts + 1)
     return [int(one) for one in np.unique(owner[among])]
 
@@ -138,10 +141,10 @@ def _by_window(squares: Array, blocks: Integers) -> Array:
 
 
 def p_value(before: Array, after: Array, at_noise: bool) -> float:
-    """Of the hypothesis that windows (windows,) gain nothing; each is half a mean square in variances.
+    """p-value of the hypothesis that windows (windows,) gain nothing; each is half a mean square in variances.
 
-    The least of two or three tests, counted as often: flipped signs of the gains and of their logarithms, and, where
-    the second model reaches the noise, the likelihood ratio.
+    The smallest of two or three tests, corrected for their number: flipped signs of the gains and of their logarithms,
+        and, where the second model reaches the noise, the likelihood ratio.
     """
     gains, ratio = before - after, np.log(np.maximum(before, 1e-12) / np.maximum(after, 1e-12))
     tests = [flipped_signs(gains), flipped_signs(ratio)]
@@ -151,10 +154,10 @@ def p_value(before: Array, after: Array, at_noise: bool) -> float:
 
 
 def flipped_signs(gains: Array) -> float:
-    """p-value of gains that might as well have the other sign, each of them.
+    """p-value of gains under random signs.
 
-    The share of random signs with which their sizes come to the total or more; the one that was seen counts, so that
-    the p-value is valid for any number of draws (Phipson and Smyth, Statist. Appl. Genet. Mol. Biol. 9, 2010).
+    The share of random signs whose total reaches the observed one, which is included, so that the p-value is valid for
+    any number of draws (Phipson and Smyth, Statist. Appl. Genet. Mol. Biol. 9, 2010).
     """
     limit = np.sort(np.abs(gains))[-min(CARRIED, len(gains))]
     if not limit > 0.0:
@@ -172,7 +175,7 @@ def _signs(count: int) -> NDArray[np.float32]:
 
 
 def error_gain(before: Validated, after: Validated) -> float:
-    """Fall of the root mean square error as a share, of the output that gains most."""
+    """Relative decrease of the root mean square error, of the output that gains most."""
     ratio = np.sqrt(
         np.nanmean(after.squares, axis=0) / np.maximum(np.nanmean(before.squares, axis=0), 1e-300)
     )
@@ -189,35 +192,36 @@ def rejection_reason(
     tried: int,
     alone: bool,
 ) -> str:
-    """Why an effect is not taken beside those before it; empty if it is.
+    """Why an effect is rejected in addition to those before it; empty if it is accepted.
 
     Args:
-        effect: the newcomer.
+        effect: the new one.
         size: in smallest sizes worth a name.
-        first, before, after: the model as it came, without and with the newcomer.
+        first, before, after: the original model, and those without and with the new effect.
         criteria: what counts as proof.
         tried: number of effects among which it was found.
-        alone: it is the only one.
+        alone: whether it is the only one.
     """
     at_noise = after.error_over_noise <= criteria.error_over_noise
-    # Beyond the noise something is missing for sure, and only chance is to be ruled out; at the noise everything that
-    # was tried may have found something by chance.
+    # Beyond the noise something is certainly missing, and only chance must be ruled out; at the noise each of all #
+    # effects tried may have gained something by chance.
     missing = before.error_over_noise > criteria.error_over_noise
-    # What alone brings a model from beyond the noise to it is needed, however small others of its kind are.
+    # An effect that alone brings a model from beyond the noise to it is needed, however small it is.
     if size < 1.0 and not (alone and missing and at_noise):
         return f"the fit leaves it at {100 * size:.0f} % of the smallest size worth a name"
     p = p_value(before.windows, after.windows, at_noise)
     asked = criteria.level if missing else criteria.level / max(tried, 1)
     if not p <= asked:
-        return f"no gain on recordings that had no part in the fit (p = {p:.2g}, where {asked:.2g} is asked)"
+        return f"no gain on recordings that were not fitted (p = {p:.2g}; {asked:.2g} is required)"
     gain = error_gain(before, after)
     if gain < criteria.smallest_gain:
-        return f"cross-validated, windows err by {100 * max(gain, 0):.1f} % less: too little to matter"
+        return f"cross-validated, the error of the windows falls by {100 * max(gain, 0):.1f} %: too little to matter"
     if not alone:
         more = before.excess - after.excess
         if not at_noise and more < min(criteria.smallest_share * first.excess, 0.5 * before.excess):
             return (
-                f"it explains {100 * max(more, 0) / max(first.excess, 1e-12):.1f} % of the first squared error: "
-                "the form of the laws before it may leave that"
+                f"it explains {100 * max(more, 0) / max(first.excess, 1e-12):.1f} % of the squared error of the "
+                "base model: "
+                "the effects chosen before it may leave as much, if their form is not exact"
             )
     return ""

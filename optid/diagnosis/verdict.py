@@ -1,4 +1,4 @@
-"""What everything amounts to: which names are proven, what remains, and the verdict."""
+"""The conclusion: which effects are proven, what remains, and the verdict."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ from optid.diagnosis.surrogate.search import Surrogate
 from optid.effects.library import admitted
 from optid.estimation.result import Estimate
 
-VISIBLE = 5.0  # sd by which windows' errors must change for an effect to be found for sure
+VISIBLE = 5.0  # sd by which windows' errors must change for an effect to be detected with certainty
 
 
 def is_sufficient(path: SelectionPath, problem: DiagnosisProblem) -> bool:
-    """The names bring cross-validated windows to the noise, or leave no more than right laws of another form may."""
+    """Whether the named effects bring cross-validated windows to the noise, or leave no more than right laws may."""
     share = 1.0 - path.validated.excess / max(path.first.excess, 1e-300)
     return _at_noise(path, problem) or (bool(path.best.effects) and share >= 1.0 - largest_rest(problem))
 
 
 def is_beyond_doubt(path: SelectionPath, problem: DiagnosisProblem) -> bool:
-    """The names suffice, and what they leave is the noise or what the plant says that forms of right laws leave.
+    """Whether the named effects suffice and leave only the noise, or what the plant states for right laws.
 
-    Where a plant states nothing a right name may leave much, and so may a wrong one: descriptions tell.
+    Where a plant states nothing, right and wrong effects may both leave much: surrogates decide.
     """
     stated = problem.plain.form_error is not None
     return is_sufficient(path, problem) and (_at_noise(path, problem) or stated)
@@ -43,7 +43,7 @@ def is_beyond_doubt(path: SelectionPath, problem: DiagnosisProblem) -> bool:
 def is_explained_elsewhere(
     path: SelectionPath, surrogate: Surrogate | None, problem: DiagnosisProblem
 ) -> bool:
-    """A description at another place, or over other signals, than the names' is at the noise where these are not."""
+    """Whether a surrogate at another place, or over other signals, is at the noise where the named effects are not."""
     described = None if surrogate is None else surrogate.contender
     if described is None or _at_noise(path, problem):
         return False
@@ -58,7 +58,7 @@ def _at_noise(path: SelectionPath, problem: DiagnosisProblem) -> bool:
 
 
 def largest_rest(problem: DiagnosisProblem) -> float:
-    """Share of the squared error that names may leave on this plant."""
+    """Share of the squared error that named effects may leave on this plant."""
     stated = problem.plain.form_error
     return problem.criteria.largest_rest if stated is None else stated
 
@@ -66,7 +66,7 @@ def largest_rest(problem: DiagnosisProblem) -> float:
 def conclude(s: Stages) -> Diagnosis:
     """The answer of all stages."""
     if s.test.refuted and not s.names and not s.wide:
-        # What has no name is kept only for what it predicts.
+        # A surrogate is kept only if it predicts better.
         s = replace(s, best=s.base, test=s.test.of_base(s.problem.noise))
     base_parameters = intervals(s.base, _birge(s, s.test.base))
     best_parameters = (
@@ -105,7 +105,7 @@ def conclude(s: Stages) -> Diagnosis:
 
 
 def _verdict(s: Stages, suspects: Sequence[Suspicion]) -> Verdict:
-    """What is not finite, not tested or not confirmed is never a claim: NaN compares as false."""
+    """The verdict; values that are not finite, not tested or not confirmed support no claim: NaN compares as false."""
     c, noise = s.problem.criteria, s.problem.noise
     at_noise = s.test.best.error_over_noise(noise) <= c.error_over_noise
     if s.wide:
@@ -119,15 +119,15 @@ def _verdict(s: Stages, suspects: Sequence[Suspicion]) -> Verdict:
 
 
 def _share(s: Stages) -> float:
-    """Of the squared error on the hold-out that the best model explains."""
+    """Share of the squared error on the hold-out that the best model explains."""
     return s.test.best.explained_share(s.test.base, s.problem.noise)
 
 
 def _birge(s: Stages, evaluation: Evaluation) -> float:
-    """By how much a model misses more than it should; 1 where it is at the noise.
+    """Ratio of a model's errors to the expected ones; 1 where it is at the noise.
 
     Birge's ratio is of residuals to the variances that an interval was computed with. Those are the filter's, whose
-    process noise stands for what the law misses: windows' errors over the measurement's noise would count that twice.
+    process noise includes the law's error: windows' errors over the measurement noise would count it twice.
     """
     squares = np.nanmean(np.asarray(evaluation.innovations) ** 2, axis=0)
     ratio = min(evaluation.error_over_noise(s.problem.noise), math.sqrt(float(np.nanmax(squares))))
@@ -135,9 +135,9 @@ def _birge(s: Stages, evaluation: Evaluation) -> float:
 
 
 def _by_tests(s: Stages, estimates: tuple[Estimate, ...]) -> tuple[Estimate, ...]:
-    """Intervals that agree with the tests of names, where these bring the model to the noise.
+    """Intervals consistent with the tests of the named effects, if these bring the model to the noise.
 
-    Beyond the noise the law is not nature's, and its test says that it helps, not how large it is.
+    Beyond the noise the law's form is wrong, and its test shows that it helps, not how large it is.
     """
     if not s.test.best.error_over_noise(s.problem.noise) <= s.problem.criteria.error_over_noise:
         return estimates
@@ -149,7 +149,7 @@ def _by_tests(s: Stages, estimates: tuple[Estimate, ...]) -> tuple[Estimate, ...
 
 
 def _suspects(s: Stages, estimates: Sequence[Estimate]) -> tuple[Suspicion, ...]:
-    """Names of the best model for which not all evidence speaks, each with why."""
+    """Effects of the best model without consistent evidence, each with the reason."""
     found = []
     for effect in s.best.effects if s.names else ():
         evidence, own = s.test.names[effect.name], own_estimates(effect, estimates)
@@ -162,14 +162,12 @@ def _suspects(s: Stages, estimates: Sequence[Estimate]) -> tuple[Suspicion, ...]
 
 
 def _fallen_short(s: Stages) -> tuple[Suspicion, ...]:
-    """Names that were selected and do not explain enough."""
+    """Effects that were selected and do not explain enough."""
     if s.names:
         why = f"it explains {100 * _share(s):.0f} % of the squared error on the hold-out"
     else:
         explained = 1.0 - s.path.validated.excess / max(s.path.first.excess, 1e-300)
-        why = (
-            f"it explains {100 * explained:.0f} % of the squared error of windows that had no part in its fit"
-        )
+        why = f"it explains {100 * explained:.0f} % of the squared error of windows that were not fitted"
         if is_explained_elsewhere(s.path, s.surrogate, s.search) and s.surrogate and s.surrogate.contender:
             (site, *_) = s.surrogate.contender.effect.sites
             why += f"; a description at {site} brings them to the noise"
@@ -192,7 +190,7 @@ def _rejected(
 
 
 def _not_testable(path: SelectionPath, problem: DiagnosisProblem) -> tuple[tuple[str, str, str], ...]:
-    """Effects that these recordings would not show at the smallest size worth a name."""
+    """Effects that would not be visible in these recordings at the smallest size worth a name."""
     if not path.rounds:
         return ()
     visible, rows = path.rounds[0].proposals.visible, []

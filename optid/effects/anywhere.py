@@ -1,7 +1,7 @@
-"""Effects without a site of their own: named "saturation@flow.inlet" when they act at `flow.inlet`.
+"""Effects for any site: named "saturation@flow.inlet" when they act at `flow.inlet`.
 
-Their laws know nothing of the signal but its usual size, which the plant states at the site. Lengths along the
-signal are in its SI unit; a file gives them as plain numbers.
+Their laws use only the usual size of the signal, which the plant states at the site. Lengths along the signal are in
+its SI unit; a rig file gives them as plain numbers.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ class Anywhere(Effect):
 
     Attributes:
         kind: its name without the site.
-        along: names of the parameters that are measured along the signal, and grow with its size.
+        along: names of the parameters measured along the signal, which scale with its size.
     """
 
     kind: str
@@ -43,7 +43,7 @@ class Anywhere(Effect):
 
     @classmethod
     def suits(cls, place: str) -> bool:
-        """May a site of this name carry it? Any, unless a kind says otherwise."""
+        """Whether it can act at a site of this name; any, unless a kind restricts it."""
         return True
 
     @property
@@ -52,7 +52,7 @@ class Anywhere(Effect):
         return self.sites[0]
 
     def own(self, parameter: Parameter, near: Mapping[str, Any], sheet: Sheet) -> Any:
-        """A parameter on the sheet, at the size that the plant states near the site."""
+        """A parameter on the sheet, scaled by the size that the plant states at the site."""
         return sheet.param(self._sized(parameter, near["size"]))
 
     def _sized(self, q: Parameter, size: float) -> Parameter:

@@ -1,6 +1,7 @@
-"""A curve drawn through what is missing at a site, or through the share that passes.
+"""A curve fitted to the missing signal at a site, or to the share that passes.
 
-A rig file holds one that turns its sign with a speed, as friction does, as ``[effects."curve@SITE@SIGNAL@SPEED"]``.
+A curve whose sign follows a speed, as friction's does, is stored in a rig file as
+``[effects."curve@SITE@SIGNAL@SPEED"]``.
 """
 
 from __future__ import annotations
@@ -16,9 +17,7 @@ from optid.core.sheet import Sheet
 from optid.effects.description import ANY, LEAST, OWN, POSITIVE, TIMES, Description, constant, followed
 
 HEIGHTS = 13
-BENDS = (
-    5  # of the shapes that tell what a curve may do, Legendre's polynomials: a constant, a slope, and bends
-)
+BENDS = 5  # number of shapes of a curve for proposals, Legendre polynomials: a constant, a slope, and bends
 
 
 class Curve(Description):
@@ -27,14 +26,14 @@ class Curve(Description):
     Beyond its ends the curve is a straight line. With a speed it is multiplied by speed / sqrt(speed**2 + width**2).
 
     Args:
-        site: where it adds; several are joined by "+".
-        signal: the state or input that it follows, or a signal that each of the sites knows, as a chamber's own "P";
-            behind a "*" the one with whose magnitude it swells.
-        speed: the state with whose sign it turns; "" for none.
-        low, high: ends of the curve, in the SI unit of what it follows.
+        site: site to which it adds; several are joined by "+".
+        signal: the state or input on which it depends, or a signal declared at each site, as a chamber's own "P";
+            after a "*" the signal whose magnitude multiplies it.
+        speed: the state whose sign it follows; "" for none.
+        low, high: ends of the curve, in the SI unit of its signal.
         size: what a height of 1 adds, in the SI unit of the site.
-        width: of the turn, in the SI unit of `speed`.
-        magnitude: usual one of what it swells with, SI.
+        width: of the change of sign, in the SI unit of `speed`.
+        magnitude: usual magnitude of the multiplying signal, SI.
 
     Source: de Boor, A Practical Guide to Splines, 1978, chapter IX.
     """
@@ -64,7 +63,7 @@ class Curve(Description):
         given = {"low": low, "high": high, "size": size, **({"width": width} if speed else {})}
         super().__init__(site, signal, *turn, magnitude=magnitude, **given)
         self.speed = speed
-        turned_at = constant("width", width, POSITIVE, "speed at which it has turned by 71 %")
+        turned_at = constant("width", width, POSITIVE, "speed at which its sign has changed by 71 %")
         self.parameters = (
             constant("low", low, ANY, "lower end of the curve"),
             constant("high", high, ANY, "upper end of the curve"),
@@ -82,15 +81,15 @@ class Curve(Description):
         self.says = f"{self.law}{self.describes}"
 
     def turned(self, low: float, high: float, magnitude: float) -> Self:
-        """The same over the signal that it swells with, between its ends, and swelling with what it was drawn over."""
+        """The same with both signals exchanged: over the multiplying one, between its ends, multiplied by the other."""
         return self.over(f"{self.by}{TIMES}{self.along}", low=low, high=high, magnitude=magnitude)
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
-        """The signal with the curve on top."""
+        """The signal plus the curve."""
         return nominal + self.height(near, sheet)
 
     def height(self, near: Mapping[str, Any], sheet: Sheet) -> Any:
-        """Of the curve where its signal is."""
+        """The curve at the present value of its signal."""
         own = {q.name: sheet.param(q) for q in self.parameters}
         share = (followed(self.along, near, sheet) - own["low"]) / (own["high"] - own["low"])
         held = ca.fmin(ca.fmax(share, 0.0), 1.0)
@@ -106,7 +105,7 @@ class Curve(Description):
 
 
 class Scaling(Curve):
-    """nominal * (1 + the curve): what passes, as a share that a signal changes."""
+    """nominal * (1 + the curve): a share that depends on a signal."""
 
     kind = "scaling"
     drawn = "share"
@@ -117,7 +116,7 @@ class Scaling(Curve):
 
 
 def _spline(t: Any) -> Any:
-    """The cubic B-spline about 0 on whole knots."""
+    """The cubic B-spline centred at 0 with integer knots."""
     d = ca.fabs(t)
     return (ca.fmax(2.0 - d, 0.0) ** 3 - 4.0 * ca.fmax(1.0 - d, 0.0) ** 3) / 6.0
 

@@ -1,7 +1,7 @@
-"""Surrogates: what stands for a mismatch without a name, for simulation: a form at sites, over signals.
+"""Surrogates for a mismatch that no named effect explains: functions of signals that act at sites.
 
-It is no part of the catalogue. A rig file holds it as ``[effects."KIND@SITE@SIGNAL"]``. Sites that are alike, as both
-chambers' flows, share one as ``SITE+SITE``; a form that swells with the magnitude of another signal has that behind the
+They are not part of the catalogue. A rig file stores one as ``[effects."KIND@SITE@SIGNAL"]``. Similar sites, as both
+chambers' flows, share one as ``SITE+SITE``; a form multiplied by the magnitude of another signal has that after the
 first, as ``SIGNAL*OTHER``.
 """
 
@@ -18,20 +18,21 @@ from optid.core.sheet import Sheet
 from optid.effects.anywhere import MARK
 from optid.effects.effect import Effect
 
-LEAST = 0.1  # height: a tenth of what an unknown signal does at the site
+LEAST = 0.1  # height: a tenth of the unknown input at the site
 OWN = "of the recordings it was fitted to"
-AND, TIMES = "+", "*"  # between sites that share a description, and before the signal that it swells with
+AND, TIMES = "+", "*"  # between sites that share a description, and before the multiplying signal
 POSITIVE, ANY = (1e-300, math.inf), (-math.inf, math.inf)
 
 
 class Description(Effect):
-    """A form over a signal; a subclass has `kind`, its parameters and what it does at a site.
+    """A function of a signal; a subclass has `kind`, its parameters and its action at a site.
 
     Attributes:
         kind: its name without the places.
-        adds: it adds something, which may swell with another signal.
-        along: the state or input that it follows, or a signal that each of its sites knows, as a chamber's own "P".
-        by: the same of the signal with whose magnitude it swells; "" for none.
+        adds: it is additive, possibly multiplied by another signal.
+        along: the state or input on which it depends, or a signal declared at each of its sites, as a chamber's own
+            "P".
+        by: the signal whose magnitude multiplies it; "" for none.
     """
 
     kind: str
@@ -51,16 +52,16 @@ class Description(Effect):
         self._magnitude = (constant("magnitude", magnitude, POSITIVE, about),) if self.by else ()
 
     def over(self, signal: str, **other: float) -> Self:
-        """The same over another signal, with other numbers of those it was made with."""
+        """The same over another signal, with other arguments of its constructor."""
         return type(self)(AND.join(self.sites), signal, *self._turn, **{**self._given, **other})
 
     def swelling(self, by: str, magnitude: float) -> Self:
-        """The same, in proportion to the magnitude of a signal, which usually is so large, SI."""
+        """The same, multiplied by the magnitude of a signal with this usual size, SI."""
         return self.over(f"{self.along}{TIMES}{by}", magnitude=magnitude)
 
     @property
     def swells(self) -> str:
-        """With what, in words behind what it is."""
+        """The multiplying signal, as the end of its name."""
         return f", in proportion to the magnitude of {self.by.replace('_', ' ')}" if self.by else ""
 
     @property
@@ -69,17 +70,17 @@ class Description(Effect):
         return f"{',' if self.by else ''} describes it"
 
     def swelled(self, value: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
-        """What the form adds, as the other signal's magnitude has it."""
+        """The added term, multiplied by the other signal's magnitude."""
         if not self.by:
             return value
         return value * ca.fabs(followed(self.by, near, sheet)) / sheet.param(*self._magnitude)
 
 
 def constant(name: str, value: float, bounds: tuple[float, float], about: str) -> Parameter:
-    """A number that comes from the recordings, and is not fitted."""
+    """A parameter computed from the recordings and not fitted."""
     return Parameter(name, "1", 1.0, about, OWN, value, bounds, fitted=False)
 
 
 def followed(along: str, near: Mapping[str, Any], sheet: Sheet) -> Any:
-    """A signal that a site knows by that name, or else the plant."""
+    """A signal declared at a site under that name, or else in the plant."""
     return near[along] if along in near else sheet.signal(along)

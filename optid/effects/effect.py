@@ -1,6 +1,6 @@
-"""What an effect is: where it acts, what it does there, how large it usually is, and how it speaks.
+"""The effect: where it acts, what it does there, its usual size, and its texts.
 
-An effect is a class in a file of its own. Its parameters carry their null values as defaults, so that a model
+An effect is a class in a file of its own. Its parameters have their null values as defaults, so that a model
 with the effect at its defaults is the model without it, and the two can be compared by statistics.
 """
 
@@ -14,7 +14,7 @@ from optid.core.model import Array
 from optid.core.parameter import Parameter
 from optid.core.sheet import Sheet
 
-# What an effect can follow, by the names that plants give states and inputs; "signal" is the one at its own site.
+# Signals that an effect can depend on, by the plants' names of states and inputs; "signal" is its own site's.
 SIGNALS = (
     "position",
     "velocity",
@@ -31,14 +31,14 @@ SIGNALS = (
 
 
 class Effect:
-    """Missing physics; a subclass states the attributes and writes `apply`.
+    """Missing physics; a subclass defines the attributes and `apply`.
 
     Attributes
     ----------
     name : str
         as in `[effects.NAME]` and in a diagnosis.
     sites : tuple[str, ...]
-        where it acts or reads a signal; the plant must offer all. The first gives it its place.
+        sites where it acts or reads a signal; the plant must offer all. The first one is its place in reports.
     equation : str
         of the paper that it changes.
     parameters : tuple[Parameter, ...]
@@ -46,35 +46,35 @@ class Effect:
     strength : Mapping[str, float]
         names of the parameters that make the effect vanish, each with the smallest size worth a name.
     usual : Sequence[Mapping[str, float]]
-        points at which to try it (parameter name -> SI value), one for every branch that a descent
-        would not reach from the others: both signs, slow and fast, early and late.
+        start points of searches (parameter name -> SI value), one for every branch that a descent would not reach from
+        the others: both signs, slow and fast, early and late.
     ways : Sequence[Mapping[str, float]]
-        changes from the null by which its law goes in proportion (parameter name -> SI value), of a usual size
-        each and any of them together, where one that begins at the null has no better place to begin.
+        directions from the null along which its law is proportional (parameter name -> SI value), each of a usual
+        size; they may be combined as a start point.
     law : str
         the equation in words.
     says : str
-        what an engineer would say, with {parameter} to be filled in with value and unit.
+        the finding as a sentence, with {parameter} replaced by value and unit.
     depends_on : tuple[str, ...]
-        the signals it follows, the most telling first, each one of SIGNALS.
+        the signals on which it depends, the most informative first, each one of SIGNALS.
     needs : str
-        what a recording must hold for it to show: "motion over most of the stroke".
+        what a recording must contain to show it: "motion over most of the stroke".
     look_alikes : tuple[str, ...]
         names of the effects it is easily confused with.
     shares : Mapping[str, str]
-        names of strengths whose part of the law is another effect's whole law while the plant moves, each with
-        that effect's name: only rest, or another experiment, tells the two apart.
+        names of strengths whose part of the law equals another effect's law while the plant moves, each with that
+        effect's name: only rest, or another experiment, distinguishes the two.
     excludes : tuple[str, ...]
-        names of the effects that cannot be there with it: the same thing with the other sign.
+        names of effects that exclude it: the same law with the other sign.
     experiment : str
-        what tells it from these.
+        an experiment that distinguishes it from these.
     ahead_of : tuple[str, ...]
-        names of the effects that take up its signal where both act: a sensor's filter that of its gear.
+        names of the effects that receive its signal where both act: a sensor's filter that of its gear.
     resolved : Mapping[str, float]
-        names of parameters that are times which the sampling's own may be part of, each with the least
-        half-width of a 95 % interval in samples.
+        names of times that may include a part of the sampling interval, each with the smallest half-width of its 95 %
+        interval in samples.
     entire : bool
-        a rig file states all of its parameters, as one without the others means nothing.
+        a rig file must state all of its parameters.
     source : str
         where law and sizes come from.
     """
@@ -100,7 +100,7 @@ class Effect:
     source: str
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
-        """The signal at `site` as the effect makes it; `nominal` at the null.
+        """The signal at `site` modified by the effect; `nominal` at the null.
 
         Parameters
         ----------
@@ -121,12 +121,12 @@ class Effect:
         raise NotImplementedError
 
     def tries(self, heard: Sequence[Array], interval: float) -> Sequence[Mapping[str, float]]:
-        """Points at which to try it on given recordings: `usual`, unless what the model missed tells better.
+        """Start points for given recordings: `usual`, unless the prediction errors suggest better ones.
 
         Parameters
         ----------
         heard : Sequence[Array]
-            what the plain model's predictions of one output miss, one array per recording, evenly sampled.
+            prediction errors of the plain model for one output, one array per recording, evenly sampled.
         interval : float
             time between samples, s.
 
@@ -138,14 +138,14 @@ class Effect:
         return self.usual
 
     def centred(self, values: Mapping[str, float], shown: Mapping[str, Array]) -> Mapping[str, float]:
-        """What recordings together tell of parameters, where each has something of its own; nothing unless they do.
+        """Parameters estimated from all recordings together, where each has its own part; empty otherwise.
 
         Parameters
         ----------
         values : Mapping[str, float]
             SI, by own name.
         shown : Mapping[str, Array]
-            where the effect's own states ended in each recording, by own name, (recordings,).
+            final values of the effect's own states in each recording, by own name, (recordings,).
 
         Returns
         -------
@@ -156,16 +156,16 @@ class Effect:
 
     @property
     def fitted(self) -> tuple[Parameter, ...]:
-        """Those of its parameters that recordings tell."""
+        """Its parameters that are fitted."""
         return tuple(q for q in self.parameters if q.fitted)
 
     @property
     def site(self) -> str:
-        """Its kind of site as diagnoses name it: what stands before the dot."""
+        """The kind of its site, as in a diagnosis: the part before the dot."""
         return self.sites[0].partition(".")[0]
 
     def qualified(self, values: Mapping[str, float]) -> dict[str, float]:
-        """Parameter values under the names they have in a model: "effect.parameter".
+        """Parameter values under their names in a model: "effect.parameter".
 
         Parameters
         ----------
@@ -191,7 +191,7 @@ class Effect:
 
     @property
     def simplest(self) -> dict[str, float]:
-        """By own name the shapes that its law can do without: their defaults are ends of what they may be."""
+        """The shape parameters that its law can do without, by own name: their defaults are at a bound."""
         return {
             q.name: q.default
             for q in self.fitted
@@ -199,7 +199,7 @@ class Effect:
         }
 
     def size(self, values: Mapping[str, float]) -> float:
-        """How many times the smallest size worth a name, from values by own name; the largest strength counts.
+        """Multiple of the smallest size worth a name, from values by own name; the largest strength counts.
 
         Parameters
         ----------

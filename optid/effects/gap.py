@@ -1,4 +1,4 @@
-"""Narrow gaps, whose flow is laminar where an orifice's would choke."""
+"""Narrow gaps, whose flow stays laminar where an orifice's would choke."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ LAMINAR = Parameter(
     "1",
     1.0,
     "0: an orifice, whose choked flow goes with P; 1: a narrow gap, whose flow goes with P^2",
-    "Poiseuille's law for a gas between plates; seals lie in between",
+    "Poiseuille's law for a gas between plates; seals are in between",
     0.0,
     (0.0, 1.0),
 )

@@ -1,4 +1,4 @@
-"""A command as it was some time ago: between the samples that were recorded of it, it switches inside a hold."""
+"""A delayed command: where the delay is not a multiple of the sampling interval, it switches inside a hold."""
 
 from __future__ import annotations
 
@@ -9,22 +9,22 @@ import casadi as ca
 
 from optid.core.sheet import Sheet
 
-# Samples ago that are looked up: every one for short delays, fewer for long ones. A delay beyond the last counts
-# as the last: 12 ms at 5 kHz, 64 ms at 1 kHz.
+# Delays in samples that are looked up: every one for short delays, fewer for long ones. A longer delay counts as # the
+# last: 12 ms at 5 kHz, 64 ms at 1 kHz.
 TAPS = (0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 16, 24, 40, 64)
 
 
 def input_ago(sheet: Sheet, nominal: Any, time: Any, role: str = "command") -> Any:
-    """An input as it was `time` seconds ago, and of what other effects delay it by; what else they did to it stays.
+    """An input delayed by `time` seconds, in addition to other effects' delays; their other changes are kept.
 
     Up to twelve samples it is exact: the integrator takes each hold in two halves, before and after the switch, whose
-    lengths have slopes. A mean of both would move an axis wrongly, as a command that changes sign opens other ports
-    than its mean. Longer delays are straight lines between the samples that are looked up.
+    lengths have slopes. Their mean would move an axis wrongly, because a command that changes sign opens other ports
+    than its mean. Longer delays are interpolated linearly between the samples that are looked up.
 
     Args:
         sheet: of the plant.
         nominal: the input now.
-        time: s; its slope at 0 is that of the right side.
+        time: delay, s; its slope at 0 is the right-hand one.
         role: of the input.
     """
     before, now = sheet.delay_input(time)

@@ -1,4 +1,4 @@
-"""The catalogue: every effect that a plant's sites admit, by name; a user's own from a file."""
+"""The catalogue: the effects that a plant's sites admit, by name, and a user's own from a file."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from optid.effects.sticking import Sticking
 from optid.effects.wave import Wave
 from optid.errors import PlantError, RigError, nearest
 
-# What stands for a mismatch without a name: from the places behind the kind, as in "curve@SITE@SIGNAL".
+# Surrogates, from the places after the kind, as in "curve@SITE@SIGNAL".
 DESCRIPTIONS: dict[str, Callable[..., Effect]] = {
     kind.kind: kind for kind in (Ageing, Curve, Scaling, Relaxation, Sticking, Wave)
 }
@@ -94,7 +94,9 @@ def find_effect(name: str, base: Path) -> Effect:
         if mark and kind in anywhere():
             return anywhere()[kind](place)
         if mark:
-            raise RigError(f'no effect "{kind}" for any site', hint=nearest(kind, anywhere()))
+            raise RigError(
+                f'there is no effect "{kind}" for sites in general', hint=nearest(kind, anywhere())
+            )
         if name not in built_in():
             raise RigError(f'no effect "{name}"', hint=nearest(name, built_in()))
         return built_in()[name]
@@ -107,8 +109,8 @@ def find_effect(name: str, base: Path) -> Effect:
 def admitted(model: Model, own: Iterable[Effect] = ()) -> tuple[Effect, ...]:
     """The effects, built in and the user's `own`, which a model can take and does not have yet.
 
-    It must offer their sites, the signals that they need there and the plant's parameters that they use. Those
-    that any site can carry are offered where none of the others acts and a signal flows.
+    The model must offer their sites, the signals that they need there and the plant's parameters that they use.
+    Effects for any site are offered where no other effect acts and the signal is not zero.
     """
     every = {effect.name: sized(effect, model.axis) for effect in (*built_in().values(), *own)}
     sites = set(model.sites)
@@ -123,14 +125,14 @@ def admitted(model: Model, own: Iterable[Effect] = ()) -> tuple[Effect, ...]:
 
 
 class _Probe(Sheet):
-    """A sheet that offers what a frozen model says of its plant, to see whether an effect finds what it needs."""
+    """A sheet with the declarations of a frozen model, to test whether an effect finds what it needs."""
 
     def __init__(self, model: Model, effect: Effect) -> None:
         super().__init__(model.name, (effect,))
         self._axis = model.axis
         self._plants = {
             q.name.partition("[")[0] for q in model.parameters
-        }  # a group's own is the plant's too
+        }  # a group's own parameter is the plant's too
         self._roles = {port.role for port in model.inputs}
 
     def plant_param(self, name: str) -> ca.SX:

@@ -1,4 +1,4 @@
-"""Parts in parallel that let go one after the other: plays of a valve, elastic parts of a seal."""
+"""Parallel elements that slip one after the other: plays of a valve, elastic parts of a seal."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ from typing import Any
 
 import numpy as np
 
-# Parts' places in the spread. A filter moves eight points at a time: six parts cost as much as four would.
+# Positions of the parts in the spread. A filter moves eight points at a time: six parts cost as much as four.
 SIDES = np.linspace(-1.0, 1.0, 6)
-SKEWED = SIDES**2 - float(np.mean(SIDES**2))  # leaves the mean
+SKEWED = SIDES**2 - float(np.mean(SIDES**2))  # leaves the mean unchanged
 
 
 def shares(spread: Any, bend: Any) -> list[Any]:
-    """How large each part is, of the mean: spread evenly to either side, the widest by `bend` more than that.
+    """Size of each part relative to the mean: spread evenly to both sides, the widest by `bend` more.
 
-    Sizes are positive, so that their distribution leans to the large ones.
+    Sizes are positive, so their distribution is skewed to the large ones.
     """
     return [1 + side * spread + skew * bend for side, skew in zip(SIDES, SKEWED, strict=True)]

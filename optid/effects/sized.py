@@ -1,4 +1,4 @@
-"""Effects of the catalogue, stated for a slide of 0.1 m and 100 N, on an axis of other units and sizes."""
+"""Effects of the catalogue, stated for a slide of 0.1 m and 100 N, applied to an axis of other units and sizes."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ ALIKE = (
 
 
 class ScaledEffect(Effect):
-    """An effect with its parameters in the units of an axis, and their sizes in proportion.
+    """An effect with its parameters in the units and sizes of an axis.
 
     Args:
         effect: as the catalogue states it.
@@ -40,17 +40,17 @@ class ScaledEffect(Effect):
         self.ways = tuple(self._grown(point) for point in effect.ways)
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
-        """The signal as the effect makes it."""
+        """The signal modified by the effect."""
         return self.plain.apply(site, nominal, near, _SizedSheet(sheet, self.axis))  # type: ignore[arg-type]
 
     def tries(self, heard: Sequence[Array], interval: float) -> Sequence[Mapping[str, float]]:
-        """Points at which to try it on given recordings."""
+        """Start points for given recordings."""
         if type(self.plain).tries is Effect.tries:
             return self.usual
         return tuple(self._grown(point) for point in self.plain.tries(heard, interval))
 
     def centred(self, values: Mapping[str, float], shown: Mapping[str, Array]) -> Mapping[str, float]:
-        """What recordings together tell of parameters."""
+        """Parameters estimated from all recordings together."""
         return self.plain.centred(values, shown)
 
     def _grown(self, values: Mapping[str, float]) -> dict[str, float]:
@@ -58,7 +58,7 @@ class ScaledEffect(Effect):
 
 
 class _SizedSheet:
-    """A sheet on which an effect writes as if for a slide: its parameters and states come out as the axis's."""
+    """A sheet on which an effect writes as for a slide; its parameters and states are converted to the axis."""
 
     def __init__(self, sheet: Sheet, axis: Axis) -> None:
         self._sheet, self._axis = sheet, axis
@@ -79,6 +79,6 @@ class _SizedSheet:
 
 @lru_cache(maxsize=1024)
 def sized(effect: Effect, axis: Axis | None) -> Effect:
-    """An effect as it stands on an axis; itself where it is no effect of the catalogue, or a plant states no axis."""
+    """An effect converted to an axis; unchanged if it is not in the catalogue, or the plant states no axis."""
     own = type(effect).__module__.startswith("optid.effects.catalogue.")
     return ScaledEffect(effect, axis) if own and axis is not None else effect

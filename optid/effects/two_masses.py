@@ -1,4 +1,4 @@
-"""A transmission that gives: motor and load as two masses, where the rigid axis has one."""
+"""An elastic transmission: motor and load as two masses, where the rigid axis has one."""
 
 from __future__ import annotations
 
@@ -11,11 +11,13 @@ import casadi as ca
 from optid.core.sheet import Sheet
 
 SITES = ("force.shaft_angle", "force.shaft_speed", "force.transmission")
-STIFFEST = 2 * math.pi * 120.0  # rad/s: of the two masses; faster ones are rigid to any drive
+STIFFEST = (
+    2 * math.pi * 120.0
+)  # rad/s: natural frequency of the two masses; faster ones are rigid for any drive
 
 
 def blend(size: Any, least: Any) -> Any:
-    """0 for a size of 0 and 1 from `least` on, with a slope at 0: below it a law stands partly in for a rigid one."""
+    """0 for a size of 0 and 1 from `least` on, with a slope at 0: below it the law is mixed with the rigid one."""
     share = ca.fmin(size / least, 1)
     return share * (2 - share)
 

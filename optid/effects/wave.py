@@ -1,4 +1,4 @@
-"""A sustained oscillation at a site: a surrogate for what repeats."""
+"""A sustained oscillation at a site: a surrogate for periodic signals."""
 
 from __future__ import annotations
 
@@ -13,25 +13,26 @@ from optid.core.sheet import Sheet
 from optid.effects.description import LEAST, OWN, POSITIVE, TIMES, Description, constant, followed
 
 TIME = "time"
-KNOTS = tuple(0.25 * k for k in range(11))  # in usual magnitudes of what a wave changes with
-LEAST_REPEATS = 1e-9  # by the SI unit, of one that a rig file holds
-SPREAD = 1.0  # of the height: by how much a recording's quadratures may differ from the mean phase's
+KNOTS = tuple(0.25 * k for k in range(11))  # in usual magnitudes of the signal on which the amplitude depends
+LEAST_REPEATS = 1e-9  # per SI unit, of one that is read from a rig file
+SPREAD = 1.0  # of the height: sd of a recording's own quadratures about the mean
 
 
 class Wave(Description):
     """nominal + size * height * sin(2 pi repeats * signal + phase).
 
-    Over time, no two recordings begin alike: what of either quadrature is a recording's own are states that stand
-    still, in which the wave is linear, so that a filter finds them from any start. Where it changes with another
-    signal, its height is drawn through heights at KNOTS of that one's usual magnitude, and goes on level.
+    Over time, recordings differ in phase: each recording's own part of both quadratures is a constant state; the wave
+        is linear in it, so that a filter finds it from any start. Where the amplitude depends on another signal, it is
+        interpolated through heights at KNOTS of that signal's usual magnitude, and constant beyond.
 
     Args:
-        site: where it adds.
-        signal: the state or input that it follows, or "time"; behind a "*" the one with whose magnitude it changes.
-        repeats: periods by the SI unit of what it follows where a search begins.
+        site: site to which it adds.
+        signal: the state or input of its argument, or "time"; after a "*" the signal on whose magnitude its amplitude
+            depends.
+        repeats: periods per SI unit of its argument, as the start value of a search.
         size: what a height of 1 adds, in the SI unit of the site.
-        magnitude: usual one of what it changes with, SI.
-        fewest: periods by the same unit that it has at least; one within what was recorded, or it is no wave.
+        magnitude: usual magnitude of that signal, SI.
+        fewest: smallest number of periods per unit: at least one within the recorded range.
 
     Source: Fourier; for unknown phases as states, Franklin, Powell and Workman, Digital Control of Dynamic Systems,
     section 8.5.2.
@@ -89,12 +90,12 @@ class Wave(Description):
         return self.over(signal, repeats=repeats, size=size)
 
     def of_height(self, height: float) -> dict[str, float]:
-        """Its heights, by own name, where it is so high; in proportion to what it changes with, at its usual one."""
+        """Its heights, by own name, for this amplitude; proportional to the signal on which it depends."""
         shares = KNOTS if self.by else (1.0,)
         return {q.name: height * share for q, share in zip(self._heights, shares, strict=True)}
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
-        """The signal with the wave on top."""
+        """The signal plus the wave."""
         own = {q.name: sheet.param(q) for q in self.parameters}
         a, b = ca.cos(own["phase"]), ca.sin(own["phase"])
         if self.along == TIME:

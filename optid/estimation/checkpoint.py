@@ -1,6 +1,6 @@
-"""What a running fit leaves on disk, so that one that was cut short, or killed, can go on.
+"""Checkpoints of a running fit, from which an interrupted one continues.
 
-One JSON file with a digest of what it keeps: one that was damaged counts as none.
+One JSON file with a digest of its content; a damaged one is ignored.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from optid.estimation.smoother import Objective, Point
 
 @dataclass(frozen=True, eq=False)
 class Kept:
-    """Where a fit stood: the start it was at, counted from 0, its point, and the best end of the starts before."""
+    """The state of a fit: the number of its start, counted from 0, its point, and the best result of earlier starts."""
 
     number: int
     at: Point
@@ -32,7 +32,7 @@ class Kept:
 
 @dataclass(frozen=True, eq=False)
 class Checkpoint:
-    """A file that belongs to one fit; ``None`` keeps nothing.
+    """A file that belongs to one fit; without a path nothing is kept.
 
     Attributes:
         path: the file.
@@ -68,7 +68,7 @@ class Checkpoint:
         return Checkpoint(path, digest.hexdigest())
 
     def save(self, kept: Kept) -> None:
-        """Write whole or not at all; where it cannot be kept, the fit goes on without."""
+        """Write completely or not at all; if that fails, the fit continues without."""
         if self.path is None:
             return
         best = None if kept.best is None else _written(kept.best)
@@ -83,7 +83,7 @@ class Checkpoint:
                 draft.unlink(missing_ok=True)
 
     def load(self) -> Kept | None:
-        """What this fit left before; ``None`` where there is nothing, or another fit's."""
+        """The checkpoint of this fit; ``None`` where there is none, or another fit's."""
         content = None if self.path is None else optional_document(self.path)
         stand = None if content is None or content.get("fit") != self.identity else content.get("stand")
         if content is None or not isinstance(stand, dict) or content.get("digest") != _digest(stand):

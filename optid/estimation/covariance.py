@@ -1,4 +1,4 @@
-"""Covariance of fitted parameters that stays honest when residuals are coloured.
+"""Covariance of fitted parameters that stays valid for coloured residuals.
 
 Near the optimum theta moves by the sum over samples of (influence x residual). The influence follows from the
 factored normal equations, with all node states eliminated. Two estimates of that sum's variance are made:
@@ -7,8 +7,8 @@ factored normal equations, with all node states eliminated. Two estimates of tha
 - *blocks*: products of the contributions themselves over neighbouring windows (Newey and West 1987 with
   Bartlett weights), which needs no stationarity: a mismatch in a few windows is weighted by the influence there.
 
-The first one is by far the less scattered. The second one counts for a parameter where it is larger by more than its
-own scatter allows once in twenty times; then Student's t takes the place of the normal distribution.
+The first one has much less scatter. The second one is used for a parameter if it is larger than its own scatter allows
+at the 5 % level; then Student's t replaces the normal distribution.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ from optid.core.threads import parallel_for
 from optid.estimation.problem import Problem
 from optid.estimation.smoother import Objective, Point, System, Terms, settled_system, solve_schur
 
-SCATTER = 0.05  # chance that the blocks' variance is taken where the stationary one would do
-HIGHEST_ORDER = 20  # of the autoregression; the noise of a sensor chain is short
+SCATTER = 0.05  # probability of using the blocks' variance although the stationary one is right
+HIGHEST_ORDER = 20  # order of the autoregression; the noise of a sensor chain has a short memory
 
 
 def covariance(o: Objective, at: Point, t: Terms, q: Array, held: np.ndarray) -> Array:
@@ -51,7 +51,7 @@ def covariance(o: Objective, at: Point, t: Terms, q: Array, held: np.ndarray) ->
     stationary += jumps.T @ jumps
     blocks, freedom = _newey_west(contributions, o.problem)
     prior = solve_schur(s, np.diag((o.typical * ~held / o.prior_sd) ** 2))
-    prior = solve_schur(s, prior.T)  # what the prior adds: S^-1 (1/sd^2) S^-1
+    prior = solve_schur(s, prior.T)  # contribution of the prior: S^-1 (1/sd^2) S^-1
     more = np.diag(blocks) > special.chdtri(freedom, SCATTER) / freedom * np.diag(stationary)
     wider = (special.stdtrit(freedom, 0.5 + 0.95 / 2) / special.ndtri(0.5 + 0.95 / 2)) ** 2
     sd = np.sqrt(np.where(more, wider * np.diag(blocks), np.diag(stationary)))
@@ -82,7 +82,7 @@ def _influence(o: Objective, at: Point, s: System, held: np.ndarray) -> tuple[Ar
 
 
 def _defect_influence(o: Objective, t: Terms, s: System, q: Array, held: np.ndarray) -> Array:
-    """What each node's defect adds to theta, (windows, free)."""
+    """Influence of each node's defect on theta, (windows, free)."""
     nx, D = len(o.model.states), o.model.scales
     Z = s.Z.reshape(len(t.end), nx, -1)
     F = t.slope[:, :, :nx] * D

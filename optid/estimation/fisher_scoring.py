@@ -1,8 +1,8 @@
 """Maximum likelihood by Fisher scoring on the filter's innovations: parameters and process noise together.
 
-Derivatives are differences of whole filters, one per parameter and level, and so costly. Once taken they are carried
-along by Broyden's update (Mathematics of Computation 19, 1965), which costs nothing because every step shows how the
-innovations moved; they are taken anew where a step keeps less than it promised.
+Derivatives are differences of whole filter runs, one per parameter and level, and therefore expensive. They are then
+updated by Broyden's formula (Mathematics of Computation 19, 1965) at no cost, since every step shows how the
+innovations moved, and computed again where a step gains less than predicted.
 """
 
 from __future__ import annotations
@@ -22,20 +22,20 @@ from optid.estimation.objective import objective_of, with_nuisance_parameters
 from optid.estimation.problem import Problem
 from optid.rigs.rigfile import Rig
 
-MIDDLING = 3e-3  # of their usual sizes: what process noise moves states by from sample to sample where a search begins
+MIDDLING = 3e-3  # of their usual sizes: start value of the process noise per sample
 ENOUGH = 1.0  # decrease of the score that ends the search
-NEARBY = 2e-3  # of the whole decrease: likewise
-TRIALS = (2, 5)  # of a step on carried and on fresh derivatives, with more and more damping
-KEPT = 0.25  # of what a step promised: less, and carried derivatives are taken anew
+NEARBY = 2e-3  # of the whole decrease, likewise
+TRIALS = (2, 5)  # trials of a step with updated and with new derivatives, with increasing damping
+KEPT = 0.25  # of the predicted gain of a step: for less, updated derivatives are computed again
 
 
 def likelihood_problem(
     rig: Rig, problem: Problem, plain: Model | None = None, misfit: Mapping[str, float] | None = None
 ) -> LikelihoodProblem:
-    """What the recordings are asked of everything that the rig frees; effects' states carry no process noise.
+    """The likelihood problem of all parameters that the rig fits; effects' states have no process noise.
 
-    With `misfit`, by role, the model is asked for a simulation: no state carries any, and it counts as the
-    measurement's noise.
+    With `misfit`, by role, the model is simulated: no state has process noise, and the misfit counts as measurement
+    noise.
     """
     o, _ = objective_of(rig, with_nuisance_parameters(rig, by_filter=True), problem)
     names = None if plain is None else [state.name for state in plain.states]
@@ -54,7 +54,7 @@ def likelihood_problem(
 
 
 def point_at(q: LikelihoodProblem, p: Array, levels: Array) -> LikelihoodPoint:
-    """The point of a search at these parameters, within their bounds, and levels of process noise.
+    """The point of a search at these parameters, clipped to their bounds, and levels of process noise.
 
     Raises:
         SolveError: the model cannot be simulated there.
@@ -66,14 +66,14 @@ def point_at(q: LikelihoodProblem, p: Array, levels: Array) -> LikelihoodPoint:
 
 
 def maximise(here: LikelihoodPoint, *, iterations: int = 30, rough: float = NEARBY) -> LikelihoodFit:
-    """From a start to the likeliest parameters and levels of process noise, by Levenberg-Marquardt steps.
+    """Maximise the likelihood over parameters and levels of process noise, by Levenberg-Marquardt steps.
 
-    Derivatives are taken where it ends, so that the information is that of the place.
+    Derivatives are computed at the end, so that the information belongs to the result.
 
     Args:
         here: start.
         iterations: at most.
-        rough: share of the whole decrease of the score by which a step gains too little to go on.
+        rough: the search ends at a step that gains less than this share of the whole decrease of the score.
     """
     here, settled = _descend(here, iterations, rough)
     if not here.fresh or here.glanced:
@@ -82,7 +82,7 @@ def maximise(here: LikelihoodPoint, *, iterations: int = 30, rough: float = NEAR
 
 
 def _descend(here: LikelihoodPoint, iterations: int, rough: float) -> tuple[LikelihoodPoint, bool]:
-    """Where steps lead, and whether the last one gained too little to go on."""
+    """The end of the iteration, and whether the last step gained too little to continue."""
     first, damping = here.score, 1e-3
     if here.slopes is None:
         here.fixed_gain_jacobian()
@@ -94,7 +94,7 @@ def _descend(here: LikelihoodPoint, iterations: int, rough: float) -> tuple[Like
         if there is None:
             if (here.fresh and not here.glanced) or (here.score < first and 0.0 <= promised < enough):
                 return here, True
-            if here.fresh:  # fixed gains do not show the way: whole filters do
+            if here.fresh:  # if fixed gains give no descent, derivatives of whole filters do
                 here.differentiate()
             else:
                 here.fixed_gain_jacobian()
@@ -110,13 +110,13 @@ def _descend(here: LikelihoodPoint, iterations: int, rough: float) -> tuple[Like
 
 
 def default_process_noise(q: LikelihoodProblem) -> Array:
-    """Log levels of process noise to begin with: by the sample, so that slow plants and fast ones begin alike."""
+    """Start values of the log levels of process noise, per sample, so that slow and fast plants start alike."""
     level = math.log(MIDDLING / math.sqrt(float(np.median(q.problem.dt))))
     return np.full(len(q.groups), min(max(level, LEVELS[0]), LEVELS[1]))
 
 
 def successive_halving(q: LikelihoodProblem, starts: Sequence[tuple[Array, Array]]) -> tuple[Array, Array]:
-    """The likeliest of some starts, each a parameter vector and levels of process noise.
+    """The most likely of several starts, each a parameter vector and levels of process noise.
 
     Raises:
         SolveError: the model cannot be simulated at any of them.
@@ -126,7 +126,7 @@ def successive_halving(q: LikelihoodProblem, starts: Sequence[tuple[Array, Array
 
 
 def _race(q: LikelihoodProblem, P: Array, levels: Array) -> int:
-    """The likeliest of parameters (sets, parameters) and levels (sets, groups); priors do not count.
+    """The most likely of parameters (sets, parameters) and levels (sets, groups), without priors.
 
     All run over the longest segment of the data, the better half of them over the next, and so on.
 
@@ -143,7 +143,7 @@ def _race(q: LikelihoodProblem, P: Array, levels: Array) -> int:
         ahead = ahead[np.isfinite(scores[ahead])]
         if not len(ahead):
             raise SolveError(
-                "the simulation leaves the numbers at the start values; check them and their units"
+                "the simulation diverged at the start values (NaN or infinite); check them and their units"
             )
         order = np.argsort(scores[ahead], kind="stable")
         ahead = ahead[order[: max(1, -(-len(order) // 2))]]
@@ -153,14 +153,14 @@ def _race(q: LikelihoodProblem, P: Array, levels: Array) -> int:
 
 
 def _better(here: LikelihoodPoint, damping: float) -> tuple[LikelihoodPoint | None, float]:
-    """The first of a few ever more damped steps that lowers the score, and what it, or the first one, promised."""
+    """The first of a few increasingly damped steps that lowers the score, and its predicted gain, or the first's."""
     most = 0.0
     for trial in range(TRIALS[here.fresh]):
         gradient, information = here.gradient_and_fisher()
         there = here.moved(_step(here, gradient, information, damping))
         step = there.coordinates - here.coordinates
         promised = -float(step @ (2.0 * gradient + information @ step))
-        if math.isfinite(there.score):  # a step at which the model diverges shows nothing
+        if math.isfinite(there.score):  # a step at which the model diverges gives no information
             slopes = here.broyden_update(there, information)
             if there.score < here.score:
                 there.slopes = slopes
@@ -179,7 +179,7 @@ def _bounds(q: LikelihoodProblem, p: Array) -> tuple[Array, Array]:
 
 
 def _step(here: LikelihoodPoint, gradient: Array, information: Array, damping: float) -> Array:
-    """The damped scoring step; parameters that would leave their bounds stay."""
+    """The damped scoring step; parameters that would leave their bounds are fixed."""
     q, levels = here.q, here.noise.levels
     free = np.full(len(levels), math.inf)  # levels are clipped where they are used
     x = np.concatenate([here.p[list(q.free)], levels])

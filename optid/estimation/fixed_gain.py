@@ -1,8 +1,8 @@
-"""Parameters by prediction error under held gains: a search that costs a fraction of one on the filter's likelihood.
+"""Prediction error method with fixed filter gains: a search at a fraction of the cost of one on the likelihood.
 
-Each model follows the recordings by the gains of a filter that has run already, on a plainer model or at other
-parameters, instead of by a filter of its own. Estimates by such innovations are consistent at any gains (Ljung, System
-Identification, 1999, section 8.4); the likelihood then takes them as a start.
+Each model is corrected with the gains of a filter that has run already, on a simpler model or at other parameters,
+instead of its own filter. Estimates from such innovations are consistent for any gains (Ljung, System Identification,
+1999, section 8.4); the likelihood then starts from them.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ from optid.estimation.likelihood_point import NUDGES, REACH, LikelihoodProblem
 from optid.estimation.problem import Booleans
 
 TOLERANCE = 1e-3  # of the loss, that a step must gain for the search to go on
-# Of the curvature: as many as a vector holds are tried at once. Where the least or the most does best the next ones are
-# smaller or larger; where none does, larger ones are tried.
+# Damping factors, of the curvature: as many as a vector holds are tried at once. If the smallest or the largest is #
+# best, the next ones are smaller or larger; if none succeeds, larger ones are tried.
 DAMPINGS, PACE, FARTHER, TRIALS = (1e-4, 1e-2, 0.3, 10.0), (0.1, 1.0, 1.0, 10.0), 1e3, 2
-# Of the largest curvature: each coordinate is damped as if its own were larger by that. What one recording hardly
-# shows, as heights of a curve where it never was, stays about where it is.
+# Of the largest curvature, added to that of each coordinate in the damping. A coordinate that a recording hardly #
+# shows, as the height of a curve where the signal never was, then stays about where it is.
 FLOOR = 1e-3
 LOST = 1e3  # sd: an innovation of a model that has diverged
 
 
 class FixedGainFit(NamedTuple):
-    """Where a search under held gains ended: the whole parameter vector, and Huber's loss of the innovations there."""
+    """The result of a search with fixed gains: the whole parameter vector, and Huber's loss of its innovations."""
 
     p: Array
     loss: float
@@ -44,15 +44,15 @@ def innovations(
     resets: Booleans | None = None,
     among: Booleans | None = None,
 ) -> Array:
-    """Innovations of parameter sets under held gains, in sd of the guide's, (sets, measured).
+    """Innovations of parameter sets under fixed gains, in sd of the guide's, (sets, measured).
 
     Args:
         q: the likelihood problem.
         P: (sets, parameters).
-        plain: model of the guide, whose states are among the likelihood problem's.
-        guide: whose gains and variances hold, with gains kept.
-        only: what was measured in these segments, in all if absent.
-        resets: samples from which the others are predicted, (samples,); all if absent.
+        plain: model of the guide; its states are a subset of the likelihood problem's.
+        guide: filter run whose gains and variances are used; its gains must be kept.
+        only: segments to use; all if absent.
+        resets: samples from which the following are predicted, (samples,); all if absent.
         among: samples that count, (samples,); all if absent.
     """
     names = [state.name for state in q.model.states]
@@ -78,18 +78,18 @@ def fixed_gain_fit(
     resets: Booleans | None = None,
     among: Booleans | None = None,
 ) -> FixedGainFit:
-    """The parameters under which innovations are least, from a start, by Levenberg-Marquardt steps.
+    """Minimise the innovations over the parameters, from a start, by Levenberg-Marquardt steps.
 
-    Several dampings are tried at once: they cost one simulation's time together, and no step is lost by having reached
-    too far.
+    Several dampings are tried at once: together they cost the time of one simulation, and no step is lost by being too
+        long.
 
     Args:
         q: the likelihood problem.
         p: start, (parameters,).
-        plain: model of the guide, whose states are among the likelihood problem's.
-        guide: whose gains and variances hold, with gains kept.
+        plain: model of the guide; its states are a subset of the likelihood problem's.
+        guide: filter run whose gains and variances are used; its gains must be kept.
         steps: at most.
-        only: these segments count, all if absent.
+        only: segments to use; all if absent.
         resets, among: as for `innovations`.
 
     Raises:
@@ -98,7 +98,7 @@ def fixed_gain_fit(
     free, low, high = list(q.free), q.low / q.typical, q.high / q.typical
 
     def residuals(X: Array) -> Array:
-        """Innovations in sd, then what the priors miss, (sets, rows), at free parameters in typical sizes."""
+        """Innovations in sd, then deviations from the priors, (sets, rows), at free parameters in typical sizes."""
         P = np.tile(p, (len(X), 1))
         P[:, free] = np.clip(X * q.typical, q.low, q.high)
         prior = (X * q.typical - q.prior) / q.prior_sd
@@ -107,7 +107,9 @@ def fixed_gain_fit(
     x = np.clip(p[free] / q.typical, low, high)
     (z,) = residuals(x[None])
     if not np.abs(z[: len(z) - len(x)]).min() < LOST:
-        raise SolveError("the simulation leaves the numbers at the start values; check them and their units")
+        raise SolveError(
+            "the simulation diverged at the start values (NaN or infinite); check them and their units"
+        )
     loss, far, nudges = 0.5 * float(huber(z).sum()), 1.0, np.full(len(x), NUDGES[1])
     for _ in range(steps):
         moved = np.where(x + nudges > high, -nudges, nudges)
@@ -144,9 +146,9 @@ def damped_step(
     floor: float = 0.0,
     held: Booleans | None = None,
 ) -> Array:
-    """A Levenberg-Marquardt step, (coordinates,); a coordinate of x at a bound that it would leave stays.
+    """A Levenberg-Marquardt step, (coordinates,); a coordinate of x at a bound that it would leave is fixed.
 
-    Each is damped by its own curvature and by a `floor` for all; those `held` stay in any case.
+    Each is damped by its own curvature and by a common `floor`; those `held` are fixed in any case.
     """
     held = np.zeros(len(gradient), dtype=np.bool_) if held is None else held.copy()
     while True:

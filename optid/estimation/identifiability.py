@@ -16,19 +16,19 @@ from optid.estimation.problem import build_problem
 from optid.estimation.smoother import Objective, Point, Terms, descend, evaluate, settled_system
 from optid.rigs.rigfile import Rig
 
-LOOSE = 0.03  # process noise of the examination, as a share of each state's usual size
-WEAK = 0.3  # relative standard deviation beyond which parameters that only move together are said to
-MUTE = 1.0  # relative standard deviation beyond which the data say nothing of a value's size
+LOOSE = 0.03  # process noise of this analysis, as a share of each state's usual size
+WEAK = 0.3  # relative standard deviation beyond which parameters are reported as tied
+MUTE = 1.0  # relative standard deviation beyond which the data do not determine a value at all
 
 
 @dataclass(frozen=True, eq=False)
 class Collinearity:
-    """What the data can tell apart.
+    """Which parameters the data can separate.
 
     Attributes:
         idle: names without any influence.
         mute: (free,) bool, not determined.
-        sentences: in words, which parameters cannot be told apart.
+        sentences: sentences on parameters that cannot be separated.
         rank: number of directions of the free parameters' logarithms that are determined.
         condition: of the sensitivities: the largest standard deviation of a direction over the smallest.
         weakest: the largest, relative, and the parameter that leads its direction.
@@ -55,12 +55,12 @@ def information(o: Objective, at: Point, t: Terms, q: Array) -> Array:
 
 
 def find_ties(o: Objective, at: Point, t: Terms, q: Array, held: Any) -> Collinearity:
-    """Say which parameters cannot be told apart.
+    """Find parameters that cannot be separated.
 
     A direction of log-parameters whose standard deviation exceeds `MUTE` (100 %) is undetermined; those that
     carry it are named together, with the exponents under which only their product counts. One that exceeds
     `WEAK` is named too: with a choked exhaust and position only, scaling supply, mass and forces together
-    changes nothing, and what is known of their size is what is assumed of the pressures at the start.
+    changes nothing, and their size follows from the assumed start pressures only.
     """
     names = [o.model.parameters[i].name for i in o.free]
     unasked = {one.name for one in o.model.parameters if one.nuisance is not None}
@@ -82,7 +82,8 @@ def find_ties(o: Objective, at: Point, t: Terms, q: Array, held: Any) -> Colline
             sentences.append(_in_words(together, vector[members]))
         elif sd > WEAK and len(members) > 1:
             sentences.append(
-                f"{_scaling(together, vector[members])} hardly shows in these data: the factor is known to {sd:.0%}"
+                f"{_scaling(together, vector[members])} has little effect on these data: the factor is known to "
+                f"{sd:.0%}"
             )
     leader = names[int(np.abs(vectors[:, 0]).argmax())]
     return Collinearity(
@@ -96,7 +97,7 @@ def find_ties(o: Objective, at: Point, t: Terms, q: Array, held: Any) -> Colline
 
 
 def examine(o: Objective, at: Point) -> tuple[Collinearity, Terms]:
-    """What the data can say of the free parameters, before any fit; and the linearisation at the start.
+    """Identifiability of the free parameters before any fit, and the linearisation at the start.
 
     Only the states are estimated, with much process noise, so that wrong values do not matter yet.
 
@@ -110,7 +111,7 @@ def examine(o: Objective, at: Point) -> tuple[Collinearity, Terms]:
 
 
 def identifiability(rig: Rig, recordings: Sequence[Recording]) -> Collinearity:
-    """What a fit would find that it can tell apart, before it starts.
+    """Which parameters a fit could separate, before it starts.
 
     Raises:
         SolveError: the model cannot be simulated at the rig's values.
@@ -128,7 +129,7 @@ def _in_words(names: list[str], direction: Array) -> str:
     if len(names) == 2 and np.allclose(np.abs(share), 1.0, atol=0.05):
         form = "product" if share[0] * share[1] < 0 else "ratio"
         return f"{names[0]} and {names[1]} appear only as a {form}: fix one of them"
-    return f"{_scaling(names, direction)} changes nothing these data show: fix one of them"
+    return f"{_scaling(names, direction)} changes nothing in these data: fix one of them"
 
 
 def _scaling(names: list[str], direction: Array) -> str:

@@ -1,4 +1,4 @@
-"""First guess of the states at the nodes: what is measured from the data, the rest carried by the model."""
+"""First guess of the states at the nodes: measured ones from the data, the others simulated."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ if TYPE_CHECKING:
     from optid.estimation.problem import Problem
 
 HALF_WIDTH = 12  # samples on either side of a node that a local parabola smooths
-COARSE = 1e-4  # local error of the simulation that carries what is not measured
+COARSE = 1e-4  # local error of the simulation of unmeasured states
 
 
 @lru_cache(maxsize=64)
 @one_at_a_time
 def measured_states(model: Model) -> tuple[Mapping[int, int], Mapping[int, int]]:
-    """States an output shows directly (state -> output), and those that are the rate of such a one."""
+    """States measured directly (state -> output), and those that are the rate of such a state."""
     x, u = ca.SX.sym("x", len(model.states)), ca.SX.sym("u", len(model.inputs))
     p = ca.DM([q.typical if q.default is None else q.default for q in model.parameters])
     y, f = model.sensors(x, u, p), model.rates(x, u, p)

@@ -1,8 +1,8 @@
 """The likelihood of recordings under a model with process noise: the innovations of a filter and their variances.
 
 Stochastic grey-box modelling (Kristensen, Madsen and Jorgensen, Automatica 40, 2004): the states follow the model
-and a random walk on top, whose size per second is estimated with the parameters. A model that lacks physics needs
-more of it, so that what it gets wrong counts as noise when parameters and effects are judged.
+and a random walk on top, whose size per second is estimated with the parameters. A model that lacks physics needs more
+process noise, so that its errors count as noise when parameters and effects are judged.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ from optid.estimation.problem import Booleans, Integers, Problem
 
 TOLERANCE = 1e-5  # local error of the integration as a share of each state's usual size,
 BESIDE = 0.01  # or of what process noise adds to the state from sample to sample, if that is more
-SHARE = 50.0  # times the tolerance of states without unit: a contact's own forget an error within microns of motion
-QUIET = 1e-4  # process noise of states that carry none of their own, in usual sizes per sqrt(s)
+SHARE = 50.0  # times the tolerance of dimensionless states: those of a contact forget an error within microns of motion
+QUIET = 1e-4  # process noise of states without an estimated level, in usual sizes per sqrt(s)
 WHOLE = 1e9  # s: the windows of a problem to be filtered are whole segments
 FAR = 6.0  # innovations beyond so many sd count linearly
 
 
 class Start(NamedTuple):
-    """What is known of the states where segments begin, SI.
+    """Prior of the states at the start of segments, SI.
 
     Attributes:
         mean: (sets, segments, states).
@@ -43,25 +43,25 @@ class Start(NamedTuple):
 
     @classmethod
     def apart(cls, mean: Array, sd: Array) -> Start:
-        """Of states of which none tells of another, with sd as `mean` has it."""
+        """A prior with independent states and sd in the shape of `mean`."""
         return cls(mean, sd[..., None] ** 2 * np.eye(sd.shape[-1]))
 
     def times(self, sets: int) -> Start:
-        """The same for so many sets, from one."""
+        """The same prior for several sets."""
         return Start(np.repeat(self.mean, sets, axis=0), np.repeat(self.covariance, sets, axis=0))
 
 
 @dataclass(frozen=True, eq=False)
 class Filtered:
-    """What a filter saw, for each parameter set.
+    """The result of a filter run, for each parameter set.
 
     Attributes:
-        innovations: measured minus predicted from the past alone, (sets, samples, outputs); NaN where nothing is.
+        innovations: measured minus one-step prediction, (sets, samples, outputs); NaN where nothing is measured.
         variances: of the innovations.
-        states: predicted from the past alone, (sets, samples, states), SI; empty unless kept.
+        states: one-step predictions, (sets, samples, states), SI; empty unless kept.
         gains: (sets, samples, outputs, states), SI; empty unless kept.
-        covariances: of the states, (sets, samples, states, states), SI; empty unless asked for.
-        tolerance: local error that the integration was allowed, (sets, states), SI.
+        covariances: of the states, (sets, samples, states, states), SI; empty unless requested.
+        tolerance: tolerance of the integration, (sets, states), SI.
     """
 
     innovations: Array
@@ -74,7 +74,7 @@ class Filtered:
 
 @dataclass(frozen=True, eq=False)
 class Noise:
-    """What is random: the measurement, and the states.
+    """Measurement noise and process noise.
 
     Attributes:
         measurement: variance of each output, (outputs,).
@@ -87,7 +87,7 @@ class Noise:
     levels: Array
 
     def spectrum(self, states: int) -> Array:
-        """Variance of each state's random walk a second, in squared usual sizes, (states,)."""
+        """Variance of each state's random walk per second, in squared usual sizes, (states,)."""
         Q = np.full(states, QUIET**2)
         for group, level in zip(self.groups, self.levels, strict=True):
             Q[list(group)] = np.exp(2.0 * level)
@@ -96,9 +96,9 @@ class Noise:
 
 @one_at_a_time
 def noisy_states(model: Model, plain: Sequence[str] | None = None) -> tuple[tuple[int, ...], ...]:
-    """States that take process noise, grouped by unit: those with equations that physics could be missing from.
+    """States with process noise, grouped by unit: those whose equations may lack physics.
 
-    Left out are positions whose rate is another state, shares without unit, and whatever is not in `plain`.
+    Excluded are positions whose rate is another state, dimensionless states, and those not in `plain`.
     """
     x, u, p = (ca.SX.sym(n, k) for n, k in zip("xup", _sizes(model), strict=True))
     rates = model.rates(x, u, p)
@@ -131,12 +131,12 @@ def run_filter(
 
     Args:
         model: the plant.
-        problem: posed with one window per segment.
+        problem: with one window per segment.
         P: (sets, parameters); `Q` (sets, states) and `R` (sets, outputs) as `filtered` takes them.
-        keep: also give states and gains.
-        covariances: also give those of the states.
-        only: these segments, all if absent; NaN in the others.
-        start: what is known where they begin; what the model itself says of it if absent.
+        keep: also return states and gains.
+        covariances: also return those of the states.
+        only: segments to use; all if absent; NaN in the others.
+        start: prior at their start; the model's own if absent.
     """
     sets = len(P)
     segments = np.array(range(len(problem.begins)) if only is None else only)
@@ -176,18 +176,17 @@ def run_fixed_gain_filter(
     only: Sequence[int] | None = None,
     resets: Booleans | None = None,
 ) -> Array:
-    """Innovations (sets, samples, outputs) of models that are corrected with a filter's gains instead of their own.
+    """Innovations (sets, samples, outputs) of models corrected with another filter's gains.
 
     Args:
-        model: its states hold those of the guide's model at the places `common`.
-        problem: posed with one window per segment.
+        model: its states contain those of the guide's model at the indices `common`.
+        problem: with one window per segment.
         P: (sets, parameters).
         guide: the filter, with gains kept, sets = 1.
         common: see `model`.
-        start: states where every segment begins, (sets, states); what the model itself says of them if absent.
-        only: these segments, all if absent; NaN in the others.
-        resets: samples up to which the past is known, (samples,): what comes after one is predicted from there up to
-            the next, instead of from sample to sample.
+        start: states at the start of every segment, (sets, states); the model's own if absent.
+        only: segments to use; all if absent; NaN in the others.
+        resets: samples from which predictions start, (samples,): each predicts up to the next one, instead of one step.
     """
     sets = len(P)
     segments = np.array(range(len(problem.begins)) if only is None else only)
@@ -216,7 +215,7 @@ def _starts(model: Model, P: Array) -> tuple[Array, Array]:
 
 
 def start_of(model: Model, P: Array, segments: int) -> Start:
-    """What a model says of the states where a segment begins, for each parameter set."""
+    """A model's prior of the states at the start of a segment, for each parameter set."""
     mean, sd = _starts(model, P)
     return Start.apart(np.repeat(mean[:, None], segments, axis=1), np.repeat(sd[:, None], segments, axis=1))
 
@@ -236,6 +235,6 @@ def deviance(innovations: Array, variances: Array) -> Array:
 
 
 def huber(z: Array) -> Array:
-    """Squares of deviations in sd; what is beyond `FAR` counts linearly (Huber, Ann. Math. Statist. 35, 1964)."""
+    """Squares of deviations in sd, linear beyond `FAR` (Huber, Ann. Math. Statist. 35, 1964)."""
     far = np.abs(z)
     return np.asarray(np.where(far > FAR, FAR * (2.0 * far - FAR), far**2))

@@ -1,4 +1,4 @@
-"""A point of a likelihood search: what is asked, the filter run there, and the derivatives of its innovations."""
+"""A point of a likelihood search: the problem, the filter run there, and the derivatives of its innovations."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from optid.estimation.likelihood import FAR, Filtered, Noise, deviance, run_filt
 from optid.estimation.problem import Problem
 from optid.rigs.rigfile import Rig
 
-# Differences reach over REACH conditional standard deviations: dry friction makes the likelihood rough on the scale of
-# a few (a break-away more or less), and a quotient over less would see nothing else.
-REACH, NUDGES = 5.0, (1e-3, 2e-3, 3e-2)  # the least, the first and the largest, of a parameter's typical size
+# Finite differences span REACH conditional standard deviations: dry friction makes the likelihood rough on the scale #
+# of a few (one break-away more or less), and a smaller step would show only this roughness.
+REACH, NUDGES = 5.0, (1e-3, 2e-3, 3e-2)  # smallest, first and largest step, of a parameter's typical size
 NUDGE_LEVEL = 0.1  # of the log of process noise
 LEVELS = (math.log(1e-5), math.log(10.0))  # bounds of that log
 
 
 @dataclass(frozen=True, eq=False)
 class LikelihoodProblem:
-    """What is asked of the data.
+    """The estimation problem of the data.
 
     Attributes:
         rig: model with parameters to start from.
@@ -31,8 +31,9 @@ class LikelihoodProblem:
         free: indices of the free parameters; low, high, typical, prior, prior_sd as in a batch fit.
         groups: states that share a level of process noise.
         measurement: variance of each output.
-        open_variance: of windows' errors beside the measurement's if nothing is missing, (samples, outputs).
-        budget: when it is over, searches for an answer end with what they have.
+        open_variance: variance of windows' errors in addition to the measurement's if nothing is missing, (samples,
+            outputs).
+        budget: when it is over, searches end with their best result.
     """
 
     rig: Rig
@@ -55,11 +56,11 @@ class LikelihoodProblem:
 
     @property
     def over(self) -> bool:
-        """The time for searches is over."""
+        """Whether the budget of searches is used up."""
         return self.budget.is_over
 
     def at(self, values: Mapping[str, float]) -> Array:
-        """All parameters: the rig's own, but these values by name, within what the model allows, (parameters,)."""
+        """All parameters: the rig's, with these values by name, within the model's bounds, (parameters,)."""
         model = self.model
         p = model.vector(self.rig.parameters)
         for name, value in values.items():
@@ -83,7 +84,7 @@ class Jacobians:
 
 @dataclass(frozen=True, eq=False)
 class LikelihoodFit:
-    """The likeliest parameters and process noise.
+    """The maximum likelihood estimate of parameters and process noise.
 
     Attributes:
         p: the whole parameter vector.
@@ -93,7 +94,7 @@ class LikelihoodFit:
         slopes: of innovations and their variances.
         gradient: of half the score, by free parameters in typical sizes and then by levels.
         information: Fisher's, of the same.
-        settled: the iteration converged, on derivatives taken where it ended.
+        settled: the iteration converged, with derivatives computed at its end.
     """
 
     likelihood_problem: LikelihoodProblem
@@ -108,7 +109,7 @@ class LikelihoodFit:
 
 
 class LikelihoodPoint:
-    """A point of the search with its filter run; derivatives are taken there or carried there.
+    """A point of the search with its filter run; derivatives are computed there or updated.
 
     Args:
         q: the likelihood problem.
@@ -117,10 +118,10 @@ class LikelihoodPoint:
 
     Attributes:
         filtered: innovations, variances, states and gains, sets = 1.
-        score: -2 log likelihood with the priors; infinite where the model leaves the numbers.
-        slopes: of innovations and variances, ``None`` until taken or carried here.
-        fresh: the slopes were taken here.
-        glanced: they were taken at a glance.
+        score: -2 log likelihood with the priors; infinite where the simulation diverges.
+        slopes: of innovations and variances, ``None`` until computed or updated.
+        fresh: the slopes were computed here.
+        glanced: they were computed with fixed gains.
     """
 
     def __init__(self, q: LikelihoodProblem, p: Array, noise: Noise) -> None:
@@ -141,7 +142,7 @@ class LikelihoodPoint:
         return np.concatenate([self.p[list(self.q.free)] / self.q.typical, self.noise.levels])
 
     def moved(self, step: Array) -> LikelihoodPoint:
-        """Where a step of the coordinates leads, within the bounds."""
+        """The point after a step of the coordinates, within the bounds."""
         nf = len(self.q.free)
         p = self.p.copy()
         theta = p[list(self.q.free)] + step[:nf] * self.q.typical
@@ -150,9 +151,9 @@ class LikelihoodPoint:
         return LikelihoodPoint(self.q, p, replace(self.noise, levels=levels))
 
     def fixed_gain_jacobian(self) -> None:
-        """Take the slopes as far as held gains show them, for a tenth of the price: those of levels by filters.
+        """Compute the slopes with fixed gains, at a tenth of the cost; those of levels by filter runs.
 
-        What parameters do to the gains and to the variances is left out.
+        The dependence of gains and variances on parameters is neglected.
         """
         q, nf, e = self.q, len(self.q.free), self.filtered.innovations[0]
         count, own = nf + len(q.groups), range(len(q.model.states))
@@ -174,7 +175,7 @@ class LikelihoodPoint:
         self.fresh = self.glanced = True
 
     def differentiate(self, columns: Sequence[int] | None = None) -> None:
-        """Take the slopes by filters beside this one; `columns` leaves the others as they are."""
+        """Compute the slopes by further filter runs; with `columns` only those."""
         q, nx, nf = self.q, len(self.q.model.states), len(self.q.free)
         count = nf + len(q.groups)
         chosen = list(range(count)) if columns is None else list(columns)
@@ -202,7 +203,7 @@ class LikelihoodPoint:
             self.slopes.variances[..., chosen] = dv
 
     def _nudges(self) -> Array:
-        """By how much each parameter, in typical sizes, and each level is moved for its difference quotient."""
+        """Step of each parameter, in typical sizes, and of each level for its finite difference."""
         nf, ng = len(self.q.free), len(self.q.groups)
         if self.slopes is None:
             return np.concatenate([np.full(nf, NUDGES[1]), np.full(ng, NUDGE_LEVEL)])
@@ -211,7 +212,7 @@ class LikelihoodPoint:
         return np.concatenate([known, np.full(ng, NUDGE_LEVEL)])
 
     def broyden_update(self, there: LikelihoodPoint, information: Array) -> Jacobians:
-        """Broyden's update of the slopes by what a step showed, in the metric in which all parameters count alike.
+        """Broyden's update of the slopes after a step, in a metric in which all parameters have equal weight.
 
         A step of less than a conditional standard deviation shows the integrator's error rather than slopes.
         """
@@ -222,7 +223,7 @@ class LikelihoodPoint:
         if not length > 1.0:
             return self.slopes
         old, new = self.filtered, there.filtered
-        # Jacobians may be not finite here and there: gradient_and_fisher leaves those out.
+        # Single Jacobian entries may be not finite: gradient_and_fisher leaves them out.
         with np.errstate(invalid="ignore"):
             missed_e = new.innovations[0] - old.innovations[0] - self.slopes.innovations @ s
             missed_v = np.log(new.variances[0] / old.variances[0]) - self.slopes.variances @ s
@@ -252,7 +253,7 @@ class LikelihoodPoint:
         return gradient, information
 
     def as_fit(self, settled: bool) -> LikelihoodFit:
-        """What was found here."""
+        """The estimate at this point."""
         gradient, information = self.gradient_and_fisher()
         assert self.slopes is not None
         return LikelihoodFit(

@@ -1,7 +1,7 @@
-"""Windows predicted from their past alone: a moving horizon of nodes between which the process noise acts.
+"""Prediction of windows from past data: moving horizon estimation with process noise between nodes.
 
-The newest windows are estimated anew from what was read in them, each in pieces; what lies before them is a Gaussian
-prior (Rao, Rawlings and Mayne, IEEE Trans. Automatic Control 48, 2003). A young estimate begins at several starts.
+The newest windows are estimated from their data, each divided into pieces; earlier ones enter as a Gaussian prior
+(Rao, Rawlings and Mayne, IEEE Trans. Automatic Control 48, 2003). The first estimates use several starts.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from optid.estimation.initial_trajectory import COARSE, guess, measured_states
 from optid.estimation.problem import Integers, Problem
 from optid.estimation.smoother import Objective, Point, Terms, descend
 
-# Of a window of the past; the process noise acts between them, so that a wrong model follows the newest data: 0.83 mm
-# on the EMPS axis where whole windows err by 1.81.
+# Pieces of a past window; the process noise acts between them, so that a wrong model follows the newest data: an #
+# error of 0.83 mm on the EMPS axis, compared with 1.81 for whole windows.
 PIECES = 5
-MEMORY = 4  # windows of the past that are estimated anew; what lies before them is a Gaussian prior
+MEMORY = 4  # past windows in the horizon; earlier ones enter as a Gaussian prior
 LOOSER = (0.3, 0.03, 3e-3)  # shares of each state's size through which the process noise is annealed
-STARTS = 64  # of a young estimate, evenly spread: a power of two
+STARTS = 64  # starts of the first estimates, evenly spread: a power of two
 LIKELIEST = 3  # of them that are kept
 
 
@@ -34,10 +34,10 @@ class WindowPredictions:
     """Predictions over the windows of a problem.
 
     Attributes:
-        outputs: (samples, outputs); NaN in the first window of a stretch, before which nothing was read.
+        outputs: (samples, outputs); NaN in the first window of a stretch, which has no past data.
         starts: states where each window begins, SI, (windows, states); NaN in the first of a stretch.
-        covariances: of these, of a model that lacks nothing: with process noise, what is missing would count as
-            uncertain; (windows, states, states).
+        covariances: of these, for a correct model: with process noise, missing physics would count as uncertainty;
+            (windows, states, states).
     """
 
     outputs: Array
@@ -46,7 +46,7 @@ class WindowPredictions:
 
 
 def predict_windows(o: Objective, p: Array, q: Array) -> WindowPredictions:
-    """Predictions over the windows of a problem, each from what was read before it.
+    """Predictions over the windows of a problem, each from the data before it.
 
     Args:
         o: windows and how outputs are weighted.
@@ -70,7 +70,7 @@ def predict_windows(o: Objective, p: Array, q: Array) -> WindowPredictions:
 
 
 def stretches(o: Objective, p: Array) -> Iterator[tuple[int, Objective, Point]]:
-    """Stretches between which nothing is carried: first sample, windows, and a guess of the states at their starts."""
+    """Independent stretches: first sample, windows, and a guess of the states at their starts."""
     heads = np.flatnonzero(o.heads)
     for head, stop in zip(heads, [*heads[1:], len(o.problem.begins)], strict=True):
         part = _segment(o, int(head), int(stop))
@@ -111,17 +111,17 @@ def past_of(o: Objective, first: int, stop: int, mean: Array, spread: Array) -> 
 
 
 def best_estimate(o: Objective, at: Point, q: Array) -> tuple[Point, Terms]:
-    """The likeliest estimate, of those from the guess and from the likeliest of many starts.
+    """The most likely estimate, from the guess and from the most likely of many starts.
 
-    An axis that sticks in the model and moves on the rig leaves no slope to follow, and two pairs of pressures that
-    nothing shows may suit a first window.
+    An axis that sticks in the model and moves on the rig gives no gradient, and different unmeasured pressures may fit
+    a first window.
     """
     found = []
     for near in (at, *_likeliest(o, at)):
         with contextlib.suppress(SolveError):
             found.append(_annealed(o, near, q))
     if not found:
-        raise SolveError("the model leaves the numbers within the first windows")
+        raise SolveError("the simulation diverged within the first windows (NaN or infinite)")
     return min(found, key=lambda one: one[1].cost)
 
 
@@ -144,7 +144,7 @@ def _likeliest(o: Objective, at: Point) -> list[Point]:
 
 
 def _annealed(o: Objective, at: Point, q: Array) -> tuple[Point, Terms]:
-    """Loose to tight: started tight, a node that sticks keeps pressures the data would correct."""
+    """Anneal from loose to tight: started tight, a sticking node keeps pressures that the data would correct."""
     terms = None
     for looser in LOOSER:
         level = np.maximum(q, looser * o.model.scales)
@@ -153,13 +153,13 @@ def _annealed(o: Objective, at: Point, q: Array) -> tuple[Point, Terms]:
 
 
 def _tight(o: Objective, at: Point, q: Array, terms: Terms | None = None) -> tuple[Point, Terms]:
-    """From a start that is near: the window before carried most of it here."""
+    """From a near start: most of it comes from the window before."""
     at, terms, _ = descend(o, at, q, precision=1e-6, terms=terms)
     return at, terms
 
 
 def _windows(o: Objective, at: Point, q: Array) -> Iterator[tuple[int, Array, Array, Array]]:
-    """For every window after the first: its number, where it starts, how surely, and predicted outputs."""
+    """For every window after the first: its number, start state, covariance, and predicted outputs."""
     b = o.problem
     fine, nodes = _refined(o)
     q = q / np.sqrt(PIECES)
@@ -184,14 +184,14 @@ def _windows(o: Objective, at: Point, q: Array) -> Iterator[tuple[int, Array, Ar
                     leaves = nodes[np.searchsorted(nodes, first) + 1] - first
                     mean, spread = _arrival(past, found, terms, q, int(leaves))
                     first += int(leaves)
-            except SolveError:  # the model diverges: from here on anew
+            except SolveError:  # the model diverges: start again from here
                 X[begin] = at.X[w]
                 mean, spread, first, young = X[begin], o.spread, begin, begin
                 sure = unknown
         run = simulate(
             o.model, at.p, X[begin], b.dt, b.inputs, first=b.begins[w : w + 1], intervals=int(b.counts[w])
         )
-        # What the model carries to the nodes within the window is the next estimate's guess: it knows the past only.
+        # The model's prediction of the nodes in the window is the next estimate's guess: it uses past data only.
         stop = nodes[w + 1] if w + 1 < len(nodes) else len(X)
         X[begin + 1 : stop] = run.states[0, fine.problem.begins[begin + 1 : stop] - b.begins[w]]
         if w:
@@ -225,15 +225,15 @@ class _Uncertainty:
     """Covariances of a filter's state in units of the states' sizes, (states, states).
 
     Attributes:
-        assumed: what the filter weighs data against, its process noise included.
-        actual: what its gains make of the measurement's noise where the model lacks nothing.
+        assumed: assumed covariance of the filter, with process noise.
+        actual: covariance due to the measurement noise alone, for a correct model.
     """
 
     assumed: Array
     actual: Array
 
     def after(self, terms: Terms, k: int, q: Array, scales: Array) -> _Uncertainty:
-        """Where the piece k ends, from where it began and what was read in it, with process noise `q`."""
+        """The covariance after piece k, from its start and its data, with process noise `q`."""
         nx = len(scales)
         H = terms.H[k, :nx, :nx] * np.outer(scales, scales)
         slope = terms.slope[k, :, :nx] * scales / scales[:, None]
@@ -246,7 +246,7 @@ class _Uncertainty:
 
 
 def _arrival(past: Objective, found: Point, terms: Terms, q: Array, leaves: int) -> tuple[Array, Array]:
-    """What the pieces that leave the horizon say of the next node: mean and sd, with the process noise added."""
+    """The prior of the next node from the pieces that leave the horizon: mean and sd, with process noise."""
     nx, D = len(q), past.model.scales
     mean, spread = past.start, past.spread
     for k in range(leaves):

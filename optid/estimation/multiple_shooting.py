@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from scipy import special, stats
 
+from optid.core.budget import Budget
 from optid.core.model import Array
 from optid.core.recording import Recording
 from optid.errors import InputError, NotIdentifiable, SolveError
@@ -34,11 +35,11 @@ class FitOptions:
 
     Attributes:
         starts: number of starts; all but the first are drawn within bounds (or a factor 2).
-        time_limit: s; the best point so far is returned.
+        time_limit: s of the process's own time; then the best point so far is returned.
         huber: residuals beyond so many sd count linearly; infinity for least squares.
         process_noise: share of each state's usual size that a node may jump in the end; 0 is simulation error;
             ``None`` lets the marginal likelihood choose, for the states of each unit, and widens the intervals by
-            what a deterministic fit says otherwise.
+            the difference to a deterministic fit.
         window: s between nodes; ``None`` adapts to sampling.
         seed: of the drawn starts.
         checkpoint: file that keeps the best point; read back when it belongs to the same fit.
@@ -55,7 +56,7 @@ class FitOptions:
 
 @dataclass(frozen=True)
 class Progress:
-    """Where a running fit stands."""
+    """The progress of a running fit."""
 
     stage: str
     iteration: int
@@ -69,19 +70,19 @@ Report = Callable[[Progress], None]
 
 @dataclass(frozen=True, eq=False)
 class _Run:
-    """What all starts of a fit share."""
+    """The data shared by all starts of a fit."""
 
     options: FitOptions
     began: float
     progress: Report | None
+    budget: Budget
 
     @property
     def late(self) -> bool:
-        limit = self.options.time_limit
-        return limit is not None and time.monotonic() - self.began > limit
+        return self.budget.is_over
 
     def tell(self, progress: Progress) -> bool:
-        """Tell how far it is; whether time is up."""
+        """Report the progress; returns whether the budget is used up."""
         if self.progress is not None:
             self.progress(progress)
         return self.late
@@ -106,8 +107,9 @@ def fit(
         NotIdentifiable: a parameter has no influence on these data.
         SolveError: the model cannot be simulated at the start values.
     """
-    run = _Run(options or FitOptions(), time.monotonic(), progress)
-    options = run.options
+    options = options or FitOptions()
+    limit = math.inf if options.time_limit is None else options.time_limit
+    run = _Run(options, time.monotonic(), progress, Budget(limit))
     freed = with_nuisance_parameters(rig)
     if not rig.freed:
         raise InputError("nothing to fit", where=rig.path, field="[fit]", expected="at least one parameter")
@@ -122,7 +124,7 @@ def fit(
 
 
 def _best_of_starts(o: Objective, first: Point, linear: Terms, run: _Run) -> Solution:
-    """The solution that scores best; what a fit of the same left behind counts as one of its starts.
+    """The solution with the best score; the checkpoint of an interrupted fit counts as one of its starts.
 
     `linear` is the linearisation at the first start.
     """
@@ -146,12 +148,14 @@ def _best_of_starts(o: Objective, first: Point, linear: Terms, run: _Run) -> Sol
         if found.outcome is Outcome.TIME_LIMIT:
             return replace(best, outcome=Outcome.TIME_LIMIT)
     if best is None:
-        raise SolveError(f"none of the {run.options.starts} starts led anywhere")
+        raise SolveError(
+            f"the fit failed from each of the {run.options.starts} starts: check start values, units and bounds"
+        )
     return best
 
 
 def _refuse_idle(rig: Rig, ties: Collinearity) -> None:
-    """A parameter the rig file frees and the data do not move is an error, never a silent fit."""
+    """Refuse a parameter to fit without influence on the data."""
     stated = {f.name for f in rig.freed}
     idle = [name for name in ties.idle if name in stated]
     if idle:
@@ -166,7 +170,7 @@ def _starts(
 ) -> Iterable[tuple[int, Point]]:
     """Numbers from 0 and points to start from: the rig file's values, then drawn ones.
 
-    With something kept, it is gone on with: what was best, where it stood, and the starts that were to come.
+    With a checkpoint: the best point, the interrupted one, and the remaining starts.
     """
     generator = np.random.default_rng(options.seed)
     if kept is not None:
@@ -180,7 +184,7 @@ def _starts(
 
 
 def _drawn(o: Objective, p: Array, generator: np.random.Generator) -> Array:
-    """All parameters, the free ones drawn: within a factor 2, or their usual size to either side of 0 or less."""
+    """All parameters, the free ones drawn: within a factor 2, or within their usual size about values of 0 or less."""
     theta, drawn = p[list(o.free)], p.copy()
     factor, step = 2.0 ** generator.uniform(-1.0, 1.0, len(theta)), generator.uniform(-1.0, 1.0, len(theta))
     far = np.where(theta > 0, theta * factor, theta + step * o.typical)
@@ -260,7 +264,7 @@ def _result(
 
 
 def _one_sided(o: Objective, best: Solution, bound: Booleans, mute: Booleans) -> Array:
-    """How far into its bounds an estimate that stands at one may reach, (free,), SI: 95 %, as if it were free."""
+    """95 % half-width, (free,), SI, of an estimate at its bound, as if it were free."""
     if not bound.any():
         return np.zeros(len(o.free))
     try:
@@ -271,10 +275,10 @@ def _one_sided(o: Objective, best: Solution, bound: Booleans, mute: Booleans) ->
 
 
 def _without_floors(o: Objective, best: Solution, bound: Booleans, fixed: Booleans) -> Array:
-    """How the estimates move, (free,), SI, when what stands at a floor of numerical reasons goes on to zero.
+    """Change of the estimates, (free,), SI, when parameters at a numerical lower bound go to zero.
 
-    Friction that truly sticks drives the elastic motion before it slides to the least that is simulated, and what
-    is left of it biases the rest in proportion (viscous friction by 0.1 % at 2 um): the first-order step to zero.
+    True stiction drives the elastic motion before sliding to its numerical minimum, and this minimum biases the other
+    parameters in proportion (viscous friction by 0.1 % at 2 um): this is the first-order step to zero.
     """
     least = [n.low if (n := o.model.parameters[i].nuisance) is not None else math.nan for i in o.free]
     floors = np.flatnonzero(bound & (o.low == least))
@@ -291,11 +295,11 @@ def _without_floors(o: Objective, best: Solution, bound: Booleans, fixed: Boolea
 
 
 def _imperfection(o: Objective, best: Solution, cov: Array, fixed: Booleans) -> Array:
-    """Variance added for what the model gets wrong, (free,): Hausman's (1978) comparison of two estimates.
+    """Variance added for errors of the model, (free,): Hausman's (1978) comparison of two estimates.
 
     The deterministic fit is the better estimate of a perfect model and a biased one of an imperfect model; the
     fit with process noise is less affected. Where they differ by more than their variances allow at 5 %, the
-    excess is the model's fault and widens the interval.
+    excess is due to the model and widens the interval.
     """
     try:
         at, terms = tightened(o, best)
@@ -308,7 +312,7 @@ def _imperfection(o: Objective, best: Solution, cov: Array, fixed: Booleans) -> 
 
 
 def _stand_ins(o: Objective, theta: Array, fixed: Booleans) -> Array:
-    """Variance added for what stand-ins for laws that jump are known to shift, (free,)."""
+    """Variance added for the known bias of smooth approximations of discontinuous laws, (free,)."""
     biases = o.model.biases
     share = np.array([biases.get(o.model.parameters[i].name, 0.0) for i in o.free])
     return np.where(fixed, 0.0, (share * theta) ** 2)

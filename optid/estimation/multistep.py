@@ -1,8 +1,8 @@
-"""Multi-step prediction errors: models are fitted to what they predict over windows in which nothing is corrected.
+"""Multi-step prediction errors: models are fitted to their predictions over windows without correction.
 
-From sample to sample even a wrong model hardly errs, and process noise takes the rest; over a window a wrong law adds
-up. Each window begins where a quiet filter of the model itself stands, whose gains are held while parameters move
-(Ljung, System Identification, 1999, sections 4.4 and 8.4) and taken anew at every turn.
+Over one sample even a wrong model has small errors, which process noise absorbs; over a window they add up. Each
+window starts from the state of a filter with little process noise, whose gains are fixed while parameters move (Ljung,
+System Identification, 1999, sections 4.4 and 8.4) and recomputed in every iteration.
 """
 
 from __future__ import annotations
@@ -22,25 +22,25 @@ from optid.estimation.likelihood import Filtered, Noise, deviance, huber, run_fi
 from optid.estimation.likelihood_point import LEVELS, LikelihoodProblem
 from optid.estimation.problem import Booleans, Problem
 
-# Log of the share of a middling process noise that a quiet filter has: so little that what is missing is not taken for
-# it, and enough to hold the states of a wrong model to the data. A model that lacks little is better off with less.
+# Log of the quiet filter's share of the default process noise: so little that missing physics is not absorbed by it, #
+# and enough to keep the states of a wrong model near the data. A nearly correct model predicts better with less.
 QUIET, STEP = -2.0, -1.0
-SETTLED = 5e-3  # of the loss: a turn that gains less is the last
-# Of the loss: beyond the turns asked for a fit goes on while each takes so much, MOST at most. Under stick-slip a fit
-# may cross a plain for some turns before it falls to its optimum.
+SETTLED = 5e-3  # of the loss: an iteration that gains less is the last
+# Of the loss: beyond the requested iterations a fit continues while each gains this much, at most MOST. With #
+# stick-slip a fit may cross a plateau for some iterations before it reaches its optimum.
 FALLING, MOST = 0.1, 12
 
 
 @dataclass(frozen=True, eq=False)
 class MultistepFit:
-    """Where a fit by multi-step prediction errors ended.
+    """The result of a fit by multi-step prediction errors.
 
     Attributes:
         likelihood_problem: model, recordings and free parameters.
         p: the whole parameter vector.
-        filtered: the quiet filter there, whose variances are those that windows' errors should have.
+        filtered: the quiet filter there, with the variances that windows' errors should have.
         loss: Huber's, of the windows' errors in sd.
-        level: of the filter's process noise, as a log of its share of a middling one.
+        level: of the filter's process noise, as the log of its share of the default.
     """
 
     likelihood_problem: LikelihoodProblem
@@ -51,7 +51,7 @@ class MultistepFit:
 
 
 def quiet_noise(q: LikelihoodProblem, level: float = QUIET) -> Noise:
-    """Measurement noise, and process noise that takes over nothing."""
+    """Measurement noise, and process noise too small to absorb missing physics."""
     return Noise(q.measurement, q.groups, np.maximum(default_process_noise(q) + level, LEVELS[0]))
 
 
@@ -69,7 +69,7 @@ def quiet_filter(
 
 
 def window_starts(problem: Problem, seconds: float) -> Booleans:
-    """Samples at which windows begin, (samples,); up to the first one's end every sample, as nothing is known yet."""
+    """Samples at which windows begin, (samples,); in the first window every sample, as the state is not known yet."""
     starts = np.zeros(len(problem.time), dtype=np.bool_)
     for begin, count in zip(problem.begins, problem.counts, strict=True):
         rows = slice(begin, begin + count + 1)
@@ -89,18 +89,18 @@ def fit_multistep(
     level: float = QUIET,
     most: int = MOST,
 ) -> MultistepFit:
-    """Parameters by windows of so many seconds, with gains taken anew at every turn, from a start.
+    """Fit parameters by prediction errors over windows, from a start; gains are recomputed in each iteration.
 
     Args:
         q: the likelihood problem.
         p: start, (parameters,).
         seconds: length of a window.
-        turns: times that gains are taken anew; more while the loss falls fast.
-        steps: of Gauss-Newton under the gains of a turn, at most.
+        turns: iterations, each with new gains; more while the loss falls fast.
+        steps: largest number of Gauss-Newton steps per iteration.
         only: these segments count, all if absent.
-        level: of the filter's process noise at the start, or the usual one if that predicts better; it falls as long
-            as that predicts better.
-        most: turns in all, however fast the loss falls.
+        level: of the filter's process noise at the start, or the usual one if that predicts better; it is lowered as
+            long as that predicts better.
+        most: largest number of iterations.
 
     Raises:
         SolveError: the model cannot be simulated at the start.
@@ -132,7 +132,7 @@ def _best_of(fits: Iterable[MultistepFit | None]) -> MultistepFit | None:
 def _stands(
     q: LikelihoodProblem, p: Array, only: Sequence[int] | None, starts: Booleans, level: float = QUIET
 ) -> MultistepFit | None:
-    """What windows miss at some parameters under the gains of their own filter."""
+    """The windows' errors at some parameters, with the gains of their own filter."""
     f = quiet_filter(q, p, only, level)
     if f is None:
         return None
@@ -141,7 +141,7 @@ def _stands(
 
 
 def multistep_at(q: LikelihoodProblem, p: Array, seconds: float, level: float = QUIET) -> MultistepFit:
-    """Parameters as they are, with the filter and the loss there.
+    """Given parameters with their filter and loss, without fitting.
 
     Raises:
         SolveError: the model cannot be simulated.

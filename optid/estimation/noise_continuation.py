@@ -1,4 +1,4 @@
-"""The smoother's process noise: annealed from loose to tight, and kept where the data are likeliest."""
+"""The smoother's process noise: annealed from loose to tight; the level of highest likelihood is kept."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from optid.estimation.smoother import Objective, Point, Terms, Watch, descend, s
 
 # Process noise per node as a share of each state's usual size: the annealing schedule that all states follow together.
 LEVELS = (0.3, 0.03, 1e-2, 3e-3, 1e-3, 3e-4, 1e-4)
-PATIENCE = 2  # levels in a row that explain the data less well; one alone may not have come down all the way
-RUNG = 3.0  # by which the states of one unit then go on by themselves, either way
-HARD = 1e-6  # the share that stands for none at all
-TIGHT = 1e-5  # as good as none, where the iteration still moves easily
+PATIENCE = 2  # consecutive levels of lower likelihood that end it; a single one may not have converged
+RUNG = 3.0  # factor by which the states of one unit are then varied separately, up and down
+HARD = 1e-6  # the share that represents no process noise
+TIGHT = 1e-5  # practically none, where the iteration still converges easily
 SETTLED = (
     1e-7  # relative decrease of the cost that ends a fit: about 0.001 in -2 log likelihood, as its roughness
 )
@@ -37,7 +37,7 @@ class Solution:
 
 @dataclass(frozen=True)
 class Pace:
-    """How a search is followed: `watch` of a stage and the share done, whether time is up, and who keeps points."""
+    """Callbacks of a search: `watch` for the stage and the share done, the time limit, and the checkpoint."""
 
     watch: Callable[[str, float], Watch]
     late: Callable[[], bool]
@@ -45,7 +45,7 @@ class Pace:
 
 
 def anneal(o: Objective, at: Point, terms: Terms | None, asked: float | None, pace: Pace) -> Solution:
-    """Loose to tight; what is kept is the noise that the marginal likelihood prefers (or the level `asked` for)."""
+    """Anneal from loose to tight; keeps the level that the marginal likelihood prefers (or the level `asked`)."""
     levels: tuple[float, ...] = LEVELS
     if asked is not None:
         levels = (*(level for level in LEVELS if level > max(asked, HARD)), max(asked, HARD))
@@ -59,8 +59,8 @@ def anneal(o: Objective, at: Point, terms: Terms | None, asked: float | None, pa
             if asked is not None or (best is None and level == levels[-1]):
                 raise
             if best is None:
-                continue  # so loose the states say nothing of a parameter: a tighter level may
-            break  # what is left hangs on no more than rounding: the looser level stands
+                continue  # at this level the states do not determine a parameter; a tighter level may
+            break  # the rest depends on rounding only: the looser level is kept
         at, terms = found.at, found.terms
         pace.keep(at)
         worse = best is not None and asked is None and found.score > best.score
@@ -70,7 +70,7 @@ def anneal(o: Objective, at: Point, terms: Terms | None, asked: float | None, pa
             return best
         worse_by = worse_by + 1 if worse else 0
         if worse_by == PATIENCE:
-            break  # tighter explains the data less well: the model is not better than this
+            break  # a tighter level explains the data less well: the model is not better than this
     assert best is not None
     if asked is None:
         best = _by_unit(o, best, len(levels) / (len(levels) + 1), pace)
@@ -78,15 +78,15 @@ def anneal(o: Objective, at: Point, terms: Terms | None, asked: float | None, pa
 
 
 def _by_unit(o: Objective, best: Solution, share: float, pace: Pace) -> Solution:
-    """The noise of each unit's states for itself, rung by rung while the data become likelier.
+    """The noise of each unit's states separately, step by step while the likelihood rises.
 
-    What a law gets wrong stands in one equation; as much noise in all of them would blur what the others say.
+    An error of a law is in one equation; the same noise in all of them would weaken the others.
     """
     for unit, states in _units(o.model).items():
         first = best
         for factor in (1.0 / RUNG, RUNG):
             if best is not first:
-                break  # the other way lies where it came from
+                break  # the other direction was already visited
             while not pace.late():
                 q = best.q.copy()
                 q[states] *= factor
@@ -131,10 +131,10 @@ def _settled(o: Objective, best: Solution, pace: Pace) -> Solution:
 
 
 def tightened(o: Objective, best: Solution) -> tuple[Point, Terms]:
-    """Where the deterministic fit stands: from a solution on to next to no process noise.
+    """The deterministic fit: from a solution on to practically no process noise.
 
     Raises:
-        SolveError, numpy.linalg.LinAlgError: there is no way down.
+        SolveError, numpy.linalg.LinAlgError: it does not converge.
     """
     at, terms, scales = best.at, best.terms, o.model.scales
     for level in (*LEVELS, TIGHT):

@@ -1,4 +1,4 @@
-"""What a fit of a rig minimises: data, weights, bounds and priors gathered from the rig file and the recordings."""
+"""The objective of a fit: data, weights, bounds and priors from the rig file and the recordings."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from optid.estimation.smoother import Objective
 from optid.quality.noise import colour, noise_sd
 from optid.rigs.rigfile import Freed, Rig
 
-WINDOW = 0.25  # s between nodes; long against friction's microseconds, short against the pressures' drift
+WINDOW = 0.25  # s between nodes; long compared with friction's microseconds, short compared with the pressures' drift
 # Local error of the integration as a share of each state's usual size: 0.01 micrometre of position, and a cost
 # that is smooth to 0.001; at 1e-5 its roughness of about 1 keeps the last iterations busy and saves no time.
 SOLVER = 1e-6
 
 
 def with_nuisance_parameters(rig: Rig, *, by_filter: bool = False) -> tuple[Freed, ...]:
-    """What the fit moves: the rig's [fit] table, and what its plant frees beside that where the file does not state it.
+    """Parameters to fit: the rig's [fit] table, and nuisance parameters of the plant that the file does not state.
 
-    `by_filter` frees also what only a filter's fit can.
+    `by_filter` adds those that only a filter can fit.
     """
     stated = {f.name for f in rig.freed} | set(rig.parameters)
     return (
@@ -46,7 +46,7 @@ def window_length(model: Model, recordings: Iterable[Recording]) -> float:
 def objective_of(
     rig: Rig, freed: tuple[Freed, ...], problem: Problem, huber: float = math.inf
 ) -> tuple[Objective, Array]:
-    """What a fit of `freed` minimises, and the parameter vector of the rig's own values."""
+    """The objective of a fit of `freed`, and the parameter vector of the rig's own values."""
     model, p = rig.model, rig.model.vector(rig.parameters)
     free = tuple(model.index(f.name) for f in freed)
     weight = np.ones_like(problem.measured)
@@ -73,13 +73,13 @@ def objective_of(
 
 
 def _size(parameter: Parameter, value: float) -> float:
-    """A parameter's usual size, of which searches take their steps."""
+    """A parameter's usual size, which scales the steps of searches."""
     n = parameter.nuisance
     return parameter.typical if n is not None and n.by_filter else abs(value) or parameter.typical
 
 
 def _sd(rig: Rig, problem: Problem, output: int, role: str) -> float:
-    """Of the white noise that tells as little of slow motion as the output's own: coloured noise averages out later."""
+    """Sd of white noise with the same information on slow motion as the output's own noise, which may be coloured."""
     y = problem.measured[:, output]
     y = y[np.isfinite(y)]
     if not len(y):

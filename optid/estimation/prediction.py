@@ -1,4 +1,4 @@
-"""Prediction as the contract defines it: free run, and 0.5 s windows whose start is known from the past alone."""
+"""Predictions: a free run, and 0.5 s windows whose start state is estimated from past data only."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ if TYPE_CHECKING:
     import pandas as pd
 
 HORIZON = 0.5  # s, of a window
-FEWEST = 50  # samples of it, where sampling is too slow for that many in HORIZON
-SHORTEST, MANY = 4, 8  # windows that a record holds at least; those of a shorter record
-PINNED = 0.1  # of a sensor's noise: how far the windows may move what it shows as a free run begins
-PROCESS_NOISE = 3e-3  # per window as a share of each state's size, when no fit says better
+FEWEST = 50  # samples of a window where sampling is too slow for that many in HORIZON
+SHORTEST, MANY = 4, 8  # smallest number of windows of a recording; number for a shorter one
+PINNED = 0.1  # of a sensor's noise: how far the first windows may correct the start of a free run
+PROCESS_NOISE = 3e-3  # process noise per window, as a share of each state's size, without a fit's value
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +38,7 @@ class Prediction:
     Attributes:
         horizon: length of a window, s.
         begins: time of the free run's start, s, and the state estimated there, SI, for every stretch.
-        notes: what the scores do not show: where a prediction is not finite, where nothing was predicted.
+        notes: what the scores do not show: where a prediction is not finite, or nothing was predicted.
     """
 
     frame: pd.DataFrame
@@ -53,8 +53,8 @@ def window_seconds(interval: float, duration: float = math.inf) -> float:
 
     Args:
         interval: s.
-        duration: s, where windows are to be compared with each other: a record of fewer than `SHORTEST` windows has
-            `MANY` shorter ones instead, as far as its samples go.
+        duration: s, if windows are to be compared with each other: a recording of fewer than `SHORTEST` windows is
+            divided into `MANY` shorter ones, as far as its samples allow.
     """
     horizon = HORIZON if duration >= SHORTEST * HORIZON else duration / MANY
     return max(horizon, FEWEST * interval)
@@ -68,19 +68,19 @@ def predict(
 ) -> Prediction:
     """Predict a recording with fixed parameters.
 
-    The free run starts at the first measured sample, from what is measured there; states that no output shows
-    directly are estimated from the recording's first windows. It follows the command to the end. A window's start
-    state is estimated from data before the window only (moving horizon), so the first one has no window prediction:
-    NaN. Where the command is missing for long nothing is predicted, and behind such a stretch both begin anew.
+    The free run starts at the first measured sample, from the measurement there; unmeasured states are estimated from
+    the recording's first windows. It uses the command up to the end. A window's start state is estimated from data
+    before the window only (moving horizon), so the first one has no window prediction: NaN. Where the command is
+        missing for long nothing is predicted, and after it both start again.
 
     Args:
         rig: model and channels.
-        recording: what to predict.
+        recording: to predict.
         values: SI parameters; the rig's own when absent.
         process_noise: sd per window and state, SI; from the fit where there is one.
 
     Raises:
-        RecordingError: no stretch of it has both a command and a measured output.
+        RecordingError: no part of the recording has both a command and a measured output.
     """
     import pandas as pd
 
@@ -97,7 +97,8 @@ def predict(
     notes = list[str]()
     if len(rows) < len(recording):
         notes.append(
-            f"{len(recording) - len(rows)} samples without a command or before any measurement: not predicted"
+            f"{len(recording) - len(rows)} samples have no command or precede the first measurement: they are not "
+            "predicted"
         )
     for j, port in enumerate(model.outputs):
         if port.role not in recording:
@@ -114,7 +115,7 @@ def predict(
 
 
 def _from_first_measured(model: Model, recording: Recording) -> Recording:
-    """The recording without what lies before its first measured sample."""
+    """The recording from its first measured sample on."""
     measured = np.zeros(len(recording), dtype=bool)
     for port in model.outputs:
         if port.role in recording:
@@ -123,7 +124,7 @@ def _from_first_measured(model: Model, recording: Recording) -> Recording:
     cut = recording.taken(np.arange(first, len(recording))) if 0 < first < len(recording) - 1 else recording
     if not measured.any() or not cut.segments():
         raise RecordingError(
-            "no stretch of it has both a command and a measured output",
+            "no part of the recording has both a command and a measured output",
             where=recording.name,
             expected="at least two samples in a row",
         )
@@ -137,7 +138,7 @@ def _not_finite(role: str, problem: Problem, free_run: Array, windows: Array) ->
     if lost.any():
         at = problem.time[int(lost.argmax())]
         notes.append(
-            f"the free run of {role} is not finite from {at:.6g} s on: its scores are of what comes before"
+            f"the free run of {role} is not finite from {at:.6g} s on: its scores count only what comes before"
         )
     heads = np.r_[True, problem.closed[:-1]]
     begins, counts = problem.begins[~heads], problem.counts[~heads]
@@ -147,7 +148,7 @@ def _not_finite(role: str, problem: Problem, free_run: Array, windows: Array) ->
     if failed:
         notes.append(
             f"{len(failed)} of {len(begins)} windows of {role} are not finite, the first from "
-            f"{problem.time[failed[0]]:.6g} s on: its scores are of the others"
+            f"{problem.time[failed[0]]:.6g} s on: its scores count only the others"
         )
     return notes
 
@@ -168,9 +169,9 @@ def _predict(
 
 
 def _first_state(o: Objective, at: Point, q: Array) -> Array:
-    """Where the free run starts: what is measured as it is measured there, the rest from the first windows.
+    """Start state of the free run: measured states from the first sample, the others from the first windows.
 
-    A start that the windows may move trades an error at the beginning for errors of the model later on.
+    If the windows could move the start freely, they would trade an error there for the model's errors later on.
     """
     stop = min(MEMORY, len(o.problem.begins))
     mean, spread = o.start.copy(), o.spread.copy()

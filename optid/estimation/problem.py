@@ -16,7 +16,7 @@ from optid.estimation.initial_trajectory import measured_states
 Integers = NDArray[np.int64]
 Booleans = NDArray[np.bool_]
 
-FEW = 6  # samples: a line through so many tells a speed
+FEW = 6  # samples of a line that estimates a speed
 EVIDENT = 3.0  # sd of that line's slope
 
 
@@ -109,7 +109,7 @@ def _arrays(model: Model, segment: Recording, start: float) -> tuple[Array, Arra
 
 
 def _moves(time: Array, position: Array) -> bool:
-    """It moves evidently as the segment begins, and not only because it breaks away there: then it is soon faster."""
+    """Whether it clearly moves at the start of the segment, and does not just break away, when it soon gets faster."""
     known = np.flatnonzero(np.isfinite(position))[: 2 * FEW]
     if len(known) < 2 * FEW:
         return False
@@ -118,6 +118,6 @@ def _moves(time: Array, position: Array) -> bool:
 
 
 def _slope(time: Array, values: Array) -> tuple[float, float]:
-    """Of a line through the values, with its sd."""
+    """Slope of a line through the values, with its sd."""
     (slope, _), covariance = np.polyfit(time - time[0], values, 1, cov=True)
     return float(slope), float(np.sqrt(covariance[0, 0]))

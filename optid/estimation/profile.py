@@ -1,11 +1,11 @@
-"""Profile likelihood of one fitted parameter: how much worse every value of it is, the rest fitted anew.
+"""Profile likelihood of one fitted parameter: the loss at each of its values, with all others refitted.
 
-The interval of a fit is that of the linearised problem, symmetric by construction. The profile follows the
-valley itself: lopsided where the model bends, open where nothing stops a value.
+The interval of a fit is that of the linearised problem, symmetric by construction. The profile follows the likelihood
+    itself: it is asymmetric where the model is nonlinear, and open where the data give no limit.
 
-Residuals are coloured and the model imperfect, so the cost alone overstates. It is divided by how much larger
-the fit's variance is than the one that the cost's curvature says (the vertical adjustment of Chandler and Bate
-2007, Biometrika 94:167); near the minimum both intervals then agree, and further out the profile counts.
+Residuals are coloured and the model imperfect, so the cost alone overstates the evidence. It is divided by the ratio
+of the fit's variance to that from the cost's curvature (the vertical adjustment of Chandler and Bate 2007, Biometrika
+94:167); both intervals then agree near the minimum, and the profile shows the shape further out.
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ if TYPE_CHECKING:
     import pandas as pd
 
 STRIDE = 0.5  # of the fit's half-width: the step along the profile
-FARTHEST = 24  # steps to either side; an interval still open after them is called open
-BEYOND = 1.6  # share of the limit up to which the profile is followed, so that it can be looked at
+FARTHEST = 24  # steps to each side; an interval still open after them counts as open
+BEYOND = 1.6  # multiple of the limit up to which the profile is computed, for plots
 DEEPER = 0.5  # of the limit by which another point of the profile must be better to be the minimum
 APART = 0.5  # of the fit's half-width by which minimum and estimate may differ
-PRECISION = 1e-7  # relative decrease of the cost at which the rest counts as fitted
+PRECISION = 1e-7  # relative decrease of the cost at which the other parameters count as fitted
 # Of the integration, as a share of each state's usual size. A fit's 1e-5 roughens its cost by about 1, which a
 # profile, looking for a rise of 4, would follow; at 1e-7 the roughness is 0.001 (the embedded bench).
 SMOOTH = 1e-7
@@ -49,13 +49,13 @@ class Profile:
 
     Attributes:
         value: the best one.
-        values: where the rest was fitted anew, ascending.
-        deviance: how much worse each is: the adjusted rise of -2 log likelihood above the best.
+        values: at which the others were refitted, ascending.
+        deviance: adjusted rise of -2 log likelihood above the best.
         limit: deviance at the ends of the 95 % interval.
-        low, high: that interval; infinite where nothing within reach stops the value.
+        low, high: that interval; infinite where the data give no limit within the range.
         linear: the interval of the fit itself, for comparison.
-        estimate: of the fit; where the profile's minimum is another, the sentence says so.
-        others: one row a value: all other fitted parameters along the valley.
+        estimate: the fit's estimate; `sentence` says if the profile's minimum is different.
+        others: one row per value: all other fitted parameters along the profile.
     """
 
     name: str
@@ -72,7 +72,7 @@ class Profile:
 
     @property
     def sentence(self) -> str:
-        """What the profile adds to the fit's own interval, and whether its minimum is the fit's estimate."""
+        """The profile's interval compared with the fit's own, and whether its minimum is the fit's estimate."""
         return self._interval + self._apart
 
     @property
@@ -87,8 +87,8 @@ class Profile:
             )
         if half > 0 and abs(self.value - self.estimate) > APART * half:
             return (
-                f"; its minimum lies at {self.value:.5g}{unit}, the estimate at {self.estimate:.5g}{unit}: the fit "
-                "weighs predictions over a longer time, too, or stopped early"
+                f"; its minimum lies at {self.value:.5g}{unit}, the estimate at {self.estimate:.5g}{unit}: the "
+                "fit also weighs predictions over a longer time, or it stopped early"
             )
         return ""
 
@@ -99,11 +99,11 @@ class Profile:
             open_ends = " and ".join(
                 side for side, end in (("below", self.low), ("above", self.high)) if not math.isfinite(end)
             )
-            return f"{self.name}: the data set no limit {open_ends} within reach of the profile"
+            return f"{self.name}: the data give no limit {open_ends} within the range of the profile"
         found = f"{self.name}: 95 % of the profile likelihood within {self.low:.5g} to {self.high:.5g}{unit}"
         ratio = (self.high - self.value) / max(self.value - self.low, 1e-300)
         if 0.8 < ratio < 1.25:
-            return f"{found}, as symmetric as the fit's own interval takes it to be"
+            return f"{found}, as symmetric as the fit's own interval"
         longer = "upwards" if ratio > 1 else "downwards"
         return f"{found}, {max(ratio, 1 / ratio):.2g} times as far {longer}: the fit's own interval is too symmetric"
 
@@ -116,19 +116,19 @@ def profile(
     options: FitOptions | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Profile:
-    """Follow the valley of one parameter to both sides of a fit.
+    """Compute the profile of one parameter to both sides of its estimate.
 
     Args:
         rig: as fitted.
         recordings: as fitted.
         fit: their fit, converged.
         name: of the parameter.
-        options: as fitted; window and robust loss count here.
+        options: as fitted; window and robust loss are used.
         progress: called with the share of the work done.
 
     Raises:
         InputError: the fit holds no such parameter.
-        NotIdentifiable: the parameter stands at its bound, or the data do not determine it: there is no valley.
+        NotIdentifiable: the parameter lies at its bound, or the data do not determine it.
     """
     k, recordings, options = _place(rig, fit, name), list(recordings), options or FitOptions()
     problem = build_problem(rig.model, recordings, options.window or window_length(rig.model, recordings))
@@ -162,7 +162,7 @@ def profile(
 
 
 def fitted(rig: Rig, name: str) -> int:
-    """LikelihoodPoint of a parameter among those a fit of the rig moves.
+    """Index of a parameter among those that a fit of the rig moves.
 
     Raises:
         InputError: it is not among them; names the nearest one.
@@ -176,13 +176,13 @@ def fitted(rig: Rig, name: str) -> int:
 def _place(rig: Rig, fit: Fit, name: str) -> int:
     k = fitted(rig, name)
     if fit.parameters[k].at_bound or not fit.parameters[k].identifiable:
-        why = "stands at its bound" if fit.parameters[k].at_bound else "is not determined by these recordings"
-        raise NotIdentifiable(f"{name} {why}: there is no valley to follow")
+        why = "lies at its bound" if fit.parameters[k].at_bound else "is not determined by these recordings"
+        raise NotIdentifiable(f"{name} {why}: the profile likelihood is not defined")
     return k
 
 
 def _curved(o: Objective, best: Point, terms: Terms, fit: Fit, k: int) -> float:
-    """Standard deviation of a parameter by the cost's curvature alone, with those at their bounds held there."""
+    """Standard deviation of a parameter from the cost's curvature alone, with those at their bounds fixed."""
     held = np.array([estimate.at_bound for estimate in fit.parameters])
     s = settled_system(o, best, terms, fit.process_noise, held)
     inverse = solve_schur(replace(s, schur=s.schur + np.diag(held.astype(float))), np.eye(len(held)))
@@ -191,7 +191,7 @@ def _curved(o: Objective, best: Point, terms: Terms, fit: Fit, k: int) -> float:
 
 @dataclass(frozen=True, eq=False)
 class _ProfilePath:
-    """What both sides of a walk share: parameter number `k`, its step, and the rise of the cost that ends it."""
+    """Data shared by both sides: parameter number `k`, its step, and the rise of the cost that ends it."""
 
     o: Objective
     q: Array
@@ -205,7 +205,7 @@ Row = tuple[float, float, Array]  # value, cost, all parameters
 
 
 def _follow(walk: _ProfilePath, at: Point, lowest: float, way: int) -> list[Row]:
-    """Away from the best in one direction, each point started from the one before it."""
+    """Points away from the best in one direction, each started from the one before."""
     o, k, rows = walk.o, walk.k, list[Row]()
     begin, before = float(at.p[o.free[k]]), at
     for number in range(1, FARTHEST + 1):
@@ -215,7 +215,7 @@ def _follow(walk: _ProfilePath, at: Point, lowest: float, way: int) -> list[Row]
         try:
             found, cost = _fixed(walk, _ahead(o, at, before, k, value), value)
         except SolveError:
-            break  # the model cannot be simulated out there
+            break  # the model cannot be simulated there
         before, at = at, found
         rows.append((value, cost, at.p))
         if walk.progress is not None:
@@ -226,7 +226,7 @@ def _follow(walk: _ProfilePath, at: Point, lowest: float, way: int) -> list[Row]
 
 
 def _ahead(o: Objective, at: Point, before: Point, k: int, value: float) -> Point:
-    """Along the straight line through the last two points: valleys bend slowly."""
+    """Extrapolate the line through the last two points: the path bends slowly."""
     i = o.free[k]
     gone = at.p[i] - before.p[i]
     share = (value - at.p[i]) / gone if gone else 0.0
@@ -237,7 +237,7 @@ def _ahead(o: Objective, at: Point, before: Point, k: int, value: float) -> Poin
 
 
 def _fixed(walk: _ProfilePath, start: Point, value: float) -> tuple[Point, float]:
-    """The rest fitted with the parameter at a value."""
+    """Fit of the others with the parameter fixed at a value."""
     low, high = walk.o.low.copy(), walk.o.high.copy()
     low[walk.k] = high[walk.k] = value
     at, terms, _ = descend(replace(walk.o, low=low, high=high), start, walk.q, precision=PRECISION)
@@ -245,7 +245,7 @@ def _fixed(walk: _ProfilePath, start: Point, value: float) -> tuple[Point, float
 
 
 def _crossing(values: Array, deviance: Array, limit: float) -> float:
-    """Where the deviance first passes the limit; its root is nearly straight, so it is what is interpolated."""
+    """Where the deviance first exceeds the limit; its square root is nearly linear and is interpolated."""
     root = np.sqrt(np.maximum(deviance, 0.0))
     beyond = np.flatnonzero(root >= math.sqrt(limit))
     if not len(beyond):

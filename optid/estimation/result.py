@@ -1,4 +1,4 @@
-"""What a fit returns: frozen, in SI units, and plain about what it does not know."""
+"""The result of a fit: frozen, in SI units, with a statement of what it does not know."""
 
 from __future__ import annotations
 
@@ -19,18 +19,20 @@ class Outcome(enum.Enum):
     """How a fit ended; the value is a sentence of advice."""
 
     CONVERGED = "The fit converged."
-    TIME_LIMIT = "The time limit came first: the best point so far is kept; call again to go on from it."
+    TIME_LIMIT = (
+        "The time limit was reached: the best point so far is kept; run the fit again to continue from it."
+    )
     NOT_CONVERGED = (
-        "The iteration did not settle: look at the certificate's unsound nodes, free fewer parameters or start "
-        "nearer."
+        "The iteration did not converge: look at the unsound nodes in the certificate, fit fewer "
+        "parameters or start nearer."
     )
     BELOW_MEAN = (
-        "The fit failed: it predicts worse than the mean of the measurement does. Look at signs, units and start "
+        "The fit failed: it predicts worse than the mean of the measurement. Check signs, units and start "
         "values, and whether the command reached the axis."
     )
     AT_BOUNDS = (
-        "The fit failed: everything that was fitted stands at its bounds. Look at signs, units and bounds: the data "
-        "ask for another model."
+        "The fit failed: every fitted parameter lies at a bound. Check signs, units and bounds: the data "
+        "call for another model."
     )
     CONTRADICTION = (
         "The fit failed: its values contradict each other. Narrow the bounds, or state what is known."
@@ -38,7 +40,7 @@ class Outcome(enum.Enum):
 
     @property
     def failed(self) -> bool:
-        """Whether nothing should be built on this fit."""
+        """Whether this fit must not be used."""
         return self not in (Outcome.CONVERGED, Outcome.TIME_LIMIT)
 
 
@@ -58,7 +60,7 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Score:
-    """How close a prediction comes: 100 (1 - |y - yhat| / |y - mean y|), and the root mean square error."""
+    """Quality of a prediction: 100 (1 - |y - yhat| / |y - mean y|), and the root mean square error."""
 
     fit_percent: float
     rmse: float
@@ -84,7 +86,7 @@ class Certificate:
 
     @property
     def sound(self) -> bool:
-        """No node has an outlying defect or misfit."""
+        """Whether no node has an outlying defect or misfit."""
         return bool(self.frame["sound"].all())
 
 
@@ -96,9 +98,9 @@ class Fit:
         values: all parameters by name, fitted and stated, SI.
         covariance: of the fitted ones in the order of `parameters`.
         noise: role -> standard deviation of the residuals, SI.
-        process_noise: what a node allowed in each state, SI.
+        process_noise: sd of each state's jump at a node, SI.
         states: at the nodes, (windows, states).
-        ties: sentences on parameters these data cannot tell apart.
+        ties: sentences on parameters that these data cannot separate.
     """
 
     outcome: Outcome
@@ -119,12 +121,12 @@ class Fit:
         return pd.DataFrame([vars(e) for e in self.parameters]).set_index("name")
 
     def judged(self, stated: Collection[str], percents: Iterable[float | None], sound: bool = True) -> Fit:
-        """The same fit, its outcome corrected by what it is good for.
+        """The same fit, with its outcome corrected by the quality of its predictions.
 
         Args:
             stated: names of the parameters that were to be fitted.
             percents: fit of each channel whose error is more than its noise; ``None`` where there is none.
-            sound: its values do not contradict each other.
+            sound: whether its values do not contradict each other.
         """
         at_bound = [e.at_bound for e in self.parameters if e.name in stated]
         outcome = self.outcome

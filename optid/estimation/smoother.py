@@ -1,7 +1,7 @@
 """Multiple shooting with soft continuity: the states at all nodes and the free parameters, together.
 
 Minimises  sum ((y - h) / sd)^2 + sum ((X_next - F(X)) / q)^2 + priors  by Gauss-Newton with Levenberg-Marquardt
-damping. q, the process noise a node allows, is annealed by the caller from loose to tight. The normal matrix is
+damping. q, the process noise at a node, is annealed by the caller from large to small. The normal matrix is
 block tridiagonal in the states with a border for the parameters: a banded Cholesky factor and a small Schur
 complement solve it in time linear in the record (Ribeiro et al. 2020 on why shooting must be multiple).
 """
@@ -23,13 +23,13 @@ from optid.core.threads import parallel_for
 from optid.errors import SolveError
 from optid.estimation.problem import Booleans, Problem
 
-ENOUGH = 50  # iterations: what needs more does not settle
-TRUSTED = 1e-3  # damping up to which a step's promise is that of the undamped step
+ENOUGH = 50  # iterations: a fit that needs more does not converge
+TRUSTED = 1e-3  # damping up to which a step's predicted gain equals that of the undamped step
 
 
 @dataclass(frozen=True, eq=False)
 class Objective:
-    """What is minimised, apart from the process noise.
+    """The objective, apart from the process noise.
 
     Attributes:
         free: indices of the fitted parameters in p.
@@ -74,7 +74,7 @@ class Terms:
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """Where the iteration stands: node states (windows, states) and the whole parameter vector."""
+    """A point of the iteration: node states (windows, states) and the whole parameter vector."""
 
     X: Array
     p: Array
@@ -116,12 +116,12 @@ def priced(o: Objective, at: Point, t: Terms, q: Array) -> Terms:
         + float((((at.X - o.start) / o.spread) ** 2).sum(axis=1) @ o.heads)
         + float((((theta - o.prior) / o.prior_sd) ** 2).sum())
     )
-    known = math.isfinite(cost) and bool(np.isfinite(t.H).all())  # a cost without slopes leads nowhere
+    known = math.isfinite(cost) and bool(np.isfinite(t.H).all())  # a cost without slopes gives no step
     return replace(t, cost=cost if known else math.inf)
 
 
 def system(o: Objective, at: Point, t: Terms, q: Array, damping: float, held: Booleans) -> System:
-    """Assemble and factor the normal equations; `held` parameters (bool) stay where they are.
+    """Assemble and factor the normal equations; `held` parameters (bool) are fixed.
 
     Raises:
         LinAlgError: not positive definite (damping too small).
@@ -168,9 +168,9 @@ def system(o: Objective, at: Point, t: Terms, q: Array, damping: float, held: Bo
 
 
 def settled_system(o: Objective, at: Point, t: Terms, q: Array, held: Booleans) -> System:
-    """The undamped normal equations, with no more damping than rounding asks for.
+    """The undamped normal equations, with only as much damping as rounding requires.
 
-    With little process noise the weights span ten decades and the last pivots drown in rounding.
+    With little process noise the weights span ten decades and the last pivots are lost in rounding.
 
     Raises:
         SolveError: even strong damping does not make them positive definite.
@@ -186,14 +186,14 @@ def settled_system(o: Objective, at: Point, t: Terms, q: Array, held: Booleans) 
 
 
 def _firm(schur: Array) -> Array:
-    """With one on the diagonal where a parameter is held or has no influence: it stays, and the rest moves."""
+    """With 1 on the diagonal where a parameter is fixed or has no influence, so that it does not move."""
     return schur + np.diag((np.diag(schur) == 0.0).astype(float))
 
 
 def _step(o: Objective, at: Point, t: Terms, q: Array, damping: float) -> tuple[Point, float, float]:
     """The damped Gauss-Newton point within bounds, the largest scaled movement of parameters, the promised decrease.
 
-    The promise is the linearisation's; it is negative where its matrix is not positive definite.
+    The predicted decrease is the linearisation's; it is negative where the matrix is not positive definite.
     """
     theta = at.p[list(o.free)]
     held = np.zeros(len(o.free), dtype=bool)
@@ -230,15 +230,17 @@ def descend(
     """Minimise at one level of process noise; `terms` is the linearisation at the start where it is known.
 
     Returns the point, its linearisation and whether the relative decrease of the cost fell below `precision`.
-    A trial is evaluated with its slopes at once: most are accepted, and costs from the same steps of the
-    integrator compare to the last digits.
+    A trial is evaluated with its slopes at once: most are accepted, and costs from the same integrator steps can be
+        compared exactly.
 
     Raises:
         SolveError: the model cannot be simulated at the start.
     """
     terms = evaluate(o, at, q) if terms is None else priced(o, at, terms, q)
     if not math.isfinite(terms.cost):
-        raise SolveError("the simulation leaves the numbers at the start values; check them and their units")
+        raise SolveError(
+            "the simulation diverged at the start values (NaN or infinite); check them and their units"
+        )
     damping = 1e-6
     for number in range(iterations):
         settled = stuck = refused = False
@@ -246,7 +248,7 @@ def descend(
         while True:
             try:
                 trial, moved, promise = _step(o, at, terms, q, damping)
-                # A refused step came to a kink (a stop, a reversal): what shorter ones promise is what is left.
+                # A refused step met a kink (a stop, a reversal): the gain predicted for shorter ones is what remains.
                 if (refused or damping <= TRUSTED) and 0.0 <= promise <= 0.1 * enough and moved < 1e-2:
                     return at, terms, True
                 found = evaluate(o, trial, q)
@@ -262,7 +264,7 @@ def descend(
         if stuck:
             return at, terms, True  # no smaller cost within rounding
         at, terms = trial, found
-        damping = damping if refused else max(damping / 10, 1e-9)  # what was refused would be refused again
+        damping = damping if refused else max(damping / 10, 1e-9)  # the same step would be refused again
         stop = watch is not None and watch(number, terms.cost, at.p)
         if settled or stop:
             return at, terms, settled

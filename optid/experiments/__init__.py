@@ -1,1 +1,1 @@
-"""Which experiment to run next: the reference that tells rival effects apart best."""
+"""The next experiment: the reference that best distinguishes rival effects."""

@@ -1,4 +1,4 @@
-"""The design: pieces of a reference chosen until the time is full, then one look at the whole."""
+"""The design: pieces of a reference are chosen until the time is full; then the whole is evaluated."""
 
 from __future__ import annotations
 
@@ -16,29 +16,27 @@ from optid.experiments.pieces import LENGTH, Piece, Range, candidates, plain_ste
 from optid.experiments.separation import NEEDED, Pair, pairs, separations
 from optid.experiments.signatures import Layout, grams
 
-LEAD = 1.0  # s of the way from where the rig starts to the middle, where it does not start there
-NEAR = 0.01  # of the reach: a start so near to the middle needs no such way
-SAMPLES = 50  # that a piece must have
+LEAD = 1.0  # s of the approach from the rig's start to the middle, where it does not start there
+NEAR = 0.01  # of the reach: a start this near to the middle needs no approach
+SAMPLES = 50  # samples that a piece must have
 MOST = 1_000_000  # samples of an experiment
-TRIES = 5  # designs whose whole leaves the stroke limits before the job is given up
-TWICE = (
-    2  # times that a piece comes at most while others are left: the model that chooses is only nearly right
-)
-LEAST = 1e-6  # sd that counts as none in sums of logarithms
+TRIES = 5  # designs that leave the stroke limits as a whole before the job is given up
+TWICE = 2  # largest number of repeats of a piece while others are left: the model that chooses is only nearly right
+LEAST = 1e-6  # sd that counts as zero in sums of logarithms
 
 Report = Callable[[float, str], None]
 
 
 @dataclass(frozen=True)
 class Separation:
-    """Between a rival that is there at its smallest size worth a name and another one, in sd.
+    """Separation, in sd, between a rival present at its smallest size worth a name and another one.
 
     Attributes:
-        there: name of the effect that is there.
-        instead: name of the one it is mistaken for; None for no effect at all.
+        there: name of the effect that is present.
+        instead: name of the one that it could be mistaken for; None for no effect.
         planned: of the planned experiment.
         plain: of steps of the same length.
-        seconds: of an experiment like the planned one that a test needs to err once in a hundred; infinite
+        seconds: of an experiment like the planned one that a test needs for one error in a hundred; infinite
             where nothing separates the two.
     """
 
@@ -50,16 +48,16 @@ class Separation:
 
     @property
     def enough(self) -> bool:
-        """The planned experiment tells them apart."""
+        """Whether the planned experiment distinguishes them."""
         return self.planned >= NEEDED
 
 
 @dataclass(frozen=True, eq=False)
 class Design:
-    """An experiment and what it is worth.
+    """An experiment and its separations.
 
     Attributes:
-        rivals: in the order asked for.
+        rivals: in the requested order.
         run: predicted, on the rig's own model.
         starts: s at which each piece begins; names: what each is.
         separations: the least first.
@@ -83,7 +81,7 @@ def design(
 
     Args:
         loop: rig and controller.
-        rivals: one, to be shown, or several, to be told apart.
+        rivals: one to detect, or several to distinguish.
         seconds: of the experiment.
         generator: of random pieces and the sensors' noise.
         progress: called with the share done and a few words.
@@ -99,15 +97,15 @@ def design(
     runs = loop.runs([np.r_[frame.lead, piece.reference] for piece in tried])
     fine = [k for k, run in enumerate(runs) if loop.beyond(run) is None]
     if not fine:
-        raise SolveError("no piece of a reference stays within the stroke limits; try gentler gains")
+        raise SolveError("every piece of a reference leaves the stroke limits; try lower gains")
     possible = [tried[k] for k in fine]
-    report(0.1, f"what {len(rivals)} effects change along {len(fine)} pieces")
+    report(0.1, f"sensitivities to {len(rivals)} effects along {len(fine)} pieces")
     skip, wanted = frame.lead.size, pairs(len(rivals))
     recordings = [loop.recording(runs[k], generator, f"piece {k}") for k in fine]
     by_piece = grams(loop.rig, rivals, recordings, skip)
     report(0.8, "choosing")
     run, chosen = _within_limits(loop, frame, possible, by_piece.values, by_piece.layout, wanted)
-    report(0.85, "the whole experiment beside plain steps")
+    report(0.85, "comparing the experiment with plain steps")
     [steps] = loop.runs([np.r_[frame.lead, plain_steps(frame.room, frame.total - skip, loop.settings.span)]])
     both = grams(
         loop.rig,
@@ -128,7 +126,7 @@ def design(
 def choose(
     values: Array, layout: Layout, wanted: Sequence[Pair], count: int, left_out: Sequence[int] = ()
 ) -> list[int]:
-    """Which pieces: each time the one that raises the least separation most.
+    """Choose pieces: each time the one that increases the smallest separation most.
 
     Args:
         values: inner products along each piece, (pieces, columns, columns).
@@ -150,14 +148,14 @@ def choose(
 
 
 def worth(gram: Array, layout: Layout, wanted: Sequence[Pair]) -> tuple[float, float]:
-    """The least separation, and the sum of the logarithms of all, by which equals are told apart."""
+    """The smallest separation, and the sum of the logarithms of all, which decides between equal ones."""
     found = separations(gram, layout, wanted)
     return float(found.min()), float(np.log(found + LEAST).sum())
 
 
 @dataclass(frozen=True, eq=False)
 class _Frame:
-    """How the time is cut: the way to the middle, `count` pieces of `samples`, rest to `total` samples."""
+    """Division of the time: the approach to the middle, `count` pieces of `samples`, rest to `total` samples."""
 
     room: Range
     lead: Array
@@ -200,7 +198,7 @@ def _within_limits(
     layout: Layout,
     wanted: Sequence[Pair],
 ) -> tuple[Run, list[int]]:
-    """Pieces whose whole stays within the stroke limits too: one that then leaves them is taken out."""
+    """Pieces that also stay within the stroke limits as a whole: one that leaves them is removed."""
     left_out: list[int] = []
     for _ in range(TRIES):
         chosen = choose(values, layout, wanted, frame.count, left_out)
@@ -212,7 +210,7 @@ def _within_limits(
             return run, chosen
         left_out.append(chosen[min(max(at - frame.lead.size, 0) // frame.samples, len(chosen) - 1)])
     raise SolveError(
-        "pieces that stay within the stroke limits leave them one after the other; try gentler gains"
+        "pieces that stay within the stroke limits leave them when they follow each other; try lower gains"
     )
 
 

@@ -1,8 +1,8 @@
-"""Before a diagnosis: from what size would each effect show in recordings, and be told from all others?
+"""Detectability before a diagnosis: the size from which each effect is visible and distinguishable from all others.
 
-The rig file's parameters are taken for true. An effect at its smallest size worth a name moves the innovations by so
-many sd once the free parameters, and then another effect in any size and form, have had their linear say. It is told
-from where that distance is `NEEDED`, to first order, and never below the smallest size worth a name.
+The rig file's parameters are taken as true. An effect at its smallest size worth a name changes the innovations by
+some sd after a linear fit of the free parameters, and then of another effect in any size and form. It counts as
+distinguishable from where that distance is `NEEDED`, to first order, and never below the smallest size worth a name.
 """
 
 from __future__ import annotations
@@ -19,25 +19,23 @@ from optid.experiments.separation import NEEDED, pairs, separations
 from optid.experiments.signatures import grams
 from optid.rigs.rigfile import Rig
 
-MOST = 100_000  # samples of all recordings together that are looked at: it bounds the memory
-HARDER = (
-    2.0  # times the size at which an effect shows: a rival that asks for more to be told from is an alike
-)
+MOST = 100_000  # samples of all recordings together that are used: it bounds the memory
+HARDER = 2.0  # times the size at which an effect is visible: a rival that needs more counts as similar
 
 
 @dataclass(frozen=True)
 class Detectability:
-    """What recordings could show of an effect.
+    """The detectability of an effect in recordings.
 
     Attributes:
         effect: its name.
-        separation: sd between the effect at its smallest size worth a name and nothing missing.
-        apart: the same between it and the effect that is hardest to tell from it.
-        shows_from: the parameters that make up its size, where it is told from nothing missing, SI; empty where no
-            possible size would do.
-        told_from: the same where it is told from every other effect.
+        separation: sd between the effect at its smallest size worth a name and no effect.
+        apart: the same between it and the effect that is most similar to it.
+        shows_from: the parameters of the size from which it is visible, SI; empty where no possible size is.
+        told_from: the same where it is distinguishable from every other effect.
         units: of these parameters.
-        alike: effects that it is told from only at more than `HARDER` times the size at which it shows.
+        alike: effects from which it is distinguishable only at more than `HARDER` times the size at which it is
+            visible.
     """
 
     effect: str
@@ -52,10 +50,10 @@ class Detectability:
 def detectability(
     rig: Rig, recordings: Sequence[Recording], effects: Sequence[Effect]
 ) -> tuple[Detectability, ...]:
-    """What each effect would have to be to show in recordings.
+    """The size that each effect must have to be visible in recordings.
 
     Args:
-        rig: its parameters are taken for true.
+        rig: its parameters are taken as true.
         recordings: of its plant; of more than `MOST` samples in all, the beginning of each.
         effects: that its model can take.
 
@@ -96,7 +94,7 @@ def _of(effect: Effect, separation: float, rivals: Mapping[str, float]) -> Detec
 
 
 def _size(effect: Effect, separation: float) -> dict[str, float]:
-    """The parameters of an effect's first usual form at which it is told; empty where it cannot be so large."""
+    """The parameters at which an effect's first usual form is distinguishable; empty where it cannot be so large."""
     if not separation > 0.0:
         return {}
     null = effect.at_null()

@@ -1,4 +1,4 @@
-"""What a plan leaves: the experiment as a recording of the rig, and plan.json."""
+"""The files of a plan: the experiment as a recording of the rig, and plan.json."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SCHEMA = "optid.plan/1"
 
 @dataclass(frozen=True, eq=False)
 class Planned:
-    """A design with the loop it is meant for, and the seed of everything random in it."""
+    """A design with its loop, and the seed of its random numbers."""
 
     loop: Loop
     design: Design

@@ -1,4 +1,4 @@
-"""The rig's own model in closed loop along a reference: what a recording of an experiment would hold."""
+"""The rig's own model in closed loop along a reference: it simulates the recording of an experiment."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ NOISE = 1e-4  # sd of the position as a share of the way between the stroke limi
 NOISE_OTHER = (
     1e-3  # sd of any other output as a share of the usual size of its unit's state, where none is stated
 )
-TOUCH = 1e-6  # of the way between the limits: so far beyond one is on it
+TOUCH = 1e-6  # of the range between the limits: a smaller excess counts as on the limit
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +34,7 @@ class Run:
 
     Attributes:
         reference: m, (samples,).
-        command: as the rig gets it (V), (samples,).
+        command: as sent to the rig (V), (samples,).
         outputs: of the model, SI, (samples, outputs).
     """
 
@@ -92,14 +92,14 @@ class Loop:
         return run.outputs[:, self._column]
 
     def beyond(self, run: Run) -> int | None:
-        """The first sample at which the position is beyond the stroke limits or no number; None for none."""
+        """The first sample at which the position is beyond the stroke limits or NaN; None for none."""
         low, high = self.settings.limits.stroke
         touch, x = TOUCH * (high - low), self.position(run)
         inside = (x >= low - touch) & (x <= high + touch)
         return None if inside.all() else int(np.argmin(inside))
 
     def recording(self, run: Run, generator: np.random.Generator, name: str) -> Recording:
-        """What would be measured of a run, sensors' noise and all."""
+        """The recording of a run, with sensors' noise."""
         n, command = len(run.command), self._command
         roles = [port.role for port in self.rig.model.outputs]
         channels = {command.role: self._channel(command.role, run.command / command.per_unit)}
@@ -125,13 +125,13 @@ class Loop:
 
 
 def _episode(path: Array, name: str) -> Episode:
-    """A path to follow and nothing to score."""
+    """An episode with a set-point profile, without scores."""
     zeros = np.zeros(path.size)
     return Episode(name, path, zeros, zeros, zeros)
 
 
 def refuse_unfit(rig: Rig) -> None:
-    """Only an axis can follow a reference.
+    """Refuse a rig that cannot follow a reference.
 
     Raises:
         InputError: no position, or no channel for it or for the reference.
@@ -142,12 +142,12 @@ def refuse_unfit(rig: Rig) -> None:
             f'no output "{POSITION}" among {", ".join(roles)}',
             where=rig.path,
             field="model",
-            expected="an axis: a plan is a reference for its position",
+            expected="a plant with a position: a plan is a reference for it",
         )
     for role in (POSITION, REFERENCE):
         if role not in rig.channels:
             raise InputError(
-                "no such channel, and a plan needs it",
+                "this channel is missing, and a plan needs it",
                 where=rig.path,
                 field=f"channels.{role}",
                 expected=f'{role} = {{ column = "{role[0]}", unit = "mm" }}',
@@ -155,7 +155,7 @@ def refuse_unfit(rig: Rig) -> None:
 
 
 def refuse_endless(rig: Rig, settings: Settings) -> None:
-    """A reference needs limits to stay within.
+    """Refuse a rig without limits for the reference.
 
     Raises:
         InputError: the stroke is not known.

@@ -10,16 +10,18 @@ import numpy as np
 from optid.core.model import Array
 from optid.live.reference import TOUR
 
-LENGTH = 3.0  # s of a piece, about: long enough for a slow move, short enough for several in a recording
+LENGTH = (
+    3.0  # s of a piece, approximately: long enough for a slow motion, short enough for several in a recording
+)
 STILL = 0.05  # share of a piece before it moves
-REST = 0.15  # share of a piece after it has moved: the way back to the middle, and rest there
+REST = 0.15  # share of a piece after it has moved: the return to the middle, and rest there
 INNER = 0.97  # share of the range that a reference uses: the axis may overshoot
 PLAIN = 1.0  # s at each level of the plain experiment
 
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """Values of a reference, (samples,), m, and what it is in a few words."""
+    """Values of a reference, (samples,), m, and its description in a few words."""
 
     name: str
     reference: Array
@@ -27,7 +29,7 @@ class Piece:
 
 @dataclass(frozen=True)
 class Range:
-    """Where a reference may go: middle and what it may leave it by to either side, m."""
+    """The range of a reference: middle and largest distance to each side, m."""
 
     middle: float
     reach: float
@@ -60,7 +62,7 @@ def candidates(
 
 
 def plain_steps(room: Range, samples: int, interval: float) -> Array:
-    """The levels of `optid live`'s own tour, `PLAIN` seconds each: what one would run without a plan, (samples,)."""
+    """The levels of `optid live`'s own tour, `PLAIN` seconds each: an experiment without a plan, (samples,)."""
     at = (interval * np.arange(samples) / PLAIN).astype(int) % (len(TOUR) - 1)
     return np.asarray(room.middle + room.reach * np.array(TOUR[1:])[at])
 
@@ -88,18 +90,18 @@ def _shapes(time: Array, reach: float, generator: np.random.Generator) -> Iterat
         waves = share * reach * _multisine(time, low, high, generator)
         yield f"sines of {low:g} to {high:g} Hz, ±{share:.0%}", waves
     for half in (0.06, 0.12):
-        yield f"fast squares, ±100%, {half:g} s to either side", reach * _square(time, half)
+        yield f"fast square wave, ±100%, {half:g} s to each side", reach * _square(time, half)
     for name, sign in (("up first", 1.0), ("down first", -1.0)):
         yield f"full strokes, {name}", sign * reach * _square(time, span / 2)
     for size in (2e-4, 1e-3, 5e-3):
         yield f"small reversals, ±{1e3 * size:g} mm", size * _square(time, 0.4)
     for speed in (2e-3, 1e-2):
-        yield f"creeping at {1e3 * speed:g} mm/s", speed * span / 4 * _triangle(time / span)
+        yield f"slow motion at {1e3 * speed:g} mm/s", speed * span / 4 * _triangle(time / span)
     yield "holding still", np.zeros_like(time)
 
 
 def _levels(time: Array, hold: float, generator: np.random.Generator) -> Array:
-    """Random levels of -1 to 1; neighbours differ by a third at least, so that every one is a move."""
+    """Random levels of -1 to 1; neighbours differ by at least a third, so that every one causes motion."""
     at = (time / hold).astype(int)
     levels = [0.0]
     while len(levels) < at[-1] + 2:

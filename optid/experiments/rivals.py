@@ -1,4 +1,4 @@
-"""Which effects an experiment shall tell apart: named in the call, or what a diagnosis left open."""
+"""The effects that an experiment must distinguish: named in the call, or left open by a diagnosis."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from optid.rigs.rigfile import Rig
 
 SCHEMA = "optid.diagnosis/1"
 MOST = (
-    6  # rivals taken from what a diagnosis could not test: more, and no experiment of seconds serves them all
+    6  # effects taken from those that a diagnosis could not test: no experiment of some seconds serves more
 )
 
 
@@ -24,13 +24,13 @@ def named(
     """The effects of these names, in their order.
 
     Args:
-        names: as a diagnosis writes them.
-        rig: takes them, and has none of them yet.
-        own: the user's effects, beside the catalogue.
-        where: the names stand, for messages.
+        names: as in a diagnosis.
+        rig: must admit them, and have none of them yet.
+        own: the user's effects, in addition to the catalogue.
+        where: source of the names, for messages.
 
     Raises:
-        InputError: no name, one given twice, one that the rig has already or cannot take.
+        InputError: no name, one given twice, one that the rig has already or does not admit.
     """
     possible = {effect.name: effect for effect in admitted(rig.model, own)}
     if not names or not all(names):
@@ -38,7 +38,7 @@ def named(
     for name in names:
         if name in rig.model.effects:
             raise InputError(
-                f'"{name}" is in the rig file already',
+                f'the rig file already contains "{name}"',
                 where=where,
                 expected=f"a rig file without [effects.{name}]",
                 hint=f"it was read from {rig.path}",
@@ -48,15 +48,15 @@ def named(
                 f'this plant takes no effect "{name}"', where=where, hint=nearest(name, possible)
             )
         if names.count(name) > 1:
-            raise InputError(f'"{name}" is given twice', where=where, expected="every rival once")
+            raise InputError(f'"{name}" is given twice', where=where, expected="every effect once")
     return tuple(possible[name] for name in names)
 
 
 def from_diagnosis(path: Path) -> tuple[str, ...]:
-    """Names of what a diagnosis left open.
+    """Names of the effects that a diagnosis left open.
 
-    The effects found with those that explain the recordings as well; where nothing is indistinguishable, the
-    effects found and those that its recordings could not show, `MOST` in all.
+    The effects found and those that explain the recordings equally well; if none is indistinguishable, the effects
+    found and those that its recordings could not show, `MOST` in all.
 
     Args:
         path: a diagnosis.json, or the folder that holds one.
@@ -71,10 +71,10 @@ def from_diagnosis(path: Path) -> tuple[str, ...]:
         rivals = [[f["effect"], *f["indistinguishable_from"]] for f in findings]
         untested = [entry["effect"] for entry in content["not_testable"]]
         if not all(isinstance(name, str) for name in [*untested, *(name for row in rivals for name in row)]):
-            raise TypeError("a name that is no text")
+            raise TypeError("a name of an effect is not a text")
     except (KeyError, TypeError) as error:
         raise InputError(
-            f"not as optid diagnose writes it ({error})",
+            f"this is not a complete diagnosis of optid ({error})",
             where=path,
             field="findings",
             expected="a diagnosis.json",
@@ -84,7 +84,7 @@ def from_diagnosis(path: Path) -> tuple[str, ...]:
         names = [*names, *untested][:MOST]
     if not names:
         raise InputError(
-            "it left nothing open: no finding, and nothing that was not testable",
+            "this diagnosis left nothing open: it has no finding, and every effect was testable",
             where=path,
             hint="name effects with --rivals",
         )

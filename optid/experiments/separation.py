@@ -1,8 +1,8 @@
 """From inner products of signatures to the standard deviations between rivals.
 
-Between "this rival is there at its smallest size worth a name" and "that one is there, in any size and form": the
-length of what remains of the first one's signature once the parameters and all forms of the second have had their
-linear say (a Schur complement). That is the distance of the means of the best test between the two.
+Between "this rival is present at its smallest size worth a name" and "that one is present, in any size and form": the
+norm of the residual of the first one's signature after a linear fit of the parameters and all forms of the second (a
+Schur complement). That is the distance of the means of the best test between the two.
 """
 
 from __future__ import annotations
@@ -15,25 +15,26 @@ import numpy as np
 from optid.core.model import Array
 from optid.experiments.signatures import Layout
 
-NEEDED = 4.65  # sd between two hypotheses that a test confuses in 1 % of the cases either way
+NEEDED = 4.65  # sd between two hypotheses that a test confuses in 1 % of the cases, in both directions
 # Singular values below this share of the largest: directions that forms share up to nonlinearity. Refits of simulated
-# experiments agree with it for a lag and a delay, 0.71 and 2.3 sd against 0.8 and 2.35; 0.05 promised 2.9 for 0.71.
+# experiments agree with it for a lag and a delay, 0.71 and 2.3 sd compared with 0.8 and 2.35; 0.05 would predict 2.9
+# for 0.71.
 SAME = 0.02
 SHARP = 1e-5  # the same for slopes, which are known exactly
 NOTHING = 1e-6  # share of a signature's square that is rounding
 
 Pair = tuple[
     int, int | None
-]  # the rival that is there, and the one it is mistaken for; None for no effect at all
+]  # the rival that is present, and the one it could be mistaken for; None for no effect
 
 
 def pairs(rivals: int) -> tuple[Pair, ...]:
-    """Every ordered pair; a rival that is alone against nothing missing."""
+    """Every ordered pair; a single rival is paired with no effect."""
     return tuple(itertools.permutations(range(rivals), 2)) if rivals > 1 else ((0, None),)
 
 
 def separations(gram: Array, layout: Layout, wanted: Sequence[Pair]) -> Array:
-    """The sd of each wanted pair, (pairs,), the least over the forms of the rival that is there.
+    """The sd of each wanted pair, (pairs,), the smallest over the forms of the rival that is present.
 
     Args:
         gram: inner products of all columns, (columns, columns).
@@ -42,7 +43,7 @@ def separations(gram: Array, layout: Layout, wanted: Sequence[Pair]) -> Array:
     """
     slopes = tuple(range(layout.slopes))
     refitted = _without(gram, slopes, SHARP)
-    gone = np.diag(refitted) <= NOTHING * np.diag(gram)  # nothing but rounding remains of these columns
+    gone = np.diag(refitted) <= NOTHING * np.diag(gram)  # only rounding remains of these columns
     refitted = np.where(gone[:, None] | gone[None, :], 0.0, refitted)
     spans = {j: _without(refitted, layout.forms[j], SAME) for _, j in wanted if j is not None}
     found = np.empty(len(wanted))

@@ -1,7 +1,7 @@
-"""What each rival changes in the innovations along recordings, beside what the free parameters can change.
+"""Sensitivities: the changes of the innovations along recordings by each rival and by the free parameters.
 
-As the screen of a diagnosis looks at effects: models are steered by the gains of the base model's filter, and what
-their innovations differ by, in sd, is one column. Inner products of columns add over recordings.
+As in the score test of a diagnosis: models are corrected with the gains of the base model's filter, and the difference
+    of their innovations, in sd, is one column. Inner products of columns add over recordings.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ from optid.estimation.likelihood_point import LikelihoodFit
 from optid.estimation.problem import build_problem
 from optid.rigs.rigfile import Rig, with_effects
 
-# Log level of process noise of a model that is nearly right, in usual sizes per sqrt(s). With a tenth of it models
-# run nearly free, and the separation of a whole experiment is no longer that of its pieces together.
+# Log level of process noise of a model that is nearly right, in usual sizes per sqrt(s). With a tenth of it models #
+# run nearly freely, and the separation of a whole experiment is no longer the sum of its pieces.
 QUIET = math.log(1e-2)
 
 
 @dataclass(frozen=True)
 class Layout:
-    """Which column is what: the slopes by free parameters, then the forms of each rival.
+    """Meaning of the columns: the slopes by free parameters, then the forms of each rival.
 
     Attributes:
         slopes: their number.
@@ -58,12 +58,12 @@ def grams(
     """The inner products along recordings of the rig's own model.
 
     Args:
-        rig: its parameters are taken for true; every measured output has an sd.
+        rig: its parameters are taken as true; every measured output has an sd.
         rivals: effects that its model can take.
         recordings: of one run each.
         skip: samples at the beginning of each that do not count.
-        robust: weigh samples as a likelihood would where the largest rival is there; it says little where rivals
-            of very different size are asked after.
+        robust: weigh samples as a likelihood would in the presence of the largest rival; of little use for rivals of
+            very different size.
 
     Raises:
         SolveError: the model cannot be simulated along them.
@@ -78,7 +78,7 @@ def grams(
     for effect in rivals:
         least, usual = _points(effect)
         near, far = view.changes(effect, least, recordings), view.changes(effect, usual, recordings)
-        far = far[:, np.isfinite(far).all(axis=0)]  # at its usual size a form may break down on the way
+        far = far[:, np.isfinite(far).all(axis=0)]  # at its usual size the simulation of a form may diverge
         columns += [near, far]
         worth.append(tuple(range(count, count + near.shape[1])))
         count += near.shape[1] + far.shape[1]
@@ -90,9 +90,9 @@ def grams(
 
 
 def _weighted(C: Array, worth: Sequence[int]) -> Array:
-    """Rows weighted as the likelihood would weigh them with the largest rival there; none where a model broke down.
+    """Rows weighted as in a likelihood in the presence of the largest rival; zero where a model diverged.
 
-    Whole rows, slopes and all: what one column imitates of another one, it still imitates.
+    Whole rows, including slopes: linear dependences between columns are kept.
     """
     sound = np.asarray(np.isfinite(C).all(axis=1))
     far = np.abs(C[:, worth]).max(axis=1, where=np.isfinite(C[:, worth]), initial=0.0) if worth else 0.0
@@ -101,7 +101,7 @@ def _weighted(C: Array, worth: Sequence[int]) -> Array:
 
 
 def _points(effect: Effect) -> tuple[list[dict[str, float]], list[dict[str, float]]]:
-    """An effect's branches at the smallest size worth a name, and as they usually are."""
+    """An effect's branches at the smallest size worth a name, and at their usual size."""
     null = effect.at_null()
     usual = [{**null, **branch} for branch in effect.usual]
     least = [

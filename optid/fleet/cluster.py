@@ -40,7 +40,7 @@ class ClusterExecutor(Executor):
     def submit(self, function: Any, /, *args: Any, **kwargs: Any) -> Future[Any]:
         """Have a worker call a function."""
         if self.is_lost:
-            raise RuntimeError("the scheduler is lost")
+            raise RuntimeError("the connection to the scheduler is lost")
         future: Future[Any] = self._inner.submit(function, *args, **kwargs)
         return future
 
@@ -82,7 +82,9 @@ def connected(address: str, certificates: Certificates | None = None) -> Iterato
         client = Client(address, security=security, timeout=PATIENCE, set_as_default=False)
     except (OSError, ValueError, TypeError) as error:
         raise InputError(
-            f"no scheduler answers ({error})", where="--on", expected="the address that dask scheduler prints"
+            f"no scheduler responds ({error})",
+            where="--on",
+            expected="the address that dask scheduler prints",
         ) from None
     try:
         _refuse_other_versions(client)
@@ -92,7 +94,7 @@ def connected(address: str, certificates: Certificates | None = None) -> Iterato
 
 
 def is_open(address: str) -> bool:
-    """Anyone who reaches the address can run programs on its workers: no encryption, and not this machine alone."""
+    """Whether anyone who reaches the address can run programs on its workers: not encrypted, and not local."""
     parts = urlsplit(address)
     host = parts.hostname or ""
     if parts.scheme == "tls" or host == "localhost":

@@ -1,4 +1,4 @@
-"""What the rows of a fleet say together: the document and the tables of its result."""
+"""The conclusions from all rows of a fleet: the document and the tables of its result."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def concluded(fleet: Fleet, out: Path, names: list[str]) -> FleetResult:
 
 
 def _followed(measured: pd.DataFrame) -> pd.DataFrame:
-    """What rigs are compared by: nights' tests, or fits where there are none."""
+    """The measures that are compared: nights' tests, or fits where there are none."""
     tests = measured[measured["job"] == "test"]
     return measured[measured["job"] == "fit"] if tests.empty else tests
 
@@ -71,7 +71,7 @@ def _followed(measured: pd.DataFrame) -> pd.DataFrame:
 def _kin(
     followed: pd.DataFrame, runs: pd.DataFrame, fleet: Fleet, reference: int
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Rigs unlike their siblings, and what siblings share, over all groups of siblings."""
+    """Rigs that differ from their siblings, and what siblings share, over all groups of siblings."""
     column = f"tag {fleet.siblings}"
     kind = runs.groupby("rig")[column].first().to_dict() if fleet.siblings and column in runs else {}
     first = levels(followed, reference)
@@ -87,7 +87,7 @@ def _kin(
 
 
 def _described(told: pd.DataFrame, measured: pd.DataFrame) -> list[dict[str, Any]]:
-    """The rigs told of, with the way that the most telling quantity goes, and its unit."""
+    """The reported rigs, with the direction of the most significant quantity, and its unit."""
     units = dict(zip(measured["quantity"], measured["unit"], strict=True))
     return [
         {
@@ -119,7 +119,7 @@ def _failed(runs: pd.DataFrame) -> list[dict[str, str]]:
 
 
 def _records(table: pd.DataFrame) -> list[Mapping[str, Any]]:
-    """Rows as JSON takes them: what is not finite is null."""
+    """Rows for JSON: values that are not finite are null."""
     return [
         {str(k): (None if isinstance(v, float) and not pd.notna(v) else _plain(v)) for k, v in row.items()}
         for row in table.to_dict("records")

@@ -32,7 +32,7 @@ def run(
     workers: int | None = None,
     progress: Progress = lambda share, words: None,
 ) -> FleetResult:
-    """Answer every row that is missing or changed, and say what the fleet shows.
+    """Answer every row that is missing or changed, and report on the whole fleet.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ def run(
     out : str | Path
         folder of the results, in which each row has one; workers elsewhere must see it under the same path.
     executor : Executor | None
-        any of `concurrent.futures`: Dask's, submitit's, mpi4py's; jobs travel to it as paths and plain data. When
+        any of `concurrent.futures`: Dask's, mpi4py's, and submitit's; jobs travel to it as paths and plain data. When
         absent they run here.
     workers : int | None
         rows at a time without an executor; as many as cores when absent.
@@ -81,7 +81,7 @@ def run(
         go(fleet.jobs, (0.0, 0.98))
     else:
         _follow(fleet, fleet.nightly, place, go, names)
-    progress(0.99, "what the fleet shows")
+    progress(0.99, "statistics of the fleet")
     from optid.fleet.conclude import concluded  # the tables and statistics: not needed while rows run
 
     return concluded(fleet, place, names)
@@ -94,7 +94,7 @@ def _follow(
     go: Callable[[Sequence[Job], tuple[float, float]], None],
     names: list[str],
 ) -> None:
-    """Fit the reference, test each night, and diagnose the rigs told of."""
+    """Fit the reference, test each night, and diagnose the rigs that changed."""
     from optid.fleet.conclude import concluded
 
     rigs = by_rig(fleet.jobs)
@@ -105,7 +105,7 @@ def _follow(
 
 
 def read_names(out: Path) -> tuple[list[str], Fleet, float]:
-    """What a fleet's folder is to hold: names of rows, how they are judged, and when the run began (s, epoch).
+    """The plan of a fleet's folder: names of rows, settings of their statistics, and start of the run (s, epoch).
 
     Raises
     ------
@@ -118,16 +118,23 @@ def read_names(out: Path) -> tuple[list[str], Fleet, float]:
         fleet = Fleet((), nightly, float(plan["level"]), str(plan["siblings"]))
         return [str(name) for name in plan["rows"]], fleet, float(plan["began"])
     except (OSError, ValueError, KeyError, TypeError):
-        raise InputError("no fleet", where=out, expected="a folder that optid fleet wrote into") from None
+        raise InputError(
+            "it holds no results of a fleet", where=out, expected="a folder that optid fleet wrote into"
+        ) from None
 
 
 def conclude(out: str | Path) -> FleetResult:
-    """What the rows in a fleet's folder show, as far as they are answered.
+    """The result of the rows in a fleet's folder that are finished.
 
     Parameters
     ----------
     out : str | Path
         folder of the fleet.
+
+    Returns
+    -------
+    FleetResult
+        outcomes, changed rigs and tables of the finished rows.
 
     Raises
     ------

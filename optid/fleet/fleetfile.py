@@ -1,4 +1,4 @@
-"""`fleet.toml`: what is to be done with which rigs and recordings."""
+"""`fleet.toml`: jobs, rigs and recordings of a fleet."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from optid.errors import InputError, nearest
 from optid.fleet.job import Job, Limits, folder_name
 
 MOST = 64 * 2**20  # bytes of a fleet file
-LEVEL = 0.05  # share of false ones among what is told
+LEVEL = 0.05  # expected share of false alarms
 REFERENCE = 7  # nights that a rig's fit and its scatter are taken from: a week
 SEVERAL = ";"  # between the recordings of a cell
 DATE, RIG = "date", "rig"  # tags that the fleet as a whole goes by
@@ -56,7 +56,7 @@ class Nightly:
 
 @dataclass(frozen=True)
 class Fleet:
-    """A fleet file, understood.
+    """A parsed fleet file.
 
     Attributes
     ----------
@@ -65,7 +65,7 @@ class Fleet:
     nightly : Nightly | None
         when nights are followed; the jobs are then those recordings, one a rig and night.
     level : float
-        share of false ones among what is told of the fleet.
+        expected share of false alarms among the rigs reported.
     siblings : str
         tag whose equal values make rigs siblings; all are where it is empty.
     """
@@ -82,12 +82,17 @@ def read_fleet(path: str | Path) -> Fleet:
     Parameters
     ----------
     path : str | Path
-        TOML; what it names lies where it says as seen from its folder.
+        TOML; paths in it are relative to its folder.
+
+    Returns
+    -------
+    Fleet
+        its jobs and settings.
 
     Raises
     ------
     InputError
-        cannot be read, or says something that cannot be; names file and field, what was found and expected.
+        cannot be read, or an entry is not valid; names file and field, what was found and expected.
     """
     path = Path(path)
     content = _toml(path)
@@ -135,7 +140,7 @@ def _table(table: Mapping[str, Any], key: str, path: Path) -> Mapping[str, Any]:
 def _stated(content: Mapping[str, Any], path: Path) -> list[tuple[str, dict[str, Any]]]:
     rows = content.get("rows", [])
     if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
-        raise InputError("no list of tables", where=path, field="rows", expected="[[rows]]")
+        raise InputError("it is not a list of tables", where=path, field="rows", expected="[[rows]]")
     for number, row in enumerate(rows, 1):
         _known(row, (*_ROW, *_BOUNDS), path, f"rows {number}: ")
     return [(f"rows {number}", row) for number, row in enumerate(rows, 1)]
@@ -279,7 +284,7 @@ def _nightly(table: Any, jobs: Sequence[Job], path: Path) -> Nightly:
             f"{reference}",
             where=path,
             field="nightly.reference",
-            expected="at least 3 nights: two tell no spread",
+            expected="at least 3 nights: two give no spread",
         )
     if not isinstance(watch, list) or not all(isinstance(one, str) for one in watch):
         raise InputError(f"found {watch!r}", where=path, field="nightly.watch", expected="a list of effects")
@@ -303,5 +308,5 @@ def _named(jobs: Sequence[Job]) -> list[Job]:
         named.append(job)
     for one, other in itertools.pairwise(sorted(named, key=lambda job: job.name)):
         if one.name == other.name:
-            raise InputError("two rows are the same", where=one.name, field="rows", expected="each row once")
+            raise InputError("two rows are the same", where=one.name, field="rows", expected="different rows")
     return named

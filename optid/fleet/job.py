@@ -61,7 +61,7 @@ class Job:
     command : str
         one of `COMMANDS`.
     rig : str
-        path of the rig file.
+        path of the rig file; a relative path, of any file, starts at the current folder, and is kept whole.
     train : tuple[str, ...]
         paths of the recordings; of the model's JSON file for "tune".
     holdout : tuple[str, ...]
@@ -84,7 +84,7 @@ class Job:
     limits: Limits = field(default_factory=Limits)
 
     def __post_init__(self) -> None:
-        """Refuse what no process could be started for.
+        """Refuse what no process could be started for; complete the paths.
 
         Raises
         ------
@@ -100,27 +100,53 @@ class Job:
             )
         if self.name != folder_name(self.name):
             raise InputError(
-                f'"{self.name}" is no name for a folder', field="name", expected="A-Z a-z 0-9 . _ + -"
+                f'"{self.name}" cannot name a folder', field="name", expected="A-Z a-z 0-9 . _ + -"
             )
+        for name in ("rig", "train", "holdout"):  # its process runs in a folder of its own
+            given = getattr(self, name)
+            whole = [str(Path(one).absolute()) for one in ([given] if isinstance(given, str) else given)]
+            object.__setattr__(self, name, whole[0] if isinstance(given, str) else tuple(whole))
 
     def document(self) -> dict[str, Any]:
-        """The job as plain data, as it travels to a worker."""
+        """The job as plain data, as it is sent to a worker.
+
+        Returns
+        -------
+        dict[str, Any]
+            the attributes; `of` makes a job of it again.
+        """
         return asdict(self)
 
     @classmethod
     def of(cls, document: Mapping[str, Any]) -> Job:
-        """The job that `document` gave."""
+        """A job from its plain data.
+
+        Parameters
+        ----------
+        document : Mapping[str, Any]
+            as `document` returned it.
+
+        Returns
+        -------
+        Job
+            equal to the one that was written.
+        """
         limits = Limits(**document["limits"])
         train, holdout = tuple(document["train"]), tuple(document["holdout"])
         return cls(**{**document, "limits": limits, "train": train, "holdout": holdout})
 
     def arguments(self, out: Path) -> list[str]:
-        """What stands behind `optid` on the command line that does this job.
+        """The arguments of `optid` on the command line that does this job.
 
         Parameters
         ----------
         out : Path
             folder for its results.
+
+        Returns
+        -------
+        list[str]
+            one argument each.
         """
         if self.command == "identify":
             call = ["identify", *self.train, "--rig", self.rig]

@@ -41,7 +41,7 @@ def night_test(
     watch : Sequence[str]
         names of effects whose sizes are followed as well; those that the plant does not admit are left out.
     rate : float | None
-        Hz to bring faster recordings down to.
+        Hz to which faster recordings are decimated.
     progress : Progress
         called with the share done and a few words.
 

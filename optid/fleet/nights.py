@@ -1,4 +1,4 @@
-"""The jobs of nights, in their order: a fit of each rig's first nights, a test of every night, a diagnosis if told."""
+"""The jobs of nights: a fit of each rig's first nights, a test of every night, a diagnosis of rigs that changed."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def night_tests(rigs: Mapping[str, Sequence[Job]], nightly: Nightly, out: Path) 
 
 
 def diagnoses(rigs: Mapping[str, Sequence[Job]], told: Sequence[Mapping[str, Any]], out: Path) -> list[Job]:
-    """A diagnosis of every rig told of, of the nights up to the one on which it first was, from its fitted model.
+    """A diagnosis of every reported rig, on the nights up to its first report, starting from its fitted model.
 
     Where one night alone is new, its own last recording is held out, or the night before it is fitted.
     """

@@ -86,7 +86,7 @@ _STOPPING = threading.Event()
 
 
 def stop_all() -> None:
-    """Kill every job that this process runs, and begin no other until `start_again`."""
+    """Kill every job that this process runs, and start no other until `start_again`."""
     with _LOCK:
         _STOPPING.set()
         for group in _RUNNING:
@@ -132,7 +132,7 @@ def supervise(call: Sequence[str], limits: Limits, folder: Path, begun: Path | N
     """
     if not hasattr(os, "killpg"):
         raise InputError(
-            "needs a POSIX system, which ends a job with all it started",
+            "needs a POSIX system, where a job can be ended together with all processes it started",
             where="fleet",
             hint="on Windows use WSL",
         )

@@ -1,4 +1,4 @@
-"""How far a fleet is: done, running, failed and why, and when it will end."""
+"""Progress of a fleet: done, running, failed and why, and the expected end."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ MANY = 20  # failed rows that are listed
 
 @dataclass(frozen=True)
 class Status:
-    """How far a fleet is.
+    """The progress of a fleet.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class Status:
         counts = ", ".join(f"{count} {outcome}" for outcome, count in self.outcomes.items())
         waiting = self.rows - self.answered - len(self.running)
         lines = [
-            f"{self.answered} of {self.rows} rows answered ({counts or 'none yet'}), "
+            f"{self.answered} of {self.rows} rows finished ({counts or 'none yet'}), "
             f"{len(self.running)} running, {waiting} waiting"
         ]
         lines += [f"  {name}: {outcome}: {said}" for name, outcome, said in self.failed[:MANY]]
@@ -61,12 +61,17 @@ class Status:
 
 
 def status(out: str | Path) -> Status:
-    """How far the fleet is that was run into a folder.
+    """The progress of the fleet that runs into a folder.
 
     Parameters
     ----------
     out : str | Path
         folder of the fleet.
+
+    Returns
+    -------
+    Status
+        counts of rows, running and failed ones, and the expected end.
 
     Raises
     ------

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterable
 from concurrent.futures import (
     FIRST_COMPLETED,
@@ -24,6 +25,7 @@ from optid.fleet.row import answer
 
 AHEAD = 256  # jobs that an executor of the caller's is given before the first is done
 LOOK = 2.0  # s between looks whether an executor is still there
+GLANCE = 0.1  # s between looks at jobs that cannot be waited for
 LOST = 3  # times that a job may be lost with a worker before the row is given up
 
 Report = Callable[[float, str], None]
@@ -31,7 +33,7 @@ Report = Callable[[float, str], None]
 
 @dataclass(frozen=True)
 class RowResult:
-    """How one row went.
+    """The outcome of one row.
 
     Attributes
     ----------
@@ -83,7 +85,7 @@ def run_jobs(
     Returns
     -------
     dict[str, int]
-        How many rows ended how, by outcome.
+        Number of rows by outcome.
 
     Raises
     ------
@@ -123,10 +125,11 @@ def _through(
                     )
                 seen.add(job.name)
                 pending[_submit(executor, job, out)] = (job, 1)
-        done, _ = wait(pending, timeout=LOOK, return_when=FIRST_COMPLETED)
+        done = _first(pending)
         if not done and getattr(executor, "is_lost", False):
             raise JobError(
-                f"the scheduler is lost; the rows answered so far are in {out}: run it again to go on"
+                f"the connection to the scheduler is lost; the rows finished so far are in {out}: run the command "
+                "again to continue"
             )
         for future in done:
             job, attempt = pending.pop(future)
@@ -139,19 +142,33 @@ def _through(
     return counts
 
 
+def _first(pending: Iterable[Future[dict[str, Any]]]) -> set[Future[dict[str, Any]]]:
+    """The finished jobs, as soon as there is one, or none after a while."""
+    some = set(pending)
+    if all(isinstance(one, Future) for one in some):
+        return wait(some, timeout=LOOK, return_when=FIRST_COMPLETED).done
+    # Jobs of submitit are not futures: they only have `done` and `result`.
+    until = time.monotonic() + LOOK
+    while not (done := {one for one in some if one.done()}) and time.monotonic() < until:
+        time.sleep(GLANCE)
+    return done
+
+
 def _submit(executor: Executor, job: Job, out: Path) -> Future[dict[str, Any]]:
     try:
         return executor.submit(answer, job.document(), str(out))
     except (RuntimeError, OSError) as error:
-        raise JobError(f"the executor takes no more jobs ({error}); run it again to go on") from None
+        raise JobError(
+            f"the executor accepts no more jobs ({error}); run the command again to continue"
+        ) from None
 
 
 def _ended(future: Future[dict[str, Any]], job: Job) -> RowResult:
-    """How a row went; what a job does to itself is in the answer, what raises is the executor's."""
+    """The outcome of a row; failures of the job are in its answer, exceptions come from the executor."""
     try:
         return RowResult(**future.result())
     except BrokenExecutor as error:
-        raise JobError(f"the executor is broken ({error}); run it again to go on") from None
+        raise JobError(f"the executor is broken ({error}); run the command again to continue") from None
     except Stopped:
         raise
     except (Exception, CancelledError) as error:

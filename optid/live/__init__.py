@@ -1,1 +1,1 @@
-"""The mixed reality: a rig and its simulation side by side, identified, controlled and logged as they run."""
+"""Live sessions: a rig and its simulation in parallel, identified, controlled and logged in real time."""

@@ -1,4 +1,4 @@
-"""Tunes a session once at a moment of its own time, and applies what the review finds better."""
+"""Tunes a session once, at a given session time, and applies the gains if the review finds them better."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ class AutomaticTuning:
     """Call `look` after each `poll` of the session.
 
     Args:
-        session: to tune; one that runs as fast as it goes waits meanwhile (`Plan.hold`).
+        session: to tune; one that runs faster than real time waits meanwhile (`Plan.hold`).
         after: s of the session's time; ``None`` never.
     """
 
@@ -19,7 +19,7 @@ class AutomaticTuning:
         self._settled = after is None
 
     def look(self) -> None:
-        """Do what is due."""
+        """Do the next step if it is due."""
         session = self._session
         if self._settled or self._after is None:
             return
@@ -35,6 +35,6 @@ class AutomaticTuning:
         if not self._applied:
             self._applied = True
             session.apply()
-        if review is None or review.worse or not session.applicable:  # the loop has said that it has them
+        if review is None or review.worse or not session.applicable:  # the loop has confirmed them
             self._settled = True
             session.resume()

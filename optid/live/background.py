@@ -8,7 +8,7 @@ from collections.abc import Callable
 from concurrent.futures import Future, ProcessPoolExecutor
 from typing import Any, Generic, TypeVar
 
-NICENESS = 10  # a loop in real time comes first
+NICENESS = 10  # a real-time loop has priority
 Result = TypeVar("Result")
 
 
@@ -16,7 +16,7 @@ class Background(Generic[Result]):
     """A process that is started when it is first needed.
 
     Args:
-        yields: it goes after everything else that wants the processor.
+        yields: it runs at the lowest priority.
     """
 
     def __init__(self, yields: bool) -> None:
@@ -26,11 +26,11 @@ class Background(Generic[Result]):
 
     @property
     def busy(self) -> bool:
-        """A job is under way."""
+        """Whether a job is running."""
         return self._future is not None
 
     def begin(self, job: Callable[..., Result], *arguments: Any) -> None:
-        """Start a job; `result` until `busy` is over."""
+        """Start a job; call `result` until `busy` is false."""
         if self._pool is None:
             context = multiprocessing.get_context("spawn")
             self._pool = ProcessPoolExecutor(1, context, _step_back if self._yields else None)

@@ -1,13 +1,11 @@
-"""The pace of a session: the machine's own clock, or as fast as it goes."""
+"""The clock of a session: real time, or as fast as possible."""
 
 from __future__ import annotations
 
 import time
 from typing import Protocol
 
-SPIN = (
-    150e-6  # s before a sample in which the clock is watched instead of slept: sleeping overshoots by so much
-)
+SPIN = 150e-6  # s before a sample of busy waiting instead of sleeping: sleeping overshoots by this much
 
 
 class Clock(Protocol):
@@ -17,17 +15,17 @@ class Clock(Protocol):
         """Sample 0 is now."""
 
     def wait(self, sample: int) -> float:
-        """Return at the sample's time, or at once when that has passed; the time it is then."""
+        """Wait for the sample's time, or return at once when that has passed; returns the present time."""
 
     def now(self) -> float:
         """The time."""
 
     def left(self, sample: int, share: float) -> float | None:
-        """s until so much of the sample's period is over; ``None`` where nothing is ever late."""
+        """s until this share of the sample's period is over; ``None`` if no sample can be late."""
 
 
 class RealClock:
-    """The machine's clock, by sleeping and then watching it."""
+    """Real time, by sleeping and then busy waiting."""
 
     def __init__(self, span: float) -> None:
         self._span, self._zero = span, time.perf_counter()
@@ -51,12 +49,12 @@ class RealClock:
         return time.perf_counter() - self._zero
 
     def left(self, sample: int, share: float) -> float | None:
-        """s until so much of the sample's period is over, never below zero."""
+        """s until this share of the sample's period is over, not negative."""
         return max(self._zero + (sample + share) * self._span - time.perf_counter(), 0.0)
 
 
 class FastClock:
-    """Every sample is due when the one before is done."""
+    """Every sample is due when the one before is finished."""
 
     def __init__(self, span: float) -> None:
         self._span, self._sample = span, 0

@@ -1,9 +1,9 @@
-"""What a rig is like now beside what it was commissioned with: by how much, how surely, and whether that is told.
+"""Comparison of a rig with its commissioning: change of each quantity, its significance, and what is reported.
 
-Estimates of the last looks are joined by their weights; where they scatter more than they claim, their sd grow by
-Birge's ratio (Phys. Rev. 40, 1932). What differs is a suspicion only: each estimate is to first order and takes one
-effect at a time for the only one. The first suspect is the one that explains most of what the model misses, since a
-model that lacks something moves every estimate a little, and surely.
+The last estimates are combined by their weights; where they scatter more than their sd, these are enlarged by Birge's
+ratio (Phys. Rev. 40, 1932). A difference is a suspicion only: each estimate is of first order and assumes a single
+    effect. The first suspect is the one that explains most of the model's error, since a model that lacks something
+    shifts every estimate a little, and significantly.
 """
 
 from __future__ import annotations
@@ -19,10 +19,12 @@ from typing import Any
 from optid.errors import InputError
 from optid.monitoring.one_step import CLUSTER, Quantity
 
-LEVEL = 0.001  # chance of a false word among all quantities, each time they are judged
-BESIDE = 6  # parameters estimated beside an effect, about
-SHARE = 0.02  # of the squared errors: what explains less of them beside the rig file is no suspect
-TOLD = 3  # suspicions in one sentence, the surest first
+LEVEL = 0.001  # probability of a false alarm among all quantities, each time they are judged
+BESIDE = 6  # approximate number of parameters estimated with an effect
+SHARE = (
+    0.02  # of the squared errors: a quantity that explains less, compared with the rig file, is not suspected
+)
+TOLD = 3  # suspicions in one sentence, the most significant first
 RIG_FILE = "the rig file"
 
 
@@ -33,10 +35,10 @@ class ParameterChange:
     Attributes:
         name: of a parameter, or "effect.parameter".
         unit: of the values.
-        then, then_sd: when it was commissioned; the sd is 0 where the rig file says it.
-        now, sd: in the last looks.
-        explained: share of the squared errors that goes with it, now.
-        changed: by more than chance.
+        then, then_sd: at commissioning; the sd is 0 for values of the rig file.
+        now, sd: in the last estimates.
+        explained: share of the squared errors that it explains now.
+        changed: whether it changed significantly.
     """
 
     name: str
@@ -50,12 +52,12 @@ class ParameterChange:
 
     @property
     def sds(self) -> float:
-        """The difference in sd of itself."""
+        """The difference, in its own sd."""
         return (self.now - self.then) / math.hypot(self.sd, self.then_sd)
 
     @property
     def words(self) -> str:
-        """For a sentence."""
+        """A phrase for a sentence."""
         unit, name = (
             "" if self.unit == "1" else f" {self.unit}",
             self.name.replace("_", " ").replace(".", ", "),
@@ -66,7 +68,7 @@ class ParameterChange:
 
 @dataclass(frozen=True)
 class Commissioned:
-    """What a rig was commissioned with, by quantity: value, sd and explained share; and where that is from."""
+    """The commissioned state of a rig: value, sd and explained share of each quantity, and the source."""
 
     source: str
     values: Mapping[str, tuple[float, float, float]]
@@ -77,12 +79,12 @@ class Commissioned:
         bounds: Mapping[str, tuple[float, float]],
         seconds: float,
     ) -> list[ParameterChange]:
-        """Each quantity that the looks have in common with this, the first suspect first.
+        """Compare each common quantity with the last estimates, the first suspect first.
 
         Args:
             looks: estimates from stretches that do not overlap, oldest first.
-            bounds: of what can be: an estimate beyond them is no suspect.
-            seconds: of one look.
+            bounds: of possible values: an estimate beyond them is not suspected.
+            seconds: of one estimate.
         """
         names = [name for name in self.values if all(name in look for look in looks)] if looks else []
         bar = _bar(LEVEL / 2 / max(len(names), 1), len(looks) * seconds / CLUSTER - BESIDE)
@@ -116,13 +118,13 @@ def joined(estimates: Sequence[Quantity]) -> tuple[float, float]:
 
 
 def read_since(path: Path) -> Commissioned:
-    """What an earlier session, such as that of the commissioning, has found of the same rig.
+    """The estimates of an earlier session, such as the commissioning, of the same rig.
 
     Args:
         path: its live.json.
 
     Raises:
-        InputError: it cannot be read, or that session was too short to find anything.
+        InputError: it cannot be read, or that session was too short for estimates.
     """
     try:
         rows = json.loads(path.read_text(encoding="utf-8"))["followed"]["rows"]
@@ -134,26 +136,26 @@ def read_since(path: Path) -> Commissioned:
             f"{type(error).__name__}: {error}",
             where=str(path),
             field="followed",
-            expected="the live.json of a session that followed the parameters: a minute or more, with motion",
+            expected="the live.json of a session that tracked the parameters, of a minute or more and with motion",
         ) from None
     return Commissioned(str(path), values)
 
 
 def sentence(standings: Sequence[ParameterChange], source: str, seconds: float, command: str) -> str:
-    """What is suspected, and what settles it."""
+    """The suspicion, and the command that tests it."""
     changed = [one for one in standings if one.changed]
     if not changed:
-        return f"The last {seconds:.0f} s show nothing that differs from {source} by more than chance."
-    more = f", and {len(changed) - TOLD} more that move with these" if len(changed) > TOLD else ""
+        return f"The last {seconds:.0f} s show no significant difference from {source}."
+    more = f", and {len(changed) - TOLD} more that are correlated with these" if len(changed) > TOLD else ""
     told = "; or ".join(one.words for one in changed[:TOLD])
     return (
         f"Suspected, from the last {seconds:.0f} s beside {source}: {told}{more}. "
-        f"Each is estimated as if it were the only one; what settles it: {command}"
+        f"Each is estimated as if it were the only change; next: {command}"
     )
 
 
 def document(standings: Sequence[ParameterChange], source: str, words: str, command: str) -> dict[str, Any]:
-    """As live.json and the page have it."""
+    """The content for live.json and the page."""
     half = 1.96
     rows = [
         {**asdict(one), "low": one.now - half * one.sd, "high": one.now + half * one.sd} for one in standings

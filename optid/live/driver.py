@@ -20,10 +20,10 @@ class EndOfData(Exception):
 
 
 class Driver(Protocol):
-    """The access to a rig. Values are as the rig file's columns hold them: volts, mm, bar.
+    """The access to a rig. Values are in the units of the rig file's columns: volts, mm, bar.
 
     It runs in the guard's process, which outlives the loop. `read` and `write` may take a part of
-    the sampling period; what they raise ends the session with the safe command. `time` is the session's, in
+    the sampling period; an exception ends the session with the safe command. `time` is the session's, in
     seconds from sample 0. A driver that rounds the command may have an attribute `resolution`, the step of it in
     the unit of its column.
     """
@@ -39,11 +39,11 @@ class Driver(Protocol):
         Raises
         ------
         EndOfData
-            there will be no more.
+            there are no more samples.
         """
 
     def write(self, command: float, time: float) -> float:
-        """Put a command, in the unit of its column; returns what truly stands there from now on.
+        """Write a command, in the unit of its column; returns the command that is really applied from now on.
 
         Parameters
         ----------
@@ -59,12 +59,12 @@ class Driver(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Order:
-    """What a driver is made from.
+    """The arguments of a driver.
 
     Attributes
     ----------
     rig : Rig
-        the rig file, understood.
+        the parsed rig file.
     wiring : Wiring
         the columns to read and the one to write.
     settings : Settings
@@ -85,10 +85,10 @@ class Order:
     seed: int = 0
 
 
-VIRTUAL = ("simulated", "replay")  # no hardware behind them: they end with the guard's process
+VIRTUAL = ("simulated", "replay")  # without hardware: they end with the guard's process
 Maker = Callable[[Order], Driver]
 
-# Name -> "module:function"; a module, and the package it needs, is imported when its driver is asked for.
+# Name -> "module:function"; a module, and the package it needs, is imported when its driver is used.
 BUILT_IN = {
     "simulated": "optid.live.drivers.simulated:simulated",
     "replay": "optid.live.drivers.replay:replay",
@@ -98,7 +98,7 @@ BUILT_IN = {
 
 
 def check_driver_name(name: str) -> None:
-    """Refuse what names no driver, without importing or running anything.
+    """Refuse a name of no driver, without importing or running anything.
 
     Parameters
     ----------
@@ -172,12 +172,12 @@ def open_driver(name: str, rig: Rig, order: dict[str, Any]) -> Driver:
 
 
 def needed(module: str, extra: str) -> Any:
-    """Import the package a driver stands on.
+    """Import the package that a driver needs.
 
     Raises
     ------
     InputError
-        it is not installed; says how to.
+        it is not installed; the message says how to install it.
     """
     try:
         return importlib.import_module(module)

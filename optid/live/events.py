@@ -1,4 +1,4 @@
-"""What happened in a session, in words: the last few hundred, for the terminal, the page and live.json."""
+"""Events of a session in words: the last few hundred, for the terminal, the page and live.json."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ KEPT = 200
 
 @dataclass(frozen=True)
 class Event:
-    """Something worth a line: s since the session began, and the words."""
+    """An event: s since the session began, and the words."""
 
     time: float
     words: str
@@ -36,7 +36,7 @@ class Events:
         self.number += 1
 
     def since(self, seen: int) -> list[Event]:
-        """Those after the first `seen`, as far as they are still kept."""
+        """The events after the first `seen`, as far as they are still stored."""
         new = min(self.number - seen, len(self._kept))
         return list(self._kept)[len(self._kept) - new :]
 

@@ -1,4 +1,4 @@
-"""Commands over time for an experiment in open loop: pulses, steps, ramps, multisines one after another, or a file."""
+"""Commands over time for an open-loop experiment: a sequence of pulses, steps, ramps, multisines, or a file."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ from optid.rigs.rigfile import Rig
 WHERE = "--command"
 EXAMPLE = '"impulse 2 V 40 ms", "steps 1 V 0.5 s, ramp -1 V 1 V 2 s, multisine 1 V 0.5 Hz 20 Hz 10 s", or a recording'
 REST, TAIL = 0.5, 1.0  # s of the safe command before the first part, and after a pulse and the last part
-LINES = 400  # of a multisine, at most
-AHEAD = 0.05  # s: an axis in open loop is held back this long before the end of its stroke
+LINES = 400  # largest number of lines of a multisine
+AHEAD = 0.05  # s before the end of the stroke at which an axis in open loop is stopped
 _VALUE = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([^\s\d+-][^\s]*)?")
 
 Part = list[tuple[float, float]]  # (s for which it holds, command)
@@ -31,7 +31,7 @@ Part = list[tuple[float, float]]  # (s for which it holds, command)
 
 @dataclass(frozen=True)
 class Excitation(Reference):
-    """Commands (SI, V) that hold from their times on; the last one is the safe command."""
+    """Commands (SI, V), each held from its time on; the last one is the safe command."""
 
     @property
     def seconds(self) -> float:
@@ -40,12 +40,12 @@ class Excitation(Reference):
 
 
 def read_command(text: str, rig: Rig, settings: Settings, role: str, unit: str) -> Excitation:
-    """What `--command` means.
+    """Parse `--command`.
 
     Args:
         text: parts such as "impulse 2 V 40 ms", separated by commas, or the path of a recording with a command.
         rig: names the recording's columns.
-        settings: rate, safe command, limits that hold for every part.
+        settings: rate, safe command, limits of every part.
         role: of the command.
         unit: SI unit of the command.
 
@@ -131,7 +131,7 @@ def _sampled(values: Array, settings: Settings) -> Part:
     return [(settings.span, value) for value in values.tolist()]
 
 
-# Part -> what makes it, and the units of its values; "V" is the command's own.
+# Part -> its function, and the units of its values; "V" is the command's own.
 KINDS: dict[str, tuple[Callable[..., Part], tuple[str, ...]]] = {
     "rest": (_rest, ("s",)),
     "step": (_step, ("V", "s")),
@@ -151,6 +151,6 @@ def _within(excitation: Excitation, settings: Settings, unit: str) -> Excitation
                 f"{value:g} {unit} lies beyond the command limits",
                 where=WHERE,
                 expected=f"{limits.low:g} to {limits.high:g} {unit}",
-                hint="[live] command_limits in the rig file says how much",
+                hint="[live] command_limits in the rig file sets them",
             )
     return excitation

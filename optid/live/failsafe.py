@@ -1,4 +1,4 @@
-"""The safe command, tried until it is put: with back-off, and through a fresh connection where the old one fails."""
+"""The safe command, written with retries: with back-off, and through a new connection if the old one fails."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from dataclasses import dataclass
 from optid.live.driver import Driver
 
 FIRST, LONGEST = 0.01, 0.5  # s between tries, doubled each time
-SAME = 2  # tries on a connection before it is given up for a fresh one
-LEAST = 3  # tries, however short the time is
+SAME = 2  # tries on a connection before a new one is opened
+LEAST = 3  # smallest number of tries
 
 
 @dataclass(frozen=True)
 class WriteOutcome:
-    """What came of it.
+    """The outcome of writing the safe command.
 
     Attributes:
-        driver: that took the command, or the last one; ``None`` where none could be opened.
-        seconds: until it was put; ``None`` where it was not.
+        driver: that accepted the command, or the last one tried; ``None`` if none could be opened.
+        seconds: until it was written; ``None`` if it was not.
         error: of the last try that failed, "" without any.
     """
 
@@ -31,11 +31,11 @@ class WriteOutcome:
 
 @dataclass(frozen=True)
 class Failsafe:
-    """How long, and through what.
+    """Settings of the retries.
 
     Attributes:
-        seconds: for which it is tried.
-        reopen: makes a fresh connection; ``None`` where there can be none.
+        seconds: for which writing is tried.
+        reopen: opens a new connection; ``None`` if that is impossible.
         announce: called once when the first try has failed.
     """
 
@@ -44,11 +44,11 @@ class Failsafe:
     announce: Callable[[], None] = lambda: None
 
     def put(self, driver: Driver | None, write: Callable[[Driver], object]) -> WriteOutcome:
-        """Write until that succeeds or the time is over.
+        """Try to write until it succeeds or the time is over.
 
         Args:
             driver: open already; ``None`` opens one.
-            write: puts the safe command through a driver.
+            write: writes the safe command through a driver.
         """
         begun, wait, failed, error = time.monotonic(), FIRST, 0, ""
         while True:
@@ -56,14 +56,14 @@ class Failsafe:
                 driver = driver or self._fresh()
                 write(driver)
                 return WriteOutcome(driver, time.monotonic() - begun, error)
-            except (Exception, SystemExit) as problem:  # whatever a driver raises
+            except (Exception, SystemExit) as problem:  # a driver may raise anything
                 error = f"{type(problem).__name__}: {problem}".rstrip(": ")
             failed += 1
             if failed == 1:
                 self.announce()
             if failed >= SAME and self.reopen is not None and driver is not None:
                 with contextlib.suppress(Exception):
-                    driver.close()  # first: many a rig serves one connection only
+                    driver.close()  # first close: many rigs allow one connection only
                 driver = None
             left = begun + self.seconds - time.monotonic()
             if left <= 0.0 and failed >= LEAST:

@@ -22,14 +22,14 @@ if TYPE_CHECKING:
     from optid.effects.effect import Effect
     from optid.rigs.rigfile import Rig
 
-SECONDS = 20.0  # of a look
-LOOKS = 4  # the newest, judged together
-LEAST = 2  # estimates before anything is said
+SECONDS = 20.0  # s of an estimate
+LOOKS = 4  # newest estimates that are judged together
+LEAST = 2  # estimates before anything is reported
 
 
 @dataclass(frozen=True, eq=False)
 class StretchEstimates:
-    """What a stretch shows, what the rig file says of the same (an effect's null), and what can be."""
+    """Estimates of a stretch, the rig file's values (an effect's null), and the bounds of possible values."""
 
     found: Mapping[str, Quantity]
     stated: Mapping[str, float]
@@ -42,10 +42,10 @@ class ParameterMonitor:
     Args:
         plan: of the session.
         rate: Hz.
-        note: told what happens, in words.
+        note: called with events in words.
 
     Attributes:
-        standing: what is known, as live.json has it; ``None`` before that.
+        standing: current result, as in live.json; ``None`` before the first.
 
     Raises:
         InputError: the plan's `since` cannot be read.
@@ -60,7 +60,7 @@ class ParameterMonitor:
         self.standing: dict[str, Any] | None = None
 
     def poll(self, now: float) -> None:
-        """Begin an estimate when a stretch is full, and take the result of the last one.
+        """Start an estimate when a stretch is complete, and take the result of the last one.
 
         Args:
             now: s of the session.
@@ -70,17 +70,19 @@ class ParameterMonitor:
             self._background.begin(look, self._plan, self._rate)
         try:
             found = self._background.result()
-        except Exception as error:  # its process died: the loop goes on
+        except Exception as error:  # its process died: the loop continues
             found = f"{type(error).__name__}: {error}"
         if found is not None:
-            self._next = max(self._next, now + SECONDS)  # from the end of a look on: stretches do not overlap
+            self._next = max(
+                self._next, now + SECONDS
+            )  # from the end of an estimate on: stretches do not overlap
         if isinstance(found, StretchEstimates):
             self._looks.append(found)
             if len(self._looks) >= LEAST:
                 self._judge()
         elif found and found != self._failed:
             self._failed = found
-            self._note(f"the parameters are not followed: {found}")
+            self._note(f"the parameters are not tracked: {found}")
 
     def close(self) -> None:
         """Cancel the job."""
@@ -94,7 +96,7 @@ class ParameterMonitor:
         first = next((one.name for one in standings if one.changed), "")
         fresh, self._first = first != self._first, first
         if fresh:
-            # The minutes that showed it first are kept: to write them each time would hold the session up.
+            # The first minutes that showed it are kept: writing them each time would delay the session.
             self._command = offer_diagnosis(self._plan.rig, self._plan.out, self._rate) if first else ""
         words = sentence(standings, since.source, SECONDS * len(self._looks), self._command)
         self.standing = document(standings, since.source, words, self._command)
@@ -104,7 +106,7 @@ class ParameterMonitor:
 
 @lru_cache(maxsize=1)
 def _understood(path: Path) -> tuple[Rig, tuple[Effect, ...]]:
-    """The rig and the effects that its plant admits, once for all estimates."""
+    """The rig and the effects that its plant admits, cached for all estimates."""
     from optid.effects.library import admitted, built_in
     from optid.rigs.rigfile import read_rig
 
@@ -113,7 +115,7 @@ def _understood(path: Path) -> tuple[Rig, tuple[Effect, ...]]:
 
 
 def look(plan: Plan, rate: float) -> StretchEstimates | str:
-    """Estimate everything from the newest stretch of a session's log; why not, where that cannot be."""
+    """Estimate all quantities from the newest stretch of a session's log; or the reason why that is impossible."""
     from optid.core.readers import read_recording
     from optid.errors import OptidError
     from optid.live.gains import gentle

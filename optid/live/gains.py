@@ -1,4 +1,4 @@
-"""Gains that a session starts with: a file of `optid tune`, written out, or gentle ones."""
+"""Start gains of a session: from a file of `optid tune`, given explicitly, or cautious defaults."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ EXAMPLE = '"kp=40 ki=60 kd=0.5", or a pid.json'
 
 
 def gentle(limits: Limits) -> Gains:
-    """Proportional only: the full command for an error of the whole way between the stroke limits.
+    """Proportional gain only: full command for an error of the whole range between the stroke limits.
 
     Raises:
         InputError: the stroke is not known.
@@ -25,23 +25,23 @@ def gentle(limits: Limits) -> Gains:
     low, high = limits.stroke
     if not math.isfinite(high - low):
         raise InputError(
-            "the rig file states no stroke, so no gentle gains are known", where="--gains", expected=EXAMPLE
+            "the rig file gives no stroke, so there are no default gains", where="--gains", expected=EXAMPLE
         )
     return Gains(min(limits.high, -limits.low) / (high - low) if limits.low < 0 < limits.high else 0.0)
 
 
 def read_gains(text: str, settings: Settings) -> tuple[Gains, PidSettings | None]:
-    """What `--gains` means; SI: V/m, V/(m s), V s/m, s.
+    """Parse `--gains`; SI: V/m, V/(m s), V s/m, s.
 
     Args:
         text: "kp=40 ki=60", or the path of a pid.json.
         settings: of the session.
 
     Returns:
-        The gains, and of a pid.json all else of its controller.
+        The gains, and from a pid.json the other settings of its controller.
 
     Raises:
-        InputError: neither, an unknown name, a value that is no finite number, or gains for another sample time.
+        InputError: neither, an unknown name, a value that is not a finite number, or gains for another sample time.
     """
     if text.endswith(".json"):
         stored = load(Path(text))
@@ -50,7 +50,7 @@ def read_gains(text: str, settings: Settings) -> tuple[Gains, PidSettings | None
                 f"{stored.settings.sample_time:g} s",
                 where=text,
                 field="sample_time",
-                expected=f"{settings.span:g} s, as the session runs",
+                expected=f"{settings.span:g} s, the sampling interval of the session",
                 hint="tune at the session's rate, or run it with --rate",
             )
         return stored.gains, stored.settings
@@ -61,7 +61,7 @@ def read_gains(text: str, settings: Settings) -> tuple[Gains, PidSettings | None
 
 
 def controller_settings(settings: Settings, own: PidSettings | None) -> PidSettings:
-    """Of the session's controller: its own limits, within the session's."""
+    """Settings of the session's controller: its own limits, clipped to the session's."""
     limits = settings.limits
     own = own or PidSettings(settings.span)
     return replace(

@@ -1,7 +1,7 @@
-"""The guard: owns the driver, lets only allowed commands through, and writes the safe one when anything fails.
+"""The guard: owns the driver, passes only allowed commands, and writes the safe one when anything fails.
 
-It trusts no other process: the loop may hang, die or send nonsense. Whatever ends a session, the safe command is put
-before the driver is closed, and the log holds every sample up to the last.
+It trusts no other process: the loop may hang, die or send nonsense. However a session ends, the safe command is
+    written before the driver is closed, and the log has every sample up to the last.
 """
 
 from __future__ import annotations
@@ -21,23 +21,23 @@ from optid.live.messages import Link, LoopLost, Reply, Sample
 from optid.live.motion_limiter import MotionLimiter
 from optid.live.settings import Settings, Wiring
 
-ANSWER = 0.8  # share of a period within which the loop must have answered
-ROUNDING = 0.01  # of the command's range: a converter may put so much less or more than it was given
-ABSURD = 10.0  # stroke limits' spans from their middle: no sensor that works shows such a position
+ANSWER = 0.8  # share of a period within which the loop must respond
+ROUNDING = 0.01  # of the command's range: tolerated rounding of a converter
+ABSURD = 10.0  # stroke limits' spans from their middle: a working sensor does not give such a position
 NOWHERE = 1e6  # SI, the same where no stroke is known
 
 
 class How(enum.Enum):
     """How a session ended."""
 
-    DONE = "the time is over"
+    DONE = "the requested time is over"
     ENDED = "the driver has no more samples"
     STOPPED = "stopped"
     FAILED = "failed"
 
 
 class Stop(Exception):
-    """Somebody asked for the end."""
+    """The end of the session was requested."""
 
 
 class Silence(JobError):
@@ -46,15 +46,15 @@ class Silence(JobError):
 
 @dataclass(frozen=True)
 class End:
-    """What a session came to.
+    """The end of a session.
 
     Attributes:
-        how, why: the outcome, and what led to it.
+        how, why: the outcome and its reason.
         samples: taken.
-        missed: deadlines: samples without an answer in time, and samples that were not taken at all.
-        held_back: samples in which a limit changed the loop's wish.
-        safe: the safe command stands; False where it could not be put.
-        safe_after: s from the end of the samples until it stood; ``None`` where it could not be put.
+        missed: missed deadlines: samples without a response in time, and samples that were not taken at all.
+        held_back: samples in which a limit changed the loop's command.
+        safe: whether the safe command was written.
+        safe_after: s from the end of the samples until it was written; ``None`` if it could not be.
         timing: summaries of "lateness" (of samples, from their due time), "response" (from a sample to its
             command) and "numbers" (of the loop).
     """
@@ -70,12 +70,12 @@ class End:
 
 
 class ImplausibleReading(JobError):
-    """A reading that no working sensor gives."""
+    """A reading that a working sensor cannot give."""
 
 
 @dataclass
 class Tally:
-    """What is counted on the way."""
+    """Counters of a session."""
 
     samples: int = 0
     missed: int = 0
@@ -93,11 +93,11 @@ class Guard:
         link: to the loop.
         clock: the pace.
         wiring, settings: of the session.
-        log: gets every sample.
-        failsafe: how long the safe command is tried, and through what.
+        log: receives every sample.
+        failsafe: settings of the retries of the safe command.
 
     Attributes:
-        driver: in use; another one after the safe command took a fresh connection, ``None`` where none could be had.
+        driver: in use; another one after a new connection for the safe command, ``None`` if none could be opened.
     """
 
     def __init__(
@@ -123,10 +123,10 @@ class Guard:
         self.tally = Tally()
 
     def run(self, samples: int | None, asked: Callable[[], None] = lambda: None) -> End:
-        """Take samples until they are all taken, somebody stops it, or something fails.
+        """Take samples until the requested number, a stop, or a failure.
 
         Args:
-            samples: how many; ``None`` for no end.
+            samples: number of samples; ``None`` for no end.
             asked: called before each sample; raises `Stop` to end the session.
         """
         number, how, why = 0, How.DONE, How.DONE.value
@@ -141,10 +141,10 @@ class Guard:
         except Stop as stop:
             how, why = How.STOPPED, str(stop)
         except LoopLost as lost:
-            how, why = How.FAILED, f"the loop has gone ({lost})"
+            how, why = How.FAILED, f"the loop process ended ({lost})"
         except (Silence, ImplausibleReading) as wrong:
             how, why = How.FAILED, str(wrong)
-        except (Exception, SystemExit) as error:  # whatever a driver raises
+        except (Exception, SystemExit) as error:  # a driver may raise anything
             how, why = How.FAILED, f"{type(error).__name__}: {error}"
         after = self.make_safe()
         safe = after is not None
@@ -156,7 +156,7 @@ class Guard:
         }
         return End(
             how,
-            why if safe else f"{why}; the safe command could not be put",
+            why if safe else f"{why}; the safe command could not be written",
             t.samples,
             t.missed,
             t.held_back,
@@ -166,14 +166,14 @@ class Guard:
         )
 
     def make_safe(self) -> float | None:
-        """Put the safe command; s until a driver took it, ``None`` where none did."""
+        """Write the safe command; s until a driver accepted it, ``None`` if none did."""
         safe = self._wiring.put(self._limits.safe)
         done = self._failsafe.put(self.driver, lambda driver: driver.write(safe, self._clock.now()))
         self.driver = done.driver
         return done.seconds
 
     def _sample(self, number: int) -> int:
-        """Take one sample; the number of the next one that is still to come."""
+        """Take one sample; returns the number of the next one."""
         clock, limits, tally = self._clock, self._limits, self.tally
         begun = clock.wait(number)
         values, measured = self._read(begun)
@@ -199,14 +199,14 @@ class Guard:
             due = following * self._settings.span
             if (
                 due > begun or not self._wiring.time.column
-            ):  # times increase; without any, every sample has its row
+            ):  # times increase; every sample without a measurement has its row
                 self._write_down(due, (math.nan,) * len(values), None)
             following += 1
             tally.missed += 1
         return following
 
     def _read(self, time: float) -> tuple[Sequence[float], float]:
-        """The driver's values as columns hold them, and the position, SI."""
+        """The driver's values in the units of the columns, and the position, SI."""
         values, channels = self._driver.read(time), self._wiring.measured
         if len(values) != len(channels):
             raise JobError(
@@ -233,7 +233,7 @@ class Guard:
     def _watch(self, answered: bool, measured: bool) -> None:
         self._silent = 0.0 if answered and measured else self._silent + self._settings.span
         if self._silent > self._settings.watchdog:
-            what = "the position sensor shows nothing" if answered else "the loop does not answer"
+            what = "the position sensor gives no value" if answered else "the loop does not respond"
             raise Silence(f"{what} for {self._silent:.3g} s")
 
     def _write_down(self, time: float, values: Sequence[float], reply: Reply | None) -> None:

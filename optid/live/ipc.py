@@ -1,4 +1,4 @@
-"""Communication of session, guard and loop: JSON messages for orders and events, packed numbers for samples."""
+"""Communication of session, guard and loop: JSON messages for commands and events, packed numbers for samples."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from typing import Any
 from optid.errors import InputError
 from optid.live.messages import LoopLost, Reply, Sample, pack_sample, unpack_reply
 
-HANG = 10.0  # s without an answer after which a session that has no clock gives up
+HANG = 10.0  # s without a response after which a session without a clock gives up
 
 
 def send(pipe: Connection, **message: Any) -> None:
-    """Send a message; a pipe that was closed is no failure."""
+    """Send a message; a closed pipe is not an error."""
     with contextlib.suppress(OSError):
         pipe.send_bytes(json.dumps(message).encode())
 
@@ -26,21 +26,21 @@ def receive(pipe: Connection) -> dict[str, Any]:
     """Wait for the next message.
 
     Raises:
-        EOFError, OSError: whoever was there has gone.
+        EOFError, OSError: the other process has ended.
     """
     message: dict[str, Any] = json.loads(pipe.recv_bytes())
     return message
 
 
 def ready(pipes: list[Connection], timeout: float | None) -> list[Any]:
-    """Those with something to read; `select` where it can be had is ten times as quick as the general way."""
+    """Connections with something to read; `select`, where available, is ten times faster than the general way."""
     if os.name == "posix":
         return select.select(pipes, [], [], timeout)[0]
     return wait(pipes, timeout)
 
 
 def refuse(pipe: Connection, error: Exception, safe: bool = True) -> None:
-    """Say that there is nothing to begin, and whether the user's files are to blame."""
+    """Report that the session cannot begin, and whether the user's files are the cause."""
     wrong = isinstance(error, InputError)
     why = str(error) if wrong else f"{type(error).__name__}: {error}"
     send(pipe, say="refused", why=why, input=wrong, safe=safe)
@@ -53,14 +53,14 @@ class PipeLink:
         self._pipe = pipe
 
     def send(self, sample: Sample) -> None:
-        """Hand a sample over."""
+        """Send a sample."""
         try:
             self._pipe.send_bytes(pack_sample(sample))
         except OSError as error:
             raise LoopLost("it closed the link") from error
 
     def receive(self, number: int, timeout: float | None) -> Reply | None:
-        """The reply to this sample; replies to earlier ones come too late and are dropped."""
+        """The reply to this sample; late replies to earlier ones are dropped."""
         end = time.perf_counter() + (HANG if timeout is None else timeout)
         try:
             while ready([self._pipe], max(end - time.perf_counter(), 0.0)):

@@ -1,11 +1,11 @@
-"""How long things took: counts in logarithmic classes, of a fixed size however long a session lasts."""
+"""Histogram of durations in logarithmic classes, of a fixed size for any length of a session."""
 
 from __future__ import annotations
 
 import math
 
 LOWEST = 1e-7  # s
-PER_DECADE = 40  # classes: a percentile is good to 6 %
+PER_DECADE = 40  # classes: a percentile is accurate to 6 %
 DECADES = 8
 
 
@@ -26,7 +26,7 @@ class LatencyHistogram:
             self._largest = seconds
 
     def percentile(self, percent: float) -> float:
-        """The upper edge of the class that holds it, s; NaN before anything was counted."""
+        """The upper edge of its class, s; NaN before anything was counted."""
         if not self.number:
             return math.nan
         wanted, seen = percent / 100 * self.number, 0
@@ -37,7 +37,7 @@ class LatencyHistogram:
         return self._largest
 
     def summary(self) -> dict[str, float | int] | None:
-        """Microseconds, as `live.json` holds them; ``None`` before anything was counted."""
+        """Summary in microseconds, as in `live.json`; ``None`` before anything was counted."""
         if not self.number:
             return None
         rows = {

@@ -1,4 +1,4 @@
-"""A session in one process and in its own time: for studies, whose results must not depend on the machine."""
+"""A session in one process and in simulated time, for studies, whose results must not depend on the machine."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from optid.live.messages import Reply, Sample
 
 
 class Together:
-    """A link to a loop that answers at once."""
+    """A link to a loop that responds at once."""
 
     def __init__(self, loop: Loop) -> None:
         self._loop, self._reply = loop, None
@@ -32,7 +32,7 @@ class Together:
 def run_lockstep(
     driver: Driver, loop: Loop, log: Log, seconds: float, asked: Callable[[], None] = lambda: None
 ) -> End:
-    """Run a session's samples one after the other, `asked` before each; the driver and the log stay open."""
+    """Run a session's samples in sequence, with `asked` called before each; the driver and the log stay open."""
     settings = loop.settings
     guard = Guard(driver, Together(loop), FastClock(settings.span), loop.wiring, settings, log)
     return guard.run(round(seconds * settings.rate), asked)

@@ -1,4 +1,4 @@
-"""The recording of a session, on disk up to the last sample whatever happens."""
+"""The recording of a session, complete on disk up to the last sample in any case."""
 
 from __future__ import annotations
 
@@ -23,9 +23,8 @@ SYNC = 1.0  # s between two calls of fsync
 class Log:
     """A CSV table that grows by whole rows, one system call each.
 
-    A row is with the operating system before the next sample is taken, so the death of any process loses
-    none, and a full disk ends the table with its last whole row. Once a second a thread calls fsync, against the loss
-    of power.
+    A row is handed to the operating system before the next sample, so the death of any process loses none, and a full
+    disk ends the table after a complete row. Once a second a thread calls fsync, as protection against loss of power.
 
     Args:
         path: file to write; must not exist.
@@ -40,14 +39,14 @@ class Log:
         self._file = os.open(path, flags, 0o644)
         self._whole = 0
         self._append(",".join(_quoted(name) for name in columns) + "\n")
-        # A year to the microsecond, then nine digits: beyond any converter's.
+        # A year to the microsecond, then nine digits: more than any converter resolves.
         self._form = "%.14g" + ",%.9g" * (len(columns) - 1) + "\n"
         self._done = threading.Event()
         self._thread = threading.Thread(target=self._sync, name="log", daemon=True)
         self._thread.start()
 
     def row(self, values: tuple[float, ...]) -> None:
-        """Append one row, the time first; what is no number becomes an empty cell."""
+        """Append one row, the time first; NaN becomes an empty cell."""
         text = self._form % values
         if "n" in text:  # nan, inf
             cells = text.rstrip("\n").split(",")
@@ -55,10 +54,10 @@ class Log:
         self._append(text)
 
     def _append(self, text: str) -> None:
-        """A line, wholly or not at all.
+        """Append a line, completely or not at all.
 
         Raises:
-            OSError: the disk is full, or fails; what stood of the line is taken back.
+            OSError: the disk is full, or fails; a partial line is removed.
         """
         data = text.encode()
         left = data
@@ -72,7 +71,7 @@ class Log:
 
     def _sync(self) -> None:
         while not self._done.wait(SYNC):
-            with contextlib.suppress(OSError):  # the next row says so
+            with contextlib.suppress(OSError):  # the next row reports it
                 os.fsync(self._file)
 
     def close(self) -> None:
@@ -85,7 +84,7 @@ class Log:
 
 
 def sweep(folder: Path) -> None:
-    """Remove a session's log that holds no row: it would only stop the next session."""
+    """Remove a session's log without rows, which would only prevent the next session."""
     path = folder / LOG
     with contextlib.suppress(OSError):
         with path.open("rb") as file:
@@ -95,12 +94,12 @@ def sweep(folder: Path) -> None:
 
 
 def _quoted(name: str) -> str:
-    """A column's name that no reader takes for two."""
+    """A column's name, quoted so that no reader splits it."""
     return name if _PLAIN.fullmatch(name) else '"' + name.replace('"', '""') + '"'
 
 
 class Layout:
-    """What stands in a row: columns as the rig file maps them, so that every command reads the log.
+    """The layout of a row: columns as the rig file maps them, so that every command can read the log.
 
     Reference and predictions beside them are in the unit of the position's column, unless the rig file maps a
     reference.
@@ -123,7 +122,7 @@ class Layout:
     def row(
         self, time: float, standing: float, values: Sequence[float], reply: Reply | None
     ) -> tuple[float, ...]:
-        """One row: s, V, what the driver read, and what the loop answered."""
+        """One row: s, V, the driver's readings, and the loop's reply."""
         wiring, position, reference = self._wiring, self._position, self._reference
         said = reply or NOTHING
         return (

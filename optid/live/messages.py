@@ -10,10 +10,11 @@ _HEAD, _REPLY = struct.Struct("<q3d"), struct.Struct("<q6d")
 
 
 class Sample(NamedTuple):
-    """From the guard: sample number, its time (s), the command that stood since the last one (V), what was measured.
+    """From the guard: sample number, its time (s), the command applied since the last one (V), and the measurements.
 
-    `values` are in the units of the rig file's columns; the commands are SI. `accepted` is what the driver was given,
-    unless it put something else by more than a converter's rounding: what a controller goes on from.
+    `values` are in the units of the rig file's columns; the commands are SI. `accepted` is the command given to the
+    driver, or the one really applied if that differs by more than a converter's rounding; the controller continues
+    from it.
     """
 
     number: int
@@ -24,16 +25,16 @@ class Sample(NamedTuple):
 
 
 class Reply(NamedTuple):
-    """From the loop, SI: the command for this sample and what goes into the log with it.
+    """From the loop, SI: the command for this sample and the values for the log.
 
     Attributes:
         number: of the sample it answers.
         command: V.
         reference: m.
         predicted: by the ARMAX model one sample ago.
-        simulated: by the physical model in a loop of its own.
-        windowed: by the physical model on the rig's command, from a state at most half a second old.
-        seconds: that the numbers took.
+        simulated: by the physical model in its own control loop.
+        windowed: by the physical model on the rig's command, from a state at most 0.5 s old.
+        seconds: of computing time.
     """
 
     number: int
@@ -46,14 +47,14 @@ class Reply(NamedTuple):
 
 
 class LoopLost(ConnectionError):
-    """The loop has gone."""
+    """The loop process has ended."""
 
 
 class Link(Protocol):
     """The guard's end."""
 
     def send(self, sample: Sample) -> None:
-        """Hand a sample to the loop.
+        """Send a sample to the loop.
 
         Raises:
             LoopLost: the loop has ended.

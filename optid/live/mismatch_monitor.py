@@ -1,4 +1,4 @@
-"""Do the rig and the physical model still agree? A running measure of their mismatch, in fixed memory."""
+"""Monitor of the mismatch between rig and physical model, in fixed memory."""
 
 from __future__ import annotations
 
@@ -6,14 +6,16 @@ import math
 from dataclasses import dataclass
 
 MEMORY = 20.0  # s over which errors and motion are averaged
-PATIENCE = 10.0  # s for which the model must fit badly before that is said, and well before it is taken back
+PATIENCE = (
+    10.0  # s for which the model must fit badly before that is reported, and well before it is withdrawn
+)
 BAD_FIT = 95.0  # percent of the 0.5 s windowed prediction, below which rig and model disagree
-NOISES = 3.0  # an error of fewer sd of the sensor's noise is no mismatch, whatever the fit
+NOISES = 3.0  # an error of fewer sd of the sensor's noise is not a mismatch, for any fit
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """`fit_percent` over the last seconds (NaN before there was motion), and whether that has been bad for long."""
+    """`fit_percent` over the last seconds (NaN before there was motion), and whether it has been low for long."""
 
     fit_percent: float
     disagree: bool
@@ -66,5 +68,5 @@ class MismatchMonitor:
 
     @property
     def verdict(self) -> Verdict:
-        """The judgement now."""
+        """The present verdict."""
         return Verdict(self.fit_percent, self._disagree)

@@ -1,7 +1,7 @@
-"""Speed, travel and the end of the stroke: which way a command may still drive.
+"""Limits of speed, travel and stroke: the directions in which a command may still drive.
 
 A command above the safe one drives towards larger positions (contract). Where the axis is too fast, too far from where
-it began, or about to reach the end of its stroke, a command that drives on the same way becomes the safe one.
+it began, or about to reach the end of its stroke, a command in the same direction is replaced by the safe one.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ BASE = 0.02  # s over which the speed is measured, two samples at least
 
 
 class MotionLimiter:
-    """Watches the position and holds commands back.
+    """Monitors the position and limits commands.
 
     Args:
         settings: limits of speed, travel and stroke, and how far ahead the stroke's end is looked for.
@@ -27,7 +27,7 @@ class MotionLimiter:
         self._start = math.nan
 
     def held(self, time: float, position: float, wish: float) -> float:
-        """The wish, or the safe command in its place.
+        """The command, or the safe command in its place.
 
         Args:
             time: of the sample, s.
@@ -44,7 +44,7 @@ class MotionLimiter:
         return self._limits.safe if any(way * side > 0.0 for side in self._closed(position)) else wish
 
     def _closed(self, position: float) -> list[float]:
-        """The ways that are closed, as +1 and -1."""
+        """The blocked directions, as +1 and -1."""
         limits, speed, far = self._limits, self._speed(), position - self._start
         closed = []
         if abs(speed) >= limits.speed:

@@ -1,4 +1,4 @@
-"""The physical model held to what is measured: where a windowed prediction starts, and how noisy the sensors are."""
+"""An observer with the physical model: it gives the start states of windowed predictions and the sensors' noise."""
 
 from __future__ import annotations
 
@@ -18,23 +18,26 @@ from optid.live.twin import Twin
 # Process noise per 0.5 s as a share of each state's size, at least: what the batch fit starts from as well.
 PROCESS_NOISE, WINDOW = 3e-3, 0.5
 FORGET = 0.999  # of the running estimate of the sensors' noise
-OUTLIER = 5.0  # sd of an innovation: one that is larger counts as one of this size
-HEED, MOST = 0.02, 1e8  # how fast the process noise follows innovations larger than expected, and how far
+OUTLIER = 5.0  # sd of an innovation: larger ones are clipped to it
+HEED, MOST = (
+    0.02,
+    1e8,
+)  # rate at which the process noise follows innovations larger than expected, and its limit
 
 Kernel = TypeVar("Kernel", bound=Callable[..., object])
 quick: Callable[[Kernel], Kernel] = kept()
 
 
 class Observer(Twin):
-    """A twin that is corrected by every measurement: an extended Kalman filter over the compiled slopes.
+    """A twin corrected by every measurement: an extended Kalman filter with the compiled slopes.
 
-    What the model lacks shows as innovations larger than expected: the process noise follows them, up and down,
-    so that the state stays with the rig; a single outlier hardly moves it.
+    Missing physics causes innovations larger than expected: the process noise follows them, up and down, so that the
+        state follows the rig; a single outlier hardly affects it.
 
     Args:
         model, parameters, start: as for a twin.
-        noise: sd of each output, SI, shape (outputs,); NaN where it is to be estimated as it runs, from third
-            differences, which motion hardly enters.
+        noise: sd of each output, SI, shape (outputs,); NaN where it is estimated online, from third differences, which
+            motion hardly affects.
     """
 
     def __init__(self, model: Model, parameters: Array, noise: Array, start: Array | None = None) -> None:
@@ -54,7 +57,7 @@ class Observer(Twin):
         self._P[:] = np.diag(self._spread**2)
 
     def advance(self, command: float, span: float) -> bool:
-        """As for a twin, with the covariance carried along."""
+        """As for a twin, also propagating the covariance."""
         self._input(command, span)
         h = _follow(
             self._code,
@@ -97,7 +100,7 @@ class Observer(Twin):
 
     @property
     def noise(self) -> Array:
-        """Sd of each output as it is taken to be, shape (outputs,)."""
+        """Sd of each output as used by the filter, shape (outputs,)."""
         return np.sqrt(self._R)
 
 
@@ -115,7 +118,7 @@ def _carry(P: Array, S: Array, q: Array) -> None:
 
 @quick
 def _correct(x: Array, P: Array, H: Array, R: Array, swell: Array, measured: Array, predicted: Array) -> None:
-    """One output after the other, which needs no inverse; `swell` multiplies the process noise."""
+    """Correct by one output after the other, which needs no inverse; `swell` multiplies the process noise."""
     n, start = len(x), x.copy()
     gain = np.empty(n)
     surprise, seen = 0.0, 0
@@ -123,7 +126,9 @@ def _correct(x: Array, P: Array, H: Array, R: Array, swell: Array, measured: Arr
         error = measured[o] - predicted[o]
         if error != error or R[o] == 0.0:
             continue
-        for i in range(n):  # linearised where the sample began, moved by what the outputs before said
+        for i in range(
+            n
+        ):  # linearised at the start of the sample, moved by the corrections of earlier outputs
             error -= H[o, i] * (x[i] - start[i])
         variance = R[o]
         for i in range(n):

@@ -1,4 +1,4 @@
-"""The one-step prediction of an identifier before the sample it predicts has come."""
+"""The one-step prediction of an identifier before the predicted sample is measured."""
 
 from __future__ import annotations
 

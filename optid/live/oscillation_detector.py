@@ -1,14 +1,14 @@
-"""Does a loop oscillate? Counts reversals of the command over a good part of its range."""
+"""Detection of oscillations of a loop: counts large reversals of the command."""
 
 from __future__ import annotations
 
-SWING = 0.15  # of the command's range: a turn counts after it has come back by so much
-MEMORY = 1.0  # s over which turns are counted, fading
-TOO_MANY = 10.0  # turns: a step response has three or four, a loop on the verge of instability goes on
+SWING = 0.15  # of the command's range: a reversal counts after a return by this much
+MEMORY = 1.0  # s over which reversals are counted, with exponential weights
+TOO_MANY = 10.0  # reversals: a step response has three or four, a loop near instability continues
 
 
 class OscillationDetector:
-    """Turns of the command in the last second.
+    """Reversals of the command in the last second.
 
     Args:
         span: sampling time, s.
@@ -20,7 +20,7 @@ class OscillationDetector:
         self._extreme, self._way, self.turns = 0.0, 0.0, 0.0
 
     def add(self, command: float) -> bool:
-        """Take one command; True while the loop oscillates."""
+        """Process one command; True while the loop oscillates."""
         self.turns *= self._fade
         ahead = (command - self._extreme) * self._way
         if self._way == 0.0:
@@ -35,5 +35,5 @@ class OscillationDetector:
         return self.turns > TOO_MANY
 
     def forget(self) -> None:
-        """Begin anew."""
+        """Restart."""
         self.turns = 0.0

@@ -1,4 +1,4 @@
-"""The physical model beside the rig: on the rig's command from half a second back, and in a loop of its own."""
+"""The physical model in parallel with the rig: on the rig's command in 0.5 s windows, and in its own control loop."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from optid.pid.controller import Controller, Gains
 from optid.pid.controller import Settings as PidSettings
 from optid.rigs.rigfile import Rig
 
-SETTLED = 2  # windows after which the observer knows where the rig stands
+SETTLED = 2  # windows after which the observer has converged
 
 
 class ParallelModel:
-    """What the model says the rig does, and whether the two still agree.
+    """The model's predictions of the rig, and the monitor of their mismatch.
 
     Args:
         rig: whose model.
         settings, wiring: of the session.
-        gains, pid: of the controller that the simulated loop has, too.
+        gains, pid: of the controller, also used in the simulated loop.
     """
 
     def __init__(self, rig: Rig, settings: Settings, wiring: Wiring, gains: Gains, pid: PidSettings) -> None:
@@ -44,13 +44,13 @@ class ParallelModel:
         self._command, self._next, self._windows = settings.limits.safe, 0.0, 0
 
     def measured(self, values: Sequence[float]) -> float:
-        """Take a sample's values as their columns hold them; the position, m."""
+        """Process a sample's values in the units of their columns; returns the position, m."""
         for (k, factor, shift), value in zip(self._channels, values, strict=True):
             self._y[k] = factor * value + shift
         return float(self._y[self._out])
 
     def advance(self, standing: float, span: float) -> None:
-        """From the last sample to this one, with the command that stood (V) and the simulated loop's own."""
+        """Advance from the last sample to this one, with the applied command (V) and the simulated loop's own."""
         rigs = standing / self._per_unit
         self._observer.advance(rigs, span)
         if not self._windowed.advance(rigs, span):
@@ -59,15 +59,15 @@ class ParallelModel:
             self._twin.copy(self._observer)
 
     def positions(self, time: float, standing: float, controller: Controller) -> tuple[float, float]:
-        """The position by windows and by the simulated loop at this sample, of which they know nothing.
+        """The position by windows and by the simulated loop at this sample, without using its measurement.
 
         Args:
             time: of the sample, s.
             standing: command, V.
-            controller: of the rig; the simulated loop begins where it stands.
+            controller: of the rig; the simulated loop starts from its state.
         """
         if time >= self._next:
-            # A window's start knows the data before it only: the observer has not seen this sample yet.
+            # A window starts from past data only: the observer has not used this sample yet.
             self._windowed.copy(self._observer)
             self._next = time + HORIZON
             self._windows += 1
@@ -84,7 +84,7 @@ class ParallelModel:
         return float(windowed), float(simulated)
 
     def follow(self, command: float) -> None:
-        """The command (V) of an experiment in open loop, for the simulated rig too."""
+        """Apply the command (V) of an open-loop experiment to the simulated rig."""
         self._command = command
 
     def control(self, reference: float, dither: float, simulated: float) -> None:

@@ -1,4 +1,4 @@
-"""What a session is to do, and its signals as the other processes see them."""
+"""The plan of a session, and the layout of its signals for the other processes."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ SIGNALS = (
 )
 KEEP = 60.0  # s of signals in the ring
 # Maximum sensitivity of a tuned loop. Åström and Hägglund (Advanced PID Control, 2006, sec. 4.6) name 1.2 to 2.0;
-# its low end because a linear model knows neither friction nor valve: studies/mixed_reality.py shows the price.
+# its low end because a linear model has neither friction nor valve: studies/mixed_reality.py shows the cost.
 ROOM = 1.2
-SLOW = 20.0  # Hz: the pace of the parameters' ring, and of everything that is no signal
+SLOW = 20.0  # Hz: rate of the parameters' ring buffer, and of everything other than signals
 
 
 @dataclass(frozen=True)
@@ -42,13 +42,13 @@ class Plan:
         out: folder for the log.
         reference: demanded position.
         choices: gains, orders, dither.
-        seconds: how long; ``None`` until it is stopped.
+        seconds: duration; ``None`` until it is stopped.
         rate: Hz; ``None`` for the rig file's.
-        fast: as fast as it goes instead of by the clock.
-        hold: s of a fast session after which it waits for the word to go on; ``None`` never.
+        fast: as fast as possible instead of in real time.
+        hold: s of a fast session after which it waits to be resumed; ``None`` never.
         recording: for `replay`.
         seed: of everything random.
-        since: live.json of an earlier session that what is found is held against; ``None`` for the rig file.
+        since: live.json of an earlier session for comparison; ``None`` for the rig file.
         sensitivity: largest maximum sensitivity of tuned gains on the identified model.
     """
 

@@ -105,7 +105,7 @@ def _orders(session: Connection) -> None:
     try:
         message = receive(session)
     except (EOFError, OSError):
-        raise Stop("the session that started it has gone") from None
+        raise Stop("the session that started it has ended") from None
     if message["do"] == "stop":
         raise Stop(str(message["why"]))
 

@@ -1,4 +1,4 @@
-"""The demanded position over time: levels with the moments at which they begin, a periodic or a recorded profile."""
+"""The demanded position over time: levels with their start times, a periodic or a recorded profile."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ WHERE = "--reference"
 EXAMPLE = '"60 mm", "0:0 mm, 2:60 mm", "sine 20 mm 0.5 Hz" (square, triangle; about a third value), "tour", or a file'
 SINE = 256  # points of a period, straight lines between them: off by 1/13 000 of the amplitude
 FASTEST = 1e3  # Hz, and the slowest its reverse
-_LEVELS = 1000  # at most
+_LEVELS = 1000  # largest number of levels
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class Reference:
     """Values (m) that hold from their times (s, increasing, the first one 0) on; a `period` repeats them.
 
     Attributes:
-        times, values: as said.
+        times, values: see above.
         period: s, or ``None``.
         straight: values change along straight lines from one to the next instead of holding.
         start: session time, s, at which its times begin.
@@ -57,7 +57,7 @@ class Reference:
 
 
 def tour(limits: Limits) -> Reference:
-    """Steps over the middle part of the stroke, again and again.
+    """Repeated steps over the middle part of the stroke.
 
     Raises:
         InputError: the stroke's limits are not known.
@@ -65,7 +65,7 @@ def tour(limits: Limits) -> Reference:
     low, high = limits.stroke
     if not high - low < float("inf"):
         raise InputError(
-            "the rig file states no stroke, so no tour of it is known",
+            "the rig file gives no stroke, so there is no tour of it",
             where=WHERE,
             expected='a position, "0:0 mm, 2:60 mm, 5:-40 mm", or a recording with a reference',
         )
@@ -75,10 +75,10 @@ def tour(limits: Limits) -> Reference:
 
 
 def read_reference(text: str, rig: Rig, limits: Limits, unit: str) -> Reference:
-    """What `--reference` means: what `read_profile` knows, or the path of a recording that holds a reference.
+    """Parse `--reference`: a profile of `read_profile`, or the path of a recording with a reference.
 
     Args:
-        text: as said.
+        text: see above.
         rig: names the recording's columns.
         limits: the reference stays within the stroke.
         unit: SI unit of the position.
@@ -117,7 +117,7 @@ def read_profile(text: str, limits: Limits, unit: str) -> Reference:
         try:
             times.append(float(before) if colon else 0.0)
         except ValueError:
-            raise InputError(f'"{before}" is no time', where=WHERE, expected=EXAMPLE) from None
+            raise InputError(f'"{before}" is not a time', where=WHERE, expected=EXAMPLE) from None
         values.append(to_si(level.strip(), unit, where=WHERE))
     if times[0] != 0.0 or not _increasing(times):
         raise InputError(f'"{text}": the times do not increase from 0', where=WHERE)
@@ -125,7 +125,7 @@ def read_profile(text: str, limits: Limits, unit: str) -> Reference:
 
 
 def _periodic(kind: str, rest: str, limits: Limits, unit: str) -> Reference:
-    """A wave of an amplitude and a frequency about a position, the stroke's middle where none is said."""
+    """A periodic profile of an amplitude and a frequency about a position, by default the stroke's middle."""
     if kind not in WAVES:
         raise InputError(f'"{kind}"', where=WHERE, expected=EXAMPLE, hint=nearest(kind, [*WAVES, "tour"]))
     found = [f"{number} {of}".strip() for number, of in _VALUE.findall(rest)]

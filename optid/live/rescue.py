@@ -12,18 +12,18 @@ from optid.rigs.rigfile import read_rig
 
 
 def rescue(plan: Plan) -> tuple[float | None, str]:
-    """Open the driver anew and put the safe command, again and again for the safe time.
+    """Open the driver again and write the safe command, with retries for the safe time.
 
     Returns:
-        s until it stood, ``None`` where it could not be put; and the words for it.
+        s until it was written, ``None`` if it could not be; and the message.
     """
-    if plan.driver in VIRTUAL:  # it lives in the guard's process
-        return 0.0, "the simulated rig died with it"
+    if plan.driver in VIRTUAL:  # it is part of the guard's process
+        return 0.0, "the simulated rig ended with it"
     try:
         rig = read_rig(plan.rig)
         wiring, settings = wiring_of(rig), session_settings(plan, rig)
     except Exception as error:
-        return None, f"the safe command could not be put ({type(error).__name__}: {error})"
+        return None, f"the safe command could not be written ({type(error).__name__}: {error})"
     order = {"wiring": wiring, "settings": settings, "recording": None, "seed": plan.seed}
     failsafe = Failsafe(settings.safe_time, lambda: open_driver(plan.driver, rig, order))
     safe = wiring.put(settings.limits.safe)
@@ -32,5 +32,5 @@ def rescue(plan: Plan) -> tuple[float | None, str]:
         with contextlib.suppress(Exception):
             done.driver.close()
     if done.seconds is None:
-        return None, f"the safe command could not be put ({done.error})"
+        return None, f"the safe command could not be written ({done.error})"
     return done.seconds, f"the safe command was written through a new connection after {done.seconds:.2g} s"

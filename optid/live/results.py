@@ -1,4 +1,4 @@
-"""What a session leaves beside its recording: live.json, and the model that was identified."""
+"""Results of a session in addition to its recording: live.json, and the identified model."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from optid.live.session import Session
 
 SCHEMA = "optid.live/1"
-SHOWN = 60.0  # s of a recording's end that are looked at closely
+SHOWN = 60.0  # s at the end of a recording that are shown
 BEFORE, AFTER = 0.1, 1.4  # s around a step that is shown
 CHUNK = 200_000  # rows of a recording in memory at a time
 
@@ -56,7 +56,7 @@ def live_document(session: Session) -> dict[str, Any]:
 
 
 def _reviewed(review: Review) -> dict[str, Any]:
-    """What was expected of the last tuning."""
+    """The predictions for the last tuning."""
     responses = review.responses.items()
     return {
         "old": asdict(review.old),
@@ -75,7 +75,7 @@ def _reviewed(review: Review) -> dict[str, Any]:
 
 
 def finite(value: float) -> float | None:
-    """As JSON can hold it."""
+    """A number for JSON: ``None`` if it is not finite."""
     return value if math.isfinite(value) else None
 
 
@@ -84,7 +84,7 @@ def identified(session: Session) -> ArmaxFile | None:
     model = session.model
     if model is None:
         return None
-    words = "identified sample by sample while the loop was closed"
+    words = "identified recursively while the loop was closed"
     saved = SavedModel(model, audit(model, fitted=False).findings)
     return ArmaxFile("command", session.wiring.measured[0].role, model.orders.na, (saved,), words)
 
@@ -132,14 +132,14 @@ class Stretch:
     limits: tuple[float, float]
 
     def around(self, time: float) -> Stretch:
-        """What lies around a moment."""
+        """The part around a time."""
         keep = (self.time >= time - BEFORE) & (self.time <= time + AFTER)
         positions = {name: values[keep] for name, values in self.positions.items()}
         return replace(self, time=self.time[keep], positions=positions, command=self.command[keep])
 
     @property
     def last_step(self) -> float | None:
-        """When the reference moved last with enough of the answer to see, s."""
+        """Time of the last step of the reference with enough of its response, s."""
         reference = self.positions["reference"]
         known = np.isfinite(reference)
         moved = self.time[known][1:][np.diff(reference[known]) != 0.0]
@@ -148,7 +148,7 @@ class Stretch:
 
 
 def last_stretch(path: Path, wiring: Wiring, settings: Settings) -> Stretch | None:
-    """The last minute of a session's recording; ``None`` where there is next to nothing."""
+    """The last minute of a session's recording; ``None`` if it is too short."""
     import io
 
     import pandas as pd

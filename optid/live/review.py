@@ -1,4 +1,4 @@
-"""Old and new gains beside each other before anything is applied: on the identified model and on the physical one."""
+"""Comparison of old and new gains before they are applied, on the identified and on the physical model."""
 
 from __future__ import annotations
 
@@ -23,20 +23,20 @@ from optid.tuning.plant import Plant, plant_of
 from optid.tuning.score import Response, response
 from optid.tuning.task import Task
 
-STEP_SHARE = 0.25  # of the stroke limits' span: the step that is tuned for and reviewed
+STEP_SHARE = 0.25  # of the stroke limits' span: the step for tuning and review
 SECONDS = 1.5  # of the response
-HUNTS = 0.005  # of the step: less movement at rest is no hunting
-SLACK = 1.001  # on a maximum sensitivity that stands at its limit
-ARRIVED = 0.05  # of the step: an error at its end that counts as having arrived
+HUNTS = 0.005  # of the step: less movement at rest is not hunting
+SLACK = 1.001  # tolerance for a maximum sensitivity at its limit
+ARRIVED = 0.05  # of the step: largest final error that counts as settled
 
 
 @dataclass(frozen=True)
 class Case:
-    """What a tuning works on.
+    """The input of a tuning.
 
     Attributes:
         model: identified so far; position (m) from command (V).
-        gains: that are in use.
+        gains: in use.
         pid: everything else of the controller.
         step: m.
         output: role of the position.
@@ -73,7 +73,7 @@ class Case:
 
 @dataclass(frozen=True, eq=False)
 class Review:
-    """Gains beside each other.
+    """The comparison of old and new gains.
 
     Attributes:
         old, new: gains.
@@ -83,7 +83,7 @@ class Review:
         itae: by model, of the old and of the new gains, m s2: of the physical one the mean over many steps with
             noise, each as if it had the size of this one.
         margins: of the identified model with the old and with the new gains.
-        sensitivity: largest maximum sensitivity that was asked for.
+        sensitivity: largest maximum sensitivity that tuned gains may have.
     """
 
     old: Gains
@@ -97,54 +97,54 @@ class Review:
 
     @property
     def worse(self) -> tuple[str, ...]:
-        """What speaks against the new gains, in words; empty where they are better.
+        """Objections to the new gains, in words; empty if they are better.
 
-        Either model expects no less ITAE, the physical one does not arrive or hunts more, or the identified one's
-        margins are less than asked for and less than before.
+        A model predicts no smaller ITAE, the physical one does not settle or hunts more, or the identified one's
+        margins are below the required ones and below the former ones.
         """
         found = []
         for model, (before, after) in self.itae.items():
             if not after < before:
-                found.append(f"the {model} model expects more ITAE ({before:.3g} -> {after:.3g} m s2)")
+                found.append(f"the {model} model predicts a larger ITAE ({before:.3g} -> {after:.3g} m s2)")
         old, new = self.responses["physical"]
         if not abs(new.output[-1] - self.step) < ARRIVED * abs(self.step):
-            found.append("the physical model does not arrive")
+            found.append("the physical model does not settle")
         if new.hunting > max(old.hunting, HUNTS * abs(self.step)):
             found.append(f"the physical model hunts ({new.hunting:.3g} m peak to peak at rest)")
         before, after = (one.maximum_sensitivity for one in self.margins)
         if not after <= max(before, self.sensitivity * SLACK):
-            found.append(f"less margin (Ms {before:.3g} -> {after:.3g}, asked for {self.sensitivity:.3g})")
+            found.append(f"smaller margins (Ms {before:.3g} -> {after:.3g}, limit {self.sensitivity:.3g})")
         return tuple(found)
 
     @property
     def better(self) -> bool:
-        """Nothing speaks against the new gains."""
+        """Whether there are no objections to the new gains."""
         return not self.worse
 
     @property
     def words(self) -> str:
-        """Both models' expectation, margins and hunting, old to new."""
+        """Both models' predictions, margins and hunting, old to new."""
         parts = [
-            f"the {name} model expects ITAE {before:.3g} -> {after:.3g} m s2"
+            f"the {name} model predicts ITAE {before:.3g} -> {after:.3g} m s2"
             for name, (before, after) in self.itae.items()
         ]
         before, after = self.margins
         old, new = self.responses["physical"]
         parts.append(
             f"Ms {before.maximum_sensitivity:.3g} -> {after.maximum_sensitivity:.3g} "
-            f"(at most {self.sensitivity:.3g} asked for)"
+            f"(at most {self.sensitivity:.3g})"
         )
         parts.append(f"hunting {old.hunting:.2g} -> {new.hunting:.2g} m")
         return "; ".join(parts)
 
 
 def case_of(model: Armax, session: tuple[Settings, Wiring], choices: Choices, gains: Gains) -> Case:
-    """The case of a session: a step of a quarter of the way between the stroke limits.
+    """The case of a session: a step of a quarter of the range between the stroke limits.
 
     Args:
         model: identified so far.
         session: its settings and wiring.
-        choices: of which the controller's own settings count.
+        choices: with the controller's own settings.
         gains: in use.
     """
     settings, wiring = session

@@ -17,7 +17,7 @@ class RingBuffer:
 
     Args:
         rows, columns: size.
-        name: of one that another process has made; makes one when absent.
+        name: of one that another process made; a new one if absent.
     """
 
     def __init__(self, rows: int, columns: int, name: str | None = None) -> None:
@@ -33,7 +33,7 @@ class RingBuffer:
 
     @property
     def name(self) -> str:
-        """By which another process finds it."""
+        """Name by which another process opens it."""
         return self._memory.name
 
     @property
@@ -50,7 +50,7 @@ class RingBuffer:
     def since(self, seen: int) -> tuple[int, Array]:
         """The number of rows written, and a copy of those after the first `seen` that are still there.
 
-        Rows that the writer may have been overwriting meanwhile are left out.
+        Rows that the writer may have overwritten meanwhile are left out.
         """
         count = self.count
         first = max(seen, count - self.rows, 0)
@@ -62,7 +62,7 @@ class RingBuffer:
         return count, taken[lost:]
 
     def close(self) -> None:
-        """Let go; its maker also removes it."""
+        """Close it; its creator also removes it."""
         self._memory.close()
         if self._owner:
             self._memory.unlink()

@@ -1,4 +1,4 @@
-"""A session as its user sees it: starts guard and loop, hears what they say, stops them, tunes and applies."""
+"""A session: starts guard and loop, receives their messages, stops them, tunes and applies gains."""
 
 from __future__ import annotations
 
@@ -29,29 +29,29 @@ from optid.live.tuning import Tuning
 from optid.pid.controller import Gains
 from optid.rigs.rigfile import read_rig
 
-START = 300.0  # s for both processes to be ready: the first run on a machine compiles, and that may be busy
+START = 300.0  # s for both processes to be ready: the first run on a machine compiles, perhaps under load
 GRACE = 5.0  # s for the processes to end by themselves
-WORDS = 80  # of a reference, in the list of what happened
-HUNG = 2.0  # s without a sample, and ten watchdogs, after which the guard is taken to hang in its driver
+WORDS = 80  # characters of a reference in the list of events
+HUNG = 2.0  # s without a sample, and ten watchdogs, after which the guard counts as hanging in its driver
 
 
 class Session:
-    """A running session; call `poll` some times a second.
+    """A running session; call `poll` a few times per second.
 
     Args:
-        plan: what to do.
+        plan: of the session.
 
     Attributes:
-        events: what happened.
+        events: of the session.
         gains: the controller has now.
-        model: identified so far, as of the last tuning; the last one of all after the end.
+        model: identified at the last tuning; after the end the last one.
         tuning: in the background, and its review.
         following: parameters and effects in the background, and what may have changed.
         trials: verdicts on applied gains: "kept", "worse" or "undecided" (both taken back), ratio of ITAE, episodes.
         disagree, diagnosis: whether rig and model disagree, and the command that finds out why.
         holding: a fast session waits for `resume`.
-        hides: what a simulated rig has that the rig file does not say, in words; "" for a real one.
-        demanded: the reference in words, where somebody gave another one than the plan's.
+        hides: differences of a simulated rig from the rig file, in words; "" for a real one.
+        demanded: the reference in words, if it was changed during the session.
         end: how it ended (fields of `optid.live.guard.End`); ``None`` while it runs.
         signals, slow: rings that the loop fills, see `optid.live.plan`.
 
@@ -72,7 +72,7 @@ class Session:
         self.tuning, self._wants = Tuning(plan, self.events.note), False
         self.following = ParameterMonitor(plan, self.settings.rate, self.events.note)
         self.end: dict[str, Any] | None = None
-        self._progress = (0, math.inf)  # samples seen, and when the last new one was
+        self._progress = (0, math.inf)  # samples received, and time of the last one
         choices = plan.choices
         self._blank = Identifier(choices.orders, self.settings.span, choices.learning)
         sizes = ring_sizes(plan, self.settings.rate)
@@ -102,7 +102,7 @@ class Session:
         for process in self._processes:
             process.start()
         for end in (guard_link, loop_link, guard_end, loop_end):
-            end.close()  # ours only: the children's death must close the pipes
+            end.close()  # our copies only: the children's death must close the pipes
         for pipe, who in ((to_guard, "guard"), (to_loop, "loop")):
             ready = _await_ready(pipe, who)
             self.hides = ready.get("hides", "") or self.hides
@@ -112,7 +112,7 @@ class Session:
         self._begun = time.monotonic()
         self._progress = (0, self._begun)
         send(self._pipes[0], do="go")
-        self.events.note("the loop runs")
+        self.events.note("the loop is running")
         if self.hides:
             self.events.note(f"the simulated rig differs from the rig file: {self.hides}")
 
@@ -124,21 +124,21 @@ class Session:
         return max(time.monotonic() - self._begun, 0.0)
 
     def resume(self) -> None:
-        """Let a session go on that waits."""
+        """Resume a waiting session."""
         if self.holding:
             self.holding = False
             self._progress = (self.signals.count, time.monotonic())
             send(self._pipes[0], do="resume")
 
     def stop(self, why: str = "stopped") -> None:
-        """Ask the guard to put the safe command and end; `poll` until `end` is there."""
+        """Ask the guard to write the safe command and end; `poll` until `end` is set."""
         send(self._pipes[0], do="stop", why=why)
 
     def demand(self, text: str) -> None:
-        """Give the loop another reference from now on, in the words of `read_profile`.
+        """Change the loop's reference, in the notation of `read_profile`.
 
         Raises:
-            InputError: it is none, lies beyond the stroke limits, or nothing is controlled.
+            InputError: it is not a reference, lies beyond the stroke limits, or nothing is controlled.
         """
         if self.plan.choices.command is not None:
             raise InputError("the loop is open", field="reference", expected="a session without --command")
@@ -149,7 +149,7 @@ class Session:
         self.events.note(f"reference: {text if len(text) <= WORDS else text[:WORDS] + ' ...'}")
 
     def tune(self) -> None:
-        """Look for better gains in the background, on the model identified so far; once at a time."""
+        """Search for better gains in the background, on the model identified so far; one search at a time."""
         if not self.busy and self.end is None:
             self._wants = True
             send(self._pipes[1], do="model")
@@ -157,20 +157,20 @@ class Session:
 
     @property
     def busy(self) -> bool:
-        """A tuning is under way."""
+        """Whether a tuning is running."""
         return self._wants or self.tuning.busy
 
     @property
     def applicable(self) -> bool:
-        """There are reviewed gains that the loop does not have yet."""
+        """Whether there are reviewed gains that the loop does not use yet."""
         review = self.tuning.review
         closed = self.plan.choices.command is None
         return self.end is None and closed and review is not None and review.new != self.gains
 
     def apply(self, confirmed: bool = False) -> None:
-        """Give the reviewed gains to the loop, which takes them without a jump of the command.
+        """Apply the reviewed gains to the loop, without a jump of the command.
 
-        Gains that the review finds worse are refused, and the reasons noted, unless the user has confirmed them.
+        Gains that the review finds worse are refused, with the reasons as an event, unless the user has confirmed them.
         """
         review = self.tuning.review
         if not self.applicable or review is None:
@@ -202,11 +202,11 @@ class Session:
         return self.slow.since(max(self.slow.count - 1, 0))
 
     def close(self) -> None:
-        """End everything that still runs and let go of the shared memory."""
+        """End everything that still runs and release the shared memory."""
         if self._pipes:
             self.stop("closed")
         for process in self._processes:
-            if process.pid is not None:  # the guard may still be trying to put the safe command
+            if process.pid is not None:  # the guard may still be trying to write the safe command
                 _end(process, GRACE + self.settings.safe_time * (process.name == "guard"))
         if self._pipes:
             self.poll()
@@ -227,7 +227,7 @@ class Session:
             self.holding = True
         elif message["say"] == "unsafe":
             self._progress = (self.signals.count, time.monotonic() + self.settings.safe_time)
-            self.events.note("the driver does not take the safe command; trying on")
+            self.events.note("the driver does not accept the safe command; trying again")
         elif message["say"] == "end":
             self.end = message if message["safe"] else self._rescued(message)
         elif message["say"] == "refused":
@@ -236,7 +236,7 @@ class Session:
             self.events.note(f"ended: {self.end['why']}")
 
     def _rescued(self, end: dict[str, Any]) -> dict[str, Any]:
-        """The guard could not put the safe command: try once more, through a connection of our own."""
+        """The guard could not write the safe command: try again through our own connection."""
         self._processes[0].join(GRACE)  # it holds the rig
         after, words = rescue(self.plan)
         return {**end, "safe": after is not None, "safe_after": None, "why": f"{end['why']}; {words}"}
@@ -267,14 +267,14 @@ class Session:
             )
 
     def _look_for_life(self) -> None:
-        """A driver that never comes back holds the guard, which can put no safe command: end it, then do."""
+        """A driver that hangs blocks the guard, which cannot write the safe command: end it, then write it."""
         samples, since = self._progress
         if self.signals.count != samples:
             self._progress = (self.signals.count, time.monotonic())
         elif not self.holding and time.monotonic() - since > HUNG + 10 * self.settings.watchdog:
             self._processes[0].kill()
             self._processes[0].join()
-            self._guard_died("the driver did not come back")
+            self._guard_died("the driver did not respond")
 
     def _guard_died(self, why: str) -> None:
         with contextlib.suppress(EOFError, OSError):
@@ -291,7 +291,7 @@ class Session:
             self.events.note(self.end["why"])
 
     def _look(self) -> None:
-        """Say once when rig and model part, and when they agree again."""
+        """Report once when rig and model disagree, and when they agree again."""
         _, rows = self.parameters()
         if not len(rows) or bool(rows[0][2]) == self.disagree:
             return
@@ -299,7 +299,7 @@ class Session:
         if self.disagree:
             self.events.note(f"rig and model disagree: the 0.5 s windows fit {rows[0][1]:.0f} %")
             self.diagnosis = offer_diagnosis(self.plan.rig, self.plan.out, self.settings.rate)
-            self.events.note(f"to find out what is missing: {self.diagnosis}")
+            self.events.note(f"to find what is missing: {self.diagnosis}")
         else:
             self.events.note("rig and model agree again")
 
@@ -317,7 +317,7 @@ def _await_ready(pipe: Connection, who: str) -> dict[str, Any]:
 
 
 def _end(process: Any, grace: float) -> None:
-    """Wait for a process, then ask it, then kill it; the guard puts the safe command when it is asked, too."""
+    """Wait for a process, then terminate it, then kill it; the guard also writes the safe command when terminated."""
     for insist in (None, process.terminate, process.kill):
         if insist is not None:
             insist()

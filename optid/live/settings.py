@@ -1,4 +1,4 @@
-"""The `[live]` table of a rig file: rate, limits, what is safe; every entry has a default that errs on caution."""
+"""The `[live]` table of a rig file: rate, limits, safe command; every entry has a cautious default."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from optid.rigs.channels import REFERENCE
 from optid.rigs.fields import Table, known_keys, subtable
 from optid.rigs.rigfile import Rig
 
-RATE = 1000.0  # Hz, where neither the rig file nor the call says otherwise
+RATE = 1000.0  # Hz, if neither the rig file nor the call states it
 FULL_SWING = 0.02  # s from one command limit to the other, where no rate limit is stated
-STROKE_SHARE = 0.45  # of the stroke to either side of its middle, where no stroke limits are stated
+STROKE_SHARE = 0.45  # of the stroke to each side of its middle, if no stroke limits are stated
 WATCHDOG = 0.05  # s without a command after which the session ends
-RELAXED = 10.0  # s, the same for a rig that is simulated: a busy machine is no danger to it
+RELAXED = 10.0  # s, the same for a simulated rig, for which a busy machine is no danger
 SAFE_TIME = 10.0  # s for which the safe command is tried
 DRIVERS = ("simulated", "replay", "nidaqmx", "opcua", "file")
 _KEYS = (
@@ -37,14 +37,14 @@ _KEYS = (
 
 @dataclass(frozen=True)
 class Limits:
-    """What may reach the rig, in SI units of the recorded quantities (V, m).
+    """Limits of the rig, in SI units of the recorded quantities (V, m).
 
     Attributes:
         low, high: of the command.
         rate: largest change of the command per second.
-        safe: the command that is put when anything goes wrong.
-        stroke: positions beyond which only commands that lead back are let through.
-        speed: beyond which a command that drives on the same way becomes the safe one.
+        safe: the command that is written when anything fails.
+        stroke: positions beyond which only commands that lead back are passed.
+        speed: beyond which a command in the same direction is replaced by the safe one.
         travel: the same for the distance from where the session began.
     """
 
@@ -57,17 +57,17 @@ class Limits:
     travel: float = math.inf
 
     def allowed(self, wish: float, before: float, position: float, span: float) -> float:
-        """The command nearest to a wish that keeps the limits.
+        """The command nearest to the requested one that keeps the limits.
 
         A positive command drives towards larger positions (contract), so beyond the stroke's limits the
-        outward part of a wish becomes the safe command. A wish or position that is no number is answered with
-        the safe command, at once: the rate limit never delays what is safe.
+        outward part of a request is replaced by the safe command. If the request or the position is NaN, the result is
+            the safe command, at once: the rate limit never delays it.
 
         Args:
             wish: of the controller.
-            before: the command that stands.
+            before: the present command.
             position: measured.
-            span: s since `before` was put.
+            span: s since `before` was written.
         """
         if not (wish - wish == 0.0 and position - position == 0.0):  # finite
             return self.safe
@@ -82,7 +82,7 @@ class Limits:
 
 @dataclass(frozen=True)
 class Wiring:
-    """Which columns of the rig file the loop reads and writes, and how they become SI and back.
+    """The columns that the loop reads and writes, with their conversion to SI and back.
 
     Attributes:
         command: the one input.
@@ -97,7 +97,7 @@ class Wiring:
     reference: ChannelMap | None = None
 
     def put(self, command: float) -> float:
-        """A command in SI (V) as its column holds it."""
+        """A command in SI (V), converted to the unit of its column."""
         c = self.command
         return (command / c.per_unit - c.shift) / c.factor
 
@@ -109,14 +109,14 @@ class Wiring:
 
 @dataclass(frozen=True)
 class Settings:
-    """How a session runs.
+    """Settings of a session.
 
     Attributes:
         rate: Hz.
         limits: of the command and the axis.
         watchdog: s without a command or a measurement after which it ends.
-        safe_time: s for which the safe command is tried where a driver does not take it.
-        ahead: s for which the axis is taken to go on as fast when it is looked whether the stroke ends; 0 not at all.
+        safe_time: s for which the safe command is retried if a driver does not accept it.
+        ahead: s over which the motion is extrapolated to the end of the stroke; 0 for none.
     """
 
     rate: float
@@ -135,7 +135,7 @@ def wiring_of(rig: Rig) -> Wiring:
     """The loop's channels.
 
     Raises:
-        RigError: the plant has more than one input, or a channel's unit cannot be turned round.
+        RigError: the plant has more than one input, or a channel's unit cannot be inverted.
     """
     inputs = [port.role for port in rig.model.recorded]
     if len(inputs) != 1:
@@ -152,10 +152,10 @@ def live_settings(rig: Rig, rate: float | None = None, relaxed: bool = False) ->
     Args:
         rig: as read.
         rate: Hz, overrides the table.
-        relaxed: no hardware is driven, so the watchdog waits long unless the table says how long.
+        relaxed: no hardware is driven, so the watchdog is long unless the table states it.
 
     Raises:
-        RigError: an unknown entry, a wrong unit, limits that are empty or do not hold the safe command.
+        RigError: an unknown entry, a wrong unit, limits that are empty or exclude the safe command.
     """
     table, where = live_table(rig), rig.path
     wiring = wiring_of(rig)
@@ -169,7 +169,7 @@ def live_settings(rig: Rig, rate: float | None = None, relaxed: bool = False) ->
     rate = number("rate", "Hz", recorded or RATE) if rate is None else rate
     if recorded is not None and abs(rate - recorded) > 1e-9 * recorded:
         raise RigError(
-            f"{rate:g} Hz where recordings without a time column come at {recorded:g} Hz",
+            f"{rate:g} Hz but recordings without a time column have {recorded:g} Hz",
             where=where,
             field="live.rate",
             expected="the same rate, or a time column in [channels]",
@@ -232,7 +232,7 @@ def driver_options(rig: Rig, name: str) -> Table:
 
 
 def _stroke(rig: Rig) -> tuple[float, float]:
-    """Default stroke limits: a share of the stroke that the plant's parameters state, if they do."""
+    """Default stroke limits: a share of the stroke, if the plant's parameters state it."""
     stroke = rig.parameters.get("stroke", math.inf)
     return -STROKE_SHARE * stroke, STROKE_SHARE * stroke
 
@@ -249,5 +249,5 @@ def _pair(
         )
     low, high = (to_si(value, unit, where=where, field=field) for value in pair)
     if not low < high:
-        raise RigError(f"{shown(pair)}: the low limit is not below the high one", where=where, field=field)
+        raise RigError(f"{shown(pair)}: the lower limit is not below the upper one", where=where, field=field)
     return low, high

@@ -1,4 +1,4 @@
-"""Better gains for the loop that is running, found and reviewed in a process of its own."""
+"""Tuning of the running loop: gains are found and reviewed in a separate process."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from optid.tuning.optimise import Options, optimise
 from optid.tuning.step_tests import STRONGER, StepPlan, hunting_limit, sizes_for
 from optid.tuning.task import Task
 
-BRISK = 2.0  # maximum sensitivity up to which gains in use are a measure of how brisk new ones may be
+BRISK = 2.0  # maximum sensitivity up to which the gains in use may define the bound for new ones
 INDIFFERENT = 1.002  # ratio of costs that the physical model's integration does not tell from 1
 RUNS = 8  # of each size of step on the physical model
 
@@ -30,7 +30,7 @@ class Tuning:
 
     Args:
         plan: of the session.
-        note: told what happens, in words.
+        note: called with events in words.
 
     Attributes:
         review: of the last gains found.
@@ -47,14 +47,14 @@ class Tuning:
         return self._background.busy
 
     def begin(self, case: Case) -> None:
-        """Start; `poll` until `busy` is over."""
+        """Start; call `poll` until `busy` is false."""
         self._background.begin(tuned, case, self._plan)
 
     def poll(self) -> None:
-        """See whether it is done."""
+        """Check whether it is finished."""
         try:
             found = self._background.result()
-        except Exception as error:  # whatever the tuning's process met, the loop goes on
+        except Exception as error:  # whatever failed in the tuning's process, the loop continues
             self._note(f"not tuned: {error}")
             return
         if found is not None:
@@ -75,8 +75,8 @@ def tuned(case: Case, plan: Plan, room: float | None = None) -> Review:
     Args:
         case: the loop.
         plan: of the session.
-        room: largest maximum sensitivity on the identified model; the plan's where absent. Gains in use that are
-            brisker than that are no worse a measure, up to `BRISK`.
+        room: largest maximum sensitivity on the identified model; the plan's if absent. If the gains in use have a
+            larger one, that is used instead, up to `BRISK`.
 
     Raises:
         OptidError: nothing stabilises the identified model.

@@ -1,4 +1,4 @@
-"""The physical model beside the rig, advanced one sample at a time."""
+"""The physical model in parallel with the rig, advanced one sample at a time."""
 
 from __future__ import annotations
 
@@ -11,16 +11,18 @@ from optid.core.kernel import advance, at, call
 from optid.core.kernel import compiled as compiled_loop
 from optid.core.model import CLOCK, INTERVAL, Array, Model
 
-TOLERANCE = 1e-6  # local error as a share of each state's size: half a micrometre in a second beside Radau
+TOLERANCE = (
+    1e-6  # local error as a share of each state's size: half a micrometre per second compared with Radau
+)
 
 
 class Twin:
-    """A model that runs along, whose state is one array.
+    """A model that runs in parallel; its state is one array.
 
     Args:
         model: with one recorded input.
         parameters: SI, shape (parameters,).
-        start: state, shape (states,); the model's own idea of a record's start when absent.
+        start: state, shape (states,); the model's own start state if absent.
     """
 
     def __init__(self, model: Model, parameters: Array, start: Array | None = None) -> None:
@@ -39,7 +41,7 @@ class Twin:
         self._first = np.array(mean if start is None else start, dtype=float)
         self.x = np.empty(nx)
         self._begin()
-        self.advance(0.0, 1e-6)  # compiles or loads now: no sample of a rig waits for it
+        self.advance(0.0, 1e-6)  # compiles or loads now, so that no sample waits for it
         self._begin()
 
     def _begin(self) -> None:
@@ -55,11 +57,11 @@ class Twin:
         return self._sane(h, span)
 
     def outputs(self) -> Array:
-        """What the sensors show at the end of the last hold, shape (outputs,); valid until the next call."""
+        """The outputs at the end of the last hold, shape (outputs,); valid until the next call."""
         return self._y[:-1]
 
     def copy(self, other: Twin) -> None:
-        """Go on from another twin of the same model."""
+        """Continue from another twin of the same model."""
         self.x[:], self._y[:] = other.x, other._y
         self.time, self._past[:] = other.time, other._past
 
@@ -93,7 +95,7 @@ def _prepare(code, p, c):  # type: ignore[no-untyped-def]
 @compiled_loop
 def _hold(code, x, u, c, k, tolerance, span, h, y):  # type: ignore[no-untyped-def]
     """One hold and the outputs at its end; the next step size, negative on failure."""
-    here, none = at(x, 0), at(k, 0)  # what stands for slopes is never touched
+    here, none = at(x, 0), at(k, 0)  # the placeholder for slopes is never used
     h = advance(
         code.rates, code.step, code.half, here, none, at(u, 0), at(c, 0), k, none, at(tolerance, 0), span, h
     )

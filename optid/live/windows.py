@@ -1,9 +1,9 @@
-"""One-step estimates from a session's own log: short windows of the physical model from where the observer stands.
+"""One-step estimates from a session's own log: short windows of the physical model from the observer's states.
 
-The observer of the loop (`optid.live.observer`) runs over the stretch; from its state before each window the model goes
-on alone with the command as it was put, and once more with each parameter, and each effect, moved a little. A linear
-regression says by how much of each move the windows' errors are explained best, as for a fleet's night
-(`optid.monitoring.one_step`, whose filter of fixed gains loses an axis that stands still for long).
+The observer of the loop (`optid.live.observer`) runs over the stretch; from its state before each window the model is
+simulated with the applied command, and again with each parameter, and each effect, moved a little. A linear regression
+gives the moves that explain the windows' errors best, as for a fleet's night (`optid.monitoring.one_step`, whose
+fixed-gain filter diverges from an axis at rest for long).
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from optid.live.twin import Twin
 from optid.monitoring.one_step import NUDGE, Quantity, WindowErrors, explained, points, share
 from optid.rigs.rigfile import Rig, with_effects
 
-RATE = 250.0  # Hz at most: windows hold their commands so long
+RATE = 250.0  # Hz at most: the rate at which windows hold their commands
 WINDOW = HORIZON  # s
 DRAWS = 3  # simulated rigs that are as the file says
 SETTLED = 2  # windows after which the observer knows where the rig stands
@@ -34,7 +34,7 @@ SETTLED = 2  # windows after which the observer knows where the rig stands
 
 @dataclass(frozen=True, eq=False)
 class Stretch:
-    """What the model is run on.
+    """The data on which the model is run.
 
     Attributes:
         commands: over each hold, in the model's unit, shape (samples,).
@@ -56,7 +56,7 @@ class Stretch:
 def estimates(
     rig: Rig, wiring: Wiring, recording: Recording, effects: Sequence[Effect], pull: float
 ) -> dict[str, Quantity]:
-    """Estimates from a stretch of each parameter that a fit may move, and of each strength of each effect, SI.
+    """Estimates of each fitted parameter and of each strength of each effect from a stretch, SI.
 
     An observer lags and friction is no straight line, so the estimates are off even on a rig that is as its file says.
     By how much, and how that scatters, is seen on such rigs: simulated along the same path with the sensors' noise
@@ -64,9 +64,9 @@ def estimates(
     off, their scatter is the least sd, and what they explain without being any different explains nothing.
 
     Args:
-        rig: whose model runs.
+        rig: its model is simulated.
         wiring: of the session.
-        recording: the stretch, as its log holds it.
+        recording: the stretch of the log.
         effects: that the plant admits.
         pull: what is added to the command for each m that the simulated rig is off the path, V/m.
     """
@@ -134,7 +134,7 @@ def _one_step(rig: Rig, stretch: Stretch, p: Array, effects: Sequence[Effect]) -
 
 @lru_cache(maxsize=128)
 def _with(rig: Rig, effect: Effect) -> Rig:
-    """Remembered, so that every look has one compiled model."""
+    """Cached, so that the model is compiled once."""
     return with_effects(rig, (effect,))
 
 

@@ -1,10 +1,11 @@
-"""One-step estimates of a fitted model's parameters, and of effects it lacks, from one stretch of recordings.
+"""One-step estimates of a fitted model's parameters, and of effects that it lacks, from a few recordings.
 
-Nothing is searched. Errors of short windows are taken at the fitted parameters under the gains of a quiet filter, and
-once more with each parameter, and each watched effect, moved a little. One linear regression each then says by how much
-of it these errors are explained best (a one-step estimate; van der Vaart, Asymptotic Statistics, 1998, section 5.7).
-Whether a rig has changed is not said here: a fleet's nights are compared with each other (`optid.fleet.statistics`), a
-live session with what it was commissioned with (`optid.live.commissioning`).
+A few Gauss-Newton steps lead from the fitted parameters to those of the recordings. There the errors of short windows
+are taken under the gains of a filter, and once more with each parameter, and each watched effect, moved a little. A
+linear regression on each then gives the change that explains these errors best (a one-step estimate; van der Vaart,
+Asymptotic Statistics, 1998, section 5.7). No effect is searched for. Whether a rig has changed is decided elsewhere: a
+fleet's nights are compared with each other (`optid.fleet.statistics`), a live session with its commissioning
+(`optid.live.commissioning`).
 """
 
 from __future__ import annotations
@@ -22,29 +23,33 @@ from optid.core.recording import Recording
 from optid.diagnosis.problem import prepare, with_effect
 from optid.effects.effect import Effect
 from optid.effects.library import admitted
-from optid.errors import SolveError
 from optid.estimation.fisher_scoring import likelihood_problem
 from optid.estimation.fixed_gain import LOST, innovations
 from optid.estimation.likelihood import FAR, WHOLE, Filtered
 from optid.estimation.likelihood_point import LikelihoodProblem
-from optid.estimation.multistep import quiet_filter, window_starts
+from optid.estimation.multistep import fit_multistep, window_starts
 from optid.estimation.prediction import HORIZON
 from optid.estimation.problem import build_problem
-from optid.rigs.rigfile import Rig
+from optid.rigs.rig import Freed, Rig
 
-RATE = 500.0  # Hz at most, as a diagnosis searches
-WINDOW = 0.1  # s: short enough for errors to stay in proportion to what causes them
-NUDGE = 1e-2  # of a parameter's typical size, by which its slope is taken
-PART = 0.5  # of the smallest usual size of an effect, likewise: a dead band or a play is no straight line from its null
+RATE = 500.0  # Hz at most, the rate of a diagnosis
+WINDOW = 0.1  # s: short enough for errors to be proportional to their cause
+NUDGE = 1e-2  # of a parameter's typical size: step of its finite difference
+PART = 0.5  # of an effect's smallest usual size, likewise: a dead band or a play is not linear at its null
 CLUSTER = HORIZON  # s: errors nearer to each other than that are not counted as independent
-SLIGHT = 1e-6  # of the curvature, of directions that the data do not show
+SLIGHT = 1e-6  # of the curvature: directions below it are not determined by the data
+LIVELY = 1.0  # level of the filter that still follows where the quiet one diverges: the model sticks, the rig moves
+TURNS, STEPS = (
+    2,
+    3,
+)  # of the search from the fitted parameters: friction and supply differ from night to night
 ERROR = "prediction_error"  # quantity: log of the windows' error over the noise
 
 Progress = Callable[[float, str], None]
 
 
 def silent(share: float, words: str) -> None:
-    """Nothing was asked to stop."""
+    """Progress that is not shown and never stops."""
 
 
 @dataclass(frozen=True)
@@ -53,9 +58,9 @@ class Quantity:
 
     Attributes:
         value: SI.
-        sd: that the scatter of windows gives it.
+        sd: from the scatter of the windows.
         unit: of these.
-        explained: share of the squared errors that go when it alone is moved.
+        explained: share of the squared errors that it explains alone.
     """
 
     value: float
@@ -94,12 +99,12 @@ def quantities(
     SolveError
         the simulation diverged at the fitted parameters.
     """
-    rig, thin = prepare(rig, recordings, RATE)
+    own = _freed_daily(rig)
+    rig, thin = prepare(own, recordings, RATE)
     q = likelihood_problem(rig, build_problem(rig.model, thin, WHOLE), rig.model)
-    p = q.model.vector(rig.parameters)
-    guide = quiet_filter(q, p)
-    if guide is None:
-        raise SolveError("the simulation diverged at the fitted parameters")
+    start = q.model.vector(rig.parameters)
+    near = fit_multistep(q, start, WINDOW, turns=TURNS, steps=STEPS, level=LIVELY, most=TURNS)
+    p, guide = near.p, near.filtered
     errors = _errors(q, p, guide)
     asked = {one.name for one in rig.freed}
     found = {ERROR: Quantity(0.5 * math.log(float(np.mean(np.minimum(errors.z**2, FAR**2)))), math.nan, "1")}
@@ -113,8 +118,23 @@ def quantities(
     effects = _admitted(rig.model, tuple(watch))
     for number, effect in enumerate(effects):
         progress((number + 1) / (len(effects) + 1), effect.name)
-        found |= _sizes(rig, effect, thin, p, q, guide, errors)
+        found |= _sizes(own, effect, thin, p, q, guide, errors)
     return found
+
+
+@lru_cache(maxsize=8)
+def _freed_daily(rig: Rig) -> Rig:
+    """The rig with those parameters freed that change from day to day without any wear.
+
+    One object for each rig, so that its models with effects are built once for all nights.
+    """
+    freed = {one.name for one in rig.freed}
+    also = [
+        Freed(one.name, *one.bounds, sd=one.daily * rig.parameters[one.name])
+        for one in rig.model.parameters
+        if one.daily and one.name not in freed
+    ]
+    return replace(rig, freed=(*rig.freed, *also))
 
 
 @lru_cache(maxsize=64)
@@ -146,7 +166,7 @@ def _sizes(
     guide: Filtered,
     errors: WindowErrors,
 ) -> dict[str, Quantity]:
-    """What each strength of an effect comes to beside the parameters, one at a time."""
+    """The size of each strength of an effect, estimated together with the parameters, one at a time."""
     wide = with_effect(rig, effect)
     q = replace(plain, rig=wide, problem=build_problem(wide.model, recordings, WHOLE))
     here = {one.name: float(value) for one, value in zip(plain.model.parameters, p, strict=True)}
@@ -165,7 +185,7 @@ def _sizes(
 
 
 def points(effect: Effect) -> list[tuple[str, dict[str, float], float]]:
-    """For each strength: its name, the effect's parameters with it moved from the null, and by how much."""
+    """For each strength: its name, the effect's parameters with it moved from the null, and the step."""
     null, moves = effect.at_null(), []
     shape = {**null, **effect.usual[len(effect.usual) // 2]} if effect.usual else dict(null)
     shape |= {name: null[name] for name in effect.strength}
@@ -177,14 +197,14 @@ def points(effect: Effect) -> list[tuple[str, dict[str, float], float]]:
 
 
 def share(errors: WindowErrors, slope: Array) -> float:
-    """Share of the squared errors that go when one quantity alone is moved; those far out count linearly."""
+    """Share of the squared errors explained by one quantity alone; outliers count linearly."""
     weight = np.minimum(1.0, FAR / np.maximum(np.abs(errors.z), 1e-12))
     across = float(slope @ (weight * errors.z))
     return across**2 / max(float(slope @ (weight * slope)) * float(errors.z @ (weight * errors.z)), 1e-300)
 
 
 def explained(errors: WindowErrors, slopes: Array) -> tuple[Array, Array]:
-    """By how much of each slope (rows, some) the errors are explained best, and the sd of that, (some,) each.
+    """The amount of each slope (rows, some) that explains the errors best, and its sd, (some,) each.
 
     Errors beyond `FAR` sd count linearly (Huber); the sd are those that the scatter among clusters gives (sandwich).
     """

@@ -7,7 +7,7 @@
     kept = controller.state; controller.restore(kept) # memory as an array of float64, shape (MEMORY,)
 
 Reference and measurement in the model's output unit (m), command in its input unit (V). A NaN stands for a missing
-sample: the last one is used again; how long that may go on is for the caller to say. Inside other compiled code call
+sample: the last one is used again; the caller decides how long this may last. Inside other compiled code call
 `optid.pid.law.law(settings, memory, reference, measured)` with `controller.vector` and a copy of `controller.state`.
 """
 
@@ -28,7 +28,7 @@ NO_NOTCH = (1.0, 0.0, 0.0, 0.0, 0.0)
 
 @dataclass(frozen=True)
 class Gains:
-    """What a tuning moves; u = kp (b r - y) + integral of ki (r - y) + kd d(c r - y)/dt.
+    """The tuned gains; u = kp (b r - y) + integral of ki (r - y) + kd d(c r - y)/dt.
 
     Attributes:
         kp: command per output, V/m.
@@ -73,11 +73,11 @@ class Gains:
 
 
 class AntiWindup(Enum):
-    """What the integral does while the command stands at a limit."""
+    """Behaviour of the integral while the command is at a limit."""
 
-    NONE = "it keeps integrating"
-    CLAMPING = "it rests while it would push further into the limit"
-    BACK_CALCULATION = "it gives back what the limit took away, over the tracking time"
+    NONE = "the integral keeps integrating"
+    CLAMPING = "the integral stops while it would push further into the limit"
+    BACK_CALCULATION = "the integral gives back what the limit took away, over the tracking time"
 
 
 @dataclass(frozen=True)
@@ -124,20 +124,20 @@ class Notch:
 
 @dataclass(frozen=True)
 class Settings:
-    """All of a controller but its gains, in the command's own unit.
+    """The settings of a controller apart from its gains, in the command's unit.
 
     Attributes:
         sample_time: s.
         low, high: limits of the command; infinite for none.
         rate: largest change per second; infinite for none.
         deadband_low, deadband_high: edges of the valve's dead band, at most 0 and at least 0; commands jump over it.
-        deadband_onset: size of the command over which that jump comes in.
+        deadband_onset: size of the command over which the jump is blended in.
         resolution: step of the output converter, counted from 0; 0 for none.
         anti_windup: see there.
         tracking_time: of back-calculation, s.
         acceleration: feed-forward, command per acceleration of the set-point (filtered as the derivative is).
-        friction: command that overcomes dry friction, given in the direction in which the set-point moves.
-        friction_speed: of the set-point, over which that comes in, output's unit/s.
+        friction: command that overcomes dry friction, added in the direction of the set-point's motion.
+        friction_speed: speed of the set-point over which it changes sign, output's unit/s.
         notch: of the command; None for none.
     """
 
@@ -183,7 +183,7 @@ class Settings:
                 f"{self.friction_speed:g}",
                 field="friction_speed",
                 expected="a speed greater than 0",
-                hint="a jump with the sign of a set-point at rest would be noise",
+                hint="without it the sign of a resting set-point's noise would switch the compensation",
             )
         if self.notch is not None:
             self.notch.coefficients(self.sample_time)
@@ -204,13 +204,15 @@ class Settings:
                 hint="a jump at zero command would make the axis chatter",
             )
         if widest > 0 and not (self.low <= self.deadband_low and self.deadband_high <= self.high):
-            raise InputError("the dead band reaches beyond the limits", field="deadband")
+            raise InputError("the dead band is wider than the limits", field="deadband")
         if not 0 <= self.resolution < math.inf:
             raise InputError(
                 f"{self.resolution:g}", field="resolution", expected="a step of the command or 0"
             )
         if not self.resolution <= self.high - self.low:
-            raise InputError(f"{self.resolution:g} is wider than the limits are apart", field="resolution")
+            raise InputError(
+                f"{self.resolution:g} is larger than the range between the limits", field="resolution"
+            )
         if self.resolution > 0 and self.rate * self.sample_time < self.resolution * (1 - law.SLACK):
             raise InputError(
                 f"{self.rate:g} per second is less than one step of {self.resolution:g} a sample: "
@@ -221,7 +223,7 @@ class Settings:
 
     @property
     def vector(self) -> Array:
-        """What follows the gains in the settings of `optid.pid.law`, shape (SETTINGS - GAINS,)."""
+        """The settings of `optid.pid.law` after the gains, shape (SETTINGS - GAINS,)."""
         back = self.anti_windup is AntiWindup.BACK_CALCULATION
         return np.array(
             [
@@ -245,7 +247,7 @@ class Settings:
 
 
 class Controller:
-    """A running controller; one object a loop, not shared between threads."""
+    """A running controller; one object per loop, not shared between threads."""
 
     def __init__(self, gains: Gains, settings: Settings) -> None:
         self.gains, self.settings = gains, settings
@@ -258,10 +260,10 @@ class Controller:
         return law.step(self.vector, self._memory, reference, measured)
 
     def reset(self, reference: float, measured: float, command: float = 0.0) -> None:
-        """Start, or start again, from a command that is standing: the first step gives it again if nothing moves.
+        """Start, or restart, from a present command: the first step returns it again if nothing moves.
 
-        Without integral action (ki = 0) there is nothing to hold the command with: the first step may jump, as
-        far as the rate limit lets it.
+        Without integral action (ki = 0) nothing holds the command: the first step may jump, as far as the rate limit
+        allows.
 
         Raises:
             InputError: a value that is not finite.
@@ -272,7 +274,7 @@ class Controller:
         law.begin(self.vector, self._memory, reference, measured, command)
 
     def change(self, gains: Gains) -> None:
-        """Take new gains; the command they would have given at the last sample is the one that was given.
+        """Take new gains, such that the command of the last sample would have been the same.
 
         With ki = 0 the integral part is dropped instead, and the command may jump.
         """
@@ -292,7 +294,7 @@ class Controller:
         return self._memory.copy()
 
     def restore(self, state: Array) -> None:
-        """Go on from a memory that `state` gave.
+        """Continue from a memory that `state` returned.
 
         Raises:
             InputError: of another shape or not finite.

@@ -165,14 +165,14 @@ END_FUNCTION_BLOCK
 
 
 def c_header(controller: Controller, name: str = "optid_pid") -> str:
-    """One C header, which needs nothing but <math.h> and allocates nothing.
+    """A C header that needs only <math.h> and allocates nothing.
 
     Args:
-        controller: whose gains and settings are written down.
+        controller: whose gains and settings are written.
         name: prefix of all names.
 
     Raises:
-        InputError: `name` is no name in C.
+        InputError: `name` is not a name in C.
     """
     _check(name)
     bodies = {key: _with_locals(key, name) for key in _FUNCTIONS}
@@ -191,11 +191,11 @@ def structured_text(controller: Controller, name: str = "optid_pid") -> str:
     """A function block of IEC 61131-3 structured text (third edition), with the types it needs.
 
     Args:
-        controller: whose gains and settings are written down.
+        controller: whose gains and settings are written.
         name: of the block, and prefix of its types.
 
     Raises:
-        InputError: `name` is no name.
+        InputError: `name` is not a valid name.
     """
     _check(name)
     bodies = {

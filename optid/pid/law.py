@@ -1,4 +1,4 @@
-"""One sample of the discrete PID controller: the one definition that all others are made from.
+"""One sample of the discrete PID controller: the single definition from which all others are derived.
 
 `law` is straight-line code over two arrays, settings `s` and memory `m`; so are `start` and `change`. The same text
 is compiled by numba (the live loop and every simulation), run with CasADi operands (`optid.pid.symbolic`: gradients),
@@ -10,8 +10,8 @@ Two degrees of freedom (Åström and Hägglund, Advanced PID Control, 2006, ch. 
     u = kp (b r - y) + integral of ki (r - y) + kd d(c r - y)/dt, the derivative lagged by the time constant Tf
 
 then a notch (Franklin, Powell and Workman, Digital Control of Dynamic Systems, 1998, ch. 8), acceleration feed-forward
-and friction compensation, which go by the set-point and so meet no noise, then dead-band compensation, limits, rate
-limit, resolution; the integral learns what the limits took away.
+and friction compensation, which depend on the noise-free set-point, then dead-band compensation, limits, rate limit,
+resolution; anti-windup corrects the integral by what the limits cut off.
 """
 
 from __future__ import annotations
@@ -27,19 +27,22 @@ from optid.core.jit_cache import kept
 
 Array = NDArray[np.float64]
 
-# Settings. The first GAINS of them are what a tuning moves.
+# Settings. The first GAINS of them are tuned.
 KP, KI, KD, DERIVATIVE_FILTER, SETPOINT_WEIGHT, DERIVATIVE_WEIGHT = range(6)
 GAINS = 6
 SAMPLE_TIME = 6  # s
 LOW, HIGH = 7, 8  # command's unit; infinite for none
 MAX_MOVE = 9  # largest change of the command in one sample
 DEADBAND_LOW, DEADBAND_HIGH = 10, 11  # edges of the dead band to jump over; not positive, not negative
-ONSET = 12  # 1 / (command over which the jump comes in)
+ONSET = 12  # 1 / (command over which the jump is blended in)
 RESOLUTION, PER_STEP = 13, 14  # smallest step of the command and its inverse; both 0 for none
-CLAMPING = 15  # 1: the integral rests while it would push further into a limit
+CLAMPING = 15  # 1: the integral stops while it would push further into a limit
 TRACKING = 16  # share of the excess that the integral gives back each sample
 ACCELERATION = 17  # command per acceleration of the set-point
-FRICTION, PER_SPEED = 18, 19  # command that overcomes dry friction, and 1 / (speed over which it comes in)
+FRICTION, PER_SPEED = (
+    18,
+    19,
+)  # command that overcomes dry friction, and 1 / (speed over which it changes sign)
 NOTCH_B0, NOTCH_B1, NOTCH_B2, NOTCH_A1, NOTCH_A2 = range(20, 25)  # (b0 + b1/z + b2/z2) / (1 + a1/z + a2/z2)
 SETTINGS = 25
 
@@ -51,7 +54,7 @@ SPEED = 5  # of the set-point, filtered, per second
 NOTCH_1, NOTCH_2 = 6, 7  # of the notch, transposed direct form II
 MEMORY = 8
 
-SLACK = 1e-9  # of a resolution step: a limit that stands on a step may miss it by rounding
+SLACK = 1e-9  # of a resolution step: a limit on a step may miss it by rounding
 
 Kernel = TypeVar("Kernel", bound=Callable[..., object])
 # No fused multiply-add: the exported C and structured text give the same bits.
@@ -98,7 +101,7 @@ def whole(value: float) -> float:
 @folded
 def law(s: Array, m: Array, setpoint: float, measured: float) -> float:
     """One sample: the command, by settings s, from memory m, which is brought up to date."""
-    # A missing sample: the last one stands in.
+    # A missing sample: the last one is used.
     target = known(setpoint, m[LAST_SETPOINT])
     seen = known(measured, m[LAST_MEASURED])
     error = target - seen
@@ -143,12 +146,12 @@ def law(s: Array, m: Array, setpoint: float, measured: float) -> float:
 
 @folded
 def start(s: Array, m: Array, setpoint: float, measured: float, standing: float) -> None:
-    """Bumpless start: the memory from which `law` gives the standing command again if nothing moves.
+    """Bumpless start: the memory from which `law` returns the present command again if nothing moves.
 
-    Without integral action there is nothing to hold a command with.
+    Without integral action nothing holds a command.
     """
     held = bounded(standing, s[LOW], s[HIGH])
-    # The wish that dead-band compensation turns into this command.
+    # The value that dead-band compensation turns into this command.
     edge = chosen(held > 0.0, s[DEADBAND_HIGH], s[DEADBAND_LOW])
     inside = held / (1.0 + abs(edge) * s[ONSET])
     wish = chosen(abs(inside) * s[ONSET] <= 1.0, inside, held - edge)
@@ -157,7 +160,7 @@ def start(s: Array, m: Array, setpoint: float, measured: float, standing: float)
     m[INTEGRAL] = chosen(s[KI] != 0.0, wish - share - growth, 0.0)
     m[SLOPE] = 0.0
     m[SPEED] = 0.0
-    # A notch leaves alone what stands.
+    # A notch does not change a constant.
     m[NOTCH_1] = wish - s[NOTCH_B0] * wish
     m[NOTCH_2] = s[NOTCH_B2] * wish - s[NOTCH_A2] * wish
     m[LAST_COMMAND] = held
@@ -167,7 +170,7 @@ def start(s: Array, m: Array, setpoint: float, measured: float, standing: float)
 
 @folded
 def change(s: Array, m: Array, wanted: Array) -> None:
-    """Bumpless change to the settings `wanted`: the integral takes over what the other parts no longer give."""
+    """Bumpless change to the settings `wanted`: the integral takes over the change of the other parts."""
     before = s[KP] * (s[SETPOINT_WEIGHT] * m[LAST_SETPOINT] - m[LAST_MEASURED]) + s[KD] * m[SLOPE]
     after = (
         wanted[KP] * (wanted[SETPOINT_WEIGHT] * m[LAST_SETPOINT] - m[LAST_MEASURED]) + wanted[KD] * m[SLOPE]

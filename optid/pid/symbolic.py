@@ -12,7 +12,7 @@ from optid.pid import law as definition
 
 Symbolic = Callable[[list[Any], list[Any], Any, Any], Any]
 
-# What stands for each helper. All values are known in an expression: a missing sample has no derivative.
+# The replacement of each helper. All values are known in an expression: a missing sample has no derivative.
 HELPERS: dict[str, Any] = {
     "chosen": lambda condition, this, other: ca.if_else(condition, this, other),
     "bounded": lambda value, low, high: ca.fmin(ca.fmax(value, low), high),

@@ -1,4 +1,4 @@
-"""Whether the inputs were free: not computed from the output alone, not one sine, not each other's copies."""
+"""Whether the inputs were independent: not computed from the output alone, not a single sine, not copies."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ Array = NDArray[np.float64]
 REFERENCE = "reference"
 _EXPLAINED = 0.999  # of an input's mean square that past outputs explain
 _PAST = 3  # samples of the output, the newest among them, from which a controller may compute
-_CARRIED = 0.5  # of what the output's noise makes of such a law: the input carries it, so it comes from there
+_CARRIED = 0.5  # of the output's noise through such a law: if the input contains it, it comes from there
 _LINE = 0.98  # of an input's power within one line
-_ALIKE = 0.9995  # correlation of two inputs that cannot be told apart
+_ALIKE = 0.9995  # correlation of two inputs that cannot be separated
 _FEW = 50  # samples, below which nothing is judged
 _LONGEST = 1 << 18  # samples looked at
 
@@ -41,15 +41,15 @@ def feedback(recording: Recording, inputs: tuple[str, ...], outputs: tuple[str, 
                     "feedback",
                     "warning",
                     cause,
-                    f"{cause} can be computed from {role} ({_EXPLAINED:.1%} of it and more): it comes from a "
-                    "controller that nothing else excites, so plant and inverse controller cannot be told apart; "
+                    f"{cause} can be computed from {role} ({_EXPLAINED:.1%} of it or more): it comes from a "
+                    "controller that nothing else excites, so plant and inverse controller cannot be distinguished; "
                     "record again with a moving reference or a test signal added to the command",
                 )
                 break
 
 
 def _computed(u: Array, y: Array) -> bool:
-    """The input follows from the newest outputs so closely that even their noise is in it."""
+    """Whether the input follows from the newest outputs so closely that even their noise is in it."""
     if len(y) < _FEW + _PAST:
         return False
     rows = np.column_stack(
@@ -71,7 +71,7 @@ def _computed(u: Array, y: Array) -> bool:
 
 
 def single_line(recording: Recording, inputs: tuple[str, ...]) -> Iterator[Remark]:
-    """An input that is one sine: it tells two numbers, gain and phase at its frequency."""
+    """An input that is a single sine: it determines only gain and phase at its frequency."""
     for role in inputs:
         u = recording[role].values[:_LONGEST]
         u = u[np.isfinite(u)]
@@ -87,13 +87,13 @@ def single_line(recording: Recording, inputs: tuple[str, ...]) -> Iterator[Remar
                 "excitation",
                 "warning",
                 role,
-                f"{role} is a single sine of {frequency:.4g} Hz: it shows gain and phase there and nothing else "
-                "(two numbers); record with a multisine, steps or a random signal",
+                f"{role} is a single sine of {frequency:.4g} Hz: it determines gain and phase at this frequency and "
+                "nothing else; record with a multisine, steps or a random signal",
             )
 
 
 def tied(recording: Recording, inputs: tuple[str, ...]) -> Iterator[Remark]:
-    """Inputs that move as one."""
+    """Inputs that move together."""
     for a, b in itertools.combinations(inputs, 2):
         u, v = recording[a].values, recording[b].values
         whole = np.isfinite(u) & np.isfinite(v)
@@ -106,6 +106,6 @@ def tied(recording: Recording, inputs: tuple[str, ...]) -> Iterator[Remark]:
                 "tied",
                 "warning",
                 b,
-                f"{a} and {b} move as one (correlation {r:.4f}): what each of them does cannot be told apart; move "
+                f"{a} and {b} move together (correlation {r:.4f}): their effects cannot be separated; move "
                 "them at different times",
             )

@@ -16,15 +16,13 @@ from optid.quality.remark import Remark, Severity
 Array = NDArray[np.float64]
 
 SMOOTHING = 0.02  # s over which a speed is taken: shorter than an axis's swing, long enough against noise
-_FARTHEST = 0.05  # share of a record over which a lag is sought
+_FARTHEST = 0.05  # share of a recording over which a lag is searched
 _PAST = 4  # samples from which the next is predicted
-_FOLLOWS = (
-    0.1  # share of the mean square that is left; noise of the strongest colour taken for noise leaves 0.13
-)
-_AGAINST = 0.6  # correlation against the model's sign that is no accident
-_PLAINER = 1.5  # times that with the model's sign
-_PLAIN = 0.85  # correlation in each half of a record whose sign changes between them
-_SAME_LAG = 0.3  # by which their lags may differ
+_FOLLOWS = 0.1  # share of the mean square that remains; 0.13 for the most strongly coloured noise
+_AGAINST = 0.6  # significant correlation opposite to the model's sign
+_PLAINER = 1.5  # times the correlation with the model's sign
+_PLAIN = 0.85  # correlation in each half of a recording whose sign changes between them
+_SAME_LAG = 0.3  # s by which their lags may differ
 _FEWEST_HALF = 400  # samples of a half, at least
 _NOISES = 5.0  # standard deviations: among a million samples noise alone passes less than once
 
@@ -49,10 +47,10 @@ def still(recording: Recording, inputs: tuple[str, ...], outputs: tuple[str, ...
     for role in inputs:
         values = recording[role].values
         if float(np.nanmax(values)) == float(np.nanmin(values)):
-            # What swings by itself shows its own parameters, if not those between the input and it.
+            # Free oscillation shows the parameters of motion, but not those of the input.
             grave: Severity = "warning" if moving else "error"
             rest = (
-                "only what shows in free motion can be identified"
+                "only what free motion shows can be identified"
                 if moving
                 else "nothing can be identified from it"
             )
@@ -71,7 +69,7 @@ def _predictable(values: Array) -> bool:
 
 
 def one_sided(recording: Recording, inputs: tuple[str, ...]) -> Iterator[Remark]:
-    """Inputs that never change sign, though they can."""
+    """Inputs that never change sign, although they can."""
     for role in inputs:
         channel = recording[role]
         low, high = float(np.nanmin(channel.values)), float(np.nanmax(channel.values))
@@ -81,7 +79,7 @@ def one_sided(recording: Recording, inputs: tuple[str, ...]) -> Iterator[Remark]
                 "excitation",
                 "warning",
                 role,
-                f"{role} is never other than {sign}: one direction says nothing of the other",
+                f"{role} is always {sign}: one direction says nothing about the other",
             )
 
 
@@ -91,7 +89,7 @@ def travel(recording: Recording, role: str) -> Iterator[Remark]:
     speed, error = _speed(recording, role)
     moving = np.abs(speed) > _NOISES * error
     if not moving.any() or np.nanmax(values) - np.nanmin(values) < 2 * _NOISES * noise_sd(values):
-        return  # it is still, and said to be
+        return  # it does not move, which is reported elsewhere
     direction = np.sign(speed[moving])
     reversals = int((np.diff(direction) != 0).sum())
     if reversals < 2:
@@ -99,29 +97,29 @@ def travel(recording: Recording, role: str) -> Iterator[Remark]:
             "excitation",
             "warning",
             role,
-            f"{role} reverses {('never', 'once')[reversals]}: friction cannot be told from a constant force",
+            f"{role} reverses {('never', 'once')[reversals]}: friction cannot be distinguished from a constant force",
         )
     slow, fast = np.percentile(np.abs(speed[moving]), (10, 90))
-    # Dry and viscous friction are a line's height and slope over speed; equal speeds leave the slope open.
+    # Dry and viscous friction are offset and slope of a line over speed; a single speed does not determine the slope.
     if fast < 2 * slow:
         yield Remark(
             "excitation",
             "warning",
             role,
-            f"{role} moves at {slow:.3g} to {fast:.3g} {recording[role].unit}/s for most of the time: "
-            "so narrow a range of speeds does not part dry from viscous friction",
+            f"{role} moves at {slow:.3g} to {fast:.3g} {recording[role].unit}/s for most of the time: this range of "
+            "speeds is too narrow to separate dry from viscous friction",
         )
 
 
 @dataclass(frozen=True)
 class Lag:
-    """By how much one signal follows another.
+    """The lag of one signal behind another.
 
     Attributes:
         seconds: lag of the highest correlation; negative where the effect comes first.
         correlation: the highest, by size.
         causal: the highest at lags of zero and more, by size.
-        chance: the highest, by size, at lags where the two can have nothing to do with each other.
+        chance: the highest, by size, at lags where the two must be unrelated.
         scatter: standard deviation of a correlation, by how many independent stretches the record holds.
         rising: the highest correlation of positive sign at lags of zero and more; 0 if none.
         falling: the highest of negative sign there, by size.
@@ -165,7 +163,7 @@ def _padded(n: int) -> int:
 def lag(cause: Array, effect: Array, interval: float) -> Lag:
     """Cross-correlation of two signals, both shape (samples,) and evenly spaced by `interval` s.
 
-    What chance gives is read off the same record, from lags of an eighth to a half of its length.
+    The level of chance is estimated from the same recording, at lags of an eighth to a half of its length.
     """
     return _lag(_transformed(cause), _transformed(effect), len(cause), interval)
 
@@ -193,16 +191,16 @@ def _lag(cause: _Transformed, effect: _Transformed, n: int, interval: float) -> 
 
 
 def _standard_error(a: Array, b: Array, n: int) -> float:
-    """Of the correlation of two unrelated signals by their autocorrelations (Bartlett), what recurs later left out."""
+    """Standard error of the correlation of two unrelated signals from their autocorrelations (Bartlett)."""
     product = a * b
     first = int(np.argmax((a <= 0) | (b <= 0))) or len(product)
     return float(np.sqrt(max(2 * product[:first].sum() - product[0], 1.0) / n))
 
 
 def answer(recording: Recording, cause: str, role: str) -> tuple[str, Lag] | None:
-    """How a channel answers an input: by its value, its speed or its acceleration, whichever resembles it most.
+    """The response of a channel to an input: its value, speed or acceleration, whichever is most correlated with it.
 
-    A plant may answer a command by any of them. ``None`` where the input never changes.
+    A plant may respond to a command in any of them. ``None`` where the input never changes.
     """
     values = _filled(recording[cause].values)
     if values.min() == values.max():
@@ -226,9 +224,9 @@ Look = Callable[[str, str], tuple[str, Lag] | None]  # input, output -> as `answ
 def anticipation(
     recording: Recording, inputs: tuple[str, ...], outputs: tuple[str, ...], look: Look | None = None
 ) -> Iterator[Remark]:
-    """Outputs that move before the command does, which only channels out of step can show.
+    """Outputs that move before the command, which indicates channels that are not aligned in time.
 
-    The highest correlation of an answer must lie before zero and exceed both what chance gives in this record
+    The highest correlation of a response must be at a negative lag and exceed both the level of chance
     and the highest after zero by two standard errors, (1 - r^2) times the scatter of unrelated signals.
     """
     look = look or functools.partial(answer, recording)
@@ -245,8 +243,8 @@ def anticipation(
                     "lag",
                     "warning",
                     role,
-                    f"{role} moves {-found.seconds:.3g} s before {cause} does: the channels are out of step "
-                    f"(correlation {found.correlation:.2f}, at most {found.causal:.2f} the right way round)",
+                    f"{role} moves {-found.seconds:.3g} s before {cause} does: the channels are not aligned in time "
+                    f"(correlation {found.correlation:.2f}, at most {found.causal:.2f} in the causal direction)",
                 )
 
 
@@ -257,14 +255,14 @@ def polarity(
     outputs: tuple[str, ...],
     look: Look | None = None,
 ) -> Iterator[Remark]:
-    """Outputs that answer an input with the other sign than the model's.
+    """Outputs that respond to an input with the opposite sign of the model's.
 
     Args:
         recording: what was measured.
         signs: (input, output) -> the sign of the model's answer, where it has one.
         inputs: roles.
         outputs: roles.
-        look: finds their answers, where they were looked for before.
+        look: stored responses, if they were computed before.
     """
     look = look or functools.partial(answer, recording)
     for cause in inputs:
@@ -282,7 +280,7 @@ def polarity(
                     "polarity",
                     "error",
                     role,
-                    f"{what} goes with {cause} in one half of the record and against it in the other (correlations "
+                    f"{what} follows {cause} in one half of the recording and opposes it in the other (correlations "
                     f"{turned[0]:.2f} and {turned[1]:.2f}): one of them changed its sign; cut the file there",
                 )
             elif clear and found.sign != expected and found.seconds >= 0:
@@ -290,13 +288,13 @@ def polarity(
                     "polarity",
                     "error",
                     role,
-                    f"{what} goes against {cause} (correlation {-expected * wrong:.2f}), where the model goes with it: "
-                    f"the sign of {cause} or of {role} is the other one, or the gain between them in the rig file",
+                    f"{what} opposes {cause} (correlation {-expected * wrong:.2f}), but follows it in the model: "
+                    f"the sign of {cause}, of {role} or of the gain between them in the rig file is wrong",
                 )
 
 
 def _turns(recording: Recording, cause: str, role: str) -> tuple[float, float] | None:
-    """Correlations in both halves of a record, where each is plain and they have opposite signs."""
+    """Correlations in both halves of a recording, where both are clear and they have opposite signs."""
     n = len(recording)
     if n < 2 * _FEWEST_HALF:
         return None

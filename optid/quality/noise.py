@@ -1,4 +1,4 @@
-"""How noisy a signal is and on which grid its values lie, seen through its motion."""
+"""Noise level and quantisation grid of a signal, estimated in the presence of motion."""
 
 from __future__ import annotations
 
@@ -10,25 +10,26 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-_ORDER = 4  # of the differences: cubic motion between five samples leaves nothing behind
+_ORDER = 4  # weights of the differences: cubic motion between five samples cancels
 _GOLDEN = 0.6180339887498949  # its multiples modulo 1 fill an interval evenly
 _NORMAL_MEDIAN = 0.6744897501960817  # median of |z| of a standard normal
 _STRETCH, _BEND = 48, 5  # samples, degree of the curve
 _QUIET = 0.2  # share of stretches counted as quiet
 _COLOURS = np.linspace(0.0, 0.95, 20)
-_MEMORY = 8  # samples from which the next one is foretold
+_MEMORY = 8  # samples from which the next one is predicted
 _ANNIHILATED = (
     8  # degree of the filter that takes out motion: four resonances, or cubic motion and two of them
 )
 _PER_WEIGHT = 20  # samples for each of its weights, and in each half
-_WHITE = 0.1  # four standard deviations of what 8 s of white noise at 1 kHz seem to have
-_MOTION = 0.93  # what remembers for longer is motion that the curves did not follow
-_FORETOLD = (
-    0.5  # of the variance: what is foretold by more is motion; noise of any of the colours is by a quarter
-)
-_HIDDEN = 0.25  # of a step: more noise than that rattles between levels at rest, too
-_MANY = 500  # differences in fast motion: fewer are mostly impacts
-_ENOUGH, _BLOCKS = 1 << 18, 16  # samples that show the noise of a long signal; blocks they are taken in
+_WHITE = 0.1  # four standard deviations of the estimate from 8 s of white noise at 1 kHz
+_MOTION = 0.93  # a longer memory is motion that the curves did not follow
+_FORETOLD = 0.5  # of the variance: what can be predicted better is motion; a quarter of coloured noise can be predicted
+_HIDDEN = 0.25  # of a step: larger noise changes levels even at rest
+_MANY = 500  # differences in fast motion: if there are fewer, they are mostly impacts
+_ENOUGH, _BLOCKS = (
+    1 << 18,
+    16,
+)  # samples used for the noise of a long signal, and blocks in which they are taken
 _FEWEST_LEVELS = 6  # with fewer values any set looks like a grid
 
 
@@ -36,18 +37,18 @@ def noise_sd(values: Array) -> float:
     """Standard deviation of measurement noise, quantisation included, in the unit of the values.
 
     Robust to motion (differences of fourth order take out what is smooth over five samples) and to outliers
-    and impacts (median of their size, which stands firm while fewer than one sample in ten is hit). A signal
-    that rests between two levels of its grid shows no noise at all, yet its error is that of rounding, so the
-    result is never below grid/sqrt(12); what noise there is beside the rounding shows where it moves by a step of the
-    grid or more from sample to sample. Filtered noise hides from differences; the quietest stretches show it, see
-    `quietest`. Where even these show motion, an axis that swings within few samples leaves as much in differences:
-    then the filter that suits this motion counts, if it leaves less, see `annihilated`.
+    and impacts (median of their size, which is not affected while fewer than one sample in ten is hit). A signal that
+    rests between two levels of its grid shows no noise at all, yet its error is that of rounding, so the result is
+    never below grid/sqrt(12); noise in addition to rounding shows where it moves by a step of the grid or more from
+    sample to sample. Filtered noise does not show in differences; the quietest stretches show it, see `quietest`.
+    Where even these contain motion, an oscillation within few samples also remains in differences: then the filter
+        that cancels this motion is used, if it leaves less, see `annihilated`.
 
     Args:
         values: shape (samples,), evenly spaced, NaN where missing.
 
     Returns:
-        The standard deviation; 0 where fewer than 20 differences are whole.
+        The standard deviation; 0 with fewer than 20 complete differences.
     """
     if len(values) > _ENOUGH:
         starts = np.linspace(0, len(values) - _ENOUGH // _BLOCKS, _BLOCKS).astype(int)
@@ -62,10 +63,10 @@ def noise_sd(values: Array) -> float:
 
 
 def thinned_noise(sd: float, before: Array, after: Array) -> float:
-    """What is left of a signal's noise when it is brought down to fewer samples.
+    """The remaining noise of a signal after decimation.
 
-    It falls as what is seen of it falls, so that one that was stated is still believed. Rounding does not average out
-    where the signal keeps to one level of its grid for as long as is averaged: a sweep over m levels leaves an m-th.
+    It falls in proportion to the estimated noise, so that a stated one is still used. Rounding does not average out
+        where the signal stays on one level of its grid during the averaging: a sweep over m levels leaves an m-th.
 
     Args:
         sd: of the noise before, in the unit of the values.
@@ -85,9 +86,9 @@ def thinned_noise(sd: float, before: Array, after: Array) -> float:
 
 
 def scatter(values: Array, step: float = 0.0, fast: bool = False) -> float:
-    """What `noise_sd` sees in the differences alone; `step` is the grid, 0 for none.
+    """The noise from the differences alone, for `noise_sd`; `step` is the grid, 0 for none.
 
-    Only in those that are `fast` if so asked, over which the signal moves by a step or more from sample to sample.
+    With `fast` only differences over which the signal moves by a step or more from sample to sample.
     """
     differences = np.diff(values, _ORDER)
     if fast:
@@ -105,15 +106,15 @@ def scatter(values: Array, step: float = 0.0, fast: bool = False) -> float:
 
 
 def annihilated(values: Array) -> float:
-    """What the filter that suits the motion best leaves of it and of white noise.
+    """The residual of the filter that best cancels the motion, including white noise.
 
-    Of all filters of unit norm that one leaves least, which is the eigenvector of the smallest eigenvalue of the
-    lagged covariance (Pisarenko 1973: for sinusoids in white noise that eigenvalue is the noise's variance). Every
-    such filter leaves white noise as it is, so that each is an upper bound. It is found in either half and applied to
-    the other, so that it fits no noise; the median of the sizes stands firm against outliers.
+    The filter of unit norm with the smallest residual is the eigenvector of the smallest eigenvalue of the
+    lagged covariance (Pisarenko 1973: for sinusoids in white noise that eigenvalue is the noise's variance). Such a
+        filter keeps the variance of white noise, so that the residual is an upper bound. It is computed in each half
+        and applied to the other, so that it does not fit the noise; the median of the sizes is robust to outliers.
 
     Returns:
-        The standard deviation; infinite where too few samples are whole.
+        The standard deviation; infinite with too few complete samples.
     """
     lagged = np.lib.stride_tricks.sliding_window_view(values, min(_ANNIHILATED + 1, len(values)))
     lagged = lagged[np.isfinite(lagged).all(axis=1)]
@@ -128,17 +129,17 @@ def annihilated(values: Array) -> float:
 
 
 def quietest(values: Array) -> tuple[float, float]:
-    """Standard deviation and colour of the noise, from the stretches where hardly anything moves.
+    """Standard deviation and colour of the noise, from the stretches with the least motion.
 
-    A smooth curve is taken out of every stretch; those left with the least are compared with what stretches of noise
-    of known colour are left with, of which the same share is kept. Noise can be foretold from its own past in part
-    only; what is foretold by more than `_FORETOLD` is mostly motion that the curves did not follow, such as a
-    resonance that swings within a stretch, and says nothing of noise.
+    A smooth curve is subtracted from every stretch; those with the smallest residual are compared with stretches of
+    noise of known colour, of which the same share is kept. Noise can be predicted from its own past in part only; what
+    can be predicted better than `_FORETOLD` is mostly motion that the curves did not follow, such as a resonance
+    within a stretch, and gives no information on noise.
 
     Returns:
-        The standard deviation, and the correlation from sample to sample of a first-order noise, 0 where it cannot
-        be told from white noise; both 0 where it is motion, or fewer than ten stretches of `_STRETCH` samples are
-        whole.
+        The standard deviation, and the correlation from sample to sample of a first-order noise, 0 where it cannot be
+        distinguished from white noise; both 0 where it is motion, or there are fewer than ten complete stretches of
+        `_STRETCH` samples.
     """
     count = len(values) // _STRETCH
     stretches = values[: count * _STRETCH].reshape(count, _STRETCH)
@@ -158,7 +159,7 @@ def quietest(values: Array) -> tuple[float, float]:
 def colour(values: Array) -> float:
     """Correlation of the measurement noise from sample to sample, 0 to 0.93; see `quietest`.
 
-    Rounding is taken for white: where it makes up most of the noise, what little else there is does not count.
+    Rounding counts as white: where it is most of the noise, the rest is ignored.
     """
     sd, found = quietest(values)
     return found if sd > 0.5 * noise_sd(values) else 0.0
@@ -168,7 +169,7 @@ def _left(stretches: Array) -> tuple[float, float, float]:
     """What curves leave of the quietest stretches: its correlation from sample to sample, its mean square sum, and the
     share of its variance that its own past does not foretell."""
     curves, _ = np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, _STRETCH), _BEND + 1))
-    # Around the stretch's mean: the curves would lose what a value far from zero has behind its ninth digit.
+    # Around the stretch's mean: otherwise the curves lose digits of values far from zero.
     centred = stretches - stretches.mean(axis=1, keepdims=True)
     left = centred - (centred @ curves) @ curves.T
     sums = (left**2).sum(axis=1)
@@ -181,7 +182,7 @@ def _left(stretches: Array) -> tuple[float, float, float]:
 
 
 def _surprise(left: Array) -> float:
-    """Share of the variance of stretches that `_MEMORY` samples before do not foretell, by least squares."""
+    """Share of the variance of stretches that `_MEMORY` samples before do not predict, by least squares."""
     lagged = np.lib.stride_tricks.sliding_window_view(left, _MEMORY + 1, axis=1).reshape(-1, _MEMORY + 1)
     past, present = lagged[:, :-1], lagged[:, -1]
     weights = np.linalg.lstsq(past, present, rcond=None)[0]
@@ -205,11 +206,11 @@ def _known_noise() -> Array:
 
 
 def grid(values: Array) -> float:
-    """Step of the grid that the values lie on, 0 where there is none.
+    """Step of the grid on which the values lie, 0 where there is none.
 
     The candidate is the smallest distance between two values, refined over all of them. On a grid every value
     then lies on a multiple; off a grid the remainders spread evenly, with a standard deviation of 0.29 steps.
-    A twentieth of a step tells the two apart beyond doubt and still allows for decimals cut off in a file.
+    A twentieth of a step separates the two reliably and still allows for decimals cut off in a file.
     """
     levels = np.unique(values[np.isfinite(values)])
     if levels.size < _FEWEST_LEVELS:

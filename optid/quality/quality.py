@@ -1,4 +1,4 @@
-"""Is a recording fit for identification? Looked at before any solve, so that a bad one costs no hour."""
+"""Check whether a recording is fit for identification, before any long computation."""
 
 from __future__ import annotations
 
@@ -21,22 +21,22 @@ from optid.quality.response import signs
 from optid.quality.sampling import enough, gaps, missing, pace
 from optid.quality.sensors import constant_runs, quantisation, saturation
 
-_LONG, _SOME = 1 << 20, 4  # samples of a part of a long recording; parts that show how its sensors are
-_SLOWEST, _MANY = 100.0, 1 << 18  # Hz and samples at which the motion in a long recording is looked at
+_LONG, _SOME = 1 << 20, 4  # samples of a part of a long recording; number of parts that show its sensors
+_SLOWEST, _MANY = 100.0, 1 << 18  # Hz and samples at which the motion of a long recording is examined
 _RANK = {"error": 0, "warning": 1, "note": 2}
-_ALIKE = 0.3  # correlation from which a lag means something
-_ANGLES = ("m", "rad")  # positions: what has them cannot jump
+_ALIKE = 0.3  # correlation from which a lag is meaningful
+_ANGLES = ("m", "rad")  # units of positions, which cannot jump
 
 
 def quality(
     recording: Recording, model: Model, parameters: Mapping[str, float] | None = None
 ) -> tuple[Remark, ...]:
-    """Every remark on a recording's channels that a model uses, the gravest first; empty when all is well.
+    """All remarks on a recording's channels that a model uses, the most serious first; empty if there are none.
 
     Args:
         recording: as read.
-        model: its inputs and outputs say which channels are causes and which effects. Outputs in metres are
-            looked at as positions.
+        model: its inputs and outputs say which channels are causes and which effects. Outputs in metres are treated as
+            positions.
         parameters: SI values by name, for the sign of the model's answer; typical ones where absent.
 
     Raises:
@@ -45,7 +45,7 @@ def quality(
     inputs = tuple(recording[port.role].role for port in model.recorded)
     outputs = tuple(port.role for port in model.outputs if port.role in recording)
     absent = (*missing(recording, inputs, outputs), *enough(recording, inputs, outputs), *repaired(recording))
-    # A stretch of a recording may hold no sample of a channel: that is said, and all there is to say.
+    # A stretch without a sample of a channel gets only that remark.
     inputs, outputs = (
         tuple(role for role in roles if recording[role].missing < len(recording))
         for roles in (inputs, outputs)
@@ -70,7 +70,7 @@ def _remarks(
 ) -> list[Remark]:
     positions = tuple(port.role for port in model.outputs if port.unit == "m" and port.role in outputs)
     angular = tuple(port.role for port in model.outputs if port.unit in _ANGLES and port.role in outputs)
-    # How an axis moves shows as well at a kilohertz; what its sensors do shows in their own samples only.
+    # The motion of an axis is visible at 1 kHz; faults of its sensors only in their own samples.
     slow = _slow(recording, inputs)
     look = functools.cache(functools.partial(answer, slow))
     parts = _stretches(recording)
@@ -100,19 +100,19 @@ def _remarks(
 
 
 def _slow(recording: Recording, inputs: tuple[str, ...]) -> Recording:
-    """A long recording at the rate at which its motion is looked at."""
+    """A long recording at the rate at which its motion is examined."""
     return decimated(recording, inputs, min(FASTEST, max(_SLOWEST, _MANY / recording.duration)))
 
 
 def lags(recording: Recording, model: Model) -> Iterator[tuple[str, str, Lag]]:
-    """By how much what is measured follows each input, where they resemble each other beyond chance.
+    """The lag of each measured signal behind each input, where they are significantly correlated.
 
     Args:
         recording: as read.
         model: its inputs and outputs say which channels are causes and which effects.
 
     Yields:
-        What answers (an output, or its speed or acceleration), the input, and by how much it follows.
+        The response (an output, or its speed or acceleration), the input, and the lag.
     """
     inputs = tuple(dict.fromkeys(port.role for port in model.inputs if port.role in recording))
     slow = _slow(recording.part(0, min(len(recording), 2 * _LONG)), inputs)
@@ -123,7 +123,7 @@ def lags(recording: Recording, model: Model) -> Iterator[tuple[str, str, Lag]]:
 
 
 def _stretches(recording: Recording) -> tuple[Recording, ...]:
-    """A long recording in parts: what is made of one takes little beside it."""
+    """A long recording in parts, so that intermediate arrays stay small."""
     count = -(-len(recording) // _LONG)
     if count == 1:
         return (recording,)
@@ -134,7 +134,7 @@ def _stretches(recording: Recording) -> tuple[Recording, ...]:
 
 
 def _together(parts: Sequence[Recording], look: Callable[[Recording], Iterable[Remark]]) -> Iterator[Remark]:
-    """The remarks on parts of a recording; of those of one kind on one channel the first one, and how many follow."""
+    """The remarks on parts of a recording, merged: the first of each kind and channel, with the number of others."""
     found: dict[tuple[str, str, str], list[Remark]] = {}
     for part in parts:
         for remark in look(part):
@@ -143,5 +143,5 @@ def _together(parts: Sequence[Recording], look: Callable[[Recording], Iterable[R
         if len(parts) == 1:
             yield from several
             continue
-        more = f" (and in {len(several) - 1} more stretches of the record)" if len(several) > 1 else ""
+        more = f" (and in {len(several) - 1} more parts of the recording)" if len(several) > 1 else ""
         yield replace(several[0], message=several[0].message + more)

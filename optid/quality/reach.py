@@ -1,4 +1,4 @@
-"""Readings beyond what a plant can reach: a zero that lies elsewhere, another unit, a stroke that is not the rig's."""
+"""Readings beyond the plant's range: a wrong zero, a wrong unit, or a wrong stroke."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from optid.core.recording import Recording
 from optid.errors import PlantError
 from optid.quality.remark import Remark
 
-_LEEWAY = 0.05  # of the reach, that a stated stroke and a stop which gives way may be off by
-_FEW = 0.1  # per cent of the samples at either end that are not asked: outliers have remarks of their own
+_LEEWAY = 0.05  # of the range: tolerance for the stated stroke and elastic end stops
+_FEW = 0.1  # per cent of the samples at each end that are ignored: outliers have their own remarks
 
 
 def reach(recording: Recording, model: Model, parameters: Mapping[str, float] | None) -> Iterator[Remark]:
-    """Remarks on outputs that go further than the plant's parameters let them.
+    """Remarks on outputs that exceed the range given by the plant's parameters.
 
     Args:
         recording: as read.
-        model: says what some of its outputs can reach.
-        parameters: SI values by name; without those of the rig nothing is known.
+        model: states the range of some of its outputs.
+        parameters: SI values by name; without them nothing is checked.
     """
     if parameters is None or not model.reach:
         return
@@ -43,9 +43,9 @@ def reach(recording: Recording, model: Model, parameters: Mapping[str, float] | 
         unit = next(port.unit for port in model.outputs if port.role == role)
         fits = most - least <= (1 + _LEEWAY) * (high - low)
         cure = (
-            f"is its zero in the middle (channels.{role}: offset)"
+            f"is its zero at mid-stroke (channels.{role}: offset)"
             if fits
-            else "is its unit right, and the stroke"
+            else "are its unit and the stroke right"
         )
         seen, can = (f"{quantity(a, unit)} to {quantity(b, unit)}" for a, b in ((least, most), (low, high)))
         yield Remark("reach", "error", role, f"{role} goes from {seen}, where the rig has {can}: {cure}?")

@@ -1,4 +1,4 @@
-"""A remark on data: what was seen, where, and how much it matters."""
+"""A remark on data: what was found, where, and how serious it is."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ Severity = Literal["note", "warning", "error"]
 
 @dataclass(frozen=True)
 class Remark:
-    """One thing about a recording that its user should know.
+    """One finding on the quality of a recording.
 
     Attributes:
         kind: "gap", "jitter", "slow", "missing", "saturated", "beyond_scale", "quantised", "clipped",
             "stuck", "lag", "still", "excitation", "repaired", "jump", "outliers", "polarity", "feedback", "tied" or
             "reach".
-        severity: "note" does no harm by itself, "warning" bends results, "error" makes a fit pointless.
+        severity: "note" is harmless by itself, "warning" biases results, "error" makes a fit useless.
         channel: role of the channel, or "time".
         message: a plain sentence with the numbers, in SI units.
-        interval: from and to, s on the recording's clock, where one stretch stands for the remark.
+        interval: from and to, s on the recording's clock, where the remark concerns one stretch.
     """
 
     kind: str

@@ -1,4 +1,4 @@
-"""Which way a model answers its inputs."""
+"""The sign of a model's response to its inputs."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from optid.core.simulation import simulate
 from optid.errors import PlantError
 
 _SAMPLES = 400
-_SECONDS = 0.4  # of a step; an axis has set off by then
-_CLEAR = 1e-9  # of what an output can show: a smaller answer has no sign
+_SECONDS = 0.4  # s of a step; an axis moves by then
+_CLEAR = 1e-9  # of what an output can resolve: a smaller response has no sign
 
 
 def signs(

@@ -11,12 +11,12 @@ from optid.core.recording import GAP, LONG_GAP, Recording
 from optid.quality.noise import noise_sd
 from optid.quality.remark import Remark
 
-WINDOW = 0.5  # s, of the windowed prediction: a window without data judges nothing
-FEWEST = 50  # samples with a command and a measured output: fewer are no recording
+WINDOW = 0.5  # s, length of the predicted windows: one without data cannot be judged
+FEWEST = 50  # samples with a command and a measured output: fewer are not a recording
 
 
 def gaps(recording: Recording) -> Iterator[Remark]:
-    """Remarks on times at which nothing was recorded."""
+    """Remarks on gaps in time."""
     found = recording.gaps()
     if found:
         longest = max(found, key=lambda gap: gap[1] - gap[0])
@@ -28,7 +28,7 @@ def gaps(recording: Recording) -> Iterator[Remark]:
             "time",
             f"{len(found)} gaps between samples, the longest {size:.3g} s "
             f"({size / recording.interval:.0f} sampling intervals): "
-            + ("the command is held through them" if held else "the record is cut there"),
+            + ("the command is held during them" if held else "the recording is cut there"),
             longest,
         )
 
@@ -38,7 +38,7 @@ def pace(recording: Recording, outputs: tuple[str, ...]) -> Iterator[Remark]:
 
     Args:
         recording: what was measured.
-        outputs: roles whose motion tells whether they matter.
+        outputs: roles whose motion decides whether they matter.
     """
     for role in outputs:
         if recording[role].missing < len(recording):
@@ -46,15 +46,15 @@ def pace(recording: Recording, outputs: tuple[str, ...]) -> Iterator[Remark]:
 
 
 def _pace(recording: Recording, role: str) -> Iterator[Remark]:
-    """Jitter and rate, weighed by what they do to one channel."""
+    """Jitter and rate, weighed by their influence on one channel."""
     values, intervals = recording[role].values, np.diff(recording.time)
     steps = np.diff(values)
     whole = np.isfinite(steps) & (intervals < GAP * recording.interval)
     if whole.sum() < 20:
         return
     noise, spread = noise_sd(values), float(np.nanstd(values))
-    # A sample taken early or late errs by speed times the time error; below the noise, or below 0.01 % of the signal,
-    # that does not show.
+    # A sample taken early or late has an error of speed times the time error; below the noise, or below 0.01 % of the
+    # # signal, this is not visible.
     jitter = float(np.std(intervals[whole]))
     speed = float(np.percentile(np.abs(steps[whole]) / intervals[whole], 95))
     if jitter * speed > max(noise, 1e-4 * spread):
@@ -63,7 +63,7 @@ def _pace(recording: Recording, role: str) -> Iterator[Remark]:
             "warning",
             role,
             f"sampling intervals scatter by {jitter:.2g} s around {recording.interval:.4g} s, which at the "
-            f"speed of {role} counts more than its noise: methods that assume equal intervals will err",
+            f"speed of {role} matters more than its noise: methods that assume equal intervals will be biased",
         )
     # A sine whose steps are half its standard deviation has about 12 samples in a period.
     moved = math.sqrt(max(float(np.mean(steps[whole] ** 2)) - 2 * noise**2, 0.0))
@@ -72,8 +72,7 @@ def _pace(recording: Recording, role: str) -> Iterator[Remark]:
             "slow",
             "warning",
             role,
-            f"{role} changes so much between samples that a swing has fewer than 12: sample faster than "
-            f"{recording.rate:.4g} Hz",
+            f"{role} has fewer than 12 samples per oscillation: sample faster than {recording.rate:.4g} Hz",
         )
 
 
@@ -118,8 +117,8 @@ def enough(recording: Recording, inputs: tuple[str, ...], outputs: tuple[str, ..
         "missing",
         "error",
         outputs[0] if outputs else "time",
-        f"only {whole} of {read} samples have both a command and a measured output ({seconds:.3g} s): too "
-        "little to fit to or to test on",
+        f"only {whole} of {read} samples have both a command and a measured output ({seconds:.3g} s): too few to "
+        "fit or to test",
     )
 
 

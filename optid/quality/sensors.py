@@ -15,14 +15,14 @@ from optid.quality.sampling import runs
 
 Array = NDArray[np.float64]
 
-CHANCE = 1e-6  # a run of equal values less likely than this, anywhere in the record, is no coincidence
+CHANCE = 1e-6  # a run of equal values less likely than this, anywhere in the recording, is not a coincidence
 _NOISELESS = 1e-6  # of a signal's span: no sensor resolves a millionth
 _BLOCK = 20  # samples over which the share of equal neighbours is counted
 _CANDIDATES = 5  # longest runs that are looked at
 
 
 def saturation(recording: Recording, inputs: tuple[str, ...]) -> Iterator[Remark]:
-    """Inputs that stand at, or lie beyond, the full scale the rig file states."""
+    """Inputs at or beyond the full scale that the rig file states."""
     for role in inputs:
         channel = recording[role]
         if channel.full_scale is None:
@@ -36,8 +36,8 @@ def saturation(recording: Recording, inputs: tuple[str, ...]) -> Iterator[Remark
                 "warning",
                 role,
                 f"{role} reaches {np.nanmax(size) / full:.3g} times its full scale "
-                f"({beyond.mean():.2%} of the time lie beyond): the full scale in the rig file is too small, "
-                "or the valve does not follow",
+                f"({beyond.mean():.2%} of the time are beyond): the full scale in the rig file is too small, or the "
+                "valve does not follow",
                 _longest(beyond, recording),
             )
         at = (size >= full - slack) & ~beyond
@@ -46,7 +46,7 @@ def saturation(recording: Recording, inputs: tuple[str, ...]) -> Iterator[Remark
                 "saturated",
                 "note",
                 role,
-                f"{role} stands at full scale for {at.mean():.2%} of the time",
+                f"{role} is at full scale for {at.mean():.2%} of the time",
                 _longest(at, recording),
             )
 
@@ -65,7 +65,7 @@ def quantisation(recording: Recording, outputs: tuple[str, ...]) -> Iterator[Rem
             continue
         spread = float(np.nanstd(values))
         best = 100 * (1 - step / math.sqrt(12) / spread)
-        # A file's decimals are a grid, too: far below anything a model predicts they are not worth a word.
+        # The decimals of a file are a grid as well: far below a model's accuracy they are not reported.
         if best > 99.99:
             continue
         yield Remark(
@@ -80,15 +80,15 @@ def quantisation(recording: Recording, outputs: tuple[str, ...]) -> Iterator[Rem
 def constant_runs(recording: Recording, outputs: tuple[str, ...]) -> Iterator[Remark]:
     """Outputs that stay at one value longer than their own noise allows: clipped at a rail, or stuck.
 
-    A sensor with noise hardly repeats a value, even at rest. How often it does, in the stillest tenth of the
-    record, gives the chance of a longer run. A sensor gives no verdict where its noise does not blur its grid
+    A sensor with noise hardly repeats a value, even at rest. The rate of repeats in the quietest tenth of the
+    recording gives the probability of a longer run. Nothing is concluded where the noise does not blur the grid
     (less than half a step), nor does a signal without noise, such as a simulated one: both rest exactly.
     """
     for role in outputs:
         values = recording[role].values
         found = values[np.isfinite(values)]
         if found.size < 5 * _BLOCK or found.min() == found.max():
-            continue  # a channel that never moves is said to be still
+            continue  # a channel that never moves is reported elsewhere
         step = grid(values)
         if scatter(values, step) < max(step / 2, _NOISELESS * (found.max() - found.min())):
             yield from _at_end(recording, channel=recording[role])
@@ -102,7 +102,7 @@ def constant_runs(recording: Recording, outputs: tuple[str, ...]) -> Iterator[Re
 
 
 def _at_end(recording: Recording, channel: Channel) -> Iterator[Remark]:
-    """A signal without visible noise that runs into its highest or lowest value and stays there."""
+    """A signal without visible noise that reaches its highest or lowest value and stays there."""
     values = channel.values
     moves = np.abs(np.diff(values))
     usual = float(np.nanmedian(moves[moves > 0])) if (moves > 0).any() else 0.0
@@ -117,7 +117,7 @@ def _at_end(recording: Recording, channel: Channel) -> Iterator[Remark]:
                 "clipped",
                 "note",
                 channel.role,
-                f"{channel.role} runs into its {name} value {rail:.5g} {channel.unit} {len(stays)} times and stays "
+                f"{channel.role} reaches its {name} value {rail:.5g} {channel.unit} {len(stays)} times and stays "
                 "there: an end stop, or the end of the sensor's range",
                 _span(recording, *stays[0]),
             )
@@ -133,8 +133,8 @@ def _clipped(
             "clipped",
             "warning",
             channel.role,
-            f"{channel.role} stands exactly at its {name} {channel.unit} for {rail.mean():.2%} of the time, "
-            f"up to {last - first} samples in a row, without its usual noise: the sensor is clipped there",
+            f"{channel.role} is exactly at its {name} {channel.unit} for {rail.mean():.2%} of the time, "
+            f"up to {last - first} samples in a row, without its usual noise: the sensor is saturated there",
             _span(recording, first, last),
         )
 
@@ -154,13 +154,13 @@ def _stuck(recording: Recording, channel: Channel, at_rail: NDArray[np.bool_]) -
                 "warning",
                 channel.role,
                 f"{channel.role} holds {values[first]:.5g} {channel.unit} for {last + 1 - first} samples "
-                "without its usual noise: the sensor stuck, or samples were repeated",
+                "without its usual noise: the sensor was stuck, or samples were repeated",
                 _span(recording, first, last + 1),
             )
 
 
 def _repeat_chance(values: Array, use: NDArray[np.bool_]) -> float:
-    """Chance that a sample equals the one before where the signal is stillest, from the samples to use.
+    """Probability that a sample equals the one before where the signal is quietest, from the samples to use.
 
     The 90th percentile over blocks of the share of equal neighbours; one repeat is added to each block, as
     the rule of succession has it, so that no chance is zero.

@@ -1,4 +1,4 @@
-"""What recordings are fit for, and what to do next, in one line."""
+"""What recordings can be used for, and the next step, in one line."""
 
 from __future__ import annotations
 
@@ -8,32 +8,32 @@ from dataclasses import dataclass
 from optid.core.recording import Recording
 from optid.quality.remark import Remark
 
-# What a remark of each kind asks for; the first that occurs, in this order, is the next thing to do.
+# The remedy for each kind of remark; the first that occurs, in this order, is the next step.
 _NEXT = {
-    "polarity": "put the sign right, in the rig file or at the terminals",
-    "reach": "put the offset, the unit or the stroke right in the rig file",
+    "polarity": "correct the sign, in the rig file or at the terminals",
+    "reach": "correct the offset, the unit or the stroke in the rig file",
     "jump": "cut the file at the jump",
     "still": "record again with more motion",
-    "missing": "record again, or give another recording",
+    "missing": "record again, or use another recording",
     "feedback": "record again with a moving reference or a test signal on the command",
     "tied": "record again with inputs that move at different times",
-    "lag": "put the channels in step",
-    "jitter": "state the rate instead of the stamps, if the samples were taken evenly",
+    "lag": "align the channels in time",
+    "jitter": "give the rate instead of the time column, if the samples were taken evenly",
     "slow": "sample faster",
     "outliers": "leave the outliers out, or fit with --robust",
     "excitation": "add a recording that moves both ways and at several speeds",
-    "beyond_scale": "look at the full scale in the rig file",
-    "clipped": "look at the sensor's range",
-    "stuck": "look at the sensor",
+    "beyond_scale": "check the full scale in the rig file",
+    "clipped": "check the sensor's range",
+    "stuck": "check the sensor",
     "quantised": "use a finer sensor if the fit is not good enough",
 }
-_NO_EVEN_GRID = {"jitter", "slow"}  # a discrete model wants even, dense samples
+_NO_EVEN_GRID = {"jitter", "slow"}  # a discrete-time model needs even, dense samples
 _NO_INPUT = {"feedback", "tied"}
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What recordings are fit for.
+    """What recordings can be used for.
 
     Attributes:
         fit_for: commands that can use them: "simulate", "identify", "fit", "diagnose"; possibly none.
@@ -48,7 +48,7 @@ class Verdict:
     @property
     def sentence(self) -> str:
         """The last line of a check."""
-        what = f"fit for {', '.join(self.fit_for)}" if self.fit_for else "unfit"
+        what = f"usable for {', '.join(self.fit_for)}" if self.fit_for else "unfit"
         grouped: dict[str, list[str]] = {}
         for command, why in self.why_not.items():
             grouped.setdefault(why, []).append(command)
@@ -73,7 +73,7 @@ def verdict(
     why: dict[str, str] = {}
     if grave is not None:
         what = f"{grave.channel} ({grave.kind})"
-        # A black box learns either sign and any zero; a plant with its own cannot.
+        # A black-box model identifies either sign and any zero; a plant with its own cannot.
         blind = () if grave.kind in ("polarity", "reach") else ("identify",)
         why |= dict.fromkeys((*blind, "fit", "diagnose"), what)
     elif idle:
@@ -94,9 +94,9 @@ def _next(
 ) -> str:
     cure = next((words for kind, words in _NEXT.items() if kind in kinds), None)
     if "fit" in fit_for:
-        return f"optid fit {call} --out DIR" + (f" (better first: {cure})" if cure else "")
+        return f"optid fit {call} --out DIR" + (f" (better, first {cure})" if cure else "")
     if idle:
         return f"take {', '.join(idle)} out of [fit], or record motion that shows them"
     if not freed and cure is None:
-        return f"optid simulate {call} --out DIR, or say in [fit] what may move"
+        return f"optid simulate {call} --out DIR, or list the parameters to fit in [fit]"
     return cure or f"optid simulate {call} --out DIR"

@@ -1,1 +1,1 @@
-"""Results as pages and files: everything a command leaves behind is made here, from frozen results."""
+"""Pages and files of results: everything that a command writes is made here, from frozen results."""

@@ -1,4 +1,4 @@
-"""Figures of the ARMAX report: predictions over their horizons, the recursion's path, residual correlations."""
+"""Figures of the ARMAX report: multi-step predictions, the recursion's path, residual correlations."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ CLOSE = 160  # samples of the close view
 
 
 def responses(table: Table2, time: Array, group: Sequence[tuple[int, int]], name: str) -> str:
-    """Measured and predicted output where predicting was hardest, and every error over the whole record.
+    """Measured and predicted output around the largest error, and all errors over the whole recording.
 
     Args:
-        table: in the unit to be shown.
+        table: in the unit of the figure.
         time: s, shape (N,).
         group: pairs of order and steps.
         name: of the output.
@@ -55,17 +55,17 @@ def said(order: int, steps: int) -> str:
 
 
 def hardest(error: Array) -> tuple[int, int]:
-    """The stretch of at most `CLOSE` samples in whose middle the error is largest."""
+    """The stretch of at most `CLOSE` samples centred at the largest error."""
     worst = int(np.argmax(np.abs(np.nan_to_num(error))))
     first = min(max(worst - CLOSE // 2, 0), max(error.size - CLOSE, 0))
     return first, min(first + CLOSE, error.size)
 
 
 def path(taught: Identification, start: float) -> str:
-    """How the recursion's coefficients of A, B and C moved along the record.
+    """The path of the recursion's coefficients of A, B and C along the recording.
 
     Args:
-        taught: with its track.
+        taught: the recursion with its stored path.
         start: time of the first sample, s.
     """
     labels, model = names(taught.model.orders), taught.model

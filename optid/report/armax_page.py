@@ -1,4 +1,4 @@
-"""The report of `optid identify`: one HTML file that stands alone."""
+"""The report of `optid identify`: a self-contained HTML file."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ from optid.report import armax_response_figures as responses
 from optid.report.shell import render
 from optid.rigs.rigfile import Rig
 
-FEW = 3.0  # standard errors by which a mean differs from nothing
+FEW = 3.0  # standard errors by which a mean differs from zero
 
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """Where the data came from: the rig, the recording, and the remarks of the check."""
+    """The source of the data: the rig, the recording, and the remarks of the check."""
 
     rig: Rig
     recording: Recording
@@ -40,7 +40,7 @@ class Source:
 
 
 def armax_page(found: Survey, sampled: Sampled, source: Source, folder: str = "out/armax") -> str:
-    """The page of a survey; `folder` is where its model is to lie, for the command to type next."""
+    """The page of a survey; `folder` is where its model is written, for the next command."""
     factor, unit = friendly(sampled.output_unit)
     table = found.table2.in_unit(unit or "1", factor)
     model, name = found.chosen.model, sampled.output.replace("_", " ")
@@ -92,7 +92,7 @@ def _per(unit: str, sampled: Sampled, input: int) -> str:
 def _bode(
     models: list[Armax], sampled: Sampled, input: int, recording: Recording, factor: float, unit: str
 ) -> Markup:
-    """The measured response beside the models'; by the reference where one was recorded sample for sample."""
+    """The measured response and the models'; estimated from the reference where one was recorded."""
     reference = None
     if "reference" in recording and len(recording) == sampled.time.size:
         reference = recording["reference"].values
@@ -182,7 +182,7 @@ def _percent(value: float) -> str:
 
 
 def _unknowns(found: Survey, sampled: Sampled, recording: Recording, e: Any) -> list[str]:
-    """What the models cannot be asked."""
+    """What the models do not know."""
     said = []
     if "reference" in recording:
         said.append(
@@ -191,8 +191,8 @@ def _unknowns(found: Survey, sampled: Sampled, recording: Recording, e: Any) -> 
         )
     if not all(map(_white, found.candidates)):
         said.append(
-            "Why the residuals of some models are not white or follow the input: a linear model of this order lacks "
-            "something there (friction, choked flow and the stroke are not linear), and its "
+            "Why the residuals of some models are not white or depend on the input: a linear model of this order "
+            "lacks something there (friction, choked flow and the stroke are not linear), and its "
             "standard errors are too small."
         )
     mean, count = float(np.nanmean(e)), int(np.isfinite(e).sum())
@@ -201,7 +201,7 @@ def _unknowns(found: Survey, sampled: Sampled, recording: Recording, e: Any) -> 
     if abs(mean) > FEW * error:
         said.append(
             f"Why the residuals of the recommended model have a mean of {mean * factor:.3g} ± {error * factor:.1g} "
-            f"{unit}: the operating point moved, or no constant stands in the model."
+            f"{unit}: the operating point moved, or the model has no constant."
         )
     low, high = (f(sampled.signals.y) * factor for f in (np.nanmin, np.nanmax))
     said.append(

@@ -1,4 +1,4 @@
-"""Figures of what identified models do: frequency response, poles and zeros, step response."""
+"""Figures of identified models' responses: frequency response, poles and zeros, step response."""
 
 from __future__ import annotations
 
@@ -108,8 +108,8 @@ def steps(models: Sequence[Armax], unit: str, factor: float, input: int = 0) -> 
 
     Args:
         models: one colour each.
-        unit: of output over input; `factor` brings the models there.
-        factor: as said.
+        unit: of output over input; `factor` converts the models to it.
+        factor: see `unit`.
         input: which.
     """
     longest = max((_memory(model) for model in models), default=STEP_SAMPLES[0])
@@ -130,7 +130,7 @@ def steps(models: Sequence[Armax], unit: str, factor: float, input: int = 0) -> 
 
 
 def _memory(model: Armax) -> int:
-    """Samples until the slowest stable pole has faded."""
+    """Samples until the slowest stable pole has decayed."""
     moduli = np.abs(np.roots(np.array(model.a)))
     inside = moduli[(moduli < 0.9999) & (moduli > 1e-6)]
     return int(6.0 / -np.log(inside.max())) if inside.size else STEP_SAMPLES[0]

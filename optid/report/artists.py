@@ -1,4 +1,4 @@
-"""What matplotlib has drawn, as traces and shapes of Plotly's figure format."""
+"""The artists of a matplotlib figure as traces and shapes of Plotly's figure format."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ POINT = 100 / 72  # pixels of a page per point of a figure
 
 
 def traces(axes: Axes) -> Iterator[dict[str, Any]]:
-    """Everything on the axes that has values to hover over, bottom up."""
+    """All artists on the axes with values to hover over, from bottom to top."""
     for collection in axes.collections:
         yield from _of_collection(collection)
     patch: Any
@@ -250,7 +250,7 @@ def _stroke(line: Line2D) -> dict[str, Any]:
 
 
 def _named(label: object) -> dict[str, Any]:
-    """A label of one's own is shown and switches; those that begin with "_" are matplotlib's."""
+    """The label of an artist, shown in the legend; those that begin with "_" are matplotlib's."""
     name = str(label or "_")
     return {"showlegend": False} if name.startswith("_") else {"name": name, "legendgroup": name}
 

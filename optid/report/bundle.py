@@ -1,4 +1,4 @@
-"""The plotting bundle, where pages of one folder share it."""
+"""The plotting bundle that pages of one folder share."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The content of check.json: what was recorded, what was remarked on, and what it is fit for."""
+"""The content of check.json: recordings, remarks, and what the data can be used for."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ def check_document(
         rig: as read.
         read: recordings with their remarks.
         verdict: on them.
-        identifiability: what the data tell of the parameters; None where it was not asked.
-        detectability: what the data could show of effects; None where it was not asked.
+        identifiability: of the parameters; None where it was not computed.
+        detectability: of effects; None where it was not computed.
     """
     return {
         "schema": SCHEMA,

@@ -13,7 +13,7 @@ SCHEMA = "optid.diagnosis/1"
 
 
 def diagnosis_document(d: Diagnosis) -> dict[str, Any]:
-    """As the contract has it, with some more."""
+    """The document of a diagnosis, as its schema defines it."""
     return {
         "schema": SCHEMA,
         "verdict": d.verdict.value,
@@ -38,7 +38,7 @@ def diagnosis_document(d: Diagnosis) -> dict[str, Any]:
 
 
 def _test(d: Diagnosis) -> dict[str, Any]:
-    """Of the whole answer, on the recordings held out: is anything missing at all?"""
+    """The test of the whole answer on the held-out recordings: is anything missing at all?"""
     return {
         "p_value": number(d.test.p_value),
         "level": d.test.level,

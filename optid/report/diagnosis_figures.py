@@ -1,4 +1,4 @@
-"""Figures of a diagnosis: before and after on the recordings held out, where the mismatch is, and what is missing.
+"""Figures of a diagnosis: before and after on held-out recordings, where the mismatch is, and the missing signal.
 
 Tables are those of `optid.results.diagnosis.DiagnosisResult`.
 """
@@ -25,14 +25,14 @@ NORMAL_95 = 1.96  # standard deviations: half a normal 95 % interval
 
 
 def before_after(frame: pd.DataFrame, role: str, unit: str, noise: float | None, changed: bool) -> Figure:
-    """Trajectories of both models beside the measurement, over their errors.
+    """Trajectories of both models with the measurement, above their errors.
 
     Args:
         frame: of the recordings held out.
         role: of the output.
         unit: its SI unit.
         noise: sd, SI, where known.
-        changed: the improved model is another one.
+        changed: whether the improved model differs from the original.
     """
     factor, shown = friendly(unit)
     clock, breaks = _clock(frame)
@@ -73,7 +73,7 @@ def errors(
 
 
 def mismatch_map(frame: pd.DataFrame) -> Figure:
-    """How large the mismatch is over time, one strip a recording."""
+    """The size of the mismatch over time, one strip per recording."""
     names = list(dict.fromkeys(frame["recording"]))
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(9.2, 0.7 + 0.9 * len(names)), layout="constrained")
@@ -90,7 +90,7 @@ def mismatch_map(frame: pd.DataFrame) -> Figure:
 
 
 def over_state(frame: pd.DataFrame, name: str, unit: str) -> Figure:
-    """Share of the mismatch over a signal, beside the share of the samples."""
+    """Share of the mismatch over a signal, compared with the share of the samples."""
     factor, shown = friendly(unit)
     edges = factor * np.append(_column(frame, "low"), _column(frame, "high")[-1])
     with mpl.rc_context(STYLE):
@@ -107,7 +107,7 @@ def over_state(frame: pd.DataFrame, name: str, unit: str) -> Figure:
 def missing_signal(
     frame: pd.DataFrame, place: str, unit: str, cause: str | None, states: Mapping[str, Mapping[str, Any]]
 ) -> Figure:
-    """What is missing as estimated with the states, with its interval, the law found through it, and its likely cause.
+    """The missing signal as estimated with the states, with its interval, the identified law, and its likely cause.
 
     Args:
         frame: recording, time, missing, and where they exist missing_sd, law and cause; SI.
@@ -151,7 +151,7 @@ def _missing_over_time(
         )
     axes.plot(clock, missing, color=INK, lw=0.9, label="estimated without a law")
     if law is not None:
-        axes.plot(clock, law, color=WINDOW, lw=1.0, label="the law found")
+        axes.plot(clock, law, color=WINDOW, lw=1.0, label="the identified law")
     for at in breaks:
         axes.axvline(at, color=QUIET, lw=0.6)
     axes.set_ylim(*_range(missing, law))
@@ -160,7 +160,7 @@ def _missing_over_time(
 
 
 def _range(missing: Array, law: Array | None) -> tuple[float, float]:
-    """Nearly all of both: where nothing moves the unknown signal wanders."""
+    """A range with nearly all of both: where nothing moves, the unknown signal drifts."""
     both = missing if law is None else np.concatenate([missing, law])
     known = both[np.isfinite(both)]
     low, high = np.quantile(known, [0.01, 0.99]) if known.size else (-1.0, 1.0)

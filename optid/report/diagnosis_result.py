@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def diagnosis_result(found: Diagnosis) -> DiagnosisResult:
-    """What a diagnosis found, as data: document, tables and the improved rig file."""
+    """The result of a diagnosis as data: document, tables and the improved rig file."""
     rig = found.base.rig
     document = {
         **diagnosis_document(found),
@@ -32,7 +32,7 @@ def diagnosis_result(found: Diagnosis) -> DiagnosisResult:
             "effects": [_effect(finding.effect) for finding in found.findings],
         },
     }
-    # What only says what the others mean is no estimate, and stands as it was tried.
+    # A parameter that only defines others is not an estimate, and keeps the tried value.
     values = {
         name: value
         for effect in found.best.effects
@@ -45,7 +45,7 @@ def diagnosis_result(found: Diagnosis) -> DiagnosisResult:
 
 
 def _effect(effect: Effect | None) -> dict[str, Any]:
-    """What an effect's own file says of it."""
+    """The texts of an effect's own file."""
     if effect is None:
         return {}
     return {"law": effect.law, "source": effect.source, "experiment": effect.experiment}

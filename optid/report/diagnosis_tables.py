@@ -1,4 +1,4 @@
-"""From what the diagnosis package holds in memory to the tables of a result: the one place that knows both."""
+"""From what the diagnosis package holds in memory to the tables of a result: the only module that knows both."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def _holdout(found: Diagnosis) -> pd.DataFrame:
 
 
 def _rivals(found: Diagnosis) -> pd.DataFrame:
-    """Who was tried in each round, how far it went, and why it was not taken."""
+    """Contenders of each round, their scores, and why they were rejected."""
     import pandas as pd
 
     kept = {effect.name for effect in found.best.effects}
@@ -70,9 +70,10 @@ def _rivals(found: Diagnosis) -> pd.DataFrame:
 def _why(one: Contender, step: Round, kept: Collection[str]) -> str:
     if one is step.taken:
         return "taken"
-    later = "; taken all the same, with what was missing beside it"
+    later = "; selected later, together with what else was missing"
     return (
-        one.why + (later if one.why and one.effect.name in kept else "") or "explains less than the one taken"
+        one.why + (later if one.why and one.effect.name in kept else "")
+        or "explains less than the one selected"
     )
 
 
@@ -116,7 +117,7 @@ def _over(finding: Finding, signal: str) -> pd.DataFrame:
 
 
 def _signal(finding: Finding, names: list[str]) -> pd.DataFrame:
-    """What is missing at the site, sample by sample, with its sd, the law found and its likely cause; SI."""
+    """The missing signal at the site, sample by sample, with its sd, the identified law and its likely cause; SI."""
     import pandas as pd
 
     assert finding.signal is not None

@@ -26,7 +26,7 @@ __all__ = [
     "thin",
 ]
 
-# figures.js knows their counterparts on a dark page.
+# figures.js has their counterparts for a dark page.
 INK, WINDOW, FREE, QUIET, ALARM = "#2b2f36", "#0a7e8c", "#c8743a", "#9aa3ad", "#b3372f"
 STYLE: Any = {
     "font.family": "sans-serif",
@@ -50,7 +50,7 @@ STYLE: Any = {
 
 
 def bounded(measured: Array, predicted: Array) -> tuple[float, float]:
-    """Limits of an axis that keep the measurement readable when a prediction runs away."""
+    """Limits of an axis that keep the measurement readable when a prediction diverges."""
     known = measured[np.isfinite(measured)]
     if not known.size:
         return -1.0, 1.0
@@ -64,6 +64,6 @@ def bounded(measured: Array, predicted: Array) -> tuple[float, float]:
 
 
 def axis_name(name: str, unit: str) -> str:
-    """A quantity and its unit, as an axis shows them."""
+    """A quantity and its unit, as the label of an axis."""
     plain = name.replace("_", " ")
     return f"{plain} ({unit})" if unit and unit != "1" else plain

@@ -1,4 +1,4 @@
-"""Figures of a fleet: rigs against quantities, rigs told of by night, and the trend of one quantity."""
+"""Figures of a fleet: rigs against quantities, rigs reported by night, and the trend of one quantity."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 
 from optid.report.figures import ALARM, FREE, INK, QUIET, STYLE, WINDOW, axis_name
 
-FARTHEST = 12.0  # sd at which a cell is as dark as it gets
-MOST = 60  # rigs that an overview shows: those told of, and then those that moved most
+FARTHEST = 12.0  # sd at which a cell has the darkest colour
+MOST = 60  # rigs in an overview: those reported, and then those that changed most
 
 
 def overview(t: pd.DataFrame, told: Sequence[str]) -> Figure:
@@ -26,7 +26,7 @@ def overview(t: pd.DataFrame, told: Sequence[str]) -> Figure:
 
 
 def heatmap(axes: Axes, t: pd.DataFrame, told: Sequence[str]) -> None:
-    """Cells on axes: red above the reference, blue below; rigs told of stand on top."""
+    """Cells on axes: red above the reference, blue below; reported rigs are at the top."""
     table = t.set_index("rig")
     moved = table.abs().max(axis=1)
     order = sorted(table.index, key=lambda rig: (rig not in told, -float(moved[rig])))[:MOST]
@@ -40,13 +40,13 @@ def heatmap(axes: Axes, t: pd.DataFrame, told: Sequence[str]) -> None:
 
 
 def discoveries(nights: pd.DataFrame, level: float) -> Figure:
-    """Rigs told of by night, and what share of them is expected to be false at most."""
+    """Rigs reported by night, and the largest expected share of false alarms."""
     with rc_context(STYLE):
         figure = Figure(figsize=(9.2, 2.6), layout="constrained")
         axes = figure.subplots()
         count = nights.groupby("date")["told"].sum()
         x = np.arange(len(count))
-        axes.plot(x, count.to_numpy(dtype=float), color=ALARM, drawstyle="steps-post", label="rigs told of")
+        axes.plot(x, count.to_numpy(dtype=float), color=ALARM, drawstyle="steps-post", label="rigs reported")
         axes.plot(x, level * count.to_numpy(dtype=float), color=QUIET, label=f"{100 * level:g} % of them")
         _dates(axes, list(count.index))
         axes.legend(loc="upper left")
@@ -54,7 +54,7 @@ def discoveries(nights: pd.DataFrame, level: float) -> Figure:
 
 
 def trend(measures: pd.DataFrame, quantity: str, unit: str, date: str, reference: int) -> Figure:
-    """A quantity of a rig over its dates, with 95 % intervals of each; when it was told of."""
+    """A quantity of a rig over its dates, with 95 % intervals of each, and the date of its report."""
     with rc_context(STYLE):
         figure = Figure(figsize=(9.2, 2.6), layout="constrained")
         axes = figure.subplots()

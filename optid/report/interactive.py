@@ -1,4 +1,4 @@
-"""A matplotlib figure as one that a page's reader zooms, reads values off, switches traces of, and saves.
+"""A matplotlib figure as an interactive one: zoom, values, switching of traces, saving.
 
 The figure is drawn once, with matplotlib: a notebook shows it as it is, a page gets its lines and axes in the format
 of Plotly, whose own bundle (`optid/report/plotly`) draws them in the browser.
@@ -47,10 +47,10 @@ def interactive(figure: Figure, name: str = "figure") -> Markup:
 
 
 def library(shared: str | None = None) -> Markup:
-    """The bundle that draws figures and what calls it, for the end of a page's body.
+    """The bundle that draws figures and the call of it, for the end of a page's body.
 
     Args:
-        shared: address of the bundle, as seen from the page; of that in the environment if absent, else it goes inside.
+        shared: address of the bundle relative to the page; the environment's if absent; without either it is embedded.
     """
     address = shared or os.environ.get(SHARED, "")
     start = (HERE / "figures.js").read_text(encoding="utf-8")

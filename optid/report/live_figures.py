@@ -1,4 +1,4 @@
-"""Figures of a session: the rig beside its models, over a stretch and around one step, and a review of gains."""
+"""Figures of a session: the rig and its models, over a stretch and around one step, and a review of gains."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ LINES = (  # of a stretch: what, colour, width
 
 
 def stretch(part: Stretch) -> str:
-    """Position with its models over the command and its limits."""
+    """Position of rig and models, above the command with its limits."""
     factor, unit = friendly(part.unit)
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(9.2, 4.3), layout="constrained")
@@ -49,7 +49,7 @@ def stretch(part: Stretch) -> str:
 
 
 def review(one: Review, unit: str) -> str:
-    """What the identified and the physical model expect of a step with the old and the new gains."""
+    """Responses of the identified and the physical model to a step, with the old and the new gains."""
     factor, shown = friendly(unit)
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(9.2, 3.0), layout="constrained")

@@ -1,4 +1,4 @@
-"""The report of a session: one HTML file that stands alone."""
+"""The report of a session: a self-contained HTML file."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ def live_page(
     Args:
         document: content of live.json.
         title: of the page.
-        stretches: what of the recording to show, with its headings.
+        stretches: parts of the recording to show, with their headings.
         review: of the last tuning.
-        following: the command to type next.
+        following: the next command.
     """
     return render(
         "live.html.j2",

@@ -1,4 +1,4 @@
-"""The figure of a plan: reference and predicted position over the predicted command."""
+"""The figure of a plan: reference and predicted position, above the predicted command."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Figures of predictions beside what was measured: over time, and what is left over time, state and lag.
+"""Figures of predictions and measurements over time, and of residuals over time, state and lag.
 
 Tables are those of results: `prediction` with time (s), NAME, NAME_free_run and NAME_window (SI), of one recording.
 """
@@ -33,7 +33,7 @@ def overlay(
     horizon: float,
     sd: float | None = None,
 ) -> Figure:
-    """Prediction over measurement, the error of the window, and the inputs that drove it.
+    """Prediction and measurement, the error of the windows, and the inputs.
 
     Args:
         frame: of one recording.
@@ -126,7 +126,7 @@ def nodes(frame: pd.DataFrame) -> Figure:
 
 
 def profile(axes: Axes, frame: pd.DataFrame, entry: Mapping[str, Any], name: str) -> None:
-    """How much worse every value of a parameter is, beside the parabola of the fit's own interval.
+    """The deviance over a parameter's value, with the parabola of the fit's own interval.
 
     Args:
         axes: to draw on.

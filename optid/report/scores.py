@@ -34,12 +34,12 @@ __all__ = [
 
 KINDS = ("window", "free_run")
 SCHEMA = "optid.fit/1"
-FAR = 3.0  # noise sd; fits of right models to simulated and real axes err by 1.0 to 1.1
-LEAST_MISS = 1.0  # percent of a channel's spread: less is seldom worth a search
+FAR = 3.0  # noise sd; fits of correct models to simulated and real axes have errors of 1.0 to 1.1
+LEAST_MISS = 1.0  # per cent of a channel's spread: less is seldom worth a search
 
 
 def pooled(predictions: Sequence[Prediction], kind: str) -> dict[str, dict[str, Any]]:
-    """Score of every channel over all recordings: squared errors add up, means are each recording's own.
+    """Score of every channel over all recordings: squared errors are summed, with each recording's own mean.
 
     Args:
         predictions: one a recording; empty gives an empty result.
@@ -69,7 +69,7 @@ def metrics_document(predictions: Sequence[Prediction]) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class Miss:
-    """A channel of which a model misses more than the noise: its fit, error, noise (SI) and unit."""
+    """A channel whose prediction error exceeds the noise: its fit, error, noise (SI) and unit."""
 
     role: str
     fit_percent: float
@@ -82,23 +82,23 @@ class Miss:
         """What to do about it."""
         factor, unit = friendly(self.unit)
         return (
-            f"the model misses {100 - self.fit_percent:.2g} %: run `optid diagnose` "
+            f"the model leaves {100 - self.fit_percent:.2g} %: run `optid diagnose` "
             f"({self.role}: {self.rmse * factor:.3g} {unit} rms, its noise is {self.noise * factor:.2g} {unit})"
         )
 
     @property
     def held_sentence(self) -> str:
-        """The same of the hold-out, to which nothing was fitted."""
+        """The same for the hold-out, to which nothing was fitted."""
         if self.fit_percent >= 0.0:
             return f"held out, {self.sentence}"
         return (
             f"held out, it predicts worse than the mean of the measurement does ({self.role}: "
-            f"{self.fit_percent:.4g} %): another axis, a sign or unit that changed, or a fit to too little"
+            f"{self.fit_percent:.4g} %): a different axis, a changed sign or unit, or too little data for the fit"
         )
 
 
 def misses(predictions: Sequence[Prediction], recordings: Sequence[Recording]) -> tuple[Miss, ...]:
-    """Channels whose windowed error is far more than their noise; a right model errs by little more than that.
+    """Channels whose windowed error is far above their noise; that of a correct model is hardly larger.
 
     Args:
         predictions: one a recording.
@@ -161,7 +161,7 @@ def fit_document(
 
 
 def number(value: float) -> float | None:
-    """A number JSON can hold: None for one that is not finite."""
+    """A number for JSON: None for one that is not finite."""
     return float(value) if math.isfinite(value) else None
 
 

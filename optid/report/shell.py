@@ -1,4 +1,4 @@
-"""The shell of every page: one file that stands alone, with the library that its figures need inside."""
+"""The shell of every page: a self-contained file, with the library that its figures need."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def render(template: str, title: str, **context: Any) -> str:
     Args:
         template: file beside this one that extends `shell.html.j2`.
         title: of the page.
-        **context: what the template asks for; `next_command`, where given, stands at the end as what to type next,
+        **context: variables of the template; `next_command`, where given, is shown at the end as the next command,
             and `shared_library` is the address of the plotting bundle where it is not to go inside. Figures come as
             `optid.report.interactive.interactive` makes them.
     """

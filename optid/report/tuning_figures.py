@@ -30,7 +30,7 @@ CELLS, MIDDLE, COARSE = (
     21,
     11,
 )  # of a landscape, on each side: linear, with friction, on a rig's physical model
-WORTH = 1.0  # decades above the best cost that a landscape tells apart
+WORTH = 1.0  # decades above the best cost that a landscape shows
 
 
 def responses(
@@ -39,7 +39,7 @@ def responses(
     """Output over reference, and the command under it with its limits.
 
     Args:
-        tuning: whose gains come first.
+        tuning: its gains come first.
         shown: baselines beside them.
         episode: number of it.
         units: of output and command, SI.
@@ -79,7 +79,7 @@ def responses(
 
 
 def _window(axis: Any, factor: float, tuning: Tuning, episode: int, bench: bool) -> None:
-    """Keep the tuned response readable beside one that runs away."""
+    """Keep the tuned response readable beside an unstable one."""
     run = (tuning.found.bench if bench else tuning.found.responses)[episode]
     values = factor * np.r_[run.output[np.isfinite(run.output)], run.episode.reference]
     low, high = float(values.min()), float(values.max())
@@ -88,7 +88,7 @@ def _window(axis: Any, factor: float, tuning: Tuning, episode: int, bench: bool)
 
 
 def _interesting(tuning: Tuning, episode: int, bench: bool, time: Array) -> float:
-    """A step is shown until four times what the tuned loop needs to settle, everything else in full."""
+    """A step is shown up to four times the settling time of the tuned loop, everything else in full."""
     run: Response = (tuning.found.bench if bench else tuning.found.responses)[episode]
     moves = np.flatnonzero(np.diff(run.episode.reference, prepend=0.0))
     if moves.size == 1 and math.isfinite(run.settled):
@@ -172,7 +172,7 @@ def over_sizes(tuning: Tuning, rivals: Sequence[Scored], unit: str) -> str:
     """ITAE over the step's size, of each size, both directions.
 
     Args:
-        tuning: whose gains come first.
+        tuning: its gains come first.
         rivals: baselines beside them.
         unit: of the output, SI.
     """
@@ -194,7 +194,7 @@ def over_sizes(tuning: Tuning, rivals: Sequence[Scored], unit: str) -> str:
 
 
 def _few(tuning: Tuning) -> tuple[Task, int]:
-    """What a landscape is drawn of, and its cells on a side: runs with friction take their time."""
+    """The runs of a landscape, and its cells on a side: runs with friction are slow."""
     task = tuning.task
     if task.bench is None or not task.bench_alone:
         return replace(task, bench=None), CELLS
@@ -216,7 +216,7 @@ def landscape(tuning: Tuning, pairs: Sequence[tuple[str, str]]) -> str:
             gains[:, PLACES[across]], gains[:, PLACES[up]] = np.repeat(x, y.size), np.tile(y, x.size)
             cost = task.fitness(gains)
             decades = np.where(cost < REFUSED, np.log10(np.maximum(cost / best, 1e-9)), np.nan)
-            # Of a reverse-acting plant the gains are negative, and a logarithm has none of them.
+            # The gains of a reverse-acting plant are negative, so that a logarithm needs their magnitude.
             turned = [-1.0 if name in SIGNED and tuning.within.sign < 0.0 else 1.0 for name in (across, up)]
             image = _valley(axis, turned[0] * x, turned[1] * y, decades.reshape(x.size, y.size).T)
             axis.plot(
@@ -241,7 +241,7 @@ def landscape(tuning: Tuning, pairs: Sequence[tuple[str, str]]) -> str:
 
 
 def _valley(axis: Any, x: Array, y: Array, decades: Array) -> Any:
-    """Colours, and lines at 5 %, 20 % and 100 % above the best where there is anything to draw them through."""
+    """Colours, and lines at 5 %, 20 % and 100 % above the best, where they exist."""
     axis.set_facecolor("#dde1e5")
     image = axis.pcolormesh(
         x, y, decades, cmap=_shades(), vmin=0.0, vmax=WORTH, shading="nearest", rasterized=True
@@ -258,7 +258,7 @@ def _shades() -> ListedColormap:
 
 
 def _axis(tuning: Tuning, name: str, cells: int) -> Array:
-    """Values around a gain: a factor of five to either side, or the box for weights."""
+    """Values around a gain: a factor of five to each side, or the box for weights."""
     value = float(getattr(tuning.gains, name))
     column = tuning.within.free.index(name)
     high = float(tuning.within.high[column])

@@ -1,4 +1,4 @@
-"""One HTML file on a tuning: gains, how the loop answers, its margins, the competition, and what stays unknown."""
+"""The page of a tuning: gains, responses of the loop, its margins, baselines, and what remains unknown."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _RIVALS = (
     "ziegler_nichols_ultimate",
     "amigo",
     "paper",
-)  # drawn beside the tuned response, where they are bounded
+)  # baselines drawn with the tuned response, where they are bounded
 DRAWN = 2  # of the largest steps; and the smallest one
 _NAMES = {
     "kp": "proportional",
@@ -45,10 +45,10 @@ def tuning_page(
 
     Args:
         tuning: to report.
-        problem: what was asked and assumed.
+        problem: requirements and assumptions.
         source: name of the model's file.
         structure: of the controller.
-        folder: where the gains are to lie, for the command to type next; `rig` is that command's rig file.
+        folder: where the gains are written, for the next command; `rig` is that command's rig file.
     """
     named = units(problem.command_unit, problem.output_unit)
     return render(
@@ -97,7 +97,7 @@ def _lead(tuning: Tuning, problem: TuningProblem, unit: str) -> str:
     on = tuning.on_bench
     own = tuning.found.total("itae", on)
     rivals = [one for one in tuning.baselines if one.stable and math.isfinite(one.total("itae", on))]
-    said = f"ITAE on {problem.judged_on}, mean of all steps as if of one size: {own:.4g} {unit}"
+    said = f"ITAE on {problem.judged_on}, mean over all steps, scaled to one size: {own:.4g} {unit}"
     if rivals:
         best = min(rivals, key=lambda one: one.total("itae", on))
         times = best.total("itae", on) / own
@@ -133,7 +133,7 @@ def _drive(tuning: Tuning, problem: TuningProblem, structure: Structure) -> list
 
 
 def _length(value: float, problem: TuningProblem) -> str:
-    """In the unit that a reader likes; empty where it is infinite."""
+    """A length in a readable unit; empty where it is infinite."""
     return quantity(value, problem.output_unit) if math.isfinite(value) else ""
 
 
@@ -161,7 +161,7 @@ def _sizes_figure(tuning: Tuning, problem: TuningProblem) -> Markup | None:
 
 
 def _shown(tuning: Tuning) -> list[tuple[int, Response]]:
-    """Number and run of what is drawn: of the runs without noise the first of the largest and smallest steps."""
+    """Numbers and runs to draw: of the runs without noise the first of the largest and smallest steps."""
     quiet = [(n, run) for n, run in enumerate(tuning.found.responses) if run.episode.run <= 0]
     steps = sorted((one for one in quiet if one[1].episode.size), key=lambda one: -one[1].episode.size)
     others = [one for one in quiet if not one[1].episode.size]
@@ -184,7 +184,7 @@ def _margins(tuning: Tuning) -> list[tuple[str, str, str]]:
     assert m is not None
 
     def wish(value: float | None, words: str) -> str:
-        return "" if value is None else f"{words} {value:g} asked"
+        return "" if value is None else f"{words} {value:g} required"
 
     lower = f" (and down to {m.gain_reduction:.2g})" if m.gain_reduction > 0.0 else ""
     return [
@@ -237,36 +237,37 @@ def _limits(tuning: Tuning) -> str:
         return ""
     own, other = tuning.aware.total("itae"), tuning.unaware.total("itae")
     said = (
-        "On the identified model, a tuning that knows no limits chooses gains whose ITAE under the limits is "
-        f"{other:.4g}; one that knows them, {own:.4g}: "
+        "On the identified model, a tuning without limits chooses gains whose ITAE under the limits is "
+        f"{other:.4g}; one with them, {own:.4g}: "
     )
     if not math.isfinite(other):
-        return said + "the former runs away."
+        return said + "the former is unstable."
     gain = 100.0 * (1.0 - own / other)
-    return said + (f"{gain:.3g} % less." if gain >= 0.05 else "knowing them gains nothing here.")
+    return said + (f"{gain:.3g} % less." if gain >= 0.05 else "here the limits make no difference.")
 
 
 def _unknowns(tuning: Tuning, problem: TuningProblem) -> list[str]:
     said = []
     if problem.judged_on == FITTED:
         said.append(
-            "What else bends beside the dry friction, break-away, load and dead zone that the recording shows: with "
-            "--rig the gains are tuned for the rig's physical model."
+            "Nonlinearities other than dry friction, break-away, load and dead zone, which the recording shows: "
+            "with --rig the gains are tuned for the rig's physical model."
         )
     elif problem.bench is None:
         said.append(
-            "Friction, dead band and everything else that bends: the identified model is linear. "
-            "With --rig the gains are tried on the rig's physical model, and tuned for it."
+            "Friction, dead band and all other nonlinearities: the identified model is linear. With --rig the gains "
+            "are tested on the rig's physical model and tuned for it."
         )
     if len(tuning.task.plants) == 1:
         said.append(
-            "How the gains do when the model's coefficients are a little off: --scenarios tunes for a set of plants "
+            "How the gains perform when the model's coefficients are slightly wrong: --scenarios tunes for a set of "
+            "plants "
             "drawn from their covariance."
         )
     if not any(e.load.any() for e in tuning.task.episodes):
-        said.append("How a load is rejected: none was asked for (--disturbance).")
+        said.append("How a load is rejected: none was given (--disturbance).")
     if tuning.task.required.maximum_sensitivity is None:
         said.append(
-            "Whether the margins are enough for your axis: none was asked for (--ms, --phase-margin, ...)."
+            "Whether the margins are sufficient for your axis: none was required (--ms, --phase-margin, ...)."
         )
     return said

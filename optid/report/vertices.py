@@ -1,4 +1,4 @@
-"""Vertices and colours as a page holds them: few and short, and looking the same."""
+"""Vertices and colours for a page: few and short, without a visible difference."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from matplotlib.colors import to_rgba
 from optid.core.model import Array
 
 POINTS = 3000  # vertices that a line keeps: more than the pixels of a page, and fewer than its bytes
-DIGITS = 4  # decimal places of a line's own range that a page holds: a thousand pixels show three
+DIGITS = 4  # decimal places relative to a line's range: a thousand pixels show three
 
 
 def colour(value: Any, alpha: float | None = None) -> str:
@@ -35,10 +35,10 @@ def thin(x: Array, y: Array, points: int = POINTS) -> tuple[Array, Array]:
 
 
 def numbers(values: Any, digits: int = DIGITS) -> list[float | None]:
-    """Rounded to what a page shows; ``None`` for what is not finite."""
+    """Rounded to the resolution of a page; ``None`` for values that are not finite."""
     array = np.asarray(values, dtype=float).ravel()
     known = array[np.isfinite(array)]
     span = float(np.ptp(known)) or float(np.abs(known).max()) if known.size else 0.0
     places = digits - math.floor(math.log10(span)) if span > 0 else digits
-    rounded = np.round(array, min(max(places, -300), 300)) + 0.0  # no minus zero
+    rounded = np.round(array, min(max(places, -300), 300)) + 0.0  # avoids minus zero
     return [value if math.isfinite(value) else None for value in rounded.tolist()]

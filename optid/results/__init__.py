@@ -1,1 +1,1 @@
-"""What the public calls return: frozen, with everything their reports show, saved to a folder and read back."""
+"""Results of the public calls: frozen, with everything that their reports show; they can be saved and read back."""

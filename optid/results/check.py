@@ -1,4 +1,4 @@
-"""What a look at recordings finds before any fit."""
+"""The result of checking recordings before any fit."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 class CheckResult(Result):
-    """Are the data fit for identification, and what can they tell of the parameters?
+    """The quality of recordings and the identifiability of the parameters.
 
     `tables["signals"]` holds the recordings: recording, time (s) and a column for each channel, SI.
     """
@@ -23,11 +23,11 @@ class CheckResult(Result):
 
     @property
     def fit_for_identification(self) -> bool:
-        """No recording has a remark that is an error, and each parameter to fit has influence."""
+        """Whether no remark is an error and each parameter to fit has influence."""
         return "fit" in self.document["fit_for"]
 
     def summary(self) -> str:
-        """Each recording with its remarks, what the data tell of the parameters, and what they are fit for.
+        """Each recording with its remarks, the identifiability of the parameters, and what the data can be used for.
 
         Returns
         -------
@@ -45,25 +45,28 @@ class CheckResult(Result):
 
     @property
     def identifiability(self) -> list[str]:
-        """What the data tell of the parameters, in lines; none where it was not asked."""
+        """The identifiability of the parameters, as lines; none where it was not computed."""
         told = self.document["identifiability"]
         if told is None:
             return []
         known = f"rank {told['rank']} of {told['parameters']}"
         if told["condition"] is not None:
             known += f", condition number of the sensitivities {told['condition']:.2g}"
-        head = f"what these data tell of {told['parameters']} parameters, at the rig file's values and before any fit:"
+        head = f"identifiability of {told['parameters']} parameters at the rig file's values, before any fit:"
         idle = told["without_influence"]
-        missing = [f"  without influence: {', '.join(idle)}; a fit would be refused"] if idle else []
+        missing = [f"  no influence on the data: {', '.join(idle)}; a fit would be refused"] if idle else []
         return [head, f"  {known}", *missing, *(f"  {sentence}" for sentence in told["sentences"])]
 
     @property
     def detectability(self) -> list[str]:
-        """From what size each effect would show and be told from others, in lines; none where it was not asked."""
+        """The sizes from which effects are visible and distinguishable, as lines; none where they were not computed."""
         told = self.document.get("detectability")
         if told is None:
             return []
-        head = "what these recordings could show, at the rig file's values (effect: shows from; told from others from):"
+        head = (
+            "smallest detectable sizes at the rig file's values (effect: visible from; distinguishable from "
+            "others from):"
+        )
         return [head, *(f"  {_detectable(one)}" for one in told)]
 
     def to_frame(self) -> pd.DataFrame:
@@ -95,9 +98,9 @@ class CheckResult(Result):
 def _detectable(one: Mapping[str, Any]) -> str:
     shows, told = (_sizes(one[name]) for name in ("shows_from", "told_from"))
     if not shows:
-        return f"{one['effect']}: not in any size"
-    alike = f"; alike: {', '.join(one['alike'])}" if one["alike"] else ""
-    return f"{one['effect']}: {shows}; {told or 'not in any size'}{alike}"
+        return f"{one['effect']}: not at any size"
+    alike = f"; similar effects: {', '.join(one['alike'])}" if one["alike"] else ""
+    return f"{one['effect']}: {shows}; {told or 'not at any size'}{alike}"
 
 
 def _sizes(values: Mapping[str, Any]) -> str:

@@ -1,4 +1,4 @@
-"""What a rig's model leaves out, in the form of diagnosis.json."""
+"""The result of a diagnosis, as in diagnosis.json."""
 
 from __future__ import annotations
 
@@ -30,15 +30,15 @@ class Finding:
     parameters : Mapping[str, Any]
         name -> value, unit, ci95, SI.
     where : Mapping[str, Any]
-        channels that show it, intervals (recording, from, to; s) and ranges of the states.
+        channels in which it is visible, intervals (recording, from, to; s) and ranges of the states.
     evidence : Mapping[str, Any]
-        p_value and holdout_fit_gain of the test on the recordings held out; delta_bic of those fitted to.
+        p_value and holdout_fit_gain of the test on the held-out recordings; delta_bic on the training recordings.
     indistinguishable_from : tuple[str, ...]
         names of effects that explain the recordings as well.
     suspected : tuple[tuple[str, str], ...]
-        (effect, why): what it could be, where nothing is proven.
+        (effect, why): effects that it could be, and why they are not proven.
     sentence : str
-        what an engineer would say.
+        the finding in words.
     """
 
     effect: str | None
@@ -52,12 +52,12 @@ class Finding:
 
 
 class DiagnosisResult(ResultWithRig):
-    """What physics the model leaves out, where, how sure, and what it gains on recordings held out.
+    """Which physics the model leaves out, where, how certain it is, and its gain on held-out recordings.
 
     `tables["holdout"]`: one row a sample of the recordings held out: recording, time (s), and for each measured channel
-    NAME, NAME_before and NAME_after: windows of the model as it came and of the improved one, SI. Of finding k there
+    NAME, NAME_before and NAME_after: windows of the original model and of the improved one, SI. For finding k there
     may be `tables["map k"]` (mismatch over time), `tables["state k NAME"]` (over a signal) and `tables["signal k"]`
-    (what is missing, sample by sample, with the law found). `tables["rivals"]`, one row a rival:
+    (the missing signal, sample by sample, with the identified law). `tables["rivals"]`, one row per rival:
     round, effect, error_over_noise, loss and why. `files["rig.toml"]`: the improved rig file.
     """
 
@@ -66,7 +66,7 @@ class DiagnosisResult(ResultWithRig):
 
     @property
     def verdict(self) -> Verdict:
-        """The answer in a word."""
+        """The verdict."""
         return Verdict(self.document["verdict"])
 
     @property
@@ -88,16 +88,16 @@ class DiagnosisResult(ResultWithRig):
 
     @property
     def baseline(self) -> Mapping[str, Any]:
-        """Parameters and hold-out scores of the fitted model as it came."""
+        """Parameters and hold-out scores of the original model, fitted."""
         return dict(self.document["baseline"])
 
     @property
     def improved(self) -> Mapping[str, Any]:
-        """The same of the model with what was found."""
+        """The same for the model with the effects found."""
         return dict(self.document["improved"])
 
     def summary(self) -> str:
-        """The verdict, why, and the error before and after on the recordings held out.
+        """The verdict, its reasons, and the errors before and after on the held-out recordings.
 
         Returns
         -------

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class FitResult(ResultWithRig):
-    """Fitted parameters, how well they predict, and what they do not know.
+    """Fitted parameters, how well they predict, and what the fit leaves open.
 
     `tables["prediction"]`: one row a sample: use ("training", "held out"), recording, time (s), and for each measured
     channel NAME, NAME_free_run and NAME_window, SI. `tables["nodes"]`: the fit's state at each node and whether it is
@@ -47,12 +47,12 @@ class FitResult(ResultWithRig):
 
     @property
     def covariance(self) -> Array:
-        """Of the fitted parameters in the order of `parameters`, SI, shape (parameters, parameters)."""
+        """Covariance of the fitted parameters in the order of `parameters`, SI, shape (parameters, parameters)."""
         return self.tables["covariance"].to_numpy(dtype=float)
 
     @property
     def process_noise(self) -> Array:
-        """What a node allows in each state, SI, shape (states,)."""
+        """Standard deviation of each state's jump at a node, SI, shape (states,)."""
         return np.array(self.document["process_noise"], dtype=float)
 
     @property
@@ -67,7 +67,7 @@ class FitResult(ResultWithRig):
 
     @property
     def refuted(self) -> str:
-        """Why the recordings held out speak against the fit as a whole; nothing where they do not."""
+        """Why the held-out recordings contradict the fit as a whole; empty where they do not."""
         missed = self.document.get("holdout_missed", ())
         return "; ".join(one["advice"] for one in missed if one["fit_percent"] < 0.0)
 
@@ -86,12 +86,12 @@ class FitResult(ResultWithRig):
 
     @property
     def marks(self) -> dict[str, str]:
-        """What is to be said of parameters that the data do not determine."""
+        """Remarks on parameters that the data do not determine."""
         marks = dict.fromkeys(self.document["at_bound"], "at its bound")
         return marks | dict.fromkeys(self.document["not_identifiable"], "not identifiable")
 
     def summary(self) -> str:
-        """How it ended, the parameters asked for, what cannot be told apart, and the scores.
+        """How it ended, the fitted parameters, those that cannot be separated, and the scores.
 
         Returns
         -------
@@ -136,12 +136,12 @@ class ProfileResult(Result):
 
     @property
     def interval(self) -> tuple[float, float]:
-        """95 % interval of the profile, SI; infinite where the data set no limit within reach."""
+        """95 % interval of the profile, SI; infinite where the data give no limit within the range of the profile."""
         low, high = self.document["ci95"]
         return (-math.inf if low is None else low, math.inf if high is None else high)
 
     def summary(self) -> str:
-        """What the profile adds to the fit's own interval.
+        """The interval of the profile, compared with the fit's own.
 
         Returns
         -------

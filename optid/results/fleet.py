@@ -1,4 +1,4 @@
-"""What many rows say of a fleet."""
+"""The result of a fleet: its rows and their statistics."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ SHOWN = 20  # failed rows that a summary lists
 
 
 class FleetResult(Result):
-    """Rows answered, rigs told of as changed, rigs unlike their siblings, and what siblings share.
+    """Rows finished, rigs that changed, rigs that differ from their siblings, and what siblings share.
 
     `tables["rows"]` holds a row a rig and run, `tables["nights"]` p-values by rig and night, `tables["trends"]` every
     quantity's slope and change-point, `tables["measures"]` what the rows measured, `tables["t"]` rigs against
@@ -32,7 +32,7 @@ class FleetResult(Result):
 
     @property
     def failed(self) -> list[dict[str, str]]:
-        """Rows that ended in anything else than a result: name, outcome, and what they said."""
+        """Rows that ended without a result: name, outcome, and last message."""
         return list(self.document["failed"])
 
     @property
@@ -41,7 +41,7 @@ class FleetResult(Result):
         return list(self.document["told"])
 
     def summary(self) -> str:
-        """How the rows went, and what the fleet shows.
+        """The outcomes of the rows, and the rigs that changed.
 
         Returns
         -------
@@ -50,14 +50,14 @@ class FleetResult(Result):
         """
         d = self.document
         counts = (
-            ", ".join(f"{count} {outcome}" for outcome, count in d["outcomes"].items()) or "none answered"
+            ", ".join(f"{count} {outcome}" for outcome, count in d["outcomes"].items()) or "none finished"
         )
         lines = [f"{d['rows']} rows of {d['rigs']} rigs: {counts}"]
         lines += [f"  {one['name']}: {one['outcome']}: {one['said']}" for one in self.failed[:SHOWN]]
         if len(self.failed) > SHOWN:
             lines.append(f"  and {len(self.failed) - SHOWN} more")
         if "nights" in self.tables:
-            share = f"at most {100 * d['level']:g} % of those told are expected to be false"
+            share = f"at most {100 * d['level']:g} % of the rigs reported are expected to be false alarms"
             lines.append(f"{len(self.told)} of {d['rigs']} rigs changed ({share})")
             lines += [f"  {sentence}" for sentence in d["sentences"]]
         for one in d["unlike"][:SHOWN]:

@@ -17,7 +17,7 @@ EXPORTS = ("armax_model.h", "armax_identifier.h", "armax_model.st", "armax_ident
 
 
 class IdentificationResult(Result):
-    """ARMAX models of several orders with their audit, and which one to take.
+    """ARMAX models of several orders with their checks, and which one is recommended.
 
     `files["table2.csv"]`: errors of their predictions, as in the paper's Table 2.
     """
@@ -63,7 +63,7 @@ class IdentificationResult(Result):
         return system
 
     def summary(self) -> str:
-        """Which model to take and why, and what is grave about each.
+        """The recommended model and why, and the alarms of each model.
 
         Returns
         -------

@@ -51,7 +51,7 @@ def load(path: str | Path) -> Result:
     Raises
     ------
     InputError
-        no result there, several, a damaged one, one of a newer optid, or files of more than one run.
+        there is no result, more than one, a damaged one, one of a newer optid, or files of several runs.
     """
     place = Path(path)
     if not is_folder(place):
@@ -65,7 +65,7 @@ def load(path: str | Path) -> Result:
 
 
 def _kind_of(file: Path) -> type[Result]:
-    """The kind of result that a file says it is."""
+    """The class of result that a file's schema names."""
     content = read_json(file, EXPECTED)
     said = content.get("schema") if isinstance(content, dict) else None
     for kind in RESULTS:
@@ -85,13 +85,13 @@ def _read(kind: type[Result], folder: Path, file: Path) -> Result:
     try:
         found.summary()
         for name in _figures(kind):
-            with contextlib.suppress(InputError):  # missing, as in an older one: said to who asks for it
+            with contextlib.suppress(InputError):  # missing, as in an older file: reported when it is used
                 getattr(found, name)
     except InputError:
         raise
     except (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError) as error:
         why = f"{type(error).__name__}: {error}"[:120]
-        raise InputError(f"it is not whole ({why})", where=file, expected=EXPECTED) from None
+        raise InputError(f"it is incomplete ({why})", where=file, expected=EXPECTED) from None
     return found
 
 

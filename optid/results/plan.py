@@ -15,7 +15,7 @@ EXPERIMENT = "experiment.csv"
 
 
 class PlanResult(Result):
-    """A reference that tells rival effects apart, and how well.
+    """A reference that distinguishes rival effects, and how well it does.
 
     `tables["experiment"]`: time (s), reference, position (m) and command, as the rig's model predicts them.
     `files["experiment.csv"]`: the same as the rig file maps recordings.
@@ -47,7 +47,7 @@ class PlanResult(Result):
         ]
         lines = table(("there", "mistaken for", "sd", "by plain steps", "seconds needed"), rows)
         said = "sd: between the two, the first at the smallest size worth a name; "
-        said += f"{d['needed_sd']:g} err once in a hundred"
+        said += f"{d['needed_sd']:g} give one error in a hundred"
         return "\n".join([head, *lines, said])
 
     def to_frame(self) -> pd.DataFrame:

@@ -1,4 +1,4 @@
-"""The form that all results share: a document, tables and files, which is also how they lie in a folder."""
+"""The form that all results share: a document, tables and files, in memory as in a folder."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ FACTS = ("version", "command", "inputs")  # of the document that the folder's ma
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Result:
-    """What a job has found; data only.
+    """The result of a job; data only.
 
     Two results are equal if all of their data are. Subclasses name their parts.
 
@@ -37,7 +37,7 @@ class Result:
     document : Mapping[str, Any]
         content of the result's JSON file, SI units.
     tables : Mapping[str, pd.DataFrame]
-        what is too long for it, by name: SI units, one row a sample, node or value.
+        tables too long for the document, by name: SI units, one row per sample, node or value.
     files : Mapping[str, str]
         other text files of the job by name, such as a fitted rig file.
     home : Path | None
@@ -88,12 +88,12 @@ class Result:
         return drawn
 
     def report(self) -> str:
-        """An HTML page that stands alone, with figures to zoom.
+        """A self-contained HTML page with zoomable figures.
 
         Returns
         -------
         str
-            HTML, whole in itself.
+            the page.
         """
         if REPORT in self.files:
             return self.files[REPORT]
@@ -101,7 +101,7 @@ class Result:
         return page
 
     def save(self, folder: str | Path) -> Path:
-        """Write everything into a folder, made if absent, as one set or not at all; `optid.load` reads it back.
+        """Write everything into a folder, completely or not at all; `optid.load` reads it back.
 
         Parameters
         ----------
@@ -116,7 +116,7 @@ class Result:
         Raises
         ------
         OSError
-            the folder refuses; what stood in it stands as before.
+            the folder cannot be written; its content is as before.
         """
         place = Path(folder)
         place.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,4 @@
-"""A model run along recordings."""
+"""A simulation along recordings."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ NOT_CHANNELS = ("schema", "version", "command", "inputs", "about", "files")  # o
 
 
 class SimulationResult(Result):
-    """How far a rig's numbers carry.
+    """How well a rig's model predicts recordings.
 
     `tables["prediction"]` has one row a sample: recording, time (s), and for each measured channel NAME (as recorded),
     NAME_free_run and NAME_window, SI; with a fit's uncertainty NAME_free_run_low and so on, the 95 % band that the
-    parameters' covariance gives, measurement noise not counted. `tables["inputs"]` holds what drove it.
+    parameters' covariance gives, measurement noise not counted. `tables["inputs"]` holds the inputs.
     """
 
     FILE: ClassVar[str] = "metrics.json"
@@ -65,7 +65,7 @@ class SimulationResult(Result):
         return self.tables["prediction"].copy()
 
     def write(self, place: Path) -> None:
-        """Beside the rest, prediction.csv: the recording's name is left out where there is one only.
+        """Also write prediction.csv, without the recording's name where there is only one.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""Tables in one file: NumPy's own format, exact to the bit, and without anything that could run."""
+"""Tables in one file: NumPy's own format, bit-exact and without executable content."""
 
 from __future__ import annotations
 
@@ -17,12 +17,15 @@ if TYPE_CHECKING:
     import pandas as pd
 
 TABLES = "tables.npz"
-RATIO, SMALL = 200, 1 << 26  # tables unpack to so many times their size, or to so many bytes
+RATIO, SMALL = (
+    200,
+    1 << 26,
+)  # largest ratio of unpacked to packed size, and size in bytes that is always accepted
 _SEPARATOR = "|"
 
 
 def write_tables(path: Path, tables: Mapping[str, pd.DataFrame]) -> None:
-    """Write tables whose columns hold numbers, truth values or text; nothing where there are none."""
+    """Write tables whose columns hold numbers, booleans or text; no file where there are none."""
     arrays = {}
     for name, frame in tables.items():
         for column in frame:

@@ -20,7 +20,7 @@ GAINS = ("kp", "ki", "kd", "derivative_filter", "setpoint_weight")
 
 
 class TuningResult(Result):
-    """Gains, the cost they reach, and that of other ways to choose them.
+    """Tuned gains, their cost, and the cost of other tuning rules.
 
     `tables["responses"]`: episode, time (s), reference, output and command (SI) on the identified model.
     `tables["loop"]`: numerator and denominator of the identified plant in falling powers of z.
@@ -32,7 +32,7 @@ class TuningResult(Result):
 
     @property
     def gains(self) -> Mapping[str, float]:
-        """By name, SI: u = kp (b r - y) + integral of ki (r - y) + kd d(c r - y)/dt, the derivative lagged."""
+        """Gains by name, SI: u = kp (b r - y) + integral of ki (r - y) + kd d(c r - y)/dt, the derivative lagged."""
         return dict(self.document["gains"])
 
     @property
@@ -67,7 +67,7 @@ class TuningResult(Result):
         return {"controller": C, "plant": P, "loop": L, "closed_loop": T}
 
     def summary(self) -> str:
-        """The gains with their units, and the cost beside the baselines'.
+        """The gains with their units, and their cost compared with the baselines.
 
         Returns
         -------
@@ -101,4 +101,4 @@ class TuningResult(Result):
 
 
 def _cost(value: float | None) -> str:
-    return "runs away" if value is None else plain(value, 4)
+    return "unstable" if value is None else plain(value, 4)

@@ -1,4 +1,4 @@
-"""Is a document what its schema says? The part of JSON Schema that the schema files use, with the place of a fault."""
+"""Validation against the schema files: the part of JSON Schema that they use, with the location of an error."""
 
 from __future__ import annotations
 
@@ -30,14 +30,12 @@ class MissingField(InputError, KeyError):
 
 
 class Part(dict[str, Any]):
-    """An object of a document: a field that somebody asks for and that it lacks is a fault of the file."""
+    """An object of a document: a field that is used and missing is an error of the file."""
 
     file: Path | None = None
 
     def __missing__(self, field: str) -> Any:
-        raise MissingField(
-            "missing", where=self.file, field=field, expected="a result of optid that is whole"
-        )
+        raise MissingField("missing", where=self.file, field=field, expected="a complete result of optid")
 
 
 def parts(value: Any, file: Path) -> Any:
@@ -50,14 +48,14 @@ def parts(value: Any, file: Path) -> Any:
 
 
 def refuse_invalid(document: Mapping[str, Any], schema: str, where: object) -> None:
-    """Refuse a document that is not what its schema says.
+    """Refuse a document that does not conform to its schema.
 
     Parameters
     ----------
     document : Mapping[str, Any]
         as read.
     schema : str
-        such as "optid.fit/1"; of another version nothing is known.
+        such as "optid.fit/1"; other versions are not checked.
     where : object
         its file, for messages.
 
@@ -84,7 +82,7 @@ def _schema(name: str) -> dict[str, Any]:
 def _faults(
     value: Any, part: Mapping[str, Any], whole: Mapping[str, Any], at: str
 ) -> Iterator[tuple[str, ...]]:
-    """Field, what was found and what was expected, of everything that is wrong."""
+    """All errors: field, what was found and what was expected."""
     if "$ref" in part:
         part = whole["$defs"][part["$ref"].rpartition("/")[2]]
     kinds = part.get("type", ())

@@ -1,4 +1,4 @@
-"""Who shows a result: filled by the package root, so that results need not know the floor above theirs."""
+"""The modules that show results: registered by the package root, so that results do not import the floor above."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ _VIEWS: dict[str, str] = {}
 
 
 def register(schema: str, module: str) -> None:
-    """Say which module shows results of a schema.
+    """Register the module that shows results of a schema.
 
     Parameters
     ----------

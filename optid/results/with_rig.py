@@ -1,4 +1,4 @@
-"""Results that hold a rig file: with new values, usable as input."""
+"""Results that contain a rig file with new values, usable as input."""
 
 from __future__ import annotations
 

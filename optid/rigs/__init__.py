@@ -10,7 +10,7 @@ from types import ModuleType
 from optid.core.loading import load_file, named_file
 from optid.errors import RigError, nearest
 
-# Name in a rig file -> "module:function"; a module is imported when its plant is asked for.
+# Name in a rig file -> "module:function"; a module is imported when its plant is used.
 BUILT_IN = {
     "servo-pneumatic": "optid.rigs.servo_pneumatic:servo_pneumatic",
     "emps": "optid.rigs.emps:emps",
@@ -23,7 +23,7 @@ Plant = Callable[..., None]
 
 
 def find_plant(name: str, base: Path) -> Plant:
-    """The plant function a rig file names.
+    """The plant function that a rig file names.
 
     Args:
         name: a built-in plant, or "path/to/file.py:function".

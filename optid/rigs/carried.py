@@ -1,4 +1,4 @@
-"""A user's own plant and effect files go where a rig file goes, so that its folder stands alone."""
+"""A user's own plant and effect files are copied with a rig file, so that its folder is self-contained."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from optid.errors import RigError
 
 
 def plant_file(model_name: str, home: Path) -> Loaded | None:
-    """The file of a user's own plant, as it was run; ``None`` for a built-in one.
+    """The file of a user's own plant; ``None`` for a built-in one.
 
     Args:
         model_name: as the rig file names it.
@@ -32,10 +32,10 @@ def effect_files(effects: Iterable[Effect]) -> dict[str, Loaded]:
 
 
 def carried(files: Iterable[Loaded], folder: Path) -> dict[Path, str]:
-    """How a rig file in a folder names files; those that lie elsewhere are copied there, as they were run.
+    """Paths by which a rig file in a folder names files; files from elsewhere are copied there, as they were run.
 
     Raises:
-        RigError: the folder refuses.
+        RigError: the folder cannot be written.
     """
     names: dict[Path, str] = {}
     for file in files:
@@ -54,7 +54,7 @@ def carried(files: Iterable[Loaded], folder: Path) -> dict[Path, str]:
 
 
 def _free(file: Loaded, folder: Path, taken: set[str]) -> str:
-    """The file's name, or with a number where another file has it."""
+    """The file's name, with a number if another file has it."""
     name, number = file.path.name, 2
     while name in taken or ((folder / name).exists() and (folder / name).read_bytes() != file.content):
         name, number = f"{file.path.stem}_{number}.py", number + 1

@@ -7,7 +7,7 @@ the level sensor:
     h_1' = -k_1 sqrt(h_1) + k_4 u
     h_2' = +k_2 sqrt(h_1) - k_3 sqrt(h_2)
 
-What the benchmark's rig does beyond this, the upper tank running over, is left to an effect at `store.upper`.
+The benchmark's rig also overflows at the upper tank; that is left to an effect at `store.upper`.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ PUMP_GAIN = Parameter(
     "pump_gain", "1/s", 0.05, "rate of the upper level per volt of the pump, k_4", TANKS, bounds=(-1e3, 1e3)
 )
 
-# Settings: how an empty tank and a full sensor are made smooth.
+# Settings: smoothing of an empty tank and of a saturated sensor.
 EMPTY_WIDTH = Parameter(
     "empty_width",
     "V",
@@ -87,7 +87,7 @@ def cascaded_tanks(s: Sheet) -> None:
     u = s.site("flow.command", s.input("command", "V"), unit="V", size=5.0)
     inlet = s.site("flow.inlet", s.param(PUMP_GAIN) * u, unit="V/s", size=0.2, u=u, h_1=h_1)
     root_1, root_2 = (signed_root(h, s.param(EMPTY_WIDTH)) for h in (h_1, h_2))
-    # One flow in two measures: the tanks need not be equally wide, so an effect acts on what both share.
+    # One flow in two scales: the tanks need not be equally wide, so an effect acts on their common part.
     between = s.site("flow.between", root_1, unit="V**0.5", size=2.0, h_1=h_1, h_2=h_2)
     outlet = s.site("flow.outlet", s.param(LOWER_OUTLET) * root_2, unit="V/s", size=0.1, h_2=h_2)
 
@@ -101,5 +101,5 @@ def cascaded_tanks(s: Sheet) -> None:
 
 
 def saturated(s: Sheet, level: Any) -> Any:
-    """What a sensor with a ceiling shows of a level, V."""
+    """Reading of a saturating sensor for a level, V."""
     return -soft_floor(-level, -s.param(SENSOR_CEILING), s.param(CEILING_WIDTH))

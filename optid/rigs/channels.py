@@ -11,9 +11,9 @@ from optid.core.units import conversion, si_unit_of, to_si
 from optid.errors import RigError
 from optid.rigs.fields import Table, known_keys, subtable, text
 
-REFERENCE = "reference"  # kept in a recording though no model uses it
+REFERENCE = "reference"  # kept in a recording although no model uses it
 _KEYS = ("column", "unit", "full_scale", "offset", "sd", "between")
-_BETWEEN = {"held": False, "linear": True}  # what an input does between its samples
+_BETWEEN = {"held": False, "linear": True}  # course of an input between its samples
 _EXAMPLE = '{ column = "x", unit = "mm" }'
 _TIME = 'time = { column = "t", unit = "s" } or rate = "1000 Hz"'
 
@@ -21,7 +21,7 @@ _TIME = 'time = { column = "t", unit = "s" } or rate = "1000 Hz"'
 def read_channels(
     table: Table, model: Model, atmospheric: float | None, where: Path
 ) -> dict[str, ChannelMap]:
-    """How every channel is read; "time" comes first.
+    """The map of every channel; "time" comes first.
 
     Args:
         table: the `[channels]` table.
@@ -42,11 +42,13 @@ def read_channels(
     outputs = [port.role for port in model.outputs]
     for absent in (port.role for port in model.recorded if port.role not in found):
         raise RigError(
-            "no such channel, and the model needs this input", where=where, field=f"channels.{absent}"
+            "this channel is missing, and the model needs it as an input",
+            where=where,
+            field=f"channels.{absent}",
         )
     if not any(role in found for role in outputs):
         raise RigError(
-            "no channel is an output of the model",
+            "no channel is mapped to an output of the model",
             where=where,
             field="channels",
             expected=f"at least one of {', '.join(outputs)}",
@@ -57,7 +59,10 @@ def read_channels(
         role for role, channel in found.items() if role not in commands and channel.linear is not None
     ):
         raise RigError(
-            "it is no input", where=where, field=f"channels.{role}.between", expected="no such key"
+            "only an input has this key",
+            where=where,
+            field=f"channels.{role}.between",
+            expected="no such key",
         )
     return {role: replace(channel, held=role in commands) for role, channel in found.items()}
 
@@ -68,19 +73,21 @@ def _time(table: Table, where: Path) -> ChannelMap:
     known_keys(entry, ("column", "unit", "rate"), where, f"{field}.")
     if "rate" in table and entry:
         raise RigError(
-            "both time and rate are given", where=where, field="channels.rate", expected="one of them"
+            "time and rate are both given", where=where, field="channels.rate", expected="one of the two"
         )
     if "rate" in table:
         entry, field = {"rate": table["rate"]}, "channels"
     if "rate" in entry:
         if len(entry) > 1:
-            raise RigError("both column and rate are given", where=where, field=field, expected="one of them")
+            raise RigError(
+                "column and rate are both given", where=where, field=field, expected="one of the two"
+            )
         rate = to_si(entry["rate"], "Hz", where=where, field=f"{field}.rate")
         if rate <= 0:
             raise RigError(f"{rate:g} Hz", where=where, field=f"{field}.rate", expected="a positive rate")
         return ChannelMap("time", "", "s", "s", recorded_unit="s", rate=rate)
     if not entry:
-        raise RigError("no time", where=where, field=field, expected=_TIME)
+        raise RigError("neither time nor rate is given", where=where, field=field, expected=_TIME)
     column = text(entry, "column", where, field, _TIME)
     unit = text(entry, "unit", where, f"{field}.unit", 'unit = "s"')
     rule = conversion(unit, "s", where=where, field=f"{field}.unit")
@@ -100,10 +107,10 @@ def _channel(
     scaled = model_unit == "1" and (recorded != "1" or "full_scale" in entry)
     if scaled and "full_scale" not in entry:
         raise RigError(
-            f'"{unit}" where the model wants a share of full scale',
+            f'the unit is "{unit}", but the model expects a share of full scale',
             where=where,
             field=f"{field}.full_scale",
-            expected=f'full_scale = "5 {unit}", the value at full command',
+            expected=f'full_scale = "5 {unit}", the value of the full command',
         )
     model_unit = model_unit or recorded
     si_unit = recorded if scaled else model_unit
@@ -148,7 +155,7 @@ def _linear(entry: Table, where: Path, field: str) -> bool | None:
 
 
 def _one_role_each(channels: dict[str, ChannelMap], where: Path) -> None:
-    """Two roles on one column are one mistake: an output would be predicted from itself."""
+    """Refuse two roles on one column: an output would be predicted from itself."""
     taken: dict[str, str] = {}
     for role, channel in channels.items():
         if channel.column and channel.column in taken:

@@ -1,4 +1,4 @@
-"""What must hold between the parameters of a plant: rig files that break it describe nothing that can be built."""
+"""Conditions on the parameters of a plant: rig files that break one describe nothing that can be built."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def refuse_contradictions(
     """Refuse values that contradict each other; `table` of the rig file states the last of them.
 
     Raises:
-        RigError: names the parameters with their values, and what must hold.
+        RigError: names the parameters with their values, and the condition.
     """
     for constraint in broken(model, parameters):
         p = model.vector(parameters)

@@ -21,7 +21,7 @@ from optid.rigs.friction import COULOMB_FRICTION, dry_friction, sliding
 
 EMPS = "Janot, Gautier and Brunot, EMPS benchmark, 2019"
 POSITIVE = (1e-12, math.inf)
-# What an effect that follows the position counts from, m: the records of the benchmark span 0 to 0.246 m.
+# Origin, m, for effects that depend on position: the benchmark's recordings span 0 to 0.246 m.
 MIDDLE, TRAVEL = 0.125, 0.25
 
 MASS = Parameter("mass", "kg", 100.0, "moving mass M, with the motor's inertia", EMPS, bounds=POSITIVE)
@@ -74,8 +74,8 @@ def emps(
     Args:
         friction: "bristle" (Dahl's law: sticks, slides after `presliding_length`) or "smooth" (tanh over
             `friction_width`: creeps instead of sticking).
-        direction: "symmetric", or "separate" friction for each direction of motion. In motion, separate dry
-            friction and `force_offset` say the same twice: fix one of them.
+        direction: "symmetric", or "separate" friction for each direction of motion. In motion, separate dry friction
+            and `force_offset` are the same parameter twice: fix one of them.
     """
     q, v = s.state("position", "m", 0.01, spread=0.5), s.state("velocity", "m/s", 0.1, spread=0.5)
     u = s.site("drive.command", s.input("command", "V", idle=0.0), unit="V", size=3.0)

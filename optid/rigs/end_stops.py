@@ -1,4 +1,4 @@
-"""The ends of a stroke, and samples that are a little old: what every axis with a stroke and a card has."""
+"""End stops of a stroke and the sampling skew of a data acquisition card: common to all axes with a stroke."""
 
 from __future__ import annotations
 

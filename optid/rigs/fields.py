@@ -1,4 +1,4 @@
-"""Looking things up in a rig file's tables, with complaints that name the field."""
+"""Access to a rig file's tables, with errors that name the field."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Table = Mapping[str, Any]
 def known_keys(
     table: Table, valid: Iterable[str], where: Path, prefix: str = "", kind: str | None = None
 ) -> None:
-    """Refuse keys that mean nothing here.
+    """Refuse unknown keys.
 
     Raises:
         RigError: names the first unknown key and the nearest valid one.

@@ -1,6 +1,6 @@
 """Dry friction of an axis: one law for every plant that slides.
 
-Two smooth stand-ins for the jump of Coulomb's law at rest. "bristle" sticks: Dahl's law lets the contact move
+Two smooth approximations of the jump of Coulomb's law at rest. "bristle" sticks: Dahl's law lets the contact move
 elastically by `presliding_length` before it slides, `presliding_shape` says how abruptly. "smooth" creeps: tanh over
 `friction_width`.
 """
@@ -27,16 +27,16 @@ PRESLIDING_LENGTH = Parameter(
     "m",
     2e-5,
     "elastic motion before dry friction slips",
-    # What lies below 0.3 um no position sensor of such an axis shows, and it only makes rest stiff: 20 000 1/s.
+    # No position sensor of such an axis resolves less than 0.3 um, which would only make rest stiff: 20 000 1/s.
     "seals slide after 0.01 to 1 mm; Dahl's law",
     2e-5,
     (3e-7, 5e-3),
     logarithmic=True,
     # Surfaces in contact give by micrometres before they slide; an eighth of the smallest yielding worth a name
-    # (optid/effects/catalogue/presliding.py) is a matter of the law.
+    # (optid/effects/catalogue/presliding.py) belongs to the law.
     leeway=5e-6,
     starts=(2e-5, 3e-7),  # a contact that yields, and one that sticks
-    # Less costs searches twice the time, as the equations at rest become stiff (see `stiffest`).
+    # A smaller value doubles the time of searches, as the equations at rest become stiff (see `stiffest`).
     nuisance=Nuisance(2e-6, 6e-5),
 )
 PRESLIDING_SHAPE = Parameter(
@@ -44,7 +44,7 @@ PRESLIDING_SHAPE = Parameter(
     "1",
     1.0,
     "from dry friction that yields long before it slides (0) to one that holds until it slides (1)",
-    # Dahl's law sets elastic energy free at break-away, which true stick does not have: against a rig with true
+    # Dahl's law releases elastic energy at break-away, which true stiction does not have: on a rig with true
     # stick viscous friction comes out 0.13 % low at 0, 0.03 % at 1 (studies/interval_coverage.py).
     "Bouc and Wen's law with n = 1, which is Dahl's, and n = 5 (Wen 1976)",
     0.0,
@@ -82,10 +82,10 @@ BRISTLE_FADING = Parameter(
     50.0,
     (1e-4, 1e3),
     logarithmic=True,
-    starts=(0.02,),  # at its default the fading hardly shows
+    starts=(0.02,),  # at its default the decay hardly shows
     nuisance=Nuisance(2e-3, 0.5, by_filter=True),
 )
-# Dahl's law gives elastic energy back that true stick does not have; fits pay for it with viscous friction. What is
+# Dahl's law returns elastic energy that true stiction does not have; fits compensate by viscous friction. What is
 # left of that when the contact is short and abrupt: studies/interval_coverage.py, mean error of 240 fits.
 STICK_BIAS = {"viscous_friction": 2e-4}
 FRICTION_WIDTH = Parameter(
@@ -107,11 +107,11 @@ def sliding(s: Sheet, v: Any, kind: str) -> Any:
     Args:
         s: sheet that receives the bristle's state and the settings of the chosen kind.
         v: speed of the contact, m/s.
-        kind: "bristle", "smooth" or "constant" (1 always, whatever the direction of motion).
+        kind: "bristle", "smooth" or "constant" (always 1, for any direction of motion).
     """
     if kind == "constant":
         return 1.0
-    # The most that steady sliding reaches at this speed: more than 1 near rest is Stribeck's curve.
+    # The limit of steady sliding at this speed: above 1 near rest it is Stribeck's curve.
     most = s.site("force.breakaway", 1.0, unit="1", v=v)
     if kind == "smooth":
         return most * ca.tanh(v / s.param(s.sized(FRICTION_WIDTH)))
@@ -124,9 +124,9 @@ def sliding(s: Sheet, v: Any, kind: str) -> Any:
     contact = s.sized(PRESLIDING_LENGTH)
     length = s.site("force.presliding", s.param(contact), unit=contact.unit, v=v, z=z, most=most)
     share = z / most
-    squared = share * share  # no power: it would be the costliest term of the plant
+    squared = share * share  # without a power, which would be the most expensive term of the plant
     yielding = 1 + s.param(s.sized(PRESLIDING_SHAPE)) * (squared * squared - 1)
-    # Whichever is longer counts: at the speeds where Stribeck's curve bends the lag must not stretch the contact.
+    # The longer one counts: at speeds where Stribeck's curve bends, the lag must not lengthen the contact.
     reach = ca.sqrt(length**2 + (lag * v) ** 2)
     z_dot = (v - ca.fabs(v) * share * yielding) / reach
     s.rate(z, z_dot)
@@ -137,7 +137,7 @@ def sliding(s: Sheet, v: Any, kind: str) -> Any:
 def dry_friction(s: Sheet, v: Any, kind: str, **near: Any) -> Any:
     """F_r of eq. 11, N: the level of dry friction, `coulomb_friction`, times `sliding`.
 
-    The site `force.coulomb` offers the level, N, with the speed, the share that slides and what `near` adds.
+    The site `force.coulomb` offers the level, N, with the speed, the sliding share and the signals in `near`.
 
     Parameters
     ----------

@@ -1,8 +1,8 @@
-"""Parameters that each recording, or each group of them, has of its own: a payload, a load, a gain.
+"""Parameters with a value per recording or per group of recordings: a payload, a load, a gain.
 
 `[fit]` says `per = "recording"`, or the name of a tag that `[recordings]` gives to each file. The model then has such
 a parameter once for each group, and an input that tells a recording's group; nothing else of a fit or a diagnosis
-differs. A recording of no known group has the groups' mean.
+differs. A recording of an unknown group has the groups' mean.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from optid.core.recording import Channel, Recording
 from optid.errors import RigError
 from optid.rigs.rigfile import Freed, Rig, rebuilt
 
-EACH = "recording"  # per what, where every recording is a group
+EACH = "recording"  # value of `per` where every recording is a group
 
 
 def for_recordings(rig: Rig, recordings: Sequence[Recording]) -> Rig:
-    """The rig with the parameters that these recordings have of their own; itself where there is none.
+    """The rig with the own parameters of these recordings; the rig itself where there are none.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ def for_recordings(rig: Rig, recordings: Sequence[Recording]) -> Rig:
     Raises
     ------
     RigError
-        a recording has no value of a tag by which a parameter differs.
+        a recording has no value of a tag on which a parameter depends.
     """
     per = _per(rig)
     if not per or rig.groups:
@@ -59,7 +59,7 @@ def for_recordings(rig: Rig, recordings: Sequence[Recording]) -> Rig:
 
 
 def told(rig: Rig, recording: Recording) -> Recording:
-    """A recording that tells a rig's model of which groups it is."""
+    """The recording with inputs that say to which groups it belongs."""
     if rig.plain is None:
         return recording
     per = _per(rig.plain)
@@ -72,7 +72,7 @@ def told(rig: Rig, recording: Recording) -> Recording:
 
 
 def stated(rig: Rig, values: Mapping[str, float], files: Sequence[str]) -> dict[str, dict[str, float]]:
-    """What `[recordings]` says of each of these files then: name -> SI value."""
+    """The values of `[recordings]` for each of these files: name -> SI value."""
     per = _per(rig.plain) if rig.plain else {}
     found: dict[str, dict[str, float]] = {}
     for file in files:
@@ -84,19 +84,19 @@ def stated(rig: Rig, values: Mapping[str, float], files: Sequence[str]) -> dict[
 
 
 def measured_inputs(model: Model) -> tuple[Port, ...]:
-    """The inputs that come from a file, and do not only tell of which group a recording is."""
+    """The inputs that come from a file, without those that only mark groups."""
     return tuple(port for port in model.recorded if not port.role.startswith(GROUP))
 
 
 def _per(rig: Rig) -> dict[str, str]:
-    """Name of a parameter -> by what it differs."""
+    """Name of a parameter -> its `per`."""
     known = {q.name for q in rig.model.parameters}
     own = {key for entry in rig.recordings.values() for key in entry if key in known}
     return dict.fromkeys(sorted(own), EACH) | {f.name: f.per for f in rig.freed if f.per}
 
 
 def _own_label(rig: Rig, way: str, file: str) -> str:
-    """The group of a file by one way to group them, or nothing."""
+    """The group of a file for one `per`, or nothing."""
     if way == EACH:
         return Path(file).stem.replace(".", "_")
     tag: Any = rig.recordings.get(file, {}).get(way, "")
@@ -107,7 +107,7 @@ def _label(rig: Rig, way: str, file: str, name: str) -> str:
     label = _own_label(rig, way, file)
     if not label:
         raise RigError(
-            f'"{file}" has no tag "{way}", by which {name} differs',
+            f'"{file}" has no tag "{way}", on which {name} depends',
             where=rig.path,
             field="recordings",
             expected=f'"{file}" = {{ {way} = "..." }}',

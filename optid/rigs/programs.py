@@ -1,4 +1,4 @@
-"""A user's own Python files that a rig file names, without running them."""
+"""The user's own Python files that a rig file names, found without running them."""
 
 from __future__ import annotations
 

@@ -21,17 +21,15 @@ from optid.rigs.fields import Table, known_keys, span, subtable, text
 from optid.rigs.rig import ATMOSPHERE, Freed, Rig, by_name, default_of, model_of
 
 TABLES = ("name", "model", "options", "parameters", "fit", "channels", "recordings", "effects", "live")
-_MISTYPED = 0.85  # likeness of a tag to a parameter's name, from which on it is one mistyped
-_ON_BOUND = (
-    1e-9  # relative: a fitted value that stands on its bound may miss it by rounding on the way to text
-)
+_MISTYPED = 0.85  # similarity of a tag to a parameter's name from which it counts as a typing error
+_ON_BOUND = 1e-9  # relative: a fitted value at its bound may miss it by rounding when written as text
 
 
 def parse(source: str, path: Path, *, constrained: bool = True) -> Rig:
     """A rig from the text of its file; `constrained`: values that contradict each other are refused.
 
     Raises:
-        RigError: it is no TOML, or says something that cannot be.
+        RigError: it is not TOML, or an entry is not valid.
     """
     try:
         document = parsed_toml(source)
@@ -69,7 +67,7 @@ def parse(source: str, path: Path, *, constrained: bool = True) -> Rig:
 
 
 def _recordings(table: Table, model: Model, air: float | None, path: Path) -> dict[str, dict[str, Any]]:
-    """Tags of each file, as text, and values of parameters that it has of its own, SI."""
+    """Tags of each file, as text, and values of its own parameters, SI."""
     known, found = by_name(model), {}
     for file in table:
         entry = subtable(table, file, path, f"recordings.{file}", "tags and parameters of that file")
@@ -127,7 +125,7 @@ def _effect_parameters(
             f"no value for {', '.join(absent)}",
             where=path,
             field=f"effects.{key}",
-            expected="all numbers of the law, as they were written",
+            expected="all parameters of the effect, as optid wrote them",
         )
     return effect.qualified(found)
 
@@ -136,7 +134,7 @@ def _parameters(table: Table, model: Model, path: Path) -> dict[str, float]:
     known = {name: parameter for name, parameter in by_name(model).items() if "." not in name}
     known_keys(table, known, path, "parameters.", "parameter")
     values: dict[str, float] = {}
-    # The atmospheric pressure first: gauge pressures count from it, and it cannot count from itself.
+    # The atmospheric pressure first: gauge pressures are relative to it, so it must be absolute.
     for name in sorted(table, key=lambda name: name != ATMOSPHERE):
         air = values.get(ATMOSPHERE, default_of(model, ATMOSPHERE)) if name != ATMOSPHERE else None
         at = f"parameters.{name}"
@@ -159,7 +157,7 @@ def _within(parameter: Parameter, value: float, entry: object, path: Path, at: s
     low, high = parameter.bounds
     if not low <= value <= high:
         raise RigError(
-            f"{shown(entry)} is outside what is physical",
+            f"{shown(entry)} is outside the physical range",
             where=path,
             field=at,
             expected=span(low, high, parameter.unit),
@@ -167,7 +165,7 @@ def _within(parameter: Parameter, value: float, entry: object, path: Path, at: s
 
 
 def _freed(table: Table, model: Model, values: dict[str, float], path: Path) -> tuple[Freed, ...]:
-    """The `[fit]` entries; moves a value in `values` onto a bound it misses by rounding alone."""
+    """The `[fit]` entries; a value in `values` that misses its bound by rounding alone is moved onto it."""
     known = by_name(model)
     known_keys(table, known, path, "fit.", "parameter")
     return tuple(_freed_one(known[name], entry, values, path) for name, entry in table.items())
@@ -193,12 +191,12 @@ def _freed_one(parameter: Parameter, entry: object, values: dict[str, float], pa
     low, high = (to_si(bound, unit, atmospheric=air, where=path, field=f"{at}.bounds") for bound in pair)
     if low >= high:
         raise RigError(
-            f"{shown(pair)}: the low bound is not below the high one", where=path, field=f"{at}.bounds"
+            f"{shown(pair)}: the lower bound is not below the upper one", where=path, field=f"{at}.bounds"
         )
     least, most = parameter.bounds
     if low < least or high > most:
         raise RigError(
-            f"{shown(pair)} reaches beyond what is physical",
+            f"{shown(pair)} reaches beyond the physical range",
             where=path,
             field=f"{at}.bounds",
             expected=f"bounds within {span(least, most, unit)}",
@@ -208,7 +206,7 @@ def _freed_one(parameter: Parameter, entry: object, values: dict[str, float], pa
         nearest_bound = min(max(start, low), high)
         if abs(start - nearest_bound) > _ON_BOUND * abs(nearest_bound):
             raise RigError(
-                f"its start {start:g}{one} lies outside the bounds",
+                f"the start value {start:g}{one} lies outside the bounds",
                 where=path,
                 field=at,
                 expected=span(low, high, unit),

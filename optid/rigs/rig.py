@@ -1,4 +1,4 @@
-"""A rig file, understood: the model with its values, bounds and channels."""
+"""A parsed rig file: the model with its values, bounds and channels."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from optid.errors import InputError, PlantError, RigError
 from optid.rigs import find_plant
 from optid.rigs.fields import Table
 
-ATMOSPHERE = "atmospheric_pressure"  # what gauge pressures count from
+ATMOSPHERE = "atmospheric_pressure"  # reference of gauge pressures
 
 
 @dataclass(frozen=True)
 class Freed:
-    """A parameter a fit may move: SI bounds, and the standard deviation of what was known before, if any.
+    """A parameter to fit: SI bounds, and the standard deviation of its prior, if any.
 
     `per` is "recording" or a tag where each recording, or each group of one tag, has a value of its own.
     """
@@ -36,7 +36,7 @@ class Freed:
 
 @dataclass(frozen=True, eq=False)
 class Rig:
-    """A rig file, understood.
+    """A parsed rig file.
 
     Attributes
     ----------
@@ -45,16 +45,16 @@ class Rig:
     model_name : str
         the plant as the file names it.
     options : Mapping[str, object]
-        choices of the plant the file states.
+        options of the plant that the file states.
     effects : tuple[Effect, ...]
-        missing physics inserted into the plant, from `[effects.NAME]`.
+        effects inserted into the plant, from `[effects.NAME]`.
     model : Model
         the plant's equations with them.
     parameters : Mapping[str, float]
         SI values of those the file states, an effect's as "effect.parameter";
         `model.vector(rig.parameters)` adds the defaults.
     freed : tuple[Freed, ...]
-        what a fit may move.
+        parameters to fit.
     channels : Mapping[str, ChannelMap]
         role -> how a recording's column is read; "time" is among them.
     path : Path
@@ -62,11 +62,11 @@ class Rig:
     source : str
         its text.
     recordings : Mapping[str, Mapping[str, str | float]]
-        name of a recording's file -> its tags, and SI values of parameters that it has of its own.
+        name of a recording's file -> its tags, and SI values of its own parameters.
     groups : Mapping[str, tuple[str, ...]]
-        name of a parameter -> the groups of recordings that have a value of their own; none in a rig as read.
+        name of a parameter -> the groups of recordings with their own value; empty in a rig as read.
     plain : Rig | None
-        the rig as read, where it was made for recordings that differ.
+        the rig as read, if this one was made for recordings with own parameters.
     """
 
     name: str
@@ -85,7 +85,7 @@ class Rig:
 
 
 def rebuilt(rig: Rig) -> Rig:
-    """The rig with the model that its options, effects and groups make."""
+    """The rig with its model rebuilt from options, effects and groups."""
     return replace(rig, model=model_of(rig.model_name, rig.options, rig.effects, rig.path, rig.groups))
 
 
@@ -96,7 +96,7 @@ def model_of(
     path: Path,
     groups: Mapping[str, tuple[str, ...]] | None = None,
 ) -> Model:
-    """The equations of a plant with effects, in the parameters that groups of recordings have of their own.
+    """The equations of a plant with effects, and with own parameters for groups of recordings.
 
     Raises:
         RigError: no such plant, it cannot be built, or it raises.

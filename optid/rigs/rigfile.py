@@ -1,6 +1,6 @@
 """Rig files: TOML in, a model with values, bounds and channels out; and back without losing a comment.
 
-What a rig is stands in `rig`, what the text says in `reading`, how it is written in `writing`.
+`rig` defines the result, `reading` parses the text, `writing` writes it.
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ def read_rig(path: str | Path) -> Rig:
     Returns
     -------
     Rig
-        rig file, understood.
+        the parsed rig file.
 
     Raises
     ------
     RigError
-        cannot be read, is no TOML, or says something that cannot be; names file and field, what was
+        cannot be read, is not TOML, or an entry is not valid; names file and field, what was
         found and what was expected.
     """
     path = Path(path)
@@ -48,14 +48,14 @@ def read_rig(path: str | Path) -> Rig:
 
 
 def rig_of_text(source: str, path: str | Path) -> Rig:
-    """A rig from the text of its file, as a job left it: its values may contradict each other.
+    """A rig from the text of its file, as a job wrote it: its values may contradict each other.
 
     Parameters
     ----------
     source : str
         the text.
     path : str | Path
-        what errors name, and where a user's own files are looked for.
+        path used in errors and to find the user's own files.
 
     Raises
     ------
@@ -68,8 +68,8 @@ def rig_of_text(source: str, path: str | Path) -> Rig:
 def write_rig(rig: Rig, path: str | Path, parameters: Mapping[str, float] | None = None) -> None:
     """Write a rig file with new values, keeping its comments, units and layout.
 
-    The file appears whole or not at all, and reads back to the same values within 1e-12. Where it goes to another
-    folder, copies of the user's own plant and effect files go with it.
+    The file is written completely or not at all, and reads back to the same values within 1e-12. If it is written to
+    another folder, the user's own plant and effect files are copied with it.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ def write_rig(rig: Rig, path: str | Path, parameters: Mapping[str, float] | None
     path : str | Path
         file to write; its folder must exist.
     parameters : Mapping[str, float] | None
-        SI values by name; the others stay as they stand. A parameter the file did not state is
+        SI values by name; the others stay unchanged. A parameter that the file did not state is
         added in its SI unit.
 
     Raises

@@ -68,8 +68,8 @@ VISCOUS_FRICTION = Parameter(
 POSITION_GAIN = Parameter(
     "position_gain", "1/s", 20.0, "speed that the drive demands per error of angle", ELLIS, bounds=(0.0, 1e4)
 )
-UNITS = {"torque": "N m", "current": "A", "voltage": "V"}  # of what the drive is told
-SIZES = {"N m": 0.1, "A": 2.0, "V": 5.0, "rad/s": 5.0, "rad": TRAVEL}  # usual ones of a command
+UNITS = {"torque": "N m", "current": "A", "voltage": "V"}  # units of the demand
+SIZES = {"N m": 0.1, "A": 2.0, "V": 5.0, "rad/s": 5.0, "rad": TRAVEL}  # usual sizes of a command
 
 
 def rotary_axis(
@@ -83,10 +83,10 @@ def rotary_axis(
     """Command -> torque of the motor -> speed -> angle of the arm.
 
     Args:
-        drive: what the motor is given: "torque" at its shaft, "current" or "voltage", against which its speed acts.
-        loop: what the drive closes by itself, so that the command is the motor's torque, current or voltage ("none"), a
+        drive: input of the motor: "torque" at its shaft, "current", or "voltage" with its back-emf.
+        loop: loop that the drive closes; the command is the motor's torque, current or voltage ("none"), a
             speed ("velocity", rad/s) or an angle ("position", rad).
-        encoder: on the "load" or on the "motor"; they differ where the transmission gives.
+        encoder: on the "load" or on the "motor"; they differ where the transmission is elastic.
         friction: "bristle" (Dahl's law: sticks) or "smooth" (tanh over `friction_width`: creeps).
     """
     s.axis("rad", TRAVEL, "N m", EFFORT)
@@ -135,7 +135,7 @@ def rotary_axis(
 
 
 def _demand(s: Sheet, shaft: Any, turning: Any, drive: str, loop: str) -> Any:
-    """What the drive gives the motor, in the unit of its kind."""
+    """Output of the drive to the motor, in the unit of its kind."""
     unit = {"none": UNITS[drive], "velocity": "rad/s", "position": "rad"}[loop]
     idle = None if loop == "position" else 0.0
     command = s.site("drive.command", s.input("command", unit, idle=idle), unit=unit, size=SIZES[unit])
@@ -156,7 +156,7 @@ def _demand(s: Sheet, shaft: Any, turning: Any, drive: str, loop: str) -> Any:
     error = wanted - turning
     asked = gain * error + kept
     given = ca.fmin(ca.fmax(asked, -most), most)
-    # Integration stops at the limit: the integral is led back as Åström and Hägglund's back-calculation has it.
+    # Integration stops at the limit by Åström and Hägglund's back-calculation.
     s.rate(kept, rate * (error + (given - asked) / gain))
     return given
 

@@ -29,7 +29,13 @@ TRAVEL, EFFORT = 0.1, 1e4  # m, N: usual sizes of a bench cylinder
 REFERENCE = 1e5  # Pa: absolute pressure at which air contents are stated
 
 SUPPLY_PRESSURE = Parameter(
-    "supply_pressure", "Pa", 1e7, "absolute pressure that the pump keeps", MERRITT, bounds=(1e5, 1e9)
+    "supply_pressure",
+    "Pa",
+    1e7,
+    "absolute pressure that the pump keeps",
+    MERRITT,
+    bounds=(1e5, 1e9),
+    daily=0.03,
 )
 TANK_PRESSURE = Parameter(
     "tank_pressure", "Pa", 1e5, "absolute pressure of the return line", MERRITT, 1e5, (1e3, 1e8)
@@ -191,7 +197,7 @@ def servo_hydraulic(
 
 
 def _edge(s: Sheet, way: Any, P_from: Any, P_to: Any) -> Any:
-    """Flow of one edge, m3/s, that a spool opens which has gone `way`: turbulent, laminar at small drops."""
+    """Flow of one edge, m3/s, opened by a spool at `way`: turbulent, laminar at small pressure drops."""
     opening = ca.fmax(way - s.param(VALVE_LAP), 0)
     drop = s.param(RATED_DROP)
     root = signed_root((P_from - P_to) / drop, s.param(FLOW_WIDTH) / drop)
@@ -214,7 +220,7 @@ def _pressure_line(s: Sheet) -> Any:
 
 
 def _charge(s: Sheet, P_p: Any, taken: Any) -> None:
-    """Pump and accumulator: the gas follows p V^n, the pump gives more the lower its pressure, up to its flow."""
+    """Pump and accumulator: the gas follows p V^n, the pump delivers more at lower pressure, up to its largest flow."""
     n, V_0, P_0 = s.param(AIR_EXPONENT), s.param(GAS_VOLUME), s.param(PRECHARGE)
     s.require("the precharge is below the supply pressure", s.param(SUPPLY_PRESSURE) - P_0)
     P = ca.fmax(P_p, 1e4)

@@ -1,6 +1,6 @@
 """The servo-pneumatic axis: equations 1 to 11 of the paper, in the corrected reading.
 
-What differs from the print, and why, stands beside each equation. Where a choice is physical the plant keeps
+Differences from the printed paper are explained at each equation. Where a choice is physical the plant keeps
 it as an option: `rod_force`, `reversed_flow`, `friction`.
 """
 
@@ -21,7 +21,7 @@ TABLE_1 = "paper, table 1"
 POSITIVE = (1e-12, math.inf)
 
 SUPPLY_PRESSURE = Parameter(
-    "supply_pressure", "Pa", 7e5, "absolute supply pressure", TABLE_1, bounds=(1e4, 1e8)
+    "supply_pressure", "Pa", 7e5, "absolute supply pressure", TABLE_1, bounds=(1e4, 1e8), daily=0.03
 )
 EXHAUST_PRESSURE = Parameter(
     "exhaust_pressure", "Pa", 1e5, "absolute pressure behind the exhaust port", TABLE_1, bounds=(1e3, 1e8)
@@ -87,7 +87,7 @@ VISCOUS_FRICTION = Parameter(
     "viscous_friction", "N s/m", 80.0, "dynamic friction coefficient K_f", TABLE_1, bounds=(-1e5, 1e6)
 )
 
-# A setting: how small pressure differences are made smooth.
+# A setting: smoothing at small pressure differences.
 FLOW_WIDTH = Parameter(
     "flow_width",
     "1",
@@ -97,7 +97,7 @@ FLOW_WIDTH = Parameter(
     2e-3,
     (1e-9, 0.5),
 )
-# Of the squared error of held-out windows: right laws follow those of the catalogue within a fifth of their size. In 19
+# Of the squared error of held-out windows: true laws follow those of the catalogue within a fifth of their size. In 19
 # of 20 blind cases they left 0.2 % at most; studies/concealed.py prints "right names leave".
 FORM_ERROR = 0.04
 LENGTH_FLOOR = Parameter(
@@ -119,15 +119,15 @@ def servo_pneumatic(
     Args:
         rod_force: ambient pressure acts on the rod's area. The print omits it (20.1 N on its rig).
         reversed_flow: ports pass air back when a chamber stands above supply or below exhaust. The print
-            lists the four forward cases only, and so lets nothing pass then.
+            lists the four forward cases only, so that no air passes then.
         friction: "bristle" (Dahl's law: sticks, slides after `presliding_length`), "smooth" (tanh over
-            `friction_width`: creeps instead of sticking), "constant" (the print's F_r taken to the letter: a
-            force that does not know the direction of motion and pushes the piston).
+            `friction_width`: creeps instead of sticking), "constant" (the printed F_r taken literally: a
+            force independent of the direction of motion, which pushes the piston).
         separate_ports: W_b of eq. 2 is a parameter of its own, `port_width_b`; `port_width` is W_a.
         separate_temperatures: so is T_b of eq. 4, `chamber_temperature_b`; `chamber_temperature` is T_a.
     """
     s.form_error(FORM_ERROR)
-    # What goes wrong with the air may do so in both chambers.
+    # Faults of the air may occur in both chambers.
     s.suspect("valve.command")
     s.suspect("flow.chamber_a")
     s.suspect("flow.chamber_b")
@@ -224,7 +224,7 @@ def flux(
 ) -> Any:
     """Flow into a chamber per area of its port, kg/(s m2): eqs. 1 to 8 with C_0, C_k and C_r computed from K.
 
-    The upstream side is the one with the higher pressure, whichever that is; its temperature counts.
+    The upstream side is the one with the higher pressure; its temperature is used.
     C_k = 3.864 and C_r = 0.528 of table 1 follow from K = 1.4; C_0 (not in table 1) makes eq. 7's f, which
     is 1 when choked, give kg/s. With P_r = max(P_r, C_r) one expression serves both branches of eq. 7, with a
     continuous slope at C_r. Its infinite slope at P_r = 1 is replaced by a laminar region of `flow_width`.
@@ -234,7 +234,7 @@ def flux(
     C_k2 = 2 / (K - 1) * ((K + 1) / 2) ** ((K + 1) / (K - 1))  # C_k squared
     C_r = (2 / (K + 1)) ** (K / (K - 1))  # eq. 8
 
-    # Not fmax and fmin: where both pressures are the same to the last bit, neither has a slope by the chamber's.
+    # Not fmax and fmin: for exactly equal pressures neither has a slope with respect to the chamber's.
     inwards = P_port > P
     P_u, P_d = ca.if_else(inwards, P_port, P), ca.if_else(inwards, P, P_port)
     ratio = ca.fmax(s.site("flow.ratio", P_d / P_u, unit="1", critical=C_r), C_r)
@@ -246,7 +246,7 @@ def flux(
     else:
         f2 = ca.if_else(from_supply, ca.if_else(inwards, f2, 0), ca.if_else(inwards, 0, -f2))
     f = signed_root(f2, s.param(FLOW_WIDTH))
-    # C_d C_0 / sqrt(T_u) of either side, so that it is reckoned once and not in every step
+    # C_d C_0 / sqrt(T_u) of both sides, so that it is computed once and not in every step
     C_in, C_out = (
         s.param(DISCHARGE_COEFFICIENT) * C_0 / ca.sqrt(s.param(T)) for T in (SUPPLY_TEMPERATURE, temperature)
     )

@@ -22,7 +22,7 @@ def rig_text(
     parameters: Mapping[str, float] | None = None,
     own: Mapping[str, Mapping[str, float]] | None = None,
 ) -> str:
-    """The text of a rig file with new values, for the folder in which it stands; nothing is written.
+    """The text of a rig file with new values, for its own folder; nothing is written.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ def rig_text(
     parameters : Mapping[str, float] | None
         as in `write_rig`.
     own : Mapping[str, Mapping[str, float]] | None
-        of a rig whose recordings differ: file -> name -> SI value, for `[recordings]`.
+        own values of recordings: file -> name -> SI value, for `[recordings]`.
 
     Raises
     ------
@@ -39,7 +39,7 @@ def rig_text(
         an unknown name, or a value outside its bounds.
     """
     new = dict(parameters or {})
-    with outside_allowed():  # effects of the user's own were run already, wherever they lie
+    with outside_allowed():  # the user's own effects were run already, wherever they are
         if rig.plain is None:
             return rewritten(rig, rig.path, None, new)
         known = len(rig.plain.effects)
@@ -49,7 +49,7 @@ def rig_text(
 
 
 def rewritten(rig: Rig, path: Path, folder: Path | None, new: Mapping[str, float]) -> str:
-    """The text with new values, as seen from a folder; from its own where that is absent, and nothing is copied."""
+    """The text with new values, with paths relative to a folder; without one to its own, and nothing is copied."""
     import tomlkit
 
     for name in new:
@@ -62,9 +62,9 @@ def rewritten(rig: Rig, path: Path, folder: Path | None, new: Mapping[str, float
     air = values.get(ATMOSPHERE, default_of(rig.model, ATMOSPHERE))
     known = by_name(rig.model)
     stated = dict(rig.parameters)
-    for (
-        effect
-    ) in rig.effects:  # those the file does not hold yet are written whole, in the order in which they act
+    for effect in (
+        rig.effects
+    ):  # those that the file does not have yet are written completely, in the order in which they act
         if not _key_of(effect, document):
             _table_of(f"{effect.name}.", rig, document, plant, keys)
             for name in effect.qualified(effect.at_null()):
@@ -73,7 +73,7 @@ def rewritten(rig: Rig, path: Path, folder: Path | None, new: Mapping[str, float
     for name, value in values.items():
         table, own = _table_of(name, rig, document, plant, keys), name.rpartition(".")[2]
         old = table.get(own)
-        # A gauge value counts from the atmospheric pressure, so it is rewritten when that one moves.
+        # A gauge value is relative to the atmospheric pressure, so it is rewritten when that changes.
         gauge = ATMOSPHERE in new and isinstance(old, str) and old.rstrip().endswith(GAUGE)
         if value != stated.get(name) or gauge:
             table[own] = _written(float(value), old, known[name].unit, air)
@@ -82,24 +82,26 @@ def rewritten(rig: Rig, path: Path, folder: Path | None, new: Mapping[str, float
     written = tomlkit.dumps(document)
     again = parse(
         written, path, constrained=False
-    )  # a fit may have ended in what cannot be: it is still kept
+    )  # a fit may have ended at contradictory values: they are kept all the same
     for name, value in values.items():
         if abs(again.parameters[name] - value) > max(
             1e-12 * abs(value), 1e-300
         ):  # subnormals have no twelve digits
-            raise RigError(f"{value!r} does not read back", where=path, field=f"parameters.{name}")
+            raise RigError(
+                f"{value!r} cannot be written so that it reads back", where=path, field=f"parameters.{name}"
+            )
     return written
 
 
 def _write_inputs(document: Any, rig: Rig) -> None:
-    """Say which inputs go on straight between their samples."""
+    """Write which inputs are linear between their samples."""
     for role, channel in rig.channels.items():
         if channel.linear:
             document["channels"][role]["between"] = "linear"
 
 
 def _with_recordings(source: str, model: Model, own: Mapping[str, Mapping[str, float]]) -> str:
-    """The text with values of parameters that recordings have of their own, SI, by file and name."""
+    """The text with the recordings' own values of parameters, SI, by file and name."""
     import tomlkit
 
     document, known = tomlkit.parse(source), by_name(model)
@@ -112,7 +114,7 @@ def _with_recordings(source: str, model: Model, own: Mapping[str, Mapping[str, f
 
 
 def _carry(rig: Rig, document: Any, folder: Path | None) -> dict[str, str]:
-    """Let a rig's document name the user's own files as they are seen from its new folder; keys of such effects."""
+    """Rewrite the paths of the user's own files relative to the new folder; returns the keys of such effects."""
     plant, own = plant_file(rig.model_name, rig.path.parent), effect_files(rig.effects)
     if folder is None:
         return {name: f"{file.path.as_posix()}:{name}" for name, file in own.items()}
@@ -135,7 +137,7 @@ def _key_of(effect: Effect, document: Any) -> str | None:
 
 
 def _table_of(name: str, rig: Rig, document: Any, plant: Any, keys: Mapping[str, str]) -> Any:
-    """The `[effects.NAME]` table that a parameter stands in, made where absent; or the plant's."""
+    """The `[effects.NAME]` table of a parameter, created if absent; or the plant's table."""
     import tomlkit
 
     for effect in rig.effects:
@@ -147,7 +149,7 @@ def _table_of(name: str, rig: Rig, document: Any, plant: Any, keys: Mapping[str,
 
 
 def _written(value: float, old: object, unit: str, air: float | None) -> float | str:
-    """An SI value as the file states such values: in the unit of the old entry."""
+    """An SI value in the unit of the old entry."""
     if old is None or not isinstance(old, str):
         return value if unit == "1" else f"{value!r} {unit}"
     _, own = split(old, unit)
@@ -157,7 +159,7 @@ def _written(value: float, old: object, unit: str, air: float | None) -> float |
 
 
 def _rewrite_gauge_bounds(document: Any, rig: Rig, air: float | None) -> None:
-    """Keep the absolute bounds of `[fit]` where they are stated as gauge pressures and the air moved."""
+    """Keep the absolute bounds of `[fit]` where they are gauge pressures and the atmospheric pressure changed."""
     before = rig.parameters.get(ATMOSPHERE, default_of(rig.model, ATMOSPHERE))
     if before == air:
         return

@@ -1,4 +1,4 @@
-"""Gains that others would choose for the same plant: classical rules, an optimal regulator, a local search."""
+"""Baseline gains for the same plant: classical rules, an optimal regulator, a local search."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from optid.tuning.reaction import Reaction, reaction
 from optid.tuning.search import Box
 from optid.tuning.ultimate import Ultimate
 
-# The paper's gains, section 6, in units it does not state: read for an error in metres, and for one in centimetres.
+# The paper's gains, section 6, in unstated units: interpreted for an error in metres, and for one in centimetres.
 PAPER = (16.0, 6.0, 0.001)
 
 
 @dataclass(frozen=True)
 class Baseline:
-    """A rule's name, its gains (None where it has nothing to say about this plant), and a word on it."""
+    """A rule's name, its gains (None where it does not apply to this plant), and a note on it."""
 
     name: str
     gains: Gains | None
@@ -66,10 +66,10 @@ def simc(r: Reaction, tau: float) -> Gains:
 
 
 def regulator(r: Reaction, size: float, most: float, tau: float) -> Gains:
-    """python-control's linear-quadratic regulator of integral, output and speed; each may be as large as asked.
+    """python-control's linear-quadratic regulator of integral, output and speed, weighted by their allowed sizes.
 
     Args:
-        r: of the plant; its delay counts as a lag of the speed.
+        r: reaction curve of the plant; its delay counts as a lag of the speed.
         size: of the set-point.
         most: largest command.
         tau: time constant of the derivative's lag.
@@ -89,7 +89,7 @@ def regulator(r: Reaction, size: float, most: float, tau: float) -> Gains:
 
 
 def nelder_mead(fitness: Callable[[Array], Array], within: Box, start: Gains) -> Gains:
-    """The simplex search on the very same cost, from a rule's gains: a local optimum, if it gets that far."""
+    """The simplex search on the same cost, from a rule's gains: it reaches a local optimum at best."""
     from scipy.optimize import minimize
 
     def one(point: Array) -> float:
@@ -100,7 +100,7 @@ def nelder_mead(fitness: Callable[[Array], Array], within: Box, start: Gains) ->
 
 
 def rules(plant: Plant, scale: Ultimate, size: float, most: float, tau: float) -> list[Baseline]:
-    """All that need no search.
+    """All rules that need no search.
 
     Args:
         plant: to be controlled.

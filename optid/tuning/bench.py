@@ -1,4 +1,4 @@
-"""The same controller on the full physical model of a rig: friction, dead band and all that no discrete model knows."""
+"""The same controller on the full physical model of a rig, with friction, dead band and other nonlinearities."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ from optid.tuning.score import Response, response
 from optid.tuning.simulation_lanes import measured
 
 SEED = 1  # of the sensor's noise
-EXPLICIT = 1e-5  # largest tolerance of runs one by one
+EXPLICIT = 1e-5  # largest tolerance of single runs
 TOLERANCE = 1e-6  # local error as a share of each state's size: micrometres in a second
 
 
 class Bench:
-    """Runs gains on an axis of whatever kind: what `_run` gives for an episode is measured and summed here."""
+    """Runs gains on an axis of any kind: the result of `_run` for an episode is measured and summed here."""
 
     def __init__(self, episodes: tuple[Episode, ...]) -> None:
         self._episodes = episodes
@@ -45,7 +45,7 @@ class Bench:
         return self._episodes
 
     def __call__(self, gains: Gains, settings: Settings) -> tuple[Response, ...]:
-        """One response an episode; NaN from where the simulation diverges."""
+        """One response per episode; NaN from where the simulation diverges."""
         vector, found = np.r_[gains.vector, settings.vector], {}
 
         def run(first: int, last: int) -> None:
@@ -76,9 +76,9 @@ class Bench:
             gains: candidates.
             settings: of the controller.
             criterion: what is summed.
-            command_size: unit of the command's travel.
-            bar: shape (n,); a candidate whose sum is beyond it is not run further, its cost is what it has so far.
-            rest: peak to peak at rest beyond which an episode's cost grows with the square of it.
+            command_size: unit of the command's total variation.
+            bar: shape (n,); a candidate whose sum exceeds it is stopped, and its cost is the sum so far.
+            rest: peak to peak at rest beyond which an episode's cost grows quadratically.
         """
         cost, hunting = np.zeros(len(gains)), np.zeros(len(gains))
         T, lock = settings.sample_time, threading.Lock()
@@ -111,9 +111,9 @@ class Bench:
 
 
 def _times(swings: Array, rest: float) -> Array:
-    """How many times episodes count whose output swings so much at rest, shape of `swings`; 1 for no limit.
+    """Factor on the cost of episodes that oscillate at rest by `swings`, of the same shape; 1 for no limit.
 
-    Squared, so that gains that slip once in a hundred steps do not win by being a little faster in the others.
+    Squared, so that gains that hunt once in a hundred steps do not win by being slightly faster in the others.
     """
     return np.maximum(swings / rest, 1.0) ** 2 if math.isfinite(rest) else np.ones_like(swings)
 
@@ -121,14 +121,14 @@ def _times(swings: Array, rest: float) -> Array:
 class PhysicalBench(Bench):
     """Runs gains on a rig's model.
 
-    With a sensor's noise, always the same one: an axis that just sticks or just slips in a clean simulation does the
-    other on a bench, and gains must not live on that.
+    With a fixed realisation of sensor noise: an axis that just sticks or just slips in a noise-free simulation may do
+        the other on the rig, and gains must not depend on that.
 
     Args:
-        rig: with one command; its file says what a full command is.
+        rig: with one command, whose full scale its file states.
         episodes: to run, distances from where the rig starts.
         output: role of the controlled output.
-        noise: sd of what the controller's sensor adds to all episodes, output's unit, beside the noise of their own.
+        noise: sd of sensor noise added to all episodes, output's unit, in addition to their own noise.
         variants: parameter values by name in place of the rig's, SI: episodes of variant k > 0 run with the k-th.
         tolerance: local error of the integration as a share of each state's size.
 
@@ -164,9 +164,10 @@ class PhysicalBench(Bench):
         )
         self._per_unit = rig.channels[recorded[0]].per_unit
         self._scales = tolerance * np.asarray(rig.model.scales, dtype=float)
-        # One run alone takes explicit steps, which need finer ones for the same cost.
+        # A single run uses explicit steps, which must be finer for the same cost.
         self._finer = min(tolerance, EXPLICIT) * np.asarray(rig.model.scales, dtype=float)
-        # What each input of the model is fed: the command so many samples ago, or -1 the interval, -2 the clock.
+        # The source of each input of the model: the command, delayed by this many samples, or -1 the interval, -2 the
+        # clock.
         self._feeds = np.array(
             [{INTERVAL: -1, CLOCK: -2}.get(port.role, port.ago) for port in rig.model.inputs], dtype=np.int64
         )
@@ -180,7 +181,7 @@ class PhysicalBench(Bench):
         bar: Array | None = None,
         rest: float = math.inf,
     ) -> tuple[Array, Array]:
-        """As of any bench, several runs at a time; a criterion of the user's own needs trajectories, one by one."""
+        """As for any bench, several runs at a time; a user's own criterion needs trajectories, one by one."""
         if criterion.own is not None:
             return super().judged(gains, settings, criterion, command_size, bar, rest)
         cost, hunting = np.zeros(len(gains)), np.zeros(len(gains))
@@ -207,7 +208,7 @@ class PhysicalBench(Bench):
         """Parts of the cost of some episodes, shape (chosen, PARTS); infinite where a loop diverges."""
         lanes = [chosen[min(lane, len(chosen) - 1)] for lane in range(LANES)]
         found = self._together(vector, settings, criterion, lanes)
-        if found is None:  # one of them has diverged: each on its own
+        if found is None:  # one of them has diverged: run each alone
             alone = [self._together(vector, settings, criterion, [e] * LANES) for e in chosen]
             return np.array([np.full(PARTS, np.inf) if one is None else one[0] for one in alone])
         return found[: len(chosen)]
@@ -215,7 +216,7 @@ class PhysicalBench(Bench):
     def _together(
         self, vector: Array, settings: Settings, criterion: Criterion, lanes: Sequence[int]
     ) -> Array | None:
-        """Parts (LANES, PARTS) of the episodes in the lanes; None where they cannot go on together."""
+        """Parts (LANES, PARTS) of the episodes in the lanes; None where they cannot advance together."""
         T, every = settings.sample_time, [self._episodes[e] for e in lanes]
         sets = [min(one.variant, len(self._parameters) - 1) for one in every]
         plant = (
@@ -272,7 +273,7 @@ class PhysicalBench(Bench):
 
 
 def _noisier(episode: Episode, number: int, noise: float, every: tuple[Episode, ...]) -> Episode:
-    """With a bench's own noise on top of the episode's."""
+    """With the bench's own noise added to the episode's."""
     if noise == 0.0:
         return episode
     longest = max(one.reference.size for one in every)

@@ -1,10 +1,10 @@
-"""The search where a simulation with friction judges: each run takes milliseconds, and chance decides much of it.
+"""The search with a simulation with friction: each run takes milliseconds, and its result is partly random.
 
-Where an axis that sticks comes to rest is as good as random, so the best of many candidates on few runs is mostly the
-luckiest one. Candidates that fill the region meet one run of each size; which of them go on is decided by the mean over
-their neighbours (kernel regression: Nadaraya 1964, Watson 1964): luck is not shared among neighbours, merit is. From
-the best regions an evolution strategy goes on, each generation on another run, whose answer is a mean of many
-candidates. The few answers meet all runs.
+Where a sticking axis comes to rest is practically random, so the best of many candidates on few runs is mostly the
+luckiest one. Candidates that fill the region are simulated in one run of each size; those that continue are chosen by
+the mean over their neighbours (kernel regression: Nadaraya 1964, Watson 1964), which averages out chance. From the
+    best regions an evolution strategy continues, each generation on another run; its result is a mean of many
+    candidates. The few results are simulated in all runs.
 """
 
 from __future__ import annotations
@@ -23,31 +23,31 @@ from optid.tuning.task import Task
 from optid.tuning.ultimate import Ultimate, ultimate
 
 # Gains of the first stage in terms of the ultimate ones: kp Ku, ki Ku/Tu, kd Ku Tu, filter Tu; later ones may leave it.
-# What is good lies along a line of kd over kp: where both are free, that time is drawn instead, in Tu.
+# Good gains lie along a line of kd over kp: where both are free, the ratio is drawn instead, in Tu.
 REGION = {"kp": (0.04, 8.0), "ki": (0.0, 0.05), "kd": (0.0, 4.0), "derivative_filter": (0.004, 0.08)}
 DERIVATIVE_TIMES = (0.05, 1.0)
-WITHOUT = 0.5  # share of the points that begin without integral action
-TOGETHER = 12  # candidates judged between two looks at the clock
-DRAWN = 20  # candidates drawn for each one wanted, to find such as keep the margins
+WITHOUT = 0.5  # share of the points without integral action
+TOGETHER = 12  # candidates between two checks of the time limit
+DRAWN = 20  # candidates drawn for each one needed, to find those that keep the margins
 
 
-FIRST, SECOND = 400, 80  # candidates on run 1, and the best of them on run 2, too
-REGIONS, APART = 2, 0.1  # followed, and how far they are apart in the cube
-GENERATIONS, LAST = 24, 16  # of the strategy in each region, and around the best answer on two runs each
+FIRST, SECOND = 400, 80  # candidates on run 1, and the best of them also on run 2
+REGIONS, APART = 2, 0.1  # regions that are continued, and their distance in the cube
+GENERATIONS, LAST = 24, 16  # generations in each region, and around the best result on two runs each
 SPREAD, LAST_SPREAD = 0.06, 0.03  # sd of its first generation
 NEAR = 0.04  # sd of the kernel, in the cube
-HOPELESS = 30.0  # times the best cost: what costs more counts as much
+HOPELESS = 30.0  # times the best cost: larger costs are clipped to it
 
 Said = Callable[[float, str], None]
 
 
 @dataclass
 class Effort:
-    """What a search is told from outside, and tells.
+    """Callbacks of a search.
 
     Attributes:
-        said: told the share done and the best cost so far.
-        over: asked before each evaluation; true ends the search with the best so far.
+        said: called with the share done and the best cost so far.
+        over: called before each evaluation; true ends the search with the best so far.
     """
 
     said: Said = lambda share, words: None
@@ -57,10 +57,10 @@ class Effort:
 def search_on_bench(
     task: Task, within: Box, seeds: Array, rng: np.random.Generator, effort: Effort
 ) -> list[Evolved]:
-    """Ends of the search, the best first.
+    """Results of the search, the best first.
 
     Args:
-        task: with a bench that judges alone.
+        task: with a bench that alone judges performance.
         within: the box.
         seeds: points (k, free) to begin with.
         rng: source of everything random.
@@ -96,7 +96,7 @@ def _ends(task: Task, within: Box, points: list[Array]) -> list[Evolved]:
 
 
 def _apart(points: Array) -> list[Array]:
-    """The first of them, the best first, that are apart from those before."""
+    """Those, the best first, that are at a distance from all before."""
     found: list[Array] = []
     for point in points:
         if len(found) < REGIONS and all(float(np.abs(point - one).max()) > APART for one in found):
@@ -106,7 +106,7 @@ def _apart(points: Array) -> list[Array]:
 
 @dataclass(frozen=True, eq=False)
 class EvaluatedCandidates:
-    """What candidates cost so far: points (n, free), costs (n,), and in how many runs of each size (n,)."""
+    """Costs of candidates so far: points (n, free), costs (n,), and the number of runs of each size (n,)."""
 
     points: Array
     costs: Array
@@ -121,7 +121,7 @@ class EvaluatedCandidates:
         )
 
     def best(self, points: Array, count: int) -> Array:
-        """Of some points those that are best by the mean of their neighbours' logarithmic costs, the best first."""
+        """The points with the lowest mean logarithmic cost of their neighbours, the best first."""
         lowest = float(self.costs.min())
         logs = np.log(np.minimum(self.costs, HOPELESS * lowest) / lowest) if lowest > 0.0 else self.costs
         squares = ((points[:, None, :] - self.points[None, :, :]) ** 2).sum(axis=2)
@@ -130,7 +130,7 @@ class EvaluatedCandidates:
 
 
 def runs_of(task: Task, runs: Sequence[int]) -> list[int]:
-    """Numbers of the episodes of some runs, with those that belong to all; of all runs where there are none such."""
+    """Indices of the episodes of some runs, with those that belong to all; of all runs if there are none."""
     every = _episodes(task)
     chosen = [e for e, one in enumerate(every) if one.run < 0 or one.run in runs]
     steps = any(every[e].run >= 0 for e in chosen)
@@ -142,12 +142,12 @@ def _episodes(task: Task) -> tuple[Episode, ...]:
 
 
 def few_episodes(task: Task) -> list[int]:
-    """Numbers of one episode of each size, with noise where there are such."""
+    """Indices of one episode of each size, with noise where there are any."""
     return sorted(runs_of(task, (1,)), key=lambda e: _episodes(task)[e].size)
 
 
 def _judged(task: Task, within: Box, points: Array, runs: Sequence[int], effort: Effort) -> Array:
-    """Costs on some runs; infinite for what there was no time for."""
+    """Costs on some runs; infinite for those not reached before the time limit."""
     part = replace(task, bench=task.bench.only(runs_of(task, runs)) if task.bench else None)
     values = np.full(len(points), np.inf)
     for first in range(0, len(points), TOGETHER):
@@ -159,7 +159,7 @@ def _judged(task: Task, within: Box, points: Array, runs: Sequence[int], effort:
 
 
 def _spread_out(task: Task, within: Box, count: int, rng: np.random.Generator) -> Array:
-    """Points over the region, a share of them without integral action, that keep the margins if enough can be found."""
+    """Points spread over the region, some without integral action, that keep the margins if enough can be found."""
     low, high = _region(within, ultimate(task.loops[0]))
     points = low + (high - low) * rng.random((DRAWN * count, low.size))
     if {"kp", "kd"} <= set(within.free) and not within.cascade:

@@ -1,9 +1,9 @@
-"""What overcomes a valve's dead band and dry friction, from the rig's model: the law that a fit or a diagnosis left.
+"""Compensation of a valve's dead band and of dry friction from the rig's model, as fitted or diagnosed.
 
-A dead band is a parameter of the valve's effect. Dry friction is a force, and what command overcomes it depends on the
-drive: a motor needs one for as long as it moves, a cylinder, whose valve lets in air until the force suffices, needs
-none. So the model is asked: under the gains found it follows ramps of two speeds both ways, and the command, a
-straight line in the speed, is read at speed zero.
+A dead band is a parameter of the valve's effect. Dry friction is a force, and the command that overcomes it depends on
+the drive: a motor needs one while it moves, a cylinder, whose valve admits air until the force suffices, needs none.
+    So the model is simulated: with the tuned gains it follows ramps of two speeds in both directions, and the command,
+        which is linear in the speed, is extrapolated to zero speed.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ if TYPE_CHECKING:
     from optid.tuning.tuning import Tuning
 
 DEAD_BAND = "valve_deadband"
-ONSET = 0.1  # of the dead band: commands over which the jump comes in
+ONSET = 0.1  # of the dead band: commands over which the jump is blended in
 SECONDS = 2.0  # of the slower ramp over the largest step; the faster one takes half of that
-FOLLOWED = 0.3  # share of the way by which a ramp may be missed
-LEAST = 5e-3  # of half the command's range: less is none
+FOLLOWED = 0.3  # share of the distance by which a ramp may be missed
+LEAST = 5e-3  # of half the command's range: a smaller one counts as zero
 
 
 def dead_band_of(settings: Settings, rig: Rig | None, where: str | Path = "--compensate") -> Settings:
@@ -38,7 +38,11 @@ def dead_band_of(settings: Settings, rig: Rig | None, where: str | Path = "--com
         InputError: no rig.
     """
     if rig is None:
-        raise InputError("no rig", where=where, expected="--rig RIG, whose model says what to overcome")
+        raise InputError(
+            "no rig file is given",
+            where=where,
+            expected="--rig RIG, whose model gives the friction and the dead band",
+        )
     if all(effect.name != DEAD_BAND for effect in rig.effects):
         return settings
     full = min(-settings.low, settings.high)
@@ -49,11 +53,11 @@ def dead_band_of(settings: Settings, rig: Rig | None, where: str | Path = "--com
 
 
 def compensated(tuning: Tuning, rig: Rig, output: str) -> Tuning:
-    """With what overcomes the friction of the rig's model, and words on all that is compensated.
+    """The tuning with compensation of the rig's friction, and a remark on all that is compensated.
 
     Args:
-        tuning: whose gains follow the ramps; its dead band is compensated already.
-        rig: whose model is asked.
+        tuning: its gains follow the ramps; its dead band is compensated already.
+        rig: its model is simulated.
         output: role of the controlled output.
     """
     size = max((episode.size for episode in tuning.task.episodes), default=0.0)
@@ -62,8 +66,8 @@ def compensated(tuning: Tuning, rig: Rig, output: str) -> Tuning:
         f"dead band {s.deadband_low:.3g} to {s.deadband_high:.3g}" if s.deadband_high else "",
         f"dry friction {s.friction:.3g} along the set-point's motion" if s.friction else "",
     ]
-    words = " and ".join(filter(None, said)) or "nothing: no command holds against its friction"
-    remark = f"Compensated as the rig's model says: {words}."
+    words = " and ".join(filter(None, said)) or "nothing: the largest command does not overcome its friction"
+    remark = f"Compensated according to the rig's model: {words}."
     return replace(tuning, settings=s, remarks=(*tuning.remarks, remark))
 
 
@@ -71,14 +75,14 @@ def friction_of(rig: Rig, output: str, gains: Gains, settings: Settings, size: f
     """Settings that overcome the dry friction of a rig's model in the direction in which the set-point moves.
 
     Args:
-        rig: whose model is asked.
+        rig: its model is simulated.
         output: role of the controlled output.
-        gains: that the model follows ramps with.
+        gains: used for the ramps.
         settings: of the controller, without friction compensation.
-        size: way of the ramps, output's unit.
+        size: distance of the ramps, output's unit.
 
     Returns:
-        The settings as they are where no command holds against friction, or the model does not follow.
+        The settings; unchanged where no command is needed against friction, or the model does not follow.
     """
     speed = abs(size) / SECONDS
     if speed == 0.0:
@@ -94,7 +98,7 @@ def friction_of(rig: Rig, output: str, gains: Gains, settings: Settings, size: f
     if len(rest) < 2:
         return settings
     friction = 0.5 * (rest[0] - rest[1])
-    # What a model's friction takes has the sign of the plant, as its gains have.
+    # The command against friction has the sign of the plant, as the gains have.
     if friction * math.copysign(1.0, gains.kp) < LEAST * min(-settings.low, settings.high, 1e3):
         return settings
     return replace(settings, friction=friction, friction_speed=0.1 * speed)

@@ -1,4 +1,4 @@
-"""What makes one response better than another: ITAE and its kin, effort, overshoot, or a function of the user's."""
+"""The criterion of a tuning: ITAE and similar integrals, effort, overshoot, or a user's function."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ Own = Callable[[Array, Array, Array], float]
 
 @dataclass(frozen=True)
 class Criterion:
-    """What a tuning makes small: measure x (1 + effort x travel + overshoot x overshoot), for each episode.
+    """The minimised cost: measure x (1 + effort x travel + overshoot x overshoot), for each episode.
 
-    Travel is the sum of all moves of the command in units of its range, overshoot a share of the step; both
-    weights have no unit, and at 0 the measure stands alone.
+    Travel is the total variation of the command in units of its range, overshoot a share of the step; both weights are
+    dimensionless, and at 0 only the measure counts.
 
     Attributes:
         measure: see there.
         effort: weight of the command's travel.
         overshoot: weight of the overshoot.
-        own: in place of all that, a function of time (s), error and command, each of shape (samples,), that gives
-            a number to make small; slower, as Python runs once for each candidate.
+        own: instead of all that, a function of time (s), error and command, each of shape (samples,), whose value is
+            minimised; slower, as Python runs once for each candidate.
     """
 
     measure: Measure = Measure.ITAE
@@ -42,13 +42,13 @@ class Criterion:
                 raise InputError(f"{value}", field=name, expected="a weight, not negative")
 
     def combined(self, parts: Array) -> Array:
-        """Cost from parts (..., PARTS) of `optid.tuning.loop`; infinite where the loop ran away."""
+        """Cost from parts (..., PARTS) of `optid.tuning.loop`; infinite where the loop diverged."""
         with np.errstate(invalid="ignore", over="ignore"):
             total = parts[..., 0] * (1.0 + self.effort * parts[..., 1] + self.overshoot * parts[..., 2])
         return np.where(np.isfinite(total), total, np.inf)
 
     def of(self, response: Response, sample_time: float, command_size: float) -> float:
-        """Cost of one episode as it went, of whatever plant; infinite where it ran away."""
+        """Cost of one simulated episode, of any plant; infinite where it diverged."""
         if not response.bounded:
             return np.inf
         if self.own is not None:

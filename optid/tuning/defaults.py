@@ -15,15 +15,15 @@ from optid.tuning.specification import TuningSpec
 from optid.tuning.ultimate import ultimate
 
 STEP = 0.06  # m: the paper's step of 6 cm
-COMMAND = 5.0  # V to either side, where the full command is not stated
-SAMPLES = 2500  # of an episode, unless the plant wants more
+COMMAND = 5.0  # V to each side, where the full command is not stated
+SAMPLES = 2500  # samples of an episode, unless the plant needs more
 STROKE_SHARE = 0.3  # of the stroke: the default of the largest step
-PERIODS = 20  # ultimate periods that an episode holds at least
+PERIODS = 20  # smallest number of ultimate periods in an episode
 LONGEST = 200_000  # samples
 
 
 def refuse_no_step(sizes: Sequence[float]) -> None:
-    """A step must be finite and not zero.
+    """Refuse a step that is zero or not finite.
 
     Raises:
         InputError: one is not.
@@ -47,7 +47,7 @@ def reachable(plant: Plant, settings: Settings, size: float) -> bool:
 
 
 def refuse_out_of_reach(plant: Plant, spec: TuningSpec, settings: Settings, unit: str) -> None:
-    """No gains hold an output that no command holds.
+    """Refuse a set-point that no command within the limits can hold.
 
     Raises:
         InputError: a set-point or a profile beyond the static gain times a limit.
@@ -65,7 +65,7 @@ def refuse_out_of_reach(plant: Plant, spec: TuningSpec, settings: Settings, unit
                 where=name,
                 field="setpoint",
                 expected="a set-point that a constant command within the limits can hold",
-                hint="ask for less, or widen --limits",
+                hint="choose a smaller step, or widen --limits",
             )
 
 
@@ -98,7 +98,7 @@ def controller_settings(spec: TuningSpec, plant: Plant, limits: tuple[float, flo
 
 
 def command_limits(spec: TuningSpec, unit: str, rig: Rig | None) -> tuple[float, float, list[str]]:
-    """As asked, else the rig file's full command, else 5 V; none for a command that is not in volts."""
+    """As given, else the rig file's full command, else 5 V; none for a command that is not in volts."""
     if spec.low is not None and spec.high is not None:
         return spec.low, spec.high, []
     if rig is not None:
@@ -108,11 +108,11 @@ def command_limits(spec: TuningSpec, unit: str, rig: Rig | None) -> tuple[float,
             return -full, full, [f"Limits of ±{full:g} {unit}: the rig file's full scale."]
     if unit == "V":
         return -COMMAND, COMMAND, [f"Limits of ±{COMMAND:g} V by default (--limits)."]
-    return -math.inf, math.inf, [f"No limits of the command ({unit}): none were given (--limits)."]
+    return -math.inf, math.inf, [f"The command ({unit}) is not limited: no limits were given (--limits)."]
 
 
 def episode_samples(spec: TuningSpec, plant: Plant) -> int:
-    """Of an episode: as asked, as the longest profile needs, or 2000 and more where the plant is slower."""
+    """Samples of an episode: as given, as the longest profile needs, or 2000, and more for a slow plant."""
     T = plant.sample_time
     if spec.horizon is not None:
         samples = round(spec.horizon / T) if math.isfinite(spec.horizon) else 0
@@ -147,4 +147,4 @@ def usual_step(
         size = 1.0
     size = float(f"{size:.1g}")
     said = f"{size:g} {unit}".removesuffix(" 1")
-    return size, f"A step of {said}, which half of the command can make (--setpoint)."
+    return size, f"A step of {said}, which half of the command can hold (--setpoint)."

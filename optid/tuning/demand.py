@@ -1,4 +1,4 @@
-"""What the loop is asked to do: set-points, profiles, loads; each an episode that starts at rest."""
+"""Scenarios of the loop: set-points, profiles, loads; each an episode that starts at rest."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ class Episode:
         name: for tables and figures.
         reference: wanted output, output's unit.
         load: disturbance added to the command, command's unit.
-        clock: time since the last change of what is asked, s: the T of ITAE.
-        rise: 1 / (change of the reference) for the overshoot after a step, 0 where none is looked at.
+        clock: time since the last change of the reference, s: the T of ITAE.
+        rise: 1 / (change of the reference) for the overshoot after a step, 0 where none is evaluated.
         weight: of this episode's criterion in the sum.
         noise: of the sensor that the controller sees, output's unit; none where left out.
         variant: number of the physical model's parameter set that runs it, 0 the nominal one.
-        rest: sample from which the output should be at rest; `samples` or more where it never should.
-        gain: factor on the command that the plant gets: a loop that bears it has that gain margin.
-        nominal: size of the step that this one stands for in tables, output's unit; 0 where it stands for itself.
+        rest: sample from which the output should be at rest; `samples` or more where it need not be.
+        gain: factor on the plant's command: a loop that tolerates it has that gain margin.
+        nominal: nominal size of the step in tables, output's unit; 0 for its own size.
         run: number of the run it belongs to; negative where it belongs to all.
     """
 
@@ -77,10 +77,10 @@ def step(size: float, samples: int, sample_time: float, weight: float = 1.0) -> 
 def moves(
     targets: Sequence[tuple[float, float]], samples: int, sample_time: float, weight: float = 1.0
 ) -> Episode:
-    """Demand positions: from each time (s) on, the output shall be there; ITAE's clock starts anew at each.
+    """A sequence of positions, each from its time (s) on; ITAE's clock restarts at each.
 
     Raises:
-        InputError: no target that is not where the one before was, or times that do not rise.
+        InputError: a target equal to the one before, or times that do not increase.
     """
     reference, clock, rise = np.zeros(samples), np.zeros(samples), np.zeros(samples)
     last, before = 0.0, -1
@@ -96,26 +96,26 @@ def moves(
         rise[at:] = 1.0 / (target - last) if target != last else 0.0
         last = target
     if not np.any(rise):
-        raise InputError("the set-point is where the output already is", field="setpoint", expected="a move")
+        raise InputError("the set-point equals the present output", field="setpoint", expected="a move")
     name = " → ".join(f"{target:g}" for _, target in targets)
     return Episode(f"step to {name}", reference, np.zeros(samples), clock, rise, weight)
 
 
 def profile(reference: ArrayLike, sample_time: float, name: str = "profile", weight: float = 1.0) -> Episode:
-    """A path to follow, shape (samples,); every moment counts alike, as much as half the episode would in ITAE.
+    """A set-point profile, shape (samples,); all times have equal weight, that of half the episode in ITAE.
 
-    The path is followed from its first value: the episode works with distances from there.
+    The profile is relative to its first value.
     """
     path = np.asarray(reference, dtype=float)
     path = path - path[0] if path.size else path
     if not np.any(path):
-        raise InputError("it never moves", where=name, field="profile", expected="a path")
+        raise InputError("the set-point never changes", where=name, field="profile", expected="a path")
     clock = np.full(path.size, 0.5 * path.size * sample_time)
     return Episode(name, path, np.zeros(path.size), clock, np.zeros(path.size), weight)
 
 
 def load(size: float, samples: int, sample_time: float, weight: float = 1.0) -> Episode:
-    """A load, as a step of the command that the plant sees, from the first sample on; the output shall stay."""
+    """A load: a step added to the plant's command from the first sample on; the output should stay."""
     zeros = np.zeros(samples)
     if size == 0.0:
         raise InputError("0", field="disturbance", expected="a load that is not zero")

@@ -1,7 +1,7 @@
-"""Covariance matrix adaptation: a search whose answer is the mean of many candidates, so that luck averages out.
+"""Covariance matrix adaptation: a search whose result is the mean of many candidates, which averages out chance.
 
 N. Hansen, The CMA Evolution Strategy: A Tutorial, 2016 (arXiv:1604.00772), with its default constants. Only the order
-of the costs counts. Candidates of one generation meet the same noise, those of the next another one.
+of the costs counts. Candidates of one generation have the same noise, those of the next another one.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ def evolution_strategy(
         cost: of points (count, n) in a generation, by its number: shape (count,); infinite ends the search.
         start: point (n,).
         spread: sd of the first generation.
-        generations: how many.
+        generations: number of generations.
         rng: source of everything random.
         count: of candidates in a generation.
     """

@@ -20,8 +20,8 @@ EQUATION = (
 )
 CLAMPING = {
     AntiWindup.NONE: "the command is limited, the integral is not",
-    AntiWindup.CLAMPING: "the command is limited, the integral rests while it would push further into a limit",
-    AntiWindup.BACK_CALCULATION: "the command is limited, the integral gives back the excess over the tracking time",
+    AntiWindup.CLAMPING: "the command is limited; the integral stops while it would push further into a limit",
+    AntiWindup.BACK_CALCULATION: "the command is limited; the integral gives back the excess over the tracking time",
 }
 
 
@@ -37,7 +37,7 @@ def document(
     Args:
         tuning: as found.
         command_unit, output_unit: of the model's signals, SI.
-        plant: for which `cost` stands, in words.
+        plant: on which `cost` was computed, in words.
         structure: of the controller.
     """
     found = tuning.found
@@ -80,7 +80,7 @@ def _by_size(row: SizeRow) -> dict[str, float | None]:
 
 
 def units(command: str, output: str) -> dict[str, str]:
-    """Of the gains, made of the signals' own."""
+    """Units of the gains, derived from the signals' units."""
     per = "1" if command == output else f"{command}/{output}" if output != "1" else command
     if command == "1" and output != "1":
         per = f"1/{output}"
@@ -119,7 +119,7 @@ AHEAD = ("acceleration", "friction", "friction_speed")
 
 
 def _ahead(settings: Settings) -> dict[str, dict[str, float]]:
-    """Feed-forward and notch, where there are any."""
+    """Entries of feed-forward and notch, where there are any."""
     said: dict[str, dict[str, float]] = {}
     if settings.acceleration or settings.friction:
         said["feed_forward"] = {name: float(getattr(settings, name)) for name in AHEAD}
@@ -129,9 +129,9 @@ def _ahead(settings: Settings) -> dict[str, dict[str, float]]:
 
 
 def _then(settings: Settings) -> str:
-    """What follows the law, in words."""
+    """Terms in addition to the law, in words."""
     said = [
-        "; that passes a notch" if settings.notch is not None else "",
+        "; filtered by a notch" if settings.notch is not None else "",
         "; plus feed_forward.acceleration times the set-point's acceleration"
         if settings.acceleration
         else "",
@@ -202,7 +202,7 @@ def _notch(content: Any, path: Path) -> Notch | None:
     return Notch(frequency, width, depth)
 
 
-LIMITS = ("low", "high", "rate")  # that every file states, null for none
+LIMITS = ("low", "high", "rate")  # fields of every file, null for none
 
 
 def load(path: Path) -> Controller:

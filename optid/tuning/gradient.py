@@ -1,4 +1,4 @@
-"""The exact gradient of a tuning's cost: the loop's sample differentiated by CasADi, run as machine code.
+"""The exact gradient of a tuning's cost: one sample of the loop, differentiated by CasADi and run as machine code.
 
 One sample of controller, plant and cost is an expression of state and gains; CasADi carries the state's derivatives
 along the same sample (forward mode, exact through limits and anti-windup as far as they can be differentiated), and
@@ -25,7 +25,7 @@ from optid.tuning.machine import compiled
 from optid.tuning.search import PLACES
 from optid.tuning.task import Over, Task
 
-PARTS = 3  # of a cost that have a slope here: measure, travel, overshoot
+PARTS = 3  # parts of a cost with a gradient: measure, travel, overshoot
 
 
 def sample(task: Task, free: tuple[str, ...], plant: int = 0) -> ca.Function:
@@ -74,7 +74,7 @@ class Gradient:
     """Cost and its derivative to the free gains.
 
     Args:
-        task: without a bench, whose physics has no gradient here, and without a cost of the user's own.
+        task: without a bench, whose physics has no gradient here, and without a user's own cost.
         free: names of the gains.
     """
 
@@ -84,7 +84,7 @@ class Gradient:
         self._codes = [_Code.of(sample(task, free, k)) for k in range(len(task.plants))]
 
     def __call__(self, gains: Array) -> tuple[float, Array]:
-        """Of one set of gains (GAINS,): cost, and derivatives (free,); not finite where the loop runs away."""
+        """Of one set of gains (GAINS,): cost, and derivatives (free,); not finite where the loop diverges."""
         with np.errstate(over="ignore", invalid="ignore"):
             each = [self._plant(gains, k) for k in range(len(self._codes))]
             costs, slopes = np.array([one[0] for one in each]), np.array([one[1] for one in each])

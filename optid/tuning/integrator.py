@@ -1,4 +1,4 @@
-"""An integrator that the identified model has only nearly: carried exactly where physics or the data say so."""
+"""A nearly integrating pole of the identified model, replaced by an exact integrator where justified."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ from optid.armax.model import Armax
 from optid.core.model import Array
 from optid.tuning.plant import DRIFT, MARGIN, Plant
 
-SURE = 3.0  # standard errors within which a pole is at 1 as far as the data can tell
+SURE = 3.0  # standard errors within which a pole cannot be distinguished from 1
 
 
 class Integrator(Enum):
     """Whether the pole nearest to 1 is set to exactly 1."""
 
-    AUTO = "where the data speak for it"
+    AUTO = "where the data support it"
     YES = "always"
     NO = "never"
 
 
 def with_integrator(plant: Plant, model: Armax, choice: Integrator) -> tuple[Plant, str]:
-    """The plant with its slowest pole at 1, and a sentence on why (empty where nothing changed).
+    """The plant with its slowest pole at 1, and the reason as a sentence (empty where nothing changed).
 
-    A pole a little outside the unit circle grows by itself, which no axis at rest does: it forces integral action that
-    friction turns into hunting. The gain of the rest of the plant stays.
+    A pole slightly outside the unit circle is unstable, which no axis at rest is: it requires integral action that
+        friction turns into hunting. The gain of the rest of the plant is kept.
 
     Args:
         plant: of the model.
@@ -42,13 +42,13 @@ def with_integrator(plant: Plant, model: Armax, choice: Integrator) -> tuple[Pla
     if choice is Integrator.AUTO and not spoken:
         return plant, ""
     why = (
-        "a model that grows by itself is an integrator whose estimate is off"
+        "a slightly unstable model is an integrator with an estimation error"
         if off > 0.0
         else f"within {SURE:g} standard errors of 1"
         if abs(off) <= SURE * sd
-        else "as asked (--integrator yes)"
+        else "as requested (--integrator yes)"
     )
-    said = f"The pole at {at:.7g} is carried as an exact integrator: {why} (--integrator no leaves it)."
+    said = f"The pole at {at:.7g} is replaced by an exact integrator: {why} (--integrator no keeps it)."
     return replace(plant, a=_moved(plant.a, at), remarks=_without_drift(plant)), said
 
 

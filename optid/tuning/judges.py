@@ -1,4 +1,4 @@
-"""Which simulation judges the gains: the rig's model, the identified model with dry friction, or that model alone."""
+"""The simulation that judges the gains: the rig's model, the identified model with dry friction, or without."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ from optid.tuning.specification import TuningSpec
 from optid.tuning.step_tests import STRONGER, StepPlan
 from optid.tuning.sticking_axis import Mechanics, StickingAxis, assumed_mechanics, fitted_mechanics
 
-UNIT = "V"  # of a standing load
-RUNS, BENCH_RUNS, SHOWN_RUNS = 2, 16, 5  # of each size; where a rig's model judges; of those in tables
-STICKING_RUNS, FITTED_RUNS = 9, 13  # where friction is only assumed; where a recording showed it
+UNIT = "V"  # of a constant load
+RUNS, BENCH_RUNS, SHOWN_RUNS = 2, 16, 5  # runs of each size; with a rig's model; those in tables
+STICKING_RUNS, FITTED_RUNS = 9, 13  # with assumed friction; with friction identified from a recording
 BENCH_TOLERANCE = 2e-4  # of its integration: costs differ by 0.2 % from those at 1e-7
-# Default bound on the maximum sensitivity: within what is recommended (Astrom and Hagglund, Advanced PID Control,
+# Default bound on the maximum sensitivity: within the recommended range (Astrom and Hagglund, Advanced PID Control,
 # 2006, section 4.6); and on the identified model with an assumed dry friction, which damps small motions as no linear
 # model does. With a rig's model no bound: friction that was measured is simulated, and so is a stronger plant.
 SENSITIVITY, BESIDE_FRICTION = 2.0, 5.0
 SIMULATED_MARGIN = (
-    f"No bound on the maximum sensitivity: the gains are tried with {STRONGER:g} times the command, friction and "
-    "limits included; the identified linear model knows no friction (--ms 2 asks for gains that it bears, too)."
+    f"No bound on the maximum sensitivity: the gains are tested with {STRONGER:g} times the command, friction and "
+    "limits included; the identified linear model has no friction (--ms 2 requires gains that are robust on it, too)."
 )
-SMALLEST_LOAD = 2e-3  # of half the command's range: standing loads below it are none
-SURE = 3.0  # standard errors by which a standing load must differ from 0
+SMALLEST_LOAD = 2e-3  # of half the command's range: smaller constant loads are ignored
+SURE = 3.0  # standard errors by which a constant load must differ from 0
 LINEAR = "the identified linear model"
 STICKING = "the identified model with dry friction"
 FITTED = "the axis with dry friction that the recording shows"
@@ -42,7 +42,7 @@ PHYSICAL = "the rig's physical model"
 
 @dataclass(frozen=True, eq=False)
 class Judges:
-    """Who judges what: the plant with friction, if any, the rig's bench beside it, their episodes, and words."""
+    """The judges: the plant with friction, if any, the rig's bench, their episodes, and remarks."""
 
     judge: Bench | None
     episodes: tuple[Episode, ...]
@@ -60,13 +60,13 @@ def judges_of(
     settings: Settings,
     rig: Rig | None,
 ) -> Judges:
-    """Without a rig: the axis that the recording shows, else the identified model, with friction where it is an axis.
+    """Without a rig: the axis fitted to the recording, else the identified model, with friction if it is an axis.
 
     Args:
         plan: of the steps.
         plant: of the model.
         known: the model, and the axis that was fitted to its recording.
-        spec: what is asked.
+        spec: of the tuning.
         settings: of the controller.
         rig: whose physical model judges.
     """
@@ -85,7 +85,7 @@ def judges_of(
 
 
 def _judged_by_shown(plan: StepPlan, shown: SlidingAxis, spec: TuningSpec, half: float) -> Judges:
-    """By the axis that was fitted to the recording."""
+    """Judges with the axis that was fitted to the recording."""
     axis = fitted_mechanics(shown, half)
     plan = replace(
         plan,
@@ -105,19 +105,21 @@ def _said_of_shown(shown: SlidingAxis, axis: Mechanics) -> tuple[str, ...]:
     speed = shown.dry_friction / max(shown.damping, 1e-9)
     more = f"{100 * (shown.breakaway_ratio - 1):.0f} % more at rest"
     said = (
-        f"Dry friction as the recording shows it: as much as the damping at {speed:.3g} m/s, "
-        f"{more if shown.breakaway_ratio > 1.0 else 'no more at rest'}; {len(axis.frictions) - 1} sets beside it "
-        "(--rig knows it better)."
+        f"Dry friction identified from the recording: as large as the viscous friction at {speed:.3g} m/s, "
+        f"{more if shown.breakaway_ratio > 1.0 else 'the same at rest'}; {len(axis.frictions) - 1} other values are "
+        "tested as well (--rig gives it more exactly)."
     )
-    dead = f"A dead zone of ±{shown.dead_zone:.3g} {UNIT}, which the recording shows, is part of the plant."
-    load = f"A standing load of {shown.load:.3g} {UNIT}, which the recording shows."
+    dead = (
+        f"A dead zone of ±{shown.dead_zone:.3g} {UNIT}, identified from the recording, is part of the plant."
+    )
+    load = f"A constant load of {shown.load:.3g} {UNIT}, identified from the recording."
     return (said, *((dead,) if shown.dead_zone else ()), *((load,) if shown.load else ()), SIMULATED_MARGIN)
 
 
 def with_rig(
     judges: Judges, plan: StepPlan, spec: TuningSpec, known: tuple[Rig, str, bool], rng: np.random.Generator
 ) -> Judges:
-    """With a rig's physical model: it judges, or is only tried on the episodes of what does."""
+    """Judges with a rig's physical model, which judges performance or is only tested on the others' episodes."""
     rig, output, judging = known
     usual = spec.usual_sensitivity
     variants = parameter_sets(rig, rng)
@@ -137,32 +139,34 @@ def with_rig(
 
 def _said_of_rig(variants: int, sure: bool, noise: float) -> str:
     sets = (
-        f"{variants} parameter sets beside it from its fit's intervals"
+        f"{variants} more parameter sets from the intervals of its fit"
         if sure
-        else (f"{variants} parameter sets around it, as no fit.json lies beside the rig file (optid fit)")
+        else (
+            f"{variants} more parameter sets around it, because no fit.json lies beside the rig file (optid fit)"
+        )
     )
     return (
-        "The rig's model judges performance, the identified one the margins; "
-        f"{sets if variants else 'no other parameters'}; sensor noise {noise:.3g} (sd)."
+        "Performance is judged on the rig's model, margins on the identified model; "
+        f"{sets if variants else 'no other parameter sets'}; sensor noise {noise:.3g} (sd)."
     )
 
 
 def _said_of_axis(load: float, unit: str) -> list[str]:
     said = [
-        "The model holds no dry friction, and integral action that a linear model likes makes an axis that sticks "
-        "hunt: half of the model's damping (a quarter, three quarters) is taken for dry friction "
-        "(--rig knows it better)."
+        "The model has no dry friction, and integral action tuned on a linear model makes an axis with stiction "
+        "hunt: half of the model's damping (also a quarter and three quarters) is taken as dry friction (--rig "
+        "gives it more exactly)."
     ]
     if load:
         said.append(
-            f"A standing load of {load:.3g} {unit}, which the recording shows: without integral action it leaves an "
-            f"error of {abs(load):.3g} {unit} over kp (--structure pid takes it away, and may hunt)."
+            f"A constant load of {load:.3g} {unit}, which the recording shows: without integral action it leaves an "
+            f"error of {abs(load):.3g} {unit} over kp (--structure pid removes it, and may hunt)."
         )
     return said
 
 
 def standing_load(model: Armax, plant: Plant, half: float) -> float:
-    """What holds an integrating plant back or drives it, as a command: the model's constant, where it is sure.
+    """The constant load on an integrating plant, as a command: from the model's constant, if it is significant.
 
     Args:
         model: with its constant, if it has one.
@@ -178,7 +182,7 @@ def standing_load(model: Armax, plant: Plant, half: float) -> float:
 
 
 def episodes_of(plan: StepPlan, spec: TuningSpec) -> tuple[Episode, ...]:
-    """The steps, whose weights sum to 1, then what else is asked for."""
+    """The steps, whose weights sum to 1, then the other episodes."""
     found = list(plan.episodes()) if plan.sizes else []
     for name, path in spec.profiles:
         held = np.r_[path, np.full(max(plan.samples - path.size, 0), path[-1])][: plan.samples]

@@ -1,4 +1,4 @@
-"""What is known of a rig's fit: the uncertainty of its parameters and its sensor's noise, from the files beside it."""
+"""Results of a rig's fit: uncertainty of its parameters and noise of its sensor, from the files beside it."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ import numpy as np
 from optid.core.document import HUGE, optional_document
 from optid.rigs.rigfile import Rig
 
-FILES = ("fit.json", "diagnosis.json")  # written in the same folder as the rig file with the fitted values
-DRAWS = 6  # parameter sets beside the fitted one
+FILES = ("fit.json", "diagnosis.json")  # files in the same folder as the rig file with the fitted values
+DRAWS = 6  # parameter sets in addition to the fitted one
 SAME = 1e-6  # relative: a value in such a file belongs to the rig file if they agree
-UNFITTED = 0.1  # sd of a parameter that may be fitted and was not, as a share of its value, where the file states none
-WITHIN = 2.0  # standard deviations to which a draw is kept
+UNFITTED = 0.1  # sd of a parameter that was not fitted, as a share of its value, where the file states none
+WITHIN = 2.0  # standard deviations to which draws are clipped
 
 
 def parameter_sets(rig: Rig, rng: np.random.Generator, count: int = DRAWS) -> tuple[Mapping[str, float], ...]:
-    """Values drawn from the intervals that the fit of this rig states; of what was not fitted, around the file's.
+    """Values drawn from the intervals of this rig's fit; for unfitted parameters, around the file's values.
 
     Returns:
         `count` mappings from parameter to SI value, or an empty tuple where nothing may be fitted.
@@ -83,7 +83,7 @@ def fitted(rig: Rig) -> bool:
 
 
 def _interval(entry: Any) -> tuple[float, float]:
-    """Value and standard deviation, 0 where the interval says nothing; one open side counts as wide as the other."""
+    """Value and standard deviation, 0 without an interval; an open side counts as wide as the other."""
     value = _number(entry, "value")
     ends = entry.get("ci95") if isinstance(entry, dict) else None
     if value is None:

@@ -26,7 +26,7 @@ HUNTING = 3  # place of the hunting among the parts of a cost
 # Of a cost: the measure, travel of the command in units of its range, overshoot as a share of the step, and the
 # output's peak to peak while it should be at rest.
 PARTS = 4
-ESCAPED = 1e6  # times what is asked: an output that far away will not come back, no need to follow it
+ESCAPED = 1e6  # times the reference: an output this far away has diverged, and is not simulated further
 _LAST = memory_layout.LAST_COMMAND
 
 
@@ -35,9 +35,9 @@ class Course:
     """Plants, episodes and a criterion as arrays, made once and run for many gains.
 
     Attributes:
-        plants: a controller must serve all of them; the first one is the model itself.
+        plants: a controller must work with all of them; the first one is the model itself.
         episodes: all of one length.
-        criterion: what is summed over an episode.
+        criterion: summed over an episode.
         settings: of the controller, as `Settings.vector` gives them.
         command_size: range of the command, the unit of travel.
     """
@@ -126,7 +126,7 @@ class Course:
         return np.array(found)
 
     def trace(self, gains: Array, plant: int = 0, episode: int = 0) -> tuple[Array, Array]:
-        """Output and command at every sample, each of shape (samples,); NaN once the output has run away."""
+        """Output and command at every sample, each of shape (samples,); NaN once the output has diverged."""
         A, B, Z, R, D, _, _, N, _ = self.arrays
         y, u = np.empty(R.shape[1]), np.empty(R.shape[1])
         one = R[episode], D[episode], N[episode]
@@ -207,7 +207,7 @@ def _lanes(
 
 @compiled
 def passed(command: Any, dead: Any) -> Any:
-    """What of a command gets through a dead zone from dead[0] (at most 0) to dead[1] (at least 0)."""
+    """The part of a command that passes a dead zone from dead[0] (at most 0) to dead[1] (at least 0)."""
     return command - min(max(command, dead[0]), dead[1])
 
 

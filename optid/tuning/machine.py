@@ -8,5 +8,5 @@ from typing import TypeVar
 from optid.core.jit_cache import kept
 
 Kernel = TypeVar("Kernel", bound=Callable[..., object])
-# No fused or reordered arithmetic: what is optimised is to the last bit what the exported controller computes.
+# No fused or reordered arithmetic: the optimised loop is bit-identical to the exported controller.
 compiled: Callable[[Kernel], Kernel] = kept(error_model="numpy", nogil=True)

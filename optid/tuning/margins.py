@@ -14,7 +14,7 @@ from optid.tuning import nyquist
 from optid.tuning.nyquist import DELAY, FIELDS, GAIN, MS, PHASE, STABLE
 from optid.tuning.plant import Complex, Plant
 
-COARSE, FINE = 240, 12_000  # frequencies looked at while searching, and for what is reported
+COARSE, FINE = 240, 12_000  # number of frequencies during the search, and for the report
 DECADES = 4.5  # below the Nyquist frequency
 
 
@@ -28,7 +28,7 @@ class Margins:
         gain_margin: factor by which the gain may grow; infinite if any may.
         gain_reduction: factor to which it may shrink (below 1 for a model that needs the loop), else 0.
         phase_margin: degrees.
-        delay_margin: s of delay that the loop would stand.
+        delay_margin: s of additional delay up to instability.
         crossover: the highest angular frequency at which |L| = 1, rad/s; 0 for none.
     """
 
@@ -43,7 +43,7 @@ class Margins:
 
 @dataclass(frozen=True)
 class Required:
-    """What a tuning must keep; None where nothing is asked. The linear loop is always to be stable.
+    """Required margins; None where there is no requirement. The linear loop must always be stable.
 
     Attributes:
         maximum_sensitivity: at most, more than 1.
@@ -81,7 +81,7 @@ class Required:
         return np.array([1.0, ms or math.inf, gain or 0.0, phase or 0.0, delay or 0.0])
 
     def kept(self, margins: Margins) -> bool:
-        """By these margins."""
+        """Whether these margins meet the requirements."""
         b = self.bounds
         return bool(
             margins.stable
@@ -94,7 +94,7 @@ class Required:
 
 @dataclass(frozen=True, eq=False)
 class Frequencies:
-    """What the loop's frequency response is made of, on a grid; arrays have shape (n,).
+    """The components of the loop's frequency response on a grid; arrays have shape (n,).
 
     Attributes:
         at: angular frequencies, rad per sample.
@@ -132,7 +132,7 @@ def loop_response(plant: Plant, gains: Array, frequency: Array) -> Complex:
 
 
 def controller_response(gains: Array, frequency: Array, sample_time: float) -> Complex:
-    """From the measurement, sign turned, to the command, as `optid.pid.law` has it; no limits."""
+    """From the negative measurement to the command, as in `optid.pid.law`, without limits."""
     back = np.exp(-1j * np.asarray(frequency))
     lag = gains[DERIVATIVE_FILTER]
     derivative = gains[KD] * (1.0 - back) / (lag + sample_time - lag * back)
@@ -140,7 +140,7 @@ def controller_response(gains: Array, frequency: Array, sample_time: float) -> C
 
 
 def margins(plant: Plant, gains: Array) -> Margins:
-    """On a fine grid, between whose points the extremes and crossings are refined."""
+    """Margins on a fine grid, with extremes and crossings refined between its points."""
     grid = Frequencies.of(plant, FINE)
     found = np.empty(FIELDS + 2)
     nyquist.inspect(gains, plant.sample_time, plant.a, plant.b, True, *grid.arrays, found)
@@ -167,9 +167,9 @@ def look(plant: Plant, grid: Frequencies, gains: Array) -> Array:
 
 
 def excess(plant: Plant, grid: Frequencies, bounds: Array, gains: Array) -> Array:
-    """By how much candidates (n, GAINS) miss the required margins, as a share, shape (n,); 0 where all are kept.
+    """Relative violation of the required margins by candidates (n, GAINS), shape (n,); 0 where all are kept.
 
-    Unstable loops miss by 10 and more.
+    Unstable loops have at least 10.
     """
     out = np.empty(len(gains))
     nyquist.missed(

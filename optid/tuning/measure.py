@@ -10,7 +10,7 @@ from optid.core.model import Array
 
 
 class Measure(Enum):
-    """Integral over an episode of |error|^power, with or without the time since what is asked last changed."""
+    """Integral over an episode of |error|^power, with or without the time since the last change of the reference."""
 
     ITAE = ("time times absolute error", True, 1)
     IAE = ("absolute error", False, 1)
@@ -19,7 +19,7 @@ class Measure(Enum):
 
     @property
     def timed(self) -> bool:
-        """Late errors count more."""
+        """Whether errors are weighted by time."""
         return bool(self.value[1])
 
     @property

@@ -19,7 +19,7 @@ STABLE, MS, GAIN, PHASE, DELAY = range(FIELDS)
 def missed(
     gains: Any, T: Any, a: Any, b: Any, at: Any, plant: Any, back: Any, sums: Any, bounds: Any, out: Any
 ) -> None:
-    """By how much each of the gains (n, GAINS) misses the bounds, as a share; 10 and more where a loop is unstable."""
+    """Relative violation of the bounds by each of the gains (n, GAINS); at least 10 for an unstable loop."""
     found = np.empty(FIELDS + 2)
     asked = bounds[MS] < np.inf or bounds[GAIN] > 0.0 or bounds[PHASE] > 0.0 or bounds[DELAY] > 0.0
     for g in range(len(gains)):
@@ -43,7 +43,7 @@ def inspect(
 ) -> None:
     """Stability, Ms, gain, phase and delay margin, the gain's lower margin, and the crossover in rad/s.
 
-    For an unstable loop `found[MS]` is how far the poles are outside, which tells a search where to go.
+    For an unstable loop `found[MS]` is the distance of the poles outside, which guides a search.
     """
     found[:] = 0.0
     stable = _inside(gains, T, a, b, 1.0)
@@ -62,7 +62,7 @@ def inspect(
 
 @compiled
 def _walk(gains: Any, T: Any, a: Any, b: Any, at: Any, plant: Any, back: Any, sums: Any, found: Any) -> None:
-    """Along the grid; between its points crossings and the nearest approach are looked at exactly."""
+    """Walk along the grid; crossings and the nearest approach are refined between its points."""
     smallest, nearest, up, down, phase, delay, cross = np.inf, 0, np.inf, 0.0, 180.0, np.inf, 0.0
     lag = gains[DERIVATIVE_FILTER]
     last, was = 0j, 0.0
@@ -82,7 +82,7 @@ def _walk(gains: Any, T: Any, a: Any, b: Any, at: Any, plant: Any, back: Any, su
         if i > 0 and (size >= 1.0) != (was >= 1.0):
             w = _crossing(gains, T, a, b, at[i - 1], at[i], True)
             now = _loop(gains, T, a, b, w)
-            left = np.arctan2(now.imag, now.real) + np.pi  # the way to -pi, delays turning it down
+            left = np.arctan2(now.imag, now.real) + np.pi  # towards -pi, as delays lower the phase
             phase = min(phase, min(left, 2.0 * np.pi - left) * 180.0 / np.pi)
             delay = min(delay, left / w * T)
             cross = w / T
@@ -160,7 +160,7 @@ def _lowest(gains: Any, T: Any, a: Any, b: Any, left: Any, middle: Any, right: A
 def _inside(gains: Any, T: Any, a: Any, b: Any, radius: Any) -> Any:
     """1 if every pole of the closed loop lies within the radius: A (1 - d) (Tf + T - Tf d) + B C, d = 1/z.
 
-    A part that is not there (ki or kd of 0) takes its own pole along.
+    A missing part (ki or kd of 0) has no pole of its own.
     """
     lag, n = gains[DERIVATIVE_FILTER], a.size
     integral, slope = gains[KI] != 0.0, gains[KD] != 0.0

@@ -1,4 +1,4 @@
-"""The search for gains: populations in slices of a box, the valleys of a grid, and a polish from where they end."""
+"""The search for gains: populations in slices of a box, the minima of a grid, and a local polish of both."""
 
 from __future__ import annotations
 
@@ -23,32 +23,32 @@ LAG_SAMPLES, LAG_SHARE = (
     1.0,
     1 / 80,
 )  # least derivative filter by default: samples, share of the ultimate period
-POINTS, SLOW_POINTS = 3000, 700  # of the grid at most; the latter where a physical model runs
+POINTS, SLOW_POINTS = 3000, 700  # largest number of grid points; the second with a physical model
 WITH_BENCH = 80  # generations of a search in which a physical model runs
 AROUND, ROUNDS, WORTHWHILE = (
     0.06,
     4,
     5e-4,
-)  # of the cube; populations around the best end, and what each must gain
+)  # of the cube; populations around the best result, and the gain required of each
 SWIFT = 25  # generations of the search on the linear model that only gives a start
 FINE_INTEGRAL = (
-    12.0  # bend of the scale of ki where friction is simulated: linear below 1e-3 Ku/Tu, which tells there
+    12.0  # bend of the scale of ki where friction is simulated: linear below 1e-3 Ku/Tu, which matters there
 )
-VALLEYS = 3  # of the grid that are followed down
+VALLEYS = 3  # minima of the grid that are polished
 
 
 @dataclass(frozen=True)
 class Options:
-    """How to search.
+    """Options of the search.
 
     Attributes:
-        free: gains that move; the others stay as `fixed` has them.
-        fixed: None takes a derivative filter that suits the plant, and set-point weight 1.
+        free: gains to optimise; the others have the values of `fixed`.
+        fixed: None for a derivative filter that suits the plant, and set-point weight 1.
         starts: populations, each from points of its own.
         grid: points on each axis of the certificate's grid; 0 for none.
         cascade: search for P position over PI velocity.
-        effort: told of progress, and says when time is up.
-        polish: go down to the very bottom of each valley; without, searches end within a tenth of a percent of it.
+        effort: receives the progress, and ends the search at its time limit.
+        polish: continue to the exact optimum; without it, searches end within a tenth of a per cent.
     """
 
     free: tuple[str, ...] = ("kp", "ki", "kd")
@@ -67,7 +67,7 @@ class Options:
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """Where a search ended.
+    """The result of a search.
 
     Attributes:
         gains: the best.
@@ -86,7 +86,7 @@ def optimise(task: Task, options: Options, rng: np.random.Generator, scale: Ulti
     """The search alone: populations in slices of the box and the valleys of a grid, all polished.
 
     Raises:
-        SolveError: nothing in the box keeps what is required.
+        SolveError: no gains in the box meet the requirements.
     """
     scale = scale or ultimate(task.loops[0])
     within = box(options.free, options.fixed or default_gains(task, scale), scale)
@@ -122,10 +122,10 @@ def optimise(task: Task, options: Options, rng: np.random.Generator, scale: Ulti
 
 
 def _on_bench(task: Task, within: Box, rng: np.random.Generator, effort: Effort) -> Search:
-    """Where the physical model alone judges: it is begun at what keeps the margins on the linear one.
+    """The search with the physical model alone, started from gains that keep the margins on the linear one.
 
     Raises:
-        SolveError: nothing in the box keeps what is required.
+        SolveError: no gains in the box meet the requirements.
     """
     points = _keeping(task, within, rng)
     finer = replace(within, bend=np.where(np.array(within.free) == "ki", FINE_INTEGRAL, within.bend))
@@ -137,7 +137,7 @@ def _on_bench(task: Task, within: Box, rng: np.random.Generator, effort: Effort)
 
 
 def _keeping(task: Task, within: Box, rng: np.random.Generator) -> Array:
-    """Points that keep the margins and do well on the linear model, with and without integral action, best first."""
+    """Points of low cost on the linear model that keep the margins, with and without integral action, best first."""
     without = replace(within, fixed=np.where(np.arange(GAINS) == KI, 0.0, within.fixed))
     quiet = [e for e in task.episodes if e.run <= 0] or list(task.episodes)
     swift = replace(task, bench=None, bench_alone=False, hunting=math.inf, episodes=tuple(quiet))
@@ -164,7 +164,7 @@ def _closer(
     gradient: Gradient | None,
     generations: int = GENERATIONS,
 ) -> list[Evolved]:
-    """Populations around the best end, for as long as they still gain: along a narrow ridge a polish stops early."""
+    """Populations around the best result while they still improve: a polish stops early along a narrow ridge."""
     found: list[Evolved] = []
     for _ in range(ROUNDS):
         part = np.clip(best.point - AROUND, 0.0, 1.0), np.clip(best.point + AROUND, 0.0, 1.0)
@@ -180,7 +180,7 @@ def _closer(
 
 
 def _screened(task: Task, within: Box, aside: int) -> tuple[Array, list[Evolved]]:
-    """Costs on a grid of `aside` points along each axis, and its lowest valleys: points no neighbour undercuts."""
+    """Costs on a grid of `aside` points along each axis, and its lowest local minima."""
     dimensions = len(within.free)
     if aside < 2:
         return np.empty(0), []
@@ -210,12 +210,12 @@ def _polished(task: Task, within: Box, end: Evolved, gradient: Gradient | None) 
 
 
 def as_gains(vector: Array) -> Gains:
-    """From the order of `optid.pid.law`."""
+    """Gains from a vector in the order of `optid.pid.law`."""
     return Gains(*(float(value) for value in vector))
 
 
 def default_gains(task: Task, scale: Ultimate) -> Gains:
-    """What is not searched for: full set-point weight, derivative on the measurement, a lag that suits the plant."""
+    """Defaults of fixed gains: full set-point weight, derivative of the measurement, a filter that suits the plant."""
     lag = max(LAG_SAMPLES * task.settings.sample_time, LAG_SHARE * scale.period)
     return Gains(kp=scale.gain, derivative_filter=lag)
 
@@ -223,8 +223,8 @@ def default_gains(task: Task, scale: Ultimate) -> Gains:
 def _refusal(task: Task, fitness: float) -> str:
     if fitness / REFUSED - 1.0 >= 10.0:
         return (
-            "no gains within thousands of the plant's scale stabilise this model: identify anew, "
-            "or with another order"
+            "no gains within a factor of thousands of the plant's scale stabilise this model: identify again, or "
+            "with another order"
         )
     asked = [
         f"{name.replace('_', ' ')} {value:g}"
@@ -233,5 +233,5 @@ def _refusal(task: Task, fitness: float) -> str:
     ]
     if asked and fitness > REFUSED:
         miss = 100 * (fitness / REFUSED - 1)
-        return f"no gains keep {' and '.join(asked)}; the best ones miss by {miss:.2g} %: ask for less"
+        return f"no gains keep {' and '.join(asked)}; the best ones miss by {miss:.2g} %: relax the margins"
     return "every stabilising loop diverges in simulation (NaN or infinite): the limits are too tight for this model"

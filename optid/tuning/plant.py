@@ -1,4 +1,4 @@
-"""An identified discrete model as the tuning sees it: one command in, one output out, and what makes it hard."""
+"""An identified discrete-time model for tuning: one command, one output, and remarks on its difficulties."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from optid.pid.controller import Notch
 
 Complex = NDArray[np.complex128]
 
-MARGIN = 1e-9  # a pole this near to the unit circle integrates
-DRIFT = 2e-3  # beyond 1: slower than 500 samples, a real pole is an integrator whose estimate is off
-LEAST, MOST = 1e-20, 1e20  # of the largest coefficient: beyond, squares of gains leave the floats
-FREQUENCIES = 512  # at which a spectrum's lowest level is looked for
-NEGLIGIBLE = 1e-12  # of the largest coefficient: below it the model does not answer to its command
+MARGIN = 1e-9  # a pole this near to the unit circle counts as an integrator
+DRIFT = 2e-3  # beyond 1: a real pole slower than 500 samples is an integrator with an estimation error
+LEAST, MOST = 1e-20, 1e20  # of the largest coefficient: beyond it, squares of gains overflow
+FREQUENCIES = 512  # frequencies at which a spectrum's lowest level is searched
+NEGLIGIBLE = 1e-12  # of the largest coefficient: below it the model does not respond to its command
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,10 +30,10 @@ class Plant:
         a: a_1, a_2, ..., shape (order,).
         b: b_1, b_2, ..., shape (order,); padded with zeros as `a` is.
         sample_time: s.
-        noise: sd of a sensor's white noise, output's unit: the most that the model's disturbance leaves room for.
+        noise: largest sd of white sensor noise that is consistent with the model's disturbance, output's unit.
         remarks: what a user should know about the model, in sentences.
-        dead_zone: (low, high), at most 0 and at least 0: commands between move nothing, command's unit. The linear
-            loop, with its margins, is that of commands beyond it.
+        dead_zone: (low, high), at most 0 and at least 0: commands between have no effect, command's unit. The linear
+            loop, with its margins, is for commands beyond it.
     """
 
     a: Array
@@ -66,7 +66,7 @@ class Plant:
 
     @property
     def delay(self) -> int:
-        """Samples before the output answers, at least 1."""
+        """Samples before the output responds, at least 1."""
         return int(np.flatnonzero(self.b)[0]) + 1
 
     def response(self, frequency: Array) -> Complex:
@@ -86,7 +86,7 @@ def plant_of(model: Armax, input: int = 0, where: object = None) -> Plant:
     """One input's path of a model.
 
     Raises:
-        InputError: no such input, or the output does not answer to it.
+        InputError: no such input, or the output does not respond to it.
     """
     if not 0 <= input < len(model.b):
         raise InputError(f"{input}", where=where, field="input", expected=f"one of {len(model.b)}, from 0 on")
@@ -95,13 +95,13 @@ def plant_of(model: Armax, input: int = 0, where: object = None) -> Plant:
     if delay == 0:
         delay = 1
         remarks.append(
-            "The model answers in the very sample of its command (nk = 0), which no loop can: "
-            "a command acts one sample later here."
+            "The model responds in the sample of its command (nk = 0), which a loop cannot do: here the command "
+            "acts one sample later."
         )
     largest = float(np.max(np.abs(b), initial=0.0))
     if abs(float(b.sum())) <= NEGLIGIBLE * b.size * largest:
         raise InputError(
-            "zero gain: the output does not answer to a lasting command",
+            "zero static gain: the output does not respond to a constant command",
             where=where,
             field="b",
             hint="identify from a recording in which the command moves the output",
@@ -111,7 +111,7 @@ def plant_of(model: Armax, input: int = 0, where: object = None) -> Plant:
             f"coefficients of {largest:g}",
             where=where,
             field="b",
-            expected="those of an axis, in units that suit its signals",
+            expected="coefficients of usual size; choose units that suit the signals",
         )
     order = max(len(model.a) - 1, delay - 1 + b.size)
     a = np.pad(np.array(model.a[1:]), (0, order - (len(model.a) - 1)))
@@ -123,8 +123,8 @@ def plant_of(model: Armax, input: int = 0, where: object = None) -> Plant:
 def white_noise(model: Armax) -> float:
     """Sd of the white part of the disturbance C/A e, output's unit: the lowest level of its spectrum.
 
-    White noise of a sensor lifts the whole spectrum, so it is no more than this. The prediction error itself holds what
-    disturbs the plant as well: on an axis with dry friction 1.4 to 1.5 times as much.
+    White sensor noise raises the whole spectrum, so it cannot be larger than this. The prediction error also contains
+        disturbances of the plant: on an axis with dry friction it is 1.4 to 1.5 times as large.
     """
     frequency = np.linspace(0.0, math.pi, FREQUENCIES + 1)[1:]
     back = np.exp(-1j * frequency)
@@ -135,7 +135,7 @@ def white_noise(model: Armax) -> float:
 
 
 def behind(plant: Plant, notch: Notch | None) -> Plant:
-    """A plant whose command passes a notch first: what the linear loop's margins are looked at on."""
+    """A plant with a notch before its command, for the margins of the linear loop."""
     if notch is None:
         return plant
     b0, b1, b2, a1, a2 = notch.coefficients(plant.sample_time)
@@ -144,19 +144,21 @@ def behind(plant: Plant, notch: Notch | None) -> Plant:
 
 
 def _difficulties(plant: Plant) -> list[str]:
-    """What of a plant limits every controller."""
+    """Properties of a plant that limit every controller."""
     said = []
     unstable = [p for p in plant.poles if abs(p) > 1.0 + MARGIN]
     for pole in unstable:
         if pole.imag < 0.0:
             continue
-        grows = f"left alone, it grows by e in {plant.sample_time / math.log(abs(pole)):.3g} s"
+        grows = f"without control it grows by a factor e in {plant.sample_time / math.log(abs(pole)):.3g} s"
         if pole.imag == 0.0 and 0.0 < pole.real - 1.0 < DRIFT:
-            said.append(f"The model drifts: {_said(pole)} is an integrator's pole a little outside; {grows}.")
+            said.append(
+                f"The model drifts: {_said(pole)} is an integrator's pole slightly outside the unit circle; {grows}."
+            )
             continue
         said.append(
-            f"The model is unstable: pole {_said(pole)}; {grows}. The loop must hold it, and what the loop cannot "
-            "hold (at a limit) runs away."
+            f"The model is unstable: pole {_said(pole)}; {grows}. The loop must stabilise it, and while the command "
+            "is at a limit it runs away."
         )
     for zero in plant.zeros:
         if zero.real > 1.0 + 1e-6 and abs(zero.imag) < 1e-9 * abs(zero):
@@ -195,7 +197,7 @@ def scenarios(model: Armax, count: int, rng: np.random.Generator, input: int = 0
             "null",
             field="covariance",
             expected="the covariance of the coefficients",
-            hint="identify anew, or tune for the model alone",
+            hint="identify again, or tune for the model alone (--scenarios 1)",
         )
     if not model.determined:
         raise InputError(

@@ -1,4 +1,4 @@
-"""From where the global search ended down to the nearest optimum: sequential quadratic programming, exact gradients."""
+"""Local optimisation after the global search: sequential quadratic programming with exact gradients."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from optid.tuning.task import REFUSED, Task
 STEPS = 60  # of the quadratic programming
 SIDE = 1e-6  # of the unit cube: the step of the margins' own finite differences
 SIMPLEX = 200  # evaluations of a simplex search
-ROUNDS, GAIN_OF_A_ROUND = 3, 2e-4  # of both in turn, and the share a further one must have gained
+ROUNDS, GAIN_OF_A_ROUND = 3, 2e-4  # rounds of both, and the relative gain required for a further one
 
 
 def polish(task: Task, within: Box, point: Array, gradient: Gradient | None) -> Array:
     """The best point found from `point` (free,); never a worse one.
 
     Args:
-        task: whose cost it is.
+        task: its cost is minimised.
         within: the box; the search moves in the unit cube.
-        point: to start from, at which everything required is kept.
+        point: start, which meets the requirements.
         gradient: None takes a simplex search, as for a cost without a known gradient.
     """
 
@@ -67,7 +67,7 @@ def _quadratic(task: Task, within: Box, point: Array, gradient: Gradient | None)
         seen.append((float(task.fitness(within.gains(here))[0]), here.copy()))
 
     keep(point)
-    minimize: Any = optimize.minimize  # its stubs know no function that returns its gradient, too
+    minimize: Any = optimize.minimize  # its stubs do not have functions that also return the gradient
     found = minimize(
         cost,
         point,
@@ -83,7 +83,7 @@ def _quadratic(task: Task, within: Box, point: Array, gradient: Gradient | None)
 
 
 def _slack(task: Task, within: Box) -> Any:
-    """Room left to each required margin, as a share, on every plant; None where nothing is asked."""
+    """Relative slack of each required margin, on every plant; None without requirements."""
     bounds = task.bounds
     asked = [field for field in (MS, GAIN, PHASE, DELAY) if 0.0 < bounds[field] < np.inf]
     if not asked:
@@ -104,7 +104,7 @@ def _slack(task: Task, within: Box) -> Any:
 
 
 def _sided(function: Any) -> Any:
-    """Central differences of margins, which are smooth but for where another frequency takes over."""
+    """Central differences of margins, which are smooth except where another frequency becomes critical."""
 
     def jacobian(one: Array) -> Array:
         columns = [
@@ -116,7 +116,7 @@ def _sided(function: Any) -> Any:
 
 
 def _simplex(task: Task, within: Box, point: Array, _: Gradient | None) -> Array:
-    """Without derivatives: over the kinks that absolute values and limits leave in a cost."""
+    """Simplex search without derivatives, across the kinks of a cost due to absolute values and limits."""
     from scipy.optimize import minimize
 
     def fitness(one: Array) -> float:

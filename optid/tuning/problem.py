@@ -37,7 +37,7 @@ USUAL_UNITS = {"command": "V", "position": "m", "pressure_a": "Pa", "pressure_b"
 
 @dataclass(frozen=True, eq=False)
 class TuningProblem:
-    """A task and what was assumed for it.
+    """A task and its assumptions.
 
     Attributes:
         task: to tune.
@@ -45,7 +45,7 @@ class TuningProblem:
         command_unit, output_unit: SI.
         bench: the rig's model, where a rig was given.
         assumed: in sentences.
-        judged_on: which plant the costs stand for, in words.
+        judged_on: the plant on which costs are computed, in words.
     """
 
     task: Task
@@ -62,15 +62,15 @@ class TuningProblem:
         return usual_structure(self.task.bench_alone, self.judged_on != STICKING)
 
     def without_sensitivity(self) -> TuningProblem:
-        """The same with no bound on the maximum sensitivity, for a model that allows none."""
+        """The same without a bound on the maximum sensitivity, for a model that cannot meet it."""
         required = replace(self.task.required, maximum_sensitivity=None)
         bound = self.task.required.maximum_sensitivity
-        said = f"No gains keep a maximum sensitivity of {bound:g} on this model: none is asked for."
+        said = f"No gains keep a maximum sensitivity of {bound:g} on this model: the bound is dropped."
         return replace(self, task=replace(self.task, required=required), assumed=(*self.assumed, said))
 
 
 def units_of(contents: ArmaxFile) -> tuple[str, str]:
-    """Of command and output: as the file says, else as their roles suggest, else "1"."""
+    """Units of command and output: from the file, else from their roles, else "1"."""
     return (
         contents.input_unit or USUAL_UNITS.get(contents.input, "1"),
         contents.output_unit or USUAL_UNITS.get(contents.output, "1"),
@@ -101,15 +101,15 @@ def build_problem(
     rig: Rig | None = None,
     tune_on_rig: bool = True,
 ) -> TuningProblem:
-    """Make a task of a model file.
+    """Build a task from a model file.
 
     Args:
         contents: of armax.json.
         where: that file, for messages.
-        spec: what is asked.
+        spec: of the tuning.
         rng: source of the scenarios.
-        rig: a physical model of the same axis, to try gains on.
-        tune_on_rig: let its cost count in the tuning, too.
+        rig: a physical model of the same axis, to test gains.
+        tune_on_rig: also include its cost in the tuning.
 
     Raises:
         InputError: spec that contradict each other or the model.

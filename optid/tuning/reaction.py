@@ -1,4 +1,4 @@
-"""The reaction curve: gain, lag and delay that the classical tuning rules want, from the model's step response."""
+"""The reaction curve: gain, lag and delay for the classical tuning rules, from the model's step response."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Reaction:
 
     @property
     def integrating(self) -> bool:
-        """The output runs on while a command stands."""
+        """Whether the output keeps moving at a constant command."""
         return bool(np.isinf(self.lag))
 
     @property
@@ -40,7 +40,7 @@ class Reaction:
 
 
 def reaction(plant: Plant, scale: Ultimate) -> Reaction | None:
-    """None for a plant whose step response neither settles nor rises steadily: the rules say nothing about it.
+    """None for a plant whose step response neither settles nor rises steadily: the rules do not apply to it.
 
     An integrator is divided out, and its delay is the mean time by which the speed lags (Astrom and Hagglund 2006,
     section 2.7); else T and L follow from when 28 % and 63 % of the way are passed (Smith 1972).
@@ -58,7 +58,7 @@ def reaction(plant: Plant, scale: Ultimate) -> Reaction | None:
             np.ones(samples)
         )
         gain = float(speed[-1])
-        # The integrator adds the speed up sample by sample: half a sample of its sum is no delay.
+        # The integrator sums the speed sample by sample: half a sample of its sum is not a delay.
         delay = h * max(float(np.sum(1.0 - speed / gain)) - 0.5, 0.5)
         return Reaction(gain / h, np.inf, delay)
     response = plant.simulate(np.ones(samples))

@@ -1,4 +1,4 @@
-"""What gains are worth: one run on the identified model (or elsewhere), in numbers that a table can hold."""
+"""Scores of gains: one run on the identified model (or another), in numbers for a table."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ SETTLED = 0.02  # of a step: the band in which the output must stay
 
 @dataclass(frozen=True, eq=False)
 class Response:
-    """One episode as it went: arrays of shape (samples,), NaN after the output has run away.
+    """The response in one episode: arrays of shape (samples,), NaN after the output has diverged.
 
     Attributes:
-        episode: what was asked.
-        output, command: what came.
-        measures: ITAE, IAE, ITSE, ISE by lower-case name; infinite after a run-away.
+        episode: the simulated scenario.
+        output, command: trajectories.
+        measures: ITAE, IAE, ITSE, ISE by lower-case name; infinite after a divergence.
         overshoot: largest share of a step; 0 where no step is asked.
         settled: s after which the last step's error stays within 2 % of it; infinite if it does not.
-        travel: sum of all moves of the command, command's unit.
-        hunting: peak to peak of the output while it should be at rest, output's unit; 0 where it never should.
+        travel: total variation of the command, command's unit.
+        hunting: peak to peak of the output while it should be at rest, output's unit; 0 where it need not be.
     """
 
     episode: Episode
@@ -40,7 +40,7 @@ class Response:
 
     @property
     def bounded(self) -> bool:
-        """It did not run away."""
+        """Whether it did not diverge."""
         return bool(np.isfinite(self.output[-1]))
 
 
@@ -80,7 +80,7 @@ def _settled(episode: Episode, error: Array, sample_time: float) -> float:
 
 @dataclass(frozen=True)
 class SizeRow:
-    """How steps of one size went: means over their runs, but the largest hunting and overshoot.
+    """Scores of steps of one size: means over their runs, but the largest hunting and overshoot.
 
     Attributes:
         size: of the step, output's unit.

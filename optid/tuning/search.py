@@ -1,4 +1,4 @@
-"""The global search: differential evolution over gains, several times over, in a box that the plant suggests."""
+"""The global search: repeated differential evolution over gains, in a box derived from the plant."""
 
 from __future__ import annotations
 
@@ -28,25 +28,26 @@ PLACES = {
 SIGNED = ("kp", "ki", "kd")
 LINEAR, LOGARITHMIC = 1e-3, 7.0  # bends of a scale; the latter is logarithmic over about three decades
 POPULATION, MORE, GENERATIONS = 28, 8, 60  # the second one for each gain beyond three
-AGREED = 1e-3  # relative spread of a population's costs below which it has gathered
+AGREED = 1e-3  # relative spread of a population's costs below which it has converged
 CROSSOVER = 0.9
 FACTOR = (0.45, 0.95)  # of differences, drawn anew for each trial
 
 
 @dataclass(frozen=True, eq=False)
 class Box:
-    """Where gains are looked for; the search moves points of the unit cube.
+    """The search region of gains; the search uses points of the unit cube.
 
-    A gain is `high` sinh(bend x) / sinh(bend): linear near 0, which it may be, and logarithmic from there on.
+    A gain is `high` sinh(bend x) / sinh(bend): linear near 0, which is allowed, and logarithmic beyond.
 
     Attributes:
-        free: names of the gains that move.
+        free: names of the gains to optimise.
         high: their largest values without the sign, shape (free,); the smallest are 0.
         bend: shape (free,); a small one is a linear scale.
         fixed: all gains, of which the free ones are replaced.
         sign: of the proportional, integral and derivative gain.
-        cascade: the gains are those of P position over PI velocity (`optid.tuning.structures`): the proportional gain
-            that moves is the position loop's, and gain and set-point weight of the controller follow from all three.
+        cascade: the gains are those of P position over PI velocity (`optid.tuning.structures`): the optimised
+            proportional gain is the position loop's, and gain and set-point weight of the controller follow from all
+            three.
     """
 
     free: tuple[str, ...]
@@ -87,11 +88,11 @@ class Box:
 
 
 def box(free: tuple[str, ...], fixed: Gains, scale: Ultimate) -> Box:
-    """Bounds from the plant's ultimate gain and period, far beyond what any rule would choose.
+    """Bounds from the plant's ultimate gain and period, far beyond the gains of any rule.
 
     Args:
-        free: names of the gains that move.
-        fixed: values of those that do not.
+        free: names of the gains to optimise.
+        fixed: values of the others.
         scale: of the plant.
 
     Raises:
@@ -119,7 +120,7 @@ def box(free: tuple[str, ...], fixed: Gains, scale: Ultimate) -> Box:
 
 @dataclass(frozen=True, eq=False)
 class Evolved:
-    """Where one population ended: its best point (free,), that one's fitness, and evaluations used."""
+    """The result of one population: its best point (free,), its fitness, and the evaluations used."""
 
     point: Array
     fitness: float
@@ -127,9 +128,9 @@ class Evolved:
 
 
 def slices(within: Box, count: int) -> list[tuple[Array, Array]]:
-    """Parts of the unit cube, half overlapping, so that several searches cannot all fall into one valley.
+    """Parts of the unit cube, half overlapping, so that several searches do not all end in one local minimum.
 
-    They divide the axis along which valleys were seen to lie side by side: that of the integral gain, where free.
+    They divide the axis along which several local minima were observed: that of the integral gain, where free.
 
     Returns:
         Lowest and highest coordinates (free,) of each part.
@@ -154,21 +155,21 @@ def evolve(
     population: int = POPULATION,
     over: Callable[[], bool] = lambda: False,
 ) -> Evolved:
-    """Differential evolution (Storn and Price 1997), each trial drawn some way towards the best one so far.
+    """Differential evolution (Storn and Price 1997), each trial is moved towards the best one so far.
 
     Args:
-        fitness: of points (n, free), shape (n,); its second argument is what each point must undercut to count.
+        fitness: of points (n, free), shape (n,); its second argument is the cost that each point must undercut.
         part: lowest and highest coordinates.
         rng: source of everything random.
-        seeds: points (k, free) to begin with, beside random ones.
+        seeds: initial points (k, free), in addition to random ones.
         generations: at most, for three gains; more for more.
         population: points, for three gains; more for more.
-        over: asked before each generation; true ends the search.
+        over: called before each generation; true ends the search.
     """
     low, high = part
     dimensions = low.size
     size = population + MORE * max(dimensions - 3, 0)
-    # Latin hypercube: every slice of every axis is visited once.
+    # Latin hypercube: every slice of every axis has one point.
     share = (
         rng.permuted(np.tile(np.arange(size), (dimensions, 1)), axis=1).T + rng.random((size, dimensions))
     ) / size
@@ -187,7 +188,7 @@ def evolve(
         stay = rng.random((size, dimensions)) > CROSSOVER
         stay[rows, rng.integers(dimensions, size=size)] = False
         trial = np.where(stay, points, trial)
-        # Beyond a bound: somewhere between it and where the parent is.
+        # Beyond a bound: a random point between the bound and the parent.
         inwards = points + rng.random((size, dimensions)) * (np.where(trial < low, low, high) - points)
         trial = np.where((trial < low) | (trial > high), inwards, trial)
         new = fitness(trial, value)

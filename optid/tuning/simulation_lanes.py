@@ -1,7 +1,7 @@
 """Closed loops on a physical model, several at a time: each lane has its own gains, episode and parameters.
 
-All lanes take the same linearly implicit steps (`optid.core.rosenbrock`), so friction at rest does not keep them short.
-Only what a cost needs is kept: no trajectory is stored.
+All lanes take the same linearly implicit steps (`optid.core.rosenbrock`), so friction at rest does not limit their
+length. Only the parts of the cost are kept: no trajectory is stored.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from optid.tuning.machine import compiled
 def measured(
     code: Any, s: Any, T: Any, plant: Any, feeds: Any, share: Any, episodes: Any, square: Any, parts: Any
 ) -> bool:
-    """Run `LANES` closed loops; false where they could not go on together (one of them has diverged).
+    """Run `LANES` closed loops; false where they could not advance together (one of them has diverged).
 
     Args:
         code: machine code of the model (`optid.core.jit.compiled_lanes`).
@@ -29,11 +29,12 @@ def measured(
         T: sample time, s.
         plant: start states (LANES, states), parameters (LANES, parameters), tolerance (states,), number of outputs and
             the controlled one.
-        feeds: what each input of the model is fed: the command so many samples ago, -1 the interval, -2 the clock.
+        feeds: source of each input of the model: the command, delayed by this many samples, -1 the interval, -2 the
+            clock.
         share: model's command per controller's command in each lane, (LANES,).
         episodes: reference, load, noise, weight of the error, rise, each (LANES, samples), and the sample from which
             each should be at rest, (LANES,).
-        square: the measure squares the error.
+        square: whether the measure squares the error.
         parts: receives the parts of each lane's cost, (LANES, PARTS).
     """
     start, P, tolerance, outputs, column = plant
@@ -88,21 +89,21 @@ def _begin(
 
 @compiled
 def _sensed(code: Any, xs: Any, c: Any, when: Any, feeds: Any, past: Any, room: Any) -> float:
-    """The controlled output of one lane; `room` keeps what its inputs are held at."""
+    """The controlled output of one lane; `room` stores the held values of its inputs."""
     x, held, out = room
     n, lane, column, T = when
     for j in range(feeds.size):
         held[j] = T if feeds[j] == -1 else (n + 0.5) * T if feeds[j] == -2 else past[lane, feeds[j]]
     for i in range(x.size):
         x[i] = xs[i, lane]
-    none = at(x, 0)  # what stands for slopes is never touched
+    none = at(x, 0)  # the placeholder for slopes is never used
     call(code.sensors, (at(x, 0), none, at(held, 0), at(c, lane * c.shape[1]), at(out, 0), none))
     return out[column]  # type: ignore[no-any-return]
 
 
 @compiled
 def _controlled(s: Any, m: Any, when: Any, episodes: Any, y: Any, square: Any, parts: Any) -> float:
-    """One lane's command with what disturbs it, and its share of the cost."""
+    """One lane's command with its disturbance, and its part of the cost."""
     reference, load, noise, weight, rise, _ = episodes
     n, lane = when
     r, before = reference[lane, n], m[LAST_COMMAND]
@@ -116,7 +117,7 @@ def _controlled(s: Any, m: Any, when: Any, episodes: Any, y: Any, square: Any, p
 
 @compiled
 def _hold(command: Any, lane: Any, feeds: Any, past: Any, held: Any, us: Any) -> None:
-    """What the model is fed until the next sample."""
+    """The inputs of the model until the next sample."""
     for j in range(past.shape[1] - 1, 0, -1):
         past[lane, j] = past[lane, j - 1]
     past[lane, 0] = command

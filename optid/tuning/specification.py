@@ -14,24 +14,24 @@ from optid.tuning.task import Over
 
 @dataclass(frozen=True)
 class TuningSpec:
-    """What a user asks for, SI; what is empty or None is chosen to suit the model.
+    """The user's requirements, SI; empty or None is replaced by a default for the model.
 
     Attributes:
         order: na of the model to take; the recommended one.
         setpoints: steps from rest, each an episode.
-        disturbances: steps of the command from outside, each an episode beside those.
+        disturbances: load steps, each a further episode.
         profiles: name and path (samples,), each an episode.
         low, high, rate, resolution, deadband, anti_windup: of the controller's command.
         horizon: s of every episode.
         sample_time: s at which the controller runs; must be the model's.
         criterion, required, over: see `Task`.
-        scenarios: plants drawn from the model's covariance, the model itself counted.
-        integrator: whether the pole nearest to 1 is carried as exactly 1.
+        scenarios: plants drawn from the model's covariance, including the model itself.
+        integrator: whether the pole nearest to 1 is replaced by exactly 1.
         dead_zone: (low, high) of the valve, part of the plant; command's unit.
         notch: of the command.
         acceleration: feed-forward, command per acceleration of the set-point.
-        compensate: the rig's model says what overcomes its friction and its valve's dead band.
-        usual_sensitivity: no bound on the maximum sensitivity was given: the default of what judges holds.
+        compensate: whether the controller compensates friction and dead band of the rig's model.
+        usual_sensitivity: no bound on the maximum sensitivity was given: the default of the judging model is used.
     """
 
     order: int | None = None

@@ -1,11 +1,11 @@
 """The steps by which gains are judged: several sizes in both directions, several seeds of the sensor's noise.
 
-One step of one size tells little about an axis with dry friction: it happens to stick on target, or not. Shares of
-the largest step are always added, small ones included. The first run has these very sizes, and no noise where a linear
-model judges; dry friction is another without the noise that dithers it, so there it has noise too. In each other run
-all steps are shorter by a share of their own, and the noise is new: where an axis with dry friction comes to rest
-depends on the step's size as if by chance, and gains must be good for all sizes, not for seven. In every third run the
-plant answers more strongly, so that the gains found bear it.
+One step of one size gives little information on an axis with dry friction: it may or may not stick at the target.
+    Smaller steps are always added. The first run has exactly these sizes, and no noise where a linear model judges;
+    dry friction acts differently without the dither of noise, so there it has noise as well. In each other run all
+        steps are shortened by random shares, and the noise is new: where an axis with dry friction comes to rest
+            depends on the step's size almost randomly, and gains must be good for all sizes, not for seven. In every
+            third run the plant has a larger gain, so that the gains found tolerate it.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from optid.tuning.demand import Episode, step
 
 SHARES = (1.0, -1.0, 0.75, -0.5, 0.25, -0.25, 0.125)  # of the largest step
 REST = 0.5  # share of an episode, at its end, during which the output should be at rest: slips come late
-HUNTING_OVER_NOISE = 3.0  # peak to peak at rest that is still no hunting, in sd of the sensor's noise
+HUNTING_OVER_NOISE = 3.0  # peak to peak at rest that does not count as hunting, in sd of the sensor's noise
 HUNTING_SHARE = 1e-3  # the same as a share of the largest step, where the noise is smaller
 SEED = 20  # of the noise
 SHORTER = 0.25  # largest share by which a step is shortened in a run
@@ -33,7 +33,7 @@ STRONGER, EVERY = (
 
 @dataclass(frozen=True)
 class StepPlan:
-    """What steps to make.
+    """The plan of step tests.
 
     Attributes:
         sizes: output's unit; the first one is that to which the costs of the others are scaled.
@@ -41,9 +41,9 @@ class StepPlan:
         sample_time: s.
         noise: sd of the sensor, output's unit.
         runs: of each size; the first one with the nominal plant.
-        quiet: the first one without noise.
-        variants: parameter sets of the physical model beside the nominal one, which the runs take in turn.
-        load: standing disturbance added to the command.
+        quiet: whether the first one has no noise.
+        variants: further parameter sets of the physical model, used by the runs in turn.
+        load: constant load added to the command.
         power: of the error in the criterion, for the scaling.
         stronger: factor on the command in every third run.
     """
@@ -60,7 +60,7 @@ class StepPlan:
     quiet: bool = True
 
     def episodes(self) -> tuple[Episode, ...]:
-        """All of them, run by run; their weights sum to 1 for steps as large as the first."""
+        """All episodes, run by run; their weights sum to 1 for steps as large as the first."""
         count = self.runs if self.noise > 0.0 or self.variants else 1
         return tuple(
             self._one(size, number, run, count)
@@ -89,7 +89,7 @@ class StepPlan:
 def sizes_for(
     wanted: Sequence[float], reached: Callable[[float], bool] = lambda size: True
 ) -> tuple[float, ...]:
-    """The steps asked for, then shares of the largest in both directions that can be reached; each once."""
+    """The requested steps, then reachable shares of the largest in both directions; each once."""
     largest = max(wanted, key=abs)
     every = [*wanted, *(share * largest for share in SHARES if reached(share * largest))]
     return tuple(

@@ -1,14 +1,14 @@
-"""The least axis that sticks: force, speed and position with dry friction, from an identified model or its recording.
+"""The minimal axis with stiction: force, speed and position with dry friction, from a model or its recording.
 
-A linear model knows no dry friction, and what is best for it, integral action above all, makes a real axis hunt. The
-least axis with friction is
+A linear model has no dry friction, and gains optimal for it, above all integral action, make a real axis hunt. The
+minimal axis with friction is
 
     dF/dt = k (u + alpha |u|) - w^2 v,    dv/dt = F - c v - f(v) sgn v,    dx/dt = v    (per unit of mass)
 
-with k / w^2 the speed gain. `optid identify` fits it to the recording (`optid.armax.sliding`). Where a model file holds
-no such fit, s (s^2 + 2 z w s + w^2) are an integrator and the slowest two other poles of the model, and in the
-recording dry friction passed for a part of the damping 2 z w: a share of it is taken, at the speed to which half of the
-command's range drives the axis, and other shares in the runs that have noise.
+with k / w^2 the speed gain. `optid identify` fits it to the recording (`optid.armax.sliding`). If a model file has no
+such fit, s (s^2 + 2 z w s + w^2) are an integrator and the slowest two other poles of the model, and dry friction in
+the recording appears as a part of the damping 2 z w: a share of it is assumed, at the speed that half of the command's
+    range gives, and other shares in the runs with noise.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ from optid.tuning.loop import ESCAPED, passed
 from optid.tuning.machine import compiled
 from optid.tuning.plant import MARGIN, Plant
 
-SHARE = 0.5  # of the damping that is dry friction where nothing is fitted: neither all nor nothing is known to be wrong
+SHARE = 0.5  # share of the damping assumed as dry friction without a fit: all and nothing are both known to be wrong
 OTHERS = (0.25, 0.75)  # shares of the variants
-# Of a fitted axis: viscous and dry friction, nominal and in the variants, over the fitted ones. A regression takes some
-# of either for the other: on the five rigs of studies/pid_gains.py the true ones were 0.63 to 0.79 and 1.3 to 1.8 of
-# what it found.
+# Of a fitted axis: viscous and dry friction, nominal and in the variants, over the fitted ones. A regression
+# attributes # some of one to the other: on the five rigs of studies/pid_gains.py the true ones were 0.63 to 0.79 and
+# 1.3 to 1.8 of what it found.
 FITTED = ((0.7, 1.5), (0.8, 1.3), (0.63, 1.8))
-# Of the asymmetry of speed, in the same sets. All of it in the valve turns noise at rest into a drift that friction
-# cannot hold; none of it, where pressures bring it about in motion alone: a recording of motion cannot tell.
+# Of the asymmetry of speed, in the same sets. If all of it is in the valve, noise at rest causes a drift that friction
+# # cannot hold; none, if pressures cause it in motion only: a recording of motion cannot decide.
 ASYMMETRIES = (0.5, 0.0, 1.0)
 CREEP = (
     0.01  # share of the speed at half the command's range, over which break-away decays to friction in motion
@@ -53,10 +53,10 @@ class Mechanics:
         speed_gain: steady speed per command.
         frequency: w, rad/s.
         frictions: viscous rate (1/s) and dry friction (output's unit/s2) of the nominal axis and its variants.
-        delay: samples by which a command comes late beyond the first.
+        delay: delay of a command in samples, beyond the first.
         breakaway: friction at rest over that in motion.
-        creep: speed over which the one becomes the other.
-        asymmetries: alpha of the nominal axis and its variants, by which it answers more to positive commands.
+        creep: speed over which break-away decays to sliding friction.
+        asymmetries: alpha of the nominal axis and its variants, by which it responds more to positive commands.
     """
 
     speed_gain: float
@@ -77,7 +77,7 @@ def fitted_mechanics(axis: SlidingAxis, command: float) -> Mechanics:
 
 
 def assumed_mechanics(plant: Plant, command: float) -> Mechanics | None:
-    """Of a plant with one exact integrator and two stable poles behind it at least; None for any other."""
+    """Mechanics of a plant with one exact integrator and at least two stable poles; None for any other."""
     others = [complex(p) for p in plant.poles if abs(p - 1.0) > MARGIN]
     slow = sorted((p for p in others if abs(p) > MARGIN), key=lambda p: abs(np.log(p)))
     if len(others) != plant.a.size - 1 or any(abs(p) >= 1.0 for p in others) or len(slow) < 2:

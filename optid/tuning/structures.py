@@ -6,7 +6,7 @@ P position over PI velocity, with the speed taken from the position through the 
 
 is the two-degree-of-freedom PID with kd = Kp, ki = Kp Kv / Tn, kp = Kp Kv + Kp / Tn and set-point weight
 b = Kp Kv / kp; velocity feed-forward is the derivative weight c (Åström and Hägglund, Advanced PID Control, 2006,
-ch. 3.4). A drive takes Kv, Kp and Tn as they stand.
+ch. 3.4). A drive uses Kv, Kp and Tn directly.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from optid.pid.law import KD, KI, KP, SETPOINT_WEIGHT
 
 @dataclass(frozen=True)
 class Structure:
-    """A structure by name: the gains that a search moves, and what it is called in words."""
+    """A control structure: its name, the gains to optimise, and its description."""
 
     name: str
     free: tuple[str, ...]
@@ -61,13 +61,13 @@ def structure_of(name: str) -> Structure:
 def usual_structure(simulated: bool, known: bool) -> str:
     """The default structure's name.
 
-    An axis integrates by itself. Where its friction is only assumed, the simulation does not tell how far integral
-    action makes it hunt: dry friction that breaks away no harder than it slides lets it rest where a real axis does
-    not. A standing load then leaves an error.
+    An axis integrates by itself. Where its friction is only assumed, the simulation does not show how much integral
+        action makes it hunt: dry friction without break-away lets it rest where a real axis does not. A constant load
+            then leaves an error.
 
     Args:
-        simulated: a simulation with friction judges.
-        known: that friction is the rig's own, or a recording's.
+        simulated: whether a simulation with friction judges.
+        known: whether that friction is the rig's own, or a recording's.
     """
     if not simulated:
         return "pid2"
@@ -75,7 +75,7 @@ def usual_structure(simulated: bool, known: bool) -> str:
 
 
 def free_gains(structure: Structure, simulated: bool, paths: bool = False) -> tuple[str, ...]:
-    """The gains that a search moves.
+    """The gains to optimise.
 
     Against a simulation with sensor noise a PID's derivative filter is one, and along paths a cascade's velocity
     feed-forward.
@@ -101,11 +101,11 @@ def cascaded(gains: Array) -> Array:
 def drive_values(
     gains: Gains, structure: Structure, span: float, units: tuple[str, str]
 ) -> list[tuple[str, float, str]]:
-    """Name, value and unit of what can be typed into a drive.
+    """Name, value and unit of the settings of a drive.
 
     Args:
         gains: of the controller, SI.
-        structure: as it is written.
+        structure: of the drive.
         span: half the range of the command, for per cent; infinite for none.
         units: of command and output, SI.
     """

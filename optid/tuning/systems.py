@@ -1,4 +1,4 @@
-"""Controller, loop and closed loop as systems of python-control, limits left out."""
+"""Controller, loop and closed loop as systems of python-control, without limits."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def open_loop(plant: Plant, gains: Gains) -> control.TransferFunction:
-    """Loop gain L(z) of a plant and the feedback part of a controller, as python-control has it."""
+    """Loop gain L(z) of a plant and the feedback part of a controller, as a python-control system."""
     import control
 
     feedback = LoopGains(gains.kp, gains.ki, gains.kd, gains.derivative_filter)

@@ -1,4 +1,4 @@
-"""What a tuning works on, and the cost of gains under it."""
+"""The task of a tuning, and the cost of gains."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from optid.tuning.margins import COARSE, Frequencies, Required, excess, look
 from optid.tuning.plant import Plant, behind
 
 STRICTER = 1.0002
-EARLY = 0.5  # of the hunting allowed, from which on it costs on a bench: no model is the axis
-REFUSED = 1e20  # cost of gains that miss what is required; the more they miss, the more
+EARLY = 0.5  # of the allowed hunting, from which it is penalised on a bench: no model equals the axis
+REFUSED = 1e20  # cost of gains that violate the requirements, increasing with the violation
 
 
 class Over(Enum):
-    """How the costs on several plants become one."""
+    """How the costs on several plants are combined."""
 
     WORST = "the largest one"
     MEAN = "their mean plus their standard deviation"
@@ -36,17 +36,17 @@ class Task:
     """The loop to tune.
 
     Attributes:
-        plants: the model first, then the other ones its covariance allows, if any.
-        episodes: what is asked of the loop.
+        plants: the model first, then others drawn from its covariance, if any.
+        episodes: scenarios of the loop.
         settings: of the controller: limits, rate, and the model's sample time.
-        criterion: what is made small.
+        criterion: minimised.
         required: margins to keep on every plant.
         over: how several plants count.
-        bench: a physical model that is tuned for as well: one more plant, without margins.
-        bench_alone: the physical model alone judges performance, the plants judge the margins.
-        hunting: peak to peak of the output at rest beyond which gains hunt, output's unit: their cost counts as many
-            times as they exceed it, on a bench that of each episode, from half of it on and with the square. A barrier
-            would let gains win that never arrive, as those are still, too.
+        bench: a physical model included in the tuning: one more plant, without margins.
+        bench_alone: whether the physical model alone judges performance, and the plants the margins.
+        hunting: peak to peak of the output at rest beyond which gains hunt, output's unit: their cost is multiplied by
+            the ratio, on a bench that of each episode, from half of it on and squared. A hard limit would favour gains
+            that never arrive, as those are at rest as well.
     """
 
     plants: tuple[Plant, ...]
@@ -67,7 +67,7 @@ class Task:
             raise InputError(
                 f"{self.settings.low:g} to {self.settings.high:g}",
                 field="limits",
-                expected="a range around 0, the command at which the model rests",
+                expected="a range that contains 0, the command at which the model is at rest",
             )
         self.course  # noqa: B018  # complains now, not in the middle of a search
 
@@ -78,7 +78,7 @@ class Task:
 
     @cached_property
     def command_size(self) -> float:
-        """Range of the command; without limits, what the steps would take at the ultimate gain."""
+        """Range of the command; without limits, that of the steps at the ultimate gain."""
         span = self.settings.high - self.settings.low
         if math.isfinite(span):
             return span
@@ -89,12 +89,12 @@ class Task:
 
     @cached_property
     def course(self) -> Course:
-        """The loop as it is simulated."""
+        """The simulated loop."""
         return Course(self.plants, self.episodes, self.criterion, self.settings.vector, self.command_size)
 
     @cached_property
     def loops(self) -> tuple[Plant, ...]:
-        """The plants with the controller's notch, for whatever is linear; the model itself first."""
+        """The plants with the controller's notch, for linear analysis; the model itself first."""
         return tuple(behind(plant, self.settings.notch) for plant in self.plants)
 
     @cached_property
@@ -104,7 +104,7 @@ class Task:
 
     @cached_property
     def bounds(self) -> Array:
-        """What is required, a hair stricter, so that it is kept between the frequencies looked at, too."""
+        """The requirements, slightly stricter, so that they also hold between the grid's frequencies."""
         return np.asarray(
             self.required.bounds * np.array([1.0, 1.0 / STRICTER, STRICTER, STRICTER, STRICTER])
         )
@@ -114,9 +114,9 @@ class Task:
         return [look(p, grid, gains) for p, grid in zip(self.loops, self.grids, strict=True)]
 
     def missed(self, gains: Array) -> Array:
-        """By how much gains (n, GAINS) miss what is required, shape (n,); 0 where they keep it.
+        """Violation of the requirements by gains (n, GAINS), shape (n,); 0 where they are met.
 
-        Where a simulation with friction judges and no margin is asked for, the linear loop need not be stable.
+        With a simulation with friction and no required margin, the linear loop need not be stable.
         """
         if self.bench_alone and self.required == Required():
             return np.zeros(len(np.atleast_2d(gains)))
@@ -124,12 +124,12 @@ class Task:
         return np.asarray(np.max(each, axis=0))
 
     def fitness(self, gains: Array, bar: Array | None = None) -> Array:
-        """The one number that is made small, for gains (n, GAINS); huge where a margin is missed.
+        """The minimised number, for gains (n, GAINS); very large where a margin is violated.
 
         Args:
             gains: candidates.
-            bar: what each must undercut, shape (n,): one that cannot is not run on the bench, its value is some
-                number above the bar.
+            bar: cost that each must undercut, shape (n,): one that cannot is not run on the bench and gets some value
+                above it.
         """
         gains = np.ascontiguousarray(np.atleast_2d(gains))
         missed = self.missed(gains)
@@ -153,7 +153,7 @@ class Task:
         return self.bench.judged(gains, self.settings, self.criterion, self.command_size, bar, rest)[0]
 
     def _tried(self, gains: Array, each: Array, bar: Array | None) -> Array:
-        """Costs on the bench, shape (n,); of gains that are too bad already, the worst of the other costs."""
+        """Costs on the bench, shape (n,); for gains that are already too bad, the worst of the other costs."""
         found: Array = np.asarray(each.max(axis=1))
         open_still = found < (np.inf if bar is None or self.over is not Over.WORST else bar)
         if np.any(open_still):

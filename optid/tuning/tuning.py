@@ -30,24 +30,24 @@ if TYPE_CHECKING:
 
 THIN = 2.0  # maximum sensitivity; Astrom and Hagglund (2006, section 4.6) recommend 1.2 to 2.0
 UNSTABLE = (
-    "The linear loop on the identified model is unstable, its maximum sensitivity infinite: only the friction and the "
-    "limits of the simulation hold it. Gains that the identified model bears, too: --ms 2."
+    "The linear loop on the identified model is unstable (infinite maximum sensitivity): only friction and "
+    "limits stabilise the simulated one. For gains that also stabilise the identified model: --ms 2."
 )
-SAME = 5e-2  # relative: searches that end that near to the best cost have found its valley
+SAME = 5e-2  # relative: searches that end this near to the best cost have found the same minimum
 Bench = Callable[[Gains, Settings], tuple[Response, ...]]
 
 
 @dataclass(frozen=True, eq=False)
 class Scored:
-    """Gains and what they are worth.
+    """Gains with their scores.
 
     Attributes:
         name: "tuned" or a baseline's.
-        gains: None where the rule has nothing to say.
-        note: a word on where they come from.
-        cost: what the tuning makes small, of these gains; infinite where the loop runs away.
+        gains: None where the rule does not apply.
+        note: on their origin.
+        cost: the minimised cost of these gains; infinite where the loop diverges.
         margins: of the linear loop on the identified model.
-        responses: on the identified model (with dry friction where it is an axis), one an episode.
+        responses: on the identified model (with dry friction where it is an axis), one per episode.
         bench: on the physical model, where one was given.
     """
 
@@ -61,7 +61,7 @@ class Scored:
 
     @property
     def stable(self) -> bool:
-        """By its linear loop."""
+        """Whether the linear loop is stable."""
         return self.margins is not None and self.margins.stable
 
     def total(self, measure: str, bench: bool = False) -> float:
@@ -72,12 +72,12 @@ class Scored:
 
 @dataclass(frozen=True)
 class Certificate:
-    """The best of an exhaustive grid beside what was found.
+    """The best point of an exhaustive grid, compared with the result.
 
     Attributes:
         points: of the grid.
         best: smallest cost on it.
-        ratio: cost found over that; at most 1 when the search beat the grid.
+        ratio: cost found over that; at most 1 if the search is better than the grid.
         agreeing, starts: searches that ended within 5 % of the best cost, of how many.
         evaluations: of the cost, in the searches.
     """
@@ -92,19 +92,19 @@ class Certificate:
 
 @dataclass(frozen=True, eq=False)
 class Tuning:
-    """Gains that make the criterion small, and the reasons to believe it.
+    """The tuned gains, with the evidence for them.
 
     Attributes:
         gains: found.
         settings: of the controller they are for.
-        task: what was asked.
+        task: of the tuning.
         found: the gains as scored; `baselines` likewise, for the same loop.
         unaware: gains that a tuning without limits chooses, scored with them; None where there are none.
-        aware: what to compare with: gains chosen under the limits on the same models.
+        aware: for comparison: gains tuned with the limits on the same models.
         certificate: of the search.
         scale: ultimate gain and period.
-        within: where the gains were looked for.
-        remarks: what a user should know, in sentences.
+        within: the search region.
+        remarks: for the user, as sentences.
     """
 
     gains: Gains
@@ -121,7 +121,7 @@ class Tuning:
 
     @property
     def on_bench(self) -> bool:
-        """The rig's physical model judged."""
+        """Whether the rig's physical model judged."""
         return self.task.bench_alone and not isinstance(self.task.bench, StickingAxis)
 
     @property
@@ -158,11 +158,11 @@ def tune(
         task: the loop.
         rng: source of everything random.
         options: of the search.
-        bench: runs gains on a physical model, one response an episode; where given, all gains are tried there too.
-        present: gains in force, a baseline.
+        bench: runs gains on a physical model, one response an episode; if given, all gains are also tested there.
+        present: gains in use, as a baseline.
 
     Raises:
-        SolveError: nothing keeps what is required, or nothing stabilises the model.
+        SolveError: no gains meet the requirements, or none stabilise the model.
     """
     options, scale = options or Options(), ultimate(task.loops[0])
     bench = bench or (None if isinstance(task.bench, StickingAxis) else task.bench)
@@ -170,7 +170,7 @@ def tune(
     gains, within = search.gains, search.within
     others = _others(task, scale, within, gains, options.effort)
     if present is not None:
-        others.insert(0, Baseline("present", present, "the gains now in force"))
+        others.insert(0, Baseline("present", present, "the gains in use today"))
     unaware = None if task.bench_alone else _unaware(task, options, rng, scale)
     rivals = [one.gains for one in (*others, unaware) if one is not None and one.gains is not None]
     gains = _outdone(task, within, gains, rivals)
@@ -198,7 +198,7 @@ def tune(
 def _others(task: Task, scale: Ultimate, within: Box, gains: Gains, effort: Effort) -> list[Baseline]:
     """The baselines for this loop, with the same derivative filter.
 
-    The simplex search of a practitioner works on the linear model, as far as a slow physical one judges.
+    The simplex search uses the linear model where a slow physical one judges.
     """
     size = max((episode.size for episode in task.episodes), default=0.0) or 1.0
     most = min(abs(task.settings.low), abs(task.settings.high))
@@ -217,7 +217,7 @@ def _others(task: Task, scale: Ultimate, within: Box, gains: Gains, effort: Effo
 
 
 def _outdone(task: Task, within: Box, gains: Gains, rivals: list[Gains]) -> Gains:
-    """Where a rival's gains, brought into the box, cost less than those found, the search continues from there."""
+    """If a baseline's gains, clipped to the box, have a lower cost than the result, the search continues from there."""
     points = within.points(np.array([gains.vector, *(rival.vector for rival in rivals)]))
     costs = task.fitness(within.gains(points))
     best = int(np.argmin(costs))
@@ -230,7 +230,7 @@ def _outdone(task: Task, within: Box, gains: Gains, rivals: list[Gains]) -> Gain
 
 
 def _unaware(task: Task, options: Options, rng: np.random.Generator, scale: Ultimate) -> Baseline | None:
-    """The gains of a tuning that knows no limits; None where there are none, or none such exist."""
+    """The gains of a tuning without limits; None where there are no limits, or no such gains exist."""
     limits = task.settings
     if math.isinf(limits.low) and math.isinf(limits.high) and math.isinf(limits.rate):
         return None
@@ -239,16 +239,16 @@ def _unaware(task: Task, options: Options, rng: np.random.Generator, scale: Ulti
         gains = optimise(replace(task, settings=free, bench=None), options, rng, scale).gains
     except SolveError:
         return None
-    return Baseline("without_limits", gains, "tuned as if there were no limits")
+    return Baseline("without_limits", gains, "tuned without limits")
 
 
 def _remarks(task: Task, found: Scored) -> tuple[str, ...]:
-    """About the model, and about what the tuned loop does."""
+    """Remarks on the model and on the tuned loop."""
     alone = task.bench_alone and bool(found.bench)
     judged = found.bench if alone else found.responses
     slow = [r for r in judged if r.episode.rise[-1] != 0.0 and math.isinf(r.settled) and r.episode.run <= 0]
     swings = max((run.hunting for run in judged), default=0.0)
-    hunts = [f"It hunts: {swings:.3g} peak to peak at rest, and no gains were found that rest."]
+    hunts = [f"It hunts: {swings:.3g} peak to peak at rest; no gains without hunting were found."]
     Ms = found.margins.maximum_sensitivity if found.margins else math.inf
     thin = [f"Thin margins: maximum sensitivity {Ms:.3g}; up to 2 is usual."] if Ms > THIN else []
     if not found.stable:
@@ -258,13 +258,16 @@ def _remarks(task: Task, found: Scored) -> tuple[str, ...]:
         *task.plant.remarks,
         *thin,
         *(hunts if swings > task.hunting else []),
-        *(f"{run.episode.name}: not settled within the horizon; give it a longer one." for run in slow),
-        *(f"{run.episode.name}: on the physical model the loop runs away." for run in lost),
+        *(
+            f"{run.episode.name}: not settled within the horizon; a longer one is set by --horizon."
+            for run in slow
+        ),
+        *(f"{run.episode.name}: on the physical model the loop is unstable." for run in lost),
     )
 
 
 def _certificate(task: Task, gains: Gains, search: Search) -> Certificate:
-    """The grid's verdict on what was found."""
+    """The comparison of the result with the grid."""
     best = float(task.fitness(gains.vector)[0])
     agreeing = sum(end.fitness <= best * (1.0 + SAME) for end in search.ends)
     used = sum(end.evaluations for end in search.ends)
@@ -275,7 +278,7 @@ def _certificate(task: Task, gains: Gains, search: Search) -> Certificate:
 
 
 def compared(tuning: Tuning) -> list[Scored]:
-    """What belongs beside the gains found though it is nobody's rule."""
+    """Further rows for comparison with the tuned gains."""
     aware = [] if tuning.aware.gains == tuning.gains else [tuning.aware]
     return aware if tuning.unaware is None else [*aware, tuning.unaware]
 

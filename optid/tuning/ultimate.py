@@ -1,4 +1,4 @@
-"""The ultimate gain and period of a plant: what proportional control alone would make swing for ever."""
+"""The ultimate gain and period of a plant: at which proportional control alone oscillates permanently."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from optid.tuning.plant import Plant
 
 @dataclass(frozen=True)
 class Ultimate:
-    """Gain (command per output, with its sign) and period (s); the scale of everything a controller does."""
+    """Gain (command per output, with its sign) and period (s); they scale all gains."""
 
     gain: float
     period: float
 
 
 def ultimate(plant: Plant) -> Ultimate:
-    """From the frequency response: the crossing of the negative real axis that a growing gain meets first.
+    """From the frequency response: the first crossing of the negative real axis with rising gain.
 
     A sampled model always has one, at the latest where the Nyquist frequency is.
     """

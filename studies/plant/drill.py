@@ -14,7 +14,8 @@ from studies.plant.cluster import Cluster, kill
 from studies.plant.load import check_rows
 
 TARGETS = ("worker", "scheduler", "client")
-PATIENCE = 120.0  # s in which a row must begin, or a client end
+PATIENCE = 120.0  # s in which a row must begin, or a client whose scheduler is lost end
+SLOW = 60.0  # s that a row may take on a loaded machine
 
 
 def drill(folder: Path, kills: int = 20, rows: int | None = None) -> dict[str, Any]:
@@ -50,10 +51,10 @@ def drill(folder: Path, kills: int = 20, rows: int | None = None) -> dict[str, A
                 client = _client(file, out, cluster.address)
             done.append(target)
             again += _noted(out, seen)
-        client.wait(4 * PATIENCE)
+        client.wait(SLOW * count)
         again += _noted(out, seen)
         last = _client(file, out, cluster.address)
-        status = last.wait(4 * PATIENCE)
+        status = last.wait(PATIENCE)
         again += _noted(out, seen)
     return {
         "kills": {target: done.count(target) for target in TARGETS},

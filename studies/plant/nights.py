@@ -22,7 +22,7 @@ from studies.references import mixed
 
 ROOT = Path(__file__).parents[2]
 SEED = 58
-SECONDS, INTERVAL, STEP = 3.0, 2e-3, 5e-5
+SECONDS, INTERVAL, STEP = 6.0, 2e-3, 5e-5
 GROWTH = 12.0  # nights from nothing to the medium size
 FRICTION, SUPPLY = 0.015, 0.005  # by which both wander from night to night, as shares (sd)
 TOLD_APART = ROOT / "studies" / "distinguishability.json"

@@ -79,7 +79,7 @@ def test_an_axis_that_slides_has_a_clean_linear_model_and_one_at_rest_says_what_
     assert list(sliding.system.state_labels) == [state.name for state in rig.model.states]
     assert sliding.system.output_labels[0] == "position" and sliding.rates["position"] == pytest.approx(0.2)
     resting = rig.model.to_control(rig.parameters, {"position": 0.0, "velocity": 0.0, "command": 0.0})
-    assert resting.elastic == ("bristle",) and "friction holds" in resting.note and "command" in resting.note
+    assert resting.elastic == ("bristle",) and "Friction holds" in resting.note and "command" in resting.note
 
 
 def test_a_system_of_python_control_goes_into_a_model_and_comes_back():
@@ -129,7 +129,7 @@ def test_an_fmu_is_sound_and_moves_as_optid_simulates(rig, fmu):
 
 def test_an_fmu_of_what_it_cannot_hold_is_refused(rig, tmp_path):
     late = next(effect for effect in admitted(rig.model) if effect.name == "input_delay")
-    with pytest.raises(InputError, match="present commands only"):
+    with pytest.raises(InputError, match="only the present command"):
         optid.export_fmu(with_effects(rig, [late], {"input_delay.delay": 0.4e-3}), tmp_path / "axis.fmu")
     with pytest.raises(InputError, match='no state "speed"'):
         optid.export_fmu(rig, tmp_path / "axis.fmu", start={"speed": 0.1})

@@ -44,7 +44,7 @@ def test_mdf_groups_have_their_clocks(version, tmp_path):
 def test_mdf_names_that_stand_twice_or_not_at_all_and_damage(tmp_path):
     path = mdf(tmp_path / "run.mf4", "4.10", (T, [("a", U)]), (T, [("a", X)]))
     same(read_recording(path, Maps("time", "0/a", "1/a")))
-    with pytest.raises(RecordingError, match="stands in 2 groups"):
+    with pytest.raises(RecordingError, match="is in 2 groups"):
         read_recording(path, Maps("time", "a", "1/a"))
     with pytest.raises(RecordingError, match=r'no column "b"'):
         read_recording(path, Maps("time", "0/a", "b"))

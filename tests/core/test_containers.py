@@ -149,7 +149,7 @@ def test_objects_of_matlab_are_passed_over_or_named_with_the_line_to_type(tmp_pa
         file["log"].attrs["MATLAB_class"] = np.bytes_("timeseries")
     same(read_recording(path, PLAIN))
     with pytest.raises(
-        RecordingError, match=r"timeseries object, which only MATLAB can open \(there: t = log\.Time"
+        RecordingError, match=r"timeseries object, which only MATLAB can read \(in MATLAB: t = log\.Time"
     ):
         read_recording(path, Maps("t", "u", "log"))
 
@@ -289,7 +289,7 @@ def test_a_rate_that_contradicts_the_file_is_refused(tmp_path):
     path = tdms(tmp_path / "run.tdms", ("a", "u", U, 1e-3, 0), ("b", "x", X, 1e-3, 0))
     with pytest.raises(RecordingError, match=r"1000 samples a second, the rig file states 2000 Hz"):
         read_recording(path, Maps(None, "u", "x", rate=2000.0))
-    with pytest.raises(RecordingError, match=r'own clock: state rate = "1000 Hz"'):
+    with pytest.raises(RecordingError, match=r'own clock: give the rate: rate = "1000 Hz"'):
         read_recording(path, PLAIN)
 
 
@@ -332,7 +332,7 @@ def test_clocks_that_begin_anew_are_unwrapped_and_told(raw, factor, tmp_path):
     (tmp_path / "run.parquet").write_bytes(frame(raw))
     found = read_recording(tmp_path / "run.parquet", Maps("t", "u", "x", factor=factor))
     np.testing.assert_allclose(found.time - found.time[0], T, atol=1e-9)
-    assert "begins anew" in " ".join(found.provenance.notes)
+    assert "clock restarts" in " ".join(found.provenance.notes)
 
 
 def test_fractions_of_a_second_turn_more_than_once(tmp_path):

@@ -65,7 +65,7 @@ def test_anything_else_is_refused_in_one_line(tmp_path, content):
 
 
 def test_no_more_is_read_than_asked_for():
-    with pytest.raises(ValueError, match="more than 1000 bytes"):
+    with pytest.raises(ValueError, match="larger than 1000 bytes"):
         read_bounded(os_path("/dev/zero"), 1000)
 
 

@@ -223,7 +223,7 @@ def test_a_broken_library_is_told(error, tmp_path, monkeypatch):
     monkeypatch.delitem(sys.modules, "h5py")
     monkeypatch.setattr(sys, "meta_path", [Broken(), *sys.meta_path])
     with pytest.raises(
-        RecordingError, match=rf"it is there, but broken: {type(error).__name__}.*pip install"
+        RecordingError, match=rf"it is installed but cannot be imported: {type(error).__name__}.*pip install"
     ):
         read(path)
 

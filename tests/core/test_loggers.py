@@ -104,7 +104,7 @@ def test_grouped_thousands(tmp_path):
     assert found["command"].values[:2].tolist() == [1234.5, 1235.5]
     lines = [f"{k};{1 + k}.000;{k % 7},5" for k in range(60)]
     content = text("t;u;x", lines)
-    with pytest.raises(RecordingError, match=r'line 2 holds "1\.000", which may be grouped thousands'):
+    with pytest.raises(RecordingError, match=r'line 2 holds "1\.000", which is ambiguous'):
         read_recording(written(tmp_path, "run.csv", content), Maps(("t", "ms"), ("u", "V"), ("x", "mm")))
 
 
@@ -124,7 +124,7 @@ def test_units_in_the_file_that_contradict_the_rig_file_are_told(tmp_path):
 
 def test_a_mapped_column_twice_is_refused_with_its_places(tmp_path):
     content = text("t,u,x,x", rows(columns=("t", "u", "x", lambda k: k)))
-    with pytest.raises(RecordingError, match=r'line 1.*"x" stands twice.*"column 3" or "column 4"'):
+    with pytest.raises(RecordingError, match=r'line 1.*"x" occurs twice.*"column 3" or "column 4"'):
         read_recording(written(tmp_path, "run.csv", content), Maps(("t", "s"), ("u", "V"), ("x", "mm")))
     found = read_recording(
         written(tmp_path, "run.csv", content), Maps(("t", "s"), ("u", "V"), ("column 3", "mm"))

@@ -77,7 +77,7 @@ def test_samples_that_a_logger_interpolated_are_not_counted(grid):
     series = np.interp(np.arange(N), np.arange(0, N, 4), position()[::4])
     series = np.round(series / grid) * grid if grid else series
     found, (message,) = put_right(series)
-    assert "goes on straight between every 4th row" in message
+    assert "runs in straight lines between every 4th row" in message
     assert np.flatnonzero(np.isfinite(found)).tolist() == list(range(0, N, 4))
 
 

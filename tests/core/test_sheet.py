@@ -121,7 +121,7 @@ def test_what_does_not_close_is_refused():
     refused(twice, '"x" is declared twice')
     refused(two_rates, '"x" is declared twice')
     refused(foreign, "never|no state, input or parameter")
-    refused(two_meanings, "different contents")
+    refused(two_meanings, "different attributes")
     refused(lambda s: s.rate(ca.SX.sym("y"), 0.0), "which is no state")
 
 

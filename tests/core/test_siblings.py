@@ -202,10 +202,10 @@ REFUSED = {
         text("t,name,value", [f"{T[k]},{n},{v[k]}" for k in range(N) for n, v in (("u", U), ("x", X))]),
         r'value of column "name".*pivot',
     ),
-    "two recordings": (text("t,u,x", rows()[:25], "t,u,x", rows()[25:]), r"line 27 is the header once more"),
+    "two recordings": (text("t,u,x", rows()[:25], "t,u,x", rows()[25:]), r"line 27 repeats the header"),
     "one value too many": (
         text("t,u,x", rows(columns=("t", *UX, lambda k: 3 * k))),
-        r"4 fields.*by their place",
+        r"4 fields.*by position",
     ),
     "a comma late": (
         text("t,u,x", [f"{k},{0 if k < 30 else f'{k},5'},{k}" for k in range(N)]),
@@ -213,7 +213,7 @@ REFUSED = {
     ),
     "lines within a cell": (
         text("t,u,x,note", rows(columns=("t", *UX, lambda k: '"two\nlines"'))),
-        r"line 3 has 1 field.*runs over several lines",
+        r"line 3 has 1 field.*spans several lines",
     ),
     "whole seconds": (
         text("t,u,x", rows(columns=(lambda k: f"10:00:{k // 10:02d}", *UX))),

@@ -53,6 +53,6 @@ def test_the_friction_of_the_real_axis_is_named(shared):
     assert viscous.value == pytest.approx(-0.181, abs=0.03)
     # The published model has a constant force beside it, which is what its dry part amounts to.
     assert "constant_force" in finding.indistinguishable
-    assert "cannot tell it from constant_force" in found.summary
+    assert "cannot distinguish it from constant_force" in found.summary
     before, after = (one.scores["position"].rmse for one in (found.test.base, found.test.best))
     assert after < 0.8 * before

@@ -12,14 +12,16 @@ def diagnosis(p, strongest="sensor_backlash"):
     return SimpleNamespace(
         path=SimpleNamespace(strongest=model),
         test=SimpleNamespace(p_value=p, level=0.01),
-        rejected=((strongest, "cross-validated, windows err by 2.0 % less: too little to matter"),),
+        rejected=(
+            (strongest, "cross-validated, the error of the windows falls by 2.0 %: too little to matter"),
+        ),
     )
 
 
 def test_what_the_hold_out_prefers_is_never_said_to_improve_nothing():
     """A small backlash below the noise: the test sees it, and 2 % of the error are not worth a name."""
     told = _nothing_more(diagnosis(6e-4))
-    assert told.startswith("Sensor backlash predicts it better (p = 0.0006), too little to be named: ")
+    assert told.startswith("Sensor backlash predicts better (p = 0.0006), but too little to be named: ")
     assert "2.0 % less" in told
 
 

@@ -13,7 +13,7 @@ import optid
 # Sections that are no duty here (see also, examples, a longer summary), and matters of taste: a description may begin
 # with a small letter; a summary may begin with any word.
 NO_DUTY = {"SA01", "EX01", "ES01", "PR08", "RT04", "SS02", "SS03", "SS05", "YD01"}
-MODULES = ("datasets", "laws")
+MODULES = ("datasets", "fleet", "laws")
 
 
 def members(thing):
@@ -38,10 +38,12 @@ def public():
                 for own, value in vars(thing).items()
                 if not own.startswith("_") and getattr(value, "__module__", "") == thing.__name__
             ]
-            found |= dict.fromkeys(f"{thing.__name__}.{own}" for own in listed)
-        elif callable(thing):
-            found[f"{thing.__module__}.{thing.__qualname__}"] = None
-            found |= dict.fromkeys(members(thing) if inspect.isclass(thing) else ())
+            things = [getattr(thing, own) for own in listed]
+        else:
+            things = [thing] if callable(thing) else []
+        for one in things:
+            found[f"{one.__module__}.{one.__qualname__}"] = None
+            found |= dict.fromkeys(members(one) if inspect.isclass(one) else ())
     return list(found)
 
 
@@ -67,6 +69,15 @@ def complaints(name):
     }
     silent = [p for p in inspect.signature(thing).parameters if p not in told and not p.startswith("_")]
     return [(code, words) for code, words in errors if code != "PR01" or silent]
+
+
+def test_nothing_public_is_left_out():
+    plain = {name for name in optid.__all__ if not callable(getattr(optid, name))}
+    assert plain == {*MODULES, "__version__"}
+    named = {name.rpartition(".")[2] for name in public()}
+    assert {name for name in optid.__all__ if name not in plain} <= named
+    assert set(optid.fleet.__all__) <= named
+    assert len(public()) > 150  # with the members of classes
 
 
 @pytest.mark.parametrize("name", public())

@@ -118,4 +118,4 @@ def test_optid_check_fails_where_a_fit_would_be_refused(tmp_path):
     x = moved(u, 1 / RATE, v=1.0) + 1e-3 * rng.standard_normal(len(u))
     result = checked(tmp_path, FREE, u, x)
     assert result.exit_code == 1
-    assert "without influence: gain; a fit would be refused" in result.output
+    assert "no influence on the data: gain; a fit would be refused" in result.output

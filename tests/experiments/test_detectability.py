@@ -61,7 +61,7 @@ def test_the_command_tells_and_writes_it(true_rig, tmp_path):
         cli, ["check", str(tmp_path / "trolley.toml"), str(file), "--detectability", "--out", str(out)]
     )
     assert ran.exit_code == 0, ran.output
-    assert "what these recordings could show" in ran.output
+    assert "smallest detectable sizes" in ran.output
     told = json.loads((out / "check.json").read_text())["detectability"]
     assert [one["separation"] for one in told] == sorted((one["separation"] for one in told), reverse=True)
     assert "What these recordings could show" in (out / "report.html").read_text()

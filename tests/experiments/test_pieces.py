@@ -38,7 +38,7 @@ def test_kinds_are_what_their_names_say(pieces):
     assert np.abs(by_name["small reversals, ±1 mm"]).max() == pytest.approx(1e-3)
     full = by_name["full strokes, up first"]
     assert (full.max(), full.min()) == (pytest.approx(ROOM.reach), pytest.approx(-ROOM.reach))
-    creeping = by_name["creeping at 10 mm/s"]
+    creeping = by_name["slow motion at 10 mm/s"]
     interval = 3.0 / creeping.size
     inner = np.abs(np.diff(creeping))[creeping.size // 10 : creeping.size // 5] / interval
     assert np.median(inner) == pytest.approx(0.01, rel=1e-6)

@@ -73,7 +73,7 @@ def test_workers_and_schedulers_are_killed_and_no_row_is_lost_or_done_twice(scri
 
 def test_nobody_answers(monkeypatch):
     monkeypatch.setattr(cluster, "PATIENCE", 0.5)
-    with pytest.raises(InputError, match="no scheduler answers"), connected("tcp://127.0.0.1:9"):
+    with pytest.raises(InputError, match="no scheduler responds"), connected("tcp://127.0.0.1:9"):
         pass
 
 

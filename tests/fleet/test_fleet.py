@@ -131,7 +131,7 @@ def test_the_command_line_tells_and_fails_where_a_row_did(scripted, plant):
     assert read_run(out / "r1")["status"] == 2
     told = CliRunner().invoke(cli, ["fleet", "status", str(out), "--out", str(plant / "status")])
     assert told.exit_code == 0
-    assert "1 of 1 rows answered (1 bad-input), 0 running, 0 waiting" in told.output
+    assert "1 of 1 rows finished (1 bad-input), 0 running, 0 waiting" in told.output
     assert json.loads((plant / "status" / "status.json").read_text())["outcomes"] == {"bad-input": 1}
     (out / "report.html").unlink()
     assert CliRunner().invoke(cli, ["fleet", "report", str(out)]).exit_code == 0

@@ -4,8 +4,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from optid.fleet.statistics.changes import LOOKS
 from optid.fleet.statistics.joint import joint
+from optid.fleet.statistics.normal_scores import LOOKS
 
 RIGS, NIGHTS, REFERENCE, QUANTITIES = 40, 19, 7, 6
 
@@ -28,7 +28,7 @@ def table(values):
 
 
 def test_sound_nights_have_p_values_that_hold(nightly):
-    p = joint(table(nightly), REFERENCE, LOOKS, 12.0)
+    p = joint(table(nightly), REFERENCE)
     assert len(p) == RIGS * (NIGHTS - REFERENCE - LOOKS[0] + 1)
     assert (p["p"] < 0.05).mean() < 0.05
     assert p["p"].min() > 1e-4
@@ -41,28 +41,28 @@ def test_a_change_that_wander_hides_in_each_quantity_is_seen_in_all(nightly):
     )
     assert np.abs(alone).max() < 2.0  # sd of a night
     nightly[5, REFERENCE + 3 :] += moved
-    p = joint(table(nightly), REFERENCE, LOOKS, 12.0).set_index(["rig", "date"])["p"]
+    p = joint(table(nightly), REFERENCE).set_index(["rig", "date"])["p"]
     assert p["rig-05"].loc[REFERENCE + 6 :].max() < 1e-5
     assert p.drop("rig-05", level="rig").min() > 1e-5
 
 
 def test_one_night_that_went_wrong_is_no_change(nightly):
     nightly[5, REFERENCE + 3] += 50.0
-    p = joint(table(nightly), REFERENCE, LOOKS, 12.0).set_index(["rig", "date"])["p"]
+    p = joint(table(nightly), REFERENCE).set_index(["rig", "date"])["p"]
     assert p["rig-05"].min() > 1e-3
 
 
 def test_a_rig_that_lacks_a_quantity_and_a_fleet_too_small_say_nothing(nightly):
     values = table(nightly)
-    less = joint(values.drop(("q0", "rig-05", 3)), REFERENCE, LOOKS, 12.0)
+    less = joint(values.drop(("q0", "rig-05", 3)), REFERENCE)
     assert "rig-05" not in set(less["rig"])
     few = values[values.index.get_level_values("rig") < "rig-02"]
-    assert joint(few, REFERENCE, LOOKS, 12.0).empty
+    assert joint(few, REFERENCE).empty
 
 
 def test_a_sibling_s_wild_night_hides_no_change(nightly):
     """The wander is learnt from the reference nights of all rigs: one that went wrong must not set its size."""
     nightly[5, REFERENCE + 3 :] += 0.5
     nightly[9, 2] += 500.0 * np.arange(QUANTITIES)
-    p = joint(table(nightly), REFERENCE, LOOKS, 12.0).set_index(["rig", "date"])["p"]
+    p = joint(table(nightly), REFERENCE).set_index(["rig", "date"])["p"]
     assert p["rig-05"].loc[REFERENCE + 6 :].max() < 1e-3

@@ -2,8 +2,9 @@
 
 import json
 import os
+from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import pytest
 
@@ -119,6 +120,39 @@ class Loses(ThreadPoolExecutor):
             future.set_exception(OSError("the worker died"))
             return future
         return super().submit(function, *args)
+
+
+@dataclass(frozen=True, eq=False)
+class QueueJob:
+    """What submitit gives back for a job, as far as it is used."""
+
+    done: Callable[[], bool]
+    result: Callable[[], object]
+
+
+class Queue:
+    """As submitit has it: its jobs are no futures, they can only be asked whether they are done."""
+
+    def __init__(self):
+        self.pool = ThreadPoolExecutor(1)
+
+    def submit(self, function, *args):
+        future = self.pool.submit(function, *args)
+        return QueueJob(future.done, future.result)
+
+
+def test_jobs_that_are_no_futures_are_waited_for(scripted, tmp_path, job):
+    scripted(WRITES)
+    jobs = [job, replace(job, name="b")]
+    assert run_jobs(jobs, tmp_path / "out", executor=Queue()) == {"done": 2}
+
+
+def test_relative_paths_start_at_the_current_folder(tmp_path, job, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    relative = Job("a", "check", "rig.toml", ("a.csv",), holdout=("b/b.csv",))
+    assert relative.rig == job.rig
+    assert relative.train == job.train
+    assert relative.holdout == (str(tmp_path / "b" / "b.csv"),)
 
 
 def test_a_lost_job_is_given_again(scripted, tmp_path, job):

@@ -352,7 +352,7 @@ def test_a_lost_link_ends_the_session_and_says_so(bench, tmp_path, server, run_l
     )
     assert end.how.name == "FAILED"
     assert "LinkLost" in end.why
-    assert "the safe command could not be put" in end.why
+    assert "the safe command could not be written" in end.why
     assert not end.safe
     assert len(pd.read_csv(path)) >= 20
     assert time.monotonic() - started < 60

@@ -56,9 +56,9 @@ def test_the_first_suspect_explains_most_and_can_be():
     words = sentence(found, RIG_FILE, 40.0, "optid diagnose X")
     assert "Suspected" in words
     assert "leak, area 2 (1.86 to 2.14) N, then 0" in words
-    assert words.endswith("what settles it: optid diagnose X")
+    assert words.endswith("next: optid diagnose X")
     calm = since.compare([{name: of(0.05) for name in look}] * 2, {}, 20.0)
-    assert "nothing that differs" in sentence(calm, RIG_FILE, 40.0, "")
+    assert "no significant difference" in sentence(calm, RIG_FILE, 40.0, "")
 
 
 def test_like_is_held_against_like(tmp_path):
@@ -71,7 +71,7 @@ def test_like_is_held_against_like(tmp_path):
     )
     assert (same, other) == (False, True)
     path.write_text(json.dumps({"followed": None}))
-    with pytest.raises(InputError, match="a session that followed"):
+    with pytest.raises(InputError, match="a session that tracked"):
         read_since(path)
 
 
@@ -86,7 +86,7 @@ def test_it_says_something_once_and_says_why_not(tmp_path, monkeypatch):
     monkeypatch.setattr(following._background, "result", lambda: next(answers))
     for k in range(6):
         following.poll(25.0 * k)
-    assert said[0] == "the parameters are not followed: no motion"
+    assert said[0] == "the parameters are not tracked: no motion"
     assert len(said) == 2
     assert said[1].startswith("Suspected, from the last 40 s beside the rig file: f 9 ")
     assert "optid diagnose rig.toml" in said[1]

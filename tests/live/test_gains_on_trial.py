@@ -214,11 +214,11 @@ def answer(itae, last=1.0, hunting=0.0):
     ("identified", "physical", "sensitivity", "words"),
     [
         (answer(0.5), answer(0.5), 1.2, ()),
-        (answer(1.1), answer(0.5), 1.2, ("identified model expects more",)),
-        (answer(0.5), answer(1.1), 1.2, ("physical model expects more",)),
-        (answer(0.5), answer(math.inf, last=math.nan), 1.2, ("expects more", "does not arrive")),
+        (answer(1.1), answer(0.5), 1.2, ("identified model predicts a larger",)),
+        (answer(0.5), answer(1.1), 1.2, ("physical model predicts a larger",)),
+        (answer(0.5), answer(math.inf, last=math.nan), 1.2, ("predicts a larger", "does not settle")),
         (answer(0.5), answer(0.5, hunting=0.1), 1.2, ("hunts",)),
-        (answer(0.5), answer(0.5), 1.6, ("less margin",)),
+        (answer(0.5), answer(0.5), 1.6, ("smaller margins",)),
     ],
 )
 def test_a_review_says_what_speaks_against_new_gains(identified, physical, sensitivity, words):

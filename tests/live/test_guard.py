@@ -102,9 +102,9 @@ def test_a_sound_session_is_logged_whole_and_ends_safe(guarded):
         (Rig(read={8: SystemExit("bye")}), lambda n: 1.0, How.FAILED, 7, "SystemExit: bye"),
         (Rig(read={8: EndOfData("over")}), lambda n: 1.0, How.ENDED, 7, "over"),
         (Rig(write={8: OSError("cable")}), lambda n: 1.0, How.FAILED, 7, "OSError: cable"),
-        (Rig(), lambda n: LoopLost("gone") if n == 7 else 1.0, How.FAILED, 7, "the loop has gone"),
-        (Rig(), lambda n: None if n >= 7 else 1.0, How.FAILED, 12, "the loop does not answer"),
-        (Rig(position=math.nan), lambda n: 1.0, How.FAILED, 5, "the position sensor shows nothing"),
+        (Rig(), lambda n: LoopLost("gone") if n == 7 else 1.0, How.FAILED, 7, "the loop process ended"),
+        (Rig(), lambda n: None if n >= 7 else 1.0, How.FAILED, 12, "the loop does not respond"),
+        (Rig(position=math.nan), lambda n: 1.0, How.FAILED, 5, "the position sensor gives no value"),
     ],
 )
 def test_every_failure_ends_with_the_safe_command(guarded, rig, wishes, how, samples, words):
@@ -291,7 +291,7 @@ def test_a_driver_that_takes_nothing_is_said(guarded):
 
     end, _ = guarded(Dead(), lambda n: 1.0)
     assert not end.safe
-    assert "the safe command could not be put" in end.why
+    assert "the safe command could not be written" in end.why
 
 
 def test_one_silent_sample_gets_the_safe_command_and_the_session_goes_on(guarded):

@@ -144,7 +144,7 @@ def test_after_too_many_wrong_tokens_an_address_waits(session):
         assert answer.status == 429
         assert 0 < int(answer.headers["Retry-After"]) <= PAUSE
         assert [event.words for event in session.events] == [
-            "the page: too many wrong tokens from 127.0.0.1; it has to wait"
+            "the page: too many wrong tokens from 127.0.0.1; further attempts are delayed"
         ]
 
     with_client(session, access := Access(), job)
@@ -246,11 +246,17 @@ def test_a_reader_hears_what_stays_then_what_is_new(session):
             while (said := await heard(socket))["kind"] != "answer":
                 pass
             assert "not like that" in said["words"]
-            session.end = {"how": "stopped", "why": "the page's stop"}
+            session.end = {"how": "stopped", "why": "the Stop button of the page"}
             while (said := await heard(socket))["end"] is None:
                 pass
-            assert said["end"]["why"] == "the page's stop"
-        assert session.orders == ["tune", ("apply", False), "the page's stop", ("apply", True), "60 mm"]
+            assert said["end"]["why"] == "the Stop button of the page"
+        assert session.orders == [
+            "tune",
+            ("apply", False),
+            "the Stop button of the page",
+            ("apply", True),
+            "60 mm",
+        ]
 
     with_client(session, access := Access(), job)
 
@@ -511,6 +517,10 @@ def test_the_whole_page_by_keyboard_and_a_stop_under_load(browser, live):
             process.join()
     assert page.is_disabled("#stop")
     document = json.loads((live.out / "live.json").read_text())
-    assert (document["outcome"], document["why"], document["safe"]) == ("stopped", "the page's stop", True)
+    assert (document["outcome"], document["why"], document["safe"]) == (
+        "stopped",
+        "the Stop button of the page",
+        True,
+    )
     assert any("applied: kp" in event["words"] for event in document["events"])
     assert complaints == []

@@ -144,7 +144,7 @@ def test_tune_review_apply(tmp_path, patient):
         (("--reference", "400 mm"), "beyond the stroke limits"),
         (("--driver", "opcua", "--fast"), "--fast"),
         (("--delay", "0"), "--delay"),
-        (("--order", "3", "--na", "3"), "--order and --na"),
+        (("--order", "3", "--na", "3"), "given together with --order"),
         (("--forgetting", "0.2"), "expected a factor from 0.5 to 1"),
     ],
 )
@@ -228,7 +228,7 @@ def test_a_driver_that_never_comes_back_is_left_and_the_safe_command_put_anew(tm
     result = run(rig, "--driver", f"{driver}:Rig", "--out", tmp_path / "out")
     assert result.exit_code == 1
     assert (
-        "the driver did not come back; the safe command was written through a new connection" in result.stderr
+        "the driver did not respond; the safe command was written through a new connection" in result.stderr
     )
     lines = (tmp_path / "put.txt").read_text().split("\n")
     assert lines[-2] == f"{os.getpid()} 0.25"  # by this process, when the guard was gone
@@ -309,7 +309,9 @@ def test_the_guard_outlives_the_death_of_the_session(running):
 
 
 @posix
-@pytest.mark.parametrize(("victim", "words"), [(0, "the guard's process died"), (1, "the loop has gone")])
+@pytest.mark.parametrize(
+    ("victim", "words"), [(0, "the guard's process died"), (1, "the loop process ended")]
+)
 def test_the_death_of_a_process_is_a_failed_session(running, victim, words):
     os.kill(running.children()[victim], signal.SIGKILL)
     assert running.process.wait(60) == 1

@@ -187,7 +187,7 @@ def test_a_field_that_is_missing_is_named_when_it_is_asked_for(tmp_path):
 
 def test_a_field_of_another_type_is_refused_at_once(tmp_path):
     (tmp_path / "fit.json").write_text(json.dumps({**FIT, "values": 3}))
-    with pytest.raises(InputError, match="not whole"):
+    with pytest.raises(InputError, match="incomplete"):
         optid.load(tmp_path)
 
 
@@ -217,5 +217,5 @@ def test_files_of_two_runs_are_refused(saved):
     type(result)({**result.document, "version": "another"}, result.tables, result.files).save(place)
     assert optid.load(place).document["version"] == "another"
     (place / "plan.json").write_bytes(old)
-    with pytest.raises(InputError, match=r"plan\.json: .*before the results that manifest\.json"):
+    with pytest.raises(InputError, match=r"plan\.json: .*older than the results that manifest\.json"):
         optid.load(place)

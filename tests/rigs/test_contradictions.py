@@ -38,7 +38,7 @@ def test_what_cannot_be_built_or_moved_is_refused(tmp_path, name, old, new, word
     [
         ('supply_pressure = "0.5 bar"', "the supply pressure is above the exhaust pressure"),
         ('rod_diameter = "60 mm"', "the rod is thinner than the bore"),
-        ('payload_mass = "-3 kg"', "outside what is physical"),
+        ('payload_mass = "-3 kg"', "outside the physical range"),
         ('payload_mas = "3 kg"', 'did you mean "payload_mass"?'),
     ],
 )

@@ -233,7 +233,7 @@ def test_a_sensitivity_nobody_asked_for_stops_nothing(tmp_path):
     path = written(tmp_path / "m.json", Armax((1.0, -1.25), ((0.1,),), nk=(3,), sample_time=T), "level")
     result = run(path, "--out", tmp_path / "out", "--limits", "5", "--setpoint", "0.1", *QUICK)
     assert result.exit_code == 0, result.output
-    assert "none is asked for" in result.output
+    assert "the bound is dropped" in result.output
     assert strict(tmp_path / "out" / "pid.json")["margins"]["maximum_sensitivity"] > 2.0
     asked = run(path, "--out", tmp_path / "no", "--limits", "5", "--setpoint", "0.1", "--ms", "2", *QUICK)
     assert asked.exit_code == 1 and "no gains keep" in asked.output
@@ -333,7 +333,7 @@ def test_time_that_is_up_keeps_the_best_so_far(model_file, tmp_path):
     result = run(model_file, "--out", tmp_path, "--deadline", "0.01", "--structure", "p-pi", *QUICK)
     assert result.exit_code == 0, result.output
     content = strict(tmp_path / "pid.json")
-    assert "Time was up" in " ".join(content["remarks"]) and content["structure"] == "p-pi"
+    assert "time limit was reached" in " ".join(content["remarks"]) and content["structure"] == "p-pi"
     assert any(row["name"] == "Kv" and row["unit"] == "1/s" for row in content["drive"])
 
 

@@ -18,17 +18,15 @@ from optid.core.readers.mdf import EXTRA
 from optid.core.readers.table import Clock, Column, Table
 from optid.errors import RecordingError
 
-_CURE = (
-    "export the topics as CSV, for instance in PlotJuggler; or write the bag anew as MCAP: ros2 bag convert"
-)
+_CURE = "export the topics as CSV, for instance in PlotJuggler; or convert the bag to MCAP: ros2 bag convert"
 Message = tuple[str, int, Any]  # topic, ns of arrival, decoded
 
 
 def read(data: bytes, path: Path, wanted: tuple[str, ...], budget: Budget) -> Table:
-    """The fields of messages that are asked for, each with its topic's clock.
+    """The requested fields of messages, each with its topic's clock.
 
-    They go by "/topic.field.part[0]", or with slashes as PlotJuggler writes them; "/topic.log_time" is when messages
-    arrived. The clock is the stamp in the messages' header where they have one, else their arrival.
+    They are named "/topic.field.part[0]", or with slashes as in PlotJuggler; "/topic.log_time" is the time of arrival.
+    The clock is the stamp in the messages' header where they have one, else their arrival.
 
     Raises:
         RecordingError: truncated or damaged, no bag, definitions missing, or mcap-ros2-support is not installed.
@@ -36,7 +34,11 @@ def read(data: bytes, path: Path, wanted: tuple[str, ...], budget: Budget) -> Ta
     try:
         import mcap_ros2.decoder
     except ImportError as error:
-        broken = "" if isinstance(error, ModuleNotFoundError) else f" (it is there, but broken: {error})"
+        broken = (
+            ""
+            if isinstance(error, ModuleNotFoundError)
+            else f" (it is installed but cannot be imported: {error})"
+        )
         raise RecordingError(f"bags need mcap-ros2-support{broken}", where=path, hint=EXTRA) from None
     budget.take(4 * len(data), "the messages")
     try:
@@ -50,7 +52,7 @@ def read(data: bytes, path: Path, wanted: tuple[str, ...], budget: Budget) -> Ta
                 topics.setdefault(topic, [])
     except RecordingError:
         raise
-    except Exception as error:  # the libraries raise whatever the damaged bytes lead them to
+    except Exception as error:  # damaged bytes make the libraries raise exceptions of any kind
         reason = " ".join(f"{type(error).__name__} {error}".split())[:120]
         raise RecordingError(
             f"the bag is truncated or damaged ({reason})", where=path, expected="a complete file"
@@ -95,9 +97,9 @@ def _column(messages: list[tuple[int, Any]], parts: list[str]) -> Column | str:
     values = [_field(message, parts) for _, message in messages]
     wrong = next((v for v in values if not isinstance(v, int | float | type(None))), None)
     if wrong is not None:
-        return f"is no number but {type(wrong).__name__}: map one of its fields or elements"
+        return f"is not a number but {type(wrong).__name__}: map one of its fields or elements"
     if all(v is None for v in values):
-        return "is no field of these messages"
+        return "is not a field of these messages"
     return Column(np.array([np.nan if v is None else v for v in values], dtype=np.float64), clock)
 
 
@@ -137,7 +139,7 @@ def _of_sqlite(data: bytes, factory: Any, path: Path) -> Iterator[Message]:
         tables = {name for (name,) in base.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
         if not {"topics", "messages"} <= tables:
             raise RecordingError(
-                "this is an SQLite database, but no ROS 2 bag", where=path, hint="export its table as CSV"
+                "this is an SQLite database, but not a ROS 2 bag", where=path, hint="export its table as CSV"
             )
         if "message_definitions" not in tables:
             raise RecordingError(

@@ -1,4 +1,4 @@
-"""Time: what the rig's time column or the file's own clocks say, unwrapped, checked, and common to all channels."""
+"""Time: from the rig's time column or the file's clocks, unwrapped, checked, and common to all channels."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from optid.errors import RecordingError
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-# Where clocks and counters begin anew, in their own unit: bits; a week (GPS), a day, an hour, a minute, also in ms, us
-# and ns.
+# Periods after which clocks and counters restart, in their own unit: bits; a week (GPS), a day, an hour, a minute,
+# also in ms, us and ns.
 _BITS = tuple(2.0**n for n in (8, 10, 12, 14, 16, 20, 24, 31, 32, 48, 64))
 _DAYS = tuple(
     base * size for base in (604_800.0, 86_400.0, 43_200.0, 3600.0, 60.0) for size in (1.0, 1e3, 1e6, 1e9)
@@ -27,18 +27,18 @@ _SCALED = tuple(
 )
 _TENS = tuple(
     10.0**n for n in range(10)
-)  # recordings may have such a length: they count from the second turn on
+)  # recordings may have such a length: these count only from the second restart
 PERIODS = (*_BITS, *_DAYS, *_SCALED, 24.0, 1440.0, *_TENS)
-_MANY = 50  # of the samples: a clock that begins anew in more than one of so many is no clock
+_MANY = 50  # samples per restart, at least: a column that restarts more often is not a clock
 _LOST = 60.0  # s that may be missing over midnight
-_BURST = 0.5  # of the mean interval: scatter of stamps beyond which they are looked at as a whole
+_BURST = 0.5  # of the mean interval: scatter of time stamps beyond which bursts are looked for
 _HURRIED = 3  # percent of the intervals that must be short: samples that were delayed arrive together
-_FEWEST = 60  # samples from which bursts are told
+_FEWEST = 60  # samples from which bursts can be detected
 _SAME_RATE = 2e-3  # relative: rates that differ by more contradict each other
 
 
 def unwrapped(raw: Array, unit: str, place: Callable[[int], str]) -> tuple[Array, tuple[str, ...]]:
-    """Times with what a clock loses when it begins anew given back, and a word on it.
+    """Times with the restarts of the clock unwrapped, and a note.
 
     Only if every step back is that of one known period (midnight, a counter's bits) to within a few intervals.
 
@@ -60,10 +60,10 @@ def unwrapped(raw: Array, unit: str, place: Callable[[int], str]) -> tuple[Array
             turns = np.zeros(len(raw))
             turns[back + 1] = period
             times = "once" if len(back) == 1 else f"{len(back)} times"
-            what = "midnight" if _is_day(period) else "its roll-over"
+            what = "midnight" if _is_day(period) else "the counter's range"
             return raw + np.cumsum(turns), (
-                f"the clock begins anew {times} ({place(int(back[0]) + 1)}): "
-                f"{period:.10g} {unit} are added from {what} on",
+                f"the clock restarts {times} ({place(int(back[0]) + 1)}): "
+                f"{period:.10g} {unit} are added from that row on ({what})",
             )
     return raw, ()
 
@@ -73,7 +73,7 @@ def _is_day(period: float) -> bool:
 
 
 def refuse_bursts(time: Array, field: str, path: Path) -> None:
-    """Stamps of arrival: the samples were taken evenly, but came in bursts.
+    """Refuse time stamps of arrival: the samples were taken evenly, but arrived in bursts.
 
     Raises:
         RecordingError: the intervals scatter by half an interval or more, yet the stamps keep to a straight line.
@@ -86,7 +86,7 @@ def refuse_bursts(time: Array, field: str, path: Path) -> None:
     centred = n - n.mean()
     slope = float(centred @ (time - time.mean()) / (centred @ centred))
     off = np.abs(time - time.mean() - slope * centred)
-    # A gap, a rate that changes or intervals at random leave the line further and further; bursts by less than a burst.
+    # A gap, a changing rate or random intervals depart from the line further and further; bursts by less than a burst.
     if float(off.max()) > float(steps.max()):
         return
     short, long = float(np.percentile(steps, _HURRIED)), float(np.percentile(steps, 95))
@@ -94,8 +94,9 @@ def refuse_bursts(time: Array, field: str, path: Path) -> None:
         return
     long = max(long, float(np.median(steps[steps > 2 * slope]))) if (steps > 2 * slope).any() else long
     raise RecordingError(
-        f"the stamps come in bursts, {short:.3g} to {long:.3g} s apart, while on the whole a sample was taken every "
-        f"{slope:.4g} s: they tell when samples arrived, not when they were taken",
+        f"the time stamps come in bursts, {short:.3g} to {long:.3g} s apart, while on the whole a sample was taken "
+        "every "
+        f"{slope:.4g} s: they record when samples arrived, not when they were taken",
         where=path,
         field=field,
         expected="times of the samples",
@@ -128,10 +129,10 @@ class Timed:
 
 
 def aligned(signals: Mapping[str, Timed], path: Path) -> Aligned:
-    """Put signals of several clocks on the fastest of them, over the stretch that all of them cover.
+    """Align signals of several clocks to the fastest one, over the time that all of them cover.
 
     A held signal (a command) has at each instant the value of its last sample. A measured one is interpolated by
-    cubics where its rate is the clock's, and stands at the instant nearest to each of its samples where it is slower.
+    cubics if its rate is the clock's; if it is slower, each sample is placed at the nearest instant.
 
     Raises:
         RecordingError: they have no stretch in common.
@@ -194,7 +195,7 @@ def _measured(axis: Array, at: Array, values: Array, step: float, own: float) ->
 
 
 def _cubic(axis: Array, at: Array, values: Array) -> Array:
-    """Through the four neighbours (Lagrange), missing where one of the two nearest is."""
+    """Cubic interpolation through the four neighbours (Lagrange), missing where one of the two nearest is."""
     if len(at) < 4:
         return np.interp(axis, at, values)
     left = np.clip(np.searchsorted(at, axis, side="right") - 2, 0, len(at) - 4)
@@ -229,13 +230,15 @@ def _told(
     if late[last] > 1e-6:
         begins = ", ".join(f"{role} {1e3 * s:.6g} ms" for role, s in late.items() if s > 1e-9)
         notes.append(
-            f"by the file's own clocks the channels begin at different times (later than the first: {begins}): "
-            f"they are put so, over the {stop - start:.6g} s that they share"
+            f"according to the file's clocks the channels begin at different times (later than the first: {begins}): "
+            f"they are aligned by these times, over the {stop - start:.6g} s that they share"
         )
     rates = {role: 1 / step for role, step in steps.items()}
     if max(rates.values()) > min(rates.values()) * (1 + _SAME_RATE):
         each = ", ".join(f"{role} {rate:.6g} Hz" for role, rate in rates.items())
-        notes.append(f"the channels have rates of their own ({each}): each is measured where it has samples")
+        notes.append(
+            f"the channels have different rates ({each}): each counts as measured where it has samples"
+        )
     return tuple(notes)
 
 

@@ -15,8 +15,8 @@ from optid.core.readers.table import Raw, Table
 from optid.core.recording import Array, ChannelMap
 from optid.errors import RecordingError
 
-_EPOCH = 1e7  # s: later times count from 1970 or a boot long ago, and are told from their first sample on
-_EXACT = 2**53  # integers beyond lose digits as float64
+_EPOCH = 1e7  # s: later times count from 1970 or from a boot, and are shifted to start at the first sample
+_EXACT = 2**53  # larger integers lose digits as float64
 
 
 def refuse_disorder(times: Array, place: Callable[[int], str], field: str, path: Path) -> None:
@@ -33,9 +33,9 @@ def refuse_disorder(times: Array, place: Callable[[int], str], field: str, path:
     before, here = times[row - 1], times[row]
     what = f"repeats {here:.10g}" if here == before else f"goes back from {before:.10g} to {here:.10g}"
     hint = (
-        'if the times are rounded, state rate = "... Hz" instead'
+        'if the times are rounded, give the rate: rate = "... Hz" instead'
         if here == before
-        else "if two recordings follow each other, or a clock began anew, cut the file there"
+        else "if two recordings follow each other, or a clock restarted, cut the file there"
     )
     raise RecordingError(
         f"{place(row)} {what}", where=path, field=field, expected="times that increase", hint=hint
@@ -65,7 +65,7 @@ def times_of(table: Table, time: ChannelMap, path: Path) -> tuple[Array, float, 
 
 
 def _since(seconds: float) -> str:
-    return f"times are told from the first sample on, which the file has at {seconds:.9g} s"
+    return f"times count from the first sample, which the file has at {seconds:.9g} s"
 
 
 def _stamped(values: Raw, table: Table, time: ChannelMap, path: Path) -> tuple[Array, float, float] | None:
@@ -93,7 +93,7 @@ def _stamped(values: Raw, table: Table, time: ChannelMap, path: Path) -> tuple[A
 
 
 def unit_notes(role: str, unit: str, channel: ChannelMap) -> list[str]:
-    """A word where the file states another unit than the rig file, of the same quantity but of another size."""
+    """A note where the file states another unit of the same quantity than the rig file."""
     from optid.core.units import conversion
     from optid.errors import InputError
 
@@ -136,7 +136,7 @@ def numbers_of_column(table: Table, channel: ChannelMap, path: Path) -> Array:
         raise RecordingError(
             f"{table.place(row)} is infinite", where=path, field=field, expected="a finite number or nothing"
         )
-    huge = np.abs(values) > HUGE  # a few readings of a sensor are put right later; a clock has none
+    huge = np.abs(values) > HUGE  # a few bad readings of a sensor are repaired later; a clock must have none
     if huge.any() and (channel.role == "time" or 2 * huge.sum() > np.isfinite(values).sum()):
         row = int(huge.argmax())
         raise RecordingError(

@@ -1,4 +1,4 @@
-"""A file's bytes: read whole, from something that ends, and unpacked within bounds."""
+"""A file's bytes: read completely, from a finite source, and unpacked within bounds."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from optid.errors import RecordingError
 
 
 def file_bytes(path: Path) -> bytes:
-    """The bytes of a file, or of a pipe that ends soon enough.
+    """The bytes of a file, or of a pipe of bounded length.
 
     Raises:
         RecordingError: absent, a directory, a device, empty, not readable.
@@ -22,7 +22,7 @@ def file_bytes(path: Path) -> bytes:
         with path.open("rb") as file:
             mode = os.fstat(file.fileno()).st_mode
             if stat.S_ISCHR(mode) or stat.S_ISBLK(mode):
-                raise RecordingError("this is a device, which has no end", where=path, expected="a file")
+                raise RecordingError("this is a device, not a file", where=path, expected="a file")
             data = file.read() if stat.S_ISREG(mode) else file.read(PIPE + 1)
     except FileNotFoundError:
         raise RecordingError("no such file", where=path, hint=_neighbour(path)) from None
@@ -42,14 +42,14 @@ def file_bytes(path: Path) -> bytes:
 
 
 def unzipped(data: bytes, budget: Budget, path: Path) -> bytes:
-    """What a .gz file holds.
+    """The content of a .gz file.
 
     Raises:
         RecordingError: truncated, damaged, or unpacking to more than it can hold.
     """
     if data[:2] != b"\x1f\x8b":
         raise RecordingError(
-            "the name ends in .gz, but this is no gzip data", where=path, expected="a .gz file"
+            "the name ends in .gz, but the content is not gzip data", where=path, expected="a .gz file"
         )
     try:
         return budget.inflate(data, "the gzip data", window=zlib.MAX_WBITS | 16)

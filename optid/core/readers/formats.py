@@ -1,4 +1,4 @@
-"""Which reader a file needs, told by its first bytes; what no reader takes is named, with what to do."""
+"""The choice of the reader by a file's first bytes; a format without a reader is named, with advice."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ _INSIDE = (
 
 
 def read_table(path: Path, wanted: Iterable[str]) -> tuple[Table, str]:
-    """Read the columns asked for; a file's first bytes tell its format, or else its suffix.
+    """Read the requested columns; the format follows from the file's first bytes, or else from its suffix.
 
     Returns:
         The table and the sha256 of the file's bytes.
@@ -103,7 +103,7 @@ def read_table(path: Path, wanted: Iterable[str]) -> tuple[Table, str]:
     reader, held = reader_of(data, name, path), [data]
     if name != path.name.lower():
         budget.rows(max(data.count(b"\n"), data.count(b"\r")) if _is_text(reader) else 0)
-    del data  # the reader may let go of it once it has what it needs
+    del data  # the reader may free it once it has what it needs
     table = reader(held.pop(), path, tuple(dict.fromkeys(wanted)), budget)
     budget.rows(max((len(column.values) for column in table.columns.values()), default=0))
     return table, digest
@@ -116,10 +116,10 @@ def _is_text(reader: Reader) -> bool:
 
 
 def reader_of(data: bytes, name: str, path: Path) -> Reader:
-    """The reader of a format; each is imported only when a file asks for it.
+    """The reader of a format; each is imported only when a file needs it.
 
     Raises:
-        RecordingError: an empty file, or a format that no reader takes, by its name.
+        RecordingError: an empty file, or a format without a reader, which is named.
     """
     from optid.core.readers import bags, hdf5, mat, mdf, parquet, tdms, text
 
@@ -157,7 +157,7 @@ def _refuse_foreign(data: bytes, suffix: str, path: Path) -> None:
     if found is None and suffix in _SUFFIXES and b"\0" in data[:4096]:
         found = _SUFFIXES[suffix]
     if found is None and suffix in (".h5", ".hdf5"):
-        found = ("no HDF5 file, whatever its name says, or a damaged one", "look where it was written")
+        found = ("not an HDF5 file in spite of its name, or a damaged one", "check the program that wrote it")
     if found is not None:
         what, cure = found
         raise RecordingError(

@@ -128,12 +128,12 @@ class _Walk:
         if isinstance(item, self._h5py.Group):
             address = int(self._h5py.h5o.get_info(item.id).addr)
             if address in self._seen:
-                return Sealed("is the same group once more")
+                return Sealed("is a link to a group that was already read")
             self._seen.add(address)
             fields = self.group(item, name, depth + 1)
             return self._structs(fields) if title == "struct" else fields
         if not isinstance(item, self._h5py.Dataset):
-            return Sealed("is a type, no data")
+            return Sealed("is a data type without data")
         return self._dataset(item, title, name, depth)
 
     def _dataset(self, item: Any, title: str, name: str, depth: int) -> Node:

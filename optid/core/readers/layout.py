@@ -1,4 +1,4 @@
-"""Where the table of a text file begins: its header, delimiter and columns, decided by what the rig file asks for.
+"""Where the table of a text file begins: its header, delimiter and columns, from the names in the rig file.
 
 Everything above the header (facts of the file, of the channels) and between header and data (units, types) may be
 anything; so may columns that the rig file does not map.
@@ -50,12 +50,12 @@ class Layout:
     """How a text table is laid out.
 
     Attributes:
-        header: index of the line that names the columns; None where columns go by their places.
+        header: index of the line that names the columns; None where columns are selected by position.
         first: index of the first row of data.
         delimiter: one of `DELIMITERS`.
         names: of the columns, as the header has them.
-        found: name asked for -> indices of the columns that bear it (several where it stands more than once).
-        relaxed: name asked for -> the header's own words for it, where they differ.
+        found: requested name -> indices of the columns with it (several if it occurs more than once).
+        relaxed: requested name -> the header's spelling, where it differs.
         between: cells of the lines between header and data, one list a line.
     """
 
@@ -85,7 +85,7 @@ class _Candidate:
 
 
 def find_layout(lines: Sequence[str], wanted: Sequence[str]) -> Layout | None:
-    """The layout under which most of the columns asked for are found and followed by rows of data.
+    """The layout under which most of the requested columns are found and followed by rows of data.
 
     Args:
         lines: the head of the file.
@@ -214,7 +214,7 @@ def _numbered(lines: Sequence[str], first: int, delimiter: str, width: int) -> b
 
 
 def unreadable_row(lines: Sequence[str], wanted: Sequence[str]) -> tuple[int, int, str, str] | None:
-    """Where a header names all columns, but the row below holds something that is no value.
+    """A header that names all columns, with a row below that holds something that is not a value.
 
     Returns:
         indices of the header's and the row's line, the mapped name, and what stands there.
@@ -235,7 +235,7 @@ def unreadable_row(lines: Sequence[str], wanted: Sequence[str]) -> tuple[int, in
 
 
 def named_in_rows(lines: Sequence[str], layout: Layout, missing: Sequence[str]) -> str | None:
-    """The column whose cells are the names asked for: a long table, with one value a row."""
+    """The column whose cells are the requested names: a long table, with one value per row."""
     rows = [split(line, layout.delimiter) for line in lines[layout.first :] if line.strip()]
     for k, name in enumerate(layout.names):
         cells = {row[k] for row in rows if k < len(row)}
@@ -275,7 +275,7 @@ def _agreement(lines: Sequence[str], first: int, delimiter: str, width: int) -> 
 
 
 def _by_places(lines: Sequence[str], wanted: Sequence[str]) -> Iterator[_Candidate]:
-    """Layouts of tables whose columns are all asked for by their place: the names above them do not matter."""
+    """Layouts of tables whose columns are all selected by position: the names above them do not matter."""
     places = [int(match[1]) - 1 for match in map(_PLACE.fullmatch, wanted) if match]
     if len(places) < len(wanted) or min(places) < 0:
         return
@@ -292,7 +292,7 @@ def _by_places(lines: Sequence[str], wanted: Sequence[str]) -> Iterator[_Candida
 
 
 def _by_rows(lines: Sequence[str], wanted: Sequence[str]) -> Iterator[_Candidate]:
-    """Layouts by the look of the rows alone, for tables without a header and for messages."""
+    """Layouts judged from the rows alone, for tables without a header and for messages."""
     for order, delimiter in enumerate(DELIMITERS):
         for i, line in enumerate(lines):
             if not line.strip() or line.lstrip().startswith(("#", "%", "//")):

@@ -1,4 +1,4 @@
-"""Optional libraries of readers: one that is absent, or there but broken, is said in one line."""
+"""Optional libraries of readers: one that is missing or broken is reported in one line."""
 
 from __future__ import annotations
 
@@ -27,5 +27,5 @@ def library(name: str, package: str, needed: str, path: Path) -> Any:
     except Exception as error:  # one built for another NumPy raises ValueError, AttributeError and others
         absent = isinstance(error, ModuleNotFoundError)
         why = " ".join(f"{type(error).__name__}: {error}".split())[:200]
-        broken = "" if absent else f" (it is there, but broken: {why})"
+        broken = "" if absent else f" (it is installed but cannot be imported: {why})"
         raise RecordingError(f"{needed} need {package}{broken}", where=path, hint=EXTRA) from None

@@ -1,4 +1,4 @@
-"""How much a file may ask for: memory is bounded by what the file really holds, whatever it declares."""
+"""Limits on reading: memory is bounded by what the file really holds, whatever it declares."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 
 from optid.errors import RecordingError
 
-FLOOR = 64 << 20  # bytes that any file may ask for
+FLOOR = 64 << 20  # bytes that any file may unpack to
 RATIO = 100  # times its size that a file may unpack to: logs shrink 3 to 20 times, one of a channel at rest 100 times
 ROWS = 1_000_000  # that any file may have
 ROWS_PER_BYTE = (
@@ -22,7 +22,7 @@ LONGEST_NAME = 60  # characters of a name in a message
 
 
 class Budget:
-    """What may still be unpacked of one file.
+    """How much of one file may still be unpacked.
 
     Args:
         size: bytes of the file.
@@ -34,7 +34,7 @@ class Budget:
         self.most_rows = ROWS + ROWS_PER_BYTE * size
 
     def take(self, count: int, what: str) -> None:
-        """Count bytes that are about to be made.
+        """Count bytes that are about to be allocated.
 
         Raises:
             RecordingError: more than the file can really hold.
@@ -44,7 +44,7 @@ class Budget:
                 f"{what} would take {count / 1e6:.6g} MB, far more than a file of this size holds",
                 where=self.path,
                 expected="a file that is not damaged",
-                hint="if it is sound, save it again without compression or fill values",
+                hint="if it is not damaged, save it again without compression or fill values",
             )
         self.left -= count
 
@@ -59,7 +59,7 @@ class Budget:
                 f"{count} rows, far more than a file of this size holds",
                 where=self.path,
                 expected=f"at most {self.most_rows}",
-                hint="if it is sound, save it again without compression, or in parts",
+                hint="if it is not damaged, save it again without compression, or in parts",
             )
 
     def inflate(self, data: bytes | memoryview, what: str, window: int = zlib.MAX_WBITS) -> bytes:
@@ -101,6 +101,6 @@ class Budget:
 
 
 def shown(name: object) -> str:
-    """A name from a file as a message may hold it: one line, printable, of bounded length."""
+    """A name from a file, made fit for a message: one line, printable, of bounded length."""
     text = "".join(c if c.isprintable() else "?" for c in str(name)[: LONGEST_NAME + 1])
     return text if len(text) <= LONGEST_NAME else text[: LONGEST_NAME - 3] + "..."

@@ -1,7 +1,7 @@
-"""Layouts of measurement programs, oscilloscopes and controllers: by what they are recognised, and what is special.
+"""Layouts of measurement programs, oscilloscopes and controllers: how they are recognised, and their peculiarities.
 
-Most need nothing beyond `layout`: facts above the header, units below it, any columns beside the mapped ones. Here
-stand those whose columns do not mean what a plain table's would, and the names by which a refusal speaks of them.
+Most need nothing beyond `layout`: facts above the header, units below it, any columns beside the mapped ones. Here are
+those whose columns do not mean what a plain table's would, and the names used in error messages.
 """
 
 from __future__ import annotations

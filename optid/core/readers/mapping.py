@@ -18,7 +18,7 @@ from optid.core.readers.table import Clock, Column, Table, offered
 from optid.core.recording import Array, Channel, ChannelMap, Provenance, Recording, midpoints, sealed
 from optid.errors import RecordingError
 
-_MANY = 20  # rows that show that the first one is none
+_MANY = 20  # rows that show that the first one is not data
 _OTHERS = 0.5  # of the rows: where fewer hold a mapped value, the rest belong to other channels
 
 
@@ -34,7 +34,7 @@ class Mapped(Protocol):
 def read_recording(path: str | Path, rig: Mapped) -> Recording:
     """Read a recording file into the channels a rig maps, in SI units.
 
-    Only the mapped columns are read; whatever else a file holds may be anything.
+    Only the mapped columns are read; all others may contain anything.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ def read_recording(path: str | Path, rig: Mapped) -> Recording:
     -------
     Recording
         The recording, named by its file name. Positions are recorded minus the rig's offset; a command with a
-        full scale is divided by it. What was put right is told in `provenance`.
+        full scale is divided by it. Repairs are listed in `provenance`.
 
     Raises
     ------
@@ -58,7 +58,7 @@ def read_recording(path: str | Path, rig: Mapped) -> Recording:
     path = Path(path)
     table, digest = read_table(path, wanted_columns(rig))
     held = [table]
-    del table  # nothing here holds a long file's columns
+    del table  # nothing here keeps a long file's columns in memory
     return recording_of(held.pop(), digest, rig, path)
 
 
@@ -90,7 +90,7 @@ def recording_of(table: Table, digest: str | None, rig: Mapped, path: Path) -> R
     values, between = held_between(found.time, found.values, held)
     time, notes = sealed(found.time), (*table.notes, *found.notes, *between)
     rows, reader = max(len(column.values) for column in table.columns.values()), table.reader
-    del table, found  # a long file's columns are let go one by one
+    del table, found  # a long file's columns are freed one by one
     values, repairs = repaired(values, held)
     channels = {role: _channel(values.pop(role), maps[role]) for role in tuple(values)}
     if digest is None:
@@ -125,7 +125,7 @@ def _check_columns(table: Table, maps: Mapping[str, ChannelMap], path: Path) -> 
         if role == "time" and not why:
             rate = _rate_of(table)
             hint = (
-                f'the file has its own clock: state rate = "{rate:.6g} Hz" instead of a time column'
+                f'the file has its own clock: give the rate: rate = "{rate:.6g} Hz" instead of a time column'
                 if rate
                 else hint
             )
@@ -186,7 +186,8 @@ def _refuse_contradiction(stated: float, clocks: Mapping[str, Clock], path: Path
     if all(rate is not None for rate in rates.values()):
         role, rate = next((role, rate) for role, rate in rates.items() if rate is not None)
         raise RecordingError(
-            f"by the file's own clock {role} has {rate:.6g} samples a second, the rig file states {stated:.6g} Hz",
+            f"according to the file's clock {role} has {rate:.6g} samples a second, the rig file states "
+            f"{stated:.6g} Hz",
             where=path,
             field="rate",
             expected=f'rate = "{rate:.6g} Hz"',
@@ -209,7 +210,7 @@ def _in_rows(
                 f'column "{maps[role].column}" has {len(one)} values where {other} has {rows}',
                 where=path,
                 field=role,
-                expected="channels of one length, or a clock for each",
+                expected="channels of equal length, or a time column for each",
             )
     if rows < 2:
         raise RecordingError("fewer than two rows of data", where=path)
@@ -239,7 +240,7 @@ def _by_time(
     if keep.mean() > _OTHERS:  # else the other rows are those of another logger, joined over time
         keep |= np.isfinite(times)
     if not keep.all():
-        notes += (f"{int((~keep).sum())} rows without any value are left out",)
+        notes += (f"{int((~keep).sum())} rows without any value are skipped",)
         values = {role: one[keep] for role, one in values.items()}
         times = times[keep]
     numbers_of = np.flatnonzero(keep) if not keep.all() else None
@@ -259,7 +260,7 @@ def _by_time(
         )
     if table.reader == "csv" and _begins_with_facts(times):
         notes += (
-            f"{place(0)} comes before the rows and is none by its time (scales or numbers of channels?)",
+            f"{place(0)} comes before the data, and its time does not fit them (scales or channel numbers?)",
         )
         values, times = {role: one[1:] for role, one in values.items()}, times[1:]
         numbers_of = (np.flatnonzero(keep) if numbers_of is None else numbers_of)[1:]

@@ -17,9 +17,9 @@ EXTRA = 'run pip install "optid[logs]"'
 
 
 def read(data: bytes, path: Path, wanted: tuple[str, ...], budget: Budget) -> Table:
-    """The channels of an MDF file that are asked for, each with its group's clock.
+    """The requested channels of an MDF file, each with its group's clock.
 
-    They go by the channel's name, or "2/NAME" for that of the third group where several groups have it.
+    They are named by the channel, or "2/NAME" for that of the third group where several groups have it.
 
     Raises:
         RecordingError: truncated or damaged, or asammdf is not installed.
@@ -27,7 +27,11 @@ def read(data: bytes, path: Path, wanted: tuple[str, ...], budget: Budget) -> Ta
     try:
         from asammdf import MDF
     except ImportError as error:
-        broken = "" if isinstance(error, ModuleNotFoundError) else f" (it is there, but broken: {error})"
+        broken = (
+            ""
+            if isinstance(error, ModuleNotFoundError)
+            else f" (it is installed but cannot be imported: {error})"
+        )
         raise RecordingError(f"MDF files need asammdf{broken}", where=path, hint=EXTRA) from None
     logging.getLogger("asammdf").setLevel(logging.CRITICAL)
     if b"HD" not in data[64:68]:  # where both versions have their header
@@ -47,7 +51,7 @@ def read(data: bytes, path: Path, wanted: tuple[str, ...], budget: Budget) -> Ta
                     columns[name] = found
     except RecordingError:
         raise
-    except Exception as error:  # asammdf raises whatever the damaged bytes lead it to
+    except Exception as error:  # damaged bytes make asammdf raise exceptions of any kind
         reason = " ".join(f"{type(error).__name__} {error}".split())[:120]
         raise RecordingError(
             f"the MDF data is truncated or damaged ({reason})", where=path, expected="a complete file"
@@ -67,7 +71,7 @@ def _column(file: Any, places: list[tuple[int, int]], origin: int, budget: Budge
     masters = [place for place in places if file.masters_db.get(place[0]) == place[1]]
     if len(places) > 1 and len(masters) < len(places):
         groups = " or ".join(f"{group}/..." for group, _ in places[:4])
-        return f"stands in {len(places)} groups: map one by its number, {groups}"
+        return f"is in {len(places)} groups: select one by its number, {groups}"
     group, index = places[0]
     budget.take(int(file.groups[group].channel_group.cycles_nr) * 16, f"channel {index} of group {group}")
     signal = file.get(group=group, index=index, raw=False)

@@ -1,4 +1,4 @@
-"""Channels that have samples in some of the rows only: a held one is filled between them, a measured one stays so."""
+"""Channels with samples in some of the rows only: a held one is filled between them, a measured one is not."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
-_SHARED = 0.2  # of a channel's samples that may fall on those of another logger by chance
+_SHARED = 0.2  # of a channel's samples that may coincide with another logger's by chance
 
 
 def held_between(
@@ -19,7 +19,7 @@ def held_between(
 ) -> tuple[dict[str, Array], tuple[str, ...]]:
     """Fill a held channel between its samples where it is recorded at a slower rate than the rows.
 
-    Only where its samples come at a regular distance, and only over that distance: what is missing for longer stays so.
+    Only if its samples are regularly spaced, and only over that spacing: longer gaps remain.
     """
     found, notes = dict(values), []
     for role, series in values.items():
@@ -27,7 +27,7 @@ def held_between(
         if stride < 2 and held.get(role) and _joined(role, values):
             found[role] = _held_on(time, series)
             notes.append(
-                f"{role} has no value in the rows of the other channels: it is held there from its last sample"
+                f"{role} has no value in the rows of the other channels: its last sample is held there"
             )
         if stride < 2:
             continue
@@ -40,7 +40,7 @@ def held_between(
             notes.append(f"{role} has a sample every {stride} rows ({rate:.4g} Hz) and is held between them")
         else:
             notes.append(
-                f"{role} has a rate of its own, a sample every {stride} rows ({rate:.4g} Hz): it is measured there"
+                f"{role} has its own rate, a sample every {stride} rows ({rate:.4g} Hz): it counts as measured there"
             )
     return found, tuple(notes)
 
@@ -56,7 +56,7 @@ def _joined(role: str, values: Mapping[str, Array]) -> bool:
 
 
 def _held_on(time: Array, series: Array) -> Array:
-    """A series held from its samples for as long as it usually takes to the next one."""
+    """A series held from each sample for the usual time to the next one."""
     known = np.flatnonzero(np.isfinite(series))
     last = known[np.clip(np.searchsorted(known, np.arange(len(series)), side="right") - 1, 0, None)]
     ago = time - time[last]

@@ -65,7 +65,7 @@ def read(data: bytes, path: Path, wanted: tuple[str, ...], budget: Budget) -> Ta
     for head in heads:
         if twice[head] > 1:
             raise RecordingError(
-                f'the column "{shown(head)}" stands twice', where=path, expected="unique names"
+                f'the column "{shown(head)}" occurs twice', where=path, expected="unique names"
             )
     return Table(columns, names, "parquet", "", left_out)
 
@@ -119,7 +119,7 @@ def _values(pa: Any, column: Any, rest: str, budget: Budget) -> Raw | str:
         ):
             column = pa.compute.list_element(column, int(index))
         else:
-            return f"is no part of it: it is of type {str(kind)[:80]}"
+            return f"cannot be selected: the column is of type {str(kind)[:80]}"
     return _plain(pa, column, budget)
 
 
@@ -133,7 +133,7 @@ def _plain(pa: Any, column: Any, budget: Budget) -> Raw | str:
         if _is_text(pa, kind.value_type):
             longest = max((_longest(pa, chunk.dictionary) for chunk in column.chunks), default=0)
             if longest > LONGEST_TEXT:
-                return f"holds texts of up to {longest} bytes, no numbers"
+                return f"holds texts of up to {longest} bytes instead of numbers"
             budget.take(len(column) * longest, "a column of texts")
         column = column.cast(kind.value_type)
         kind = column.type

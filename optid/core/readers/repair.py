@@ -1,6 +1,5 @@
-"""Faults of sensors and loggers that can be put right beyond doubt: counters that wrap, stand-in values, absurd
-readings, repeats of samples that were taken at a slower rate. Each is told; what is in doubt is left to the check.
-"""
+"""Faults of sensors and loggers that can be corrected without doubt: counters that wrap, placeholder values, absurd
+readings, repeats of samples taken at a slower rate. Each is noted; doubtful ones are left to the check."""
 
 from __future__ import annotations
 
@@ -16,23 +15,23 @@ from optid.core.recording import Array, Repair
 
 Flags = NDArray[np.bool_]
 
-ABSURD = 1e9  # times what a signal usually does: no converter shows that and the signal, too
-IMPOSSIBLE = 1e20  # the same where such readings are many: rounding beside a signal is no smaller
+ABSURD = 1e9  # times the usual size of a signal: no converter resolves both
+IMPOSSIBLE = 1e20  # the same if such readings are many: rounding of a signal is no smaller
 _FAST = 8.0  # times the fastest other change between samples: a jump that no axis makes
-_LEAP = 2.0  # times the same: for further visits to a value that is known to stand in
-_RARE = 0.05  # share of the samples that may be faulty for the others to tell what is right
-_FEW = 40  # samples: of shorter records nothing is told
-_EQUAL = 4.0  # fastest changes by which jumps of one counter may differ
+_LEAP = 2.0  # the same, for further visits to a value already known as a placeholder
+_RARE = 0.05  # share of the samples that may be faulty while the others still show what is right
+_FEW = 40  # samples: shorter recordings are not judged
+_EQUAL = 4.0  # times the fastest change, by which jumps of one counter may differ
 _LIKELY = 0.75  # of the jumps must go against the motion around them
 _AROUND = 6  # samples on either side that show the motion around a jump
 _FULL_TURNS = (360.0, 2 * math.pi, 400.0, 1.0, 3600.0, 36_000.0, 100.0, 1000.0)
-_TURN = 2e-3  # relative: a turn that differs by more is another
+_TURN = 2e-3  # relative: periods that differ by more are different
 
 
 def repaired(
     values: Mapping[str, Array], held: Mapping[str, bool]
 ) -> tuple[dict[str, Array], tuple[Repair, ...]]:
-    """Channels with what is certainly wrong put right: a wrapped counter unwrapped, other faults made missing.
+    """Channels with certain faults corrected: a wrapped counter is unwrapped, other faults become missing samples.
 
     Args:
         values: role -> as recorded, shape (samples,), NaN where missing.
@@ -49,7 +48,7 @@ def repaired(
 
 
 def _absurd(series: Array) -> Iterator[Change]:
-    """Readings beyond anything that a signal with this middle can reach."""
+    """Readings beyond anything that a signal with this median can reach."""
     known = np.concatenate(blocks(series))
     known = known[np.isfinite(known)]
     if len(known) < _FEW:
@@ -77,7 +76,7 @@ def _absurd(series: Array) -> Iterator[Change]:
 
 
 def _wrapped(series: Array) -> Iterator[Change]:
-    """A counter that begins anew at the end of its range: its jumps are equal, and against the motion around them."""
+    """A counter that restarts at the end of its range: its jumps are equal, and against the motion around them."""
     if float(np.nanmax(series) - np.nanmin(series)) * 0.5 >= largest_step(series):
         return
     known = np.flatnonzero(np.isfinite(series))
@@ -105,11 +104,11 @@ def _wrapped(series: Array) -> Iterator[Change]:
     turns = np.concatenate(([0.0], np.cumsum(np.where(np.abs(steps) > 0.5 * span, -np.sign(steps), 0.0))))
     changed = series.copy()
     changed[known] = y + whole * turns
-    words = modulus[1] if modulus else "the same each time, and the whole range of the values"
+    words = modulus[1] if modulus else "the same each time, and equal to the whole range of the values"
     yield (
         changed,
         f"jumps by {whole:.10g} (as recorded; {words}) within a sample, {len(jumps)} times, "
-        f"{size / max(fastest, 1e-300):.3g} times its fastest motion: a counter that wraps; it is unwrapped",
+        f"{size / max(fastest, 1e-300):.3g} times its fastest motion: a counter that wraps; it was unwrapped",
         int(known[jumps[0] + 1]),
     )
 
@@ -138,7 +137,7 @@ def _modulus(y: Array, size: float, fastest: float) -> tuple[float, str] | None:
 
 
 def _stand_ins(series: Array) -> Iterator[Change]:
-    """One exact value that stands in for samples that were lost: entered and left by jumps that no axis makes."""
+    """One exact value used as a placeholder for lost samples: entered and left by jumps that no axis makes."""
     seen = np.concatenate([np.abs(np.diff(block)) for block in blocks(series)])
     seen = seen[np.isfinite(seen)]
     if len(series) > LONG and len(seen) and largest_step(series) < _LEAP * float(np.quantile(seen, 0.999)):

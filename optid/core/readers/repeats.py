@@ -1,4 +1,4 @@
-"""Samples that a logger made itself of a signal taken at a slower rate: repeats, and points on straight lines."""
+"""Samples that a logger generated from a signal of a slower rate: repeats, and linear interpolation."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ Array = NDArray[np.float64]
 Change = tuple[Array, str, int]  # the channel put right, what was seen and done, the first row
 
 _FEWEST_CHANGES = 30
-_MOST_CHANGES = 0.75  # of the rows: with more there is nothing that tells repeats from chance
+_MOST_CHANGES = 0.75  # of the rows: with more, repeats cannot be distinguished from chance
 _OFF_BEAT = 2.0  # rows between which changes of a slower sampling lie around an even beat
-_COARSEST = 100  # rows a sample: a longer straight line is motion
-_CLEAR = 10.0  # times what rounding bends a straight line: a corner
+_COARSEST = 100  # rows per sample: a longer straight line is motion
+_CLEAR = 10.0  # times the bend that rounding gives a straight line: a corner
 _REGULAR = 0.9  # of the runs of equal values must be as long as the usual one
 
 
@@ -40,14 +40,14 @@ def stale(series: Array) -> Iterator[Change]:
         return  # it moves by one step of its grid at a time: slow, not stale
     yield (
         _only_at(y, np.r_[0, changes]),
-        f"is new only in every {_ordinal(ratio)} row: in between, the last value is repeated; the repeats are not "
-        f"counted as samples, and its true rate is 1/{ratio:.3g} of the rows'",
+        f"is updated only in every {_ordinal(ratio)} row: in between, the last value is repeated; the repeated "
+        f"values do not count as samples, and its true rate is 1/{ratio:.3g} of the rows'",
         int(changes[0]),
     )
 
 
 def interpolated(series: Array) -> Iterator[Change]:
-    """Samples that a logger put on straight lines between those that were taken at a slower rate."""
+    """Samples that a logger interpolated linearly between those taken at a slower rate."""
     y = series
     if len(y) < 4 * _FEWEST_CHANGES or not np.isfinite(y).all():
         return
@@ -73,8 +73,8 @@ def interpolated(series: Array) -> Iterator[Change]:
         return
     yield (
         _only_at(y, taken),
-        f"goes on straight between every {_ordinal(ratio)} row: a logger interpolated it; what lies between is not "
-        f"counted as samples, and its true rate is 1/{ratio:.3g} of the rows'",
+        f"runs in straight lines between every {_ordinal(ratio)} row: the logger interpolated it; the values in "
+        f"between do not count as samples, and its true rate is 1/{ratio:.3g} of the rows'",
         int(taken[0]),
     )
 

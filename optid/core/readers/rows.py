@@ -83,13 +83,13 @@ class Rows:
         start = _offset(data, layout.first)
         stop, below = _end(data, start, encoding, layout)
         body, comments = _without_comments(data[start:stop], layout.first)
-        notes: tuple[str, ...] = (f"{below} lines below the table are left out",) if below else ()
+        notes: tuple[str, ...] = (f"{below} lines below the table are skipped",) if below else ()
         single = len(layout.names) == 1
         if single:  # a blank line is a missing sample
             body = re.sub(rb"(?m)^[ \t\r]*$", b"nan", body.rstrip())
         counts, blank = _counts(body, layout.delimiter)
         if len(blank):
-            notes += (f"{len(blank)} blank lines are left out",)
+            notes += (f"{len(blank)} blank lines are skipped",)
         lines = Lines(layout.first, blank, np.array(comments, dtype=np.int64))
         width = 1 if single else _usual(counts)
         found = cls(body, encoding, width, int(counts.max(initial=1)), notes, lines, len(counts))
@@ -156,7 +156,7 @@ class Rows:
         if mixed:
             hint = "if these are decimal commas, export with semicolons between the columns"
         elif torn:
-            hint = "a quoted cell runs over several lines: leave that column out of the export"
+            hint = "a quoted cell spans several lines: export the table without that column"
         raise RecordingError(
             f"line {line + 1} has {count} {'field' if count == 1 else 'fields'}",
             where=path,
@@ -179,7 +179,7 @@ class Rows:
                 f"line {layout.first + 1} has {self.width} fields",
                 where=path,
                 expected=f"{len(layout.names)}, as in the header",
-                hint='name every column in the header, or map them by their place: "column 1"',
+                hint='name every column in the header, or select columns by position: "column 1"',
             )
 
     @property

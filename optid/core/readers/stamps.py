@@ -17,8 +17,8 @@ MISSING = np.iinfo(np.int64).min  # what NumPy holds for "not a time"
 def seconds_of(cells: NDArray[Any]) -> tuple[Integers, bool]:
     """A column of stamps as ns, each from 1970 if it holds dates, else from midnight or from a start.
 
-    Day and month are told apart by the sign between them ("." has the day first) and by their size; "/" leaves the
-    order open, and that which makes the times increase is taken, the month first if both do.
+    Day and month are distinguished by the separator ("." has the day first) and by their size; with "/" the order that
+    makes the times increase is used, the month first if both do.
 
     Args:
         cells: shape (rows,), texts; None and NaN are missing.

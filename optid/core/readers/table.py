@@ -1,4 +1,4 @@
-"""What every reader gives: the columns that the rig file asks for, and the names of the others."""
+"""The result of every reader: the columns that the rig file maps, and the names of the others."""
 
 from __future__ import annotations
 
@@ -54,15 +54,15 @@ class Column:
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """What a file holds of what a rig asks for.
+    """The requested columns of a file.
 
     Attributes:
-        columns: name asked for -> column; only those that were found.
-        names: what the file offers, for messages; possibly not all.
+        columns: requested name -> column; only those that were found.
+        names: names in the file, for messages; possibly not all.
         reader: name of the format.
         about: what was recognised beyond the format ("a TwinCAT Scope export, its table begins in line 14").
         left_out: name -> why it cannot be read, "has ..." or "is ...".
-        notes: what was passed over, in words.
+        notes: what was skipped, in words.
         place: where a row stands, "line 12".
     """
 
@@ -76,7 +76,7 @@ class Table:
 
 
 def offered(name: str, names: Iterable[str]) -> str:
-    """The name that was probably meant, or some of those there are; bounded, whatever the file holds."""
+    """The name that was probably meant, or some of the existing ones; bounded, whatever the file holds."""
     known = sorted({shown(other) for other in names})
     close = difflib.get_close_matches(name[:LONGEST_NAME], known[:2000], n=1, cutoff=0.6)
     if close:

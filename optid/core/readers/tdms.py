@@ -20,9 +20,9 @@ _TIMES = ("time", "t", "zeit", "timestamp", "x_value", "x_values")
 
 
 def read(data: bytes, path: Path, wanted: tuple[str, ...], budget: Budget) -> Table:
-    """The channels of a TDMS file that are asked for, each with its waveform's clock where it has one.
+    """The requested channels of a TDMS file, each with its waveform's clock where it has one.
 
-    They go by the channel's name, or "group/channel" where two groups share it.
+    They are named by the channel, or "group/channel" where two groups share it.
 
     Raises:
         RecordingError: truncated or damaged, no channels, or npTDMS is not installed.
@@ -43,7 +43,7 @@ def read(data: bytes, path: Path, wanted: tuple[str, ...], budget: Budget) -> Ta
                         columns[asked] = _with_time_of_group(column, channel, channels, budget)
     except RecordingError:
         raise
-    except Exception as error:  # npTDMS raises whatever the damaged bytes lead it to
+    except Exception as error:  # damaged bytes make npTDMS raise exceptions of any kind
         reason = " ".join(f"{type(error).__name__} {error}".split())[:120]
         raise RecordingError(
             f"the TDMS data is truncated or damaged ({reason})", where=path, expected="a complete file"
@@ -56,7 +56,7 @@ def read(data: bytes, path: Path, wanted: tuple[str, ...], budget: Budget) -> Ta
     for name in wanted:
         if name in twice:
             groups = [n for n in names if n.endswith(f"/{name}")]
-            left_out[name] = f"stands in {len(groups)} groups: map one, {' or '.join(groups[:4])}"
+            left_out[name] = f"is in {len(groups)} groups: select one, {' or '.join(groups[:4])}"
     return Table(columns, names, "tdms", "", left_out)
 
 
@@ -104,7 +104,7 @@ def _with_time_of_group(
 
 
 def _quiet() -> None:
-    """Keep npTDMS from writing its own warnings to the terminal: what matters of them is raised above."""
+    """Suppress npTDMS's own warnings on the terminal: errors that matter are raised above."""
     for name in list(logging.root.manager.loggerDict):
         if name.startswith("nptdms."):
             logging.getLogger(name).setLevel(logging.ERROR)

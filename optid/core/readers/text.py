@@ -1,7 +1,7 @@
-"""Text tables: CSV and its kin, and what measurement programs, oscilloscopes and controllers write as text.
+"""Text tables: CSV and similar files, and text exports of measurement programs, oscilloscopes and controllers.
 
 `layout` finds where the table begins; here its rows are checked and the mapped columns read. Lines are counted here,
-not by pandas, so that every complaint about a value can name its line, and no short row is filled up in silence.
+not by pandas, so that every error about a value can name its line, and no short row is filled silently.
 """
 
 from __future__ import annotations
@@ -48,13 +48,13 @@ _SAMPLE = 2000  # rows looked at for a first guess of the decimal sign; the colu
 
 @dataclass(frozen=True)
 class _Text:
-    data: bytes  # in an encoding of one byte a sign for all that structures a table
+    data: bytes  # in an encoding with one byte per character for all that structures a table
     encoding: str
     lines: tuple[str, ...]  # of the head
 
 
 def read(data: bytes, path: Path, wanted: tuple[str, ...], budget: Budget) -> Table:
-    """The columns of a text table that are asked for, by name or as "column 3".
+    """The requested columns of a text table, by name or as "column 3".
 
     Raises:
         RecordingError: not text, no table, a row of another length, a mapped column twice.
@@ -72,7 +72,7 @@ def read(data: bytes, path: Path, wanted: tuple[str, ...], budget: Budget) -> Ta
     rows, encoding = Rows.of(text.data, text.encoding, layout, path), text.encoding
     del data, text  # a long file is in memory once
     place, notes = rows.lines.place, rows.notes
-    notes += tuple(f'"{words}" is taken for "{name}"' for name, words in layout.relaxed.items())
+    notes += tuple(f'"{words}" is read as "{name}"' for name, words in layout.relaxed.items())
     read_cells = _cells(rows, layout, encoding, path)
     columns = {k: _column(cells, rows, layout, k, path) for k, cells in read_cells.items()}
     del rows, read_cells
@@ -88,16 +88,16 @@ def _refuse_long_table(lines: Sequence[str], layout: Layout, wanted: Sequence[st
     missing = [name for name in wanted if name not in layout.found]
     if column := named_in_rows(lines, layout, missing):
         raise RecordingError(
-            f'"{shown(missing[0])}" is no column but a value of column "{shown(column)}": '
-            "a long table with one value a row",
+            f'"{shown(missing[0])}" is not a column but a value of column "{shown(column)}": '
+            "this is a long table with one value per row",
             where=path,
             expected="a column for each signal",
-            hint=f'make it wide first, in pandas: table.pivot(index=TIME, columns="{shown(column)}", values=VALUE)',
+            hint=f'pivot it first, in pandas: table.pivot(index=TIME, columns="{shown(column)}", values=VALUE)',
         )
 
 
 def _older_encoding(head: bytes, wanted: Sequence[str]) -> str:
-    """Of older exports: that under which most of the mapped names occur; numbers are the same in all."""
+    """The encoding of older exports: the one under which most of the mapped names occur; numbers are equal in all."""
 
     def seen(encoding: str) -> int:
         names = (name.encode(encoding, errors="ignore") for name in wanted if not name.isascii())
@@ -114,7 +114,7 @@ def _decoded(data: bytes, wanted: Sequence[str], path: Path) -> _Text:
     data = data.removeprefix(codecs.BOM_UTF8)
     # Control characters other than tab, line ends and the old end-of-file mark do not occur in a table.
     if _BINARY.search(data[: 1 << 20]) or _BINARY.search(data[-(1 << 16) :]):
-        raise RecordingError("this is not text, nor a known binary format", where=path, expected=FORMATS)
+        raise RecordingError("this is neither text nor a known binary format", where=path, expected=FORMATS)
     head = data[:_HEAD_BYTES]
     if b"\n" not in head and b"\r" in head:
         data = data.replace(b"\r", b"\n")
@@ -143,11 +143,14 @@ def _no_table(lines: Sequence[str], wanted: Sequence[str], path: Path) -> Record
     if unreadable := unreadable_row(lines, wanted):
         header, row, name, cell = unreadable
         return RecordingError(
-            f'line {row + 1} holds "{shown(cell)}", which is no number and no time of day',
+            f'line {row + 1} holds "{shown(cell)}", which is neither a number nor a time of day',
             where=path,
             field=f'column "{shown(name)}"',
             expected=f"rows of values below the names in line {header + 1}",
-            hint='write numbers, or times such as 2024-05-02T10:00:00.001; even samples may go by rate = "1000 Hz"',
+            hint=(
+                "write numbers, or times such as 2024-05-02T10:00:00.001; for evenly spaced samples give the rate: "
+                'rate = "1000 Hz"'
+            ),
         )
     full = [i for i, line in enumerate(lines) if line.strip(" \t\x1a")]
     bare = [i for i in full if not lines[i].lstrip().startswith(("#", "%", "//"))]
@@ -155,7 +158,7 @@ def _no_table(lines: Sequence[str], wanted: Sequence[str], path: Path) -> Record
         return RecordingError("the file is empty", where=path, expected=f"a table as {FORMATS}")
     if not bare:
         return RecordingError(
-            "nothing but blank lines and comments", where=path, expected="a header and rows"
+            "it holds only blank lines and comments", where=path, expected="a header and rows"
         )
     if len(bare) == 1:
         return RecordingError(f"only a header (line {bare[0] + 1})", where=path, expected="rows of numbers")
@@ -173,7 +176,7 @@ def _nothing_found(layout: Layout, about: str, path: Path) -> Table:
             f"line {layout.first + 1} holds numbers only, so no column has a name",
             where=path,
             expected="a header line",
-            hint='write the names first, such as "t,u,x", or map columns by their place: "column 1"',
+            hint='add a line of names such as "t,u,x", or select columns by position: "column 1"',
         )
     about = (
         about
@@ -260,20 +263,20 @@ def _column(cells: Raw, rows: Rows, layout: Layout, k: int, path: Path) -> Colum
     except Unreadable as error:
         if k < len(layout.names) and error.found == layout.names[k]:
             raise RecordingError(
-                f"{rows.lines.place(error.row)} is the header once more: several recordings in one file",
+                f"{rows.lines.place(error.row)} repeats the header: the file holds several recordings",
                 where=path,
                 expected="one table",
-                hint="cut the file there, and give each part by itself",
+                hint="cut the file there and pass the parts as separate recordings",
             ) from None
         if not error.ambiguous:
-            return Column(cells, unit=unit)  # told when its unit is known
+            return Column(cells, unit=unit)  # reported once its unit is known
         raise RecordingError(
-            f'{rows.lines.place(error.row)} holds "{shown(error.found)}", which may be grouped thousands or a decimal '
-            "point, as other columns have decimal commas",
+            f'{rows.lines.place(error.row)} holds "{shown(error.found)}", which is ambiguous (thousands or decimals), '
+            "as other columns have decimal commas",
             where=path,
             field=f'column "{shown(layout.names[k])}"',
             expected="one decimal sign",
-            hint="export without grouping",
+            hint="export without a thousands separator",
         ) from None
 
 
@@ -299,10 +302,10 @@ def _chosen(
     line = f"line {layout.header + 1}: " if layout.header is not None else ""
     places = " or ".join(f'"column {k + 1}"' for k in indices)
     raise RecordingError(
-        f'{line}the column "{shown(name)}" stands twice',
+        f'{line}the column "{shown(name)}" occurs twice',
         where=path,
         expected="unique names",
-        hint=f"map it by its place: {places}",
+        hint=f"select it by position: {places}",
     )
 
 

@@ -1,7 +1,7 @@
-"""Variables, structs, cells and groups as names of signals: what .mat and HDF5 files have in common.
+"""Variables, structs, cells and groups as names of signals, common to .mat and HDF5 files.
 
 A struct's field is "log.x", an element of a struct array or cell "log[0].x", a signal of a matrix "acc[0]".
-MATLAB's own way of writing them, "acc(1,:)", "log.signals(2).values", "c{1}", is understood, too.
+MATLAB's notation, "acc(1,:)", "log.signals(2).values", "c{1}", is accepted as well.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from optid.core.readers.table import Clock, Column, Raw, Table
 from optid.errors import RecordingError
 
 Node = Any  # Array, str, Mapping, list or Sealed
-_MANY = 20_000  # names looked at: a file with more is no recording
+_MANY = 20_000  # names examined: a file with more is not a recording
 _LISTED = 64  # signals of a matrix that are listed by name
 _INDEX = re.compile(r"\[(\d+)\]$")
 _MATLAB = re.compile(r"\((?:(\d+)(?:,:)?|:,(\d+))\)|\{(\d+)\}")
@@ -40,7 +40,7 @@ class Array(Protocol):
 
 @dataclass(frozen=True)
 class Sealed:
-    """A variable that only its own program can open, or that is no signal.
+    """A variable that only its own program can open, or that is not a signal.
 
     Attributes:
         kind: what it is, "a timeseries object".
@@ -68,11 +68,11 @@ def only_matlab(kind: str, name: str) -> Sealed:
     }
     article = "an" if kind[:1] in "aeiouAEIOU" else "a"
     cure = lines.get(kind, f"s = struct({name}); save('run.mat', '-struct', 's', '-v7')")
-    return Sealed(f"is {article} {shown(kind)} object, which only MATLAB can open", f"there: {cure}")
+    return Sealed(f"is {article} {shown(kind)} object, which only MATLAB can read", f"in MATLAB: {cure}")
 
 
 def table_of(root: Mapping[str, Node], wanted: Sequence[str], path: Path, reader: str) -> Table:
-    """The signals asked for.
+    """The requested signals.
 
     Raises:
         RecordingError: no vector is in it.
@@ -83,7 +83,7 @@ def table_of(root: Mapping[str, Node], wanted: Sequence[str], path: Path, reader
     length = _common_length(signals, asked.values())
     if not signals and not any(isinstance(node, Sealed) for node in flat.values()):
         raise RecordingError(
-            "no vector of samples in it", where=path, expected="signals as vectors of one length"
+            "it holds no vector of samples", where=path, expected="signals as vectors of one length"
         )
     aliases = dict(_first(_aliases(root)))
     columns: dict[str, Column] = {}
@@ -166,7 +166,7 @@ def _samples_axis(shape: tuple[int, ...], length: int) -> int:
 
 
 def _pick(flat: Mapping[str, Node], name: str, length: int) -> Raw | str | None:
-    """A signal, the reason why it is none, or None where there is no such name."""
+    """A signal, the reason why it is not one, or None if the name does not exist."""
     node, column = flat.get(name), None
     match = _INDEX.search(name)
     if node is None and match:
@@ -176,7 +176,11 @@ def _pick(flat: Mapping[str, Node], name: str, length: int) -> Raw | str | None:
     if isinstance(node, Sealed):
         return _words(node)
     if not _is_signal(node):
-        return "holds a single number" if node.dtype.kind in "biufc" else f"holds {node.dtype}, no numbers"
+        return (
+            "holds a single number"
+            if node.dtype.kind in "biufc"
+            else f"holds {node.dtype} instead of numbers"
+        )
     shape = _squeezed(node.shape)
     if len(shape) == 1:
         return None if column not in (None, 0) else np.asarray(node[()]).reshape(-1)
@@ -185,7 +189,7 @@ def _pick(flat: Mapping[str, Node], name: str, length: int) -> Raw | str | None:
     if column is None:
         return f'holds {count} signals: "{shown(name)}[0]" to "{shown(name)}[{count - 1}]"'
     if column >= count:
-        return f"is not there: it holds {count} signals, [0] to [{count - 1}]"
+        return f"does not exist: it holds {count} signals, [0] to [{count - 1}]"
     if len(shape) == 2 and len(node.shape) == 2:
         return np.asarray(node[:, column] if axis == 0 else node[column, :])
     whole = np.moveaxis(np.asarray(node[()]).reshape(shape), axis, 0)

@@ -1,1 +1,1 @@
-"""Where and when a mismatch acts: from the law that was named, else from an unknown input."""
+"""Where and when a mismatch acts: from the named law, else from an unknown input."""

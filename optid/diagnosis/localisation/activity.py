@@ -1,4 +1,4 @@
-"""What an effect does at each sample: what it changes in a plant's rates and readings."""
+"""Activity of an effect at each sample: its change of the plant's rates and outputs."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from optid.diagnosis.refinement import RefinedModel
 from optid.effects.effect import Effect
 from optid.rigs.rigfile import with_effects
 
-DUST = 1e-9  # of a rate or reading: what an effect that does nothing may leave by rounding
+DUST = 1e-9  # of a rate or output: rounding left by an effect that does nothing
 
 
 class Taken(Instrument):
@@ -26,31 +26,32 @@ class Taken(Instrument):
         self.name, self.sites, self.signal = "taken", sites, None
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
-        """The signal as it came."""
+        """The unchanged signal."""
         self.signal = nominal
         return nominal
 
 
 class Bypass(Instrument):
-    """Restores the recorded signal: the effect runs beside the plant and does not act on it."""
+    """Restores the recorded signal: the effect runs in parallel and does not act on the plant."""
 
     def __init__(self, taken: Taken) -> None:
         self.name, self.sites, self.taken = "bypass", taken.sites, taken
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
-        """The signal as it came to the effect."""
+        """The signal before the effect."""
         return self.taken.signal
 
 
 def effect_activity(base: RefinedModel, best: RefinedModel, effect: Effect) -> Array:
-    """What an effect changes at each sample, by its usual size, (samples,).
+    """The change by an effect at each sample, relative to usual sizes, (samples,).
 
-    The plant's rates with the effect and with a bypass around it, at the states that the filter saw, each by the usual
-    size of its state; likewise the readings, each by its noise. What changes both is at work where it changes either.
+    The plant's rates with the effect and with a bypass around it, at the filter's states, each relative to the usual
+    size of its state; likewise the outputs, relative to their noise. An effect on both is active where it changes
+    either.
 
     Args:
         base: the model without the effects that were found.
-        best: the model with them, and the states that the filter saw.
+        best: the model with them, and the filter's states.
         effect: one of them.
     """
     taken = Taken(effect.sites)
@@ -75,6 +76,6 @@ def effect_activity(base: RefinedModel, best: RefinedModel, effect: Effect) -> A
 
 
 def _beyond(whole: Array, without: ca.Function, X: Array, U: Array, p: Array) -> Array:
-    """What there is more than without, and more than rounding."""
+    """The difference to the model without it, beyond rounding."""
     more = whole - np.array(without.map(len(X))(X.T, U.T, p))
     return np.where(np.abs(more) > DUST * np.abs(whole), more, 0.0)

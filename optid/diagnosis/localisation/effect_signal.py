@@ -1,4 +1,4 @@
-"""What named effects make of the signal at a site, sample by sample: to be held against the unknown signal there."""
+"""The change of a site's signal by named effects, sample by sample, for comparison with the unknown input there."""
 
 from __future__ import annotations
 
@@ -16,25 +16,26 @@ from optid.rigs.rigfile import with_effects
 
 
 class Probe(Instrument):
-    """Shows the signal at a site as an output, and leaves it as it is."""
+    """Adds the signal at a site as an output, without changing it."""
 
     def __init__(self, name: str, site: str) -> None:
         self.name, self.sites = name, (site,)
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
-        """The signal as it came."""
+        """The unchanged signal."""
         sheet.output(self.name, "1", nominal)
         return nominal
 
 
 def effect_signal_at(base: RefinedModel, best: RefinedModel, site: str) -> Array | None:
-    """What the best model's effects add to a site's signal along the recordings, SI, (samples,).
+    """The best model's effects on a site's signal along the recordings, SI, (samples,).
 
-    ``None`` at a site that the equations pass more than once, as "flow.ratio" of every port: no one signal is there.
+    ``None`` at a site that the equations pass more than once, as "flow.ratio" of every port, where there is no single
+    signal.
 
     Args:
         base: the model without them.
-        best: their fitted values, and the states that the filter saw.
+        best: their fitted values, and the filter's states.
         site: of the plant, as "force.external".
     """
     try:

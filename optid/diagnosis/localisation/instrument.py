@@ -1,4 +1,4 @@
-"""What a diagnosis puts into a model at a site to measure it: no physics, and so nothing of what an effect says."""
+"""An instrument that a diagnosis inserts at a site to measure it: it has no physics, and none of an effect's texts."""
 
 from __future__ import annotations
 

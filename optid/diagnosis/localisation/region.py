@@ -1,4 +1,4 @@
-"""When an effect is at work, and where in state space the mismatch lies: the share of the innovations it carries."""
+"""When an effect is active, and where in state space the mismatch lies: its share of the innovations."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from optid.estimation.prediction import window_seconds
 from optid.estimation.problem import Booleans, Integers, Problem
 
 SLOT = 0.2  # of a window: resolution of the map over time; 0.1 s where sampling is fast
-WORKS = 0.2  # of its usual size: what an effect does beyond that counts as being at work
+WORKS = 0.2  # of its usual size: activity beyond which an effect counts as active
 GAP = 0.1  # of a window: shorter pauses are bridged
-COVER = 0.8  # share of the mismatch that a range of a signal should hold
-PIECES = 40  # of a signal's range, each holding as many samples
-INFORMATIVE = 1.25  # times the samples' share that a range must hold of the mismatch to be worth telling
+COVER = 0.8  # share of the mismatch that a range of a signal should contain
+PIECES = 40  # parts of a signal's range, with equal numbers of samples
+INFORMATIVE = 1.25  # ratio of the shares of mismatch and samples from which a range is reported
 
 
 @dataclass(frozen=True)
 class Range:
-    """Between which values of a signal which share of the mismatch lies; SI."""
+    """A range of a signal and its share of the mismatch; SI."""
 
     low: float
     high: float
@@ -38,8 +38,8 @@ class Region:
     """Where a mismatch is.
 
     Attributes:
-        channels: outputs that show it.
-        intervals: (recording, from, to), s, in which it is at work.
+        channels: outputs in which it is visible.
+        intervals: (recording, from, to), s, in which it is active.
         states: signal -> range.
         energy: of the mismatch at each sample, in squared sd of the innovations, (samples,).
         signals: name -> (values at the samples, unit).
@@ -58,7 +58,7 @@ class Region:
 
 
 def contribution(answer: LikelihoodFit, without: Array) -> Array:
-    """What a part of a model does to the scaled innovations, (samples, outputs): against the parameters `without`."""
+    """Contribution of a part of a model to the scaled innovations, (samples, outputs): minus those at `without`."""
     q, f = answer.likelihood_problem, answer.filtered
     own = range(len(q.model.states))
     both = run_fixed_gain_filter(q.model, q.problem, np.stack([answer.p, without]), f, own)
@@ -66,12 +66,12 @@ def contribution(answer: LikelihoodFit, without: Array) -> Array:
 
 
 def region(answer: LikelihoodFit, mismatch: Array, done: Array, recordings: tuple[Recording, ...]) -> Region:
-    """When something is at work, and between which values of the states its mismatch lies.
+    """When something is active, and the ranges of the states in which its mismatch lies.
 
     Args:
-        answer: of the model whose states tell where.
+        answer: of the model whose states are used.
         mismatch: scaled innovations, (samples, outputs).
-        done: what it does at each sample, by its usual size, (samples,).
+        done: its activity at each sample, relative to usual sizes, (samples,).
         recordings: to fit.
     """
     problem = answer.likelihood_problem.problem
@@ -92,7 +92,7 @@ def region(answer: LikelihoodFit, mismatch: Array, done: Array, recordings: tupl
 
 
 def informative_ranges(states: Mapping[str, Range], always: tuple[str, ...]) -> dict[str, Range]:
-    """The ranges of the signals `always` told, then those with clearly more of the mismatch than of the samples."""
+    """The ranges of the signals in `always`, then those with clearly more of the mismatch than of the samples."""
     ranked = sorted(states.items(), key=lambda item: -item[1].share / max(item[1].occupancy, 1e-9))
     sharp = [(name, r) for name, r in ranked if r.share > INFORMATIVE * r.occupancy][:3]
     return {name: states[name] for name in always if name in states} | dict(sharp)
@@ -116,7 +116,7 @@ def _signals(answer: LikelihoodFit, owner: Integers) -> dict[str, tuple[Array, s
 
 
 def _range(values: Array, energy: Array, unit: str) -> Range:
-    """The range with the fewest samples that holds `COVER` of the energy."""
+    """The range with the fewest samples that contains `COVER` of the energy."""
     good = np.isfinite(values)
     v, e = values[good], energy[good]
     total = float(e.sum())
@@ -155,7 +155,7 @@ def _intervals(
 def by_usual_size(*sizes: Array) -> Array:
     """The largest of these, each relative to its median weighted by its own magnitude; 0 where all are 0.
 
-    Neither rest nor a jolt is the measure of the rest, as with a quantile over samples or the largest of them.
+    Neither rest nor a single jolt determines the scale, as they would with a quantile over samples or the maximum.
     """
     shares = [np.zeros(len(sizes[0]))]
     for size in sizes:

@@ -1,9 +1,9 @@
 """An unknown signal at a site: estimated with the states, it shows which equation is wrong, and by how much.
 
 The signal is a random walk whose step is estimated by likelihood; the site at which it explains the recordings
-best is where physics is missing (the diffusion terms of Kristensen, Madsen and Jorgensen 2004, one at a time). It alone
-is uncertain: were the states free to err as well, they would take over what is missing in one equation, and the signal
-would be left with what that takes badly, at another site.
+best is where physics is missing (the diffusion terms of Kristensen, Madsen and Jorgensen 2004, one at a time). Only
+    the signal has process noise: if the states had it as well, they would absorb the mismatch of one equation, and the
+        signal would fit the remainder at another site.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ from optid.estimation.likelihood_point import LikelihoodProblem
 from optid.estimation.problem import Problem
 from optid.rigs.rigfile import with_effects
 
-LOUD = 100.0  # times the smallest visible signal: usual step of the random walk in a second, the middle of its levels
+LOUD = 100.0  # times the smallest visible signal: usual step of the random walk in a second, the middle level
 STEPS = np.arange(-9.0, 3.0)  # log levels at which it is tried
-TURNS, GAUSS_NEWTON = 2, 3  # times that gains are taken anew, and steps of each
+TURNS, GAUSS_NEWTON = 2, 3  # iterations with new gains, and steps of each
 
 
 class Disturbance(Instrument):
@@ -41,7 +41,7 @@ class Disturbance(Instrument):
         self.name, self.sites, self.unit, self.scale = "unknown", sites, unit, scale
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
-        """The nominal signal with the unknown one on top."""
+        """The nominal signal plus the unknown one."""
         name = f"signal_{self.sites.index(site)}"
         w = sheet.state(name, self.unit, self.scale, spread=1e-3 * self.scale)
         sheet.rate(w, 0.0 * w)
@@ -50,13 +50,13 @@ class Disturbance(Instrument):
 
 @dataclass(frozen=True, eq=False)
 class UnknownInput:
-    """An estimated signal at a site, or at several alike, and how much better it explains the recordings.
+    """An estimated signal at a site, or at several similar ones, and its gain in likelihood.
 
     Attributes:
-        sites: of the plant, as "flow.chamber_a"; each had a signal of its own.
-        gain: fall of -2 log likelihood against the model with no noise but the measurement's.
-        signals: estimated from the past at each sample, in the sites' own unit, (samples, sites).
-        sd: of each, as the filter has it, (samples, sites).
+        sites: of the plant, as "flow.chamber_a"; each with its own signal.
+        gain: decrease of -2 log likelihood compared with the model with measurement noise only.
+        signals: filtered estimates at each sample, in the sites' units, (samples, sites).
+        sd: standard deviations of the filter, (samples, sites).
         deviance: -2 log likelihood of each sample, (samples,).
     """
 
@@ -68,12 +68,12 @@ class UnknownInput:
 
     @property
     def site(self) -> str:
-        """That with the largest signal."""
+        """The site with the largest signal."""
         return self.sites[int(np.argmax(np.nanstd(self.signals, axis=0)))]
 
     @property
     def signal(self) -> Array:
-        """There, (samples,)."""
+        """The signal at that site, (samples,)."""
         return np.asarray(self.signals[:, self.sites.index(self.site)])
 
     @property
@@ -82,12 +82,12 @@ class UnknownInput:
         return np.asarray(self.sd[:, self.sites.index(self.site)])
 
     def only(self, site: str) -> Self:
-        """The same of one of its sites."""
+        """The same for one of its sites."""
         k = [self.sites.index(site)]
         return replace(self, sites=(site,), signals=self.signals[:, k], sd=self.sd[:, k])
 
     def at_samples_of(self, problem: Problem, own: Problem) -> Self:
-        """The same signals at the samples of another problem of the same recordings; they were found in `own`."""
+        """The same signals at the samples of another problem with the same recordings; they were estimated in `own`."""
         if len(problem.time) == len(own.time):
             return self
         there, here = (np.repeat(one.recording, one.counts + 1) for one in (problem, own))
@@ -101,13 +101,13 @@ class UnknownInput:
 
 
 def locate(model: FittedModel, problem: DiagnosisProblem) -> list[UnknownInput]:
-    """Every place where the plant says that something may be missing, with an unknown input, the best first."""
+    """Unknown inputs at all places where the plant says that something may be missing, the best first."""
     found = parallel_map(lambda sites: locate_at(model, problem, *sites), places(model))
     return sorted((one for one in found if one is not None), key=lambda one: -one.gain)
 
 
 def places(model: FittedModel) -> tuple[tuple[str, ...], ...]:
-    """The sites to try: those that the plant names, and one of every other kind that it offers."""
+    """The sites to try: those that the plant suggests, and one of every other kind that it offers."""
     plant = model.rig.model
     chosen = list(plant.suspects)
     kinds = {site.partition(".")[0] for sites in chosen for site in sites}
@@ -120,7 +120,7 @@ def places(model: FittedModel) -> tuple[tuple[str, ...], ...]:
 
 
 def locate_at(model: FittedModel, problem: DiagnosisProblem, *sites: str) -> UnknownInput | None:
-    """An unknown input at one site, or one at each of several alike; ``None`` where none would show."""
+    """An unknown input at one site, or at each of several similar ones; ``None`` where none would be visible."""
     scale = push(model, problem, sites[0])
     if scale is None:
         return None
@@ -154,7 +154,7 @@ def _filtered(q: LikelihoodProblem, p: Array, levels: Array, covariances: bool =
 
 
 def _noiseless(model: FittedModel) -> float:
-    """-2 log likelihood of a model with no process noise; of the quiet filter's innovations where it diverges."""
+    """-2 log likelihood of a model without process noise; of the quiet filter's innovations where that diverges."""
     q = model.likelihood_problem
     Q = Noise(q.measurement, (), np.zeros(0)).spectrum(len(q.model.states))[None]
     f = run_filter(q.model, q.problem, model.p[None], Q, q.measurement[None])
@@ -166,10 +166,10 @@ def _noiseless(model: FittedModel) -> float:
 
 
 def push(fitted: FittedModel, problem: DiagnosisProblem, site: str) -> float | None:
-    """A constant at the site that moves the innovations by about one sd; ``None`` where none does.
+    """A constant at the site that changes the innovations by about one sd; ``None`` where none does.
 
-    Where a model with held gains loses track before that, the largest one tried under which it does not; where it has
-    lost track without any, what makes the middle of a walk's levels the signal's own usual size.
+    If a model with fixed gains diverges before that, the largest constant at which it does not; if it diverges without
+    any, the one that makes the middle level of the walk the signal's usual size.
     """
     rig = with_effects(fitted.rig, (Disturbance((site,), "1", 1.0),), {})
     model, plain, held = rig.model, fitted.rig.model, fitted.fit.filtered

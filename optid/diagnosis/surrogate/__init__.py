@@ -1,1 +1,1 @@
-"""How something behaves that has no name: forms over signals, for simulation."""
+"""Empirical description of a mismatch without a named effect: functions of signals, for simulation."""

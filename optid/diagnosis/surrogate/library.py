@@ -1,8 +1,8 @@
-"""Forms that may describe what no effect explains: what is tried where a mismatch lies, over which signals.
+"""Forms that may describe what no effect explains: which are tried at a site, over which signals.
 
-A curve runs over a state or input, as it is or turning with a speed; sites alike share one that scales what is there; a
-relaxation remembers a signal for a time; dry friction ages at rest; what is sent to a site stays and jumps; a wave goes
-on by itself, over time or a length. What adds something may be in proportion to the magnitude of another signal.
+A curve over a state or input, possibly with the sign of a speed; a shared curve that scales several similar sites; a
+relaxation with the memory of a signal; dry friction that ages at rest; a signal that sticks and jumps; a wave over
+time or a length. Additive forms may be multiplied by the magnitude of another signal.
 """
 
 from __future__ import annotations
@@ -32,25 +32,25 @@ from optid.rigs.rigfile import Rig, with_effects
 Form = TypeVar("Form", bound=Description)
 
 ALIKE = 4  # curves of a site that are tried
-SAME = 0.99  # correlation of two signals of which one is enough
-# The fastest waves that are looked for: Hz, and periods within the range of a length. A sensor's track is finer than
-# what pushes.
+SAME = 0.99  # correlation of two signals from which one is redundant
+# The fastest waves that are looked for: Hz, and periods within the range of a length. Patterns of sensors are finer #
+# than those of forces.
 FASTEST, FINEST, TRACK = 30.0, 100.0, 300.0
 LENGTHS = ("m", "rad")
-ONE = 1.0  # period within what was recorded, that a wave has at least while it is fitted
-SCALED = 0.2  # share that a height of 1 scales by
-TURN = 0.05  # of the speed's root mean square: where a curve that turns with its sign has turned
-AT_REST = 0.01  # the same: where what ages does so
+ONE = 1.0  # smallest number of periods within the recorded range while a wave is fitted
+SCALED = 0.2  # share added by a height of 1
+TURN = 0.05  # of the speed's root mean square: where a curve has changed its sign
+AT_REST = 0.01  # the same: below which ageing takes place
 SPEEDS = ("m/s", "rad/s")
 
 
 def kind_of(site: str) -> str:
-    """Of a plant's site, as "flow" of "flow.chamber_a"."""
+    """The kind of a plant's site, as "flow" of "flow.chamber_a"."""
     return site.partition(".")[0]
 
 
 def curves(base: FittedModel, located: UnknownInput) -> Sequence[Curve]:
-    """Over the physical states and inputs that an unknown input follows most, as it is or turning with a speed."""
+    """Curves over the physical states and inputs with which an unknown input is most correlated."""
     size = float(np.nanstd(located.signal))
     if not size > 0.0:
         return []
@@ -60,7 +60,7 @@ def curves(base: FittedModel, located: UnknownInput) -> Sequence[Curve]:
     pairs = [(name, speed) for speed in turns for name in followed if name != speed]
 
     def left(pair: tuple[str, str]) -> float:
-        """What a curve leaves of the unknown input, which it is regressed on (direct discrepancy models)."""
+        """The rest of the unknown input after regression on a curve (direct discrepancy models)."""
         name, speed = pair
         low, high = _ends(followed[name])
         columns = np.polynomial.legendre.legvander(
@@ -88,7 +88,7 @@ def curves(base: FittedModel, located: UnknownInput) -> Sequence[Curve]:
 
 
 def shared(base: FittedModel, located: UnknownInput) -> list[Description]:
-    """Shares and relaxations where the mismatch lies, at all of its sites alike, over what each of them knows."""
+    """Shares and relaxations at all similar sites of the mismatch, over the signals that each of them declares."""
     size, site = float(np.nanstd(located.signals)), AND.join(located.sites)
     if not size > 0.0:
         return []
@@ -97,7 +97,7 @@ def shared(base: FittedModel, located: UnknownInput) -> list[Description]:
     for name, values in known.items():
         low, high = _ends(values)
         if low < high:
-            if len(located.sites) > 1 and _filled(values):  # at a single one a curve says as much
+            if len(located.sites) > 1 and _filled(values):  # at a single one a curve is equivalent
                 found.append(Scaling(site, name, low=low, high=high, size=SCALED))
             scale, start = float(np.nanstd(values)), float(np.nanmean(values))
             found.append(Relaxation(site, name, size=size, scale=scale, start=start))
@@ -105,9 +105,9 @@ def shared(base: FittedModel, located: UnknownInput) -> list[Description]:
 
 
 def levels(base: FittedModel) -> list[Description]:
-    """Shares of a level whose sign the plant sets, as of dry friction: no added signal describes sticking.
+    """Shares of a magnitude whose sign the plant sets, as of dry friction: an added signal cannot describe sticking.
 
-    An added signal does not show where it acts either: no smooth force holds an axis, and other sites take it.
+    An added signal does not show where it acts either: no smooth force holds an axis, and other sites absorb it.
     """
     found: list[Description] = []
     for site in base.rig.model.scalable:
@@ -120,7 +120,7 @@ def levels(base: FittedModel) -> list[Description]:
 
 
 def sticking(base: FittedModel, located: UnknownInput) -> list[Description]:
-    """What is sent to a site stays and jumps, where that is a recorded input, by which the site is then called."""
+    """Sticking of a site's signal, if that is a recorded input, which is used in the name."""
     recorded = {port.role for port in base.rig.model.recorded}
     found: list[Description] = []
     for site in located.sites:
@@ -131,12 +131,12 @@ def sticking(base: FittedModel, located: UnknownInput) -> list[Description]:
 
 
 def waves(at: Linearisation, site: str) -> list[tuple[Wave, dict[str, float], float]]:
-    """Over time, and over every length and angle of the plant, the one that explains most, with values and gain."""
+    """Waves over time, and over every length and angle of the plant: the best one of each, with values and gain."""
     base = at.model
     size = push(base, at.problem, site)
     if size is None:
         return []
-    # Four samples a period at least.
+    # At least four samples per period.
     fastest = min(FASTEST, 0.25 / float(np.median(base.likelihood_problem.problem.dt)))
     followed = {TIME: (base.likelihood_problem.problem.time, fastest)}
     for k, state in enumerate(base.rig.model.states):
@@ -180,7 +180,7 @@ def _moving(base: FittedModel) -> dict[str, Array]:
 
 
 def _known(base: FittedModel, sites: tuple[str, ...]) -> dict[str, Array]:
-    """The signals that all of these sites know by the same name, along the recordings, (samples, sites)."""
+    """The signals that all of these sites declare under the same name, along the recordings, (samples, sites)."""
     model, states = base.rig.model, base.fit.filtered.states[0]
     names = [set(near) for site, near in zip(model.sites, model.near, strict=True) if site in sites]
     found: dict[str, Array] = {}
@@ -195,19 +195,19 @@ def _known(base: FittedModel, sites: tuple[str, ...]) -> dict[str, Array]:
 
 
 class _Reading(Instrument):
-    """Shows a signal that sites know as outputs."""
+    """Adds a signal declared at sites as outputs."""
 
     def __init__(self, sites: tuple[str, ...], along: str) -> None:
         self.name, self.sites, self.along = "reading", sites, along
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
-        """The site's own signal as it came."""
+        """The unchanged signal of the site."""
         sheet.output(f"{self.name}_{self.sites.index(site)}", "1", near[self.along])
         return nominal
 
 
 def _filled(values: Array) -> bool:
-    """A signal was between all knots of a curve over it; where none was, as between set points, that says anything."""
+    """Whether a signal visited every interval between the knots of a curve; elsewhere the curve is arbitrary."""
     known = values[np.isfinite(values)]
     if not len(known) or not np.ptp(known) > 0.0:
         return False
@@ -220,7 +220,7 @@ def _ends(values: Array) -> tuple[float, float]:
 
 
 def fitting(rig: Rig, forms: Iterable[Form]) -> list[Form]:
-    """Those of which the plant has declared by then what they follow."""
+    """Those whose signal the plant has declared at that point."""
     return [form for form in forms if _fits(rig, form)]
 
 
@@ -233,7 +233,7 @@ def _fits(rig: Rig, form: Description) -> bool:
 
 
 def swelling(base: FittedModel, form: Form) -> list[Form]:
-    """The same form in proportion to the magnitude of every signal that its sites know."""
+    """The same form multiplied by the magnitude of every signal that its sites declare."""
     found: list[Form] = []
     if not form.adds:
         return found
@@ -246,9 +246,9 @@ def swelling(base: FittedModel, form: Form) -> list[Form]:
 
 
 def turned(base: FittedModel, form: Effect) -> list[Curve]:
-    """A curve that swells with a signal, drawn over that one instead, and swelling with what it was drawn over.
+    """A curve with both of its signals exchanged: over the multiplying one, multiplied by the other.
 
-    Where a law bends, as a magnitude at nothing, only a curve over what seldom passes there follows it.
+    A kink, as of a magnitude at zero, can be followed only by a curve over the signal that seldom passes there.
     """
     if not isinstance(form, Curve) or not form.by:
         return []
@@ -260,7 +260,7 @@ def turned(base: FittedModel, form: Effect) -> list[Curve]:
 
 
 def _signals(base: FittedModel, sites: tuple[str, ...]) -> dict[str, Array]:
-    """What all of these sites know; of a single one states and inputs, and what else it knows by itself."""
+    """The signals that all of these sites declare; for a single one also states and inputs."""
     if len(sites) > 1:
         return _known(base, sites)
     found = _moving(base)
@@ -271,6 +271,6 @@ def _signals(base: FittedModel, sites: tuple[str, ...]) -> dict[str, Array]:
 
 
 def _resembles(values: Array, others: Iterable[Array]) -> bool:
-    """One of them says as much already."""
+    """Whether one of them is equivalent."""
     moving = [other for other in others if np.ptp(other) > 0.0]
     return any(abs(np.corrcoef(values.ravel(), other.ravel())[0, 1]) > SAME for other in moving)

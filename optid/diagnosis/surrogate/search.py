@@ -1,4 +1,4 @@
-"""What describes a mismatch that no effect explains: forms at the sites where it may lie, judged as effects are."""
+"""Search for a surrogate of a mismatch that no effect explains: forms at likely sites, judged as effects are."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ from optid.effects.effect import Effect
 
 @dataclass(frozen=True, eq=False)
 class Surrogate:
-    """A form that describes a mismatch, as it competed, and where unknown inputs put that.
+    """A form that describes a mismatch, as a contender, and the unknown inputs that locate the mismatch.
 
     Attributes:
         contender: the fitted form; ``None`` if none predicts better.
-        sites: unknown inputs, the best first; `likely` are those that do about as well.
+        sites: unknown inputs, the best first; `likely` are those of about the same quality.
     """
 
     contender: Contender | None
@@ -51,7 +51,7 @@ class Surrogate:
 
 
 def answer_of(path: SelectionPath, surrogate: Surrogate | None) -> FittedModel:
-    """The names where they suffice, else what describes the mismatch, if that predicts better, or the base model."""
+    """The model with named effects if they suffice, else the surrogate if it predicts better, or the base model."""
     if surrogate is None:
         return path.best
     described = surrogate.contender
@@ -66,13 +66,13 @@ def find_surrogate(
     """The form at the likely sites that predicts best; one alone, then in proportion to another signal.
 
     Args:
-        path: of the selection, whose base model lacks something.
+        path: of the selection; its base model lacks something.
         sites: unknown inputs, the best first.
         problem: the recordings.
     """
     base, first = path.base, path.first
     likely = (sites[0], *_rivalling(sites, problem))
-    problem.report(Stage.SURROGATE, "what describes the mismatch")
+    problem.report(Stage.SURROGATE, "describing the mismatch")
     forms = _forms(base, likely)
     led = propose(base, forms, problem).ranked
     tried = len(forms)
@@ -115,7 +115,7 @@ def _variants(base: FittedModel, form: Effect) -> list[Description]:
 
 
 def _waves(base: FittedModel, likely: Sequence[UnknownInput], problem: DiagnosisProblem) -> list[Proposal]:
-    """The strongest sinusoid at each likely site, where a search begins with it."""
+    """The strongest sinusoid at each likely site, as the start of a search."""
     at, found = Linearisation.of(base, problem), []
     sites = dict.fromkeys(site for one in likely for site in one.sites)
     heard = [one for site in sites if not problem.budget.is_over for one in waves(at, site)]
@@ -137,7 +137,7 @@ def _best(
 
 
 def _rivalling(sites: Sequence[UnknownInput], problem: DiagnosisProblem) -> list[UnknownInput]:
-    """Those that the recordings do not tell from the first, two at most."""
+    """Those that the recordings do not distinguish from the first, at most two."""
     return [
         one
         for one in sites[1:]

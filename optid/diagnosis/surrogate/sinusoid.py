@@ -1,8 +1,8 @@
-"""Which wave at a site would explain what a model misses: a spectrum over time or over a state, by score tests.
+"""The wave at a site that would explain a model's errors: a spectrum over time or over a state, by score tests.
 
-Both quadratures of every frequency are simulated under the gains of a filter, as a screen does with effects, and held
-against its innovations. A spectrum of an estimated signal would show lines over time as well, but hardly over a
-position, along which the axis moves unevenly, and where slow drifts enter.
+Both quadratures of every frequency are simulated with the gains of a filter, as in the score test of effects, and
+compared with its innovations. A spectrum of the estimated unknown input would show lines over time as well, but hardly
+over a position, along which the axis moves unevenly, and where slow drifts enter.
 """
 
 from __future__ import annotations
@@ -26,16 +26,16 @@ from optid.estimation.problem import Booleans, Integers
 
 FINE = 2  # steps of the grid to a line's width
 SLOWEST = 2.0  # periods within the range, at least
-NUDGE = 0.1  # height at which a wave is tried
+NUDGE = 0.1  # height of the simulated waves
 BATCH = 32  # frequencies simulated together
 
 
 class Line(NamedTuple):
-    """A wave that explains some of what a model misses.
+    """A wave that explains a part of a model's errors.
 
     Attributes:
-        gain: by which the sum of squared, scaled innovations would fall.
-        repeats: periods by the SI unit of what it follows.
+        gain: predicted decrease of the sum of squared, scaled innovations.
+        repeats: periods per SI unit of its argument.
         height, phase: of the wave; over time, root mean square and mean over the recordings.
     """
 
@@ -73,16 +73,16 @@ class Linearisation:
 def strongest_sinusoid(
     at: Linearisation, wave: Wave, along: Array, fastest: float, repeats: float | None = None
 ) -> Line | None:
-    """The wave that explains most; ``None`` where there is room for none.
+    """The wave that explains most; ``None`` where the range is too short for any.
 
     Over time each recording may have its own phase.
 
     Args:
-        at: the model that misses something.
-        wave: to try, of any frequency.
-        along: values of what it follows, (samples,).
-        fastest: periods by the unit of that, at most.
-        repeats: so many periods by the unit alone, instead of a search.
+        at: the fitted model.
+        wave: to test, of any frequency.
+        along: values of its argument, (samples,).
+        fastest: largest number of periods per unit of that.
+        repeats: this number of periods per unit only, instead of a search.
     """
     problem = at.model.likelihood_problem.problem
     seen = _seen(at)
@@ -94,14 +94,14 @@ def strongest_sinusoid(
     grid = np.arange(SLOWEST / span, fastest, 1.0 / (FINE * span))
     over = worst_recording(at.model, at.problem)
     if len(over) < len(problem.counts) and len(grid) > BATCH:
-        # Which of them are worth a look at all recordings shows in that in which most is missing.
+        # The recording with the largest mismatch shows which of them are worth a test on all recordings.
         rough = sorted(_batches(at, wave, grid, over), reverse=True)[:BATCH]
         grid = np.array(sorted(line.repeats for line in rough))
     return max(_batches(at, wave, grid), default=None)
 
 
 class _Seen(NamedTuple):
-    """What is measured: the sample and the recording of each, and which of all that is, (measured,)."""
+    """The measurements used: sample and recording of each, and their indices among all, (measured,)."""
 
     rows: Integers
     owner: Integers
@@ -109,7 +109,7 @@ class _Seen(NamedTuple):
 
 
 def _seen(at: Linearisation, only: Sequence[int] | None = None) -> _Seen:
-    """In all segments, or in some."""
+    """The measurements in all segments, or in some."""
     problem = at.model.likelihood_problem.problem
     rows = np.nonzero(np.isfinite(at.model.fit.filtered.innovations[0]))[0]
     segment = np.repeat(np.arange(len(problem.counts)), problem.counts + 1)[rows]
@@ -127,9 +127,9 @@ def _batches(at: Linearisation, wave: Wave, grid: Array, only: Sequence[int] | N
 
 
 def _explained(at: Linearisation, wave: Wave, some: Array, only: Sequence[int] | None = None) -> list[Line]:
-    """What waves of some frequencies would explain, in all segments or in some.
+    """The part explained by waves of some frequencies, in all segments or in some.
 
-    The free parameters have their linear say first; innovations that are far off count as Huber has it.
+    The free parameters are fitted linearly first; outliers are weighted as in Huber's loss.
     """
     model = at.model
     q = at.problem.likelihood_problem(with_effect(model.rig, wave))

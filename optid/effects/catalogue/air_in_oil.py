@@ -15,7 +15,7 @@ CONTENT = Parameter(
     "content",
     "1",
     0.01,
-    "undissolved air at 1 bar, beyond what the plant knows, as a share of the volume",
+    "undissolved air at 1 bar, beyond the plant's own, as a share of the volume",
     "Jelali and Kroll, 2003, section 3.2: 0.5 to 5 %",
     0.0,
     (0.0, 0.3),
@@ -46,7 +46,7 @@ class AirInOil(Effect):
     depends_on = ("pressure_a", "pressure_b")
     needs = "quick changes of pressure at low and at high pressure"
     look_alikes = ("valve_lag", "compliant_load", "laminar_leakage")
-    experiment = "compress a closed chamber in steps: with air it is soft first and stiff later"
+    experiment = "compress a closed chamber in steps: with air it is soft at first and stiff later"
     source = "Jelali and Kroll, Hydraulic Servo-systems, 2003, section 3.2"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:

@@ -16,7 +16,7 @@ AREA_B = Parameter("area_b", "m**2", 1e-7, "flow area from chamber B to the room
 
 
 class AmbientLeakage(Effect):
-    """Orifices to the room, by their effective areas: geometric area times discharge coefficient, whatever that is."""
+    """Orifices to the room, by their effective areas: geometric area times discharge coefficient."""
 
     name = "ambient_leakage"
     sites = ("flow.chamber_a", "flow.chamber_b")
@@ -33,7 +33,7 @@ class AmbientLeakage(Effect):
     )
     says = (
         "air leaks to the room, from chamber A through {area_a}, from chamber B through {area_b}; a share of "
-        "{laminar_share} of it as through a gap"
+        "{laminar_share} of it is laminar, as through a gap"
     )
     depends_on = (
         "pressure_a",
@@ -45,7 +45,7 @@ class AmbientLeakage(Effect):
     source = "orifice of ISO 6358-1:2013 in the valve's own form"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
-        """The flow into the chamber, kg/s, less what leaks."""
+        """The flow into the chamber, kg/s, minus the leak."""
         area = sheet.param(AREA_A if site.endswith("a") else AREA_B)
         orifice = near["ambient"] / sheet.plant_param("discharge_coefficient")
         gap = laminar_flux(sheet, sheet.plant_param("atmospheric_pressure"), near["P"])

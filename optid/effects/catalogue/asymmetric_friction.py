@@ -55,7 +55,9 @@ class AsymmetricFriction(Effect):
     ahead_of = ("presliding",)
     look_alikes = ("constant_force", "stribeck_friction", "valve_asymmetry", "pressure_sensor_offset")
     shares = {"dry_asymmetry": "constant_force"}  # F_r (1 + a sign v) sign v = F_r sign v + a F_r
-    experiment = "the force that just starts motion, both ways; a constant force acts on an axis at rest too"
+    experiment = (
+        "measure the force that just starts motion, both ways; a constant force acts on an axis at rest too"
+    )
     source = "Armstrong-Helouvry, Dupont and Canudas de Wit, Automatica 30(7), 1994, section 2"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:

@@ -26,25 +26,25 @@ OTHERS = Parameter(
     "others",
     "1",
     0.5,
-    "share of the position's lateness that all other channels have, too",
-    "one card or several",
+    "share of the position's delay that all other channels have as well",
+    "one data acquisition card or several",
     1.0,
     (0.0, 1.0),
 )
-# s: keeps the equations from becoming stiff at the null; over that long any speed is about constant.
+# s: keeps the equations from becoming stiff at the null; any speed is nearly constant over this time.
 SHORTEST = 1e-3
-# m: what a piston moves in the time by which clocks come to differ, and its sd where a record begins. Speeds instead of
-# ways would have to be known far better than they show in so short a time.
+# m: travel of a piston during the clocks' difference, and its sd at the start of a recording. With speeds instead of #
+# distances they would have to be known far better than so short a time shows them.
 USUAL, SPREAD = 1e-2, 5e-5
 
 
 class ClockDrift(Effect):
     """Shown at t is the position of t - r t, with t from the start of each recording.
 
-    Where the position comes late and other channels do, too, all that the command does comes late: the command of r t
-    ago is taken, exactly. What the position alone comes late by is what it moved in the last r t seconds, by Pade's
-    approximation of third order: a piston may have broken away in between, and no speed or acceleration of now
-    tells of that. What it comes early is carried on, x - v r t + a (r t)^2 / 2.
+    Where position and other channels are late together, everything follows the command late: the command is delayed by
+        r t, exactly. A lag of the position alone is its travel in the last r t seconds, by Pade's approximation of
+        third order: the piston may have broken away in between, which its present speed and acceleration do not show.
+            A lead is extrapolated, x - v r t + a (r t)^2 / 2.
     """
 
     name = "clock_drift"
@@ -60,10 +60,10 @@ class ClockDrift(Effect):
         {"rate": -3e-4, "others": 1.0},
         {"rate": -2e-3, "others": 1.0},
     )
-    law = "shown at t is the position of t - r t"
+    law = "the recorded value at t is the position at t - r t"
     says = (
-        "position and command are sampled by clocks that differ by {rate}: the position comes ever later, or earlier, "
-        "and of that the other channels {others}"
+        "position and command are sampled by clocks that differ by {rate}: the position comes later and later, "
+        "or earlier and earlier; the other channels share {others} of that"
     )
     depends_on = ("time", "velocity")
     needs = "fast motion late in a long recording"
@@ -74,7 +74,7 @@ class ClockDrift(Effect):
     source = "physics catalogue B.2: lag, gain and clock are the faults of data to rule out"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
-        """What the sensor shows, m; the command as it was, a share of full command."""
+        """The sensor's reading, m; the delayed command, a share of full command."""
         late = sheet.param(RATE) * sheet.clock()
         together = sheet.param(OTHERS) * ca.fmax(late, 0)
         if site == "valve.input":

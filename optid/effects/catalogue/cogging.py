@@ -16,7 +16,7 @@ AMPLITUDE = Parameter(
     "amplitude",
     "N",
     3.0,
-    "of the effort, at the output",
+    "amplitude of the torque or force, at the output",
     "Jahns and Soong, IEEE Trans. Industrial Electronics 43(2), 1996: 1 to 10 % of the rated torque",
     0.0,
     (0.0, 1e3),
@@ -31,12 +31,12 @@ PER_TURN = Parameter(
     (0.5, 200.0),
     logarithmic=True,
 )
-PHASE = Parameter("phase", "1", 1.0, "where the position is 0, rad", "any", 0.0, (-7.0, 7.0))
+PHASE = Parameter("phase", "1", 1.0, "phase where the position is 0, rad", "any", 0.0, (-7.0, 7.0))
 TRIED = (1, 2, 3, 4, 6, 8, 9, 10, 12, 14, 16, 18, 20, 24, 28, 30, 36, 42, 48)
 
 
 class Cogging(Effect):
-    """A sin(2 pi n x / turn + phase), with the way that a turn of the motor takes the axis."""
+    """A sin(2 pi n x / turn + phase), with the travel per turn of the motor."""
 
     name = "cogging"
     sites = ("drive.effort",)
@@ -48,7 +48,7 @@ class Cogging(Effect):
         for n in TRIED
         for quarter in (-1, 0, 1, 2)
     )
-    law = "the drive pulls with A sin(2 pi n x / turn + phase) more"
+    law = "the drive's torque gains A sin(2 pi n x / turn + phase)"
     says = "the motor cogs: {amplitude}, {per_turn} times a turn (phase {phase} rad)"
     depends_on = ("position",)
     needs = "slow motion over several of its periods"
@@ -57,7 +57,7 @@ class Cogging(Effect):
     source = "Jahns and Soong, IEEE Trans. Industrial Electronics 43(2), 1996"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
-        """What the drive gives at the output; the plant names the motor's own way "x" and that of a turn "turn"."""
+        """The drive's effort at the output; the plant names the motor's travel "x" and that per turn "turn"."""
         turns = near["x"] / near["turn"]
         angle = 2 * math.pi * sheet.param(PER_TURN) * turns + sheet.param(PHASE)
         return nominal + sheet.param(AMPLITUDE) * ca.sin(angle)

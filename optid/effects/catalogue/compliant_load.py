@@ -1,4 +1,4 @@
-"""A load that hangs on the piston by something elastic: a belt, a bracket, a long rod."""
+"""A load on an elastic coupling to the piston: a belt, a bracket, a long rod."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ SHARE = Parameter(
     "load_share",
     "1",
     0.4,
-    "share of the moving mass that is behind the elastic coupling",
+    "share of the moving mass behind the elastic coupling",
     "nothing to nearly all",
     0.0,
     (0.0, 0.9),
@@ -23,7 +23,7 @@ FREQUENCY = Parameter(
     "frequency",
     "Hz",
     30.0,
-    "natural frequency of the load on its coupling, the piston held",
+    "natural frequency of the load on its coupling, with the piston held",
     "physics catalogue A.1: 10 to 100 Hz",
     30.0,
     (2.0, 120.0),
@@ -66,7 +66,7 @@ class CompliantLoad(Effect):
         """Acceleration of the piston, m/s2."""
         share, w = sheet.param(SHARE), 2 * math.pi * sheet.param(FREQUENCY)
         y = sheet.state("stretch", "m", 1e-3, spread=5e-4)
-        # Of the load itself: that of the stretch would carry the piston's friction, and be integrated as finely.
+        # Of the load itself: the stretch would contain the piston's friction, and need as fine an integration.
         speed = sheet.state("load_speed", "m/s", 0.1, spread=0.2)
         rate = speed - near["v"]
         pull = w * w * y + 2 * sheet.param(DAMPING) * w * rate  # of the coupling, per mass of the load

@@ -29,13 +29,13 @@ class ConstantForce(Effect):
     parameters = (FORCE,)
     strength = {"force": 1.0}
     usual = ({"force": 5.0}, {"force": -5.0})
-    law = "a constant F_0 beside the forces of the air and of friction"
+    law = "a constant force F_0 added to those of the air and of friction"
     says = "a constant force of {force} pushes towards positive position, as a tilt or a hanging weight would"
     depends_on = ("position", "pressure_a", "pressure_b")
     needs = "motion in both directions, or rests at known pressures"
     look_alikes = ("asymmetric_friction", "pressure_sensor_offset", "spring_load", "valve_offset")
     shares = {"force": "asymmetric_friction"}  # dry friction alone, stronger one way
-    experiment = "turn the axis round, or change the payload: weight grows with it, friction does not"
+    experiment = "turn the axis over, or change the payload: weight grows with it, friction does not"
     source = "Newton's second law along a tilted axis"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:

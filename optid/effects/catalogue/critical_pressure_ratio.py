@@ -29,20 +29,21 @@ INDEX = Parameter(
     0.5,
     (0.3, 0.8),
 )
-CLOSED = 1e-4  # of 1 - q^2: the power's slope stays finite where nothing flows,
-CHOKED = 1e-12  # of q^2: and where all flows
-# By how much q of an ideal nozzle exceeds the ellipse's at the same flow, over q (1 - q): a parabola in q by least
-# squares for air, right to 5e-6.
+CLOSED = 1e-4  # of 1 - q^2: the power's slope stays finite at zero flow,
+CHOKED = 1e-12  # of q^2: and at full flow
+# Excess of an ideal nozzle's q over the ellipse's at the same flow, divided by q (1 - q): a parabola in q by least #
+# squares for air, accurate to 5e-6.
 NOZZLE = (0.011920, -0.008484, 0.002724)
 # Distance from the ideal nozzle's shift and power, half of what is worth a name, at which the branch is mostly ellipse.
 AWAY = (0.01, 0.015)
 
 
 class CriticalPressureRatio(Effect):
-    """Eq. 7 with its subsonic branch stretched from (C_r, 1) to (C_r + shift, 1), and of another power.
+    """Eq. 7 with its subsonic branch stretched from (C_r, 1) to (C_r + shift, 1), and with another power.
 
     Away from the ideal nozzle the branch is that of ISO 6358-1, so that C_r + shift is the standard's b and the power
-    its m: (1 - q^2)^m with q = (P_r - b) / (1 - b). The nozzle's own is up to 0.2 % of full flow beside that ellipse.
+    its m: (1 - q^2)^m with q = (P_r - b) / (1 - b). The ideal nozzle deviates from that ellipse by up to 0.2 % of full
+        flow.
     """
 
     name = "critical_pressure_ratio"
@@ -54,15 +55,18 @@ class CriticalPressureRatio(Effect):
         *({"shift": shift, "subsonic_index": 0.5} for shift in (-0.15, -0.35, 0.08)),
         *({"shift": 0.0, "subsonic_index": m} for m in (0.44, 0.56)),
     )
-    law = "the flow is choked below P_r = C_r + shift and falls to nothing at P_r = 1, by the power m of ISO 6358"
+    law = (
+        "the flow is choked below P_r = C_r + shift and falls to zero at P_r = 1, with the subsonic index m of "
+        "ISO 6358"
+    )
     says = (
-        "the valve's flow chokes at a pressure ratio that differs by {shift} from an ideal nozzle's 0.528, and falls "
-        "beyond with the power {subsonic_index} (subsonic index)"
+        "the valve's flow chokes at a pressure ratio that differs by {shift} from an ideal nozzle's 0.528, and "
+        "falls beyond it with the subsonic index {subsonic_index}"
     )
     depends_on = ("pressure_a", "pressure_b", "flow")
     needs = "flow at small pressure differences: a chamber near supply or near exhaust pressure"
     look_alikes = ("supply_droop", "heat_transfer", "position_dependent_friction", "tube_restriction")
-    experiment = "repeat at two supply pressures with the pressures measured"
+    experiment = "repeat the run at two supply pressures, with the chamber pressures measured"
     source = "ISO 6358-1:2013; sizes from physics catalogue A.2, row 23"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:

@@ -31,10 +31,11 @@ class CrossLeakage(Effect):
     strength = {"area": 1e-8}
     usual = ({"area": 1e-7, "laminar_share": 0.0}, {"area": 1e-7, "laminar_share": 1.0})
     law = (
-        "m_leak = C_0 area P_high f(P_low / P_high) / sqrt(T) from the fuller chamber into the other, or with the "
+        "m_leak = C_0 area P_high f(P_low / P_high) / sqrt(T) from the chamber of higher pressure into the other, "
+        "or with the "
         "difference of P^2 through a gap"
     )
-    says = "air leaks past the piston through {area}; a share of {laminar_share} of it as through a gap"
+    says = "air leaks past the piston through {area}; a share of {laminar_share} of it is laminar, as through a gap"
     depends_on = (
         "pressure_a",
         "pressure_b",
@@ -45,7 +46,7 @@ class CrossLeakage(Effect):
     source = "orifice of ISO 6358-1:2013 in the valve's own form"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
-        """The flow into the chamber, kg/s, with what comes from the other."""
+        """The flow into the chamber, kg/s, with the leak from the other one."""
         orifice = near["other"] / sheet.plant_param("discharge_coefficient")
         gap = laminar_flux(sheet, near["other_P"], near["P"])
         return nominal + sheet.param(AREA) * (orifice + sheet.param(LAMINAR) * (gap - orifice))

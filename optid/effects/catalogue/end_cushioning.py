@@ -34,7 +34,7 @@ SIDE = Parameter(
     "side",
     "1",
     1.0,
-    "which end's needle throttles: 0 both alike, 1 only the one at the far end, -1 only the other",
+    "which end's needle throttles: 0 both equally, 1 only the one at the far end, -1 only the other",
     "each end has a needle of its own",
     0.0,
     (-1.0, 1.0),
@@ -43,8 +43,8 @@ TAPER = Parameter(
     "taper",
     "1",
     5.0,
-    "by how many times its least the needle's area has grown where the cushion begins",
-    "spears are turned conical so that they enter gently",
+    "area of the needle where the cushion begins, as a multiple of its smallest",
+    "spears are conical so that they enter smoothly",
     0.0,
     (0.0, 100.0),
 )
@@ -53,7 +53,7 @@ POWER = Parameter(
     "1",
     0.5,
     "power of the distance with which it grows: 1 a cone, 2 a rounded spear",
-    "either is turned",
+    "both shapes are made",
     1.0,
     (0.5, 3.0),
 )
@@ -61,13 +61,13 @@ ENTRY = Parameter(
     "entry",
     "m",
     1e-3,
-    "way over which the spear closes the bore",
+    "distance over which the spear closes the bore",
     "its chamfer: a sharp edge to a few millimetres",
     2e-3,
     (1e-4, 5e-3),
     logarithmic=True,
 )
-SHUT = 1e-3  # of the length: nearer the end the power is a line
+SHUT = 1e-3  # of the length: nearer the end the power law is replaced by a line
 
 
 class EndCushioning(Effect):
@@ -119,7 +119,7 @@ class EndCushioning(Effect):
         distance = ca.if_else(s > 0, half - x, half + x)
         inside = ca.fmin(ca.fmax((sheet.param(LENGTH) - distance) / sheet.param(ENTRY), 0), 1)
         share = inside**2 * (3 - 2 * inside)
-        # Throttling is whole at the ends that have it: the side takes from the other one only.
+        # The side reduces the throttling of the opposite end only.
         side = sheet.param(SIDE)
         share *= 1 - ca.fmax(ca.if_else(s > 0, -side, side), 0)
         full = sheet.plant_param("port_width") * sheet.plant_param("spool_travel")

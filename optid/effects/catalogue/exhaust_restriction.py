@@ -15,8 +15,8 @@ BACK = Parameter(
     "back_pressure",
     "Pa",
     1e5,
-    "absolute pressure that drives 10 g/s (500 l/min) through what restricts, choked",
-    # A clogged silencer lets a few g/s through at most: carried on to 10 g/s its pressure is many bar.
+    "absolute pressure that drives 10 g/s (500 l/min) of choked flow through the restriction",
+    # A clogged silencer passes a few g/s at most: extrapolated to 10 g/s its pressure is many bar.
     "physics catalogue A.3: 0 to 1 bar above ambient at the flows of the axis",
     0.0,
     (0.0, 5e6),
@@ -25,7 +25,7 @@ CRITICAL = Parameter(
     "critical_ratio",
     "1",
     0.1,
-    "critical pressure ratio b of what restricts",
+    "critical pressure ratio b of the restriction",
     "ISO 6358-1: 0.2 for a long silencer",
     0.5,
     (0.1, 0.55),
@@ -34,7 +34,7 @@ MANIFOLD = Parameter(
     "manifold",
     "m**3",
     3e-5,
-    "volume between the valve's edges and what restricts",
+    "volume between the valve's edges and the restriction",
     "a pipe of 0.1 to 1 m",
     3e-5,
     (1e-6, 1e-3),
@@ -49,7 +49,7 @@ LAMINAR = Parameter(
     0.0,
     (0.0, 1.0),
 )
-FLOW, LAG = 0.01, 1e-3  # kg/s; s: in which the manifold fills at least
+FLOW, LAG = 0.01, 1e-3  # kg/s; s: shortest filling time of the manifold
 WARM = 84e3  # J/kg: R T of air in a workshop
 
 
@@ -69,10 +69,10 @@ class ExhaustRestriction(Effect):
         {"back_pressure": back, "critical_ratio": 0.4, "manifold": 3e-5, "laminar_share": share}
         for back, share in ((1.2e6, 0.0), (4e5, 0.0), (1e5, 0.0), (2e5, 0.0), (3e5, 1.0), (8e4, 1.0))
     )
-    law = "behind the exhaust stands the pressure that drives the flow through an orifice (ISO 6358)"
+    law = "the pressure behind the exhaust is the one that drives the flow through an orifice (ISO 6358)"
     says = (
         "the exhaust is throttled: 10 g/s would need {back_pressure} absolute behind it (critical pressure ratio "
-        "{critical_ratio}, laminar by {laminar_share}, manifold {manifold})"
+        "{critical_ratio}, laminar share {laminar_share}, manifold {manifold})"
     )
     depends_on = ("flow", "pressure_a", "pressure_b")
     needs = "fast strokes in which a chamber is vented to below twice the exhaust pressure; above, the flow is choked"
@@ -81,7 +81,7 @@ class ExhaustRestriction(Effect):
     source = "ISO 6358-1:2013; physics catalogue A.3, row 25"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
-        """Pressure behind the exhaust port, Pa; at the chambers the flow, kg/s, is only taken note of."""
+        """Pressure behind the exhaust port, Pa; at the chambers the flow, kg/s, is only stored."""
         if site == "flow.exhaust":
             leaving = sheet.state("flow", "kg/s", 5e-3, spread=5e-3)
             resistance, share = sheet.param(BACK) / FLOW, sheet.param(LAMINAR)

@@ -39,7 +39,7 @@ STRAIGHTNESS = Parameter(
     0.5,
     (0.05, 1.0),
 )
-LEAST = 0.05  # of what friction was, where it would fall to nothing
+LEAST = 0.05  # of the initial friction, where it would fall to zero
 MOST = 2.0  # largest change, as a logarithm: keeps long recordings within a factor of 7
 
 
@@ -62,7 +62,7 @@ class FrictionDrift(Effect):
     law = "dry friction grows from F_r at the rate r F_r and settles, with the time since the recording began"
     says = (
         "dry friction drifts while the recording runs, by {rate} at first, and settles with {settling_time} "
-        "(straightness {straightness}: 1 friction itself changes so, 0 its logarithm)"
+        "(straightness {straightness}: 1, friction itself changes at this rate; 0, its logarithm)"
     )
     depends_on = ("time",)
     needs = "motion from the recording's start to its end"
@@ -73,7 +73,7 @@ class FrictionDrift(Effect):
         "sensor_drift",
         "supply_droop",
     )
-    experiment = "the same stroke twenty times from cold to warm"
+    experiment = "repeat the same stroke twenty times from cold to warm"
     source = "physics catalogue A.1, row 14"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:

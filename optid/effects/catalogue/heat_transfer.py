@@ -25,13 +25,13 @@ B_OVER_A = Parameter(
     "b_over_a",
     "1",
     0.5,
-    "coefficient of chamber B over that of A: the rod is a wall there, and air moves otherwise",
+    "coefficient of chamber B over that of A: the rod adds wall area there, and the air flows differently",
     "a rod of half the bore: 73 % more wall than a circle of equal area",
     1.0,
     (0.3, 3.0),
     logarithmic=True,
 )
-STILL = 1.0  # W/(m2 K): less than still air; temperatures feel at least about this, so that they forget their start
+STILL = 1.0  # W/(m2 K): less than still air; a lower bound, so that temperatures forget their start
 
 
 class HeatTransfer(Effect):
@@ -52,7 +52,7 @@ class HeatTransfer(Effect):
     depends_on = ("pressure_a", "pressure_b", "velocity")
     needs = "fast moves followed by holds of about a second"
     look_alikes = ("tube_restriction", "critical_pressure_ratio", "ambient_leakage", "supply_droop")
-    experiment = "holds after fast moves with the pressures measured: they creep for 0.1 to 1 s"
+    experiment = "hold after fast moves with the pressures measured: they creep for 0.1 to 1 s"
     source = "Carneiro and Almeida, Proc. IMechE I 220, 2006; equations as in physics catalogue A.3, row 31"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:

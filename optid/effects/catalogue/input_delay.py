@@ -1,4 +1,4 @@
-"""A command that takes effect late: a bus, a converter, a tube's run of sound."""
+"""A command that takes effect late: a bus, a converter, the run time of sound in a tube."""
 
 from __future__ import annotations
 
@@ -31,16 +31,16 @@ class InputDelay(Effect):
     parameters = (DELAY,)
     strength = {"delay": 4e-4}
     usual = ({"delay": 1e-3}, {"delay": 3e-3}, {"delay": 8e-3})
-    law = "the valve receives the command of T_d ago"
-    says = "the command takes effect {delay} late"
+    law = "the valve receives the command with a delay T_d"
+    says = "the command takes effect with a delay of {delay}"
     depends_on = ("command_rate",)
     needs = "commands that change fast: steps, reversals, a binary sequence"
     look_alikes = ("valve_lag", "sensor_lag", "valve_rate_limit", "valve_hysteresis", "clock_drift")
     experiment = "record the spool's position signal, or the pressures at 5 kHz around steps of the command"
-    # The skew between the channels lies within a sample, and from position alone nothing tells it from a delay.
+    # The skew between channels is within a sample; from position alone it cannot be distinguished from a delay.
     resolved = MappingProxyType({"delay": 0.5})
     source = "physics D.6; sizes from physics catalogue A.2, row 21"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
-        """The command as it was, a share of full command."""
+        """The delayed command, a share of full command."""
         return input_ago(sheet, nominal, sheet.param(DELAY))

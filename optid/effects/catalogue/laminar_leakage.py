@@ -21,7 +21,7 @@ ACROSS, FROM_A, FROM_B = (
 
 
 class LaminarLeakage(Effect):
-    """Flows in proportion to the pressure drop, beside those that the plant knows (Hagen and Poiseuille)."""
+    """Flows in proportion to the pressure drop, in addition to the plant's own (Hagen and Poiseuille)."""
 
     name = "laminar_leakage"
     sites = ("flow.leak_a", "flow.leak_b")

@@ -1,4 +1,4 @@
-"""An upper store that runs over at its rim, part of it into the lower one."""
+"""An upper store that overflows at its rim, partly into the lower one."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SPILLED = Parameter(
     "spilled",
     "1",
     0.5,
-    "share that runs over of what would raise the full store further; 1 when it holds no more",
+    "share of the surplus inflow that runs over when the store is full; 1 when it holds no more",
     TANKS,
     0.0,
     (0.0, 1.0),
@@ -36,7 +36,7 @@ CAUGHT = Parameter(
     "caught",
     "1",
     0.5,
-    "rise of the lower level per fall of the upper one by what runs over",
+    "rise of the lower level per fall of the upper one, by the overflow",
     TANKS,
     0.5,
     (0.0, 10.0),
@@ -44,7 +44,7 @@ CAUGHT = Parameter(
 
 
 class Overflow(Effect):
-    """Of a flow that fills the upper store the share `spilled` runs over, from the rim on within `head`."""
+    """The share `spilled` of the inflow to the upper store overflows; it is reached within `head` above the rim."""
 
     name = "overflow"
     sites = ("store.upper", "store.caught")
@@ -56,18 +56,18 @@ class Overflow(Effect):
         for rim in (6.0, 8.0, 10.0, 13.0)
         for caught in (0.3, 0.9)
     )
-    law = "of what would raise a store that is full to the rim the share s runs over"
+    law = "of the inflow that would raise a store full to the rim, the share s runs over"
     says = (
-        "the upper store runs over at {rim}: {spilled} of what would raise it further once it stands {head} above, "
-        "and {caught} of that arrives in the lower one"
+        "the upper store runs over at {rim}: {spilled} of the surplus inflow once the level is {head} above the "
+        "rim, of which {caught} arrives in the lower store"
     )
     depends_on = ("level",)
     needs = "levels up to the rim and beyond"
-    experiment = "fill the upper store until it runs over, and look"
+    experiment = "fill the upper store until it runs over, and watch"
     source = TANKS
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
-        """What leaves over the rim, and what of it is caught, in levels per second."""
+        """The overflow and the part of it that is caught, in levels per second."""
         if site == "store.caught":
             return nominal * sheet.param(CAUGHT)
         depth = (near["level"] - sheet.param(RIM)) / sheet.param(HEAD)

@@ -1,4 +1,4 @@
-"""A force that swings by itself: an unbalanced fan, a compressor, a neighbouring machine."""
+"""A periodic force independent of the axis: an unbalanced fan, a compressor, a neighbouring machine."""
 
 from __future__ import annotations
 
@@ -43,36 +43,36 @@ THIRD = {
         f"third_{name}",
         "1",
         0.1,
-        f"third harmonic in {words} with the swing, as a share of the amplitude",
-        "a vane or a slack drive pushes harder for a part of the turn",
+        f"third harmonic in {words} the fundamental, as a share of the amplitude",
+        "a vane or a slack drive pushes harder during a part of the turn",
         0.0,
         (-0.5, 0.5),
     )
-    for name, words in (("in_phase", "phase"), ("across", "quadrature"))
+    for name, words in (("in_phase", "phase with"), ("across", "quadrature to"))
 }
 SCATTER = Parameter(
     "scatter",
     "1",
     0.3,
-    "by how much recordings differ in the quadratures, sd as a share of the amplitude",
-    "1 where recordings begin at any time, next to nothing where force and recording begin together",
+    "scatter of the quadratures between recordings, sd as a share of the amplitude",
+    "1 where recordings begin at any time, near 0 where force and recording begin together",
     1.0,
     (0.002, 1.0),
     fitted=False,
 )
-ALIKE = 0.3  # scatter up to which recordings have their phase in common
-PURE = {"third_in_phase": 0.0, "third_across": 0.0, "scatter": 1.0}  # as it is first looked for
+ALIKE = 0.3  # scatter up to which recordings share their phase
+PURE = {"third_in_phase": 0.0, "third_across": 0.0, "scatter": 1.0}  # start value of the search
 TINY = 1e-9
 LOUDEST = 3  # lines of a spectrum that are tried
-NEIGHBOURS = 41  # bins of the spectrum whose median a line is held against
+NEIGHBOURS = 41  # bins of the spectrum whose median a line is compared with
 
 
 class PeriodicDisturbance(Effect):
-    """A sin(2 pi f t + phase) and its third harmonic; of either quadrature what a recording has of its own.
+    """A sin(2 pi f t + phase) and its third harmonic; each recording has its own part of both quadratures.
 
-    These are states that stand still. The force is nearly linear in them, so that a filter finds a recording's phase
-    from any start. Where the recordings turn out to have one phase in common, it is known of others before an axis at
-    rest shows anything of the force.
+    These parts are constant states. The force is nearly linear in them, so that a filter finds a recording's phase
+    from any start. If the recordings turn out to share one phase, it is known for others even while the axis is at
+    rest.
     """
 
     name = "periodic_disturbance"
@@ -87,17 +87,20 @@ class PeriodicDisturbance(Effect):
     )
     law = "a force A (sin a + b sin 3 a + c cos 3 a), a = 2 pi f t + phase"
     says = (
-        "a force of {amplitude} swings at {frequency}, whatever the axis does (phase {phase} rad, recordings apart by "
-        "{scatter} of the amplitude; third harmonic {third_in_phase} in phase, {third_across} across)"
+        "a force of {amplitude} oscillates at {frequency}, independently of the axis (phase {phase} rad, scatter "
+        "between recordings {scatter} of the amplitude; third harmonic {third_in_phase} in phase, {third_across} in "
+        "quadrature)"
     )
     depends_on = ("time",)
     needs = "several of its periods"
     look_alikes = ("constant_force", "friction_drift")
-    experiment = "change the rhythm of the reference: a line in the spectrum that stays is not the axis's own"
+    experiment = (
+        "change the period of the reference: a line in the spectrum that stays does not come from the axis"
+    )
     source = "physics catalogue A.1, row 9"
 
     def tries(self, heard: Sequence[Array], interval: float) -> Sequence[Mapping[str, float]]:
-        """The loudest lines of the mean spectrum, at four phases each: a fit finds a frequency from near by only."""
+        """The strongest lines of the mean spectrum, at four phases each: a fit finds a frequency only from nearby."""
         from scipy.fft import next_fast_len  # loaded when there is something to search
         from scipy.ndimage import median_filter
         from scipy.signal import argrelmax, periodogram
@@ -119,7 +122,7 @@ class PeriodicDisturbance(Effect):
     def centred(self, values: Mapping[str, float], shown: Mapping[str, Array]) -> Mapping[str, float]:
         """Amplitude and phase of the recordings' mean force, or their mean amplitude where phases differ.
 
-        The states may stand for any part of the force, so that a fit ends wherever it came to them first.
+        The states may represent any part of the force, so that the split is arbitrary after a fit.
         """
         a, b = np.cos(values["phase"]) + shown["sine"], np.sin(values["phase"]) + shown["cosine"]
         mean, power = np.hypot(a.mean(), b.mean()), float(np.mean(a**2 + b**2))

@@ -1,4 +1,4 @@
-"""Dry friction that is larger or smaller at some place: a dent, a dry patch, a guide that clamps."""
+"""Dry friction that depends on position: a dent, a dry patch, a jamming guide."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ RISE = Parameter(
     "rise",
     "1",
     0.3,
-    "dry friction added at the place, as a share of that far from it",
+    "dry friction added at the place, as a share of the dry friction far from it",
     "physics catalogue A.1: 5 to 50 %",
     0.0,
     (-0.95, 10.0),
@@ -24,7 +24,7 @@ PLACE = Parameter(
     "place",
     "m",
     0.05,
-    "where, from mid-stroke",
+    "position of the place, from mid-stroke",
     "anywhere along the stroke, or beyond it for a slope",
     0.0,
     (-1.0, 1.0),
@@ -43,8 +43,8 @@ ENDING = Parameter(
     "ending",
     "1",
     3.0,
-    "how the change ends: 2 as an arch with an edge, 50 as a bell without any",
-    "a patch has an end, a guide out of true has none",
+    "shape of the change: 2 is an arch with an edge, 50 a bell without one",
+    "a damaged patch has an edge, a misaligned guide has none",
     50.0,
     (2.0, 50.0),
     logarithmic=True,
@@ -61,18 +61,18 @@ SLOPES = {
     )
     for name, words in (("slope_ahead", "ahead of"), ("slope_behind", "behind"))
 }
-# Started as nearly a bell: a patch with an edge has no slope outside it.
+# Searches start from nearly a bell: a patch with an edge has no slope outside it.
 SHAPE = {"ending": 20.0, **dict.fromkeys(SLOPES, 0.0)}
-BASE = 1e-9  # of a power: nothing beyond the edge, and slopes that stay finite there
+BASE = 1e-9  # of a power: zero beyond the edge, with finite slopes there
 
 
 class PositionDependentFriction(Effect):
     """F_r (1 + r max(1 - z^2/n, 0)^n + s max(x - x_0, 0) + t max(x_0 - x, 0)), z = (x - x_0)/w.
 
-    One hill or hollow of free place and width: narrow for a bump, as wide as the stroke for friction that grows
-    towards both ends (a hollow at mid-stroke) or towards one (a hill at that end). The power n says how it ends: at an
-    edge sqrt(n) widths away; where n is large it is the bell exp(-z^2), which never quite ends. From the same place on
-    it may rise steadily either way, as guides do that are not parallel.
+    One maximum or minimum of free place and width: narrow for a bump, as wide as the stroke for friction that grows
+        towards both ends (a minimum at mid-stroke) or towards one (a maximum at that end). The power n sets its shape:
+        it ends at an edge sqrt(n) widths away; for large n it is the bell exp(-z^2) without an edge. From the same
+        place it may also rise linearly in both directions, as with guides that are not parallel.
     """
 
     name = "position_dependent_friction"
@@ -100,8 +100,9 @@ class PositionDependentFriction(Effect):
     )
     law = "dry friction is F_r (1 + r max(1 - ((x - x_0) / w)^2 / n, 0)^n + s max(x - x_0, 0) + t max(x_0 - x, 0))"
     says = (
-        "dry friction changes along the stroke by {rise} around {place}, over {width} to either side (ending {ending}: "
-        "2 an arch with an edge, 50 a bell without), and from there on by {slope_ahead} ahead and {slope_behind} behind"
+        "dry friction changes along the stroke by {rise} around {place}, over {width} to each side (ending "
+        "{ending}: 2 an arch with an edge, 50 a bell without one), and linearly by {slope_ahead} ahead of it and "
+        "{slope_behind} behind it"
     )
     depends_on = ("position", "velocity")
     needs = "motion over the whole stroke in both directions"
@@ -114,7 +115,8 @@ class PositionDependentFriction(Effect):
         "end_cushioning",
     )
     experiment = (
-        "pass the place in both directions at two speeds: a spring would help one way, friction hinders both"
+        "pass the place in both directions at two speeds: a spring would help in one direction, friction "
+        "hinders in both"
     )
     source = "physics catalogue A.1, row 4"
 

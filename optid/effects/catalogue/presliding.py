@@ -1,4 +1,4 @@
-"""Dry friction that builds up over a distance: seals that bend before they slide."""
+"""Dry friction that builds up over a distance: seals that deform before they slide."""
 
 from __future__ import annotations
 
@@ -45,19 +45,19 @@ BEND = Parameter(
     "bend",
     "1",
     0.05,
-    "how much longer the last part holds than an even spread has it, as a share of the distance",
-    "lengths are positive, so that their distribution leans to the long ones",
+    "by how much the last part holds longer than in an even spread, as a share of the distance",
+    "lengths are positive, so their distribution is skewed to the long ones",
     0.0,
     (0.0, 0.5),
 )
-CATCH = 3e-4  # s: in which a part that slips lets its deflection follow; the force is exact at any value
+CATCH = 3e-4  # s: time constant of the deflection of a slipping part; the force is exact at any value
 
 
 class Presliding(Effect):
-    """Six elastic parts in parallel instead of the plant's bristle, each a sixth of the friction, each holds longer.
+    """Six elastic parts in parallel instead of the plant's bristle, each a sixth of the friction, with its own length.
 
-    Each is a spring until it slips and bears no more (Iwan's elements): after a reversal it is elastic again, and large
-    motions are remembered beside small ones (Masing's rule). What holds is damped, what slips is not.
+    Each is a spring until it slips at constant force (Iwan's elements): after a reversal it is elastic again, and the
+    memory of large motions is kept during small ones (Masing's rule). Sticking parts are damped, slipping ones are not.
     """
 
     name = "presliding"
@@ -75,14 +75,14 @@ class Presliding(Effect):
         "F = F_r mean(z_k / d_k) + sigma_1 mean(z_k')"
     )
     says = (
-        "the axis gives elastically over {distance} before it slides, one part of the seal {spread} of that earlier "
-        "and another later (the last by {bend} more), damped by {micro_damping}"
+        "the axis yields elastically over {distance} before it slides; parts of the seal slip earlier or later "
+        "by up to {spread} of that (the last by {bend} more); damping {micro_damping}"
     )
     depends_on = ("velocity",)
     needs = "reversals and starts from rest, best of 0.1 to 1 mm amplitude"
     look_alikes = ("sensor_backlash", "stribeck_friction", "compliant_load", "valve_deadband")
     experiment = (
-        "reversals of 0.1 to 1 mm: friction runs round a loop; an encoder on the rod excludes backlash"
+        "reversals of 0.1 to 1 mm: friction forms a hysteresis loop; an encoder on the rod excludes backlash"
     )
     source = (
         "Canudas de Wit, Olsson, Astrom and Lischinsky, IEEE Trans. Automatic Control 40(3), 1995; Iwan, Journal of "
@@ -104,7 +104,7 @@ class Presliding(Effect):
         )
 
     def _bend(self, length: Any, near: Mapping[str, Any], sheet: Sheet) -> None:
-        """Note how far the parts' mean share is from the plant's own bristle's, and the mean speed of bending, m/s."""
+        """Store the parts' mean share minus the plant's own bristle, and the mean deflection rate, m/s."""
         v, most, distance = near["v"], near["most"], sheet.param(DISTANCE)
         spread, bend = sheet.param(SPREAD), sheet.param(BEND)
         mean, speed = ca.SX(0), ca.SX(0)
@@ -116,6 +116,6 @@ class Presliding(Effect):
             sheet.rate(deflection, v - beyond / CATCH)
             mean = mean + (deflection - beyond) / own / len(parts)
             speed = speed + ca.if_else(beyond == 0, v, 0) / len(parts)
-        counts = ca.fmin(1, distance / length)  # shorter ones than the plant's own count the less
+        counts = ca.fmin(1, distance / length)  # ones shorter than the plant's own count less
         sheet.store("apart", (mean - near["z"]) * counts)
         sheet.store("speed", speed * counts)

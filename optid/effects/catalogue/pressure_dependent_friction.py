@@ -1,4 +1,4 @@
-"""Seals that grip harder the higher the pressure behind them."""
+"""Seals whose friction grows with the pressure."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class PressureDependentFriction(Effect):
     source = "Tran and Yanada, Intelligent Control and Automation 4(2), 2013"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
-        """The level of dry friction, N; at the chambers the pressure is only taken note of."""
+        """The level of dry friction, N; at the chambers the pressure is only stored."""
         if site != "force.coulomb":
             sheet.store(site, near["P"])
             return nominal

@@ -1,4 +1,4 @@
-"""Pressure sensors whose zeros are off."""
+"""Pressure sensors with an offset."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from optid.core.parameter import Parameter
 from optid.core.sheet import Sheet
 from optid.effects.effect import Effect
 
-ABOUT = "shown pressure less the true one, chamber"
+ABOUT = "measured minus true pressure, chamber"
 SIZE = "physics catalogue A.1, row 3: look-alike of a constant force; 0.5 % of 10 bar is 0.05 bar"
 OFFSET_A = Parameter("offset_a", "Pa", 1e4, f"{ABOUT} A", SIZE, 0.0, (-2e5, 2e5))
 OFFSET_B = Parameter("offset_b", "Pa", 1e4, f"{ABOUT} B", SIZE, 0.0, (-2e5, 2e5))
@@ -26,8 +26,8 @@ class PressureSensorOffset(Effect):
     usual = tuple(
         {"offset_a": a, "offset_b": b} for a, b in ((1e4, 0.0), (-1e4, 0.0), (0.0, 1e4), (0.0, -1e4))
     )
-    law = "shown pressures are P_a + o_a and P_b + o_b"
-    says = "the pressure sensors are off by {offset_a} at chamber A and {offset_b} at chamber B"
+    law = "the measured pressures are P_a + o_a and P_b + o_b"
+    says = "the pressure sensors have an offset of {offset_a} at chamber A and {offset_b} at chamber B"
     depends_on = (
         "pressure_a",
         "pressure_b",
@@ -38,5 +38,5 @@ class PressureSensorOffset(Effect):
     source = "data sheets of pressure sensors of the 0.5 % class"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
-        """What the sensor shows, Pa."""
+        """The sensor's reading, Pa."""
         return nominal + sheet.param(OFFSET_A if site.endswith("a") else OFFSET_B)

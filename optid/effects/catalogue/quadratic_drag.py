@@ -33,7 +33,7 @@ SLOW = 1e-2  # m/s: below, a power other than 2 is smooth
 
 
 class QuadraticDrag(Effect):
-    """c v |v|^(n - 1), with speeds in m/s, beside eq. 11's friction; n is about 2."""
+    """c v |v|^(n - 1), with speeds in m/s, in addition to eq. 11's friction; n is about 2."""
 
     name = "quadratic_drag"
     sites = ("force.friction",)
@@ -42,9 +42,9 @@ class QuadraticDrag(Effect):
     strength = {"drag": 6.0}
     usual = ({"drag": 40.0, "exponent": 2.0},)
     law = "a resistance c v |v|^(n - 1), n about 2"
-    says = "resistance grows about with the square of speed, by {drag} at 1 m/s (exponent {exponent})"
+    says = "a drag grows about with the square of the speed; it is {drag} at 1 m/s (exponent {exponent})"
     depends_on = ("velocity",)
-    needs = "speeds of half a metre per second and more beside slow ones"
+    needs = "speeds above 0.5 m/s as well as slow ones"
     look_alikes = ("stribeck_friction", "supply_droop", "tube_restriction", "exhaust_restriction")
     experiment = "strokes at 0.2, 0.5 and 1 m/s with the pressures measured"
     source = "turbulent flow around a body; sizes from physics catalogue A.1, row 5"

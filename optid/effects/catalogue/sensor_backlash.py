@@ -16,17 +16,17 @@ PLAY = Parameter(
     "play",
     "m",
     1e-4,
-    "half the clearance: the sensor trails by this either way",
+    "half the clearance: the sensor lags by this in both directions",
     "physics catalogue A.4: 0.02 to 0.3 mm",
     0.0,
     (0.0, 5e-3),
 )
-# s: in which the flanks' contact catches up; a reversal is short by what the axis brakes in that time: 1 um at 10 m/s2.
+# s: relaxation time of the play; it shortens a reversal by the braking distance in that time: 1 um at 10 m/s2.
 CATCH = 3e-4
 
 
 class SensorBacklash(Effect):
-    """The play operator, by how far the axis is ahead of the sensor's gear; `ahead` stays within +- play."""
+    """The play operator, with the lead of the axis over the sensor's gear as state; `ahead` stays within +- play."""
 
     name = "sensor_backlash"
     sites = ("sensor.position",)
@@ -34,7 +34,7 @@ class SensorBacklash(Effect):
     parameters = (PLAY,)
     strength = {"play": 1e-5}
     usual = ({"play": 5e-5}, {"play": 2e-4})
-    law = "the sensor trails the axis by the play, and stands still while a reversal takes it up"
+    law = "the sensor lags the axis by the play, and does not move while a reversal takes it up"
     says = "the position sensor has a play of {play} to either side"
     depends_on = ("velocity",)
     needs = "reversals"
@@ -44,7 +44,7 @@ class SensorBacklash(Effect):
     source = "physics D.4: play as a relaxation with its own state"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
-        """What the sensor shows, m."""
+        """The sensor's reading, m."""
         play = sheet.param(PLAY)
         ahead = sheet.state("ahead", "m", 1e-4, spread=1e-3)
         beyond = dead_zone(ahead, play)

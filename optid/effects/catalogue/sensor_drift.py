@@ -1,4 +1,4 @@
-"""A position sensor whose zero wanders while the recording runs."""
+"""A position sensor whose zero drifts during the recording."""
 
 from __future__ import annotations
 
@@ -46,7 +46,8 @@ class SensorDrift(Effect):
         for sign in (1, -1)
     )
     law = (
-        "shown position moves away from x at the rate r and settles, with the time since the recording began"
+        "the measured position drifts from x at the rate r and settles, with the time since the start of the "
+        "recording"
     )
     says = "the position sensor's zero drifts by {rate} at first, and settles with {settling_time}"
     depends_on = ("time",)
@@ -56,6 +57,6 @@ class SensorDrift(Effect):
     source = "physics catalogue A.4, row 35"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
-        """What the sensor shows, m."""
+        """The sensor's reading, m."""
         settling = sheet.param(SETTLING)
         return nominal + sheet.param(RATE) * settling * (1 - ca.exp(-sheet.clock() / settling))

@@ -1,4 +1,4 @@
-"""A position sensor whose scale factor is off."""
+"""A position sensor with a gain error."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ ERROR = Parameter(
     "gain_error",
     "1",
     0.01,
-    "shown distance over true distance, less 1",
+    "measured distance over true distance, minus 1",
     "physics catalogue A.4: 0.2 to 3 %",
     0.0,
     (-0.5, 0.5),
@@ -29,8 +29,8 @@ class SensorGain(Effect):
     parameters = (ERROR,)
     strength = {"gain_error": 1.5e-3}
     usual = ({"gain_error": 0.01}, {"gain_error": -0.01})
-    law = "shown position is x (1 + g)"
-    says = "the position sensor's scale is off by {gain_error}"
+    law = "the measured position is x (1 + g)"
+    says = "the position sensor has a gain error of {gain_error}"
     depends_on = ("position",)
     needs = "strokes from near one end to near the other"
     look_alikes = ("sensor_nonlinearity", "spring_load", "heat_transfer")
@@ -38,5 +38,5 @@ class SensorGain(Effect):
     source = "physics catalogue A.4, row 33"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
-        """What the sensor shows, m."""
+        """The sensor's reading, m."""
         return nominal + sheet.param(ERROR) * near["x"]

@@ -22,7 +22,7 @@ SECOND = Parameter(
     "second",
     "1",
     0.5,
-    "time constant of a second lag behind the first, as a share of it",
+    "time constant of a second lag after the first, as a share of it",
     "filters of second order",
     0.0,
     (0.0, 1.0),
@@ -31,11 +31,11 @@ FLOOR = 5e-4  # s: keeps the equations from becoming stiff at the null
 
 
 class SensorLag(Effect):
-    """(1 + t0 p) / (1 + (t + t0) p) with p = d/dt, t = time constant: 1 at the null; and another one behind it.
+    """(1 + t0 p) / (1 + (t + t0) p) with p = d/dt, t = time constant: 1 at the null; followed by a second one.
 
     t0 falls from FLOOR with the square of t, so that a lag of usual size is the plain first-order one.
 
-    The states are how far each filter's input is ahead of it, so that they are small and start near zero.
+    The states are the lead of each filter's input over its output, so that they are small and start near zero.
     """
 
     name = "sensor_lag"
@@ -48,9 +48,10 @@ class SensorLag(Effect):
         {"time_constant": 8e-3, "second": 0.0},
         {"time_constant": 4e-3, "second": 1.0},
     )
-    law = "t y' + y = x, and again with a share of t"
+    law = "t y' + y = x, followed by a second lag with a share of t"
     says = (
-        "the position sensor lags with a time constant of {time_constant}, and once more with {second} of it"
+        "the position sensor lags with a time constant of {time_constant}, followed by a second lag with "
+        "{second} of it"
     )
     depends_on = ("velocity",)
     needs = "motion at changing speed"
@@ -60,7 +61,7 @@ class SensorLag(Effect):
     source = "first-order filter; sizes from physics catalogue A.4, row 37"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
-        """What the sensor shows, m."""
+        """The sensor's reading, m."""
         rate, shown, speed = near["v"], nominal, near["v"]
         for name, time in (
             ("ahead", sheet.param(TIME)),

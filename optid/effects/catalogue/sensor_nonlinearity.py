@@ -1,4 +1,4 @@
-"""A position sensor whose scale is bent."""
+"""A nonlinear position sensor."""
 
 from __future__ import annotations
 
@@ -15,26 +15,32 @@ from optid.effects.effect import Effect
 SIZE = "physics catalogue A.4: 0.1 to 1 % of 260 mm"
 WITHIN = (-0.05, 0.05)
 BOW = Parameter(
-    "bow", "m", 3e-4, "error at mid-stroke of the even part, nothing at both ends", SIZE, 0.0, WITHIN
+    "bow", "m", 3e-4, "error of the even part at mid-stroke; zero at both ends", SIZE, 0.0, WITHIN
 )
 CURL = Parameter(
     "curl",
     "m",
     3e-4,
-    "error a quarter of the stroke beyond mid-stroke of the odd part, nothing at both ends",
+    "error of the odd part a quarter of the stroke beyond mid-stroke; zero at both ends",
     SIZE,
     0.0,
     WITHIN,
 )
-ZERO = Parameter("zero", "m", 1e-3, "error everywhere: what the even part has at the ends", SIZE, 0.0, WITHIN)
+ZERO = Parameter("zero", "m", 1e-3, "constant error: that of the even part at the ends", SIZE, 0.0, WITHIN)
 SLOPE = Parameter(
-    "slope", "m", 1e-3, "error at the far end of one that grows with the way", SIZE, 0.0, WITHIN
+    "slope", "m", 1e-3, "error at the far end of a part that is linear in the position", SIZE, 0.0, WITHIN
 )
-FINER = (2, 3, 4, 5, 6)  # times as many waves along the stroke: a pinion errs once a turn, some 63 to 125 mm
+FINER = (
+    2,
+    3,
+    4,
+    5,
+    6,
+)  # times as many waves along the stroke: a pinion's error has a period of one turn, 63 to 125 mm
 BOWS, CURLS = (
     tuple(
         Parameter(
-            f"{name}_{k}", "m", 3e-4, f"the same of a finer shape, the {k}. of its kind", SIZE, 0.0, WITHIN
+            f"{name}_{k}", "m", 3e-4, f"the same for a finer shape, number {k} of its kind", SIZE, 0.0, WITHIN
         )
         for k in FINER
     )
@@ -50,7 +56,7 @@ TRIED = 5.0  # times that
 class SensorNonlinearity(Effect):
     """x + zero + slope 2 x / L + sum_k bow_k cos((2 k - 1) pi x / L) + curl_k sin(2 k pi x / L), k = 1..6.
 
-    Any smooth bend is nearly such a sum; its zero and slope show in the motion as well, through the dead volumes.
+    Any smooth nonlinearity is nearly such a sum; its zero and slope also affect the motion, through the dead volumes.
     """
 
     name = "sensor_nonlinearity"
@@ -63,11 +69,14 @@ class SensorNonlinearity(Effect):
         for name, least in SMALLEST.items()
         for sign in (1, -1)
     )
-    law = "shown position is x + zero + slope 2 x / L + sum of bow_k cos((2 k - 1) pi x / L) + curl_k sin(2 k pi x / L)"
+    law = (
+        "the measured position is x + zero + slope 2 x / L + sum of bow_k cos((2 k - 1) pi x / L) + curl_k sin(2 "
+        "k pi x / L)"
+    )
     says = (
-        "the position sensor is bent: it errs by {bow} at mid-stroke and by {curl} a quarter of the stroke beyond, in "
-        "finer shapes by {bow_2}, {bow_3}, {bow_4}, {bow_5}, {bow_6} evenly and by {curl_2}, {curl_3}, {curl_4}, "
-        "{curl_5}, {curl_6} oddly, apart from {zero} everywhere and {slope} more at the far end"
+        "the position sensor is nonlinear: its error is {bow} at mid-stroke and {curl} a quarter of the stroke "
+        "beyond, in finer shapes {bow_2}, {bow_3}, {bow_4}, {bow_5}, {bow_6} (even) and {curl_2}, {curl_3}, "
+        "{curl_4}, {curl_5}, {curl_6} (odd), in addition to {zero} everywhere and {slope} more at the far end"
     )
     depends_on = ("position",)
     needs = "motion over most of the stroke"
@@ -76,14 +85,14 @@ class SensorNonlinearity(Effect):
     source = "physics catalogue A.4, row 34"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
-        """What the sensor shows, m."""
+        """The sensor's reading, m."""
         way = near["x"] / near["L"]
         even, odd = sheet.param(ZERO), 2 * sheet.param(SLOPE) * way
         c, s = ca.cos(math.pi * way), ca.sin(math.pi * way)
         c_2, s_2 = (
             c * c - s * s,
             2 * s * c,
-        )  # one cosine and one sine, the others by recurrence: they are costly
+        )  # one cosine and one sine, the others by recurrence, because they are expensive
         c_even, s_even = c_2, s_2
         for bow, curl in zip((BOW, *BOWS), (CURL, *CURLS), strict=True):
             even += sheet.param(bow) * (c_even * c + s_even * s)

@@ -24,7 +24,7 @@ RELAXED = Parameter(
     "relaxed_position",
     "m",
     0.05,
-    "position at which it does not pull, from mid-stroke",
+    "position at which the spring is relaxed, from mid-stroke",
     "within the stroke, or beyond it for a preload",
     0.0,
     (-2.0, 2.0),
@@ -33,8 +33,8 @@ HARDENING = Parameter(
     "hardening",
     "1",
     0.5,
-    "share by which it pulls harder than Hooke's law has it, 0.1 m from where it does not pull",
-    "Duffing's cubic term; a cable chain or bellows stiffens as it is drawn out",
+    "share by which it is stronger than Hooke's law, 0.1 m from the relaxed position",
+    "Duffing's cubic term; a cable chain or a bellows stiffens as it is extended",
     0.0,
     (0.0, 10.0),
 )
@@ -42,13 +42,15 @@ STEEPENING = Parameter(
     "steepening",
     "1",
     0.03,
-    "the same share of what grows with the fourth power of the distance",
-    "what comes to an end pulls ever harder: a chain drawn straight, bellows drawn out",
+    "the same share for the term of the fourth power of the distance",
+    "a fully extended chain or bellows pulls harder and harder",
     0.0,
     (0.0, 0.1),
 )
 FAR = 0.1  # m
-FARTHEST = 4.0  # square of the distance in FAR: beyond, it grows with the cube again, or it would be stiffer than steel
+FARTHEST = (
+    4.0  # square of the distance in FAR, beyond which the cube alone counts: it would be stiffer than steel
+)
 
 
 class SpringLoad(Effect):
@@ -65,8 +67,8 @@ class SpringLoad(Effect):
     )
     law = "a force -k d (1 + h r^2 + s r^4) with d = x - x_0 and r = d / 0.1 m"
     says = (
-        "a spring of {stiffness} pulls the axis towards {relaxed_position}; 0.1 m from there {hardening} harder than "
-        "Hooke's law has it, and by {steepening} with the fourth power of the distance"
+        "a spring of {stiffness} pulls the axis towards {relaxed_position}; 0.1 m from there it is {hardening} "
+        "stronger than Hooke's law, and {steepening} more by the fourth power of the distance"
     )
     depends_on = ("position",)
     needs = "motion over most of the stroke"

@@ -24,7 +24,7 @@ SPEED = Parameter(
     "stribeck_speed",
     "m/s",
     0.02,
-    "speed over which the excess dies away",
+    "speed over which the excess decays",
     "physics catalogue A.1: 5 to 50 mm/s",
     0.02,
     (1e-3, 0.3),
@@ -34,7 +34,7 @@ EXPONENT = Parameter(
     "exponent",
     "1",
     1.0,
-    "exponent of the curve over which it dies away: 1 at once, 2 after a shoulder",
+    "exponent of that decay: 1 decays at once, 2 after a shoulder",
     "physics catalogue A.1: 1 to 2",
     1.5,
     (0.5, 3.0),
@@ -43,19 +43,19 @@ TAIL = Parameter(
     "tail",
     "1",
     1.0,
-    "how far the excess reaches to higher speeds: 0 dies away as an exponential, 1 as a power",
+    "how far the excess extends to higher speeds: 0 decays as an exponential, 1 as a power",
     "Hess and Soom, J. Tribology 112, 1990: 1 / (1 + (v/v_s)^2)",
     0.1,
     (0.01, 2.0),
 )
-REST = 1e-3  # of the Stribeck speed: below, the curve is a parabola, whose slopes are finite
+REST = 1e-3  # of the Stribeck speed: below it the curve is a parabola with finite slopes
 
 
 class StribeckFriction(Effect):
     """Steady sliding takes F_r (1 + (ratio - 1) s(|v/v_s|^n)); the bristles follow it as in LuGre.
 
-    s(z) = (1 + q z)^(-1/q) holds the curves in use: exp(-z) at q = 0 (Tustin, Bo and Pavelescu), Hess and Soom's
-    1 / (1 + (v/v_s)^2) at q = 1 and n = 2. Where an axis sticks and slips, windows tell them apart.
+    s(z) = (1 + q z)^(-1/q) contains the usual curves: exp(-z) at q = 0 (Tustin, Bo and Pavelescu), Hess and Soom's
+    1 / (1 + (v/v_s)^2) at q = 1 and n = 2. Stick-slip motion distinguishes them.
     """
 
     name = "stribeck_friction"
@@ -69,7 +69,7 @@ class StribeckFriction(Effect):
     )
     law = "steady sliding takes F_r (1 + (ratio - 1) (1 + q |v / v_s|^n)^(-1/q)), exp(-|v / v_s|^n) where q is 0"
     says = (
-        "dry friction at rest is {breakaway_ratio} times that in motion; the excess dies away over {stribeck_speed} "
+        "dry friction at rest is {breakaway_ratio} times that in motion; the excess decays over {stribeck_speed} "
         "(exponent {exponent}, tail {tail})"
     )
     depends_on = ("velocity",)
@@ -79,7 +79,7 @@ class StribeckFriction(Effect):
     source = "Armstrong-Helouvry, Dupont and Canudas de Wit, Automatica 30(7), 1994"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
-        """The most that sliding reaches at the speed of the contact, as a share of F_r."""
+        """The limit of sliding friction at the speed of the contact, as a share of F_r."""
         square = (near["v"] / sheet.param(SPEED)) ** 2
         power = square * (square + REST**2) ** (sheet.param(EXPONENT) / 2 - 1)
         tail = sheet.param(TAIL)

@@ -16,8 +16,8 @@ DROOP = Parameter(
     "droop",
     "Pa",
     2e4,
-    "by which the supply would sag at a steady flow of 10 g/s (500 l/min) if it did not choke",
-    # A narrow line behind a small axis passes a few g/s: carried on to 10 g/s its droop is many bar.
+    "pressure drop of the supply at a steady flow of 10 g/s (500 l/min), if its line did not choke",
+    # A narrow line of a small axis passes a few g/s: extrapolated to 10 g/s its droop is many bar.
     "physics catalogue A.3: 0.1 to 1.5 bar at a full flow of 28 g/s",
     0.0,
     (0.0, 2e6),
@@ -45,22 +45,22 @@ CRITICAL = Parameter(
     "critical_ratio",
     "1",
     0.1,
-    "pressure ratio over the line at which that passes no more",
-    "ISO 6358-1: 0.528 for a nozzle, less for what is long",
+    "pressure ratio over the line at which its flow chokes",
+    "ISO 6358-1: 0.528 for a nozzle, less for a long line",
     0.5,
     (0.1, 0.6),
 )
 FLOW = 0.01  # kg/s
 SMALL = 1e-3  # flow over FLOW below which the power law is a line
-LAG = 2.2e-3  # s: in which it sags at least; less would make the plant stiff
+LAG = 2.2e-3  # s: shortest time constant of the sag; a shorter one would make the plant stiff
 LEAST = 0.25  # share of the supply pressure that is always left: keeps the flow function in its range
 
 
 class SupplyDroop(Effect):
     """A sag of D, up to C = (1 - b) P_s, lets a line deliver 10 g/s ((D / droop) (1 - D / 2 C))^(1/k), then no more.
 
-    With k = 2 that is the ellipse of ISO 6358-1. The state q is a flow, the sag droop (q / 10 g/s)^k; a volume behind
-    the line fills by what it delivers beyond what is drawn, in proportion to the slope of the sag by q.
+    With k = 2 that is the ellipse of ISO 6358-1. The state q is a flow, the sag droop (q / 10 g/s)^k; a volume after
+    the line is filled by the difference of delivered and drawn flow, in proportion to the slope of the sag over q.
     """
 
     name = "supply_droop"
@@ -73,7 +73,7 @@ class SupplyDroop(Effect):
         for droop, k in ((1e5, 1.0), (2e4, 1.0), (2e5, 2.0))
         for time in (0.01, 0.05, 0.25)
     )
-    law = "P_s falls by droop (m / 10 g/s)^k, by more as the line chokes, behind the volume between line and valve"
+    law = "P_s falls by droop (m / 10 g/s)^k, by more as the line chokes; the volume between line and valve smooths it"
     says = (
         "the supply pressure would sag by {droop} at a flow of 10 g/s if its line did not choke (power {exponent} of "
         "the flow; it chokes at a pressure ratio of {critical_ratio}) and takes {recovery_time} to follow"
@@ -91,7 +91,7 @@ class SupplyDroop(Effect):
     source = "ISO 6358-1:2013; physics catalogue A.3, row 24"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
-        """Supply pressure at the valve, Pa; at the chambers the flow, kg/s, is only taken note of."""
+        """Supply pressure at the valve, Pa; at the chambers the flow, kg/s, is only stored."""
         if site == "flow.supply":
             drawn = sheet.state("flow", "kg/s", 5e-3, spread=5e-3)
             sheet.store("drawn", drawn)

@@ -18,7 +18,7 @@ PLAY = Parameter(
     "play",
     "m",
     5e-4,
-    "half the clearance between motor and load, as the output turns",
+    "half the clearance between motor and load, in units of the output",
     "spur gears 1e-3 to 1e-2 rad, planetary gears 3e-4 to 3e-3 rad",
     0.0,
     (0.0, 1e-2),
@@ -27,13 +27,13 @@ CONTACT = Parameter(
     "contact_frequency",
     "Hz",
     60.0,
-    "natural frequency of motor against load while the teeth touch",
+    "natural frequency of motor against load while the teeth are in contact",
     "Nordin and Gutman, Automatica 38, 2002: 10 to 100 Hz",
     60.0,
     (10.0, 120.0),
     logarithmic=True,
 )
-DAMPING = 0.2  # ratio, of teeth that touch
+DAMPING = 0.2  # damping ratio of teeth in contact
 LEAST = 2e-5  # m: a smaller play is partly rigid
 
 
@@ -48,9 +48,9 @@ class TransmissionBacklash(Effect):
     usual = tuple(
         {"play": play, "contact_frequency": f} for play in (1e-4, 4e-4, 1.6e-3) for f in (40.0, 100.0)
     )
-    law = "motor and load are two masses; what lies between them transmits k times the twist beyond the play"
+    law = "motor and load are two masses; the transmission between them transmits k times the twist beyond the play"
     says = (
-        "motor and load have a play of {play} to either side (they swing at {contact_frequency} in contact)"
+        "motor and load have a play of {play} to each side (in contact they oscillate at {contact_frequency})"
     )
     depends_on = ("velocity",)
     needs = "reversals of the transmitted torque"

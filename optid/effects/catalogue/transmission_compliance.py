@@ -16,7 +16,7 @@ COMPLIANCE = Parameter(
     "compliance",
     "m/N",
     1e-4,
-    "twist per what is transmitted, from the motor to the load, as the output turns",
+    "twist per transmitted torque or force, from the motor to the load, in units of the output",
     "Spong, J. Dyn. Sys. Meas. Control 109, 1987; harmonic drives 1e-5 to 1e-3 rad/(N m), belts more",
     0.0,
     (0.0, 1e-2),
@@ -33,7 +33,7 @@ DAMPING = Parameter(
 
 
 class TransmissionCompliance(Effect):
-    """Two masses, T = (twist + c d twist') / c; exact where they swing below 120 Hz, rigid at c = 0."""
+    """Two masses, T = (twist + c d twist') / c; exact for natural frequencies below 120 Hz, rigid at c = 0."""
 
     name = "transmission_compliance"
     sites = SITES
@@ -44,7 +44,7 @@ class TransmissionCompliance(Effect):
     law = "motor and load are two masses; the shaft between them twists by c per torque"
     says = "the transmission winds up by {compliance} (damping ratio {damping_ratio}) between motor and load"
     depends_on = ("acceleration",)
-    needs = "quick changes of the drive's torque that make motor and load swing against each other"
+    needs = "quick changes of the drive's torque that make motor and load oscillate against each other"
     look_alikes = ("compliant_load", "transmission_backlash", "sensor_lag")
     excludes = ("compliant_load", "transmission_backlash")
     experiment = "encoders on both ends of the transmission, or a swept sine of small torque"

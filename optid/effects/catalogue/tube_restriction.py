@@ -1,4 +1,4 @@
-"""Tubes and fittings between valve and cylinder that throttle the flow beside the valve."""
+"""Tubes and fittings between valve and cylinder that throttle the flow in series with the valve."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ LOSS = Parameter(
     "loss",
     "1",
     0.3,
-    "share of the fully open valve's flow area that tubes and fittings in series take",
+    "share of the fully open valve's flow area that is lost to tubes and fittings in series",
     "physics catalogue A.2: tubes of 4 to 20 mm2 behind a port of 25 mm2",
     0.0,
     (0.0, 0.97),
@@ -32,7 +32,10 @@ class TubeRestriction(Effect):
     strength = {"loss": 0.05}
     usual = ({"loss": 0.2}, {"loss": 0.6})
     law = "valve and tube in series: 1/A^2 = 1/A_valve^2 + 1/A_tube^2"
-    says = "tubes and fittings take {loss} of the flow area of the fully open valve, and little of the nearly shut one"
+    says = (
+        "tubes and fittings reduce the flow area of the fully open valve by {loss}, and that of the nearly "
+        "closed one little"
+    )
     depends_on = ("command", "flow")
     needs = "commands from small to full opening"
     look_alikes = (

@@ -21,11 +21,11 @@ ACROSS, FROM_A, FROM_B = (
         ("from_b", "from chamber B to the drain"),
     )
 )
-LAMINAR = 1e5  # Pa: drops below pass in proportion
+LAMINAR = 1e5  # Pa: below it the flow is proportional to the pressure drop
 
 
 class TurbulentLeakage(Effect):
-    """Orifices beside the leaks that the plant knows, by their effective areas: area times discharge coefficient."""
+    """Orifices in addition to the plant's own leaks, by their effective areas: area times discharge coefficient."""
 
     name = "turbulent_leakage"
     sites = ("flow.leak_a", "flow.leak_b")

@@ -39,7 +39,7 @@ class ValveAsymmetry(Effect):
     depends_on = ("command",)
     needs = "strokes in both directions at equal commands"
     look_alikes = ("valve_offset", "ambient_leakage", "cross_leakage", "asymmetric_friction")
-    experiment = "strokes of equal command both ways at two speeds: an offset matters less the faster"
+    experiment = "strokes of equal command both ways at two speeds: an offset matters less at higher speed"
     source = "physics catalogue A.2, row 20"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:

@@ -25,7 +25,7 @@ ROUNDING = Parameter(
     "rounding",
     "1",
     0.1,
-    "way over which an edge opens gradually, as a share of the width",
+    "distance over which an edge opens gradually, as a share of the width",
     "corners wear round",
     0.0,
     (0.0, 2.0),
@@ -34,8 +34,8 @@ TAIL = Parameter(
     "rounding_tail",
     "1",
     0.5,
-    "how an edge ends to open gradually: 0 at once, as an arc does, 1 ever less",
-    "corners wear round, in many ways",
+    "how the gradual opening ends: 0 abruptly, as an arc does, 1 asymptotically",
+    "corners wear round, in various shapes",
     0.0,
     (0.0, 1.0),
 )
@@ -43,9 +43,9 @@ NONE = 1e-18  # m: no rounding
 
 
 class ValveDeadband(Effect):
-    """Each edge opens by what the spool's way z exceeds its overlap, in the end less r where its corner is round.
+    """Each edge opens by the excess of the spool's travel z over its overlap; a round corner takes r of it in the end.
 
-    It opens by a parabola up to z = 2 r and straight on from there, by z^2 / (z + r), or by anything in between.
+    It opens as a parabola up to z = 2 r and linearly beyond, as z^2 / (z + r), or as a curve in between.
     """
 
     name = "valve_deadband"
@@ -54,9 +54,9 @@ class ValveDeadband(Effect):
     parameters = (WIDTH, ROUNDING, TAIL, *EDGES)
     strength = {"width": 1.5e-3}
     usual = tuple({"width": width, "rounding": 0.0, "rounding_tail": 0.5, **ALIKE} for width in (0.01, 0.04))
-    law = "ports open by what the spool's way exceeds the overlap d, to either side"
+    law = "ports open by the amount that the spool's travel exceeds the overlap d, to each side"
     says = (
-        "the valve's ports stay shut for the first {width} of full command to either side, and open gradually over "
+        "the valve's ports stay shut for the first {width} of full command to each side, and open gradually over "
         f"{{rounding}} of that (tail {{rounding_tail}}); {SAID}"
     )
     depends_on = ("command",)
@@ -68,7 +68,7 @@ class ValveDeadband(Effect):
     source = "Tao, Meng and others, Math. Probl. Eng. 2034923, 2016; sizes from physics catalogue A.2, row 15"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
-        """Areas of the open ports, m2; of the spool's way only note is taken."""
+        """Areas of the open ports, m2; the spool's travel is only stored."""
         if site == "valve.spool":
             return nominal
         spool, travel = near["spool"], sheet.plant_param("spool_travel")

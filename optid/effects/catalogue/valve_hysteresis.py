@@ -1,4 +1,4 @@
-"""A spool that stops short of where its command sends it, on whichever side it comes from."""
+"""A spool with hysteresis: it stops short of its command, from both sides."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ SPREAD = Parameter(
     "spread",
     "1",
     0.3,
-    "share by which the widest part of the hysteresis exceeds the mean, the narrowest falls short",
+    "share by which the widest part of the hysteresis exceeds the mean and the narrowest falls short of it",
     # Inner loops of a solenoid's iron are narrower than the outer one.
-    "Prandtl and Ishlinskii's plays in parallel, six of them",
+    "six Prandtl-Ishlinskii play operators in parallel",
     0.0,
     (0.0, 1.0),
 )
@@ -34,16 +34,16 @@ BEND = Parameter(
     "bend",
     "1",
     0.05,
-    "how much wider the widest part is than an even spread has it, as a share of the mean",
-    "widths are positive, so that their distribution leans to the wide ones",
+    "by how much the widest part is wider than in an even spread, as a share of the mean",
+    "widths are positive, so their distribution is skewed to the wide ones",
     0.0,
     (0.0, 0.5),
 )
-CATCH = 3e-4  # s: in which the spool's memory follows; what it shows is exact while it moves, at any value
+CATCH = 3e-4  # s: relaxation time of the play; its output is exact while it moves, at any value
 
 
 class ValveHysteresis(Effect):
-    """Six plays in parallel: each trails the command by its width and stands still while a reversal takes it up."""
+    """Six plays in parallel: each lags the command by its width and does not move while a reversal takes it up."""
 
     name = "valve_hysteresis"
     sites = ("valve.command",)
@@ -52,12 +52,12 @@ class ValveHysteresis(Effect):
     strength = {"width": 5e-4}
     usual = ({"width": 4e-3, "spread": 0.0, "bend": 0.0}, {"width": 0.02, "spread": 0.0, "bend": 0.0})
     law = (
-        "the spool follows command - h when the command grows and command + h when it falls, h from w (1 - s) to "
-        "w (1 + s), bent"
+        "the spool follows command - h when the command grows and command + h when it falls, with h from w (1 - "
+        "s) to w (1 + s), skewed"
     )
     says = (
-        "the valve has a hysteresis of {width} of full command to either side, parts of it narrower and others wider "
-        "by up to a share of {spread} (the widest by {bend} more)"
+        "the valve has a hysteresis of {width} of full command to each side; its parts are narrower or wider by "
+        "a share of up to {spread} (the widest by {bend} more)"
     )
     depends_on = ("command_rate", "command")
     needs = "reversals of the command"
@@ -67,7 +67,7 @@ class ValveHysteresis(Effect):
     source = "physics D.4: play as a relaxation with its own state"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
-        """The share of full travel at which the spool stands."""
+        """Position of the spool, a share of full travel."""
         width, spread, bend = sheet.param(WIDTH), sheet.param(SPREAD), sheet.param(BEND)
         stands, parts = 0.0, shares(spread, bend)
         for number, share in enumerate(parts, 1):

@@ -34,7 +34,7 @@ LINEAR = Parameter(
     "linear_range",
     "1",
     0.3,
-    "how far behind its command the spool's speed still grows, a share of full command; 2: always",
+    "lag behind the command up to which the spool's speed still grows, as a share of full command; 2: no limit",
     "physics catalogue A.2: spools reach 0.1 to 2 m/s",
     2.0,
     (0.02, 2.0),
@@ -47,7 +47,7 @@ class ValveLag(Effect):
     """(1 + 2 z t0 p + (t0 p)^2) / (1 + 2 z t p + (t p)^2) with p = d/dt, t = time constant + t0: 1 at the null.
 
     t0 falls from FLOOR with the square of the time constant: a lag of usual size is the plain second-order one.
-    A drive gives no more than its most: what pulls the spool stops growing when it is `linear_range` behind.
+    The drive saturates: the force on the spool stops growing at a lag of `linear_range`.
     """
 
     name = "valve_lag"
@@ -61,20 +61,22 @@ class ValveLag(Effect):
         {"time_constant": 4e-3, "damping_ratio": 2.0, "linear_range": 2.0},
         {"time_constant": 2e-3, "damping_ratio": 2.0, "linear_range": 0.3},
     )
-    law = "t^2 s'' + 2 z t s' = command - s, at most the linear range"
+    law = "t^2 s'' + 2 z t s' = command - s, where command - s is limited to the linear range"
     says = (
-        "the spool follows its command with a time constant of {time_constant} (damping ratio {damping_ratio}), no "
-        "faster than when {linear_range} behind"
+        "the spool follows its command with a time constant of {time_constant} (damping ratio {damping_ratio}); "
+        "its speed is limited to that at a lag of {linear_range}"
     )
     depends_on = ("command_rate",)
     needs = "commands that change fast: steps, reversals, a binary sequence"
     ahead_of = ("valve_rate_limit", "valve_saturation")
     look_alikes = ("input_delay", "sensor_lag", "valve_hysteresis")
-    experiment = "the spool's position signal, or steps of the command with pressures measured at 5 kHz"
+    experiment = (
+        "record the spool's position signal, or steps of the command with pressures measured at 5 kHz"
+    )
     source = "Richer and Hurmuzlu, J. Dyn. Sys. Meas. Control 122(3), 2000; valve catalogues"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
-        """The share of full travel at which the spool stands."""
+        """Position of the spool, a share of full travel."""
         z = sheet.param(DAMPING)
         floor = FLOOR * ca.fmax(1, z)  # the faster of two poles of an overdamped spool is at 2 z / t
         time = sheet.param(TIME)
@@ -88,5 +90,5 @@ class ValveLag(Effect):
         sheet.rate(w, (ca.fmin(ca.fmax(behind, -most), most) - 2 * z * w) / t)
         share = t0 / t
         stands = s + 2 * z * share * w + share**2 * (behind - 2 * z * w)
-        stop = ca.fmax(1, ca.fabs(nominal))  # a spool that overshoots ends where its travel does
+        stop = ca.fmax(1, ca.fabs(nominal))  # an overshoot is limited by the spool's travel
         return ca.fmin(ca.fmax(stands, -stop), stop)

@@ -1,4 +1,4 @@
-"""A spool that does not stand in the middle at zero command."""
+"""A spool that is not in the middle at zero command."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ OFFSET = Parameter(
     "offset",
     "1",
     0.01,
-    "where the spool stands at zero command, as a share of full command",
+    "position of the spool at zero command, as a share of full command",
     "physics catalogue A.2: 0.1 to 3 %",
     0.0,
     (-0.5, 0.5),
@@ -30,7 +30,7 @@ class ValveOffset(Effect):
     strength = {"offset": 5e-4}
     usual = ({"offset": 0.005}, {"offset": -0.005})
     law = "the spool follows command + offset"
-    says = "the valve's zero is off by {offset} of full command"
+    says = "the valve has a zero offset of {offset} of full command"
     depends_on = ("command",)
     needs = "holds and slow motion"
     ahead_of = ("valve_lag", "valve_rate_limit", "valve_saturation")

@@ -20,11 +20,11 @@ TIME = Parameter(
     0.0,
     (0.0, 0.2),
 )
-QUICK = 5e-4  # s: in which it follows a small command that is held; a small change is followed at once
+QUICK = 5e-4  # s: time constant for a small held command; a small change is followed at once
 
 
 class ValveRateLimit(Effect):
-    """s' = e / (t0 + T |e|) with e = command - s: at most 1/T; the spool stands at s + t0 s', the command at T = 0."""
+    """s' = e / (t0 + T |e|) with e = command - s: at most 1/T; the spool is at s + t0 s', the command at T = 0."""
 
     name = "valve_rate_limit"
     sites = ("valve.command",)
@@ -32,17 +32,19 @@ class ValveRateLimit(Effect):
     parameters = (TIME,)
     strength = {"full_travel_time": 1e-3}
     usual = ({"full_travel_time": 4e-3}, {"full_travel_time": 0.02})
-    law = "the spool follows its command at no more than 1 / T"
+    law = "the spool follows its command with a speed of at most 1 / T"
     says = "the spool needs {full_travel_time} for its full travel, however large the step"
     depends_on = ("command_rate",)
     needs = "large steps of the command"
     ahead_of = ("valve_saturation",)
     look_alikes = ("valve_lag", "input_delay", "valve_saturation", "sensor_lag")
-    experiment = "steps of 5 % and of 100 %: a lag takes the same time for both, a rate limit does not"
+    experiment = (
+        "compare steps of 5 % and of 100 %: a lag takes the same time for both, a rate limit does not"
+    )
     source = "physics catalogue A.2, row 18"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
-        """The share of full travel at which the spool stands."""
+        """Position of the spool, a share of full travel."""
         s = sheet.state("spool", "1", 0.1, spread=0.3)
         behind = nominal - s
         rate = behind / (QUICK + sheet.param(TIME) * ca.fabs(behind))

@@ -1,4 +1,4 @@
-"""A spool or port that gives less than its command asks for beyond some opening."""
+"""A spool or port that opens less than commanded beyond some opening."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ LOSS = Parameter(
     "loss",
     "1",
     0.5,
-    "share lost of what the command exceeds the limit by; 1 is a hard stop",
-    "nothing lost to everything",
+    "share of the command beyond the limit that is lost; 1 is a hard stop",
+    "from nothing to all of it",
     0.0,
     (0.0, 1.0),
 )
@@ -32,7 +32,7 @@ SKEW = Parameter(
     "skew",
     "1",
     0.05,
-    "share by which the limit lies further out one way and further in the other",
+    "share by which the limit is larger for positive and smaller for negative commands",
     "each end of the spool's travel has its own stop",
     0.0,
     (-0.5, 0.5),
@@ -50,13 +50,13 @@ class ValveSaturation(Effect):
     usual = tuple({"loss": 0.8, "limit": limit, "skew": 0.0} for limit in (0.3, 0.55, 0.8))
     law = "beyond limit (1 + skew) and -limit (1 - skew) the spool follows only (1 - loss) of the command"
     says = (
-        "beyond {limit} of full command the valve opens less than asked: {loss} of the rest is lost (the limit lies a "
-        "share of {skew} further out forwards, and further in backwards)"
+        "beyond {limit} of full command the valve opens less than commanded: {loss} of the rest is lost (the "
+        "limit is larger by a share of {skew} forwards, and smaller by it backwards)"
     )
     depends_on = ("command",)
     needs = "commands beyond the limit, steps up to full command"
     look_alikes = ("tube_restriction", "supply_droop", "valve_rate_limit", "quadratic_drag")
-    experiment = "one frequency at rising amplitude: a stop clips, a narrow tube rounds"
+    experiment = "apply one frequency at rising amplitude: a stop clips, a narrow tube rounds"
     source = "physics catalogue A.2, row 18"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:

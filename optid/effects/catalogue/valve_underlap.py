@@ -16,7 +16,7 @@ WIDTH = Parameter(
     "width",
     "1",
     5e-3,
-    "spool's way from the middle at which the other edge closes, as a share of full command",
+    "travel of the spool from the middle at which the other edge closes, as a share of full command",
     "physics catalogue A.2: 0 to 0.1 mm of 4 mm",
     0.0,
     (0.0, 0.3),
@@ -26,7 +26,7 @@ AREA = Parameter(
     "null_leakage",
     "m**2",
     1e-7,
-    "flow area that every edge has beside its opening, by worn corners",
+    "flow area of every edge in addition to its opening, from worn corners",
     "physics catalogue A.2: 0 to 0.5 mm2",
     0.0,
     (0.0, 5e-6),
@@ -36,8 +36,8 @@ FADING = Parameter(
     "leak_fading",
     "1",
     0.5,
-    "whether an edge leaks as much when it is open (0) or as a radial clearance does, which "
-    "counts ever less in the opening's diagonal (1)",
+    "how the leak combines with the opening: 0 adds to it, 1 combines as a radial clearance does (root of the sum "
+    "of squares)",
     "geometry of a worn corner, and of a spool with clearance",
     0.0,
     (0.0, 1.0),
@@ -46,7 +46,7 @@ NONE = 1e-24  # m2: no leak
 
 
 class ValveUnderlap(Effect):
-    """Every edge opens by about `width` earlier, so that both edges of a port are open in between, and leaks beside."""
+    """Every edge opens about `width` earlier, so that both edges of a port are open in between, and leaks as well."""
 
     name = "valve_underlap"
     sites = ("flow.chamber_a", "flow.chamber_b")
@@ -60,7 +60,7 @@ class ValveUnderlap(Effect):
     )
     law = (
         "a chamber's edges open by z = W max(s + w, 0) to supply and W max(w - s, 0) to exhaust; with a leak A_0 each "
-        "passes z + A_0, sqrt(z^2 + A_0^2), or what lies in between"
+        "passes z + A_0, sqrt(z^2 + A_0^2), or a value in between"
     )
     says = (
         "the valve does not close: up to {width} of full command both supply and exhaust are open, and every edge "
@@ -70,18 +70,18 @@ class ValveUnderlap(Effect):
     needs = "holds and slow motion with commands near zero"
     look_alikes = ("valve_deadband", "cross_leakage", "ambient_leakage", "tube_restriction", "valve_offset")
     excludes = ("valve_deadband",)
-    experiment = "close the valve under pressure: underlap draws both chambers to one pressure of its own"
+    experiment = "close the valve under pressure: underlap draws both chambers to the same pressure"
     source = "physics catalogue A.2, row 16"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
-        """The flow into the chamber, kg/s, with what passes the edges that should be shut or less open."""
+        """The flow into the chamber, kg/s, including that through edges that should be shut or less open."""
         early = sheet.param(WIDTH) * sheet.plant_param("spool_travel")
         way = 1 if site.endswith("a") else -1  # of the spool that opens this chamber to supply
         s, width = way * near["spool"], sheet.plant_param("port_width")
         leak, fading = sheet.param(AREA) / sheet.plant_param("discharge_coefficient"), sheet.param(FADING)
 
         def more(way_open: Any, sooner: Any) -> Any:
-            """Area, m2, by which an edge is wider than that of an ideal spool."""
+            """Additional area of an edge, m2, compared with an ideal spool."""
             opened = width * ca.fmax(way_open + sooner, 0)
             diagonal = ca.sqrt(opened**2 + leak**2 + NONE**2) - opened
             return opened - width * ca.fmax(way_open, 0) + leak + fading * (diagonal - leak)

@@ -52,7 +52,7 @@ class ViscosityDrift(Effect):
     needs = "motion from the recording's start to its end"
     ahead_of = ("turbulent_leakage", "asymmetric_friction")
     look_alikes = ("friction_drift", "laminar_leakage", "quadratic_drag")
-    experiment = "the same stroke twenty times from cold to warm, with the oil's temperature"
+    experiment = "repeat the same stroke twenty times from cold to warm, with the oil's temperature"
     source = "Jelali and Kroll, Hydraulic Servo-systems, 2003, section 3.1"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:

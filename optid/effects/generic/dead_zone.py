@@ -23,18 +23,18 @@ WIDTH = Parameter(
 
 
 class DeadZone(Anywhere):
-    """What of the signal lies beyond +-width."""
+    """The part of the signal beyond +-width."""
 
     kind = "dead_zone"
     parameters = (WIDTH,)
     along = ("width",)
     strength = {"width": 0.01}
     usual = ({"width": 0.05}, {"width": 0.2})
-    law = "signal - width above width, signal + width below -width, nothing between"
+    law = "signal - width above width, signal + width below -width, zero between"
     says = "the signal has no effect up to {width}"
     needs = "signals that pass slowly through zero"
     experiment = "small steps about zero"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
-        """What is left of the signal."""
+        """The rest of the signal."""
         return dead_zone(nominal, self.own(WIDTH, near, sheet))

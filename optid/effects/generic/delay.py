@@ -1,4 +1,4 @@
-"""A signal that comes late."""
+"""A delayed signal."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ SAMPLES = Parameter(
     0.0,
     (0.0, 100.0),
 )
-# Recordings are searched at another rate than they are told at, and a model is used on others: the law keeps its own.
+# A search decimates recordings, and a model is used on other ones: the law keeps its own sampling interval.
 INTERVAL = Parameter(
     "interval",
     "s",
     1e-3,
-    "sampling interval that the delay is counted in; 0 for the recording's own",
-    "of the recordings that showed it",
+    "sampling interval in which the delay is counted; 0 for the recording's own",
+    "that of the recordings in which it was found",
     0.0,
     (0.0, math.inf),
     fitted=False,
@@ -39,7 +39,7 @@ STAGES = 4
 
 
 class Delay(Anywhere):
-    """An input as it was; any other signal through four lags in a row, each (1 + T p) / (1 + (t + T) p).
+    """A delayed input; any other signal through four lags in series, each (1 + T p) / (1 + (t + T) p).
 
     p = d/dt, t a quarter of the delay, T a sampling interval.
     """
@@ -47,18 +47,18 @@ class Delay(Anywhere):
     kind = "delay"
     parameters = (SAMPLES, INTERVAL)
     strength = {"samples": 0.5}
-    # Within a hold: where one ends, an input that switches there has no slope by its delay.
+    # Inside a hold: at its end, an input that switches there has no slope with respect to its delay.
     usual = tuple({"samples": samples, "interval": 0.0} for samples in (1.5, 7.5, 30.0))
-    law = "the signal of some time ago; what is no input is smoothed by a quarter of that time"
-    says = "the signal comes {samples} samples of {interval} late"
+    law = "the delayed signal; a signal other than an input is also smoothed over a quarter of the delay"
+    says = "the signal is delayed by {samples} samples of {interval}"
     needs = "signals that change fast"
     look_alikes = ("sensor_lag",)
-    experiment = "steps, sampled fast"
-    # The skew between the channels lies within a sample, and from position alone nothing tells it from a delay.
+    experiment = "apply steps and sample fast"
+    # The skew between channels is within a sample; from position alone it cannot be distinguished from a delay.
     resolved = MappingProxyType({"samples": 0.5})
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
-        """The late signal."""
+        """The delayed signal."""
         own = self.own(INTERVAL, near, sheet)
         sample = ca.if_else(own > 0, own, sheet.interval())
         time = sample * self.own(SAMPLES, near, sheet)

@@ -1,4 +1,4 @@
-"""A signal that counts more one way than the other."""
+"""A signal with a different gain for each sign."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ class DirectionDependence(Anywhere):
     strength = {"difference": 0.02}
     usual = ({"difference": 0.15}, {"difference": -0.15})
     law = "gain 1 + d for positive and 1 - d for negative signals"
-    says = "positive signals count {difference} more than the mean and negative ones as much less"
+    says = "the gain is {difference} larger than the mean for positive signals and as much smaller for negative ones"
     needs = "signals of both signs"
-    experiment = "equal steps both ways"
+    experiment = "apply equal steps in both directions"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
         """The signal with a gain for each sign."""

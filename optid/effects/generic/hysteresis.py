@@ -1,4 +1,4 @@
-"""A signal that stops short of where it should go, on whichever side it comes from."""
+"""A signal with hysteresis: it stops short of its nominal value, from both sides."""
 
 from __future__ import annotations
 
@@ -23,20 +23,20 @@ WIDTH = Parameter(
 
 
 class Hysteresis(Anywhere):
-    """The play operator; its memory catches up within a sample."""
+    """The play operator; its state relaxes within a sample."""
 
     kind = "hysteresis"
     parameters = (WIDTH,)
     along = ("width",)
     strength = {"width": 0.01}
     usual = ({"width": 0.05}, {"width": 0.2})
-    law = "the signal trails by the width and stands still while a reversal takes it up"
-    says = "the signal has a hysteresis of {width} to either side"
+    law = "the signal lags by the width and does not change while a reversal takes it up"
+    says = "the signal has a hysteresis of {width} to each side"
     needs = "reversals"
-    experiment = "triangles at two rates: hysteresis does not depend on the rate"
+    experiment = "apply triangles at two rates: hysteresis does not depend on the rate"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
-        """The signal behind its play."""
+        """The signal after the play."""
         memory = sheet.state("memory", "1", near["size"], spread=2 * near["size"])
         beyond = dead_zone(nominal - memory, self.own(WIDTH, near, sheet))
         sheet.rate(memory, beyond / sheet.interval())

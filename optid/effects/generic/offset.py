@@ -1,4 +1,4 @@
-"""A constant that a signal carries beside what it should."""
+"""A constant added to a signal."""
 
 from __future__ import annotations
 
@@ -28,5 +28,5 @@ class Offset(Anywhere):
     experiment = "hold everything still and read the signal"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
-        """The signal with its constant."""
+        """The signal plus the constant."""
         return nominal + self.own(OFFSET, near, sheet)

@@ -1,4 +1,4 @@
-"""A signal that grows as a power of what it should be."""
+"""A signal that is a power of its nominal value."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ class PowerLaw(Anywhere):
     parameters = (EXPONENT,)
     strength = {"exponent": 0.05}
     usual = ({"exponent": 0.7}, {"exponent": 1.4})
-    law = "the signal's size goes with its power n"
-    says = "the signal acts with the power {exponent} of its size"
+    law = "the signal's magnitude is raised to the power n"
+    says = "the signal acts with the power {exponent} of its magnitude"
     needs = "signals from small to their largest"
-    experiment = "steps of widely different size"
+    experiment = "apply steps of widely different size"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
         """The signal's power."""

@@ -15,8 +15,8 @@ LOSS = Parameter(
     "loss",
     "1",
     0.5,
-    "share lost of what lies beyond the limit; 1 is a hard stop",
-    "nothing to everything",
+    "share of the signal beyond the limit that is lost; 1 is a hard stop",
+    "from nothing to all of it",
     0.0,
     (0.0, 1.0),
 )
@@ -40,10 +40,10 @@ class Saturation(Anywhere):
     strength = {"loss": 0.1}
     usual = tuple({"loss": 0.8, "limit": limit} for limit in (0.4, 0.7, 1.0, 1.5))
     law = "beyond +-limit only (1 - loss) of the signal is left"
-    says = "beyond {limit} the signal loses {loss} of what it should grow by"
+    says = "beyond {limit} a share of {loss} of the signal is lost"
     needs = "signals from small to their largest"
-    experiment = "the same course at rising amplitude"
+    experiment = "repeat the same signal at rising amplitude"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
-        """The signal, bent."""
+        """The saturated signal."""
         return nominal - self.own(LOSS, near, sheet) * dead_zone(nominal, self.own(LIMIT, near, sheet))

@@ -1,4 +1,4 @@
-"""What a fleet tells as a whole: changes with false ones controlled, trends, rigs unlike others, shared parameters.
+"""Statistics of a fleet: changes with controlled false alarms, trends, rigs that differ, shared parameters.
 
 All take one long table of `MEASURES`: a quantity of a rig on a date, one row a recording, night or fit.
 """

@@ -1,15 +1,16 @@
-"""Which rigs have changed, by the night: p-values that stay valid however often one looks, false ones controlled.
+"""Rigs that changed, night by night: p-values that stay valid for any number of looks, with controlled false alarms.
 
 A rig's nights are compared with its own reference nights, so whatever its model has wrong from the start drops out. The
-scatter of nights is measured, not assumed. Each quantity is tested alone and all of them together (`joint`). Three
-corrections stand between that and what is told: Bonferroni over quantities, tests and lengths of look, a p-value that
-may be looked at every night, and Benjamini and Hochberg over all rigs.
+scatter of nights and its tails are measured, not assumed (`normal_scores`). Each quantity is tested alone, and all of
+them together (`joint`). Three corrections follow: Bonferroni over quantities, tests and numbers of nights in a sum, a
+p-value that is valid on every night, and Benjamini and Hochberg over all rigs.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -18,16 +19,10 @@ from scipy import stats
 
 from optid.fleet.statistics.joint import joint
 from optid.fleet.statistics.moderated import common_degrees, moderated
+from optid.fleet.statistics.normal_scores import LOOKS, least, looks, normal_scores, tail
 from optid.fleet.statistics.wander import spread, wander, weights
 
-LOOKS = (
-    2,
-    4,
-    8,
-    16,
-)  # last nights whose mean is compared: few see a jump, many a slow drift; one may be a bad one
-AGREE = 2.0  # sd of the other nights' mean, beyond which they agree with the one that is farthest off
-FARTHEST = 10.0  # sd: a night that is farther from the reference counts as so far
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +55,7 @@ def changes(measures: pd.DataFrame, reference: int, level: float) -> Changes:
     reference : int
         nights, the first of each rig, that the others are compared with.
     level : float
-        share of false rigs among those told of, at most, on any night.
+        largest expected share of false alarms among the rigs reported, on any night.
 
     Returns
     -------
@@ -69,11 +64,11 @@ def changes(measures: pd.DataFrame, reference: int, level: float) -> Changes:
     """
     known = measures[np.isfinite(measures["value"]) & np.isfinite(measures["sd"])]
     nightly = known.groupby(["quantity", "rig", "date"], sort=True)[["value", "sd"]].mean()
-    scores, degrees = _scores(nightly, reference)
+    scores = _scores(nightly, reference)
     if scores.empty:
         empty = pd.DataFrame(columns=["rig", "date", "p", "p_rig", "q", "told", "quantity", "t"])
         return Changes(empty, empty.assign(shift=[], sd=[]), pd.DataFrame())
-    together = joint(nightly, reference, LOOKS, degrees)
+    together = joint(nightly, reference)
     nights = _by_fleet(_by_rig(scores, together), sorted(str(rig) for rig in known["rig"].unique()), level)
     first = nights[nights["told"]].groupby("rig", sort=True).head(1)
     about = scores.set_index(["rig", "date", "quantity"])[["shift", "sd"]]
@@ -84,19 +79,18 @@ def changes(measures: pd.DataFrame, reference: int, level: float) -> Changes:
     )
 
 
-class _Night(NamedTuple):
-    """Nights of one rig and quantity: dates, values, weights, and the reference's scatter about what these say."""
+class _Nights(NamedTuple):
+    """Nights of one rig and quantity: dates, values, and weights."""
 
     rig: str
     dates: NDArray[np.object_]
-    values: NDArray[np.float64]
-    weights: NDArray[np.float64]
-    scatter: float
+    values: Array
+    weights: Array
 
 
-def _followed(nightly: pd.DataFrame, reference: int) -> dict[str, list[_Night]]:
+def _followed(nightly: pd.DataFrame, reference: int) -> dict[str, list[_Nights]]:
     """By quantity, the rigs that have more nights than the reference."""
-    found: dict[str, list[_Night]] = {}
+    found: dict[str, list[_Nights]] = {}
     for quantity, table in nightly.groupby(level="quantity"):
         rigs = table.index.get_level_values("rig").to_numpy(dtype=object)
         starts = np.flatnonzero(np.r_[True, rigs[1:] != rigs[:-1]])
@@ -107,78 +101,78 @@ def _followed(nightly: pd.DataFrame, reference: int) -> dict[str, list[_Night]]:
         y, sd = (table[name].to_numpy(dtype=np.float64) for name in ("value", "sd"))
         more = wander([y[s[:reference]] for s in some], [sd[s[:reference]] for s in some])
         w = weights(sd, more)
-        found[str(quantity)] = [
-            _Night(str(rigs[s[0]]), dates[s], y[s], w[s], spread(y[s[:reference]], w[s[:reference]]))
-            for s in some
-        ]
+        found[str(quantity)] = [_Nights(str(rigs[s[0]]), dates[s], y[s], w[s]) for s in some]
     return found
 
 
-def _scores(nightly: pd.DataFrame, reference: int) -> tuple[pd.DataFrame, float]:
-    """For each rig, night and quantity the look that tells most: t, p over looks, shift of the mean and its sd.
-
-    Beside them the degrees of freedom of a variance.
-    """
+def _scores(nightly: pd.DataFrame, reference: int) -> pd.DataFrame:
+    """For each rig, night and quantity the most significant sum: its score t, p over all sums, shift and its sd."""
     followed = _followed(nightly, reference)
     if not followed:
-        return pd.DataFrame(), 0.0
-    scatter = pd.DataFrame({q: {one.rig: one.scatter for one in some} for q, some in followed.items()})
-    every = scatter.to_numpy(dtype=np.float64)
-    prior = common_degrees(every, np.full(every.shape, reference - 1.0))
-    columns: dict[str, list[NDArray[Any]]] = {
-        n: [] for n in ("rig", "date", "quantity", "t", "p", "shift", "sd")
-    }
+        return pd.DataFrame()
+    scatter = pd.DataFrame(
+        {q: {one.rig: _spread(one, range(reference)) for one in some} for q, some in followed.items()}
+    ).to_numpy(dtype=np.float64)
+    prior = common_degrees(scatter, np.full(scatter.shape, reference - 1.0))
+    parts = []
     for quantity, some in followed.items():
-        own = np.array([one.scatter for one in some])
-        scale = moderated(own, np.full(len(own), reference - 1.0), prior)
-        for one, variance, degrees in zip(some, scale.variance, scale.degrees, strict=True):
-            every_t, shift, sd = _looks(one.values, one.weights / variance, reference)
-            seen = np.isfinite(every_t).any(axis=1)
-            t = every_t[seen]
-            if not len(t):
-                continue
-            pick = np.arange(len(t)), np.nanargmax(np.abs(t), axis=1)
-            p = 2.0 * stats.t.sf(np.abs(t[pick]), degrees) * np.isfinite(t).sum(axis=1)
-            names = (
-                np.full(len(t), one.rig, object),
-                one.dates[reference:][seen],
-                np.full(len(t), quantity, object),
-            )
-            numbers = (t[pick], np.minimum(p, 1.0), shift[seen][pick], sd[seen][pick])
-            for column, values in zip(columns.values(), (*names, *numbers), strict=True):
-                column.append(values)
-    return (
-        pd.DataFrame({name: np.concatenate(some) for name, some in columns.items() if some}),
-        reference - 1.0 + prior,
+        degrees = tail(_among_reference(some, reference, prior) ** 2, 1)
+        variances = _variances(some, range(reference), prior)
+        parts += [
+            _looked(one, variance, reference, degrees).assign(rig=one.rig, quantity=quantity)
+            for one, variance in zip(some, variances, strict=True)
+        ]
+    return pd.concat(parts, ignore_index=True)
+
+
+def _looked(one: _Nights, variance: float, reference: int, degrees: float) -> pd.DataFrame:
+    """The most significant sum on each night of a rig and quantity: date, t, p, shift, sd."""
+    moved, sd = _against(one, range(reference), slice(reference, None), variance)
+    sums, p = looks(normal_scores((moved / sd)[:, None], degrees), reference)
+    smallest = least(p)
+    seen = np.isfinite(smallest)
+    best = np.nanargmin(p[seen], axis=1)
+    at = np.flatnonzero(seen)
+    ends = [moved[max(night + 1 - LOOKS[k], 0) : night + 1] for night, k in zip(at, best, strict=True)]
+    return pd.DataFrame(
+        {
+            "date": one.dates[reference:][seen],
+            "t": sums[at, best, 0],
+            "p": smallest[seen],
+            "shift": [float(np.median(end)) for end in ends],
+            "sd": [float(np.median(sd)) / np.sqrt(len(end)) for end in ends],
+        }
     )
 
 
-def _looks(
-    values: NDArray[np.float64], weight: NDArray[np.float64], reference: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """How far the mean of the last nights is from the reference's: t, shift and its sd, (nights, looks); NaN if fewer.
+def _against(
+    one: _Nights, base: Sequence[int], nights: slice | list[int], variance: float
+) -> tuple[Array, Array]:
+    """Distance of nights from the weighted mean of the base nights, and its sd."""
+    w = one.weights[list(base)]
+    mean = float(w @ one.values[list(base)] / w.sum())
+    return one.values[nights] - mean, np.sqrt(variance * (1.0 / one.weights[nights] + 1.0 / w.sum()))
 
-    Where the others do not agree with the night that is farthest off, what they say counts: none carries a look alone.
-    """
-    own = weight[:reference]
-    mean, base = float(own @ values[:reference] / own.sum()), 1.0 / float(own.sum())
-    after = weight[reference:]
-    far = FARTHEST / np.sqrt(after)
-    moved = np.clip(values[reference:] - mean, -far, far)
-    t, shift, sd = (np.full((len(moved), len(LOOKS)), np.nan) for _ in range(3))
-    for k, look in enumerate(LOOKS):
-        if look > len(moved):
-            break
-        y, w = (np.lib.stride_tricks.sliding_window_view(one, look) for one in (moved, after))
-        total, mass = (w * y).sum(axis=1), w.sum(axis=1)
-        worst = np.arange(len(y)), np.argmax(np.abs(y) * np.sqrt(w), axis=1)
-        less, left = total - (w * y)[worst], mass - w[worst]
-        both = [top / mass_ / np.sqrt(1.0 / mass_ + base) for top, mass_ in ((total, mass), (less, left))]
-        smaller = np.where(np.abs(both[0]) < np.abs(both[1]), both[0], both[1])
-        agree = (both[0] * both[1] > 0.0) & (np.abs(both[1]) >= AGREE)
-        t[look - 1 :, k] = np.where(agree | (np.abs(both[0]) < AGREE), both[0], smaller)
-        shift[look - 1 :, k], sd[look - 1 :, k] = total / mass, np.sqrt(1.0 / mass + base)
-    return t, shift, sd
+
+def _among_reference(some: list[_Nights], reference: int, prior: float) -> Array:
+    """Each reference night against the others of its rig, in sd, (rigs times nights,)."""
+    found = []
+    for night in range(reference):
+        others = [k for k in range(reference) if k != night]
+        for one, variance in zip(some, _variances(some, others, prior), strict=True):
+            moved, sd = _against(one, others, [night], variance)
+            found.append(float(moved[0] / sd[0]))
+    return np.array(found)
+
+
+def _variances(some: list[_Nights], nights: Sequence[int], prior: float) -> Array:
+    """Variance of each rig's nights relative to their weights, moderated by those of the other rigs, (rigs,)."""
+    own = np.array([_spread(one, nights) for one in some])
+    return moderated(own, np.full(len(own), len(nights) - 1.0), prior).variance
+
+
+def _spread(one: _Nights, nights: Sequence[int]) -> float:
+    return spread(one.values[list(nights)], one.weights[list(nights)])
 
 
 def _by_rig(scores: pd.DataFrame, together: pd.DataFrame) -> pd.DataFrame:

@@ -1,4 +1,4 @@
-"""Rigs of one kind beside each other: who is unlike the others, and what all share."""
+"""Comparison of similar rigs: which differ from the others, and what all share."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def levels(measures: pd.DataFrame, reference: int) -> pd.DataFrame:
 
 
 def unlike(table: pd.DataFrame, level: float) -> pd.DataFrame:
-    """Rigs that behave unlike their siblings, one row a rig and quantity, told or not.
+    """Rigs compared with their siblings, one row per rig and quantity, significant or not.
 
     A rig's level is compared with the median of the others; the spread among rigs is their median absolute deviation,
     which no outlier widens. Benjamini and Hochberg over all rigs and quantities.
@@ -55,7 +55,7 @@ def unlike(table: pd.DataFrame, level: float) -> pd.DataFrame:
     table : pd.DataFrame
         of `levels`, of siblings alone.
     level : float
-        share of false ones among those told of.
+        expected share of false alarms among those reported.
     """
     parts = []
     for _, group in table.groupby("quantity", sort=True):

@@ -9,12 +9,12 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy import stats
 
-FEWEST = 6  # dates: of fewer neither slope nor change-point says anything
+FEWEST = 6  # dates: with fewer, neither slope nor change-point is meaningful
 
 
 @dataclass(frozen=True)
 class Trend:
-    """How a quantity of a rig went.
+    """The trend of a quantity of a rig.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""National Instruments cards, as the paper's rig has them, through NI's own package: `pip install "optid[nidaqmx]"`.
+"""National Instruments cards, as on the paper's rig, through NI's own package: `pip install "optid[nidaqmx]"`.
 
     [live.nidaqmx]
     command = { channel = "Dev1/ao0" }
@@ -6,8 +6,8 @@
     average = 8                  # samples of the card in one of the session's; 1 where absent
     sample_rate = "50 kHz"       # of the card then; "average" times the session's rate where absent
 
-Samples are taken and put on demand: the guard's clock is the pace, so any card serves. With an average the card samples
-by its own clock without a pause, and each reading is the mean of its newest samples: half their span is delay.
+Samples are read and written on demand, at the guard's clock, so any card can be used. With an average the card samples
+continuously by its own clock, and each reading is the mean of its newest samples: the delay is half their span.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ from optid.rigs.fields import Table, known_keys, subtable, text
 
 TIMEOUT = 0.05  # s that a card may take for one sample
 MOST = 10_000  # samples in an average
-BUFFERED = 10  # averages that the card's buffer holds
+BUFFERED = 10  # number of averages in the card's buffer
 TERMINALS = ("DEFAULT", "RSE", "NRSE", "DIFF", "PSEUDO_DIFF")
 
 
 @dataclass(frozen=True)
 class Line:
-    """One line of a card: column value = (volts - zero) * per_volt, and the volts it can show."""
+    """One line of a card: column value = (volts - zero) * per_volt, and its range in volts."""
 
     channel: str
     per_volt: float
@@ -47,14 +47,14 @@ class Line:
 
 @dataclass(frozen=True)
 class Average:
-    """So many of the card's samples in a reading, taken at a rate in Hz."""
+    """Number of the card's samples in a reading, and their rate in Hz."""
 
     samples: int
     rate: float
 
 
 class Cards:
-    """One task reads all inputs, another puts the command; both run from the start to the end.
+    """One task reads all inputs, another writes the command; both run from start to end.
 
     Args:
         module: NI's package.
@@ -89,7 +89,7 @@ class Cards:
             self._reader.verify_array_shape = False
             reading.start()
             writing.start()
-            if average is not None:  # the card refuses to read what is older than its start
+            if average is not None:  # the card cannot read samples from before its start
                 clock.sleep((average.samples + 1) / average.rate)
         except Exception:
             self.close()
@@ -113,14 +113,14 @@ class Cards:
         return values
 
     def write(self, command: float, time: float) -> float:
-        """One sample of the command, within what the card can put."""
+        """Write one sample of the command, within the card's range."""
         line = self._command
         volts = min(max(command / line.per_volt + line.zero, line.low), line.high)
         self._writer.write_one_sample(volts, timeout=TIMEOUT)
         return (volts - line.zero) * line.per_volt
 
     def close(self) -> None:
-        """Close the cards; every task, whatever another's closing says."""
+        """Close every task, even if closing another one fails."""
         tasks, self._tasks = self._tasks, []
         failed = None
         for task in tasks:
@@ -133,7 +133,7 @@ class Cards:
 
 
 def _newest(module: Any, task: Any, average: Average) -> None:
-    """Sample without a pause, and read the newest samples whatever was left unread."""
+    """Sample continuously, and read the newest samples, skipping unread ones."""
     kinds = module.constants
     task.timing.cfg_samp_clk_timing(
         average.rate,
@@ -146,10 +146,10 @@ def _newest(module: Any, task: Any, average: Average) -> None:
 
 
 def _average(order: Order, field: str) -> Average | None:
-    """What the table says of it.
+    """The average from the table.
 
     Raises:
-        RigError: no whole number, or samples that would not be new at each reading.
+        RigError: not a whole number, or too slow for new samples at each reading.
     """
     where, options = order.rig.path, order.options
     samples, rate = options.get("average", 1), order.settings.rate
@@ -206,7 +206,7 @@ def cards(order: Order) -> Cards:
 
 
 def _line(channel: ChannelMap, options: Table, span: tuple[float, float], where: Path) -> Line:
-    """`span`: the volts of the line where its entry does not say."""
+    """`span`: the range of the line if its entry does not state it."""
     field = f"live.nidaqmx.{channel.role}"
     entry = subtable(options, channel.role, where, field, '{ channel = "Dev1/ai0" }')
     known_keys(entry, ("channel", "per_volt", "zero", "range", "terminal"), where, f"{field}.")

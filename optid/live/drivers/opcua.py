@@ -6,7 +6,7 @@
     position = "ns=2;s=Axis.Position"
     heartbeat = "ns=2;s=Loop.Alive"      # optional: counts up, so that the controller there can see a lost link
 
-Values of the nodes are what the columns hold. One request reads all nodes, one writes the command.
+Values of the nodes are in the units of the columns. One request reads all nodes, one writes the command.
 """
 
 from __future__ import annotations
@@ -22,19 +22,19 @@ from optid.errors import RigError
 from optid.live.driver import Order, needed
 from optid.rigs.fields import known_keys, text
 
-TIMEOUT = 1.0  # s for any answer; the session's own watchdog is shorter and acts first
+TIMEOUT = 1.0  # s for any response; the session's own watchdog is shorter and acts first
 HEARTBEAT = "heartbeat"
 
 
 class LinkLost(ConnectionError):
-    """The server does not answer."""
+    """The server does not respond."""
 
 
 class Server:
-    """A session with the server; every call waits for its answer.
+    """A session with the server; every call waits for its response.
 
     Attributes:
-        resolution: 1 where the command's node holds whole numbers, which round it, else 0.
+        resolution: 1 if the command's node holds whole numbers, which round it, else 0.
     """
 
     def __init__(self, sync: Any, ua: Any, url: str, nodes: dict[str, str], measured: Sequence[str]) -> None:
@@ -59,11 +59,11 @@ class Server:
         self.resolution = 1.0 if self._whole(kind) else 0.0
 
     def read(self, time: float) -> Sequence[float]:
-        """All nodes at once; one whose status is not good, or without a number, shows NaN."""
+        """Read all nodes at once; one with a bad status or without a number is NaN."""
         return [_number(one) for one in self._answer(self._client.read_attributes, self._measured)]
 
     def write(self, command: float, time: float) -> float:
-        """The command, and the heartbeat where there is one."""
+        """Write the command, and the heartbeat where there is one."""
         typed = self._typed(self._role, command)
         nodes, values = [self._command], [typed]
         if self._heartbeat is not None:
@@ -92,7 +92,7 @@ class Server:
             raise LinkLost(f"{type(error).__name__}: {error}".rstrip(": ")) from error
 
     def _hang_up(self) -> None:
-        with suppress(Exception):  # a dead link cannot be ended in good order; its thread stops all the same
+        with suppress(Exception):  # a dead link cannot be closed properly; its thread stops all the same
             self._client.disconnect()
 
 

@@ -1,4 +1,4 @@
-"""A recording as if it were a rig: it shows what was measured and takes commands without heeding them."""
+"""A recording in place of a rig: it returns what was measured and ignores commands."""
 
 from __future__ import annotations
 
@@ -12,14 +12,16 @@ from optid.live.driver import EndOfData, Order
 
 
 class Replay:
-    """Samples of a recording in their order, one at each read.
+    """Samples of a recording in order, one at each read.
 
-    The session's rate is the recording's own, so the pace is the recorded one unless the session runs fast.
+    The session's rate is the recording's own, so it runs in recorded time unless the session is fast.
     """
 
     def __init__(self, order: Order) -> None:
         if order.recording is None:
-            raise InputError("no recording to replay", where="--recording", expected="a recording of the rig")
+            raise InputError(
+                "no recording to replay is given", where="--recording", expected="a recording of the rig"
+            )
         record = read_recording(order.recording, order.rig)
         columns = [(record[c.role].values - c.shift) / c.factor for c in order.wiring.measured]
         command = order.wiring.command
@@ -36,7 +38,7 @@ class Replay:
         return row
 
     def write(self, command: float, time: float) -> float:
-        """What is past cannot be commanded: the recorded command stands."""
+        """Ignore the command; returns the recorded one."""
         return float(self._commands[self._at - 1]) if self._at else command
 
     def close(self) -> None:

@@ -1,4 +1,4 @@
-"""A rig that is simulated, with physics that the rig file's model does not have."""
+"""A simulated rig, with physics that the rig file's model does not have."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from optid.live.twin import Twin
 from optid.rigs.fields import known_keys, text
 from optid.rigs.rigfile import Rig, read_rig, with_effects
 
-# What the simulated rig has and the model has not, where the plant offers the sites; all three are common.
+# Effects of the simulated rig that the model lacks, where the plant offers the sites; all three are common.
 UNKNOWN = {
     "stribeck_friction": {"breakaway_ratio": 1.3, "stribeck_speed": 0.03},
     "valve_lag": {"time_constant": 2e-3, "damping_ratio": 0.8},
     "ambient_leakage": {},
 }
-OFF = 0.08  # by which, up or down, the parameters differ that a fit may move
+OFF = 0.08  # factor by which fitted parameters differ, up or down
 NOISE = 1e-4  # sd of a sensor as a share of the stroke limits, or of its first value, where none is stated
 
 
@@ -34,7 +34,7 @@ class Simulated:
         rig: the rig that is simulated.
         wiring, settings: of the session.
         rng: source of the noise.
-        hides: what the rig has that the session's rig file does not say, in words.
+        hides: differences of the rig from the session's rig file, in words.
     """
 
     def __init__(
@@ -61,7 +61,7 @@ class Simulated:
         self._command, self._time = wiring.command.factor * wiring.put(settings.limits.safe), 0.0
 
     def read(self, time: float) -> Sequence[float]:
-        """Physics up to `time`, seen by noisy sensors."""
+        """Simulate up to `time` and return noisy measurements."""
         self._reach(time)
         values = self._twin.outputs()[self._pick] + self._sd * self._rng.standard_normal(len(self._sd))
         return [
@@ -70,7 +70,7 @@ class Simulated:
         ]
 
     def write(self, command: float, time: float) -> float:
-        """The command acts from now on."""
+        """Apply the command from now on."""
         self._reach(time)
         channel = self._wiring.command
         self._command = channel.factor * command + channel.shift
@@ -80,7 +80,7 @@ class Simulated:
         """Nothing to close."""
 
     def _reach(self, time: float) -> None:
-        # In pieces of at most a millisecond: states of delays and lags are written for held samples.
+        # In steps of at most a millisecond: states of delays and lags are written for held samples.
         while time - self._time > 1e-9:
             span = min(time - self._time, 1e-3)
             if not self._twin.advance(self._command, span):
@@ -89,7 +89,7 @@ class Simulated:
 
 
 def simulated(order: Order) -> Simulated:
-    """The rig of `[live.simulated] rig = "other.toml"`, or the session's own with physics it does not know."""
+    """The rig of `[live.simulated] rig = "other.toml"`, or the session's own with physics that it lacks."""
     known_keys(order.options, ("rig",), order.rig.path, "live.simulated.")
     rng = np.random.default_rng(order.seed)
     if order.options:
@@ -101,7 +101,7 @@ def simulated(order: Order) -> Simulated:
 
 
 def differences(stated: Rig, real: Rig) -> str:
-    """What one rig has that another has not: effects with their parameters, and parameters of other values."""
+    """Differences between two rigs: effects with their parameters, and parameters with other values."""
     known = {effect.name for effect in stated.effects}
     one, other = (_values(rig) for rig in (stated, real))
     units = {p.name: p.unit for p in real.model.parameters}
@@ -130,7 +130,7 @@ def _value(value: float, unit: str) -> str:
 
 
 def unlike(rig: Rig, rng: np.random.Generator) -> Rig:
-    """The rig with other parameters where a fit may move them, and with effects of the catalogue."""
+    """The rig with other values of its fitted parameters, and with effects of the catalogue."""
     effects = [effect for effect in admitted(rig.model) if effect.name in UNKNOWN]
     values: dict[str, float] = {}
     for effect in effects:

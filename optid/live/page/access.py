@@ -1,4 +1,4 @@
-"""Access to the page: by the token, on this machine too, with a limit on wrong tokens."""
+"""Access to the page: by the token, also on this machine, with a limit on wrong tokens."""
 
 from __future__ import annotations
 
@@ -17,19 +17,22 @@ from aiohttp import web
 LOCAL = "127.0.0.1"
 NAMES = ("localhost", LOCAL, "[::1]")
 PROTOCOL = "optid.live"  # of the socket
-WRONG, PAUSE = 10, 60.0  # wrong tokens of an address within so many seconds, after which it waits as long
-ADDRESSES = 256  # that are remembered
+WRONG, PAUSE = (
+    10,
+    60.0,
+)  # wrong tokens of an address within this many seconds, after which it must wait as long
+ADDRESSES = 256  # addresses that are stored
 
 
 @dataclass(frozen=True)
 class Access:
-    """Where the page is served, and to whom.
+    """Address and access rights of the page.
 
-    The page itself is no secret. What it shows and the orders it gives go through a socket that opens for the token
-    alone. The token stands in the fragment of the address, which no browser sends or tells other pages.
+    The page itself is not secret. Its data and commands use a socket that opens only with the token. The token is in
+    the fragment of the address, which browsers do not send to servers or other pages.
 
     Attributes:
-        host, port: to listen at; port 0 takes a free one.
+        host, port: to listen at; port 0 selects a free one.
         token: made at random where none is given.
     """
 
@@ -39,7 +42,7 @@ class Access:
 
     @property
     def local(self) -> bool:
-        """Only this machine can reach it."""
+        """Whether only this machine can reach it."""
         if self.host == "localhost":
             return True
         try:
@@ -48,36 +51,36 @@ class Access:
             return False
 
     def listen(self) -> socket.socket:
-        """Take the address, before anything else begins.
+        """Bind the address before anything else begins.
 
         Raises:
-            OSError: it is taken, or none of this machine's.
+            OSError: it is in use, or not an address of this machine.
         """
         family = socket.AF_INET6 if ":" in self.host else socket.AF_INET
         return socket.create_server((self.host, self.port), family=family)
 
     def url(self, port: int) -> str:
-        """What the user opens."""
+        """The address that the user opens."""
         host = f"[{self.host}]" if ":" in self.host else self.host
         return f"http://{host}:{port}/#token={quote(self.token, safe='')}"
 
     def admit(self, request: web.Request) -> None:
-        """Let a request through that comes from the page itself.
+        """Accept only requests that come from the page itself.
 
-        On loopback the name it was asked for by must be a loopback one: another site's page, open in the same
-        browser, can send requests here but cannot forge that, nor its own origin.
+        On loopback the requested host name must be a loopback one: a page of another site in the same browser can send
+            requests here but cannot forge that, nor its own origin.
 
         Raises:
-            web.HTTPForbidden: it may not come in.
+            web.HTTPForbidden: the request is refused.
         """
         if self.local and request.host.rpartition(":")[0] not in NAMES:
-            raise web.HTTPForbidden(text="this page answers to its own machine only\n")
+            raise web.HTTPForbidden(text="this page can be opened on its own machine only\n")
         origin = request.headers.get("Origin")
         if origin is not None and urlsplit(origin).netloc != request.host:
-            raise web.HTTPForbidden(text="this page takes no orders from other pages\n")
+            raise web.HTTPForbidden(text="this page accepts no commands from other pages\n")
 
     def opens(self, request: web.Request) -> bool:
-        """The request has the token: as `Authorization: Bearer`, or beside the socket's protocol in hexadecimal."""
+        """Whether the request has the token: as `Authorization: Bearer`, or in the socket's protocol in hexadecimal."""
         offered = [one.strip() for one in request.headers.get("Sec-WebSocket-Protocol", "").split(",")]
         scheme, _, bearer = request.headers.get("Authorization", "").partition(" ")
         given = [bearer.strip().encode()] if scheme.lower() == "bearer" else []
@@ -101,12 +104,12 @@ class FailedAttempts:
         self._clock, self._seen = clock, OrderedDict[str, list[float]]()
 
     def wait(self, address: str) -> float:
-        """s for which an address may not try; 0 where it may."""
+        """s for which an address is blocked; 0 if it is not."""
         times = self._recent(address)
         return times[-1] + PAUSE - self._clock() if len(times) >= WRONG else 0.0
 
     def wrong(self, address: str) -> bool:
-        """Count a wrong token; True for the last one that the address may try for now."""
+        """Count a wrong token; True if it is the last one allowed for now."""
         times = [*self._recent(address), self._clock()]
         self._seen[address] = times
         self._seen.move_to_end(address)

@@ -34,7 +34,7 @@ function begin(hello) {
     new Chart(by("residual"), "residual", page.unit, [{ label: "real minus predicted", colour: TEAL, value: value("innovation") }])];
   page.theta = new Chart(by("theta"), "coefficient", "", coefficients(hello.slow.slice(4)), [], [-2.5, 2.5]);
   for (const chart of page.charts) steer(chart, view, page.rows);
-  by("hides").hidden = !hello.hides; by("hides").textContent = `The rig is simulated. It has what the rig file does not say: ${hello.hides}.`;
+  by("hides").hidden = !hello.hides; by("hides").textContent = `The rig is simulated. It differs from the rig file in: ${hello.hides}.`;
   by("log").textContent = `Every sample is in ${hello.log}.`;
   page.controls = hello.controls; profiles(hello, page.factor, page.unit); orders();
 }
@@ -135,8 +135,8 @@ function connect() {
   page.socket.onclose = () => {
     if (page.ended) return;
     orders(true);
-    if (!page.heard) { by("state").textContent = "not let in: the token is missing or wrong, or too many pages are open. Open the address that the terminal printed."; return; }
-    page.tries += 1; by("state").textContent = page.tries < TRIES ? "no answer; trying again" : "the session no longer answers";
+    if (!page.heard) { by("state").textContent = "access refused: the token is missing or wrong, or too many pages are open. Open the address that the terminal printed."; return; }
+    page.tries += 1; by("state").textContent = page.tries < TRIES ? "no connection; trying again" : "the session does not respond any more";
     if (page.tries < TRIES) setTimeout(connect, 1000);
   };
 }

@@ -1,7 +1,7 @@
-"""Serves the page and its data: signals as packed rows, everything else as JSON, one coroutine a reader.
+"""Serves the page and its data: signals as packed rows, everything else as JSON, one coroutine per reader.
 
-A reader that is slow skips rows: what it has not fetched stays in the session's rings, which never grow. A connection
-serves one request, and only so many may be open.
+A slow reader skips rows: unread ones stay in the session's ring buffers, which never grow. A connection serves one
+request, and the number of connections is limited.
 """
 
 from __future__ import annotations
@@ -33,14 +33,14 @@ FILES = {
     "/page.css": ("page.css", "text/css"),
 }
 PACE = 0.1  # s between two messages to a reader
-DRAWN = 250.0  # rows a second that a reader gets at most
-POLL = 0.05  # s between looks at the session
-HEARTBEAT = 30.0  # s: a reader that does not answer for half as long has gone
+DRAWN = 250.0  # largest number of rows per second for a reader
+POLL = 0.05  # s between polls of the session
+HEARTBEAT = 30.0  # s: a reader that does not respond for half as long is disconnected
 READERS = 8  # at a time
-CONNECTIONS = 32  # at a time, the readers' among them
-HEADER_TIME = 5.0  # s within which a connection must have said what it wants
-LONGEST = 64 * 1024  # bytes of an order: a profile has some hundred levels
-LAST_WORD = 2.0  # s for readers to fetch how it ended
+CONNECTIONS = 32  # at a time, including the readers'
+HEADER_TIME = 5.0  # s within which a connection must have sent its request
+LONGEST = 64 * 1024  # bytes of a command: a profile has some hundred levels
+LAST_WORD = 2.0  # s for readers to fetch the end of the session
 HEADERS = {
     "Content-Security-Policy": "default-src 'self'; img-src data:; frame-ancestors 'none'",
     "Cache-Control": "no-store",
@@ -53,8 +53,8 @@ class Page:
     """The page of a session.
 
     Args:
-        session: to show and to steer.
-        access: who may come in.
+        session: to show and to control.
+        access: of readers.
     """
 
     def __init__(self, session: Session, access: Access) -> None:
@@ -64,7 +64,7 @@ class Page:
         self._stride = max(1, round(session.settings.rate / DRAWN))
 
     def application(self) -> web.Application:
-        """Routes behind the access."""
+        """The routes, with access control."""
         application = web.Application(middlewares=[self._guarded], client_max_size=4096)
         for route in FILES:
             application.router.add_get(route, self._file)
@@ -80,7 +80,7 @@ class Page:
         return response
 
     def gate(self, server: web.Server) -> Callable[[], asyncio.Protocol]:
-        """Makes the protocol of each new connection: at most `CONNECTIONS`, each heard within `HEADER_TIME`."""
+        """Makes the protocol of each new connection: at most `CONNECTIONS`, with a request within `HEADER_TIME`."""
 
         def overdue(protocol: Any) -> None:
             transport = protocol.transport
@@ -113,7 +113,9 @@ class Page:
             )
         if not self._access.opens(request):
             if self._attempts.wrong(address):
-                self._session.events.note(f"the page: too many wrong tokens from {address}; it has to wait")
+                self._session.events.note(
+                    f"the page: too many wrong tokens from {address}; further attempts are delayed"
+                )
             raise web.HTTPForbidden(text="the token is missing or wrong\n")
 
     async def _live(self, request: web.Request) -> web.WebSocketResponse:
@@ -136,14 +138,14 @@ class Page:
         return socket
 
     def _obey(self, text: str) -> str:
-        """One order of the page, and why it was refused; what is not understood is refused."""
+        """Carry out one command of the page; returns why it was refused. Unknown commands are refused."""
         try:
             message = json.loads(text)
         except (ValueError, RecursionError):
             return ""
         wish = message.get("do") if isinstance(message, dict) else None
         if wish == "stop":
-            self._session.stop("the page's stop")
+            self._session.stop("the Stop button of the page")
         elif wish == "tune":
             self._session.tune()
         elif wish == "apply":
@@ -156,7 +158,7 @@ class Page:
         return ""
 
     async def _feed(self, socket: web.WebSocketResponse) -> None:
-        """Send what is new, again and again; the next message is made when the last one has left."""
+        """Send updates repeatedly; the next message is made when the last one was sent."""
         session = self._session
         await socket.send_str(json.dumps(hello(session)))
         seen = slow = events = 0
@@ -168,7 +170,7 @@ class Page:
             if len(rows):
                 await socket.send_bytes(np.ascontiguousarray(rows, dtype="<f8").tobytes())
             slow, parameters = session.slow.since(slow)
-            told, events = events, session.events.number  # what happens from here on is for the next message
+            told, events = events, session.events.number  # later events are for the next message
             await socket.send_str(json.dumps(news(session, parameters, told)))
             if ended:
                 await socket.close(message=b"ended")
@@ -176,13 +178,13 @@ class Page:
             await asyncio.sleep(PACE)
 
     async def finish(self) -> None:
-        """Let the readers hear how it ended."""
+        """Let the readers receive the end of the session."""
         if self._readers:
             await asyncio.wait(self._readers, timeout=LAST_WORD)
 
 
 class _Full(asyncio.Protocol):
-    """Turns a connection away."""
+    """Refuses a connection."""
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         assert isinstance(transport, asyncio.Transport)
@@ -215,8 +217,8 @@ async def watch(
 
     Args:
         session: begun already or by `open_at`.
-        way_in: who may come in, and where it listens.
-        open_at: told the address once.
+        way_in: access and socket.
+        open_at: called once with the address.
         look: called after each poll.
     """
     access, listening = way_in

@@ -13,12 +13,12 @@ from optid.live.results import finite
 from optid.live.review import Review
 from optid.live.session import Session
 
-EFFECTS = 5  # of those that stand out, the surest
+EFFECTS = 5  # of the significant ones, the most significant
 POINTS = 300  # of a reviewed response
 
 
 def hello(session: Session) -> dict[str, Any]:
-    """Names, units and limits, which stay."""
+    """Names, units and limits, which do not change."""
     limits = session.settings.limits
     position, command = session.wiring.measured[0], session.wiring.command
     return {
@@ -39,12 +39,12 @@ def hello(session: Session) -> dict[str, Any]:
 
 
 def news(session: Session, parameters: Array, events_seen: int) -> dict[str, Any]:
-    """What may have changed.
+    """The data that may have changed.
 
     Args:
         session: as it is.
         parameters: new rows of the ring of parameters.
-        events_seen: by this reader already.
+        events_seen: number of events that this reader has.
     """
     review = session.tuning.review
     return {
@@ -64,7 +64,7 @@ def news(session: Session, parameters: Array, events_seen: int) -> dict[str, Any
 
 
 def _followed(standing: dict[str, Any] | None) -> dict[str, Any] | None:
-    """Parameters, and the effects that stand out: the page has no room for all."""
+    """Parameters, and the most significant effects: the page has no room for all."""
     if standing is None:
         return None
     own = [one for one in standing["rows"] if "." not in one["name"]]

@@ -1,1 +1,1 @@
-"""One module a kind of result: `plot(result, axes)` and `page(result)`."""
+"""One module per kind of result: `plot(result, axes)` and `page(result)`."""

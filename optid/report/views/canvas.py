@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 
 def axes_or_new(axes: Axes | None, size: tuple[float, float] = (9.2, 3.4)) -> Axes:
-    """The axes given, or those of a new figure that belongs to no window."""
+    """The given axes, or those of a new figure without a window."""
     if axes is not None:
         return axes
     figure = Figure(figsize=size, layout="constrained")

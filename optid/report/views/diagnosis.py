@@ -18,15 +18,15 @@ from optid.results.words import error, parameter_rows, percent
 
 HEADLINES = {
     "consistent": "Nothing is missing",
-    "parameters": "The physics is right, the stated parameters are not",
+    "parameters": "The physics is right, the parameters are not",
     "missing-physics": "Physics is missing",
-    "unexplained": "Something is missing that the catalogue does not know",
+    "unexplained": "Something is missing that is not in the catalogue",
 }
 SHOWN = 12  # intervals that a page lists of a finding
 
 
 def plot(result: DiagnosisResult, axes: Axes | None = None) -> Axes:
-    """The windows' error before and after, on the recordings held out."""
+    """The windows' error before and after, on the held-out recordings."""
     drawn = axes_or_new(axes)
     role = _roles(result)[0]
     figures.errors(drawn, result.tables["holdout"], role, _unit(result, role), _noise(result, role))
@@ -77,7 +77,7 @@ def _output(result: DiagnosisResult, role: str) -> dict[str, Any]:
     return {
         "name": role,
         "figure": interactive(drawn, f"{role} before and after"),
-        "left": interactive(residuals(left, role, unit), f"{role} what is left"),
+        "left": interactive(residuals(left, role, unit), f"{role} residual"),
         "recording": name,
     }
 
@@ -123,7 +123,7 @@ def _finding(result: DiagnosisResult, number: int, f: Mapping[str, Any]) -> dict
 
 
 def _rivals(result: DiagnosisResult) -> list[list[dict[str, str]]]:
-    """Rounds of those that were tried."""
+    """The rounds of contenders."""
     frame = result.tables.get("rivals")
     if frame is None:
         return []
@@ -142,7 +142,7 @@ def _rivals(result: DiagnosisResult) -> list[list[dict[str, str]]]:
 
 
 def _suspected(f: Mapping[str, Any]) -> list[str]:
-    """What is not proven, with why: names, or entries with a name."""
+    """Effects that are not proven, with the reason: names, or entries with a name."""
     return [
         f"{one['effect']}: {one['why']}" if isinstance(one, Mapping) and "why" in one else str(one)
         for one in f.get("suspected") or ()
@@ -179,7 +179,7 @@ def _parameters(part: Mapping[str, Any]) -> list[dict[str, str]]:
 def _asked_and_settings(
     part: Mapping[str, Any], asked: Collection[str]
 ) -> tuple[list[dict[str, str]], list[dict[str, str]]]:
-    """Rows of the parameters asked for and of the effects', and of the equations' settings fitted beside them."""
+    """Rows of the fitted parameters and of the effects', and of the equations' settings fitted with them."""
     every = part["parameters"]
     wanted = {name: entry for name, entry in every.items() if name in asked or "." in name}
     settings = {name: entry for name, entry in every.items() if name not in wanted}

@@ -20,7 +20,7 @@ from optid.results.words import error, parameter_rows, percent
 
 
 def plot(result: FitResult, axes: Axes | None = None) -> Axes:
-    """Measured and predicted first output, of the last recording held out where there is one."""
+    """Measured and predicted first output, of the last held-out recording where there is one."""
     drawn = axes_or_new(axes)
     plotted(result, drawn, "held out")
     return drawn
@@ -56,7 +56,7 @@ def page(result: FitResult) -> str:
 
 
 def _in_short(result: FitResult) -> str:
-    """What matters first: how well it predicts what it has not seen, or at least what it has."""
+    """The main result: how well it predicts held-out data, or the training data where none were held out."""
     scores = result.holdout or result.train
     what = "held-out data" if result.holdout else "the data it was fitted to"
     said = ", ".join(
@@ -67,7 +67,7 @@ def _in_short(result: FitResult) -> str:
 
 
 def _parameters(result: FitResult) -> dict[str, list[dict[str, str]]]:
-    """Rows of the parameters asked for, and of the settings of the equations that were fitted beside them."""
+    """Rows of the requested parameters, and of the settings of the equations that were fitted with them."""
     every, asked = result.document["parameters"], result.document["asked"]
     rows = dict(zip(every, parameter_rows(every, result.marks), strict=True))
     found: dict[str, list[dict[str, str]]] = {"asked": [], "settings": []}

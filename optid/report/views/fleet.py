@@ -19,7 +19,7 @@ DRAWN = 24  # rigs whose trend is drawn
 
 
 def plot(result: FleetResult, axes: Axes | None = None) -> Axes:
-    """Rigs against quantities on the last night, or how the rows went."""
+    """Rigs against quantities on the last night, or the outcomes of the rows."""
     drawn = axes_or_new(axes)
     if "t" in result.tables:
         figures.heatmap(drawn, result.tables["t"], [one["rig"] for one in result.told])
@@ -42,7 +42,7 @@ def page(result: FleetResult) -> str:
         d=d,
         lead=result.summary().splitlines()[0],
         overview=None if overview is None else interactive(overview, "rigs against quantities"),
-        nights=interactive(figures.discoveries(result.tables["nights"], d["level"]), "rigs told of by night")
+        nights=interactive(figures.discoveries(result.tables["nights"], d["level"]), "rigs reported by night")
         if "nights" in result.tables
         else None,
         told=[_told(result, one) for one in d["told"][:DRAWN]],
@@ -64,7 +64,7 @@ def _told(result: FleetResult, one: dict[str, Any]) -> dict[str, Any]:
 
 
 def _rows(result: FleetResult) -> list[dict[str, Any]]:
-    """The rows that matter first: failed ones, then diagnoses and fits, then the newest."""
+    """Rows in order of importance: failed ones, then diagnoses and fits, then the newest."""
     frame = result.to_frame()
     if frame.empty:
         return []

@@ -38,7 +38,7 @@ def plot(result: IdentificationResult, axes: Axes | None = None) -> Axes:
 
 
 def page(result: IdentificationResult) -> str:
-    """A page for models that have none of `optid identify`."""
+    """A page for models without one of `optid identify`."""
     figure = plot(result).get_figure(root=True)
     assert figure is not None
     return render("single.html.j2", "ARMAX models", lead=result.summary(), figure=interactive(figure, "gain"))

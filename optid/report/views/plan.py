@@ -40,16 +40,16 @@ def page(result: PlanResult) -> str:
 
 
 def lead(d: Mapping[str, Any]) -> str:
-    """What the experiment will do, in one or two sentences."""
+    """What the experiment achieves, in one or two sentences."""
     hard = [row for row in d["pairs"] if row["sd"] < d["needed_sd"]]
-    what = "shows the effect" if len(d["rivals"]) == 1 else "tells every pair apart"
+    what = "shows the effect" if len(d["rivals"]) == 1 else "distinguishes every pair"
     at = "At the smallest size worth a name"
     if not hard:
         return f"{at}, {d['seconds']:g} s {what} with at most one error in a hundred."
     first = hard[0]
     pair = f"{first['there']} from {first['instead'] or 'nothing missing'}"
     if any(row["seconds_needed"] is None for row in hard):
-        return f"Nothing that this rig measures tells {pair} at the smallest size worth a name."
+        return f"Nothing that this rig measures distinguishes {pair} at the smallest size worth a name."
     return (
         f"{at}, {d['seconds']:g} s are not enough for at most one error in a hundred: "
         f"to tell {pair} takes {first['seconds_needed']:.3g} s of it."

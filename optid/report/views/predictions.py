@@ -1,4 +1,4 @@
-"""What pages of predictions share: the table of scores, and each recording with its figures."""
+"""Common parts of pages of predictions: the table of scores, and each recording with its figures."""
 
 from __future__ import annotations
 
@@ -76,5 +76,5 @@ def plotted(result: Result, axes: Any, use: str) -> None:
 
 
 def paths(result: Result, use: str) -> list[str]:
-    """What to type for the recordings of a use."""
+    """The recordings of a use, as on a command line."""
     return [entry["path"] for entry in result.document["about"]["recordings"] if entry["use"] == use]

@@ -14,7 +14,7 @@ from optid.results.tuning import TuningResult
 
 
 def plot(result: TuningResult, axes: Axes | None = None) -> Axes:
-    """How the identified model answers the first episode; the gains' cost over time where none was kept."""
+    """Response of the identified model in the first episode; the costs where no response was stored."""
     drawn = axes_or_new(axes)
     frame = result.tables.get("responses")
     if frame is None:
@@ -41,7 +41,7 @@ def plot(result: TuningResult, axes: Axes | None = None) -> Axes:
 
 
 def page(result: TuningResult) -> str:
-    """A page for gains that have none of `optid tune`."""
+    """A page for gains without one of `optid tune`."""
     figure = plot(result).get_figure(root=True)
     assert figure is not None
     return render(

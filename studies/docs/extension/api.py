@@ -8,14 +8,15 @@ import optid
 
 HEAD = """# Python API
 
-Everything that `import optid` offers; nothing else is public. Every name is documented where it stands in the code. A
-linter (numpydoc's validation, `tests/docs/test_docstrings.py`) checks that. Units are SI unless a line says otherwise.
-How the calls go together is told in [from Python](../../reference/python.md).
+Everything that `import optid` offers; nothing else is public. This page is generated from the docstrings, which a
+linter checks (numpydoc's validation, `tests/docs/test_docstrings.py`). Units are SI unless a line says otherwise. How
+to use the calls together is described in [from Python](../../reference/python.md).
 """
 GROUPS = {
     "The jobs": ("check", "simulate", "fit", "profile", "diagnose", "identify", "tune", "plan", "load"),
     "Rigs and recordings": ("read_rig", "write_rig", "Rig", "read_recording", "Recording", "datasets"),
     "Plants and effects of your own": ("build", "Sheet", "Parameter", "Effect", "laws", "Driver"),
+    "Many rigs": ("fleet",),
     "Models in other tools": ("Model", "CasadiFunctions", "linearise", "from_control", "export_fmu"),
 }
 
