@@ -1,10 +1,11 @@
 """Is what a live session suspects since commissioning what truly changed, and is a sound rig left alone?
 
-    python studies/live_following.py [--sound 6] [--out DIR]
+    python studies/live_following.py [--sound 24] [--rows N] [--out DIR]
 
 Sessions of data/bench.toml at 500 Hz run in lockstep against simulated rigs: the rig file itself, and the same with one
-thing changed at its usual size. Four looks of twenty seconds each; every judgement counts. Rows are kept in
-DIR/live_following.json, and a run that was cut goes on from there.
+thing changed at its usual size. Four looks of twenty seconds each; every judgement counts. Of the sound rigs it is also
+told how far all estimates lie from the truth, in their own standard deviations. Rows are kept in
+DIR/live_following.json, and a run that was cut (or has made its N new rows) goes on from there.
 """
 
 from __future__ import annotations
@@ -17,10 +18,13 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
+from scipy.stats import binomtest, norm
+
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))
 
-from optid.live.commissioning import RIG_FILE, Commissioned  # noqa: E402
+from optid.live.commissioning import LEVEL, RIG_FILE, Commissioned  # noqa: E402
 from optid.live.driver import open_driver  # noqa: E402
 from optid.live.following import LEAST, LOOKS, SECONDS, look  # noqa: E402
 from optid.live.lockstep import run_lockstep  # noqa: E402
@@ -53,8 +57,8 @@ CHANGES = {
 }
 
 
-def session(real: str, seed: int, folder: Path) -> list[list[str]]:
-    """The suspects at each judgement of a session, the first one first."""
+def session(real: str, seed: int, folder: Path) -> list[dict[str, Any]]:
+    """At each judgement of a session: the suspects, the first one first, and each quantity's difference in its sd."""
     (folder / "real.toml").write_text(real, encoding="utf-8")
     path = folder / "rig.toml"
     path.write_text(
@@ -80,7 +84,13 @@ def session(real: str, seed: int, folder: Path) -> list[list[str]]:
                 RIG_FILE, {name: (value, 0.0, 0.0) for name, value in looks[-1].stated.items()}
             )
             found = since.compare([one.found for one in looks], looks[-1].bounds, SECONDS)
-            told.append([one.name for one in found if one.changed])
+            told.append(
+                {
+                    "told": [one.name for one in found if one.changed],
+                    "sds": {one.name: round(one.sds, 2) for one in found if one.sd > 0.0},
+                    "explained": {one.name: round(one.explained, 4) for one in found},
+                }
+            )
     return told
 
 
@@ -89,25 +99,43 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--sound", type=int, default=6)
+    parser.add_argument("--sound", type=int, default=24)
+    parser.add_argument("--rows", type=int, default=1000, help="new ones at most")
     parser.add_argument("--out", type=Path, default=ROOT / "out" / "live_following")
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
-    path = arguments.out / "live_following.json"
-    rows: dict[str, list[list[str]]] = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
-    every = [(f"sound {seed}", SOURCE, seed) for seed in range(arguments.sound)]
-    every += [(name, real, 100 + seed) for seed, (name, real) in enumerate(CHANGES.items())]
+    path, new = arguments.out / "live_following.json", 0
+    rows: dict[str, Any] = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
+    every = [(name, real, 100 + seed) for seed, (name, real) in enumerate(CHANGES.items())]
+    every += [(f"sound {seed}", SOURCE, seed) for seed in range(arguments.sound)]
     for name, real, seed in every:
         if name not in rows:
+            if new == arguments.rows:
+                break
+            new += 1
             with tempfile.TemporaryDirectory() as folder:
                 rows[name] = session(real, seed, Path(folder))
             path.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
-        print(f"{name:18s} {rows[name]}", flush=True)
-    sound = [told for name, judged in rows.items() if name.startswith("sound") for told in judged]
-    changed = {name: judged[-1] for name, judged in rows.items() if not name.startswith("sound")}
+        print(f"{name:18s} {[one['told'] for one in rows[name]]}", flush=True)
+    summary(rows)
+
+
+def summary(rows: dict[str, Any]) -> None:
+    """What they come to."""
+    sound = [one for name, judged in rows.items() if name.startswith("sound") for one in judged]
+    changed = {name: judged[-1]["told"] for name, judged in rows.items() if not name.startswith("sound")}
     first = sum(told[:1] != [] and told[0].startswith(name) for name, told in changed.items())
     among = sum(any(one.startswith(name) for one in told[:3]) for name, told in changed.items())
-    print(f"sound: {sum(map(bool, sound))} of {len(sound)} judgements suspect something")
+    alarms = sum(bool(one["told"]) for one in sound)
+    low, high = binomtest(alarms, len(sound)).proportion_ci(method="exact") if sound else (0.0, 1.0)
+    print(
+        f"sound: {alarms} of {len(sound)} judgements suspect something (95 %: {100 * low:.1f} to {100 * high:.1f} %; "
+        f"designed for {100 * LEVEL:g} %)"
+    )
+    away = np.abs([value for one in sound for value in one["sds"].values()])
+    for limit in (1.96, 2.58, 3.29) if sound else ():
+        share, normal = 100 * float(np.mean(away > limit)), 200 * float(norm.sf(limit))
+        print(f"  {share:.2f} % of {away.size} estimates lie beyond {limit} sd (normal: {normal:.2f} %)")
     print(f"changed: first suspect right in {first}, among three in {among} of {len(changed)}")
 
 

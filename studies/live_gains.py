@@ -1,12 +1,12 @@
 """Are the gains in force at the end of a session ever worse on the rig than those it began with?
 
-    python studies/live_gains.py [--seeds 10] [--quick | --shown] [--out DIR]
+    python studies/live_gains.py [--seeds 10] [--rig NAME] [--quick | --shown] [--out DIR]
 
 Rigs that share no line with optid (studies/independent_rig) run in lockstep beside the model of data/bench.toml: learn
-for one tour of the stroke, tune, apply what the review finds no worse, and go on until the trial has decided. Then both
+for two tours of the stroke, tune, apply what the review finds better, and go on until the trial has decided. Then both
 sets of gains run the tour on the same rig without noise. A row is the ratio of their ITAE, end over start. Rows are
-kept in DIR/live_gains.json, and a run that was cut goes on from there. `--shown` runs two sessions instead: one that
-begins with sluggish gains, and one whose user insists on worse ones.
+kept in DIR/live_gains.json, and a run that was cut goes on from there. `--shown` runs sessions instead that begin with
+sluggish gains, and sessions whose user insists on worse ones.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))
 
 from optid.live.gains import gentle  # noqa: E402
+from optid.live.guard import Stop  # noqa: E402
 from optid.live.lockstep import run_lockstep  # noqa: E402
 from optid.live.log import Layout, Log  # noqa: E402
 from optid.live.loop import Choices, Loop  # noqa: E402
@@ -35,11 +36,10 @@ from optid.live.reference import HOLD, TOUR, tour  # noqa: E402
 from optid.live.review import Case, Review, case_of  # noqa: E402
 from optid.live.review import review as review_of  # noqa: E402
 from optid.live.settings import live_settings, wiring_of  # noqa: E402
-from optid.live.trial import WINDOW  # noqa: E402
-from optid.live.tuning import tuned  # noqa: E402
+from optid.live.trial import LOOKS, WINDOW  # noqa: E402
+from optid.live.tuning import physical, tuned  # noqa: E402
 from optid.pid.controller import Gains  # noqa: E402
 from optid.rigs.rigfile import read_rig  # noqa: E402
-from optid.tuning.bench import PhysicalBench  # noqa: E402
 from studies.live_rig import REAL, LiveRig  # noqa: E402
 
 RATE = 500.0  # Hz
@@ -51,6 +51,8 @@ RIGS = {
 BENCH = read_rig(ROOT / "data" / "bench.toml")
 SETTINGS, WIRING = live_settings(BENCH, RATE), wiring_of(BENCH)
 LAP = HOLD * len(TOUR)  # s
+LEARN = 2 * LAP + 1.9  # s until the tuning; nothing moves then
+TRIAL = LOOKS[-1] * HOLD + 2 * HOLD  # s, at most
 
 
 class Quiet(LiveRig):
@@ -101,22 +103,22 @@ def row(real: Any, seed: int, start: Gains, insisted: Gains | None = None) -> di
         BENCH.path, "studies/live_rig.py:rig", Path(), tour(SETTINGS.limits), choices, rate=RATE, seed=seed
     )
     found: dict[str, Any] = {"applied": False, "verdict": None}
-    learn = LAP + 1.9  # nothing moves then
 
     def asked(loop: Loop, time: float) -> None:
-        if abs(time - learn) < 0.5 / RATE:
+        found["gains"] = loop.controller.gains
+        if abs(time - LEARN) < 0.5 / RATE:
             case = case_of(loop.identifier.model, (SETTINGS, WIRING), choices, start)
             review = tuned(case, plan) if insisted is None else insist(case, insisted)
             found.update(worse=list(review.worse), review=review.words, tuned=vars(review.new))
-            new = insisted or review.new
-            if review.better or insisted:
-                found["applied"] = True
-                loop.change(new)
+            if not (review.better or insisted):
+                raise Stop("not applied")
+            found["applied"] = True
+            loop.change(review.new)
         if loop.verdict is not None:
-            found["verdict"] = {"kept": loop.verdict.kept, "words": loop.verdict.words}
-        found["gains"] = loop.controller.gains
+            found["verdict"] = {"word": loop.verdict.word, "words": loop.verdict.words}
+            raise Stop("decided")
 
-    run(LiveRig(real, seed), choices, learn + LAP + 2.5, asked)
+    run(LiveRig(real, seed), choices, LEARN + TRIAL, asked)
     end = found.pop("gains")
     before, after = itae(real, start), itae(real, end)
     offered = itae(real, Gains(**found["tuned"])) if end == start else after
@@ -125,26 +127,37 @@ def row(real: Any, seed: int, start: Gains, insisted: Gains | None = None) -> di
 
 def insist(case: Case, gains: Gains) -> Review:
     """The review of gains that nobody has tuned."""
-    return review_of(case, gains, PhysicalBench(BENCH, (case.episode,), case.output), ROOM)
+    return review_of(case, gains, physical(case, BENCH, np.random.default_rng(0))[0], ROOM)
 
 
-def shown(path: Path) -> None:
-    """A session whose better gains are kept, and one whose worse gains go."""
+def shown(path: Path, rigs: list[str], seeds: int) -> None:
+    """Sessions whose better gains are kept, and such whose worse gains go."""
     gains = gentle(SETTINGS.limits)
-    for name, start, insisted in (
-        ("sluggish at the start", replace(gains, kp=0.3 * gains.kp), None),
-        ("worse ones insisted on", gains, replace(gains, kp=0.4 * gains.kp)),
-    ):
-        one = row(RIGS["bench"], 0, start, insisted)
-        words = one["verdict"]["words"] if one["verdict"] else "; ".join(one["worse"])
-        print(f"{name}: kp {start.kp:.3g} V/m, applied {one['applied']}, reviewed worse: {one['worse']}")
-        print(
-            f"  {words}; kept {one['verdict'] and one['verdict']['kept']}, at the end kp {one['end']['kp']:.3g} V/m"
-        )
-        print(
-            f"  noise-free ITAE over that at the start: in force {one['ratio']:.3f}, offered {one['offered']:.3f}"
-        )
-        path.write_text(json.dumps(one, indent=1) + "\n", encoding="utf-8")
+    kinds = {
+        "sluggish at the start": (replace(gains, kp=0.3 * gains.kp), None),
+        "worse ones insisted on": (gains, replace(gains, kp=0.7 * gains.kp)),
+    }
+    rows = read(path)
+    for seed in range(seeds):
+        for rig in rigs:
+            for kind, (start, insisted) in kinds.items():
+                key = f"{kind}, {rig} {seed}"
+                if key not in rows:
+                    rows[key] = row(RIGS[rig], seed, start, insisted)
+                    path.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
+                print(line(key, rows[key]), flush=True)
+
+
+def read(path: Path) -> dict[str, Any]:
+    """Rows of an earlier run."""
+    return dict(json.loads(path.read_text(encoding="utf-8"))) if path.is_file() else {}
+
+
+def line(key: str, one: dict[str, Any]) -> str:
+    """A row in words."""
+    verdict = one["verdict"]
+    words = f"{verdict['word']}: {verdict['words']}" if verdict else "not applied: " + "; ".join(one["worse"])
+    return f"{key:10s} in force {one['ratio']:.3f}  offered {one['offered']:.3f}  {words}"
 
 
 def main() -> None:
@@ -153,28 +166,30 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--seeds", type=int, default=10)
+    parser.add_argument("--rig", choices=RIGS, action="append", help="only this one; may be given again")
     parser.add_argument("--quick", action="store_true", help="one seed of the first rig")
-    parser.add_argument("--shown", action="store_true", help="the two sessions told above")
+    parser.add_argument("--shown", action="store_true", help="the sessions told above")
     parser.add_argument("--out", type=Path, default=ROOT / "out" / "live_gains")
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
+    rigs = arguments.rig or list(RIGS)
     if arguments.shown:
-        shown(arguments.out / "shown.json")
+        shown(arguments.out / "shown.json", rigs, arguments.seeds)
         return
     path = arguments.out / "live_gains.json"
-    rows: dict[str, Any] = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
-    every = [(name, seed) for seed in range(arguments.seeds) for name in RIGS]
+    rows = read(path)
+    every = [(name, seed) for seed in range(arguments.seeds) for name in rigs]
     for name, seed in every[:1] if arguments.quick else every:
         key = f"{name} {seed}"
         if key not in rows:
             rows[key] = row(RIGS[name], seed, gentle(SETTINGS.limits))
             path.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
-        one = rows[key]
-        words = one["verdict"]["words"] if one["verdict"] else "; ".join(one["worse"])
-        print(f"{key:10s} in force {one['ratio']:.3f}  offered {one['offered']:.3f}  {words}", flush=True)
+        print(line(key, rows[key]), flush=True)
     ratios = [one["ratio"] for one in rows.values()]
+    words = [one["verdict"]["word"] if one["verdict"] else "not applied" for one in rows.values()]
     print(
-        f"{len(ratios)} sessions: median {np.median(ratios):.3f}, largest {max(ratios):.3f} of the ITAE at the start"
+        f"{len(ratios)} sessions: median {np.median(ratios):.3f}, largest {max(ratios):.3f} of the ITAE at the start; "
+        + ", ".join(f"{word} {words.count(word)}" for word in ("kept", "undecided", "worse", "not applied"))
     )
 
 

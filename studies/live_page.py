@@ -119,7 +119,7 @@ def watch(page: Any, session: subprocess.Popen[str], browser: int, end: float) -
     rows = []
     while time.monotonic() < end and session.poll() is None:
         whole = descendants(session.pid)
-        heap = page.evaluate("performance.memory ? performance.memory.usedJSHeapSize : 0")
+        heap = page.evaluate("gc(), performance.memory.usedJSHeapSize")
         rows.append(
             (
                 time.monotonic(),
@@ -174,7 +174,8 @@ def main() -> None:
         line = session.stdout.readline()
         begun = time.monotonic()
         browser = started.chromium.launch(
-            executable_path=path, args=["--no-sandbox", "--enable-precise-memory-info"]
+            executable_path=path,
+            args=["--no-sandbox", "--enable-precise-memory-info", "--js-flags=--expose-gc"],
         )
         page = browser.new_page(viewport=SIZE)
         complaints: list[str] = []

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shlex
 from pathlib import Path
+from typing import BinaryIO
 
 from optid.core.paths import from_here
 from optid.live.log import LOG
@@ -12,7 +13,7 @@ from optid.live.log import LOG
 SECONDS = 120.0  # at most
 HELD_OUT = 1 / 3  # of them, the last part
 SEEN, UNSEEN = "last_minutes.csv", "last_minutes_holdout.csv"
-WIDEST = 256  # bytes of a row, at most
+BLOCK = 1 << 16  # bytes in memory at a time
 
 
 def offer_diagnosis(rig: Path, out: Path, rate: float) -> str:
@@ -27,12 +28,15 @@ def offer_diagnosis(rig: Path, out: Path, rate: float) -> str:
         The command, or why there is none.
     """
     try:
-        head, rows = last_rows(out / LOG, round(SECONDS * rate))
-        at = round(len(rows) * (1 - HELD_OUT))
-        for name, part in ((SEEN, rows[:at]), (UNSEEN, rows[at:])):
-            beside = out / f".{name}.part"
-            beside.write_bytes(b"\n".join((head, *part)) + b"\n")
-            beside.replace(out / name)
+        with (out / LOG).open("rb") as log:
+            head, first, end, rows = _last(log, round(SECONDS * rate))
+            middle, _ = _back(log, first, end, round(rows * HELD_OUT))
+            for name, part in ((SEEN, (first, middle)), (UNSEEN, (middle, end))):
+                beside = out / f".{name}.part"
+                with beside.open("wb") as file:
+                    file.write(head)
+                    _copy(log, part, file)
+                beside.replace(out / name)
     except OSError as error:
         return f"the last minutes could not be written: {error}"
     return shlex.join(
@@ -51,13 +55,42 @@ def offer_diagnosis(rig: Path, out: Path, rate: float) -> str:
 
 def last_rows(path: Path, count: int) -> tuple[bytes, list[bytes]]:
     """The head and the last whole rows of a log that may still be growing; reads no more than they take."""
-    with path.open("rb") as file:
-        head = file.readline().rstrip(b"\n")
-        begin, end = file.tell(), file.seek(0, os.SEEK_END)
-        start = max(begin, end - WIDEST * count)
-        file.seek(start)
-        rows = file.read(end - start).split(b"\n")
-    rows.pop()  # nothing, or a row that is being written
-    if start > begin:
-        rows.pop(0)  # the end of one
-    return head, rows[-count:]
+    with path.open("rb") as log:
+        head, first, end, _ = _last(log, count)
+        log.seek(first)
+        rows = log.read(end - first).split(b"\n")
+    return head.rstrip(b"\n"), rows[:-1]
+
+
+def _last(log: BinaryIO, count: int) -> tuple[bytes, int, int, int]:
+    """The head, where the last whole rows begin and end, and how many they are."""
+    log.seek(0)
+    head = log.readline()
+    begin = log.tell()
+    end, _ = _back(log, begin, log.seek(0, os.SEEK_END), 0)  # behind it a row may be being written
+    first, rows = _back(log, begin, end, count)
+    return head, first, end, rows
+
+
+def _back(log: BinaryIO, begin: int, end: int, count: int) -> tuple[int, int]:
+    """Where the last so many rows before `end` begin, not before `begin`; and how many they are."""
+    left, at = count + 1, end  # line ends, that of the row before them included
+    while at > begin:
+        size = min(BLOCK, at - begin)
+        log.seek(at - size)
+        block = log.read(size)
+        found = block.count(b"\n")
+        if found >= left:
+            place = size
+            for _ in range(left):
+                place = block.rfind(b"\n", 0, place)
+            return at - size + place + 1, count
+        left, at = left - found, at - size
+    return begin, count + 1 - left
+
+
+def _copy(log: BinaryIO, part: tuple[int, int], file: BinaryIO) -> None:
+    at, end = part
+    log.seek(at)
+    while at < end:
+        at += file.write(log.read(min(BLOCK, end - at)))

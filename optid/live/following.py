@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import tempfile
 from collections import deque
 from collections.abc import Callable, Mapping
@@ -117,7 +118,8 @@ def look(plan: Plan, rate: float) -> StretchEstimates | str:
     """Estimate all quantities from the newest stretch of a session's log; or the reason why that is impossible."""
     from optid.core.readers import read_recording
     from optid.errors import OptidError
-    from optid.live.settings import wiring_of
+    from optid.live.gains import gentle
+    from optid.live.settings import live_settings, wiring_of
     from optid.live.windows import estimates
 
     rig, effects = _understood(plan.rig)
@@ -127,7 +129,9 @@ def look(plan: Plan, rate: float) -> StretchEstimates | str:
             path = Path(folder) / "stretch.csv"
             path.write_bytes(b"\n".join((head, *rows)) + b"\n")
             recording = read_recording(path, rig)
-        found = estimates(rig, wiring_of(rig), recording, effects)
+        limits = live_settings(rig, rate, relaxed=True).limits
+        pull = gentle(limits).kp if math.isfinite(limits.stroke[1] - limits.stroke[0]) else 0.0
+        found = estimates(rig, wiring_of(rig), recording, effects, pull)
     except (OptidError, OSError) as error:
         return str(error)
     stated = {one.name: rig.parameters[one.name] for one in rig.freed if one.name in rig.parameters}

@@ -23,6 +23,7 @@ from optid.live.settings import Settings, Wiring
 from optid.live.trial import SMALLEST, Trial, Verdict
 from optid.pid.controller import Controller, Gains
 from optid.pid.controller import Settings as PidSettings
+from optid.pid.law import INTEGRAL
 from optid.rigs.rigfile import Rig
 
 SAME = 1e-9  # of the command's range: less is no other command than the one that was asked for
@@ -93,6 +94,7 @@ class Loop:
         self._dither, self._rng = choices.dither, np.random.default_rng(choices.seed)
         self._sign, self._hold = 0.0, max(1, round(DITHER_HOLD * settings.rate))
         self._time = self._position = self._asked = math.nan  # of the last sample; asked: its command
+        self._integral = 0.0  # of the controller before the last sample, V
         self._small = SAME * (limits.high - limits.low)
         self.measured = self.innovation = math.nan
         self._oscillation, self._before = (
@@ -159,6 +161,14 @@ class Loop:
         else:
             self.verdict = self.trial.begin()
 
+    def end_trial(self) -> None:
+        """Gains still on trial go: they have not been shown to be as good as those before."""
+        if self.trial.running:
+            self.verdict = self.trial.standing
+            self.trial.withdraw()
+            self.taken_back = self._before
+            self._switch(self._before)
+
     def _switch(self, gains: Gains) -> None:
         self._oscillation.forget()
         self.controller.change(gains)
@@ -177,11 +187,24 @@ class Loop:
 
     def _control(self, accepted: float, r: float, y: float, dither: float) -> float:
         limits, known = self.settings.limits, y - y == 0.0
-        if known and not abs(accepted - self._asked) <= self._small:
-            # The first sample, or the guard put something else: go on from what stands.
-            self.controller.reset(r, y, accepted)
+        if (
+            known and not abs(accepted - self._asked) <= self._small
+        ):  # the first sample, or the guard put another one
+            self._resume(r, y, accepted)
+        self._integral = float(self.controller.state[INTEGRAL])
         wish = self.controller.step(r, y) + dither
         command = limits.allowed(wish, accepted, y, self.settings.span)
-        if known and command == limits.safe != wish:  # at the stroke's limits: no wind-up against them
-            self.controller.reset(r, y, command)
+        if known and command == limits.safe != wish:  # at the stroke's limits
+            self._resume(r, y, command)
         return command
+
+    def _resume(self, r: float, y: float, command: float) -> None:
+        """Go on from a command that was not the controller's, with the integral from before: it does not wind up.
+
+        A bumpless start would have the integral cancel what the error asks for. A deadline missed in the middle of a
+        move would leave the axis where it happened to be until the integral is back.
+        """
+        self.controller.reset(r, y, command)
+        state = self.controller.state
+        state[INTEGRAL] = self._integral
+        self.controller.restore(state)

@@ -24,12 +24,13 @@ from optid.live.plan import SLOW, Plan, ring_sizes, session_settings
 from optid.live.reference import Reference
 from optid.live.ring_buffer import RingBuffer
 from optid.live.settings import wiring_of
-from optid.live.trial import Verdict
 from optid.pid.controller import Gains
 from optid.rigs.rigfile import read_rig
 
 GUARD_SCHEMA = "optid.guard/1"
 GUARD_FILE = "guard.json"  # how the session ended, by the guard: written even where the other processes died
+# Why new gains went, by the verdict on them.
+BACK = {"worse": "they were worse", "undecided": "they were not shown to be as good"}
 PRIORITY = 20  # among real-time processes, where the system lets us be one
 
 
@@ -177,9 +178,8 @@ def loop_process(plan: Plan, link: Connection, session: Connection, rings: tuple
                     _supervision(loop, session)
     except Exception as error:
         send(session, say="failed", why=f"{type(error).__name__}: {error}")
+    loop.end_trial()
     _supervision(loop, session)
-    if loop.trial.running:
-        _tell_verdict(session, "undecided", loop.trial.standing)
     link.close()  # the guard puts the safe command, if it has not done so
     send(session, say="model", state=loop.identifier.state.tolist(), final=True)
     signals.close()
@@ -196,16 +196,12 @@ def _supervision(loop: Loop, session: Connection) -> None:
     """Tell once what became of new gains."""
     verdict, loop.verdict = loop.verdict, None
     if verdict is not None:
-        _tell_verdict(session, "kept" if verdict.kept else "worse", verdict)
+        ratio = verdict.ratio if verdict.episodes else None
+        send(session, say=verdict.word, words=verdict.words, ratio=ratio, episodes=verdict.episodes)
     if loop.taken_back is not None:
-        why = "the loop oscillated" if verdict is None else "they were worse"
+        why = "the loop oscillated" if verdict is None else BACK[verdict.word]
         send(session, say="taken back", why=why, gains=vars(loop.taken_back))
         loop.taken_back = None
-
-
-def _tell_verdict(session: Connection, say: str, verdict: Verdict) -> None:
-    ratio = verdict.ratio if verdict.episodes else None
-    send(session, say=say, words=verdict.words, ratio=ratio, episodes=verdict.episodes)
 
 
 def _heed(loop: Loop, session: Connection) -> bool:

@@ -69,7 +69,7 @@ def _reviewed(review: Review) -> dict[str, Any]:
                 for name, one in zip(("old", "new"), review.margins, strict=True)
             },
         },
-        "itae": {model: [finite(one.measures["itae"]) for one in pair] for model, pair in responses},
+        "itae": {model: [finite(one) for one in pair] for model, pair in review.itae.items()},
         "hunting": {model: [finite(one.hunting) for one in pair] for model, pair in responses},
     }
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -13,9 +14,12 @@ from optid.live.settings import Settings, Wiring
 from optid.pid.controller import Gains
 from optid.pid.controller import Settings as PidSettings
 from optid.tuning.bench import PhysicalBench
+from optid.tuning.criterion import Criterion
 from optid.tuning.demand import Episode, step
+from optid.tuning.integrator import Integrator, with_integrator
+from optid.tuning.loop import Course
 from optid.tuning.margins import Margins, Required, margins
-from optid.tuning.plant import plant_of
+from optid.tuning.plant import Plant, plant_of
 from optid.tuning.score import Response, response
 from optid.tuning.task import Task
 
@@ -44,10 +48,22 @@ class Case:
     step: float
     output: str
 
-    def task(self, required: Required | None = None, bench: PhysicalBench | None = None) -> Task:
-        """The task for `optid.tuning`, with required margins and a physical model."""
-        plants, required = (plant_of(self.model),), required or Required()
-        return Task(plants, (self.episode,), self.pid, required=required, bench=bench)
+    @cached_property
+    def plant(self) -> Plant:
+        """The identified model; a pole next to 1 is carried as an integrator, as dry friction makes an axis creep."""
+        return with_integrator(plant_of(self.model), self.model, Integrator.YES)[0]
+
+    def task(self, required: Required, bench: PhysicalBench, hunting: float) -> Task:
+        """As `optid.tuning` wants it: margins to keep on the identified model, and a physical one that judges."""
+        return Task(
+            (self.plant,),
+            (self.episode,),
+            self.pid,
+            required=required,
+            bench=bench,
+            bench_alone=True,
+            hunting=hunting,
+        )
 
     @property
     def episode(self) -> Episode:
@@ -63,7 +79,9 @@ class Review:
         old, new: gains.
         step: m.
         sample_time: s.
-        responses: by model ("identified", "physical"), to the old and to the new gains.
+        responses: by model ("identified", "physical"), to the old and to the new gains, one step without noise.
+        itae: by model, of the old and of the new gains, m s2: of the physical one the mean over many steps with
+            noise, each as if it had the size of this one.
         margins: of the identified model with the old and with the new gains.
         sensitivity: largest maximum sensitivity that tuned gains may have.
     """
@@ -73,6 +91,7 @@ class Review:
     step: float
     sample_time: float
     responses: dict[str, tuple[Response, Response]]
+    itae: dict[str, tuple[float, float]]
     margins: tuple[Margins, Margins]
     sensitivity: float
 
@@ -84,9 +103,8 @@ class Review:
         margins are below the required ones and below the former ones.
         """
         found = []
-        for model, (old, new) in self.responses.items():
-            if not new.measures["itae"] < old.measures["itae"]:
-                before, after = old.measures["itae"], new.measures["itae"]
+        for model, (before, after) in self.itae.items():
+            if not after < before:
                 found.append(f"the {model} model predicts a larger ITAE ({before:.3g} -> {after:.3g} m s2)")
         old, new = self.responses["physical"]
         if not abs(new.output[-1] - self.step) < ARRIVED * abs(self.step):
@@ -107,8 +125,8 @@ class Review:
     def words(self) -> str:
         """Both models' predictions, margins and hunting, old to new."""
         parts = [
-            f"the {name} model predicts ITAE {old.measures['itae']:.3g} -> {new.measures['itae']:.3g} m s2"
-            for name, (old, new) in self.responses.items()
+            f"the {name} model predicts ITAE {before:.3g} -> {after:.3g} m s2"
+            for name, (before, after) in self.itae.items()
         ]
         before, after = self.margins
         old, new = self.responses["physical"]
@@ -137,16 +155,27 @@ def case_of(model: Armax, session: tuple[Settings, Wiring], choices: Choices, ga
 
 
 def review(case: Case, new: Gains, bench: PhysicalBench, sensitivity: float) -> Review:
-    """Simulate a step with old and new gains on the identified model and on the physical one of the bench."""
-    episode, course, pid = case.episode, case.task().course, case.pid
+    """Simulate old and new gains on the identified model and on the physical one.
+
+    Args:
+        case: with the old gains.
+        new: gains.
+        bench: the physical model on many steps.
+        sensitivity: largest maximum sensitivity that was asked for.
+    """
+    episode, pid = case.episode, case.pid
+    course = Course((case.plant,), (episode,), Criterion(), pid.vector, 1.0)
+    clean = PhysicalBench(bench.rig, (episode,), case.output)
+    costs = bench.costs(np.array([case.gains.vector, new.vector]), pid, Criterion(), 1.0)
 
     def identified(gains: Gains) -> Response:
         return response(episode, *course.trace(gains.vector), pid.sample_time)
 
-    responses = {
-        "identified": (identified(case.gains), identified(new)),
-        "physical": (bench(case.gains, pid)[0], bench(new, pid)[0]),
+    linear = (identified(case.gains), identified(new))
+    responses = {"identified": linear, "physical": (clean(case.gains, pid)[0], clean(new, pid)[0])}
+    itae = {
+        "identified": (linear[0].measures["itae"], linear[1].measures["itae"]),
+        "physical": (float(costs[0]), float(costs[1])),
     }
-    plant = plant_of(case.model)
-    both = (margins(plant, case.gains.vector), margins(plant, new.vector))
-    return Review(case.gains, new, case.step, pid.sample_time, responses, both, sensitivity)
+    both = (margins(case.plant, case.gains.vector), margins(case.plant, new.vector))
+    return Review(case.gains, new, case.step, pid.sample_time, responses, itae, both, sensitivity)

@@ -47,8 +47,7 @@ class Session:
         model: identified at the last tuning; after the end the last one.
         tuning: in the background, and its review.
         following: parameters and effects in the background, and what may have changed.
-        trials: verdicts on applied gains: "kept", "worse" (taken back) or "undecided", ratio of the measured ITAE,
-            episodes.
+        trials: verdicts on applied gains: "kept", "worse" or "undecided" (both taken back), ratio of ITAE, episodes.
         disagree, diagnosis: whether rig and model disagree, and the command that finds out why.
         holding: a fast session waits for `resume`.
         hides: differences of a simulated rig from the rig file, in words; "" for a real one.

@@ -1,31 +1,50 @@
 """Gains on trial: are the rig's own answers with new gains as good as those with the old ones were?
 
 An episode begins when the reference moves and lasts `WINDOW`. Its cost is ITAE over the span of the reference in it.
-A new episode is set against the median cost of the old ones that asked for the same move, or of all where none did.
-The median of these ratios decides: after `EARLY` episodes gains go that are worse by more than `MUCH`, after `ALL`
-gains go that are worse at all.
+Logarithms of the costs are compared move by move, every move alike, once both gains have made the same moves; else all
+new ones with all old ones. How much costs scatter is estimated from what is taken for alike, with old and new gains
+on their own (Welch, Biometrika 34, 1947), so Student's quantiles bound the ratio.
+
+The comparison is looked at after `LOOKS` episodes. New gains are kept as soon as they are surely no worse than
+`TOLERATED`, but not while they have made only some of the old moves. They go as soon as they are surely worse, and
+after the last look if neither is sure. Each look has its share of `LEVEL` (Bonferroni), so that is the chance at most
+that gains stay which are worse by `TOLERATED` or more, and that gains go for worse which are not.
 """
 
 from __future__ import annotations
 
 import math
-from collections import deque
+from collections import defaultdict, deque
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from statistics import median
+from statistics import fmean
+
+from scipy.special import stdtrit
 
 WINDOW = 1.5  # s of an episode
-EARLY, ALL = 3, 7  # episodes with new gains before the first verdict, and before the last one
-MUCH, WORSE = 1.5, 1.0  # ratios beyond which new gains go, at the first verdicts and at the last
+LOOKS = (4, 8, 16, 32, 64)  # episodes with new gains
+LEVEL = 0.05  # chance of a wrong word in a trial, to either side
+TOLERATED = 1.02  # ratio of the costs up to which gains count as no worse
 KEPT = 28  # old episodes that are remembered
 MISSING = 0.2  # share of an episode's samples without a measurement beyond which it says nothing
+SMALL, LARGE = 1e-300, 700.0  # a cost, and the logarithm of a ratio, that still are numbers
 SMALLEST = 0.02  # of the stroke limits' span: smaller moves drown in noise and friction
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """On new gains: median ratio of the costs of `episodes` (new over old; NaN where none compare), kept or not."""
+    """On new gains.
+
+    Attributes:
+        ratio: mean ratio of the costs, new over old; NaN where none compare.
+        low, high: between which it lies, surely enough for a verdict; 0 and infinite where that is not known.
+        episodes: with the new gains.
+        kept: or not.
+    """
 
     ratio: float
+    low: float
+    high: float
     episodes: int
     kept: bool
 
@@ -33,8 +52,16 @@ class Verdict:
     def words(self) -> str:
         """For the log and the page."""
         if not self.episodes:
-            return "not compared: the reference did not move while the old gains were in use"
-        return f"real ITAE {self.ratio:.2f} times that of the old gains (median of {self.episodes} episodes)"
+            return "not compared: the reference has not moved with both"
+        known = (
+            f"{self.low:.2f} to {self.high:.2f}" if math.isfinite(self.high) else "how surely is not known"
+        )
+        return f"real ITAE {self.ratio:.2f} times that of the old gains ({known}; {self.episodes} episodes)"
+
+    @property
+    def word(self) -> str:
+        """Of a verdict: "kept", "worse", or "undecided" where neither is sure."""
+        return "kept" if self.kept else "worse" if self.low > 1.0 else "undecided"
 
 
 @dataclass
@@ -59,9 +86,11 @@ class _Episode:
 
 
 @dataclass(frozen=True)
-class _Cost:
-    move: tuple[int, int]  # from where to where, in steps of the smallest move
-    value: float
+class Cost:
+    """Of one episode: from where to where, in steps of the smallest move, and the logarithm of its value."""
+
+    move: tuple[int, int]
+    log: float
 
 
 @dataclass
@@ -77,15 +106,15 @@ class Trial:
     span: float
     smallest: float
     running: bool = False
-    _old: deque[_Cost] = field(default_factory=lambda: deque(maxlen=KEPT))
-    _new: list[_Cost] = field(default_factory=list)
+    _old: deque[Cost] = field(default_factory=lambda: deque(maxlen=KEPT))
+    _new: list[Cost] = field(default_factory=list)
     _episode: _Episode | None = None
     _reference: float = math.nan
 
     def begin(self) -> Verdict | None:
         """New gains are in use from now on; a verdict at once where nothing is there to compare them with."""
         self._new, self._episode, self.running = [], None, bool(self._old)
-        return None if self.running else Verdict(math.nan, 0, True)
+        return None if self.running else Verdict(math.nan, 0.0, math.inf, 0, True)
 
     def withdraw(self) -> None:
         """The old gains are in use again."""
@@ -107,41 +136,76 @@ class Trial:
 
     @property
     def standing(self) -> Verdict:
-        """The verdict so far."""
-        ratios = self._ratios()
-        return Verdict(median(ratios) if ratios else math.nan, len(ratios), True)
+        """What is known before a verdict: the old gains stand until the new ones are shown to be as good."""
+        return compare(self._old, self._new)
 
     def _ended(self, episode: _Episode) -> Verdict | None:
         size = episode.high - episode.low
         if size < self.smallest or episode.missing > MISSING * episode.samples:
             return None
         move = (round(episode.before / self.smallest), round(episode.last / self.smallest))
-        cost = _Cost(move, episode.cost / size)
+        cost = Cost(move, math.log(max(episode.cost / size, SMALL)))
         if not self.running:
             self._old.append(cost)
             return None
         self._new.append(cost)
-        return self._judge()
+        return self._judge() if len(self._new) in LOOKS else None
 
     def _judge(self) -> Verdict | None:
-        ratios = self._ratios()
-        ratio, number = median(ratios), len(ratios)
-        if number >= ALL:
-            worse = ratio > WORSE
-        elif number >= EARLY and ratio > MUCH:
-            worse = True
-        else:
+        verdict = compare(self._old, self._new)
+        if verdict.word == "undecided" and len(self._new) < LOOKS[-1]:
             return None
-        if not worse:
+        if verdict.kept:
             self._old.clear()
             self._old.extend(self._new)
         self.withdraw()
-        return Verdict(ratio, number, not worse)
+        return verdict
 
-    def _ratios(self) -> list[float]:
-        whole = median(one.value for one in self._old) if self._old else math.nan
-        found = []
-        for new in self._new:
-            same = [old.value for old in self._old if old.move == new.move]
-            found.append(new.value / max(median(same) if same else whole, 1e-300))
-        return found
+
+def compare(old: Sequence[Cost], new: Sequence[Cost]) -> Verdict:
+    """New episodes beside old ones, at one look's share of the level; kept if they are surely no worse than tolerated.
+
+    Args:
+        old, new: costs of the episodes; old ones not empty.
+    """
+    if not new:
+        return Verdict(math.nan, 0.0, math.inf, 0, False)
+    old_moves, new_moves = ({one.move for one in costs} for costs in (old, new))
+    same, whole = old_moves == new_moves, not new_moves < old_moves
+    before, after = _by_move(old, same), _by_move(new, same)
+    mean = fmean(fmean(logs) - fmean(before[move]) for move, logs in after.items())
+    scatter = [_scatter(groups) for groups in (after, before)]
+    weights = tuple(
+        sum(1.0 / len(logs) for logs in groups.values()) / len(groups) ** 2 for groups in (after, before)
+    )
+    half = _half(scatter, weights)
+    low, high = math.exp(mean - half), math.exp(min(mean + half, LARGE))
+    return Verdict(math.exp(mean), low, high, len(new), whole and high < TOLERATED)
+
+
+def _by_move(costs: Sequence[Cost], same: bool) -> dict[tuple[int, int] | None, list[float]]:
+    groups = defaultdict(list)
+    for one in costs:
+        groups[one.move if same else None].append(one.log)
+    return groups
+
+
+def _scatter(groups: dict[tuple[int, int] | None, list[float]]) -> tuple[float, int]:
+    """Sum of squares about the groups' means, and its degrees of freedom."""
+    squares = sum((log - fmean(logs)) ** 2 for logs in groups.values() for log in logs)
+    return squares, sum(len(logs) - 1 for logs in groups.values())
+
+
+def _half(scatter: Sequence[tuple[float, int]], weights: tuple[float, ...]) -> float:
+    """Half of the interval of a weighted difference; infinite where no two episodes asked for the same.
+
+    Where only old or only new gains have been asked twice for the same, the others are taken to scatter alike.
+    """
+    if not all(freedom for _, freedom in scatter):
+        scatter = [(sum(squares for squares, _ in scatter), sum(freedom for _, freedom in scatter))]
+        weights = (sum(weights),)
+    if not scatter[0][1]:
+        return math.inf
+    variance = sum(w * squares / freedom for w, (squares, freedom) in zip(weights, scatter, strict=True))
+    least = min(freedom for _, freedom in scatter)  # Welch's own number says too much where one is 1
+    return -float(stdtrit(least, LEVEL / len(LOOKS))) * math.sqrt(variance)

@@ -1,5 +1,6 @@
 """Drivers: replay, a user's own, NI cards through NI's own interface, OPC UA against a real server on loopback."""
 
+import math
 import socket
 import time
 from contextlib import closing
@@ -109,9 +110,14 @@ position = { channel = "Dev1/ai0", per_volt = "52 mm", zero = "2.5 V", range = [
 
 @pytest.fixture
 def card(monkeypatch):
-    """NI's package with a stand-in for the driver below it: every call is held to NI's own signatures."""
+    """NI's package with a stand-in for the driver below it: every call is held to NI's own signatures.
+
+    A clocked card acquires in its own time: a buffer that old samples fall out of, and NI's errors for what has not
+    been acquired, not yet, or no more.
+    """
     nidaqmx = pytest.importorskip("nidaqmx")
     from nidaqmx import stream_readers, stream_writers
+    from nidaqmx.constants import OverwriteMode, ReadRelativeTo
     from nidaqmx.task import InStream
     from nidaqmx.task._timing import Timing
     from nidaqmx.task.collections import AIChannelCollection, AOChannelCollection
@@ -123,7 +129,14 @@ def card(monkeypatch):
     )
 
     class Card:
-        volts, put, tasks = 3.0, [], []
+        volts, slope, now, put, tasks = 3.0, 0.0, 0.0, [], []
+
+        @staticmethod
+        def sleep(seconds):
+            Card.now += seconds
+
+    def refused(code):
+        return nidaqmx.errors.DaqReadError(f"error {code}", code, 0)
 
     def task(*arguments, **names):
         made = mock.create_autospec(real, instance=True)
@@ -131,6 +144,10 @@ def card(monkeypatch):
         made.ao_channels = mock.create_autospec(AOChannelCollection, instance=True)
         made.timing = mock.create_autospec(Timing, instance=True)
         made.in_stream = mock.create_autospec(InStream, instance=True)
+        made.start.side_effect = lambda: setattr(made, "begun", Card.now)
+        made.in_stream.overwrite = OverwriteMode.DO_NOT_OVERWRITE_UNREAD_SAMPLES  # as a new task has it
+        made.in_stream.relative_to = ReadRelativeTo.CURRENT_READ_POSITION
+        made.unread = 0
         Card.tasks.append(made)
         return made
 
@@ -141,7 +158,27 @@ def card(monkeypatch):
             data[:] = Card.volts
 
         def read_many(data, number_of_samples_per_channel, timeout):
-            data[:] = Card.volts + np.linspace(-1.0, 1.0, number_of_samples_per_channel)
+            (of,) = [one for one in Card.tasks if one.in_stream is stream]
+            timing, wanted = of.timing.cfg_samp_clk_timing.call_args, number_of_samples_per_channel
+            (rate,), buffered = timing.args, timing.kwargs["samps_per_chan"]
+            acquired = math.floor((Card.now - of.begun) * rate + 1e-6)
+            newest = stream.relative_to is ReadRelativeTo.MOST_RECENT_SAMPLE
+            first = acquired + stream.offset if newest else of.unread
+            if first < 0:
+                raise refused(-200277)
+            if (missing := first + wanted - acquired) > 0:
+                Card.now += min(missing / rate, timeout)
+                if missing / rate > timeout:
+                    raise refused(-200284)
+                acquired = first + wanted
+            if first < acquired - buffered or (
+                stream.overwrite is OverwriteMode.DO_NOT_OVERWRITE_UNREAD_SAMPLES
+                and of.unread < acquired - buffered
+            ):
+                raise refused(-200279)
+            of.unread = first + wanted
+            times = of.begun + (1 + first + np.arange(wanted)) / rate
+            data[:] = Card.volts + Card.slope * (times - Card.now)
 
         made.read_one_sample.side_effect = read
         made.read_many_sample.side_effect = read_many
@@ -153,6 +190,7 @@ def card(monkeypatch):
         return made
 
     Card.put, Card.tasks = [], []
+    monkeypatch.setattr("optid.live.drivers.nidaqmx.clock", Card)
     monkeypatch.setattr(nidaqmx, "Task", task)
     monkeypatch.setattr(stream_readers, "AnalogMultiChannelReader", reader)
     monkeypatch.setattr(stream_writers, "AnalogSingleChannelWriter", writer)
@@ -177,18 +215,18 @@ def test_cards_read_and_put_volts(bench, tmp_path, card):
 
 @pytest.mark.parametrize(("said", "rate"), [("", 8000.0), ('sample_rate = "50 kHz"', 50e3)])
 def test_cards_average_their_newest_samples(bench, tmp_path, card, said, rate):
-    from nidaqmx.constants import AcquisitionType, OverwriteMode, ReadRelativeTo
-
     driver = opened("nidaqmx", with_live(bench, tmp_path, f"{CARDS}average = 8\n{said}"))
-    assert list(driver.read(0.0)) == pytest.approx([26.0])
-    reading = card.tasks[0]
-    timing = reading.timing.cfg_samp_clk_timing.call_args
-    assert timing.args == (rate,)
-    assert timing.kwargs["sample_mode"] is AcquisitionType.CONTINUOUS
-    stream = reading.in_stream
-    assert (stream.relative_to, stream.offset) == (ReadRelativeTo.MOST_RECENT_SAMPLE, -8)
-    assert stream.overwrite is OverwriteMode.OVERWRITE_UNREAD_SAMPLES
+    card.slope = 10.0  # V/s
+    delay = 3.5 / rate  # s: half of eight samples
+    for pause in (0.0, 1e-3, 1.3e-3, 20.0, 1e-3):  # a session that stood still for long reads on
+        card.now += pause
+        before = card.now
+        (value,) = driver.read(0.0)
+        assert card.now == before  # it waits for nothing
+        age = delay + (card.now * rate + 1e-6) % 1.0 / rate
+        assert value == pytest.approx((3.0 - 10.0 * age - 2.5) * 52.0, abs=1e-3)
     driver.close()
+    assert all(task.close.called for task in card.tasks)
 
 
 def test_cards_run_a_session(bench, tmp_path, card, run_live):

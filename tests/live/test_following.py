@@ -1,6 +1,7 @@
 """What changed since commissioning: numbers joined, suspects told, and the looks at a session's own log."""
 
 import json
+import math
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -12,6 +13,7 @@ from optid.errors import InputError
 from optid.live.commissioning import RIG_FILE, Commissioned, joined, read_since, sentence
 from optid.live.following import SECONDS, ParameterMonitor, StretchEstimates, look
 from optid.live.loop import Choices
+from optid.live.windows import _beside
 from optid.monitoring.one_step import Quantity
 from optid.pid.controller import Gains
 from optid.rigs.rigfile import read_rig
@@ -108,3 +110,13 @@ def test_a_valve_offset_is_suspected_and_a_sound_rig_is_not(bench, run_live, tmp
     told = [one for one in since.compare([found.found], found.bounds, SECONDS) if one.changed]
     assert [one.name for one in told[:1]] == ["valve_offset.offset"] * bool(offset)
     assert all(one.now == pytest.approx(offset, abs=3 * one.sd) for one in told[:1])
+
+
+def test_what_a_rig_as_stated_shows_too_is_no_change():
+    same = [of(value, 0.01, share) for value, share in ((3.8, 0.1), (4.0, 0.3), (4.2, 0.2))]
+    found = _beside(of(5.0, 0.1, 0.35), same, 1.0)
+    assert found.value == pytest.approx(2.0)  # 1 more than they show, beside what is stated
+    assert found.sd == pytest.approx(0.2 * math.sqrt(4 / 3))  # their scatter, which is more than it claims
+    assert found.explained == pytest.approx(0.05)
+    assert _beside(of(4.0, 0.5, 0.2), same, 1.0).sd == pytest.approx(0.5 * math.sqrt(4 / 3))
+    assert _beside(of(4.0, 0.5, 0.2), same, 1.0).explained == 0.0

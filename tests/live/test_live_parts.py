@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from optid.core.readers import read_recording
 from optid.errors import InputError, RigError
-from optid.live.excerpt import HELD_OUT, SEEN, UNSEEN, WIDEST, last_rows, offer_diagnosis
+from optid.live.excerpt import BLOCK, HELD_OUT, SEEN, UNSEEN, last_rows, offer_diagnosis
 from optid.live.gains import controller_settings, gentle, read_gains
 from optid.live.latency_histogram import LatencyHistogram
 from optid.live.log import LOG, Layout, Log
@@ -325,13 +325,29 @@ def test_a_session_is_shown_by_its_last_step(bench, run_live):
 
 
 def test_only_the_end_of_a_long_log_is_read(tmp_path):
-    rows = [f"{n},{n % 7}" for n in range(5000)]
-    (tmp_path / "log.csv").write_text("t,x\n" + "\n".join(rows) + "\n4999.5,")  # one row is being written
+    rows = [f"{n},{n % 7}" for n in range(20_000)]
+    (tmp_path / "log.csv").write_text("t,x\n" + "\n".join(rows) + "\n19999.5,")  # one row is being written
     head, last = last_rows(tmp_path / "log.csv", 10)
     assert (head, [row.decode() for row in last]) == (b"t,x", rows[-10:])
-    assert (tmp_path / "log.csv").stat().st_size > WIDEST * 10
-    head, last = last_rows(tmp_path / "log.csv", 10_000)
-    assert [row.decode() for row in last] == rows
+    assert (tmp_path / "log.csv").stat().st_size > 2 * BLOCK
+    for count in (15_000, 50_000):
+        head, last = last_rows(tmp_path / "log.csv", count)
+        assert [row.decode() for row in last] == rows[-count:]
+
+
+def test_the_last_minutes_are_written_in_little_memory(tmp_path):
+    (tmp_path / LOG).write_text("t,x\n" + "".join(f"{n},{n % 7}\n" for n in range(200_000)) + "200000,")
+    tracemalloc.start()
+    try:
+        words = offer_diagnosis(tmp_path / "rig.toml", tmp_path, 1000.0)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert words.startswith("optid diagnose")
+    assert peak < 8 * BLOCK
+    seen, unseen = ((tmp_path / name).read_text().splitlines() for name in (SEEN, UNSEEN))
+    assert (seen[1], seen[-1], unseen[1], unseen[-1]) == ("80000,4", "159999,0", "160000,1", "199999,2")
+    assert seen[0] == unseen[0] == "t,x"
 
 
 @pytest.mark.full

@@ -90,6 +90,32 @@ def test_new_gains_come_without_a_jump(bench, run_live):
     assert loop.controller.step(r, y) == pytest.approx(before, abs=0.05)
 
 
+def answers(loop, accepted, samples, first=0):
+    """Commands of a loop whose axis stands at 0; `accepted` says what the guard puts in the place of each."""
+    found, standing = [], 0.0
+    for n in range(first, first + samples):
+        found.append(loop.step(Sample(n, n * 1e-3, standing, standing, [0.0])).command)
+        standing = accepted(n, found[-1])
+    return found
+
+
+def test_after_a_missed_deadline_the_error_is_answered_again(bench):
+    settings, wiring = live_settings(bench), wiring_of(bench)
+    loop = Loop(bench, settings, wiring, Reference((0.0,), (0.05,)), Choices(Gains(25.0, 20.0)))
+    commands = answers(loop, lambda n, wish: 0.0 if n == 50 else wish, 60)
+    assert commands[50] == pytest.approx(25 * 0.05 + 20 * 0.05 * 0.05, abs=0.01)
+    assert commands[59] == pytest.approx(commands[50] + 9 * 1e-3, rel=1e-2)  # V; the integral goes on
+
+
+def test_the_integral_rests_while_the_guard_holds_the_command_back(bench):
+    settings, wiring = live_settings(bench), wiring_of(bench)
+    loop = Loop(bench, settings, wiring, Reference((0.0,), (0.05,)), Choices(Gains(25.0, 20.0)))
+    held = answers(loop, lambda n, wish: 0.1, 1000)
+    assert held[-1] <= 0.1 + settings.limits.rate * 1e-3 + 1e-9
+    free = answers(loop, lambda n, wish: wish, 10, first=1000)
+    assert free[-1] == pytest.approx(25 * 0.05 + 10 * 1e-3, rel=1e-2)
+
+
 def test_gains_that_make_the_loop_oscillate_are_taken_back(bench):
     settings, wiring = live_settings(bench), wiring_of(bench)
     loop = Loop(bench, settings, wiring, tour(settings.limits), Choices(Gains(20.0)))
