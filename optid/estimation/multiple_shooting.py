@@ -21,8 +21,9 @@ from optid.estimation.checkpoint import Checkpoint, Kept
 from optid.estimation.covariance import covariance
 from optid.estimation.identifiability import Collinearity, examine, find_ties
 from optid.estimation.initial_trajectory import guess
-from optid.estimation.noise_continuation import TIGHT, Pace, Solution, anneal, tightened
+from optid.estimation.noise_continuation import HARD, TIGHT, Pace, Solution, anneal, tightened
 from optid.estimation.objective import objective_of, window_length, with_nuisance_parameters
+from optid.estimation.output_error import fit_by_simulation
 from optid.estimation.problem import Booleans, build_problem
 from optid.estimation.result import Certificate, Estimate, Fit, Outcome
 from optid.estimation.smoother import Objective, Point, Terms, Watch, settled_system
@@ -120,7 +121,7 @@ def fit(
     ties, linear = examine(objective, first)
     _refuse_idle(rig, ties)
     best = _best_of_starts(objective, first, linear, run)
-    return _result(rig, objective, best, options.process_noise is None, p, run.began)
+    return _result(rig, best, options.process_noise is None, p, run.began)
 
 
 def _best_of_starts(o: Objective, first: Point, linear: Terms, run: _Run) -> Solution:
@@ -138,7 +139,7 @@ def _best_of_starts(o: Objective, first: Point, linear: Terms, run: _Run) -> Sol
         try:
             stage = f"start {number + 1} of {run.options.starts}"
             pace = Pace(partial(_watch, o, run, stage), lambda: run.late, keep)
-            found = anneal(o, start, linear if start is first else None, run.options.process_noise, pace)
+            found = _from_start(o, start, linear if start is first else None, run.options.process_noise, pace)
         except SolveError:
             if run.options.starts == 1:
                 raise
@@ -152,6 +153,12 @@ def _best_of_starts(o: Objective, first: Point, linear: Terms, run: _Run) -> Sol
             f"the fit failed from each of the {run.options.starts} starts: check start values, units and bounds"
         )
     return best
+
+
+def _from_start(o: Objective, at: Point, linear: Terms | None, noise: float | None, pace: Pace) -> Solution:
+    if noise is not None and noise <= HARD:
+        return fit_by_simulation(o, at, linear, pace)
+    return anneal(o, at, linear, noise, pace)
 
 
 def _refuse_idle(rig: Rig, ties: Collinearity) -> None:
@@ -204,13 +211,12 @@ def _watch(o: Objective, run: _Run, start: str, stage: str, fraction: float) -> 
 
 def _result(
     rig: Rig,
-    o: Objective,
     best: Solution,
     compare: bool,
     p0: Array,
     began: float,
 ) -> Fit:
-    at, terms, q = best.at, best.terms, best.q
+    o, at, terms, q = best.objective, best.at, best.terms, best.q
     theta = at.p[list(o.free)]
     span = np.where(np.isfinite(o.high - o.low), o.high - o.low, np.abs(theta) + o.typical)
     bound = (theta - o.low <= 1e-9 * span) | (o.high - theta <= 1e-9 * span)

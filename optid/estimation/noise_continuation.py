@@ -26,8 +26,9 @@ SETTLED = (
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """Where one start ended: the point, its linearisation, the process noise, and the marginal score."""
+    """Where one start ended: on which objective, the point, its linearisation, process noise, and marginal score."""
 
+    objective: Objective
     at: Point
     terms: Terms
     q: Array
@@ -48,7 +49,7 @@ def anneal(o: Objective, at: Point, terms: Terms | None, asked: float | None, pa
     """Anneal from loose to tight; keeps the level that the marginal likelihood prefers (or the level `asked`)."""
     levels: tuple[float, ...] = LEVELS
     if asked is not None:
-        levels = (*(level for level in LEVELS if level > max(asked, HARD)), max(asked, HARD))
+        levels = (*(level for level in LEVELS if level > asked), asked)
     best: Solution | None = None
     worse_by = 0
     for step, level in enumerate(levels):
@@ -112,7 +113,7 @@ def _units(model: Model) -> dict[str, list[int]]:
 
 def _descended(o: Objective, at: Point, terms: Terms | None, q: Array, watch: Watch) -> Solution:
     at, terms, _ = descend(o, at, q, precision=1e-4, terms=terms, watch=watch)
-    return Solution(at, terms, q, marginal(o, at, terms, q), Outcome.TIME_LIMIT)
+    return Solution(o, at, terms, q, marginal(o, at, terms, q), Outcome.TIME_LIMIT)
 
 
 def _settled(o: Objective, best: Solution, pace: Pace) -> Solution:
@@ -127,7 +128,7 @@ def _settled(o: Objective, best: Solution, pace: Pace) -> Solution:
     pace.keep(at)
     short = Outcome.TIME_LIMIT if pace.late() else Outcome.NOT_CONVERGED
     outcome = Outcome.CONVERGED if settled else short
-    return Solution(at, terms, best.q, marginal(o, at, terms, best.q), outcome)
+    return Solution(o, at, terms, best.q, marginal(o, at, terms, best.q), outcome)
 
 
 def tightened(o: Objective, best: Solution) -> tuple[Point, Terms]:

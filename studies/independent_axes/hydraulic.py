@@ -10,6 +10,7 @@ from studies.independent_axes.states import SEEN, STOOD, WAY, A, B, C, D, E, F, 
 
 ROOM, EXPONENT = 1e5, 1.4  # Pa, where air contents are stated, and of its compression
 LAMINAR = 5e4  # Pa: drop below which orifices pass in proportion
+VAPOUR = 1e3  # Pa: oil boils rather than bear less, and its vapour fills what oil and air leave
 
 
 class Hydraulic(NamedTuple):
@@ -96,9 +97,17 @@ def target(rig, u, y):
 
 
 @njit(cache=True)
+def filled(rig, P_):
+    """Volume of a unit of content at a pressure."""
+    return (1.0 - rig.air) * math.exp(-(P_ - ROOM) / rig.bulk) + rig.air * (ROOM / P_) ** (1.0 / EXPONENT)
+
+
+@njit(cache=True)
 def pressure(rig, volume, content):
     """Pressure at which oil with bubbles of so much content fills a volume, Pa: Newton's method."""
     wanted = volume / content
+    if wanted >= filled(rig, VAPOUR):
+        return VAPOUR
     P_ = 5e6
     for _ in range(40):
         oil = (1.0 - rig.air) * math.exp(-(P_ - ROOM) / rig.bulk)
@@ -114,8 +123,7 @@ def pressure(rig, volume, content):
 @njit(cache=True)
 def content_at(rig, volume, P_):
     """Content of a volume at a pressure, m3."""
-    oil = (1.0 - rig.air) * math.exp(-(P_ - ROOM) / rig.bulk)
-    return volume / (oil + rig.air * (ROOM / P_) ** (1.0 / EXPONENT))
+    return volume / filled(rig, P_)
 
 
 @njit(cache=True)
@@ -200,8 +208,9 @@ def rates(rig, t, way, s, y, goal, dy):
     V_a, V_b = volumes(rig, s[X])
     dy[X] = v
     dy[P] = net(rig, t, s, P_a, P_b, v) - way * dry_level(rig, t, s, P_a, P_b, v, way) if way != 0.0 else 0.0
-    dy[A] = Q_a * s[A] / (V_a + rig.creep * s[E])
-    dy[B] = Q_b * s[B] / (V_b + rig.creep * s[F])
+    most = filled(rig, VAPOUR)  # oil flows into vapour as oil
+    dy[A] = Q_a / min((V_a + rig.creep * s[E]) / s[A], most)
+    dy[B] = Q_b / min((V_b + rig.creep * s[F]) / s[B], most)
     w = rig.valve_frequency
     dy[C], dy[D] = s[D], w * w * (goal - s[C]) - 2.0 * rig.valve_damping * w * s[D]
     dy[E], dy[F] = (P_a - s[E]) / 0.3, (P_b - s[F]) / 0.3

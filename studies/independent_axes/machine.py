@@ -1,4 +1,7 @@
-"""The compiled loop of an axis. Which equations a rig has, numba picks by the fields of its record."""
+"""The compiled loop of an axis. Which equations a rig has, numba picks by the fields of its record.
+
+numba keeps what it compiled until this file changes: after changed laws, delete `__pycache__`.
+"""
 
 import math
 

@@ -50,7 +50,7 @@ def test_every_unit_climbs_to_its_own_level(best, reached, monkeypatch, tmp_path
 
     def descended(o, at, terms, q, watch):
         levels = q / o.model.scales
-        return Solution(at, terms, q, float((np.log(levels / aim) ** 2).sum()), Outcome.TIME_LIMIT)
+        return Solution(o, at, terms, q, float((np.log(levels / aim) ** 2).sum()), Outcome.TIME_LIMIT)
 
     monkeypatch.setattr(annealing, "_descended", descended)
     start = descended(o, at, None, 1e-3 * o.model.scales, None)
@@ -68,7 +68,7 @@ def test_a_level_that_cannot_be_solved_ends_the_way_down(fails_at, asked, monkey
         level = float((q / o.model.scales)[0])
         if level < 1.001 * fails_at:
             raise SolveError("the normal equations are singular")
-        return Solution(at, terms, q, level, Outcome.TIME_LIMIT)
+        return Solution(o, at, terms, q, level, Outcome.TIME_LIMIT)
 
     monkeypatch.setattr(annealing, "_descended", descended)
     monkeypatch.setattr(annealing, "_by_unit", lambda o, best, share, pace: best)
@@ -88,7 +88,7 @@ def test_a_level_too_loose_to_be_solved_leaves_the_start_to_the_next(monkeypatch
         tried.append(float((q / o.model.scales)[0]))
         if tried[-1] > 0.02:
             raise SolveError("the normal equations are singular")
-        return Solution(at, terms, q, tried[-1], Outcome.TIME_LIMIT)
+        return Solution(o, at, terms, q, tried[-1], Outcome.TIME_LIMIT)
 
     monkeypatch.setattr(annealing, "_descended", descended)
     monkeypatch.setattr(annealing, "_by_unit", lambda o, best, share, pace: best)

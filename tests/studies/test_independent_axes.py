@@ -11,7 +11,7 @@ from optid.estimation.multiple_shooting import fit
 from optid.rigs.rigfile import read_rig
 from studies import independent_axes
 from studies.independent_axes import Hydraulic, Rotary, simulate
-from studies.independent_axes.hydraulic import content_at, pressure
+from studies.independent_axes.hydraulic import VAPOUR, content_at, filled, pressure
 from studies.independent_axes.loop import axis_of, table
 from studies.independent_rig import Controller
 from studies.references import REFERENCES
@@ -34,6 +34,16 @@ def test_what_a_chamber_holds_gives_back_its_pressure():
     rig = np.array([tuple(Hydraulic())], dtype=[(name, "f8") for name in Hydraulic._fields])[0]
     for P in (3e5, 4e6, 9e6):
         assert pressure(rig, 2e-4, content_at(rig, 2e-4, P)) == pytest.approx(P, rel=1e-9)
+
+
+@pytest.mark.parametrize("air", [0.0, 5e-3])
+def test_oil_that_is_pulled_apart_boils(air):
+    rig = np.array([tuple(Hydraulic(air=air))], dtype=[(name, "f8") for name in Hydraulic._fields])[0]
+    content = content_at(rig, 2e-4, 1e6)
+    least = content * filled(rig, VAPOUR)
+    assert pressure(rig, 1.5 * least, content) == VAPOUR
+    assert pressure(rig, (1 - 1e-6) * least, content) > VAPOUR
+    assert pressure(rig, 2e-4, content) == pytest.approx(1e6, rel=1e-9)
 
 
 def test_an_arm_that_falls_loses_what_friction_takes():
