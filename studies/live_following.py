@@ -83,7 +83,7 @@ def session(real: str, seed: int, folder: Path) -> list[dict[str, Any]]:
             since = Commissioned(
                 RIG_FILE, {name: (value, 0.0, 0.0) for name, value in looks[-1].stated.items()}
             )
-            found = since.compare([one.found for one in looks], looks[-1].bounds, SECONDS)
+            found = since.compare([one.found for one in looks], looks[-1].bounds)
             told.append(
                 {
                     "told": [one.name for one in found if one.changed],

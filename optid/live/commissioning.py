@@ -1,9 +1,9 @@
 """Comparison of a rig with its commissioning: change of each quantity, its significance, and what is reported.
 
 The last estimates are combined by their weights; where they scatter more than their sd, these are enlarged by Birge's
-ratio (Phys. Rev. 40, 1932). A difference is a suspicion only: each estimate is of first order and assumes a single
-    effect. The first suspect is the one that explains most of the model's error, since a model that lacks something
-    shifts every estimate a little, and significantly.
+ratio (Phys. Rev. 40, 1932). Significance is that of the sum of their normal scores. A difference is a suspicion only:
+each estimate is of first order and assumes a single effect. The first suspect is the one that explains most of the
+model's error, since a model that lacks something shifts every estimate a little, and significantly.
 """
 
 from __future__ import annotations
@@ -16,11 +16,14 @@ from pathlib import Path
 from statistics import NormalDist, fmean
 from typing import Any
 
+from scipy.special import ndtri, stdtr
+
 from optid.errors import InputError
-from optid.monitoring.one_step import CLUSTER, Quantity
+from optid.monitoring.one_step import Quantity
 
 LEVEL = 0.001  # probability of a false alarm among all quantities, each time they are judged
-BESIDE = 6  # approximate number of parameters estimated with an effect
+CAP = 4.0  # largest normal score of one estimate
+DRAWS = 3  # simulated rigs that the sd of an estimate comes from
 SHARE = (
     0.02  # of the squared errors: a quantity that explains less, compared with the rig file, is not suspected
 )
@@ -77,34 +80,44 @@ class Commissioned:
         self,
         looks: Sequence[Mapping[str, Quantity]],
         bounds: Mapping[str, tuple[float, float]],
-        seconds: float,
     ) -> list[ParameterChange]:
         """Compare each common quantity with the last estimates, the first suspect first.
 
         Args:
             looks: estimates from stretches that do not overlap, oldest first.
             bounds: of possible values: an estimate beyond them is not suspected.
-            seconds: of one estimate.
         """
         names = [name for name in self.values if all(name in look for look in looks)] if looks else []
-        bar = _bar(LEVEL / 2 / max(len(names), 1), len(looks) * seconds / CLUSTER - BESIDE)
+        bar = NormalDist().inv_cdf(1.0 - LEVEL / 2 / max(len(names), 1))
         found = []
         for name in names:
             then, then_sd, share = self.values[name]
-            now, sd = joined([look[name] for look in looks])
-            explained = fmean(look[name].explained for look in looks)
+            several = [look[name] for look in looks]
+            now, sd = joined(several)
+            explained = fmean(one.explained for one in several)
             one = ParameterChange(name, looks[-1][name].unit, then, then_sd, now, sd, explained)
             low, high = bounds.get(name, (-math.inf, math.inf))
             if sd > 0.0:
                 gained = explained - share >= SHARE or then_sd > 0.0
-                found.append(replace(one, changed=abs(one.sds) > bar and gained and low <= now <= high))
+                significant = abs(score(several, then, then_sd)) > bar
+                found.append(replace(one, changed=significant and gained and low <= now <= high))
         return sorted(found, key=lambda one: (not one.changed, self.values[one.name][2] - one.explained))
 
 
-def _bar(tail: float, freedom: float) -> float:
-    """Student's quantile, to first order in 1 / freedom (Abramowitz and Stegun, 26.7.5): the sd are estimates too."""
-    z = NormalDist().inv_cdf(1.0 - tail)
-    return z + (z**3 + z) / (4.0 * max(freedom, 1.0))
+def score(estimates: Sequence[Quantity], then: float, then_sd: float) -> float:
+    """Normal score of the difference from an earlier value, over all estimates.
+
+    The sd of an estimate comes from `DRAWS` simulated rigs, so its distance has the tails of Student's distribution
+    with as many degrees of freedom but one. It is converted to the normal score of the same probability, at most `CAP`,
+    so no single estimate decides; the scores of estimates that share the earlier value are correlated.
+    """
+    total = shared = 0.0
+    for one in estimates:
+        variance = one.sd**2 + then_sd**2
+        distance = (one.value - then) / math.sqrt(variance)
+        total += max(-CAP, min(CAP, float(ndtri(stdtr(DRAWS - 1, distance)))))
+        shared += then_sd**2 / variance / len(estimates)
+    return total / math.sqrt(len(estimates) * (1.0 + (len(estimates) - 1) * shared))
 
 
 def joined(estimates: Sequence[Quantity]) -> tuple[float, float]:

@@ -92,7 +92,7 @@ class ParameterMonitor:
         newest = self._looks[-1]
         stated = {name: (value, 0.0, 0.0) for name, value in newest.stated.items()}
         since = self._since or Commissioned(RIG_FILE, stated)
-        standings = since.compare([one.found for one in self._looks], newest.bounds, SECONDS)
+        standings = since.compare([one.found for one in self._looks], newest.bounds)
         first = next((one.name for one in standings if one.changed), "")
         fresh, self._first = first != self._first, first
         if fresh:

@@ -20,6 +20,7 @@ from optid.core.model import Array, Model
 from optid.core.recording import Recording
 from optid.effects.effect import Effect
 from optid.estimation.prediction import HORIZON
+from optid.live.commissioning import DRAWS
 from optid.live.observer import Observer
 from optid.live.settings import Wiring
 from optid.live.twin import Twin
@@ -28,7 +29,6 @@ from optid.rigs.rigfile import Rig, with_effects
 
 RATE = 250.0  # Hz at most: the rate at which windows hold their commands
 WINDOW = HORIZON  # s
-DRAWS = 3  # simulated rigs that are as the file says
 SETTLED = 2  # windows after which the observer knows where the rig stands
 
 

@@ -35,7 +35,18 @@ def test_noise_is_told_as_rarely_as_promised():
     since, told = Commissioned(RIG_FILE, {str(k): (0.0, 0.0, 0.0) for k in range(50)}), 0
     for _ in range(400):
         looks = [{str(k): of(rng.normal(0.0, 0.1)) for k in range(50)} for _ in range(4)]
-        told += any(one.changed for one in since.compare(looks, {}, 20.0))
+        told += any(one.changed for one in since.compare(looks, {}))
+    assert told <= 3  # 0.4 expected; more has a chance of 1e-3
+
+
+def test_an_sd_from_three_simulated_rigs_raises_no_false_alarm():
+    rng = np.random.default_rng(6)
+    since, told = Commissioned(RIG_FILE, {str(k): (0.0, 0.0, 0.0) for k in range(50)}), 0
+    for _ in range(400):
+        sd = np.std(rng.normal(size=(4, 50, 3)), axis=2, ddof=1) * np.sqrt(4.0 / 3.0)
+        off = rng.normal(size=(4, 50)) - np.mean(rng.normal(size=(4, 50, 3)), axis=2)
+        looks = [{str(k): of(off[n, k], sd[n, k]) for k in range(50)} for n in range(4)]
+        told += any(one.changed for one in since.compare(looks, {}))
     assert told <= 3  # 0.4 expected; more has a chance of 1e-3
 
 
@@ -50,14 +61,14 @@ def test_the_first_suspect_explains_most_and_can_be():
         "drag.negative": of(-2.0, 0.1, 0.5),
         "quiet": of(0.1, 0.1, 0.4),
     }
-    found = since.compare([look, look], {"drag.negative": (0.0, 10.0)}, 20.0)
+    found = since.compare([look, look], {"drag.negative": (0.0, 10.0)})
     assert [one.name for one in found if one.changed] == ["leak.area"]
     assert found[0].name == "leak.area"
     words = sentence(found, RIG_FILE, 40.0, "optid diagnose X")
     assert "Suspected" in words
     assert "leak, area 2 (1.86 to 2.14) N, then 0" in words
     assert words.endswith("next: optid diagnose X")
-    calm = since.compare([{name: of(0.05) for name in look}] * 2, {}, 20.0)
+    calm = since.compare([{name: of(0.05) for name in look}] * 2, {})
     assert "no significant difference" in sentence(calm, RIG_FILE, 40.0, "")
 
 
@@ -67,7 +78,7 @@ def test_like_is_held_against_like(tmp_path):
     path.write_text(json.dumps({"followed": {"rows": [row]}}))
     since = read_since(path)
     same, other = (
-        since.compare([{"friction": of(value, 1.0, 0.4)}] * 2, {}, 20.0)[0].changed for value in (91.0, 99.0)
+        since.compare([{"friction": of(value, 1.0, 0.4)}] * 2, {})[0].changed for value in (91.0, 140.0)
     )
     assert (same, other) == (False, True)
     path.write_text(json.dumps({"followed": None}))
@@ -107,7 +118,7 @@ def test_a_valve_offset_is_suspected_and_a_sound_rig_is_not(bench, run_live, tmp
     path.rename(tmp_path / "recording.csv")
     found = look(SimpleNamespace(rig=session, out=tmp_path), 250.0)
     since = Commissioned(RIG_FILE, {name: (value, 0.0, 0.0) for name, value in found.stated.items()})
-    told = [one for one in since.compare([found.found], found.bounds, SECONDS) if one.changed]
+    told = [one for one in since.compare([found.found] * 4, found.bounds) if one.changed]
     assert [one.name for one in told[:1]] == ["valve_offset.offset"] * bool(offset)
     assert all(one.now == pytest.approx(offset, abs=3 * one.sd) for one in told[:1])
 
