@@ -137,7 +137,7 @@ def test_report_stands_alone(done):
         "eq. 13",
         "Choice of order",
         "do not know",
-        "What the models do",
+        "Responses of the models",
         "pole of the rig",
     ):
         assert words in page

@@ -20,7 +20,7 @@ READ = {  # case -> file, samples, words among its notes
     "04-mat73-strings": ("run.mat", 4000, ""),
     "06-german-date-column": ("run.csv", 2000, ""),
     "07-decimal-comma-after-rest": ("run.csv", 2000, ""),
-    "08-ros-percent-header": ("run.csv", 2000, "from the first sample on"),
+    "08-ros-percent-header": ("run.csv", 2000, "times count from the first sample"),
     "12-plain-hdf5": ("run.h5", 4000, ""),
     "13-parquet-duration": ("run.parquet", 4000, ""),
     "15-tdms-start-offset": ("run.tdms", 7900, "50 ms"),
@@ -37,7 +37,7 @@ REMARKED = {
     "18-stale-samples": ("run.csv", "repaired", "every 4th row"),
     "37-encoder-wrap": ("run.csv", "repaired", "2^16 steps"),
     "38-dropouts-to-zero": ("run.csv", "repaired", "exactly 0"),
-    "46-inverted-polarity": ("run.csv", "polarity", "against command"),
+    "46-inverted-polarity": ("run.csv", "polarity", "opposes command"),
     "52-hold-out-mostly-missing": ("mixed.csv.gz", "missing", "too few to fit"),
     "53-absurd-readings": ("steps.csv.gz", "repaired", "e+69"),
 }
@@ -87,5 +87,5 @@ def test_an_axis_against_its_command_is_refused_before_a_fit(case, tmp_path):
     case("46-inverted-polarity")
     result = CliRunner().invoke(cli.cli, ["fit", "rig.toml", "run.csv", "--out", str(tmp_path / "out")])
     assert result.exit_code == 1
-    assert "against command" in result.stderr
+    assert "opposes command" in result.stderr
     assert not (tmp_path / "out").exists()

@@ -134,7 +134,7 @@ def test_where_the_folder_refuses_the_old_set_stays_and_the_new_one_goes_elsewhe
         return real(folder)
 
     monkeypatch.setattr(results.resultset, "staging", full)
-    with pytest.raises(JobError, match=f"No space left on device; they are all in {tmp_path}/out-rescued"):
+    with pytest.raises(JobError, match=f"No space left on device; all of them are in {tmp_path}/out-rescued"):
         deliver(out, one)
     assert {path.name: path.read_bytes() for path in out.iterdir()} == before
     assert {path.name for path in (tmp_path / "out-rescued").iterdir()} == {"a.json", MANIFEST}
@@ -156,7 +156,7 @@ def test_a_folder_in_the_way_is_refused_before_work_starts(sound, tmp_path):
     (tmp_path / "out" / "report.html").mkdir(parents=True)
     refused = run("simulate", *sound, "--out", tmp_path / "out")
     assert refused.exit_code == 2
-    assert "report.html is a folder" in refused.stderr
+    assert "a folder named report.html" in refused.stderr
 
 
 def test_a_name_too_long_is_refused_before_work_starts(sound, tmp_path, quick):

@@ -105,8 +105,8 @@ def test_a_damaged_file_is_refused(result, tmp_path, change, message):
     ("field", "value", "message"),
     [
         ("noise_variance", -1.0, "noise_variance: -1; expected no negative number"),
-        ("covariance", [[1.0]], "covariance: another size; expected 3 rows"),
-        ("covariance", [[1.0, 0.0, 0.0]] * 2 + [[1.0]], "covariance: another size"),
+        ("covariance", [[1.0]], "covariance: a matrix of another size; expected 3 rows"),
+        ("covariance", [[1.0, 0.0, 0.0]] * 2 + [[1.0]], "covariance: a matrix of another size"),
         ("covariance", [[1e308] * 3] * 3, r"covariance: 1e\+308"),
         ("covariance", "abc", "covariance: found a text"),
         ("b", [1e101], r"b: 1e\+101"),
