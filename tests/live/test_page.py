@@ -431,7 +431,7 @@ def test_a_browser_without_the_token_sees_nothing(browser, address, session, fra
     add_at_once(session, 0, 0.5, 0.05)
     page = browser.new_page()
     page.goto(address.split("#")[0] + fragment)
-    until(page, "document.getElementById('state').textContent.includes('not let in')")
+    until(page, "document.getElementById('state').textContent.includes('access refused')")
     assert page.evaluate("page.signals === null")
     assert page.is_disabled("#stop")
 
