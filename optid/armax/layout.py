@@ -1,7 +1,7 @@
 """Layout of the recursion's packed array of float64.
 
 One array instead of an object with fields: a numba call with one array takes 0.4 microseconds less than one with a
-    class, the state is saved by copying, and C uses the same memory. After the header below follow, without
+class, the state is saved by copying, and C uses the same memory. After the header below follow, without
 gaps (n parameters, m inputs; S is n rounded up to a multiple of 4, what lies behind the parameters is zero)::
 
     table   3 m   for each input: nb, nk, 1/scale

@@ -2,9 +2,9 @@
 
 A standard error propagated from the coefficients (the delta method) treats A's roots as linear functions of its
 coefficients. For poles that are close together, or hardly visible in the data, this is wrong: the interval is too
-    short and misplaced. The profile instead moves a pole, with all else refitted, until the sum of squares has grown
-    by the significant amount (Bates and Watts, Nonlinear Regression Analysis, 1988, sec. 6.1; Venzon and Moolgavkar,
-    Appl. Statist. 37, 1988). A pole at a given place, a pair of given modulus and a given static
+short and misplaced. The profile instead moves a pole, with all else refitted, until the sum of squares has grown
+by the significant amount (Bates and Watts, Nonlinear Regression Analysis, 1988, sec. 6.1; Venzon and Moolgavkar,
+Appl. Statist. 37, 1988). A pole at a given place, a pair of given modulus and a given static
 gain are linear constraints on the coefficients, so each point is a small least-squares problem.
 """
 
@@ -180,7 +180,7 @@ class Profile:
 
         Along the real axis through zero if the pole is real. Two real poles may become a pair on the way, and a pair
         two real ones: a modulus is within the interval if any of them fits. If another pole would move there instead,
-            the interval ends at the first guess or at the point reached.
+        the interval ends at the first guess or at the point reached.
         """
         half = (first[1] - first[0]) / 2
         sign = -1.0 if pole.real < 0.0 else 1.0

@@ -1,7 +1,7 @@
 """The paper's Table 2 for any recording: real output, predicted output and error, for orders and horizons.
 
 One estimator makes all rows of a table. Each row occurs twice: in sample, for models fitted to the whole recording,
-    and held out, for models of the same structure fitted to its first part and judged on the rest.
+and held out, for models of the same structure fitted to its first part and judged on the rest.
 """
 
 from __future__ import annotations

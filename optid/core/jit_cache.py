@@ -1,7 +1,7 @@
 """How numba's machine code is kept between runs: beside optid's other caches, with checksums.
 
 numba trusts its files: a damaged one crashes the process, two processes can write one file for two functions, and a
-    folder that is not writable is an error. Here each signature of a function has files of its own, which are handed to
+folder that is not writable is an error. Here each signature of a function has files of its own, which are handed to
 numba once their checksum is right. They are named after the function's source file and all of optid that it imports:
 numba looks at the file of the outermost function alone, and a change of one that others call would leave machine code
 with the old one inside.

@@ -147,7 +147,7 @@ def _advance_many(step, x, u, c, tolerance, span, h):
     """As `advance_many`, where nothing switches.
 
     The next hold starts with the step that suited the start of this one: states just corrected by a measurement relax
-        again in every hold, and a step that suited its end would be rejected.
+    again in every hold, and a step that suited its end would be rejected.
     """
     left, begin = span, -1.0
     for _ in range(MOST):

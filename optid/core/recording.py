@@ -213,7 +213,7 @@ class Recording:
 
         A stretch in which a held channel (a command) is missing for so long is a gap, too. A shorter gap stays inside
         a stretch: the command before it is assumed to hold. Stretches of a single sample contain no motion and are
-            left out.
+        left out.
 
         Parameters
         ----------
@@ -330,7 +330,7 @@ def midpoints(values: Array) -> Array:
     """The mean, until the next sample, of an input that is interpolated linearly.
 
     Held from sample to sample, the mean acts on a slower plant like the straight line: both have the same impulse, and
-        their difference is of second order in the sampling time. A held value would be half a sample late.
+    their difference is of second order in the sampling time. A held value would be half a sample late.
     """
     return np.append(
         np.where(np.isfinite(values[1:]), (values[:-1] + values[1:]) / 2, values[:-1]), values[-1:]

@@ -1,8 +1,8 @@
 """Checkpoints of a diagnosis, stage by stage, from which an interrupted one continues.
 
 One JSON file with a digest of its stages: a damaged one counts as empty. Numbers are stored bit-exactly; models are
-    restored by running their filter at the stored parameters, so that the answer is the same as without an
-    interruption.
+restored by running their filter at the stored parameters, so that the answer is the same as without an
+interruption.
 """
 
 from __future__ import annotations

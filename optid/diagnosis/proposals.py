@@ -130,7 +130,7 @@ def worst_recordings(current: FittedModel, problem: DiagnosisProblem) -> list[in
     """The segments of the recording with the largest mismatch, and of all others if they are short.
 
     A difference between recordings, as friction at another pressure, is not visible in a single one: the rig's own
-        parameters compensate it there.
+    parameters compensate it there.
     """
     q = current.likelihood_problem
     if len(q.problem.time) <= SHORT:

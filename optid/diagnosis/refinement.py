@@ -68,7 +68,7 @@ def refine(model: FittedModel, problem: DiagnosisProblem) -> RefinedModel:
 
     Likelihood with process noise predicts one sample ahead. Where a law's form is wrong it attributes the model error
     to process noise, and its parameters may predict windows far worse than the same law can: then the better
-        predicting parameters are used, and the difference widens the intervals.
+    predicting parameters are used, and the difference widens the intervals.
     """
     q, here = model.likelihood_problem, _point(model)
     led, shift = here.as_fit(False), np.zeros(len(model.likelihood_problem.free))

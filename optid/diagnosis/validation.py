@@ -1,7 +1,7 @@
 """Validation of a larger model: cross-validated errors of windows, and tests with a stated error rate.
 
 The windows of some blocks of each recording are predicted with parameters fitted to all others. A window counts once,
-    as its errors are correlated. Two tests examine the gain of windows. The random sign test (Pitman, Suppl. J. Roy.
+as its errors are correlated. Two tests examine the gain of windows. The random sign test (Pitman, Suppl. J. Roy.
         Statist. Soc. 4, 1937) needs no noise model and detects an effect that shows in many windows. The likelihood
             ratio on data that were not fitted (universal inference: Wasserman, Ramdas and Balakrishnan, PNAS 117,
                 2020) detects one that shows in a window or two, if the noise is known and reached.
@@ -100,7 +100,7 @@ def _folds(recording: Integers, time: Array, validation: Sequence[int]) -> Integ
     """The fold of each sample, from the block of its recording; -1 where it is not used for validation.
 
     Every fold has blocks of every recording: an effect may act in one of them only, and could then not be fitted from
-        the others.
+    the others.
     """
     if validation:
         return np.where(np.isin(recording, validation), 0, -1)
@@ -144,7 +144,7 @@ def p_value(before: Array, after: Array, at_noise: bool) -> float:
     """p-value of the hypothesis that windows (windows,) gain nothing; each is half a mean square in variances.
 
     The smallest of two or three tests, corrected for their number: flipped signs of the gains and of their logarithms,
-        and, where the second model reaches the noise, the likelihood ratio.
+    and, where the second model reaches the noise, the likelihood ratio.
     """
     gains, ratio = before - after, np.log(np.maximum(before, 1e-12) / np.maximum(after, 1e-12))
     tests = [flipped_signs(gains), flipped_signs(ratio)]

@@ -22,8 +22,8 @@ class Wave(Description):
     """nominal + size * height * sin(2 pi repeats * signal + phase).
 
     Over time, recordings differ in phase: each recording's own part of both quadratures is a constant state; the wave
-        is linear in it, so that a filter finds it from any start. Where the amplitude depends on another signal, it is
-        interpolated through heights at KNOTS of that signal's usual magnitude, and constant beyond.
+    is linear in it, so that a filter finds it from any start. Where the amplitude depends on another signal, it is
+    interpolated through heights at KNOTS of that signal's usual magnitude, and constant beyond.
 
     Args:
         site: site to which it adds.

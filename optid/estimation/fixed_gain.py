@@ -81,7 +81,7 @@ def fixed_gain_fit(
     """Minimise the innovations over the parameters, from a start, by Levenberg-Marquardt steps.
 
     Several dampings are tried at once: together they cost the time of one simulation, and no step is lost by being too
-        long.
+    long.
 
     Args:
         q: the likelihood problem.

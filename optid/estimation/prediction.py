@@ -71,7 +71,7 @@ def predict(
     The free run starts at the first measured sample, from the measurement there; unmeasured states are estimated from
     the recording's first windows. It uses the command up to the end. A window's start state is estimated from data
     before the window only (moving horizon), so the first one has no window prediction: NaN. Where the command is
-        missing for long nothing is predicted, and after it both start again.
+    missing for long nothing is predicted, and after it both start again.
 
     Args:
         rig: model and channels.

@@ -1,7 +1,7 @@
 """Profile likelihood of one fitted parameter: the loss at each of its values, with all others refitted.
 
 The interval of a fit is that of the linearised problem, symmetric by construction. The profile follows the likelihood
-    itself: it is asymmetric where the model is nonlinear, and open where the data give no limit.
+itself: it is asymmetric where the model is nonlinear, and open where the data give no limit.
 
 Residuals are coloured and the model imperfect, so the cost alone overstates the evidence. It is divided by the ratio
 of the fit's variance to that from the cost's curvature (the vertical adjustment of Chandler and Bate 2007, Biometrika

@@ -231,7 +231,7 @@ def descend(
 
     Returns the point, its linearisation and whether the relative decrease of the cost fell below `precision`.
     A trial is evaluated with its slopes at once: most are accepted, and costs from the same integrator steps can be
-        compared exactly.
+    compared exactly.
 
     Raises:
         SolveError: the model cannot be simulated at the start.

@@ -1,7 +1,7 @@
 """Sensitivities: the changes of the innovations along recordings by each rival and by the free parameters.
 
 As in the score test of a diagnosis: models are corrected with the gains of the base model's filter, and the difference
-    of their innovations, in sd, is one column. Inner products of columns add over recordings.
+of their innovations, in sd, is one column. Inner products of columns add over recordings.
 """
 
 from __future__ import annotations

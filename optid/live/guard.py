@@ -1,7 +1,7 @@
 """The guard: owns the driver, passes only allowed commands, and writes the safe one when anything fails.
 
 It trusts no other process: the loop may hang, die or send nonsense. However a session ends, the safe command is
-    written before the driver is closed, and the log has every sample up to the last.
+written before the driver is closed, and the log has every sample up to the last.
 """
 
 from __future__ import annotations

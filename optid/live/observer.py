@@ -32,7 +32,7 @@ class Observer(Twin):
     """A twin corrected by every measurement: an extended Kalman filter with the compiled slopes.
 
     Missing physics causes innovations larger than expected: the process noise follows them, up and down, so that the
-        state follows the rig; a single outlier hardly affects it.
+    state follows the rig; a single outlier hardly affects it.
 
     Args:
         model, parameters, start: as for a twin.

@@ -61,7 +61,7 @@ class Limits:
 
         A positive command drives towards larger positions (contract), so beyond the stroke's limits the
         outward part of a request is replaced by the safe command. If the request or the position is NaN, the result is
-            the safe command, at once: the rate limit never delays it.
+        the safe command, at once: the rate limit never delays it.
 
         Args:
             wish: of the controller.

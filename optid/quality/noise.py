@@ -42,7 +42,7 @@ def noise_sd(values: Array) -> float:
     never below grid/sqrt(12); noise in addition to rounding shows where it moves by a step of the grid or more from
     sample to sample. Filtered noise does not show in differences; the quietest stretches show it, see `quietest`.
     Where even these contain motion, an oscillation within few samples also remains in differences: then the filter
-        that cancels this motion is used, if it leaves less, see `annihilated`.
+    that cancels this motion is used, if it leaves less, see `annihilated`.
 
     Args:
         values: shape (samples,), evenly spaced, NaN where missing.
@@ -66,7 +66,7 @@ def thinned_noise(sd: float, before: Array, after: Array) -> float:
     """The remaining noise of a signal after decimation.
 
     It falls in proportion to the estimated noise, so that a stated one is still used. Rounding does not average out
-        where the signal stays on one level of its grid during the averaging: a sweep over m levels leaves an m-th.
+    where the signal stays on one level of its grid during the averaging: a sweep over m levels leaves an m-th.
 
     Args:
         sd: of the noise before, in the unit of the values.
@@ -110,8 +110,8 @@ def annihilated(values: Array) -> float:
 
     The filter of unit norm with the smallest residual is the eigenvector of the smallest eigenvalue of the
     lagged covariance (Pisarenko 1973: for sinusoids in white noise that eigenvalue is the noise's variance). Such a
-        filter keeps the variance of white noise, so that the residual is an upper bound. It is computed in each half
-        and applied to the other, so that it does not fit the noise; the median of the sizes is robust to outliers.
+    filter keeps the variance of white noise, so that the residual is an upper bound. It is computed in each half
+    and applied to the other, so that it does not fit the noise; the median of the sizes is robust to outliers.
 
     Returns:
         The standard deviation; infinite with too few complete samples.

@@ -122,7 +122,7 @@ class PhysicalBench(Bench):
     """Runs gains on a rig's model.
 
     With a fixed realisation of sensor noise: an axis that just sticks or just slips in a noise-free simulation may do
-        the other on the rig, and gains must not depend on that.
+    the other on the rig, and gains must not depend on that.
 
     Args:
         rig: with one command, whose full scale its file states.

@@ -3,8 +3,8 @@
 Where a sticking axis comes to rest is practically random, so the best of many candidates on few runs is mostly the
 luckiest one. Candidates that fill the region are simulated in one run of each size; those that continue are chosen by
 the mean over their neighbours (kernel regression: Nadaraya 1964, Watson 1964), which averages out chance. From the
-    best regions an evolution strategy continues, each generation on another run; its result is a mean of many
-    candidates. The few results are simulated in all runs.
+best regions an evolution strategy continues, each generation on another run; its result is a mean of many
+candidates. The few results are simulated in all runs.
 """
 
 from __future__ import annotations

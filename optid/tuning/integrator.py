@@ -27,7 +27,7 @@ def with_integrator(plant: Plant, model: Armax, choice: Integrator) -> tuple[Pla
     """The plant with its slowest pole at 1, and the reason as a sentence (empty where nothing changed).
 
     A pole slightly outside the unit circle is unstable, which no axis at rest is: it requires integral action that
-        friction turns into hunting. The gain of the rest of the plant is kept.
+    friction turns into hunting. The gain of the rest of the plant is kept.
 
     Args:
         plant: of the model.

@@ -124,7 +124,7 @@ def white_noise(model: Armax) -> float:
     """Sd of the white part of the disturbance C/A e, output's unit: the lowest level of its spectrum.
 
     White sensor noise raises the whole spectrum, so it cannot be larger than this. The prediction error also contains
-        disturbances of the plant: on an axis with dry friction it is 1.4 to 1.5 times as large.
+    disturbances of the plant: on an axis with dry friction it is 1.4 to 1.5 times as large.
     """
     frequency = np.linspace(0.0, math.pi, FREQUENCIES + 1)[1:]
     back = np.exp(-1j * frequency)

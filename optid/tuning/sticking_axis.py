@@ -8,7 +8,7 @@ minimal axis with friction is
 with k / w^2 the speed gain. `optid identify` fits it to the recording (`optid.armax.sliding`). If a model file has no
 such fit, s (s^2 + 2 z w s + w^2) are an integrator and the slowest two other poles of the model, and dry friction in
 the recording appears as a part of the damping 2 z w: a share of it is assumed, at the speed that half of the command's
-    range gives, and other shares in the runs with noise.
+range gives, and other shares in the runs with noise.
 """
 
 from __future__ import annotations

@@ -133,7 +133,7 @@ def test_its_words_name_both_signals():
     share = Scaling("force.coulomb", "position").swelling("drive", 80.0)
     assert share.says == "a share over position, in proportion to the magnitude of drive, describes it"
     memory = Relaxation(BOTH, "P").swelling("P", 4e5)
-    assert "forgotten in {time}, in proportion to the magnitude of P, describes it" in memory.says
+    assert "decays in {time}, in proportion to the magnitude of P, describes it" in memory.says
     wave = Wave("force.external", "position").swelling("velocity", 0.1)
     assert wave.says == (
         "a wave over position with {repeats} periods in its SI unit, "

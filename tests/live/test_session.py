@@ -187,7 +187,7 @@ def test_a_demand_reaches_the_loop(bench):
 def test_an_option_of_the_page_is_never_ignored(tmp_path, option):
     result = run(BENCH, "--out", tmp_path / "out", *option, "--seconds", 1)
     assert result.exit_code == 2
-    assert f"{option[0]}: without --page" in result.stderr
+    assert f"{option[0]}: it is given without --page" in result.stderr
 
 
 def test_an_older_recording_is_never_overwritten(tmp_path):
@@ -303,7 +303,7 @@ def test_the_guard_outlives_the_death_of_the_session(running):
     running.process.kill()
     end = running.ended()
     assert (end["how"], end["safe"]) == ("stopped", True)
-    assert "gone" in end["why"]
+    assert "the session that started it has ended" in end["why"]
     log = pd.read_csv(running.out / "recording.csv")
     assert len(log) >= end["samples"]
 

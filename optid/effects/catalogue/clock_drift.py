@@ -42,8 +42,8 @@ class ClockDrift(Effect):
     """Shown at t is the position of t - r t, with t from the start of each recording.
 
     Where position and other channels are late together, everything follows the command late: the command is delayed by
-        r t, exactly. A lag of the position alone is its travel in the last r t seconds, by Pade's approximation of
-        third order: the piston may have broken away in between, which its present speed and acceleration do not show.
+    r t, exactly. A lag of the position alone is its travel in the last r t seconds, by Pade's approximation of
+    third order: the piston may have broken away in between, which its present speed and acceleration do not show.
             A lead is extrapolated, x - v r t + a (r t)^2 / 2.
     """
 

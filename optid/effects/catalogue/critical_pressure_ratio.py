@@ -43,7 +43,7 @@ class CriticalPressureRatio(Effect):
 
     Away from the ideal nozzle the branch is that of ISO 6358-1, so that C_r + shift is the standard's b and the power
     its m: (1 - q^2)^m with q = (P_r - b) / (1 - b). The ideal nozzle deviates from that ellipse by up to 0.2 % of full
-        flow.
+    flow.
     """
 
     name = "critical_pressure_ratio"

@@ -70,9 +70,9 @@ class PositionDependentFriction(Effect):
     """F_r (1 + r max(1 - z^2/n, 0)^n + s max(x - x_0, 0) + t max(x_0 - x, 0)), z = (x - x_0)/w.
 
     One maximum or minimum of free place and width: narrow for a bump, as wide as the stroke for friction that grows
-        towards both ends (a minimum at mid-stroke) or towards one (a maximum at that end). The power n sets its shape:
-        it ends at an edge sqrt(n) widths away; for large n it is the bell exp(-z^2) without an edge. From the same
-        place it may also rise linearly in both directions, as with guides that are not parallel.
+    towards both ends (a minimum at mid-stroke) or towards one (a maximum at that end). The power n sets its shape:
+    it ends at an edge sqrt(n) widths away; for large n it is the bell exp(-z^2) without an edge. From the same
+    place it may also rise linearly in both directions, as with guides that are not parallel.
     """
 
     name = "position_dependent_friction"

@@ -68,7 +68,7 @@ class Access:
         """Accept only requests that come from the page itself.
 
         On loopback the requested host name must be a loopback one: a page of another site in the same browser can send
-            requests here but cannot forge that, nor its own origin.
+        requests here but cannot forge that, nor its own origin.
 
         Raises:
             web.HTTPForbidden: the request is refused.
