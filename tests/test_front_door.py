@@ -25,6 +25,14 @@ def fresh(code):
     return done.stdout.strip()
 
 
+def test_the_command_line_keeps_the_linear_algebra_to_one_thread(monkeypatch):
+    """Else the last digits of a diagnosis would depend on the number of cores."""
+    monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
+    run = "import atexit, os, sys; sys.argv[1:] = ['--version']; import optid.cli; assert 'numpy' not in sys.modules; "
+    said = fresh(run + "atexit.register(lambda: print(os.environ['OPENBLAS_NUM_THREADS'])); optid.cli.main()")
+    assert said.splitlines()[-1] == "1"
+
+
 def test_the_import_brings_nothing_heavy():
     said = fresh(f"import optid, sys; print([name for name in {HEAVY!r} if name in sys.modules])")
     assert said == "[]"

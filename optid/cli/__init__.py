@@ -28,6 +28,9 @@ from optid.cli.simulate import simulate
 from optid.cli.tune import tune
 from optid.errors import InputError, JobError, one_line
 
+# Threads of the linear algebra: one, because its matrices are small, --threads limits all cores, and sums in another
+# order lead a search to another end.
+BLAS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 HELP = """From recordings of a servo axis to a model. To start: optid example DIR
 
 \b
@@ -121,5 +124,7 @@ def main() -> None:
     """Entry point of the `optid` script."""
     if not sys.warnoptions:
         warnings.simplefilter("ignore")  # warnings of libraries mean nothing to the user of a command
+    for name in BLAS:  # before NumPy is imported
+        os.environ.setdefault(name, "1")
     with ended_at_once():
         cli()
