@@ -39,10 +39,8 @@ PART = 0.5  # of an effect's smallest usual size, likewise: a dead band or a pla
 CLUSTER = HORIZON  # s: errors nearer to each other than that are not counted as independent
 SLIGHT = 1e-6  # of the curvature: directions below it are not determined by the data
 LIVELY = 1.0  # level of the filter that still follows where the quiet one diverges: the model sticks, the rig moves
-TURNS, STEPS = (
-    2,
-    3,
-)  # of the search from the fitted parameters: friction and supply differ from night to night
+# Turns and steps of the search from the fitted parameters: friction and supply differ from night to night.
+TURNS, STEPS = 2, 3
 ERROR = "prediction_error"  # quantity: log of the windows' error over the noise
 
 Progress = Callable[[float, str], None]

@@ -66,3 +66,15 @@ def test_a_sibling_s_wild_night_hides_no_change(nightly):
     nightly[9, 2] += 500.0 * np.arange(QUANTITIES)
     p = joint(table(nightly), REFERENCE).set_index(["rig", "date"])["p"]
     assert p["rig-05"].loc[REFERENCE + 6 :].max() < 1e-3
+
+
+def test_few_rigs_are_judged_as_many_are():
+    """A rig that took part in its own whitening would have a reference nearer than its later nights."""
+    rng = np.random.default_rng(8)
+    names = [[f"q{k}" for k in range(QUANTITIES)], [f"rig-{k}" for k in range(4)], range(NIGHTS)]
+    index = pd.MultiIndex.from_product(names, names=["quantity", "rig", "date"])
+    p = [
+        joint(pd.DataFrame({"value": rng.normal(size=len(index))}, index=index), REFERENCE)["p"]
+        for _ in range(60)
+    ]
+    assert (pd.concat(p) < 0.01).mean() < 0.01

@@ -19,7 +19,7 @@ from scipy import stats
 
 from optid.fleet.statistics.joint import joint
 from optid.fleet.statistics.moderated import common_degrees, moderated
-from optid.fleet.statistics.normal_scores import LOOKS, least, looks, normal_scores, tail
+from optid.fleet.statistics.normal_scores import LOOKS, looks, normal_scores, smallest_p, tail_degrees
 from optid.fleet.statistics.wander import spread, wander, weights
 
 Array = NDArray[np.float64]
@@ -116,7 +116,7 @@ def _scores(nightly: pd.DataFrame, reference: int) -> pd.DataFrame:
     prior = common_degrees(scatter, np.full(scatter.shape, reference - 1.0))
     parts = []
     for quantity, some in followed.items():
-        degrees = tail(_among_reference(some, reference, prior) ** 2, 1)
+        degrees = tail_degrees(_among_reference(some, reference, prior) ** 2, 1)
         variances = _variances(some, range(reference), prior)
         parts += [
             _looked(one, variance, reference, degrees).assign(rig=one.rig, quantity=quantity)
@@ -129,7 +129,7 @@ def _looked(one: _Nights, variance: float, reference: int, degrees: float) -> pd
     """The most significant sum on each night of a rig and quantity: date, t, p, shift, sd."""
     moved, sd = _against(one, range(reference), slice(reference, None), variance)
     sums, p = looks(normal_scores((moved / sd)[:, None], degrees), reference)
-    smallest = least(p)
+    smallest = smallest_p(p)
     seen = np.isfinite(smallest)
     best = np.nanargmin(p[seen], axis=1)
     at = np.flatnonzero(seen)

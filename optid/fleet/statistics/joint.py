@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from optid.fleet.statistics.normal_scores import least, looks, normal_scores, tail
+from optid.fleet.statistics.normal_scores import looks, normal_scores, smallest_p, tail_degrees
 
 Array = NDArray[np.float64]
 LEAST = 4  # differences of nights a quantity: of fewer no covariance is made
@@ -48,11 +48,11 @@ def joint(nightly: pd.DataFrame, reference: int) -> pd.DataFrame:
         for one in whitened
         for night in range(reference)
     ]
-    degrees = tail(np.array([float(np.sum(one**2)) for one in among]), width)
+    degrees = tail_degrees(np.array([float(np.sum(one**2)) for one in among]), width)
     rows = []
     for (rig, one), moved in zip(rigs.items(), whitened, strict=True):
         _, p = looks(normal_scores(_moved(moved[reference:], moved[:reference]), degrees), reference)
-        rows.append(pd.DataFrame({"rig": rig, "date": one.index[reference:], "p": least(p)}))
+        rows.append(pd.DataFrame({"rig": rig, "date": one.index[reference:], "p": smallest_p(p)}))
     return pd.concat(rows, ignore_index=True).dropna()
 
 

@@ -16,12 +16,10 @@ Array = NDArray[np.float64]
 LOOKS = (2, 3, 6, 12)
 CAP = 4.0  # largest normal score of a night: one in 15 000, as far as the reference nights of a fleet show its tails
 TAILS = np.geomspace(1.0, 1e3, 60)  # degrees of freedom that are tried; the largest is a normal tail
-SURE = (
-    1.35  # decrease of the log-likelihood up to which a heavier tail is not rejected (one-sided test at 5 %)
-)
+SURE = 1.35  # fall of the log-likelihood up to which a heavier tail is not rejected (one-sided test at 5 %)
 
 
-def tail(squares: Array, width: int) -> float:
+def tail_degrees(squares: Array, width: int) -> float:
     """Degrees of freedom of the tails: the lower limit, with 95 % confidence.
 
     Parameters
@@ -44,7 +42,7 @@ def normal_scores(moved: Array, degrees: float) -> Array:
     moved : NDArray
         in sd, (nights, width).
     degrees : float
-        of `tail`.
+        of `tail_degrees`.
     """
     width = moved.shape[1]
     squares = np.maximum(np.sum(moved**2, axis=1), 1e-12)
@@ -74,7 +72,7 @@ def looks(scores: Array, reference: int) -> tuple[Array, Array]:
     return sums, np.asarray(stats.chi2.sf(np.sum(sums**2, axis=2), width))
 
 
-def least(p: Array) -> Array:
+def smallest_p(p: Array) -> Array:
     """The smallest p-value of each night's sums, multiplied by their number, (nights,); NaN where there is none."""
     seen = np.isfinite(p)
     best = np.where(seen, p, 1.0).min(axis=1) * seen.sum(axis=1)
