@@ -29,8 +29,8 @@ def offer_diagnosis(rig: Path, out: Path, rate: float) -> str:
     """
     try:
         with (out / LOG).open("rb") as log:
-            head, first, end, rows = _last(log, round(SECONDS * rate))
-            middle, _ = _back(log, first, end, round(rows * HELD_OUT))
+            head, first, end, rows = _last_whole_rows(log, round(SECONDS * rate))
+            middle, _ = _rows_before(log, first, end, round(rows * HELD_OUT))
             for name, part in ((SEEN, (first, middle)), (UNSEEN, (middle, end))):
                 beside = out / f".{name}.part"
                 with beside.open("wb") as file:
@@ -56,23 +56,23 @@ def offer_diagnosis(rig: Path, out: Path, rate: float) -> str:
 def last_rows(path: Path, count: int) -> tuple[bytes, list[bytes]]:
     """The head and the last whole rows of a log that may still be growing; reads no more than they take."""
     with path.open("rb") as log:
-        head, first, end, _ = _last(log, count)
+        head, first, end, _ = _last_whole_rows(log, count)
         log.seek(first)
         rows = log.read(end - first).split(b"\n")
     return head.rstrip(b"\n"), rows[:-1]
 
 
-def _last(log: BinaryIO, count: int) -> tuple[bytes, int, int, int]:
+def _last_whole_rows(log: BinaryIO, count: int) -> tuple[bytes, int, int, int]:
     """The head, where the last whole rows begin and end, and how many they are."""
     log.seek(0)
     head = log.readline()
     begin = log.tell()
-    end, _ = _back(log, begin, log.seek(0, os.SEEK_END), 0)  # behind it a row may be being written
-    first, rows = _back(log, begin, end, count)
+    end, _ = _rows_before(log, begin, log.seek(0, os.SEEK_END), 0)  # behind it a row may be being written
+    first, rows = _rows_before(log, begin, end, count)
     return head, first, end, rows
 
 
-def _back(log: BinaryIO, begin: int, end: int, count: int) -> tuple[int, int]:
+def _rows_before(log: BinaryIO, begin: int, end: int, count: int) -> tuple[int, int]:
     """Where the last so many rows before `end` begin, not before `begin`; and how many they are."""
     left, at = count + 1, end  # line ends, that of the row before them included
     while at > begin:

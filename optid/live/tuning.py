@@ -81,10 +81,8 @@ def tuned(case: Case, plan: Plan, room: float | None = None) -> Review:
     Raises:
         OptidError: nothing stabilises the identified model.
     """
-    rng, present = (
-        np.random.default_rng(plan.seed),
-        margins(case.plant, case.gains.vector).maximum_sensitivity,
-    )
+    rng = np.random.default_rng(plan.seed)
+    present = margins(case.plant, case.gains.vector).maximum_sensitivity
     room = max(plan.sensitivity if room is None else room, min(present, BRISK))
     bench, hunting = physical(case, read_rig(plan.rig), rng)
     task = case.task(Required(maximum_sensitivity=room), bench, hunting)

@@ -210,21 +210,21 @@ def _edge(s: Sheet, way: Any, P_from: Any, P_to: Any) -> Any:
     return s.param(RATED_FLOW) * opening * root
 
 
-def _low(s: Sheet, P: Any) -> Any:
+def _above_vacuum(s: Sheet, P: Any) -> Any:
     """A chamber's pressure, Pa, away from 0, where no volume of vapour would be enough."""
     return ca.fmax(P, s.param(VAPOUR_PRESSURE) / 10)
 
 
 def _vapour(s: Sheet, P: Any) -> Any:
     """Volume of the vapour over that of the oil; nothing but near the vapour pressure."""
-    squared = (s.param(VAPOUR_PRESSURE) / _low(s, P)) ** 2
+    squared = (s.param(VAPOUR_PRESSURE) / _above_vacuum(s, P)) ** 2
     return squared * squared
 
 
 def _compressibility(s: Sheet, P: Any) -> Any:
     """1 / E(p) of oil with vapour and with bubbles compressed polytropically (Jelali and Kroll, section 3.2), 1/Pa."""
     air, n = s.param(AIR_CONTENT), s.param(AIR_EXPONENT)
-    P = _low(s, P)
+    P = _above_vacuum(s, P)
     squeezed = ca.exp(-ca.log(P / REFERENCE) / n)  # volume of the bubbles over that at 1 bar
     oil, vapour = 1 - air, _vapour(s, P)
     gas = air * squeezed / (n * P) + STEEPNESS * vapour / P
