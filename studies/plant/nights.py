@@ -22,7 +22,7 @@ from studies.references import mixed
 
 ROOT = Path(__file__).parents[2]
 SEED = 58
-SECONDS, INTERVAL, STEP = 6.0, 2e-3, 5e-5
+INTERVAL, STEP = 2e-3, 5e-5
 GROWTH = 12.0  # nights from nothing to the medium size
 FRICTION, SUPPLY = 0.015, 0.005  # by which both wander from night to night, as shares (sd)
 TOLD_APART = ROOT / "studies" / "distinguishability.json"
@@ -37,6 +37,7 @@ class Plant:
         wearing: rigs that wear: the first ones, in the four ways in turn.
         begins: first and last night, from 0, on which a wear may start.
         seed: of everything.
+        seconds: of a night's recording: it holds as many samples as the motions of the table of least sizes.
     """
 
     rigs: int = 200
@@ -44,6 +45,7 @@ class Plant:
     wearing: int = 14
     begins: tuple[int, int] = (8, 16)
     seed: int = SEED
+    seconds: float = 24.0
 
 
 @dataclass(frozen=True)
@@ -112,7 +114,7 @@ def night(plant: Plant, number: int, which: int) -> Recording:
         coulomb=rig.coulomb * (1.0 + FRICTION * rng.normal()),
         supply_pressure=rig.supply_pressure * (1.0 + SUPPLY * rng.normal()),
     )
-    reference = mixed(SECONDS, INTERVAL, rng, 0.1)
+    reference = mixed(plant.seconds, INTERVAL, rng, 0.1)
     run = simulate(rig, reference, rng, sensors=Sensors(), dt=INTERVAL, step=STEP)
     table = recording(run, rng, Sensors())
     channels = {

@@ -15,7 +15,7 @@ from optid.rigs.rigfile import read_rig
 from studies.plant.nights import ROOT, SUPPLY, Plant, Wear, night, sound, wear_of
 
 WATCH = ("cross_leakage", "valve_deadband")
-PLANT = Plant(rigs=4, nights=10, wearing=2, begins=(0, 0))
+PLANT = Plant(rigs=4, nights=10, wearing=2, begins=(0, 0), seconds=6.0)
 
 
 def fitted(number):
