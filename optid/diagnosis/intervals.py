@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy import stats
+from scipy.special import ndtri
 
 from optid.core.model import Array
 from optid.diagnosis.refinement import RefinedModel
@@ -36,7 +36,7 @@ def intervals(model: RefinedModel, ratio: float = 1.0) -> tuple[Estimate, ...]:
     own, others = (np.diag(_covariance(answer, fixed)) for fixed in (np.zeros_like(bound), bound))
     sd = np.sqrt(np.maximum(np.where(bound, own, others), 0.0)) * q.typical
     sd = np.hypot(sd, _left_to_go(answer, bound))
-    half = np.maximum(max(ratio, 1.0) * stats.norm.ppf(0.5 + 0.95 / 2) * sd, _resolution(model)) + model.shift
+    half = np.maximum(max(ratio, 1.0) * ndtri(0.5 + 0.95 / 2) * sd, _resolution(model)) + model.shift
     found = []
     for k, i in enumerate(q.free):
         parameter = q.model.parameters[i]
@@ -70,10 +70,10 @@ def apart_from_none(estimates: Sequence[Estimate], effect: Effect, p_value: floa
         effect: whose model reaches the noise.
         p_value: of the hypothesis that it is absent.
     """
-    root, null = float(stats.norm.isf(p_value / 2)), effect.at_null()
+    root, null = float(-ndtri(p_value / 2)), effect.at_null()
     least = {f"{effect.name}.{name}": null[name] for name in effect.strength}
     sizes = [one for one in estimates if one.name in least and one.high > one.low]
-    share = 1.0 - float(stats.norm.ppf(0.5 + 0.95 / 2)) / root
+    share = 1.0 - float(ndtri(0.5 + 0.95 / 2)) / root
     if not sizes or share <= 0.0 or any(not e.low <= least[e.name] <= e.high for e in sizes):
         return tuple(estimates)
     surest = max(sizes, key=lambda e: abs(e.value - least[e.name]) / (e.high - e.low))

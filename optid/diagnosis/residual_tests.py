@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+from scipy.special import chdtrc
 
 from optid.core.model import Array, Model
 from optid.core.recording import Recording
@@ -54,8 +54,8 @@ def residual_tests(evaluation: Evaluation, model: Model, recordings: Sequence[Re
                     against += _portmanteau(z[:size], du - du.mean())
                     many += LAGS
     return ResidualTests(
-        float(stats.chi2.sf(white, free)) if free else 1.0,
-        float(stats.chi2.sf(against, many)) if many else 1.0,
+        float(chdtrc(free, white)) if free else 1.0,
+        float(chdtrc(many, against)) if many else 1.0,
     )
 
 

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import stats
+from scipy.special import ndtri
 
 from optid.core.model import Array
 from optid.core.simulation import simulate
@@ -133,7 +133,9 @@ def _likeliest(o: Objective, at: Point) -> list[Point]:
     hidden = [i for i in range(len(o.spread)) if i not in shown]
     if not hidden:
         return []
-    z = stats.norm.ppf(stats.qmc.Sobol(len(hidden), scramble=False).random(STARTS) + 0.5 / STARTS)
+    from scipy.stats.qmc import Sobol  # slow to import, and seldom needed
+
+    z = ndtri(Sobol(len(hidden), scramble=False).random(STARTS) + 0.5 / STARTS)
     starts = np.tile(at.X[0], (STARTS, 1))
     starts[:, hidden] = o.start[hidden] + o.spread[hidden] * z
     run = simulate(o.model, at.p, starts, b.dt, b.inputs, tolerance=COARSE)

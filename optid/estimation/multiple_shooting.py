@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from scipy import special, stats
+from scipy import special
 
 from optid.core.budget import Budget
 from optid.core.model import Array
@@ -362,7 +362,7 @@ def _certificate(o: Objective, t: Terms, q: Array) -> Certificate:
     def outlying(values: Array) -> Booleans:
         logs = np.log(np.maximum(values, 1e-9))
         middle = np.median(logs)
-        scale = max(float(stats.median_abs_deviation(logs, scale="normal")), math.sqrt(2.0 / 50.0))
+        scale = max(float(np.median(np.abs(logs - middle)) / special.ndtri(0.75)), math.sqrt(2.0 / 50.0))
         return np.asarray((logs - middle) / scale > limit)
 
     big = outlying(defect) & (defect > math.sqrt(special.chdtri(len(q), 0.01 / n)))

@@ -5,18 +5,20 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from optid.core.quantity import friendly
 from optid.core.recording import Recording
-from optid.estimation.prediction import Prediction
-from optid.estimation.profile import Profile
-from optid.estimation.result import Fit
 from optid.quality.noise import noise_sd
 from optid.report.residuals import residual
 from optid.results.words import score_rows
+
+if TYPE_CHECKING:
+    from optid.estimation.prediction import Prediction
+    from optid.estimation.profile import Profile
+    from optid.estimation.result import Fit
 
 __all__ = [
     "KINDS",
