@@ -293,25 +293,42 @@ def run_all(s: Array, shape: Shape, y: Array, u: Array, innovations: Array, trac
                 track[t // every, k] = s[HEADER + 4 * m + k]
 
 
-# For any orders: what differs between them is read from the header at every sample.
+# For any orders: what differs between them is read from the header at every sample. The long part is compiled once.
+
+
+@jit
+def advance_any(s: Array, y: float) -> float:
+    """See `advance`."""
+    return advance(s, shape_of(s), y)
 
 
 @jit
 def step_single(s: Array, y: float, u: float) -> float:
     """See `step_one`."""
-    return step_one(s, shape_of(s), y, u)
+    s[HEADER + 3] = u
+    return advance_any(s, y)
 
 
 @jit
 def step_many(s: Array, y: float, u: Array) -> float:
     """See `step_all`."""
-    return step_all(s, shape_of(s), y, u)
+    m = int(s[INPUTS])
+    for i in range(m):
+        s[HEADER + 3 * m + i] = u[i]
+    return advance_any(s, y)
 
 
 @jit
 def run(s: Array, y: Array, u: Array, innovations: Array, track: Array, every: int) -> None:
     """See `run_all`."""
-    run_all(s, shape_of(s), y, u, innovations, track, every)
+    m, n = int(s[INPUTS]), int(s[PARAMETERS])
+    for t in range(y.size):
+        for i in range(m):
+            s[HEADER + 3 * m + i] = u[t, i]
+        innovations[t] = advance_any(s, y[t])
+        if every > 0 and t % every == every - 1:
+            for k in range(n):
+                track[t // every, k] = s[HEADER + 4 * m + k]
 
 
 @functools.cache

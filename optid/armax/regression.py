@@ -83,7 +83,11 @@ def _triangle(tall):  # type: ignore[no-untyped-def]
             for j in range(n):
                 work[j, n + i] = tall[first + i, j]
         reflect(work, n, size)
-    return np.triu(work[:, :n].T)
+    triangle = np.zeros((n, n))  # a loop: np.triu takes seconds to compile
+    for j in range(n):
+        for i in range(j + 1):
+            triangle[i, j] = work[j, i]
+    return triangle
 
 
 @kept(error_model="numpy", nogil=True, fastmath={"reassoc", "contract"})
