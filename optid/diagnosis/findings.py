@@ -10,11 +10,10 @@ import numpy as np
 
 from optid.core.model import Array
 from optid.diagnosis.alternatives import Alternative
-from optid.diagnosis.localisation.activity import effect_activity
+from optid.diagnosis.localisation.activity import effect_activity, share_of_largest
 from optid.diagnosis.localisation.effect_signal import effect_signal_at
 from optid.diagnosis.localisation.region import (
     Region,
-    by_usual_size,
     contribution,
     informative_ranges,
     region,
@@ -83,16 +82,11 @@ def _named(s: Stages, effect: Effect, parameters: Sequence[Estimate]) -> Finding
 
 def _region_of(s: Stages, effect: Effect) -> Region:
     """Where and when one effect of the best model acts."""
-    mismatch = contribution(s.best.fit, _at_null(s.best, effect))
-    return region(s.best.fit, mismatch, effect_activity(s.base, s.best, effect), s.problem.train)
-
-
-def _at_null(best: RefinedModel, effect: Effect) -> np.ndarray:
-    p = best.fit.p.copy()
-    for name, null in effect.qualified(effect.at_null()).items():
-        if name.removeprefix(f"{effect.name}.") in effect.strength:
-            p[best.rig.model.index(name)] = null
-    return p
+    best = s.best
+    mismatch = contribution(best.fit, best.at_null(effect))
+    plant = {q.name: float(best.fit.p[k]) for k, q in enumerate(best.rig.model.parameters)}
+    within = effect.within(best.own_values(effect), plant)
+    return region(best.fit, mismatch, effect_activity(best, effect), s.problem.train, within)
 
 
 def _signal(s: Stages, effect: Effect) -> tuple[UnknownInput | None, Array | None]:
@@ -177,9 +171,11 @@ def _mismatch_region(s: Stages, first: UnknownInput, described: Effect | None) -
     spread = np.repeat(centred[:, None], len(s.base.rig.model.outputs), axis=1)
     measured = np.isfinite(answer.filtered.innovations[0])
     if described is None:
-        activity = by_usual_size(running_rms(centred, answer.likelihood_problem.problem))
+        problem = answer.likelihood_problem.problem
+        owner = np.repeat(problem.recording, problem.counts + 1)
+        activity = share_of_largest(running_rms(centred, problem), owner)
     else:
-        activity = effect_activity(s.base, s.best, described)
+        activity = effect_activity(s.best, described)
     return region(answer, np.where(measured, spread, np.nan), activity, s.problem.train)
 
 

@@ -41,6 +41,13 @@ class RefinedModel:
         index = self.rig.model.index
         return {q.name: float(self.fit.p[index(f"{effect.name}.{q.name}")]) for q in effect.parameters}
 
+    def at_null(self, effect: Effect) -> Array:
+        """The parameters with the effect's strengths at their nulls, (parameters,): the model without it."""
+        p, null = self.fit.p.copy(), effect.at_null()
+        for name in effect.strength:
+            p[self.rig.model.index(f"{effect.name}.{name}")] = null[name]
+        return p
+
 
 def likely_noise(q: LikelihoodProblem, p: Array) -> Noise:
     """The process noise of maximum likelihood at fixed parameters.

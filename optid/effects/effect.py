@@ -154,6 +154,25 @@ class Effect:
         """
         return {}
 
+    def within(
+        self, values: Mapping[str, float], plant: Mapping[str, float]
+    ) -> Mapping[str, tuple[float, float]]:
+        """Ranges of signals that the law singles out: slow motion, a place, the middle of the spool's travel.
+
+        Parameters
+        ----------
+        values : Mapping[str, float]
+            the effect's, SI, by own name.
+        plant : Mapping[str, float]
+            the whole model's, SI, by full name.
+
+        Returns
+        -------
+        Mapping[str, tuple[float, float]]
+            signal of `SIGNALS` -> lowest and highest value, in the model's unit; empty where the law has none.
+        """
+        return {}
+
     @property
     def fitted(self) -> tuple[Parameter, ...]:
         """Its parameters that are fitted."""

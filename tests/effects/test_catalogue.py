@@ -95,6 +95,14 @@ def test_it_speaks_of_all_its_parameters_and_of_known_effects(effect):
 
 
 @pytest.mark.parametrize("effect", EFFECTS, ids=repr)
+def test_the_ranges_it_states_are_of_signals_that_it_follows(effect):
+    for point in effect.usual:
+        ranges = effect.within({**effect.at_null(), **point}, {"stroke": 0.26})
+        assert set(ranges) <= set(effect.depends_on)
+        assert all(low < high for low, high in ranges.values())
+
+
+@pytest.mark.parametrize("effect", EFFECTS, ids=repr)
 def test_its_usual_points_are_whole_admissible_and_worth_a_name(effect):
     bounds = {q.name: q.bounds for q in effect.parameters}
     assert set(effect.strength) <= set(bounds)

@@ -1,81 +1,68 @@
-"""Activity of an effect at each sample: its change of the plant's rates and outputs."""
+"""When an effect acts: what it changes within the next samples, relative to the most that it changes in a recording."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
-import casadi as ca
 import numpy as np
 
 from optid.core.model import Array
-from optid.core.sheet import Sheet
-from optid.diagnosis.localisation.instrument import Instrument
-from optid.diagnosis.localisation.region import by_usual_size
+from optid.core.simulation import simulate
 from optid.diagnosis.refinement import RefinedModel
 from optid.effects.effect import Effect
-from optid.rigs.rigfile import with_effects
+from optid.estimation.likelihood import noisy_states
+from optid.estimation.problem import Integers
 
-DUST = 1e-9  # of a rate or output: rounding left by an effect that does nothing
-
-
-class Taken(Instrument):
-    """Records the signal at each of an effect's sites before the effect changes it."""
-
-    def __init__(self, sites: tuple[str, ...]) -> None:
-        self.name, self.sites, self.signal = "taken", sites, None
-
-    def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
-        """The unchanged signal."""
-        self.signal = nominal
-        return nominal
+AHEAD = (
+    5  # samples that are simulated with and without the effect: friction's microseconds have passed by then
+)
+DUST = 1e-6  # of a state's usual size: a smaller difference is rounding
+MOST = 0.99  # quantile that counts as the largest: neither rest nor a single jolt determines it
+FAINT = 1e-4  # of the largest in all recordings: what is smaller in a whole recording does not act there
 
 
-class Bypass(Instrument):
-    """Restores the recorded signal: the effect runs in parallel and does not act on the plant."""
+def effect_activity(best: RefinedModel, effect: Effect) -> Array:
+    """What an effect changes at each sample, relative to the most that it changes in the same recording, (samples,).
 
-    def __init__(self, taken: Taken) -> None:
-        self.name, self.sites, self.taken = "bypass", taken.sites, taken
-
-    def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
-        """The signal before the effect."""
-        return self.taken.signal
-
-
-def effect_activity(base: RefinedModel, best: RefinedModel, effect: Effect) -> Array:
-    """The change by an effect at each sample, relative to usual sizes, (samples,).
-
-    The plant's rates with the effect and with a bypass around it, at the filter's states, each relative to the usual
-    size of its state; likewise the outputs, relative to their noise. An effect on both is active where it changes
-    either.
+    From every few samples the model is simulated from the filter's states, once as it is and once with the effect at
+    its null. The difference of the states at the end counts, or for an effect of a sensor that of the readings.
 
     Args:
-        base: the model without the effects that were found.
-        best: the model with them, and the filter's states.
-        effect: one of them.
+        best: the model with the effect, and the filter's states.
+        effect: one of its effects.
     """
-    taken = Taken(effect.sites)
-    around = [(taken, one, Bypass(taken)) if one is effect else (one,) for one in best.effects]
-    rig = with_effects(base.rig, (part for parts in around for part in parts), {})
-    answer, own, model = best.fit, best.rig.model, rig.model
-    X, U = answer.filtered.states[0], answer.likelihood_problem.problem.inputs
-    states, names = [s.name for s in own.states], [s.name for s in model.states]
-    order = [states.index(name) for name in names]
-    p = model.vector_from(own, answer.p, rig.parameters)
-    plant = [k for k, name in enumerate(names) if not name.startswith(f"{effect.name}.")]
-    rates = _beyond(
-        np.array(own.rates.map(len(X))(X.T, U.T, answer.p))[order], model.rates, X[:, order], U, p
+    q, model, X = best.fit.likelihood_problem, best.rig.model, best.fit.filtered.states[0]
+    problem = q.problem
+    starts = np.concatenate(
+        [
+            np.arange(begin, max(begin + count - AHEAD, begin) + 1, AHEAD)
+            for begin, count in zip(problem.begins, problem.counts, strict=True)
+        ]
     )
-    readings = _beyond(
-        np.array(own.sensors.map(len(X))(X.T, U.T, answer.p)), model.sensors, X[:, order], U, p
+    with_it, without = (
+        simulate(model, p, X[starts], problem.dt, problem.inputs, first=starts, intervals=AHEAD)
+        for p in (best.fit.p, best.at_null(effect))
     )
-    return by_usual_size(
-        np.linalg.norm((rates / model.scales[:, None])[plant], axis=0),
-        np.linalg.norm(readings / np.sqrt(answer.noise.measurement)[:, None], axis=0),
-    )
+    own = f"{effect.name}."
+    plant = [i for group in noisy_states(model) for i in group if not model.states[i].name.startswith(own)]
+    moved = np.nan_to_num(np.abs(with_it.states - without.states)[:, AHEAD, plant] / model.scales[plant])
+    moved[moved < DUST] = 0.0
+    read = np.nan_to_num(np.abs(with_it.outputs - without.outputs)[:, AHEAD] / np.sqrt(q.measurement))
+    size = np.linalg.norm(moved if moved.any() else read, axis=1)
+    owner = np.repeat(problem.recording, problem.counts + 1)
+    return share_of_largest(_held(size, starts, len(X)), owner)
 
 
-def _beyond(whole: Array, without: ca.Function, X: Array, U: Array, p: Array) -> Array:
-    """The difference to the model without it, beyond rounding."""
-    more = whole - np.array(without.map(len(X))(X.T, U.T, p))
-    return np.where(np.abs(more) > DUST * np.abs(whole), more, 0.0)
+def _held(size: Array, starts: Integers, samples: int) -> Array:
+    """Each value at its sample and at those up to the next one."""
+    return np.asarray(size[np.maximum(np.searchsorted(starts, np.arange(samples), side="right") - 1, 0)])
+
+
+def share_of_largest(size: Array, owner: Integers) -> Array:
+    """Sizes relative to the largest of their recording, (samples,); 0 where a recording has next to nothing."""
+    size = np.where(np.isfinite(size), size, 0.0)
+    shares, least = np.zeros(len(size)), FAINT * float(np.max(size, initial=0.0))
+    for number in np.unique(owner):
+        mine = owner == number
+        acts = size[mine & (size > least)]
+        if len(acts):
+            shares[mine] = size[mine] / np.quantile(acts, MOST)
+    return shares

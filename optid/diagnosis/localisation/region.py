@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 
@@ -15,10 +16,11 @@ from optid.estimation.prediction import window_seconds
 from optid.estimation.problem import Booleans, Integers, Problem
 
 SLOT = 0.2  # of a window: resolution of the map over time; 0.1 s where sampling is fast
-WORKS = 0.2  # of its usual size: activity beyond which an effect counts as active
+WORKS = 0.1  # of its largest in a recording: activity beyond which an effect counts as active
 GAP = 0.1  # of a window: shorter pauses are bridged
 COVER = 0.8  # share of the mismatch that a range of a signal should contain
 PIECES = 40  # parts of a signal's range, with equal numbers of samples
+NOWHERE: Mapping[str, tuple[float, float]] = MappingProxyType({})
 INFORMATIVE = 1.25  # ratio of the shares of mismatch and samples from which a range is reported
 
 
@@ -65,14 +67,21 @@ def contribution(answer: LikelihoodFit, without: Array) -> Array:
     return np.asarray((both[1] - both[0]) / np.sqrt(f.variances[0]))
 
 
-def region(answer: LikelihoodFit, mismatch: Array, done: Array, recordings: tuple[Recording, ...]) -> Region:
+def region(
+    answer: LikelihoodFit,
+    mismatch: Array,
+    done: Array,
+    recordings: tuple[Recording, ...],
+    within: Mapping[str, tuple[float, float]] = NOWHERE,
+) -> Region:
     """When something is active, and the ranges of the states in which its mismatch lies.
 
     Args:
         answer: of the model whose states are used.
         mismatch: scaled innovations, (samples, outputs).
-        done: its activity at each sample, relative to usual sizes, (samples,).
+        done: its activity at each sample, relative to its largest in the recording, (samples,).
         recordings: to fit.
+        within: ranges of signals that its law singles out, in the model's units, in place of those of the mismatch.
     """
     problem = answer.likelihood_problem.problem
     by_output = np.nansum(np.where(np.isfinite(mismatch), mismatch, 0.0) ** 2, axis=0)
@@ -84,8 +93,13 @@ def region(answer: LikelihoodFit, mismatch: Array, done: Array, recordings: tupl
     )
     energy = np.nansum(np.where(np.isfinite(mismatch), mismatch, 0.0) ** 2, axis=1)
     owner = np.repeat(problem.recording, problem.counts + 1)
-    signals = _signals(answer, owner)
-    states = {name: _range(values, energy, unit) for name, (values, unit) in signals.items()}
+    signals = _signals(answer, owner, recordings[0])
+    states = {
+        name: _inside(within[name], values, energy, unit, _per_unit(name, recordings[0]))
+        if name in within
+        else _range(values, energy, unit)
+        for name, (values, unit) in signals.items()
+    }
     window = window_seconds(float(np.median(problem.dt)), float(np.ptp(problem.time)))
     intervals = _intervals(done > WORKS, owner, problem.time, recordings, GAP * window)
     return Region(channels, intervals, states, energy, signals, owner, problem.time, SLOT * window)
@@ -98,7 +112,12 @@ def informative_ranges(states: Mapping[str, Range], always: tuple[str, ...]) -> 
     return {name: states[name] for name in always if name in states} | dict(sharp)
 
 
-def _signals(answer: LikelihoodFit, owner: Integers) -> dict[str, tuple[Array, str]]:
+def _per_unit(role: str, recording: Recording) -> float:
+    return recording.channels[role].per_unit if role in recording.channels else 1.0
+
+
+def _signals(answer: LikelihoodFit, owner: Integers, recording: Recording) -> dict[str, tuple[Array, str]]:
+    """States and inputs at the samples; a command in the unit in which it was recorded."""
     q, X = answer.likelihood_problem, answer.filtered.states[0]
     found: dict[str, tuple[Array, str]] = {}
     for i, state in enumerate(q.model.states):
@@ -106,13 +125,27 @@ def _signals(answer: LikelihoodFit, owner: Integers) -> dict[str, tuple[Array, s
             found[state.name] = (X[:, i], state.unit)
     for j, port in enumerate(q.model.inputs):
         if port in q.model.recorded:
-            values = q.problem.inputs[:, j]
-            found[port.role] = (values, port.unit)
+            size = _per_unit(port.role, recording)
+            values = size * q.problem.inputs[:, j]
+            unit = port.unit if size == 1.0 else recording.channels[port.role].recorded_unit
+            found[port.role] = (values, unit)
             rate = np.diff(values, prepend=values[:1])
             rate[np.diff(owner, prepend=owner[:1]) != 0] = 0.0
-            found[f"{port.role}_rate"] = (rate / q.problem.dt, f"{port.unit}/s")
+            found[f"{port.role}_rate"] = (rate / q.problem.dt, f"{unit}/s")
     found["time"] = (q.problem.time, "s")
     return found
+
+
+def _inside(limits: tuple[float, float], values: Array, energy: Array, unit: str, size: float) -> Range:
+    """A range that a law states, as far as the signal was there, with its shares."""
+    good = np.isfinite(values)
+    v, e = values[good], energy[good]
+    if not len(v):
+        return Range(float("nan"), float("nan"), unit, 0.0, 1.0)
+    low, high = (float(np.clip(size * one, v.min(), v.max())) for one in limits)
+    there = (v >= low) & (v <= high)
+    share = float(e[there].sum() / max(float(e.sum()), 1e-300))
+    return Range(low, high, unit, share, float(np.mean(there)))
 
 
 def _range(values: Array, energy: Array, unit: str) -> Range:
@@ -150,21 +183,6 @@ def _intervals(
             if end > begin:
                 found.append((recording.name, round(float(begin), 6), round(float(end), 6)))
     return tuple(found)
-
-
-def by_usual_size(*sizes: Array) -> Array:
-    """The largest of these, each relative to its median weighted by its own magnitude; 0 where all are 0.
-
-    Neither rest nor a single jolt determines the scale, as they would with a quantile over samples or the maximum.
-    """
-    shares = [np.zeros(len(sizes[0]))]
-    for size in sizes:
-        done = np.where(np.isfinite(size), size, 0.0)
-        ranked = np.sort(done)
-        below = np.cumsum(ranked)
-        if below[-1] > 0.0:
-            shares.append(done / ranked[np.searchsorted(below, 0.5 * below[-1])])
-    return np.asarray(np.max(shares, axis=0))
 
 
 def running_rms(signal: Array, problem: Problem) -> Array:

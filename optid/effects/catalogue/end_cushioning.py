@@ -67,6 +67,7 @@ ENTRY = Parameter(
     (1e-4, 5e-3),
     logarithmic=True,
 )
+ONE_END = 0.5  # of the side: beyond it one end throttles at least twice as much as the other
 SHUT = 1e-3  # of the length: nearer the end the power law is replaced by a line
 
 
@@ -112,6 +113,15 @@ class EndCushioning(Effect):
     look_alikes = ("exhaust_restriction", "position_dependent_friction", "tube_restriction")
     experiment = "strokes to both ends with the cushions' needles turned"
     source = "physics catalogue A.3, row 32; check valve and needle of a cushioned cylinder"
+
+    def within(
+        self, values: Mapping[str, float], plant: Mapping[str, float]
+    ) -> Mapping[str, tuple[float, float]]:
+        """The end that is cushioned, if it is one of them."""
+        half, inner = plant["stroke"] / 2, plant["stroke"] / 2 - values["length"]
+        if abs(values["side"]) <= ONE_END:
+            return {}
+        return {"position": (inner, half) if values["side"] > 0.0 else (-half, -inner)}
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
         """Venting area, m2."""

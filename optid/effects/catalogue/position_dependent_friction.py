@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -119,6 +120,17 @@ class PositionDependentFriction(Effect):
         "hinders in both"
     )
     source = "physics catalogue A.1, row 4"
+
+    def within(
+        self, values: Mapping[str, float], plant: Mapping[str, float]
+    ) -> Mapping[str, tuple[float, float]]:
+        """The place, as far as a tenth of the bump is left; to one end, where friction rises that way."""
+        place, n = values["place"], values["ending"]
+        wide = values["width"] * math.sqrt(n * (1.0 - 0.1 ** (1.0 / n)))
+        acts = {name: abs(values[name]) >= least for name, least in self.strength.items()}
+        low = -math.inf if acts["slope_behind"] else place - wide if acts["rise"] else place
+        high = math.inf if acts["slope_ahead"] else place + wide if acts["rise"] else place
+        return {"position": (low, high)} if low < high and math.isfinite(max(low, -high)) else {}
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
         """The level of dry friction, N, at the place of the contact."""

@@ -78,6 +78,14 @@ class StribeckFriction(Effect):
     experiment = "ramps of 2 to 20 mm/s in both directions, at two speeds"
     source = "Armstrong-Helouvry, Dupont and Canudas de Wit, Automatica 30(7), 1994"
 
+    def within(
+        self, values: Mapping[str, float], plant: Mapping[str, float]
+    ) -> Mapping[str, tuple[float, float]]:
+        """Speeds at which more than a tenth of the excess is left."""
+        q = values["tail"]
+        fast = values["stribeck_speed"] * ((10.0**q - 1.0) / q) ** (1.0 / values["exponent"])
+        return {"velocity": (-fast, fast)}
+
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
         """The limit of sliding friction at the speed of the contact, as a share of F_r."""
         square = (near["v"] / sheet.param(SPEED)) ** 2

@@ -67,6 +67,13 @@ class ValveDeadband(Effect):
     experiment = "small steps of the command about zero at several pressures, with the pressures measured"
     source = "Tao, Meng and others, Math. Probl. Eng. 2034923, 2016; sizes from physics catalogue A.2, row 15"
 
+    def within(
+        self, values: Mapping[str, float], plant: Mapping[str, float]
+    ) -> Mapping[str, tuple[float, float]]:
+        """Commands at which the ports stay shut."""
+        width = values["width"]
+        return {"command": (-width, width)} if width > 0.0 else {}
+
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
         """Areas of the open ports, m2; the spool's travel is only stored."""
         if site == "valve.spool":

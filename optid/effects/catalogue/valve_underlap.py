@@ -73,6 +73,13 @@ class ValveUnderlap(Effect):
     experiment = "close the valve under pressure: underlap draws both chambers to the same pressure"
     source = "physics catalogue A.2, row 16"
 
+    def within(
+        self, values: Mapping[str, float], plant: Mapping[str, float]
+    ) -> Mapping[str, tuple[float, float]]:
+        """Commands at which both edges of a port are open."""
+        width = values["width"]
+        return {"command": (-width, width)} if width > 0.0 else {}
+
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
         """The flow into the chamber, kg/s, including that through edges that should be shut or less open."""
         early = sheet.param(WIDTH) * sheet.plant_param("spool_travel")
