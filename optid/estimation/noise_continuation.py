@@ -131,6 +131,18 @@ def _settled(o: Objective, best: Solution, pace: Pace) -> Solution:
     return Solution(o, at, terms, best.q, marginal(o, at, terms, best.q), outcome)
 
 
+def go_on(o: Objective, found: Solution, asked: float | None, pace: Pace) -> Solution:
+    """Continue a solution with an objective of wider bounds; the better one of both."""
+    if np.array_equal(o.low, found.objective.low) or pace.late():
+        return found
+    further = found
+    with contextlib.suppress(SolveError, np.linalg.LinAlgError):
+        watch = pace.watch("wider bounds", 1.0)
+        further = _descended(o, found.at, found.terms, found.q, watch)
+        further = _settled(o, further if asked is not None else _by_unit(o, further, 1.0, pace), pace)
+    return min(further, found, key=lambda one: one.score)
+
+
 def tightened(o: Objective, best: Solution) -> tuple[Point, Terms]:
     """The deterministic fit: from a solution on to practically no process noise.
 
