@@ -36,7 +36,7 @@ PRESLIDING_LENGTH = Parameter(
     # (optid/effects/catalogue/presliding.py) belongs to the law.
     leeway=5e-6,
     starts=(2e-5, 3e-7),  # a contact that yields, and one that sticks
-    # A smaller value doubles the time of searches, as the equations at rest become stiff; a fit goes below it at its end.
+    # A smaller value doubles the time of searches, as the equations at rest become stiff; a fit ends below it.
     nuisance=Nuisance(2e-6, 6e-5),
 )
 PRESLIDING_SHAPE = Parameter(
