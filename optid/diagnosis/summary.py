@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from optid.estimation.result import Estimate, Score
 
 if TYPE_CHECKING:
+    from optid.diagnosis.localisation.region import Range
     from optid.diagnosis.result import Diagnosis, Finding
 
 _FRIENDLY = {
@@ -153,13 +154,7 @@ def _by_role(told: Mapping[str, str]) -> str:
 def _sentence(d: Diagnosis, f: Finding) -> str:
     name = "Not explained" if f.effect is None else f.effect.name.replace("_", " ").capitalize()
     sure = "" if f.effect is None else f" ({p_told(f.evidence.p_value)} on the hold-out)"
-    where = ""
-    for signal in f.shown[:1]:
-        r = f.region.states[signal]
-        where = (
-            f" {100 * r.share:.0f} % of the mismatch lies at {signal.replace('_', ' ')} from "
-            f"{quantity(r.low, r.unit)} to {quantity(r.high, r.unit)}."
-        )
+    where = _where(f.shown[0], f.region.states[f.shown[0]]) if f.shown else ""
     also = ""
     if f.indistinguishable:
         also = f" These recordings cannot distinguish it from {', '.join(f.indistinguishable)}."
@@ -170,6 +165,19 @@ def _sentence(d: Diagnosis, f: Finding) -> str:
         )
     place = "" if "@" in name else f" at the {f.site}"
     return f"{name.replace('@', ' at ')}{place}: {f.sentence}{sure}.{where}{also}"
+
+
+def _where(signal: str, r: Range) -> str:
+    """The range of a signal in which something acts; empty where it tells nothing."""
+    name, span = signal.replace("_", " "), f"{quantity(r.low, r.unit)} to {quantity(r.high, r.unit)}"
+    if r.stated:
+        return f" It acts at {name} from {span}."
+    if not r.informative:
+        return ""
+    return (
+        f" {100 * r.share:.0f} % of the mismatch lies at {name} from {span}, "
+        f"and {100 * r.occupancy:.0f} % of the samples."
+    )
 
 
 def _blind(d: Diagnosis) -> str:

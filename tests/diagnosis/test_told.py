@@ -4,7 +4,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from optid.diagnosis.summary import _nothing_more
+from optid.diagnosis.localisation.region import Range
+from optid.diagnosis.summary import _nothing_more, _where
 
 
 def diagnosis(p, strongest="sensor_backlash"):
@@ -28,3 +29,11 @@ def test_what_the_hold_out_prefers_is_never_said_to_improve_nothing():
 @pytest.mark.parametrize("found", [diagnosis(0.2), diagnosis(1.0, strongest=None)])
 def test_what_chance_explains_is_no_improvement(found):
     assert _nothing_more(found).startswith("No effect of the catalogue improves it (p = ")
+
+
+def test_where_is_told_from_the_law_or_where_it_tells_something():
+    law = Range(-0.05, 0.05, "m/s", 0.94, 0.73, stated=True)
+    assert _where("velocity", law) == " It acts at velocity from -50 mm/s to 50 mm/s."
+    dense = _where("pressure_a", Range(3e5, 4e5, "Pa", 0.8, 0.4))
+    assert dense == " 80 % of the mismatch lies at pressure a from 3 bar to 4 bar, and 40 % of the samples."
+    assert _where("pressure_a", Range(3e5, 4e5, "Pa", 0.81, 0.75)) == ""

@@ -26,13 +26,19 @@ INFORMATIVE = 1.25  # ratio of the shares of mismatch and samples from which a r
 
 @dataclass(frozen=True)
 class Range:
-    """A range of a signal and its share of the mismatch; SI."""
+    """A range of a signal and its share of the mismatch; SI. `stated` is one that a law singles out."""
 
     low: float
     high: float
     unit: str
     share: float
     occupancy: float
+    stated: bool = False
+
+    @property
+    def informative(self) -> bool:
+        """Whether clearly more of the mismatch than of the samples lies there."""
+        return self.share > INFORMATIVE * self.occupancy
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +114,7 @@ def region(
 def informative_ranges(states: Mapping[str, Range], always: tuple[str, ...]) -> dict[str, Range]:
     """The ranges of the signals in `always`, then those with clearly more of the mismatch than of the samples."""
     ranked = sorted(states.items(), key=lambda item: -item[1].share / max(item[1].occupancy, 1e-9))
-    sharp = [(name, r) for name, r in ranked if r.share > INFORMATIVE * r.occupancy][:3]
+    sharp = [(name, r) for name, r in ranked if r.informative][:3]
     return {name: states[name] for name in always if name in states} | dict(sharp)
 
 
@@ -145,7 +151,7 @@ def _inside(limits: tuple[float, float], values: Array, energy: Array, unit: str
     low, high = (float(np.clip(size * one, v.min(), v.max())) for one in limits)
     there = (v >= low) & (v <= high)
     share = float(e[there].sum() / max(float(e.sum()), 1e-300))
-    return Range(low, high, unit, share, float(np.mean(there)))
+    return Range(low, high, unit, share, float(np.mean(there)), stated=True)
 
 
 def _range(values: Array, energy: Array, unit: str) -> Range:
