@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+from optid.core.quantity import quantity
 from optid.diagnosis.criteria import Criteria
 from optid.diagnosis.evaluation import Evaluation
-from optid.diagnosis.summary import quantity
 from optid.diagnosis.testing import Evidence, worse_output
 from optid.effects.effect import Effect
 from optid.estimation.result import Estimate

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from optid.core.model import Array
+from optid.core.quantity import quantity
 from optid.diagnosis.alternatives import Alternative
 from optid.diagnosis.localisation.activity import effect_activity, share_of_largest
 from optid.diagnosis.localisation.effect_signal import effect_signal_at
@@ -24,7 +25,6 @@ from optid.diagnosis.problem import Stage
 from optid.diagnosis.refinement import RefinedModel
 from optid.diagnosis.result import Finding, Suspicion
 from optid.diagnosis.stages import Stages
-from optid.diagnosis.summary import quantity
 from optid.diagnosis.surrogate.library import kind_of
 from optid.diagnosis.surrogate.search import Surrogate
 from optid.diagnosis.testing import Evidence

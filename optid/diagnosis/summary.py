@@ -5,31 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
+from optid.core.quantity import quantity
 from optid.estimation.result import Estimate, Score
 
 if TYPE_CHECKING:
     from optid.diagnosis.localisation.region import Range
     from optid.diagnosis.result import Diagnosis, Finding
-
-_FRIENDLY = {
-    "m": (1e3, "mm"),
-    "m/s": (1e3, "mm/s"),
-    "Pa": (1e-5, "bar"),
-    "m**2": (1e6, "mm2"),
-    "1": (1.0, ""),
-}
-
-
-def quantity(value: float, unit: str) -> str:
-    """A number in the unit that suits its size."""
-    factor, shown = _FRIENDLY.get(unit, (1.0, unit))
-    if unit == "m" and abs(value) < 1e-4:
-        factor, shown = 1e6, "um"
-    if unit in ("m", "m/s") and abs(value) >= 0.9995:  # three digits of mm would print as 1e+03
-        factor, shown = 1.0, unit
-    if unit == "s" and abs(value) < 1.0:
-        factor, shown = 1e3, "ms"
-    return f"{value * factor:.3g} {shown}".rstrip()
 
 
 def p_told(p: float) -> str:

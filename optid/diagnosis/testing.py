@@ -13,13 +13,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from optid.core.model import Array
+from optid.core.quantity import quantity
 from optid.core.recording import Recording
 from optid.diagnosis.criteria import Criteria
 from optid.diagnosis.evaluation import Evaluation, evaluate
 from optid.diagnosis.fitted import FittedModel
 from optid.diagnosis.refinement import RefinedModel, likely_noise
 from optid.diagnosis.residual_tests import ResidualTests, residual_tests
-from optid.diagnosis.summary import quantity
 from optid.diagnosis.validation import p_value
 from optid.errors import InputError
 from optid.estimation.likelihood import huber

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from optid.core.quantity import quantity
 from optid.diagnosis.agreement import disagreement
 from optid.diagnosis.alternatives import Alternative
 from optid.diagnosis.evaluation import Evaluation
@@ -17,7 +18,7 @@ from optid.diagnosis.problem import DiagnosisProblem
 from optid.diagnosis.result import Diagnosis, Finding, Suspicion, Verdict
 from optid.diagnosis.selection import SelectionPath
 from optid.diagnosis.stages import Stages
-from optid.diagnosis.summary import quantity, summarise
+from optid.diagnosis.summary import summarise
 from optid.diagnosis.surrogate.search import Surrogate
 from optid.effects.library import admitted
 from optid.estimation.result import Estimate
