@@ -133,8 +133,11 @@ def profile(
     k, recordings, options = _place(rig, fit, name), list(recordings), options or FitOptions()
     problem = build_problem(rig.model, recordings, options.window or window_length(rig.model, recordings))
     o, _ = objective_of(rig, with_nuisance_parameters(rig), problem, options.huber)
-    o, q = replace(o, tolerance=SMOOTH), fit.process_noise
-    best, terms, _ = descend(o, Point(fit.states, rig.model.vector(fit.values)), q, precision=PRECISION / 100)
+    p, q = rig.model.vector(fit.values), fit.process_noise
+    # A fit may end below the bounds of its search.
+    widest = np.array([rig.model.parameters[i].bounds[0] for i in o.free])
+    o = replace(o, tolerance=SMOOTH, low=np.where(p[list(o.free)] < o.low, widest, o.low))
+    best, terms, _ = descend(o, Point(fit.states, p), q, precision=PRECISION / 100)
     curved, sd = _curved(o, best, terms, fit, k), math.sqrt(fit.covariance[k, k])
     limit = float(special.chdtri(1, 0.05))
     walk = _ProfilePath(

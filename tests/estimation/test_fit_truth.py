@@ -11,6 +11,7 @@ from optid.core.readers import read_recording
 from optid.core.units import to_si
 from optid.estimation.multiple_shooting import fit
 from optid.estimation.prediction import predict
+from optid.estimation.profile import profile
 from optid.estimation.result import Outcome
 from optid.rigs import friction
 from optid.rigs.rigfile import read_rig
@@ -61,8 +62,13 @@ def test_elastic_motion_that_is_only_simulated_does_not_bias_the_rest(monkeypatc
     monkeypatch.setattr(friction, "PRESLIDING_LENGTH", longer)
     rig = read_rig(DATA / "bench.toml")
     data = [read_recording(DATA / "bench.csv", rig)]
-    found = {e.name: e for e in fit(rig, data).parameters}
+    result = fit(rig, data)
+    found = {e.name: e for e in result.parameters}
     assert found["presliding_length"].value < 1e-6
     drag = found["viscous_friction"]
     # Where the search ends it is 0.2 low.
     assert drag.value == pytest.approx(61.3, abs=0.12)
+    # A profile starts there as well, not at the bound of the search.
+    seen = profile(rig, data, result, "viscous_friction")
+    assert seen.value == pytest.approx(drag.value, abs=0.25 * (drag.high - drag.low))
+    assert seen.others["presliding_length"].min() < 2e-6

@@ -46,7 +46,8 @@ def effect_activity(best: RefinedModel, effect: Effect) -> Array:
     moved = np.nan_to_num(np.abs(with_it.states - without.states)[:, AHEAD, plant] / model.scales[plant])
     moved[moved < DUST] = 0.0
     read = np.nan_to_num(np.abs(with_it.outputs - without.outputs)[:, AHEAD] / np.sqrt(q.measurement))
-    size = np.linalg.norm(moved if moved.any() else read, axis=1)
+    of_sensor = effect.site == "sensor" or not moved.any()
+    size = np.linalg.norm(read if of_sensor else moved, axis=1)
     owner = np.repeat(problem.recording, problem.counts + 1)
     return share_of_largest(_held(size, starts, len(X)), owner)
 
