@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -137,8 +137,9 @@ def go_on(o: Objective, found: Solution, asked: float | None, pace: Pace) -> Sol
         return found
     further = found
     with contextlib.suppress(SolveError, np.linalg.LinAlgError):
-        watch = pace.watch("wider bounds", 1.0)
-        further = _descended(o, found.at, found.terms, found.q, watch)
+        watch, p = pace.watch("wider bounds", 1.0), found.at.p.copy()
+        p[list(o.free)] = np.where(o.low < found.objective.low, o.low, p[list(o.free)])
+        further = _descended(o, replace(found.at, p=p), None, found.q, watch)
         further = _settled(o, further if asked is not None else _by_unit(o, further, 1.0, pace), pace)
     return min(further, found, key=lambda one: one.score)
 
