@@ -304,7 +304,7 @@ def _imperfection(o: Objective, best: Solution, cov: Array, fixed: Booleans) -> 
         return np.zeros(len(o.free))
     difference = (at.p - best.at.p)[list(o.free)]
     allowed = special.chdtri(1, 0.05) * np.abs(np.diag(cov) - own)
-    return np.where(fixed, 0.0, np.maximum(difference**2 - allowed, 0.0))
+    return np.where(fixed, 0.0, np.maximum(difference**2 - allowed, np.maximum(own - np.diag(cov), 0.0)))
 
 
 def _stand_ins(o: Objective, theta: Array, fixed: Booleans) -> Array:
