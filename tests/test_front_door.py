@@ -49,6 +49,19 @@ print([name for name in {HEAVY!r} if name in sys.modules])
     assert fresh(code) == "[]"
 
 
+def test_a_check_brings_no_distributions():
+    """`scipy.stats` alone takes half of the start of every small job."""
+    code = f"""
+import sys
+from click.testing import CliRunner
+from optid import cli
+done = CliRunner().invoke(cli.cli, ["check", {str(DATA / "bench.toml")!r}, {str(DATA / "worn.csv")!r}])
+assert done.exit_code == 0, done.output
+print("scipy" in sys.modules, "scipy.stats" in sys.modules)
+"""
+    assert fresh(code) == "True False"
+
+
 def test_reading_a_rig_needs_neither_matplotlib_nor_pandas():
     code = f"""
 import optid, sys

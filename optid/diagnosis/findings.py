@@ -85,7 +85,7 @@ def _region_of(s: Stages, effect: Effect) -> Region:
     best = s.best
     mismatch = contribution(best.fit, best.at_null(effect))
     plant = {q.name: float(best.fit.p[k]) for k, q in enumerate(best.rig.model.parameters)}
-    within = effect.within(best.own_values(effect), plant)
+    within = effect.active_range(best.own_values(effect), plant)
     return region(best.fit, mismatch, effect_activity(best, effect), s.problem.train, within)
 
 

@@ -135,7 +135,7 @@ def _by_role(told: Mapping[str, str]) -> str:
 def _sentence(d: Diagnosis, f: Finding) -> str:
     name = "Not explained" if f.effect is None else f.effect.name.replace("_", " ").capitalize()
     sure = "" if f.effect is None else f" ({p_told(f.evidence.p_value)} on the hold-out)"
-    where = _where(f.shown[0], f.region.states[f.shown[0]]) if f.shown else ""
+    where = _when(f) + (_where(f.shown[0], f.region.states[f.shown[0]]) if f.shown else "")
     also = ""
     if f.indistinguishable:
         also = f" These recordings cannot distinguish it from {', '.join(f.indistinguishable)}."
@@ -148,10 +148,16 @@ def _sentence(d: Diagnosis, f: Finding) -> str:
     return f"{name.replace('@', ' at ')}{place}: {f.sentence}{sure}.{where}{also}"
 
 
+def _when(f: Finding) -> str:
+    """That a law acts all the time, where it does and singles out no range."""
+    ranged = any(f.region.states[name].by_law for name in f.shown)
+    return " It acts all the time." if f.effect is not None and f.region.always and not ranged else ""
+
+
 def _where(signal: str, r: Range) -> str:
     """The range of a signal in which something acts; empty where it tells nothing."""
     name, span = signal.replace("_", " "), f"{quantity(r.low, r.unit)} to {quantity(r.high, r.unit)}"
-    if r.stated:
+    if r.by_law:
         return f" It acts at {name} from {span}."
     if not r.informative:
         return ""

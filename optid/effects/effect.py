@@ -154,7 +154,7 @@ class Effect:
         """
         return {}
 
-    def within(
+    def active_range(
         self, values: Mapping[str, float], plant: Mapping[str, float]
     ) -> Mapping[str, tuple[float, float]]:
         """Ranges of signals that the law singles out: slow motion, a place, the middle of the spool's travel.

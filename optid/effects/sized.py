@@ -53,13 +53,13 @@ class ScaledEffect(Effect):
         """Parameters estimated from all recordings together."""
         return self.plain.centred(values, shown)
 
-    def within(
+    def active_range(
         self, values: Mapping[str, float], plant: Mapping[str, float]
     ) -> Mapping[str, tuple[float, float]]:
         """Ranges of signals that the law singles out."""
         plain = {name: value / self._factors[name] for name, value in values.items()}
         by = {"position": self.axis.factor("m"), "velocity": self.axis.factor("m/s")}
-        ranges = self.plain.within(plain, plant).items()
+        ranges = self.plain.active_range(plain, plant).items()
         return {name: (by.get(name, 1.0) * low, by.get(name, 1.0) * high) for name, (low, high) in ranges}
 
     def _grown(self, values: Mapping[str, float]) -> dict[str, float]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from optid.diagnosis.localisation.region import Range
 from optid.diagnosis.result import Diagnosis, Finding
 from optid.estimation.result import Estimate, Score
 from optid.report.scores import number
@@ -72,7 +73,6 @@ def _scores(scores: Mapping[str, Score]) -> dict[str, Any]:
 
 
 def _finding(d: Diagnosis, f: Finding) -> dict[str, Any]:
-    ranges = {name: f.region.states[name] for name in f.shown}
     return {
         "effect": None if f.effect is None else f.effect.name,
         "site": f.site,
@@ -84,16 +84,7 @@ def _finding(d: Diagnosis, f: Finding) -> dict[str, Any]:
         "where": {
             "channels": list(f.region.channels),
             "intervals": [[name, number(a), number(b)] for name, a, b in f.region.intervals],
-            "states": {
-                name: {
-                    "low": number(r.low),
-                    "high": number(r.high),
-                    "unit": r.unit,
-                    "share_of_mismatch": number(r.share),
-                    "share_of_samples": number(r.occupancy),
-                }
-                for name, r in ranges.items()
-            },
+            "states": {name: range_entry(f.region.states[name]) for name in f.shown},
         },
         "evidence": {
             "holdout_fit_gain": number(f.evidence.fit_gain),
@@ -103,4 +94,16 @@ def _finding(d: Diagnosis, f: Finding) -> dict[str, Any]:
         "selection": {"cross_validated_gain": number(f.train_gain)},
         "suspected": [{"effect": one.effect, "why": one.why} for one in f.suspected],
         "indistinguishable_from": list(f.indistinguishable),
+    }
+
+
+def range_entry(r: Range) -> dict[str, Any]:
+    """A range of a signal, its shares, and whether the law singles it out."""
+    return {
+        "low": number(r.low),
+        "high": number(r.high),
+        "unit": r.unit,
+        "share_of_mismatch": number(r.share),
+        "share_of_samples": number(r.occupancy),
+        "by_law": r.by_law,
     }

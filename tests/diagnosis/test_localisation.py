@@ -9,7 +9,7 @@ from optid.core.recording import Channel, Recording
 from optid.core.sheet import build
 from optid.diagnosis.localisation import activity
 from optid.diagnosis.localisation.activity import effect_activity, share_of_largest
-from optid.diagnosis.localisation.region import _inside, _intervals, _range
+from optid.diagnosis.localisation.region import _inside, _intervals, _range, region
 from optid.diagnosis.refinement import RefinedModel
 from optid.rigs.rigfile import read_rig, with_effects
 from tests.effects.plants import DATA, PLANTS, Grown, grown
@@ -41,12 +41,13 @@ def placed(name, effects, usual=True):
         begins=np.array([0]),
         counts=np.array([COUNT - 1]),
         recording=np.array([0]),
+        time=np.arange(COUNT) * 1e-3,
     )
     noise = np.ones(len(improved.model.outputs))
     answer = SimpleNamespace(
         p=improved.model.vector(improved.parameters),
         filtered=SimpleNamespace(states=[X]),
-        likelihood_problem=SimpleNamespace(problem=problem, measurement=noise),
+        likelihood_problem=SimpleNamespace(problem=problem, measurement=noise, model=improved.model),
     )
     return RefinedModel(chosen, improved, answer, None)
 
@@ -107,7 +108,7 @@ def test_the_largest_is_each_recording_s_own_and_no_jolt():
 
 def law_of(name, **values):
     effect = next(e for e in grown("servo-pneumatic").effects if e.name == name)
-    return effect.within({**effect.at_null(), **effect.usual[0], **values}, {"stroke": 0.26})
+    return effect.active_range({**effect.at_null(), **effect.usual[0], **values}, {"stroke": 0.26})
 
 
 @pytest.mark.parametrize(("exponent", "tail"), [(1.0, 0.01), (2.0, 1.0), (1.5, 0.1)])
@@ -141,6 +142,32 @@ def test_a_stated_range_ends_where_the_signal_does_and_has_its_shares():
     assert (found.low, found.high, found.unit) == (0.5, 1.0, "V")
     assert found.share == pytest.approx(0.5, abs=2e-3) and found.occupancy == pytest.approx(0.25, abs=2e-3)
     assert _inside((-0.1, 0.1), values, energy, "V", 5.0).high == pytest.approx(0.5)
+
+
+def found_in(best, within, active):
+    """The region of a mismatch that is the same everywhere."""
+    time = np.arange(COUNT) * 1e-3
+    recording = Recording("a", time, {"position": Channel("position", "x", "m", time)})
+    mismatch = np.ones((COUNT, len(best.rig.model.outputs)))
+    return region(best.fit, mismatch, active, (recording,), within)
+
+
+def test_the_range_of_the_law_takes_the_place_of_the_mismatch_s():
+    best, active = placed("servo-pneumatic", ("stribeck_friction",)), np.ones(COUNT)
+    slow = found_in(best, {"velocity": (-0.05, 0.05)}, active).states
+    assert (slow["velocity"].low, slow["velocity"].high) == (-0.05, 0.05)
+    assert slow["velocity"].by_law and not slow["position"].by_law
+    plain = found_in(best, {}, active).states["velocity"]
+    assert not plain.by_law
+    assert plain.high - plain.low > 0.1
+
+
+def test_what_is_active_nearly_all_the_time_always_is():
+    best, active = placed("servo-pneumatic", ("constant_force",)), np.ones(COUNT)
+    active[100:104] = 0.0
+    assert found_in(best, {}, active).always
+    active[100:200] = 0.0
+    assert not found_in(best, {}, active).always
 
 
 def test_intervals_join_what_is_soon_at_work_again_and_keep_to_their_recording():

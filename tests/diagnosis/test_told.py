@@ -5,7 +5,8 @@ from types import SimpleNamespace
 import pytest
 
 from optid.diagnosis.localisation.region import Range
-from optid.diagnosis.summary import _nothing_more, _where
+from optid.diagnosis.summary import _nothing_more, _when, _where
+from optid.report.diagnosis_document import range_entry
 
 
 def diagnosis(p, strongest="sensor_backlash"):
@@ -32,8 +33,34 @@ def test_what_chance_explains_is_no_improvement(found):
 
 
 def test_where_is_told_from_the_law_or_where_it_tells_something():
-    law = Range(-0.05, 0.05, "m/s", 0.94, 0.73, stated=True)
+    law = Range(-0.05, 0.05, "m/s", 0.94, 0.73, by_law=True)
     assert _where("velocity", law) == " It acts at velocity from -50 mm/s to 50 mm/s."
     dense = _where("pressure_a", Range(3e5, 4e5, "Pa", 0.8, 0.4))
     assert dense == " 80 % of the mismatch lies at pressure a from 3 bar to 4 bar, and 40 % of the samples."
     assert _where("pressure_a", Range(3e5, 4e5, "Pa", 0.81, 0.75)) == ""
+
+
+def named(always, **ranges):
+    region = SimpleNamespace(states=ranges, always=always)
+    return SimpleNamespace(effect=SimpleNamespace(name="cross_leakage"), region=region, shown=tuple(ranges))
+
+
+def test_what_acts_all_the_time_is_said_to_unless_its_law_has_a_range():
+    ranged = Range(-0.05, 0.05, "m/s", 0.94, 0.73, by_law=True)
+    assert _when(named(True)) == " It acts all the time."
+    assert _when(named(True, velocity=Range(0.0, 1.0, "m/s", 0.9, 0.2))) == " It acts all the time."
+    assert _when(named(True, velocity=ranged)) == ""
+    assert _when(named(False)) == ""
+
+
+@pytest.mark.parametrize("by_law", [True, False])
+def test_the_document_says_whose_range_it_is(by_law):
+    told = range_entry(Range(-0.05, 0.05, "m/s", 0.94, 0.73, by_law))
+    assert told == {
+        "low": -0.05,
+        "high": 0.05,
+        "unit": "m/s",
+        "share_of_mismatch": 0.94,
+        "share_of_samples": 0.73,
+        "by_law": by_law,
+    }

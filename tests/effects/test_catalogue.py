@@ -6,9 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from optid.core.axis import Axis
 from optid.effects.anywhere import Anywhere
 from optid.effects.effect import SIGNALS
 from optid.effects.library import built_in
+from optid.effects.sized import sized
 from optid.rigs.rigfile import read_rig, with_effects, write_rig
 from tests.effects.plants import DATA, MACHINES, grown
 
@@ -97,7 +99,7 @@ def test_it_speaks_of_all_its_parameters_and_of_known_effects(effect):
 @pytest.mark.parametrize("effect", EFFECTS, ids=repr)
 def test_the_ranges_it_states_are_of_signals_that_it_follows(effect):
     for point in effect.usual:
-        ranges = effect.within({**effect.at_null(), **point}, {"stroke": 0.26})
+        ranges = effect.active_range({**effect.at_null(), **point}, {"stroke": 0.26})
         assert set(ranges) <= set(effect.depends_on)
         assert all(low < high for low, high in ranges.values())
 
@@ -150,3 +152,11 @@ def test_a_periodic_disturbance_is_tried_where_the_recordings_ring(before):
     assert len({point["phase"] for point in points if point["frequency"] == nearest["frequency"]}) == 4
     other = built_in()["spring_load"]
     assert other.tries(heard, interval) == other.usual
+
+
+def test_the_range_of_a_law_is_scaled_to_the_axis():
+    """A joint of 2 rad and 5 N m: speeds are twenty times the slide's, as are the places of its stops."""
+    joint = Axis("rad", 2.0, "N m", 5.0)
+    slide, turning = (by(built_in()["stribeck_friction"]) for by in (lambda e: e, lambda e: sized(e, joint)))
+    ranges = [law.active_range({**law.at_null(), **law.usual[0]}, {})["velocity"] for law in (slide, turning)]
+    assert ranges[1] == pytest.approx([20.0 * end for end in ranges[0]])

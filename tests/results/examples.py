@@ -85,6 +85,7 @@ def diagnosis():
                     "unit": "m",
                     "share_of_mismatch": 0.9,
                     "share_of_samples": 0.2,
+                    "by_law": True,
                 }
             },
         },

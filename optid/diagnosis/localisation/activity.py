@@ -14,7 +14,6 @@ from optid.estimation.problem import Integers
 AHEAD = (
     5  # samples that are simulated with and without the effect: friction's microseconds have passed by then
 )
-DUST = 1e-6  # of a state's usual size: a smaller difference is rounding
 MOST = 0.99  # quantile that counts as the largest: neither rest nor a single jolt determines it
 FAINT = 1e-4  # of the largest in all recordings: what is smaller in a whole recording does not act there
 
@@ -44,7 +43,6 @@ def effect_activity(best: RefinedModel, effect: Effect) -> Array:
     own = f"{effect.name}."
     plant = [i for group in noisy_states(model) for i in group if not model.states[i].name.startswith(own)]
     moved = np.nan_to_num(np.abs(with_it.states - without.states)[:, AHEAD, plant] / model.scales[plant])
-    moved[moved < DUST] = 0.0
     read = np.nan_to_num(np.abs(with_it.outputs - without.outputs)[:, AHEAD] / np.sqrt(q.measurement))
     of_sensor = effect.site == "sensor" or not moved.any()
     size = np.linalg.norm(read if of_sensor else moved, axis=1)

@@ -21,19 +21,20 @@ GAP = 0.1  # of a window: shorter pauses are bridged
 COVER = 0.8  # share of the mismatch that a range of a signal should contain
 PIECES = 40  # parts of a signal's range, with equal numbers of samples
 NOWHERE: Mapping[str, tuple[float, float]] = MappingProxyType({})
+ALWAYS = 0.95  # share of the recordings' time in which something that always acts is active
 INFORMATIVE = 1.25  # ratio of the shares of mismatch and samples from which a range is reported
 
 
 @dataclass(frozen=True)
 class Range:
-    """A range of a signal and its share of the mismatch; SI. `stated` is one that a law singles out."""
+    """A range of a signal and its share of the mismatch; SI. `by_law` is one that a law singles out."""
 
     low: float
     high: float
     unit: str
     share: float
     occupancy: float
-    stated: bool = False
+    by_law: bool = False
 
     @property
     def informative(self) -> bool:
@@ -63,6 +64,13 @@ class Region:
     owner: Integers
     time: Array
     slot: float
+
+    @property
+    def always(self) -> bool:
+        """Whether it is active at nearly all times of every recording."""
+        active = sum(end - begin for _, begin, end in self.intervals)
+        lasted = sum(float(np.ptp(self.time[self.owner == k])) for k in np.unique(self.owner))
+        return active > ALWAYS * lasted
 
 
 def contribution(answer: LikelihoodFit, without: Array) -> Array:
@@ -151,7 +159,7 @@ def _inside(limits: tuple[float, float], values: Array, energy: Array, unit: str
     low, high = (float(np.clip(size * one, v.min(), v.max())) for one in limits)
     there = (v >= low) & (v <= high)
     share = float(e[there].sum() / max(float(e.sum()), 1e-300))
-    return Range(low, high, unit, share, float(np.mean(there)), stated=True)
+    return Range(low, high, unit, share, float(np.mean(there)), by_law=True)
 
 
 def _range(values: Array, energy: Array, unit: str) -> Range:

@@ -114,7 +114,7 @@ class EndCushioning(Effect):
     experiment = "strokes to both ends with the cushions' needles turned"
     source = "physics catalogue A.3, row 32; check valve and needle of a cushioned cylinder"
 
-    def within(
+    def active_range(
         self, values: Mapping[str, float], plant: Mapping[str, float]
     ) -> Mapping[str, tuple[float, float]]:
         """The end that is cushioned, if it is one of them."""

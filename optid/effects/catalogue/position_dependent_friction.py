@@ -121,7 +121,7 @@ class PositionDependentFriction(Effect):
     )
     source = "physics catalogue A.1, row 4"
 
-    def within(
+    def active_range(
         self, values: Mapping[str, float], plant: Mapping[str, float]
     ) -> Mapping[str, tuple[float, float]]:
         """The place, as far as a tenth of the bump is left; to one end, where friction rises that way."""

@@ -78,7 +78,7 @@ class StribeckFriction(Effect):
     experiment = "ramps of 2 to 20 mm/s in both directions, at two speeds"
     source = "Armstrong-Helouvry, Dupont and Canudas de Wit, Automatica 30(7), 1994"
 
-    def within(
+    def active_range(
         self, values: Mapping[str, float], plant: Mapping[str, float]
     ) -> Mapping[str, tuple[float, float]]:
         """Speeds at which more than a tenth of the excess is left."""

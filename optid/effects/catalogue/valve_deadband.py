@@ -67,7 +67,7 @@ class ValveDeadband(Effect):
     experiment = "small steps of the command about zero at several pressures, with the pressures measured"
     source = "Tao, Meng and others, Math. Probl. Eng. 2034923, 2016; sizes from physics catalogue A.2, row 15"
 
-    def within(
+    def active_range(
         self, values: Mapping[str, float], plant: Mapping[str, float]
     ) -> Mapping[str, tuple[float, float]]:
         """Commands at which the ports stay shut."""

@@ -73,7 +73,7 @@ class ValveUnderlap(Effect):
     experiment = "close the valve under pressure: underlap draws both chambers to the same pressure"
     source = "physics catalogue A.2, row 16"
 
-    def within(
+    def active_range(
         self, values: Mapping[str, float], plant: Mapping[str, float]
     ) -> Mapping[str, tuple[float, float]]:
         """Commands at which both edges of a port are open."""

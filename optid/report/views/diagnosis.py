@@ -151,7 +151,10 @@ def _suspected(f: Mapping[str, Any]) -> list[str]:
 
 def _state(tables: Mapping[str, Any], number: int, name: str, entry: Mapping[str, Any]) -> tuple[Any, str]:
     low, high = (quantity(entry[end], entry["unit"]) for end in ("low", "high"))
-    words = f"{100 * entry['share_of_mismatch']:.0f} % of the mismatch lies between {low} and {high}"
+    share = f"{100 * entry['share_of_mismatch']:.0f} % of the mismatch"
+    words = f"{share} lies between {low} and {high}"
+    if entry.get("by_law"):
+        words = f"By its law it acts between {low} and {high}. {share} lies there"
     if entry.get("share_of_samples") is not None:
         words += f", and {100 * entry['share_of_samples']:.0f} % of the samples"
     frame = tables.get(f"state {number} {name}")
