@@ -67,11 +67,15 @@ class SelectionPath:
     ended_early: bool = False
 
     @property
-    def strongest(self) -> FittedModel | None:
+    def nearest(self) -> Contender | None:
         """The best contender, selected or not."""
         every = [one for step in self.rounds for one in step.contenders]
-        best = min(every, key=lambda one: one.validated.windows.sum(), default=None)
-        return None if best is None else best.model
+        return min(every, key=lambda one: one.validated.windows.sum(), default=None)
+
+    @property
+    def strongest(self) -> FittedModel | None:
+        """The model of the best contender."""
+        return None if self.nearest is None else self.nearest.model
 
 
 def nothing_selected(base: FittedModel, problem: DiagnosisProblem) -> SelectionPath:

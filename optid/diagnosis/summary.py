@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from optid.core.quantity import quantity
+from optid.diagnosis.validation import error_gain
 from optid.estimation.result import Estimate, Score
 
 if TYPE_CHECKING:
@@ -88,8 +89,20 @@ def _unexplained(d: Diagnosis) -> str:
     return (
         "The recordings contain something that is not explained: held out, windows have an error of "
         f"{_errors(d.test.base.scores)} "
-        f"where the noise is {_floor(d)}. {told}{described}{also}"
+        f"where the noise is {_floor(d)}. {told}{described}{also or _nearest(d)}"
     )
+
+
+def _nearest(d: Diagnosis) -> str:
+    """The law of the catalogue that comes nearest where none is proven or suspected: where to look first."""
+    one = d.path.nearest
+    if one is None or d.path.best.effects or not one.why:
+        return ""
+    gain = error_gain(d.path.first, one.validated)
+    if gain < d.problem.criteria.smallest_gain:
+        return ""
+    name = one.effect.name.replace("_", " ").replace("@", " at ")
+    return f" Of the catalogue {name} comes nearest, {100 * gain:.0f} % less error; not proven: {one.why}."
 
 
 def _missing(d: Diagnosis) -> str:

@@ -212,7 +212,9 @@ def rejection_reason(
     p = p_value(before.windows, after.windows, at_noise)
     asked = criteria.level if missing else criteria.level / max(tried, 1)
     if not p <= asked:
-        return f"no gain on recordings that were not fitted (p = {p:.2g}; {asked:.2g} is required)"
+        return (
+            f"its gain on windows that were not fitted may be chance (p = {p:.2g}; {asked:.2g} is required)"
+        )
     gain = error_gain(before, after)
     if gain < criteria.smallest_gain:
         return f"cross-validated, the error of the windows falls by {100 * max(gain, 0):.1f} %: too little to matter"

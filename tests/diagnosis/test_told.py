@@ -2,10 +2,12 @@
 
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from optid.diagnosis.localisation.region import Range
-from optid.diagnosis.summary import _nothing_more, _when, _where
+from optid.diagnosis.summary import _nearest, _nothing_more, _when, _where
+from optid.diagnosis.validation import Validated
 from optid.report.diagnosis_document import range_entry
 
 
@@ -64,3 +66,26 @@ def test_the_document_says_whose_range_it_is(by_law):
         "share_of_samples": 0.73,
         "by_law": by_law,
     }
+
+
+@pytest.mark.parametrize(
+    ("left", "why", "told"),
+    [
+        (
+            0.81,
+            "chance (p = 0.2)",
+            " Of the catalogue overflow comes nearest, 10 % less error; not proven: chance (p = 0.2).",
+        ),
+        (0.99, "chance (p = 0.2)", ""),
+        (0.81, "", ""),
+    ],
+)
+def test_where_nothing_is_proven_the_nearest_law_is_told_with_what_it_lacks(left, why, told):
+    contender = SimpleNamespace(
+        effect=SimpleNamespace(name="overflow"), validated=Validated(np.full((20, 1), left)), why=why
+    )
+    path = SimpleNamespace(
+        nearest=contender, first=Validated(np.ones((20, 1))), best=SimpleNamespace(effects=())
+    )
+    d = SimpleNamespace(path=path, problem=SimpleNamespace(criteria=SimpleNamespace(smallest_gain=0.04)))
+    assert _nearest(d) == told
