@@ -58,8 +58,9 @@ def fit_model(
     *,
     short: bool = False,
     level: float = QUIET,
+    begun: MultistepFit | None = None,
 ) -> FittedModel:
-    """Fit over short windows first, if requested, and then over whole ones.
+    """Fit over short windows first, if requested, and then over whole ones, on from a fit that was `begun`.
 
     Raises:
         SolveError: the model cannot be simulated at the start.
@@ -67,7 +68,9 @@ def fit_model(
     o = problem.options
     if short:
         p = fit_multistep(likelihood_problem, p, o.short * problem.window, turns=2, steps=o.steps).p
-    fit = fit_multistep(likelihood_problem, p, problem.window, turns=o.turns, steps=o.steps, level=level)
+    fit = fit_multistep(
+        likelihood_problem, p, problem.window, turns=o.turns, steps=o.steps, level=level, begun=begun
+    )
     return FittedModel(tuple(effects), rig, fit)
 
 

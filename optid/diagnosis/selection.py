@@ -18,7 +18,7 @@ from optid.diagnosis.validation import Validated, cross_validate, rejection_reas
 from optid.effects.effect import Effect
 from optid.effects.library import admitted
 from optid.errors import SolveError
-from optid.estimation.multistep import QUIET, fit_multistep
+from optid.estimation.multistep import QUIET, MultistepFit, fit_multistep
 from optid.rigs.rigfile import with_effects
 
 RESTART = 0.95  # of windows' errors: a model restarts from another point if at most this share remains there
@@ -186,9 +186,10 @@ def contend(
     problem: DiagnosisProblem,
     tried: int,
     one: Proposal,
+    begun: MultistepFit | None = None,
 ) -> Contender | None:
-    """A proposal fully fitted and validated; ``None`` where the simulation diverges."""
-    model = fit_proposal(current, problem, one)
+    """A proposal fully fitted, from where it was `begun`, and validated; ``None`` where the simulation diverges."""
+    model = fit_proposal(current, problem, one, begun)
     if model is None:
         return None
     with contextlib.suppress(SolveError):
@@ -200,15 +201,25 @@ def contend(
     return None
 
 
-def fit_proposal(current: FittedModel, problem: DiagnosisProblem, one: Proposal) -> FittedModel | None:
-    """A proposal fully fitted from the start with the smallest loss after one iteration; ``None`` where all diverge."""
-    effects, q, steps = (*current.effects, one.effect), one.likelihood_problem, problem.options.steps
-    level, fits = current.fit.level, []
+def fit_proposal(
+    current: FittedModel, problem: DiagnosisProblem, one: Proposal, begun: MultistepFit | None = None
+) -> FittedModel | None:
+    """A proposal fully fitted, from where it was `begun`; ``None`` where the simulation diverges."""
+    begun = begin_proposal(current, problem, one) if begun is None else begun
+    if begun is None:
+        return None
+    effects, q = (*current.effects, one.effect), one.likelihood_problem
+    return fit_model(problem, effects, q.rig, q, begun.p, begun=begun)
+
+
+def begin_proposal(current: FittedModel, problem: DiagnosisProblem, one: Proposal) -> MultistepFit | None:
+    """The start with the smallest loss, after one iteration; ``None`` where the simulation diverges from all."""
+    q, fits = one.likelihood_problem, []
     for p in _starts(one):
         with contextlib.suppress(SolveError):
+            steps, level = problem.options.steps, current.fit.level
             fits.append(fit_multistep(q, p, problem.window, turns=1, steps=steps, level=level, most=1))
-    best = min(fits, key=lambda each: each.loss, default=None)
-    return None if best is None else fit_model(problem, effects, q.rig, q, best.p, level=best.level)
+    return min(fits, key=lambda each: each.loss, default=None)
 
 
 def _starts(one: Proposal) -> list[Array]:

@@ -88,6 +88,7 @@ def fit_multistep(
     only: Sequence[int] | None = None,
     level: float = QUIET,
     most: int = MOST,
+    begun: MultistepFit | None = None,
 ) -> MultistepFit:
     """Fit parameters by prediction errors over windows, from a start; gains are recomputed in each iteration.
 
@@ -101,24 +102,27 @@ def fit_multistep(
         level: of the filter's process noise at the start, or the usual one if that predicts better; it is lowered as
             long as that predicts better.
         most: largest number of iterations.
+        begun: fit of the same windows that is gone on with, in place of the start.
 
     Raises:
         SolveError: the model cannot be simulated at the start.
     """
     starts = window_starts(q.problem, seconds)
-    best = _best_of(_stands(q, p, only, starts, by) for by in {level, QUIET})
+    best = begun or _best_of(_stands(q, p, only, starts, by) for by in {level, QUIET})
     if best is None:
         raise SolveError("the simulation diverged at the start values; check them and their units")
+    lowered = True
     for turn in range(1, most + 1):
         if q.budget.is_over:
             break
         there = None
         with contextlib.suppress(SolveError):
             moved = fixed_gain_fit(q, best.p, q.model, best.filtered, steps, only, starts).p
-            there = _best_of(_stands(q, moved, only, starts, best.level + by) for by in (0.0, STEP))
+            levels = (best.level, best.level + STEP) if lowered else (best.level,)
+            there = _best_of(_stands(q, moved, only, starts, level) for level in levels)
         if there is None or not there.loss < best.loss:
             break
-        gain = 1.0 - there.loss / best.loss
+        gain, lowered = 1.0 - there.loss / best.loss, there.level < best.level
         best = there
         if gain < (SETTLED if turn < turns else FALLING):
             break

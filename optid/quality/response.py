@@ -6,13 +6,14 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from optid.core.model import CLOCK, INTERVAL, Model
+from optid.core.model import CLOCK, INTERVAL, Array, Model
 from optid.core.recording import Recording
 from optid.core.simulation import simulate
 from optid.errors import PlantError
 
 _SAMPLES = 400
 _SECONDS = 0.4  # s of a step; an axis moves by then
+_MIXED = 0.05  # of a response: more than this of the other sign, and it has none
 _CLEAR = 1e-9  # of what an output can resolve: a smaller response has no sign
 
 
@@ -52,9 +53,18 @@ def signs(
             apart = up[:, j] - down[:, j]
             apart = apart[np.isfinite(apart)]
             scale = float(np.abs(up[:, j]).max()) if np.isfinite(up[:, j]).all() else 0.0
-            mean = float(apart.mean()) if len(apart) else 0.0
-            found[cause, port.role] = int(np.sign(mean)) if abs(mean) > _CLEAR * max(scale, 1e-30) else 0
+            found[cause, port.role] = _sign(apart, scale)
     return found
+
+
+def _sign(apart: Array, scale: float) -> int:
+    """The sign of a response; 0 where it is next to nothing, or changes on the way.
+
+    The pressure of a chamber falls while a piston of unequal areas moves, and rises once it is at its stop.
+    """
+    rises, falls = float(np.maximum(apart, 0.0).sum()), float(np.maximum(-apart, 0.0).sum())
+    clear = max(rises, falls) > _CLEAR * max(scale, 1e-30) * max(len(apart), 1)
+    return int(np.sign(rises - falls)) if clear and min(rises, falls) < _MIXED * max(rises, falls) else 0
 
 
 def _mean(recording: Recording, role: str) -> float:

@@ -14,7 +14,7 @@ from optid.diagnosis.fitted import FittedModel
 from optid.diagnosis.localisation.unknown_input import UnknownInput
 from optid.diagnosis.problem import DiagnosisProblem, Stage, with_effect
 from optid.diagnosis.proposals import Proposal, propose
-from optid.diagnosis.selection import Contender, SelectionPath, contend
+from optid.diagnosis.selection import Contender, SelectionPath, begin_proposal, contend
 from optid.diagnosis.surrogate.library import (
     curves,
     fitting,
@@ -129,11 +129,15 @@ def _waves(base: FittedModel, likely: Sequence[UnknownInput], problem: Diagnosis
 def _best(
     base: FittedModel, first: Validated, led: Sequence[Proposal], problem: DiagnosisProblem, tried: int
 ) -> Contender | None:
-    fitted = parallel_map(
-        partial(contend, base, first, first, problem, tried), led[: problem.options.contenders]
-    )
-    good = [one for one in fitted if one is not None and not one.why]
-    return min(good, key=_loss, default=None)
+    """The form with the smallest loss after one iteration that is confirmed; the others are not fitted fully."""
+    led = led[: problem.options.contenders]
+    begun = parallel_map(partial(begin_proposal, base, problem), led)
+    ranked = [(fit, one) for fit, one in zip(begun, led, strict=True) if fit is not None]
+    for fit, one in sorted(ranked, key=lambda pair: pair[0].loss):
+        found = contend(base, first, first, problem, tried, one, fit)
+        if found is not None and not found.why:
+            return found
+    return None
 
 
 def _rivalling(sites: Sequence[UnknownInput], problem: DiagnosisProblem) -> list[UnknownInput]:
