@@ -57,7 +57,9 @@ def intervals(model: RefinedModel, ratio: float = 1.0) -> tuple[Estimate, ...]:
     return tuple(found)
 
 
-def apart_from_none(estimates: Sequence[Estimate], effect: Effect, p_value: float) -> tuple[Estimate, ...]:
+def apart_from_none(
+    estimates: Sequence[Estimate], effect: Effect, p_value: float, at_noise: bool
+) -> tuple[Estimate, ...]:
     """Estimates in which one interval excludes zero, where a test rules out that the effect is absent.
 
     Wald's interval is of first order about the estimate. For a law that is strongly nonlinear between there and zero,
@@ -67,8 +69,10 @@ def apart_from_none(estimates: Sequence[Estimate], effect: Effect, p_value: floa
 
     Args:
         estimates: all parameters, SI.
-        effect: whose model reaches the noise.
+        effect: named.
         p_value: of the hypothesis that it is absent.
+        at_noise: whether its model reaches the noise. Where it does not, the law's form is wrong, and the test shows
+            that it helps, not how large it is: its strength must then exceed its own sd.
     """
     root, null = float(-ndtri(p_value / 2)), effect.at_null()
     least = {f"{effect.name}.{name}": null[name] for name in effect.strength}
@@ -77,6 +81,9 @@ def apart_from_none(estimates: Sequence[Estimate], effect: Effect, p_value: floa
     if not sizes or share <= 0.0 or any(not e.low <= least[e.name] <= e.high for e in sizes):
         return tuple(estimates)
     surest = max(sizes, key=lambda e: abs(e.value - least[e.name]) / (e.high - e.low))
+    sd = max(surest.high - surest.value, surest.value - surest.low) / float(ndtri(0.5 + 0.95 / 2))
+    if not at_noise and abs(surest.value - least[surest.name]) < sd:
+        return tuple(estimates)
     end = least[surest.name] + share * (surest.value - least[surest.name])
     mended = replace(surest, low=end) if surest.value > least[surest.name] else replace(surest, high=end)
     return tuple(mended if one is surest else one for one in estimates)

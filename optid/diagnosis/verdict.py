@@ -136,16 +136,12 @@ def _birge(s: Stages, evaluation: Evaluation) -> float:
 
 
 def _by_tests(s: Stages, estimates: tuple[Estimate, ...]) -> tuple[Estimate, ...]:
-    """Intervals consistent with the tests of the named effects, if these bring the model to the noise.
-
-    Beyond the noise the law's form is wrong, and its test shows that it helps, not how large it is.
-    """
-    if not s.test.best.error_over_noise(s.problem.noise) <= s.problem.criteria.error_over_noise:
-        return estimates
+    """Intervals consistent with the tests of the named effects."""
+    at_noise = s.test.best.error_over_noise(s.problem.noise) <= s.problem.criteria.error_over_noise
     for effect in s.best.effects if s.names else ():
         p = s.test.names[effect.name].p_value
         if p <= s.problem.criteria.level:
-            estimates = apart_from_none(estimates, effect, p)
+            estimates = apart_from_none(estimates, effect, p, at_noise)
     return estimates
 
 

@@ -1,5 +1,7 @@
 """An interval agrees with the test that rules out that there is none of an effect."""
 
+from dataclasses import replace
+
 import pytest
 
 from optid.diagnosis.intervals import apart_from_none
@@ -16,7 +18,7 @@ def estimate(name, value, low, high):
 def test_a_strength_that_trades_with_its_shape_ends_where_the_test_puts_it():
     """A cushion of a blind draw: 24.8 times narrower, 0 to 55.2 by its sd; none of it has p = 0.0006 (3.43 sd)."""
     given = [estimate("mass", 1.0, 0.9, 1.1), estimate("end_cushioning.throttling", 24.8, 0.0, 55.2)]
-    mass, found = apart_from_none(given, CUSHION, 6e-4)
+    mass, found = apart_from_none(given, CUSHION, 6e-4, True)
     assert mass == given[0]
     assert found.low == pytest.approx(24.8 * (1 - 1.96 / 3.43), rel=0.01)
     assert (found.value, found.high) == (24.8, 55.2)
@@ -24,7 +26,7 @@ def test_a_strength_that_trades_with_its_shape_ends_where_the_test_puts_it():
 
 def test_a_test_that_rules_nothing_out_changes_nothing():
     given = (estimate("end_cushioning.throttling", 24.8, 0.0, 55.2),)
-    assert apart_from_none(given, CUSHION, 0.2) == given
+    assert apart_from_none(given, CUSHION, 0.2, True) == given
 
 
 def test_where_one_strength_is_sure_no_other_is_touched():
@@ -33,4 +35,18 @@ def test_where_one_strength_is_sure_no_other_is_touched():
         estimate("ambient_leakage.area_a", 1.5e-7, 1.4e-7, 1.6e-7),
         estimate("ambient_leakage.area_b", 1e-10, 0.0, 1e-9),
     )
-    assert apart_from_none(given, LEAK, 1e-6) == given
+    assert apart_from_none(given, LEAK, 1e-6, True) == given
+
+
+def test_beyond_the_noise_a_strength_must_exceed_its_own_sd():
+    """The static friction demo: a ratio of 2.5, by its sd 1 to 4.9. A rise that fills its bounds is no size."""
+    ratio = estimate("stribeck_friction.breakaway_ratio", 2.5, 1.0, 4.9)
+    (found,) = apart_from_none([ratio], built_in()["stribeck_friction"], 1e-4, False)
+    assert found.low == pytest.approx(1.0 + 1.5 * (1 - 1.96 / 3.89), rel=0.01)
+    (rise,) = apart_from_none([replace(ratio, high=9.0)], built_in()["stribeck_friction"], 1e-4, False)
+    assert rise.low == 1.0
+    given = [
+        estimate(f"position_dependent_friction.{name}", *values)
+        for name, values in {"rise": (-0.5, -0.95, 10.0), "slope_ahead": (0.2, -15.0, 15.0)}.items()
+    ]
+    assert apart_from_none(given, built_in()["position_dependent_friction"], 1e-4, False) == tuple(given)
