@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import casadi as ca
@@ -144,6 +145,19 @@ class Model:
             port.role: port for port in self.inputs if port.role not in (INTERVAL, CLOCK) and not port.ago
         }
         return tuple(held.values())
+
+    @cached_property
+    def unseen(self) -> frozenset[str]:
+        """States that influence no output, directly or through others: nothing recorded shows where they are."""
+        x, u, p = (ca.SX.sym("s", *self.rates.size_in(k)) for k in range(3))
+        rates, sensors = (
+            np.array(ca.DM(ca.jacobian_sparsity(f(x, u, p), x), 1.0)) != 0.0
+            for f in (self.rates, self.sensors)
+        )
+        seen = sensors.any(axis=0)
+        for _ in self.states:
+            seen = seen | rates[seen].any(axis=0)
+        return frozenset(state.name for state, shown in zip(self.states, seen, strict=True) if not shown)
 
     @property
     def scales(self) -> Array:

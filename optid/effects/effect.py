@@ -57,6 +57,9 @@ class Effect:
         the finding as a sentence, with {parameter} replaced by value and unit.
     depends_on : tuple[str, ...]
         the signals on which it depends, the most informative first, each one of SIGNALS.
+    places : tuple[str, ...]
+        states whose absolute value it depends on. Where no output shows one, each recording could begin anywhere in the
+        law, and have another friction, say: such an effect is not tried.
     needs : str
         what a recording must contain to show it: "motion over most of the stroke".
     look_alikes : tuple[str, ...]
@@ -89,6 +92,7 @@ class Effect:
     law: str
     says: str
     depends_on: tuple[str, ...]
+    places: tuple[str, ...] = ()
     needs: str
     look_alikes: tuple[str, ...] = ()
     shares: Mapping[str, str] = MappingProxyType({})

@@ -109,9 +109,19 @@ def find_effect(name: str, base: Path) -> Effect:
 def admitted(model: Model, own: Iterable[Effect] = ()) -> tuple[Effect, ...]:
     """The effects, built in and the user's `own`, which a model can take and does not have yet.
 
-    The model must offer their sites, the signals that they need there and the plant's parameters that they use.
-    Effects for any site are offered where no other effect acts and the signal is not zero.
+    The model must offer their sites, the signals that they need there and the plant's parameters that they use; its
+    outputs must show the places that they depend on. Effects for any site are offered where no other effect acts and
+    the signal is not zero.
     """
+    return tuple(e for e in _possible(model, own) if model.unseen.isdisjoint(e.places))
+
+
+def unplaced(model: Model, own: Iterable[Effect] = ()) -> tuple[Effect, ...]:
+    """The effects that are not admitted because no output shows the place that they depend on."""
+    return tuple(e for e in _possible(model, own) if not model.unseen.isdisjoint(e.places))
+
+
+def _possible(model: Model, own: Iterable[Effect]) -> tuple[Effect, ...]:
     every = {effect.name: sized(effect, model.axis) for effect in (*built_in().values(), *own)}
     sites = set(model.sites)
     fitting = [e for e in every.values() if sites.issuperset(e.sites) and _takes(model, e)]

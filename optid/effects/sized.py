@@ -13,7 +13,7 @@ from optid.core.sheet import Sheet
 from optid.effects.effect import Effect
 
 ALIKE = (
-    *("name", "sites", "equation", "depends_on", "needs", "look_alikes", "shares", "excludes"),
+    *("name", "sites", "equation", "depends_on", "places", "needs", "look_alikes", "shares", "excludes"),
     *("ahead_of", "resolved", "entire", "source"),
 )
 

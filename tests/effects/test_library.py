@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from optid.core.sheet import build
-from optid.effects.library import admitted, built_in, find_effect
+from optid.effects.library import admitted, built_in, find_effect, unplaced
 from optid.errors import PlantError, RigError
 from optid.rigs.cascaded_tanks import cascaded_tanks
 from optid.rigs.emps import emps
+from optid.rigs.friction import dry_friction
 from optid.rigs.servo_pneumatic import servo_pneumatic
 from tests.effects.plants import grown
 
@@ -92,3 +93,24 @@ def test_overlap_and_underlap_of_one_valve_exclude_each_other():
         names = {effect.name for effect in admitted(model)}
         assert out not in names
         assert "valve_lag" in names
+
+
+def slide(sheet, shown):
+    """A body on a rough slide: a force moves it, and its speed or its place is measured."""
+    x, v = sheet.state("position", "m", 0.1, spread=0.1), sheet.state("velocity", "m/s", 0.1)
+    drag = sheet.site("force.friction", dry_friction(sheet, v, "smooth", x=x, L=1.0), size=10.0, x=x, v=v)
+    sheet.rate(x, v)
+    sheet.rate(v, sheet.input("force", "N") - drag)
+    sheet.output("seen", "m", x if shown == "position" else v)
+
+
+@pytest.mark.parametrize("shown", ["position", "velocity"])
+def test_a_law_over_a_place_that_nothing_recorded_shows_is_not_tried(shown):
+    """Each recording could begin anywhere in it: friction that differs between recordings would be told as a bump."""
+    model = build(lambda sheet: slide(sheet, shown))
+    hidden = {"position"} if shown == "velocity" else set()
+    assert model.unseen == hidden
+    name = "position_dependent_friction"
+    assert (name in {e.name for e in unplaced(model)}) == bool(hidden)
+    assert (name in {e.name for e in admitted(model)}) != bool(hidden)
+    assert "stribeck_friction" in {e.name for e in admitted(model)}

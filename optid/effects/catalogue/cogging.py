@@ -51,6 +51,7 @@ class Cogging(Effect):
     law = "the drive's torque gains A sin(2 pi n x / turn + phase)"
     says = "the motor cogs: {amplitude}, {per_turn} times a turn (phase {phase} rad)"
     depends_on = ("position",)
+    places = ("position",)
     needs = "slow motion over several of its periods"
     look_alikes = ("position_dependent_friction", "spring_load", "sensor_nonlinearity")
     experiment = "turn the axis slowly with the motor off, and watch the torque over the angle"

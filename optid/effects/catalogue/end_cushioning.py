@@ -109,6 +109,7 @@ class EndCushioning(Effect):
         "by the power {taper_power} of the distance; it enters over {entry})"
     )
     depends_on = ("position", "flow")
+    places = ("position",)
     needs = "motion into the last 10 to 25 mm before an end of the stroke"
     look_alikes = ("exhaust_restriction", "position_dependent_friction", "tube_restriction")
     experiment = "strokes to both ends with the cushions' needles turned"

@@ -106,6 +106,7 @@ class PositionDependentFriction(Effect):
         "{slope_behind} behind it"
     )
     depends_on = ("position", "velocity")
+    places = ("position",)
     needs = "motion over the whole stroke in both directions"
     ahead_of = ("presliding",)
     look_alikes = (
