@@ -14,6 +14,10 @@ from optid.core.quantity import plain, quantity, typeset
         (5e5, "Pa", "5 bar"),
         (0.147e-6, "m**2", "0.147 mm²"),
         (-0.0, "m", "0 mm"),
+        (1.4e-5, "N/Pa", "1.4 N/bar"),
+        (1e-12, "m**3/(s Pa)", "6 mL/(min bar)"),
+        (50e-6, "m**3", "50 cm³"),
+        (3.3e-4, "m**3/s", "19.8 L/min"),
         (3.0, "kg m**2", "3 kg m²"),
     ],
 )
