@@ -8,6 +8,7 @@ import pytest
 from optid.diagnosis import selection
 from optid.diagnosis.criteria import Criteria, SearchOptions
 from optid.diagnosis.selection import fit_proposal, worth_fitting
+from optid.diagnosis.surrogate import search
 from optid.errors import SolveError
 
 
@@ -44,7 +45,9 @@ def test_a_contender_is_fitted_from_the_better_start_and_lives_if_one_diverges(m
         return SimpleNamespace(p=p, loss=losses[float(p[0])], level=level)
 
     monkeypatch.setattr(selection, "fit_multistep", turn)
-    monkeypatch.setattr(selection, "fit_model", lambda problem, effects, rig, q, p, *, level: float(p[0]))
+    monkeypatch.setattr(
+        selection, "fit_model", lambda problem, effects, rig, q, p, *, begun: float(begun.p[0])
+    )
     current = SimpleNamespace(effects=(), fit=SimpleNamespace(level=-2.0))
     problem = SimpleNamespace(options=SearchOptions(), window=0.5)
     assert fit_proposal(current, problem, proposal(1.0)) == 0.0
@@ -66,3 +69,27 @@ def test_a_first_effect_is_held_against_the_catalogue_again_where_it_and_all_lef
     path = SimpleNamespace(best=SimpleNamespace(effects=("a", "b")), rounds=rounds, validated=errors)
     problem = SimpleNamespace(budget=SimpleNamespace(is_over=False), criteria=Criteria())
     assert selection._first_is_open(path, problem) is again
+
+
+def test_of_descriptions_only_the_best_is_fitted_fully_and_the_next_where_it_is_rejected(monkeypatch):
+    full = []
+
+    def contend(base, first, before, problem, tried, one, begun):
+        full.append(begun.loss)
+        return SimpleNamespace(why="too little" if begun.loss in rejected else "", loss=begun.loss)
+
+    monkeypatch.setattr(
+        search, "begin_proposal", lambda base, problem, one: one.effect and SimpleNamespace(loss=one.loss)
+    )
+    monkeypatch.setattr(search, "contend", contend)
+    problem, led = (
+        SimpleNamespace(options=SearchOptions()),
+        [proposal(3.0), proposal(1.0), proposal(2.0), proposal(0.5)],
+    )
+    rejected = ()
+    assert search._best(None, None, led, problem, 10).loss == 1.0  # the fourth of the race is not begun
+    rejected = (1.0,)
+    assert search._best(None, None, led, problem, 10).loss == 2.0
+    assert full == [1.0, 1.0, 2.0]
+    rejected = (1.0, 2.0, 3.0)
+    assert search._best(None, None, led, problem, 10) is None

@@ -6,10 +6,13 @@ import numpy as np
 import pytest
 
 from optid.errors import SolveError
+from optid.estimation import multistep
 from optid.estimation.fisher_scoring import likelihood_problem
+from optid.estimation.fixed_gain import FixedGainFit
 from optid.estimation.likelihood import WHOLE
 from optid.estimation.multistep import (
     QUIET,
+    MultistepFit,
     fit_multistep,
     multistep_at,
     multistep_loss,
@@ -85,3 +88,28 @@ def test_a_start_without_numbers_is_refused(asked):
     q, p = asked
     with pytest.raises(SolveError, match="diverged"):
         fit_multistep(q, np.full_like(p, np.nan), SECONDS, turns=1, steps=1)
+
+
+def test_a_fit_that_was_begun_goes_on_where_it_was(asked):
+    """The start that comes along is not looked at: here it cannot even be simulated."""
+    q, p = asked
+    begun = fit_multistep(q, p, SECONDS, turns=1, steps=1, most=1)
+    found = fit_multistep(q, np.full_like(p, np.nan), SECONDS, turns=4, steps=6, begun=begun)
+    assert found.loss < begun.loss
+    assert values(q, found.p) == pytest.approx({n: TRUTH[n] for n in values(q, p)}, rel=0.02)
+
+
+def test_a_level_that_predicts_no_better_is_tried_once(asked, monkeypatch):
+    """Each level costs a filter, and the filter is the dearest part."""
+    q, p = asked
+    tried = []
+
+    def stands(q, p, only, starts, level=QUIET):
+        tried.append(level)
+        loss = 1.0 / len(tried) if level >= QUIET else 1e9
+        return MultistepFit(q, p, None, loss, level)
+
+    monkeypatch.setattr(multistep, "_stands", stands)
+    monkeypatch.setattr(multistep, "fixed_gain_fit", lambda q, p, *rest: FixedGainFit(p, 0.0))
+    fit_multistep(q, p, SECONDS, turns=3, steps=1, most=3)
+    assert tried == [QUIET, QUIET, QUIET + multistep.STEP, QUIET, QUIET]
