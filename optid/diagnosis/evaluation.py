@@ -26,7 +26,7 @@ from optid.estimation.moving_horizon import predict_windows
 from optid.estimation.multistep import window_starts
 from optid.estimation.objective import objective_of
 from optid.estimation.prediction import PROCESS_NOISE, window_seconds
-from optid.estimation.problem import Booleans, Integers, Problem, build_problem
+from optid.estimation.problem import Booleans, Integers, Problem, build_problem, window_blocks, window_numbers
 from optid.estimation.result import Score
 
 NUMERICAL = "numerical"  # start of `source` for a parameter that is a numerical setting of the equations
@@ -99,7 +99,7 @@ def open_variance(q: LikelihoodProblem, p: Array, noise: Noise, length: float) -
     starts = f.states[0, cut.begins], sure.covariances[0, cut.begins]
     square = _setting_errors(q, p, whole, f, length) ** 2 + _start_errors(q.model, p, whole, cut, *starts)
     owner = np.repeat(whole.recording, whole.counts + 1)
-    return np.nan_to_num(_by_block(square, _blocks(owner, whole.time, length)))
+    return np.nan_to_num(_by_block(square, window_blocks(owner, whole.time, length)))
 
 
 def cut_into(whole: Problem, length: float) -> Problem:
@@ -109,7 +109,7 @@ def cut_into(whole: Problem, length: float) -> Problem:
         whole.begins.tolist(), whole.counts.tolist(), whole.recording.tolist(), strict=True
     ):
         time = whole.time[begin : begin + count + 1]
-        number = np.floor((time - time[0]) / length + 1e-9).astype(int)
+        number = window_numbers(time - time[0], length)
         heads = [0, *(np.flatnonzero(np.diff(number)) + 1).tolist()]
         heads = [h for h in heads if h < count]
         begins += [begin + h for h in heads]
@@ -126,11 +126,6 @@ def cut_into(whole: Problem, length: float) -> Problem:
     )
 
 
-def _blocks(owner: Integers, time: Array, length: float) -> Integers:
-    window = np.floor(time / length + 1e-9).astype(int)
-    return np.unique(np.stack([owner, window]), axis=1, return_inverse=True)[1].ravel()
-
-
 def evaluate(q: LikelihoodProblem, p: Array, noise: Noise, recordings: Sequence[Recording]) -> Evaluation:
     """Filter recordings with fixed parameters, and predict their windows as `predict` does."""
     model = q.model
@@ -143,7 +138,7 @@ def evaluate(q: LikelihoodProblem, p: Array, noise: Noise, recordings: Sequence[
     outputs = [(j, port) for j, port in enumerate(model.outputs) if np.isfinite(problem.measured[:, j]).any()]
     scores = {port.role: Score.of(problem.measured[:, j], windows[:, j], port.unit) for j, port in outputs}
     owner = np.repeat(problem.recording, problem.counts + 1)
-    blocks = _blocks(owner, problem.time, length)
+    blocks = window_blocks(owner, problem.time, length)
     z = f.innovations[0] / np.sqrt(f.variances[0])
     each = deviance(f.innovations[0], f.variances[0])
     square = _setting_errors(q, p, problem, f, length) ** 2 + _start_errors(

@@ -19,7 +19,7 @@ from optid.effects.effect import Effect
 from optid.estimation.likelihood import FAR
 from optid.estimation.likelihood_point import LikelihoodFit
 from optid.estimation.prediction import window_seconds
-from optid.estimation.problem import Booleans
+from optid.estimation.problem import Booleans, window_blocks
 from optid.estimation.result import Estimate
 
 BLOCK = 0.5  # of a window: innovations within it count as one
@@ -129,8 +129,7 @@ def _covariance(answer: LikelihoodFit, fixed: Booleans) -> Array:
     rows = np.nonzero(known)[0]
     owner = np.repeat(q.problem.recording, q.problem.counts + 1)[rows]
     length = BLOCK * window_seconds(float(np.median(q.problem.dt)), float(np.ptp(q.problem.time)))
-    blocks = np.stack([owner, np.floor(q.problem.time[rows] / length)])
-    where = np.unique(blocks, axis=1, return_inverse=True)[1].ravel()
+    where = window_blocks(owner, q.problem.time[rows], length)
     summed = np.zeros((int(where.max()) + 1, scores.shape[1]))
     np.add.at(summed, where, scores)
     prior = np.zeros(len(answer.information))

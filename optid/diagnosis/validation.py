@@ -27,7 +27,7 @@ from optid.errors import SolveError
 from optid.estimation.fixed_gain import fixed_gain_fit, innovations
 from optid.estimation.likelihood import huber
 from optid.estimation.multistep import window_starts
-from optid.estimation.problem import Booleans, Integers, Problem
+from optid.estimation.problem import Booleans, Integers, Problem, window_blocks
 
 LARGEST = 700.0  # gain at which a p-value is capped: beyond it the exponential overflows
 FOLDS, BLOCKS = 3, 2  # of the recordings, and blocks of each recording in a fold
@@ -89,9 +89,7 @@ def cross_validate(model: FittedModel, problem: DiagnosisProblem) -> Validated:
     # The first window of a recording has no past data: it is not a prediction.
     first = np.isin(np.arange(len(z)), _first_windows(q.problem, problem.window))
     z[first] = np.nan
-    blocks = np.unique(
-        np.stack([recording, np.floor(q.problem.time / problem.window + 1e-9)]), axis=1, return_inverse=True
-    )[1].ravel()
+    blocks = window_blocks(recording, q.problem.time, problem.window)
     squares = _by_window(huber(z[:, known.any(axis=0)]), blocks)
     return Validated(squares[np.isfinite(squares).any(axis=1)])
 

@@ -18,7 +18,7 @@ from optid.core.simulation import simulate
 from optid.errors import SolveError
 from optid.estimation.initial_trajectory import COARSE, guess, measured_states
 from optid.estimation.problem import Integers, Problem
-from optid.estimation.smoother import Objective, Point, Terms, descend
+from optid.estimation.smoother import PASSING, PRECISE, Objective, Point, Terms, descend
 
 # Pieces of a past window; the process noise acts between them, so that a wrong model follows the newest data: an #
 # error of 0.83 mm on the EMPS axis, compared with 1.81 for whole windows.
@@ -150,13 +150,13 @@ def _annealed(o: Objective, at: Point, q: Array) -> tuple[Point, Terms]:
     terms = None
     for looser in LOOSER:
         level = np.maximum(q, looser * o.model.scales)
-        at, terms, _ = descend(o, at, level, precision=1e-4, terms=terms)
+        at, terms, _ = descend(o, at, level, precision=PASSING, terms=terms)
     return _tight(o, at, q, terms)
 
 
 def _tight(o: Objective, at: Point, q: Array, terms: Terms | None = None) -> tuple[Point, Terms]:
     """From a near start: most of it comes from the window before."""
-    at, terms, _ = descend(o, at, q, precision=1e-6, terms=terms)
+    at, terms, _ = descend(o, at, q, precision=PRECISE, terms=terms)
     return at, terms
 
 

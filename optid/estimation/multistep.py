@@ -20,7 +20,7 @@ from optid.estimation.fisher_scoring import default_process_noise
 from optid.estimation.fixed_gain import fixed_gain_fit, innovations
 from optid.estimation.likelihood import Filtered, Noise, deviance, huber, run_filter
 from optid.estimation.likelihood_point import LEVELS, LikelihoodProblem
-from optid.estimation.problem import Booleans, Problem
+from optid.estimation.problem import Booleans, Problem, window_numbers
 
 # Log of the quiet filter's share of the default process noise: so little that missing physics is not absorbed by it, #
 # and enough to keep the states of a wrong model near the data. A nearly correct model predicts better with less.
@@ -73,7 +73,7 @@ def window_starts(problem: Problem, seconds: float) -> Booleans:
     starts = np.zeros(len(problem.time), dtype=np.bool_)
     for begin, count in zip(problem.begins, problem.counts, strict=True):
         rows = slice(begin, begin + count + 1)
-        number = np.floor((problem.time[rows] - problem.time[begin]) / seconds + 1e-9).astype(int)
+        number = window_numbers(problem.time[rows] - problem.time[begin], seconds)
         starts[rows] = (number == 0) | np.r_[True, np.diff(number) > 0]
     return starts
 

@@ -11,7 +11,16 @@ import numpy as np
 from optid.core.model import Array, Model
 from optid.errors import SolveError
 from optid.estimation.result import Outcome
-from optid.estimation.smoother import Objective, Point, Terms, Watch, descend, settled_system
+from optid.estimation.smoother import (
+    PASSING,
+    PRECISE,
+    Objective,
+    Point,
+    Terms,
+    Watch,
+    descend,
+    settled_system,
+)
 
 # Process noise per node as a share of each state's usual size: the annealing schedule that all states follow together.
 LEVELS = (0.3, 0.03, 1e-2, 3e-3, 1e-3, 3e-4, 1e-4)
@@ -112,7 +121,7 @@ def _units(model: Model) -> dict[str, list[int]]:
 
 
 def _descended(o: Objective, at: Point, terms: Terms | None, q: Array, watch: Watch) -> Solution:
-    at, terms, _ = descend(o, at, q, precision=1e-4, terms=terms, watch=watch)
+    at, terms, _ = descend(o, at, q, precision=PASSING, terms=terms, watch=watch)
     return Solution(o, at, terms, q, marginal(o, at, terms, q), Outcome.TIME_LIMIT)
 
 
@@ -154,7 +163,7 @@ def tightened(o: Objective, best: Solution) -> tuple[Point, Terms]:
     for level in (*LEVELS, TIGHT):
         q = np.minimum(best.q, level * scales)
         if (q < best.q).any():
-            at, terms, _ = descend(o, at, q, precision=1e-6, terms=terms)
+            at, terms, _ = descend(o, at, q, precision=PRECISE, terms=terms)
     return at, terms
 
 

@@ -21,7 +21,7 @@ from optid.estimation.initial_trajectory import measured_states
 from optid.estimation.noise_continuation import HARD, LEVELS, SETTLED, Pace, Solution, marginal
 from optid.estimation.problem import Integers, Problem
 from optid.estimation.result import Outcome
-from optid.estimation.smoother import Objective, Point, Terms, Watch, descend, evaluate, priced
+from optid.estimation.smoother import PASSING, Objective, Point, Terms, Watch, descend, evaluate, priced
 
 ROUNDS = 3  # of the start's weight, which follows from the misfit
 ROUGH = 1e-3  # relative decrease of the cost that ends every round but the last
@@ -59,7 +59,7 @@ def fit_by_simulation(o: Objective, at: Point, terms: Terms | None, pace: Pace) 
             watch = pace.watch(f"process noise {level:g}", (step + 1) / (len(LOOSE) + 2))
             with contextlib.suppress(SolveError):
                 at, terms, _ = descend(
-                    o, at, level * o.model.scales, precision=1e-4, terms=terms, watch=watch
+                    o, at, level * o.model.scales, precision=PASSING, terms=terms, watch=watch
                 )
         other = None if pace.late() and best is not None else _simulated(o, at, pace)
         found = [one for one in (best, other) if one is not None]

@@ -121,3 +121,14 @@ def _slope(time: Array, values: Array) -> tuple[float, float]:
     """Slope of a line through the values, with its sd."""
     (slope, _), covariance = np.polyfit(time - time[0], values, 1, cov=True)
     return float(slope), float(np.sqrt(covariance[0, 0]))
+
+
+def window_numbers(time: Array, seconds: float) -> Integers:
+    """The window of this length in which each time lies; one at its end, but for rounding, lies in the next."""
+    return np.floor(time / seconds + 1e-9).astype(np.int64)
+
+
+def window_blocks(owner: Integers, time: Array, seconds: float) -> Integers:
+    """The windows of all recordings, `owner` of each sample, numbered through, (samples,)."""
+    pairs = np.stack([owner, window_numbers(time, seconds)])
+    return np.unique(pairs, axis=1, return_inverse=True)[1].ravel()
