@@ -86,10 +86,21 @@ def _unexplained(d: Diagnosis) -> str:
     if suspected:
         names = "; ".join(f"{s.effect.replace('_', ' ')} ({s.why})" for s in suspected)
         also = f" Suspected but not proven: {names}."
+    return f"{_what_errs(d)} {told}{described}{also or _nearest(d)}"
+
+
+def _what_errs(d: Diagnosis) -> str:
+    """That something is not explained, and which windows show it."""
+    first, most = d.path.first.error_over_noise, d.problem.criteria.error_over_noise
+    if d.test.base.error_over_noise(d.noise) <= most < first:
+        return (
+            "The recordings to fit contain something that is not explained and that those held out do not show: "
+            f"cross-validated, windows of the former have an error of {first:.2g} times the noise, of the latter "
+            f"{_errors(d.test.base.scores)} where the noise is {_floor(d)}."
+        )
     return (
         "The recordings contain something that is not explained: held out, windows have an error of "
-        f"{_errors(d.test.base.scores)} "
-        f"where the noise is {_floor(d)}. {told}{described}{also or _nearest(d)}"
+        f"{_errors(d.test.base.scores)} where the noise is {_floor(d)}."
     )
 
 

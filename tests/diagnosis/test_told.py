@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from optid.diagnosis.localisation.region import Range
-from optid.diagnosis.summary import _nearest, _nothing_more, _when, _where
+from optid.diagnosis.summary import _nearest, _nothing_more, _what_errs, _when, _where
 from optid.diagnosis.validation import Validated
 from optid.report.diagnosis_document import range_entry
 
@@ -89,3 +89,22 @@ def test_where_nothing_is_proven_the_nearest_law_is_told_with_what_it_lacks(left
     )
     d = SimpleNamespace(path=path, problem=SimpleNamespace(criteria=SimpleNamespace(smallest_gain=0.04)))
     assert _nearest(d) == told
+
+
+@pytest.mark.parametrize(
+    ("held_out", "told"), [(0.99, "those held out do not show"), (4.0, "held out, windows")]
+)
+def test_what_only_the_recordings_to_fit_contain_is_not_laid_on_those_held_out(held_out, told):
+    scores = {"position": SimpleNamespace(rmse=held_out * 20e-6, unit="m")}
+    base = SimpleNamespace(error_over_noise=lambda noise: held_out, scores=scores)
+    outputs = (SimpleNamespace(role="position", unit="m"),)
+    d = SimpleNamespace(
+        path=SimpleNamespace(first=SimpleNamespace(error_over_noise=1.51)),
+        problem=SimpleNamespace(criteria=SimpleNamespace(error_over_noise=1.2)),
+        test=SimpleNamespace(base=base),
+        noise={"position": 20e-6},
+        best=SimpleNamespace(rig=SimpleNamespace(model=SimpleNamespace(outputs=outputs))),
+    )
+    said = _what_errs(d)
+    assert told in said
+    assert ("1.5 times the noise" in said) == (held_out < 1.2)
