@@ -89,14 +89,13 @@ def test_units_that_are_no_powers_of_two(factor):
     assert np.array(there.b[0]) / factor == pytest.approx(np.array(here.b[0]), rel=1e-9)
 
 
-@pytest.mark.parametrize("tailored", [False, True])
-def test_the_track_holds_the_parameters_after_every_so_many_samples(tailored):
+def test_the_track_holds_the_parameters_after_every_so_many_samples():
     rng = np.random.default_rng(7)
     y, u = rng.standard_normal(40), rng.standard_normal((40, 1))
     orders = Orders(2, (2,), 1, (1,))
-    _, track = Identifier(orders, tailored=tailored).run(y, u, every=10)
+    _, track = Identifier(orders).run(y, u, every=10)
     assert track.shape == (4, orders.parameters)
     for row, samples in zip(track, (10, 20, 30, 40), strict=True):
-        alone = Identifier(orders, tailored=tailored)
+        alone = Identifier(orders)
         alone.run(y[:samples], u[:samples])
         assert np.array_equal(row, alone.theta)
