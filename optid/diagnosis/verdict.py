@@ -44,14 +44,21 @@ def is_beyond_doubt(path: SelectionPath, problem: DiagnosisProblem) -> bool:
 def is_explained_elsewhere(
     path: SelectionPath, surrogate: Surrogate | None, problem: DiagnosisProblem
 ) -> bool:
-    """Whether a surrogate at another place, or over other signals, is at the noise where the named effects are not."""
+    """Whether a surrogate at another place, or over other signals, speaks against the named effects.
+
+    It is at the noise where they are not, or leaves less than half of what they leave: a law at fault elsewhere may
+    put one output right, as the gain of a valve does for the position, and leave the others as they were.
+    """
     described = None if surrogate is None else surrogate.contender
     if described is None or _at_noise(path, problem):
         return False
     sites = {site for effect in path.best.effects for site in effect.sites}
     signals = {signal for effect in path.best.effects for signal in effect.depends_on}
     apart = sites.isdisjoint(described.effect.sites) or signals.isdisjoint(described.effect.depends_on)
-    return apart and described.validated.error_over_noise <= problem.criteria.error_over_noise
+    left, most = described.validated, problem.criteria.largest_rest * path.validated.windows.sum()
+    return apart and (
+        left.error_over_noise <= problem.criteria.error_over_noise or bool(left.windows.sum() < most)
+    )
 
 
 def _at_noise(path: SelectionPath, problem: DiagnosisProblem) -> bool:
@@ -167,7 +174,8 @@ def _fallen_short(s: Stages) -> tuple[Suspicion, ...]:
         why = f"it explains {100 * explained:.0f} % of the squared error of windows that were not fitted"
         if is_explained_elsewhere(s.path, s.surrogate, s.search) and s.surrogate and s.surrogate.contender:
             (site, *_) = s.surrogate.contender.effect.sites
-            why += f"; a description at {site} brings them to the noise"
+            left = s.surrogate.contender.validated.error_over_noise
+            why += f"; a description at {site} brings them to {left:.2g} times the noise"
     return tuple(Suspicion(effect.name, why) for effect in s.path.best.effects)
 
 

@@ -2,9 +2,11 @@
 
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from optid.diagnosis.criteria import Criteria
+from optid.diagnosis.validation import Validated
 from optid.diagnosis.verdict import is_beyond_doubt, is_explained_elsewhere, is_sufficient
 
 NAME = SimpleNamespace(name="named", sites=("force.external",), depends_on=("velocity",))
@@ -14,15 +16,20 @@ def problem(form_error=None):
     return SimpleNamespace(criteria=Criteria(), plain=SimpleNamespace(form_error=form_error))
 
 
+def errors_at(ratio):
+    """Twenty windows of two outputs that err alike."""
+    return Validated(np.full((20, 2), ratio**2))
+
+
 def path_left_at(ratio):
     """From ten times the noise."""
-    errors = [SimpleNamespace(error_over_noise=r, excess=r**2 - 1.0) for r in (10.0, ratio)]
+    errors = [errors_at(r) for r in (10.0, ratio)]
     return SimpleNamespace(first=errors[0], validated=errors[1], best=SimpleNamespace(effects=(NAME,)))
 
 
 def described(ratio, site, signal="velocity"):
     effect = SimpleNamespace(sites=(site,), depends_on=(signal,))
-    contender = SimpleNamespace(validated=SimpleNamespace(error_over_noise=ratio), effect=effect)
+    contender = SimpleNamespace(validated=errors_at(ratio), effect=effect)
     return SimpleNamespace(contender=contender)
 
 
@@ -41,10 +48,13 @@ def test_names_at_the_noise_or_within_what_the_plant_states_need_no_description(
         (2.0, described(1.05, "force.external"), False),  # the law's own form, drawn freely
         (2.0, described(1.05, "force.external", "command"), True),
         (2.0, described(1.6, "sensor.position"), False),
+        (8.0, described(6.0, "sensor.position"), False),
+        (8.0, described(5.0, "sensor.position"), True),  # it leaves less than half of what the law leaves
+        (8.0, described(5.0, "force.external"), False),
         (1.1, described(1.05, "sensor.position"), False),
         (2.0, SimpleNamespace(contender=None), False),
         (2.0, None, False),
     ],
 )
-def test_only_what_reaches_the_noise_apart_from_a_law_speaks_against_its_name(left, surrogate, elsewhere):
+def test_only_what_explains_much_more_apart_from_a_law_speaks_against_its_name(left, surrogate, elsewhere):
     assert is_explained_elsewhere(path_left_at(left), surrogate, problem()) is elsewhere
