@@ -4,12 +4,12 @@
 
 The recordings are public (Rhoban/bam, logs of January 2026) and not included: an arm follows two sines, or is lifted
 and dropped, at four gains of the firmware's loop. `xl330_plain.toml` has Coulomb and viscous friction and is fitted to
-each recording by itself. `xl330.toml` adds friction that grows with what the teeth transmit, and is fitted to all with
-one set of parameters but payload and arm length: once as `[recordings]` states them for each, once freed for each.
-Freed, they take up what the common laws miss, and say little of the arm: the winding's resistance is then held, since
-a factor on all inertias, torques and 1/R moves nothing. Last it is fitted without the recordings at one gain, which
-are held out. A fit is one of simulation errors (process noise 0), as free runs are what is compared. What was fitted is
-kept in DIR, so a run that was stopped goes on.
+each recording by itself. `xl330.toml` adds friction that grows with what the teeth transmit, and Stribeck friction; it
+is fitted to all with one set of parameters but payload and arm length: once as `[recordings]` states them for each,
+once freed for each. Freed, they take up what the common laws miss, and say little of the arm: the winding's resistance
+is then held, since a factor on all inertias, torques and 1/R moves nothing. Last it is fitted without the recordings at
+one gain, which are held out. A fit is one of simulation errors (process noise 0), as free runs are what is compared.
+What was fitted is kept in DIR, so a run that was stopped goes on.
 """
 
 from __future__ import annotations
