@@ -19,6 +19,7 @@ from optid.diagnosis.result import Diagnosis, Finding, Suspicion, Verdict
 from optid.diagnosis.selection import SelectionPath
 from optid.diagnosis.stages import Stages
 from optid.diagnosis.summary import summarise
+from optid.diagnosis.surrogate.library import kind_of
 from optid.diagnosis.surrogate.search import Surrogate
 from optid.effects.library import admitted, unplaced
 from optid.estimation.result import Estimate
@@ -52,9 +53,11 @@ def is_explained_elsewhere(
     described = None if surrogate is None else surrogate.contender
     if described is None or _at_noise(path, problem):
         return False
-    sites = {site for effect in path.best.effects for site in effect.sites}
+    # Forces add up in one balance: a curve over velocity at any of them is a law of friction, drawn freely.
+    places = {kind_of(site) for effect in path.best.effects for site in effect.sites}
     signals = {signal for effect in path.best.effects for signal in effect.depends_on}
-    apart = sites.isdisjoint(described.effect.sites) or signals.isdisjoint(described.effect.depends_on)
+    there = {kind_of(site) for site in described.effect.sites}
+    apart = places.isdisjoint(there) or signals.isdisjoint(described.effect.depends_on)
     left, most = described.validated, problem.criteria.largest_rest * path.validated.windows.sum()
     return apart and (
         left.error_over_noise <= problem.criteria.error_over_noise or bool(left.windows.sum() < most)

@@ -51,6 +51,7 @@ def test_names_at_the_noise_or_within_what_the_plant_states_need_no_description(
         (8.0, described(6.0, "sensor.position"), False),
         (8.0, described(5.0, "sensor.position"), True),  # it leaves less than half of what the law leaves
         (8.0, described(5.0, "force.external"), False),
+        (8.0, described(5.0, "force.friction"), False),  # another force of the same balance
         (1.1, described(1.05, "sensor.position"), False),
         (2.0, SimpleNamespace(contender=None), False),
         (2.0, None, False),
