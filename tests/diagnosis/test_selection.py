@@ -7,7 +7,7 @@ import pytest
 
 from optid.diagnosis import selection
 from optid.diagnosis.criteria import Criteria, SearchOptions
-from optid.diagnosis.selection import fit_proposal, worth_fitting
+from optid.diagnosis.selection import SelectionPath, fit_proposal, worth_fitting
 from optid.diagnosis.surrogate import search
 from optid.errors import SolveError
 
@@ -93,3 +93,18 @@ def test_of_descriptions_only_the_best_is_fitted_fully_and_the_next_where_it_is_
     assert full == [1.0, 1.0, 2.0]
     rejected = (1.0, 2.0, 3.0)
     assert search._best(None, None, led, problem, 10) is None
+
+
+def test_the_nearest_is_the_contender_that_errs_least_in_any_round():
+    def contender(loss):
+        return SimpleNamespace(
+            validated=SimpleNamespace(windows=np.array([loss, 1.0])), model=f"model {loss}"
+        )
+
+    rounds = [
+        SimpleNamespace(contenders=tuple(contender(one) for one in some)) for some in ((5.0, 3.0), (4.0,), ())
+    ]
+    path = SelectionPath(None, None, None, None, tuple(rounds))
+    assert path.nearest is rounds[0].contenders[1]
+    assert path.strongest == "model 3.0"
+    assert SelectionPath(None, None, None, None, ()).strongest is None

@@ -1,11 +1,14 @@
 """Which effects a plant admits, and what is said when one does not fit."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from optid.core.sheet import build
+from optid.diagnosis.surrogate.library import _moving
+from optid.diagnosis.verdict import _not_testable
 from optid.effects.library import admitted, built_in, find_effect, unplaced
 from optid.errors import PlantError, RigError
 from optid.rigs.cascaded_tanks import cascaded_tanks
@@ -114,3 +117,21 @@ def test_a_law_over_a_place_that_nothing_recorded_shows_is_not_tried(shown):
     assert (name in {e.name for e in unplaced(model)}) == bool(hidden)
     assert (name in {e.name for e in admitted(model)}) != bool(hidden)
     assert "stribeck_friction" in {e.name for e in admitted(model)}
+
+
+@pytest.mark.parametrize("shown", ["position", "velocity"])
+def test_it_is_said_to_be_untestable_and_no_curve_is_drawn_over_the_place(shown):
+    model = build(lambda sheet: slide(sheet, shown))
+    rounds = (SimpleNamespace(proposals=SimpleNamespace(visible={e.name: 9.0 for e in admitted(model)})),)
+    path = SimpleNamespace(rounds=rounds, best=SimpleNamespace(effects=()))
+    told = _not_testable(path, SimpleNamespace(rig=SimpleNamespace(model=model), own=()))
+    said = [("position_dependent_friction", "nothing recorded shows position", "")]
+    assert list(told) == (said if shown == "velocity" else [])
+    states, inputs = np.zeros((9, len(model.states))), np.zeros((9, 1))
+    base = SimpleNamespace(
+        rig=SimpleNamespace(model=model),
+        fit=SimpleNamespace(filtered=SimpleNamespace(states=[states])),
+        likelihood_problem=SimpleNamespace(problem=SimpleNamespace(inputs=inputs)),
+    )
+    assert ("position" in _moving(base)) == (shown == "position")
+    assert {"velocity", "force"} <= set(_moving(base))

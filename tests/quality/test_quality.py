@@ -1,6 +1,7 @@
 """Each remark appears on a recording with that fault, and a sound recording draws none."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,11 +13,13 @@ from optid.core.sheet import build
 from optid.errors import RecordingError
 from optid.quality.motion import lag
 from optid.quality.quality import quality
+from optid.quality.response import signs
 from optid.rigs.cascaded_tanks import cascaded_tanks
 from optid.rigs.rigfile import read_rig
 from optid.rigs.servo_pneumatic import servo_pneumatic
 from tests.effects.plants import grown
 
+DATA = Path(__file__).parents[2] / "data"
 N, DT = 8000, 1e-3
 MODEL = build(servo_pneumatic)
 NOISE = {"position": 3e-5, "pressure_a": 500.0}
@@ -270,3 +273,18 @@ def test_an_absent_input_is_refused():
     without = replace(without, channels={"position": without["position"]})
     with pytest.raises(RecordingError, match="command"):
         quality(without, MODEL)
+
+
+def test_a_pressure_that_falls_on_the_way_and_rises_at_the_stop_has_no_sign():
+    """A cylinder of unequal areas: the pressure on its large side falls while it moves out, and rises at the end."""
+    rig = read_rig(DATA / "servo_hydraulic.toml")
+    t = np.arange(4000) * DT
+    for size, sign in (
+        (0.05, -1),
+        (0.44, 0),
+    ):  # shares of the valve's opening: the larger one reaches the stop
+        command = size * np.sign(np.sin(2 * np.pi * t))
+        recording = Recording("a", t, {"command": Channel("command", "u", "1", command)})
+        found = signs(rig.model, rig.parameters, recording)
+        assert found["command", "pressure_a"] == sign
+        assert (found["command", "position"], found["command", "pressure_b"]) == (1, -1)
