@@ -105,19 +105,15 @@ def fixed_gain_fit(
         return np.concatenate([innovations(q, P, plain, guide, only, resets, among), prior], axis=1)
 
     x = np.clip(p[free] / q.typical, low, high)
-    far, nudges = 1.0, np.full(len(x), NUDGES[1])
-    moved = np.where(x + nudges > high, -nudges, nudges)
-    z, *around = residuals(np.concatenate([x[None], x + np.diag(moved)]))  # together they fill more lanes
+    (z,) = residuals(x[None])
     if not np.abs(z[: len(z) - len(x)]).min() < LOST:
         raise SolveError(
             "the simulation diverged at the start values (NaN or infinite); check them and their units"
         )
-    loss = 0.5 * float(huber(z).sum())
-    for step in range(steps):
-        if step:
-            moved = np.where(x + nudges > high, -nudges, nudges)
-            around = list(residuals(x + np.diag(moved)))
-        J = ((np.array(around) - z) / moved[:, None]).T
+    loss, far, nudges = 0.5 * float(huber(z).sum()), 1.0, np.full(len(x), NUDGES[1])
+    for _ in range(steps):
+        moved = np.where(x + nudges > high, -nudges, nudges)
+        J = ((residuals(x + np.diag(moved)) - z) / moved[:, None]).T
         nudges = np.clip(REACH / np.maximum(np.linalg.norm(J, axis=0), 1e-12), NUDGES[0], NUDGES[2])
         weight = np.minimum(1.0, FAR / np.maximum(np.abs(z), 1e-12))
         gradient, curvature = J.T @ (weight * z), (J.T * weight) @ J
