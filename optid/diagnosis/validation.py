@@ -56,7 +56,12 @@ class Validated:
     @property
     def error_over_noise(self) -> float:
         """The largest ratio of errors to the expected ones, root mean square, over the outputs."""
-        return float(np.sqrt(np.max(np.nanmean(self.squares, axis=0))))
+        return float(np.sqrt(np.max(self.by_output)))
+
+    @property
+    def by_output(self) -> Array:
+        """Mean square of each output, in variances, (outputs,)."""
+        return np.asarray(np.nanmean(self.squares, axis=0))
 
     @property
     def excess(self) -> float:

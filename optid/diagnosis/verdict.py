@@ -19,7 +19,6 @@ from optid.diagnosis.result import Diagnosis, Finding, Suspicion, Verdict
 from optid.diagnosis.selection import SelectionPath
 from optid.diagnosis.stages import Stages
 from optid.diagnosis.summary import summarise
-from optid.diagnosis.surrogate.library import kind_of
 from optid.diagnosis.surrogate.search import Surrogate
 from optid.effects.library import admitted, unplaced
 from optid.estimation.result import Estimate
@@ -47,21 +46,21 @@ def is_explained_elsewhere(
 ) -> bool:
     """Whether a surrogate at another place, or over other signals, speaks against the named effects.
 
-    It is at the noise where they are not, or leaves less than half of what they leave: a law at fault elsewhere may
-    put one output right, as the gain of a valve does for the position, and leave the others as they were.
+    It is at the noise where they are not, or explains most of an output's error of which they explain less than half:
+    a law at fault elsewhere may put one output right, as the gain of a valve does for the position, and leave the
+    pressures as they were.
     """
     described = None if surrogate is None else surrogate.contender
     if described is None or _at_noise(path, problem):
         return False
-    # Forces add up in one balance: a curve over velocity at any of them is a law of friction, drawn freely.
-    places = {kind_of(site) for effect in path.best.effects for site in effect.sites}
+    sites = {site for effect in path.best.effects for site in effect.sites}
     signals = {signal for effect in path.best.effects for signal in effect.depends_on}
-    there = {kind_of(site) for site in described.effect.sites}
-    apart = places.isdisjoint(there) or signals.isdisjoint(described.effect.depends_on)
-    left, most = described.validated, problem.criteria.largest_rest * path.validated.windows.sum()
-    return apart and (
-        left.error_over_noise <= problem.criteria.error_over_noise or bool(left.windows.sum() < most)
-    )
+    apart = sites.isdisjoint(described.effect.sites) or signals.isdisjoint(described.effect.depends_on)
+    most = problem.criteria.error_over_noise
+    before, named, free = (one.by_output for one in (path.first, path.validated, described.validated))
+    half = problem.criteria.largest_rest * (before - 1.0)
+    left_out = (before > most**2) & (named - 1.0 > half) & (free - 1.0 < half)
+    return apart and (described.validated.error_over_noise <= most or bool(left_out.any()))
 
 
 def _at_noise(path: SelectionPath, problem: DiagnosisProblem) -> bool:
