@@ -147,8 +147,8 @@ class Model:
         return tuple(held.values())
 
     @cached_property
-    def unseen(self) -> frozenset[str]:
-        """States that influence no output, directly or through others: nothing recorded shows where they are."""
+    def unobservable(self) -> frozenset[str]:
+        """States that influence no output, directly or through others (structurally), by name."""
         x, u, p = (ca.SX.sym("s", *self.rates.size_in(k)) for k in range(3))
         rates, sensors = (
             np.array(ca.DM(ca.jacobian_sparsity(f(x, u, p), x), 1.0)) != 0.0

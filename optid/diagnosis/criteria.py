@@ -15,8 +15,8 @@ class Criteria:
         smallest_gain: share by which an effect must lower the windows' error (physics catalogue B.3, step 5).
         smallest_share: share of the plain model's squared error that an effect must explain in addition to others:
             true laws follow those of the catalogue within a tenth or two of their size.
-        largest_rest: share of the squared error that named effects may leave where the plant states none: no more than
-            they explain.
+        largest_rest: share of the squared error that named effects may leave where the plant states none, and of an
+            output's where a description elsewhere leaves less: no more than they explain.
         most_effects: largest number of effects that are named together.
         fewest_windows: smallest number of windows of a recording.
         told_apart: level at which windows must prefer an effect to a look-alike for the two to count as distinguished.

@@ -20,7 +20,7 @@ from optid.diagnosis.selection import SelectionPath
 from optid.diagnosis.stages import Stages
 from optid.diagnosis.summary import summarise
 from optid.diagnosis.surrogate.search import Surrogate
-from optid.effects.library import admitted, unplaced
+from optid.effects.library import admitted, untestable
 from optid.estimation.result import Estimate
 
 VISIBLE = 5.0  # sd by which windows' errors must change for an effect to be detected with certainty
@@ -203,7 +203,7 @@ def _not_testable(path: SelectionPath, problem: DiagnosisProblem) -> tuple[tuple
     visible = path.rounds[0].proposals.visible
     rows = [
         (effect.name, f"nothing recorded shows {' or '.join(effect.places)}", "")
-        for effect in unplaced(problem.rig.model, problem.own)
+        for effect in untestable(problem.rig.model, problem.own)
     ]
     kept = {effect.name for effect in path.best.effects}
     for effect in admitted(problem.rig.model, problem.own):

@@ -113,12 +113,12 @@ def admitted(model: Model, own: Iterable[Effect] = ()) -> tuple[Effect, ...]:
     outputs must show the places that they depend on. Effects for any site are offered where no other effect acts and
     the signal is not zero.
     """
-    return tuple(e for e in _possible(model, own) if model.unseen.isdisjoint(e.places))
+    return tuple(e for e in _possible(model, own) if model.unobservable.isdisjoint(e.places))
 
 
-def unplaced(model: Model, own: Iterable[Effect] = ()) -> tuple[Effect, ...]:
+def untestable(model: Model, own: Iterable[Effect] = ()) -> tuple[Effect, ...]:
     """The effects that are not admitted because no output shows the place that they depend on."""
-    return tuple(e for e in _possible(model, own) if not model.unseen.isdisjoint(e.places))
+    return tuple(e for e in _possible(model, own) if not model.unobservable.isdisjoint(e.places))
 
 
 def _possible(model: Model, own: Iterable[Effect]) -> tuple[Effect, ...]:

@@ -9,7 +9,7 @@ import pytest
 from optid.core.sheet import build
 from optid.diagnosis.surrogate.library import _moving
 from optid.diagnosis.verdict import _not_testable
-from optid.effects.library import admitted, built_in, find_effect, unplaced
+from optid.effects.library import admitted, built_in, find_effect, untestable
 from optid.errors import PlantError, RigError
 from optid.rigs.cascaded_tanks import cascaded_tanks
 from optid.rigs.emps import emps
@@ -112,9 +112,9 @@ def test_a_law_over_a_place_that_nothing_recorded_shows_is_not_tried(shown):
     """Each recording could begin anywhere in it: friction that differs between recordings would be told as a bump."""
     model = build(lambda sheet: slide(sheet, shown))
     hidden = {"position"} if shown == "velocity" else set()
-    assert model.unseen == hidden
+    assert model.unobservable == hidden
     name = "position_dependent_friction"
-    assert (name in {e.name for e in unplaced(model)}) == bool(hidden)
+    assert (name in {e.name for e in untestable(model)}) == bool(hidden)
     assert (name in {e.name for e in admitted(model)}) != bool(hidden)
     assert "stribeck_friction" in {e.name for e in admitted(model)}
 

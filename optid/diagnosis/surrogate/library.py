@@ -171,7 +171,7 @@ def _moving(base: FittedModel) -> dict[str, Array]:
     found: dict[str, Array] = {
         state.name: states[:, k]
         for k, state in enumerate(model.states)
-        if state.unit != "1" and "." not in state.name and state.name not in model.unseen
+        if state.unit != "1" and "." not in state.name and state.name not in model.unobservable
     }
     for column, port in enumerate(model.inputs):
         if port in model.recorded:
