@@ -1,7 +1,7 @@
 """Do 95 % intervals hold the truth in 95 % of cases? Fits of many noisy repeats of a rig with known parameters.
 
     python studies/interval_coverage.py [--plant servo-pneumatic] [--repeats 400] [--seconds 4] [--colour 0.8]
-        [--workers 2] [--table FILE.csv] [--stop S]
+        [--workers 2] [--seed N] [--table FILE.csv] [--stop S]
     python studies/interval_coverage.py --quick
 
 Every repeat moves the independent rig (dry friction with true stick, other equations' solver) under a new reference
@@ -102,14 +102,16 @@ def other(plant: str, seconds: float, rng: np.random.Generator) -> tuple[pd.Data
     return table(simulate(rig, wanted, rng), rig), text, truth
 
 
-def repeat(number: int, seconds: float, colour: float = 0.0, plant: str = "servo-pneumatic") -> Rows:
+def repeat(
+    number: int, seconds: float, colour: float = 0.0, plant: str = "servo-pneumatic", seed: int = SEED
+) -> Rows:
     """Record, fit, and say for every known parameter where truth and interval lie."""
     from optid.core.readers import read_recording
     from optid.errors import NotIdentifiable
     from optid.estimation.multiple_shooting import fit
     from optid.rigs.rigfile import read_rig
 
-    rng = np.random.default_rng([SEED, number])
+    rng = np.random.default_rng([seed, number])
     recorded = pneumatic(seconds, colour, rng) if plant == "servo-pneumatic" else other(plant, seconds, rng)
     table, text, truth = recorded
     with tempfile.TemporaryDirectory() as folder:
@@ -200,6 +202,7 @@ def main() -> int:
     options.add_argument("--seconds", type=float, default=4.0)
     options.add_argument("--colour", type=float, default=0.0, help="of the pneumatic rig's sensor")
     options.add_argument("--workers", type=int, default=2)
+    options.add_argument("--seed", type=int, default=SEED, help="of all repeats (default: %(default)s)")
     options.add_argument("--table", type=Path)
     options.add_argument(
         "--stop", type=float, default=float("inf"), help="s after which no result is waited for"
@@ -209,7 +212,7 @@ def main() -> int:
     if chosen.colour and chosen.plant != "servo-pneumatic":
         options.error("--colour: only the pneumatic rig's sensor has coloured noise")
     repeats, seconds = (4, 3.0) if chosen.quick else (chosen.repeats, chosen.seconds)
-    work = partial(repeat, seconds=seconds, colour=chosen.colour, plant=chosen.plant)
+    work = partial(repeat, seconds=seconds, colour=chosen.colour, plant=chosen.plant, seed=chosen.seed)
     rows = study(work, repeats, chosen.workers, chosen.table, chosen.stop)
     table, found = coverage(rows), rows["repeat"].nunique()
     ends = (rows["outcome"] == "CONVERGED").groupby(rows["repeat"]).first()

@@ -242,19 +242,17 @@ class Sheet(Declarations):
         """
         self._scalable.extend(sites)
 
-    def biased(self, parameter: str, share: float) -> None:
-        """State the share by which the smooth approximation of a discontinuous law may bias a fitted parameter.
+    def biased(self, **shares: float) -> None:
+        """State the shares by which the smooth approximation of a discontinuous law may bias fitted parameters.
 
-        It was measured against the law itself; intervals count it as a standard uncertainty of type B (GUM, 4.3).
+        They were measured against the law itself; intervals count each as a standard uncertainty of type B (GUM, 4.3).
 
         Parameters
         ----------
-        parameter : str
-            its name.
-        share : float
-            of its value.
+        **shares : float
+            of a parameter's value, by its name; a later statement replaces an earlier one.
         """
-        self._biases[parameter] = share
+        self._biases.update(shares)
 
     def require(self, words: str, margin: Expression) -> None:
         """State a condition on parameters: a sentence, and an expression that is positive where it holds.

@@ -70,6 +70,8 @@ POSITION_GAIN = Parameter(
 )
 UNITS = {"torque": "N m", "current": "A", "voltage": "V"}  # units of the demand
 SIZES = {"N m": 0.1, "A": 2.0, "V": 5.0, "rad/s": 5.0, "rad": TRAVEL}  # usual sizes of a command
+# As in optid/rigs/friction.py.
+STICK_BIAS = {"load_inertia": 8e-4, "payload_mass": 1e-4, "viscous_friction": 4e-4, "coulomb_friction": 1.5e-4}
 
 
 def rotary_axis(
@@ -109,6 +111,8 @@ def rotary_axis(
     viscous = s.site("force.viscous", s.param(VISCOUS_FRICTION) * w, unit="N m", size=0.1 * EFFORT, v=w, x=q)
     L = 2 * TRAVEL
     dry = dry_friction(s, w, friction, x=q, L=L, drive=torque)
+    if friction == "bristle":
+        s.biased(**STICK_BIAS)
     drag = s.site("force.friction", viscous + dry, unit="N m", size=0.1 * EFFORT, x=q, v=w)
     weight = m * GRAVITY * l * ca.sin(q + s.param(ZERO_OFFSET))
     external = s.param(LOAD_TORQUE) - weight

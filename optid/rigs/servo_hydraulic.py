@@ -124,6 +124,8 @@ PRECHARGE = Parameter(
     JELALI,
     bounds=POSITIVE,
 )
+# As in optid/rigs/friction.py.
+STICK_BIAS = {"bulk_modulus": 1.5e-4, "viscous_friction": 1.2e-3, "coulomb_friction": 1.2e-3}
 
 
 def servo_hydraulic(
@@ -192,6 +194,8 @@ def servo_hydraulic(
     drive = A_a * P_a - A_b * P_b - A_rod * s.param(ATMOSPHERIC_PRESSURE)
     viscous = s.site("force.viscous", s.param(VISCOUS_FRICTION) * v, unit="N", size=EFFORT / 10, v=v, x=x)
     dry = dry_friction(s, v, friction, x=x, L=L, P_a=P_a, P_b=P_b, drive=drive)
+    if friction == "bristle":
+        s.biased(**STICK_BIAS)
     s.require("the supply overcomes Coulomb friction", (P_s - P_t) * A_a - s.param(s.sized(COULOMB_FRICTION)))
     drag = s.site("force.friction", viscous + dry, unit="N", size=EFFORT / 10, x=x, v=v, P_a=P_a, P_b=P_b)
     external = s.param(LOAD_FORCE) + end_stops(s, x, v, L)
