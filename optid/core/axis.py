@@ -92,6 +92,10 @@ class Axis:
         return text if self.travel_unit == "m" else _LENGTH.sub(said, text)
 
 
+# Of a joint whose plant states no axis: its angle tells the units of what effects add, but no sizes.
+JOINT = Axis("rad", TRAVEL, "N m", EFFORT)
+
+
 def _grown(n: Nuisance, by: float) -> Nuisance:
     return replace(n, low=n.low * by, high=n.high * by, sd=None if n.sd is None else n.sd * by)
 

@@ -14,6 +14,7 @@ from typing import NamedTuple, Protocol
 
 import casadi as ca
 
+from optid.core.axis import JOINT
 from optid.core.declarations import Declarations, Expression
 from optid.core.model import Constraint, Model
 from optid.core.threads import one_at_a_time
@@ -298,6 +299,7 @@ class Sheet(Declarations):
         u = ca.vertcat(*(symbol for _, symbol in self._inputs.values()))
         p = ca.vertcat(*(symbol for _, symbol in self._parameters.values()))
         names = (["x", "u", "p"], ["xdot"])
+        first = next(port for port, _ in self._outputs.values())
         rates = ca.vertcat(*(self._rates[name] for name in self._states))
         outputs = ca.vertcat(*(expression for _, expression in self._outputs.values()))
         mean, spread = (ca.vertcat(*column) for column in zip(*self._starts.values(), strict=True))
@@ -328,7 +330,7 @@ class Sheet(Declarations):
                 suspects=tuple(group for group in self._suspects if set(group) <= set(self._sites)),
                 scalable=tuple(site for site in self._scalable if site in self._sites),
                 biases=dict(self._biases),
-                axis=self._axis,
+                axis=self._axis or (JOINT if first.unit == "rad" else None),
                 constraints=tuple(self._constraint(words, margin, p) for words, margin in self._required),
                 reach={
                     role: ca.Function("reach", [p], [self._of_any(ca.vertcat(*ends))])

@@ -5,6 +5,7 @@ import shutil
 from pathlib import Path
 
 import optid
+from optid.effects.library import admitted
 from optid.rigs.rigfile import read_rig
 
 PLANT = Path(__file__).parents[2] / "studies" / "docs" / "own" / "servo.py"
@@ -45,6 +46,19 @@ def test_its_friction_is_a_torque_and_its_effects_are_a_joints(tmp_path):
     units = {q.name: q.unit for q in rig.model.parameters}
     assert units["coulomb_friction"] == "N m" and units["presliding_length"] == "rad"
     assert rig.parameters["coulomb_friction"] == 0.013
+
+
+def test_effects_of_a_joint_that_states_no_axis_have_its_units(tmp_path):
+    text = PLANT.read_text(encoding="utf-8")
+    lines = [line for line in text.splitlines() if "s.axis(" not in line]
+    assert len(lines) < len(text.splitlines())
+    (tmp_path / "servo.py").write_text("\n".join(lines))
+    (tmp_path / "rig.toml").write_text(RIG.replace("N m\"", "N\""))  # its friction law is a slide's
+    model = read_rig(tmp_path / "rig.toml").model
+    (bump,) = (one for one in admitted(model) if one.name == "position_dependent_friction")
+    units = {q.name: q.unit for q in bump.parameters}
+    assert units["place"] == units["width"] == "rad" and units["slope_ahead"] == "1/rad"
+    assert {q.name: q.typical for q in bump.parameters}["width"] == 0.03  # nothing is known of its size
 
 
 def test_it_runs_along_a_recorded_servo(tmp_path, shared):
