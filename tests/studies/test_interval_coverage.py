@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from studies.interval_coverage import TRUTH, coverage, repeat
+from studies.interval_coverage import OWN, TRUTH, coverage, repeat
 
 
 def test_the_table_of_exact_intervals_says_so():
@@ -33,3 +33,13 @@ def test_a_repeat_finds_the_rig(colour, seconds):
     error = (rows["value"] - rows["parameter"].map(TRUTH)).abs()
     assert (error < 3 * half).all()
     assert (half < 0.1 * rows["value"]).all()
+
+
+@pytest.mark.parametrize("plant", ["rotary-axis", "servo-hydraulic"])
+def test_other_axes_are_found_within_two_percent(plant):
+    rows = pd.DataFrame(repeat(3, seconds=2.0, plant=plant, seed=11))
+    assert set(rows["parameter"]) == set(OWN[plant])
+    assert (rows["outcome"] == "CONVERGED").all()
+    error = (rows["value"] - rows["truth"]).abs()
+    assert (error < 0.02 * rows["truth"]).all()
+    assert (error < 1.5 * (rows["high"] - rows["low"])).all()
