@@ -31,11 +31,18 @@ def disagreement(
         noise: role -> sd of the measurement, SI.
         criteria: what counts as proof.
     """
-    if not evidence.p_value <= criteria.level:
-        return f"the hold-out does not confirm it (p = {evidence.p_value:.2g})"
+    if why := unconfirmed(evidence, criteria):
+        return why
     if not evidence.error_gain > 0.0:
         return "it predicts no output of the hold-out better"
     return _no_size(effect, estimates) or worse_output(before, after, noise, criteria)
+
+
+def unconfirmed(evidence: Evidence, criteria: Criteria) -> str:
+    """Why the hold-out alone speaks against an effect; empty if it confirms it."""
+    if evidence.p_value <= criteria.level:
+        return ""
+    return f"the hold-out does not confirm it (p = {evidence.p_value:.2g})"
 
 
 def _no_size(effect: Effect, estimates: Sequence[Estimate]) -> str:

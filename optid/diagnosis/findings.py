@@ -38,12 +38,9 @@ def named_findings(
     s: Stages, parameters: Sequence[Estimate], suspects: Sequence[Suspicion]
 ) -> tuple[Finding, ...]:
     """One finding for each proven effect, the strongest first, then one for what is suspected in addition."""
-    doubts = {one.effect: one for one in suspects}
+    doubts = {one.effect for one in suspects}
     found = [_named(s, effect, parameters) for effect in s.best.effects if effect.name not in doubts]
-    open_ones = [
-        _suspected(s, effect, doubts[effect.name]) for effect in s.best.effects if effect.name in doubts
-    ]
-    return (*sorted(found, key=lambda f: -f.train_gain), *open_ones)
+    return (*sorted(found, key=lambda f: -f.train_gain), *suspected_findings(s, suspects))
 
 
 def own_estimates(effect: Effect, parameters: Sequence[Estimate]) -> tuple[Estimate, ...]:
@@ -132,8 +129,7 @@ def sentence(effect: Effect, model: RefinedModel) -> str:
 def unexplained_findings(s: Stages, suspects: tuple[Suspicion, ...]) -> tuple[Finding, ...]:
     """Findings that are not proven: where they are, what describes them, and what they could be."""
     if s.surrogate is None:
-        by_name = {effect.name: effect for effect in s.best.effects}
-        return tuple(_suspected(s, by_name[one.effect], one) for one in suspects if one.effect in by_name)
+        return suspected_findings(s, suspects)
     described = s.best.effects[0] if s.best.effects and not s.names else None
     first = _at_all_samples(s, s.surrogate.at(described.sites[0] if described is not None else ""))
     where = _mismatch_region(s, first, described)
@@ -184,6 +180,12 @@ def _where_it_lies(surrogate: Surrogate, first: UnknownInput) -> str:
     near = dict.fromkeys(one.site for one in surrogate.likely if one.site not in (best, first.site))
     words = f"an unknown signal at {best} explains the recordings best"
     return words + (f"; {', '.join(near)} would do nearly as well" if near else "")
+
+
+def suspected_findings(s: Stages, suspects: Sequence[Suspicion]) -> tuple[Finding, ...]:
+    """One finding for each effect of the best model that is suspected."""
+    by_name = {effect.name: effect for effect in s.best.effects}
+    return tuple(_suspected(s, by_name[one.effect], one) for one in suspects if one.effect in by_name)
 
 
 def _suspected(s: Stages, effect: Effect, one: Suspicion) -> Finding:

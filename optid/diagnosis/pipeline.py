@@ -7,7 +7,8 @@ held-out recordings.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -30,9 +31,15 @@ from optid.diagnosis.fitted import FittedModel, refit
 from optid.diagnosis.localisation.unknown_input import locate
 from optid.diagnosis.problem import DiagnosisProblem, Stage, measurement_noise, prepare
 from optid.diagnosis.refinement import refine, with_information
-from optid.diagnosis.result import Diagnosis
-from optid.diagnosis.selection import SelectionPath, nothing_selected, select, without_each
-from optid.diagnosis.stages import Stages
+from optid.diagnosis.result import Diagnosis, Verdict
+from optid.diagnosis.selection import (
+    SelectionPath,
+    nothing_selected,
+    select,
+    without_each,
+    without_effects,
+)
+from optid.diagnosis.stages import Searched, Stages
 from optid.diagnosis.surrogate.search import answer_of, find_surrogate
 from optid.diagnosis.testing import gate, test_on_holdout
 from optid.diagnosis.verdict import (
@@ -123,21 +130,40 @@ def diagnose(
             surrogate = None
     report(Stage.REFINEMENT, "maximum likelihood and intervals")
     problem = replace(with_open_variance(problem, path.base), budget=budget)
-    answer = wide or answer_of(path, surrogate)
+    unseal = partial(straight_inputs, sealed, roles)
+    found = Searched(problem, search, path, alternatives, surrogate, wide is not None)
+    tested = _tested(found, wide or answer_of(path, surrogate), unseal)
+    kept.clear()
+    return (_without_unconfirmed(tested, unseal) if tested.unconfirmed else None) or conclude(tested)
+
+
+def _without_unconfirmed(tested: Stages, unseal: Callable[[], Sequence[Recording]]) -> Diagnosis | None:
+    """The answer without names that the hold-out does not confirm, where the rest stands alone; else ``None``.
+
+    A name told then has passed two tests on the same windows, beside the others and without them: the error rate is
+    no larger than that of one.
+    """
+    found = Searched(*(getattr(tested, one.name) for one in fields(Searched)))
+    path = without_effects(tested.path, tested.unconfirmed, tested.search)
+    alone = conclude(_tested(replace(found, path=path), path.best, unseal), doubted=tested)
+    return alone if alone.verdict is Verdict.MISSING_PHYSICS else None
+
+
+def _tested(found: Searched, answer: FittedModel, unseal: Callable[[], Sequence[Recording]]) -> Stages:
+    """The answer of a search, refined on all samples and tested on the recordings held out."""
+    path, problem = found.path, found.problem
     fitted = refit(path.base, problem)
     best = refine(fitted if answer is path.base else refit(answer, problem), problem)
     plain = best if answer is path.base else with_information(fitted)
-    report(Stage.TEST, "testing on the recordings held out")
+    problem.report(Stage.TEST, "testing on the recordings held out")
     rivals = {
         name: refit(one, problem) if one.effects else one for name, one in without_each(path, answer).items()
     }
     strongest = None if path.strongest is None or best is not plain else refit(path.strongest, problem)
-    opened = straight_inputs(sealed, roles)
-    test = test_on_holdout(plain, best, rivals, strongest, opened, problem.noise, criteria)
-    names = tuple(one.name for one in sealed)
-    kept.clear()
-    wider = wide is not None
-    return conclude(Stages(problem, search, path, alternatives, surrogate, plain, best, test, names, wider))
+    opened = unseal()
+    test = test_on_holdout(plain, best, rivals, strongest, opened, problem.noise, problem.criteria)
+    names = tuple(one.name for one in opened)
+    return Stages(**vars(found), base=plain, best=best, test=test, holdout=names)
 
 
 def _numbers(names: Sequence[str], train: Sequence[Recording]) -> tuple[int, ...]:

@@ -235,6 +235,27 @@ def without_effect(model: FittedModel, effect: Effect, problem: DiagnosisProblem
     return fit_model(problem, rest, rig, q, p)
 
 
+def without_effects(path: SelectionPath, names: Sequence[str], problem: DiagnosisProblem) -> SelectionPath:
+    """The path to the rest of its effects, with the models that lack one more of them."""
+    best, validated = path.best, path.validated
+    for effect in path.best.effects:
+        if effect.name in names:
+            best = without_effect(best, effect, problem)
+            validated = cross_validate(best, problem)
+    without = {effect.name: _less(path, best, effect, problem) for effect in best.effects}
+    return _with(path, best, validated, without, path.dropped)
+
+
+def _less(
+    path: SelectionPath, model: FittedModel, effect: Effect, problem: DiagnosisProblem
+) -> tuple[FittedModel, Validated]:
+    """A model without one of its effects, with its errors; the base where nothing is left and it predicts better."""
+    less = without_effect(model, effect, problem)
+    errors = cross_validate(less, problem)
+    better = less.effects or errors.windows.sum() <= path.first.windows.sum()
+    return (less, errors) if better else (path.base, path.first)
+
+
 def _backward(path: SelectionPath, problem: DiagnosisProblem) -> SelectionPath:
     """Backward elimination: drop effects that would not be confirmed as the last one, the least needed first."""
     best, validated, dropped = path.best, path.validated, list(path.dropped)
@@ -243,10 +264,7 @@ def _backward(path: SelectionPath, problem: DiagnosisProblem) -> SelectionPath:
         without, idle = {}, []
         for effect in best.effects:
             problem.report(Stage.BACKWARD, f"testing whether {effect.name} is needed")
-            less = without_effect(best, effect, problem)
-            errors = cross_validate(less, problem)
-            if not less.effects and path.first.windows.sum() < errors.windows.sum():
-                less, errors = path.base, path.first
+            less, errors = _less(path, best, effect, problem)
             without[effect.name] = (less, errors)
             size = effect.size(best.own_values(effect))
             alone = not less.effects

@@ -9,10 +9,15 @@ from dataclasses import replace
 import numpy as np
 
 from optid.core.quantity import quantity
-from optid.diagnosis.agreement import disagreement
+from optid.diagnosis.agreement import disagreement, unconfirmed
 from optid.diagnosis.alternatives import Alternative
 from optid.diagnosis.evaluation import Evaluation
-from optid.diagnosis.findings import named_findings, own_estimates, unexplained_findings
+from optid.diagnosis.findings import (
+    named_findings,
+    own_estimates,
+    suspected_findings,
+    unexplained_findings,
+)
 from optid.diagnosis.intervals import apart_from_none, intervals
 from optid.diagnosis.problem import DiagnosisProblem
 from optid.diagnosis.result import Diagnosis, Finding, Suspicion, Verdict
@@ -73,8 +78,8 @@ def largest_rest(problem: DiagnosisProblem) -> float:
     return problem.criteria.largest_rest if stated is None else stated
 
 
-def conclude(s: Stages) -> Diagnosis:
-    """The answer of all stages."""
+def conclude(s: Stages, doubted: Stages | None = None) -> Diagnosis:
+    """The answer of all stages; beside it what the hold-out does not confirm of a larger answer is suspected."""
     if s.test.refuted and not s.names and not s.wide:
         # A surrogate is kept only if it predicts better.
         s = replace(s, best=s.base, test=s.test.of_base(s.problem.noise))
@@ -87,6 +92,7 @@ def conclude(s: Stages) -> Diagnosis:
     findings: tuple[Finding, ...] = ()
     if verdict is Verdict.MISSING_PHYSICS:
         findings = named_findings(s, best_parameters, suspects)
+        findings += () if doubted is None else suspected_findings(doubted, _unconfirmed(doubted))
     elif verdict is Verdict.UNEXPLAINED:
         findings = unexplained_findings(s, suspects or _fallen_short(s))
         if s.test.refuted and s.names:
@@ -165,6 +171,12 @@ def _suspects(s: Stages, estimates: Sequence[Estimate]) -> tuple[Suspicion, ...]
         if why:
             found.append(Suspicion(effect.name, why))
     return tuple(found)
+
+
+def _unconfirmed(s: Stages) -> tuple[Suspicion, ...]:
+    """Effects that the hold-out does not confirm where it confirms others."""
+    tests = s.test.names
+    return tuple(Suspicion(name, unconfirmed(tests[name], s.problem.criteria)) for name in s.unconfirmed)
 
 
 def _fallen_short(s: Stages) -> tuple[Suspicion, ...]:

@@ -71,7 +71,12 @@ POSITION_GAIN = Parameter(
 UNITS = {"torque": "N m", "current": "A", "voltage": "V"}  # units of the demand
 SIZES = {"N m": 0.1, "A": 2.0, "V": 5.0, "rad/s": 5.0, "rad": TRAVEL}  # usual sizes of a command
 # As in optid/rigs/friction.py.
-STICK_BIAS = {"load_inertia": 8e-4, "payload_mass": 1e-4, "viscous_friction": 4e-4, "coulomb_friction": 1.5e-4}
+STICK_BIAS = {
+    "load_inertia": 8e-4,
+    "payload_mass": 1e-4,
+    "viscous_friction": 4e-4,
+    "coulomb_friction": 1.5e-4,
+}
 
 
 def rotary_axis(

@@ -100,7 +100,7 @@ FLOW_WIDTH = Parameter(
     "Pa",
     1e4,
     "drop below which an edge's flow is laminar",
-    # A wider one is felt far above it: of 1e5 Pa 0.2 % of the flow is missing at 10 bar, and fits take it from friction.
+    # A wider one is felt far above it: of 1e5 Pa 0.2 % of the flow is missing at 10 bar, and friction is fitted for it.
     MERRITT,
     1e4,
     (1e2, 1e7),

@@ -189,6 +189,23 @@ def test_a_name_that_the_hold_out_contradicts_is_a_suspicion(tmp_path):
     assert [f["effect"] for f in document["findings"]] == [None] * len(found.findings)
 
 
+def test_a_right_name_stands_without_one_that_the_hold_out_contradicts(tmp_path):
+    """The band is everywhere; what else is in the recordings to fit is not in what was held out."""
+
+    def leaning(t, x, v):
+        return 0.05
+
+    train = [recording(seed, f"run{seed}.csv", dead_band, beside=leaning) for seed in (1, 2)]
+    held = [recording(3, "held.csv", dead_band)]
+    found = diagnose(rig(tmp_path), train, held, generator=np.random.default_rng(0))
+    assert found.verdict is Verdict.MISSING_PHYSICS
+    named, *rest = found.findings
+    assert named.effect.name == "dead_zone@drive.command"
+    assert [one.name for one in found.best.effects] == ["dead_zone@drive.command"]
+    assert all(finding.effect is None for finding in rest)
+    assert rest and all("does not confirm it" in one.why for f in rest for one in f.suspected)
+
+
 def test_what_predicts_worse_than_the_model_as_it_came_is_not_handed_on(tmp_path):
     """A push that pulses with time has no name here; on the recording held out it pulls instead."""
 
