@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -100,6 +101,8 @@ def select(base: FittedModel, problem: DiagnosisProblem) -> SelectionPath:
             break
         problem.report(Stage.SELECTION, f"round {depth + 1}: ranking the effects")
         one = _round(current, first, validated, problem)
+        if not depth:
+            one = _from_stated_values(one, validated, problem)
         rounds.append(one)
         better = None if one.taken else _restarted(current, validated, one, problem)
         if better is not None:
@@ -144,19 +147,37 @@ def _restarted(
     return (model, validated) if validated.windows.sum() < RESTART * before.windows.sum() else None
 
 
+def _from_stated_values(one: Round, before: Validated, problem: DiagnosisProblem) -> Round:
+    """The first step, or another one from the rig file's values where it leaves a mismatch and that one leaves less.
+
+    What is missing may have pulled the fitted parameters far from the truth, as a dead band does with friction.
+    """
+    left = before if one.taken is None else one.taken.validated
+    if left.error_over_noise <= problem.criteria.error_over_noise or problem.budget.is_over:
+        return one
+    stated = one.model.likelihood_problem.model.vector(problem.rig.parameters)
+    nearest = min((each.loss for each in one.proposals.ranked), default=math.inf)
+    other = _round(one.model, before, before, problem, begin=stated, below=RESTART * nearest)
+    return other if other.taken and other.taken.validated.windows.sum() < left.windows.sum() else one
+
+
 def _round(
     current: FittedModel,
     first: Validated,
     before: Validated,
     problem: DiagnosisProblem,
     but: str = "",
+    begin: Array | None = None,
+    below: float = math.inf,
 ) -> Round:
+    """A step from the current model, or of its proposals from other parameters, those with a loss `below` a bound."""
     effects = [one for one in admitted(current.rig.model, problem.own) if one.name != but]
     near = before.error_over_noise <= problem.criteria.error_over_noise
     # A linear step and the model's own quiet filter are reliable only for a model at the noise.
     entrants, level = (problem.options.entrants, current.fit.level) if near else (None, QUIET)
-    proposals = propose(current, effects, problem, entrants, level)
+    proposals = propose(current, effects, problem, entrants, level, begin)
     few = worth_fitting(proposals, near, bool(current.effects), problem)
+    few = [each for each in few if each.loss < below]
     problem.report(Stage.SELECTION, f"fitting {', '.join(one.effect.name for one in few)}")
     fitted = parallel_map(partial(contend, current, first, before, problem, len(effects)), few)
     contenders = sorted(
