@@ -54,6 +54,15 @@ def fit_base(problem: DiagnosisProblem) -> tuple[FittedModel, DiagnosisProblem]:
     return FittedModel((), problem.rig, fit), problem
 
 
+def with_open_variance(problem: DiagnosisProblem, model: FittedModel) -> DiagnosisProblem:
+    """The problem with the expected errors of a correct model's windows at these parameters."""
+    if problem.open_variance is not None:
+        return problem
+    q = problem.likelihood_problem(problem.rig)
+    noise = quiet_noise(q, model.fit.level)
+    return replace(problem, open_variance=open_variance(q, model.p, noise, problem.window))
+
+
 def search_starts(q: LikelihoodProblem, p: Array) -> list[Array]:
     """The parameters with each alternative start that the plant states for the free ones, one at a time."""
     sets = [q.model.parameters[i].starts for i in q.free]

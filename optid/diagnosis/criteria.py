@@ -37,6 +37,7 @@ class SearchOptions:
     """The effort of a search; it never changes what counts as proof.
 
     Attributes:
+        rate: largest sampling rate of the search; its result is fitted and tested at full rate.
         short: share of a window over which effects are fitted first: short enough for parameters that are far off.
         race: rounds of successive halving of proposals, with the best branch of each effect: steps, and number kept;
             on the recording with the largest mismatch, in the last round on all.
@@ -48,6 +49,7 @@ class SearchOptions:
         search_share: share of the budget for the search; the rest is for testing and reporting.
     """
 
+    rate: float = 500.0
     short: float = 0.2
     race: tuple[tuple[int, int], ...] = ((2, 4), (3, 4))
     entrants: int = 10

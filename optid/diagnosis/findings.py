@@ -91,8 +91,14 @@ def _signal(s: Stages, effect: Effect) -> tuple[UnknownInput | None, Array | Non
     for site in effect.sites:
         law = effect_signal_at(s.base, s.best, site)
         if law is not None and np.isfinite(law).all() and np.ptp(law) > 0.0:
-            return locate_at(s.path.base, s.problem, site), law
+            found = locate_at(s.path.base, s.search, site)
+            return None if found is None else _at_all_samples(s, found), law
     return None, None
+
+
+def _at_all_samples(s: Stages, found: UnknownInput) -> UnknownInput:
+    """A signal found at the rate of the search, at every sample."""
+    return found.at_samples_of(s.base.fit.likelihood_problem.problem, s.path.base.likelihood_problem.problem)
 
 
 def _indistinguishable(
@@ -125,7 +131,7 @@ def unexplained_findings(s: Stages, suspects: tuple[Suspicion, ...]) -> tuple[Fi
     if s.surrogate is None:
         return suspected_findings(s, suspects)
     described = s.best.effects[0] if s.best.effects and not s.names else None
-    first = s.surrogate.at(described.sites[0] if described is not None else "")
+    first = _at_all_samples(s, s.surrogate.at(described.sites[0] if described is not None else ""))
     where = _mismatch_region(s, first, described)
     words, evidence, law = _where_it_lies(s.surrogate, first), Evidence(1.0, 0.0, 0.0), None
     followed: tuple[str, ...] = ()

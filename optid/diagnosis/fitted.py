@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-from optid.core.budget import Budget
 from optid.core.model import Array
 from optid.diagnosis.problem import DiagnosisProblem
 from optid.effects.effect import Effect
@@ -75,7 +74,10 @@ def fit_model(
     return FittedModel(tuple(effects), rig, fit)
 
 
-def with_budget(model: FittedModel, budget: Budget) -> FittedModel:
-    """The model with another budget for what is done with it."""
-    q = replace(model.likelihood_problem, budget=budget)
-    return replace(model, fit=replace(model.fit, likelihood_problem=q))
+def refit(model: FittedModel, problem: DiagnosisProblem) -> FittedModel:
+    """Refit the result of a search to the recordings at their full rate, if they were decimated."""
+    rig = replace(model.rig, channels=problem.rig.channels)
+    q = problem.likelihood_problem(rig)
+    if len(q.problem.time) == len(model.likelihood_problem.problem.time):
+        return model
+    return fit_model(problem, model.effects, rig, q, model.p, level=model.fit.level)

@@ -16,7 +16,7 @@ import numpy as np
 from optid.core.budget import UNLIMITED, Budget
 from optid.core.recording import Recording
 from optid.diagnosis.alternatives import compare_alternatives
-from optid.diagnosis.base_fit import fit_base, relax_bounds
+from optid.diagnosis.base_fit import fit_base, relax_bounds, with_open_variance
 from optid.diagnosis.between_samples import inputs_that_go_on, straight_inputs, straightened
 from optid.diagnosis.checkpoint import (
     Checkpoint,
@@ -27,7 +27,7 @@ from optid.diagnosis.checkpoint import (
     path_from,
 )
 from optid.diagnosis.criteria import Criteria, SearchOptions
-from optid.diagnosis.fitted import FittedModel, with_budget
+from optid.diagnosis.fitted import FittedModel, refit
 from optid.diagnosis.localisation.unknown_input import locate
 from optid.diagnosis.problem import DiagnosisProblem, Stage, measurement_noise, prepare
 from optid.diagnosis.refinement import refine, with_information
@@ -114,23 +114,24 @@ def diagnose(
         report=report,
     )
     kept = Checkpoint(checkpoint, key_of(problem))
-    base, fitted = _base_fit(problem, kept)
-    if roles := inputs_that_go_on(base, fitted):
-        base, fitted = fit_base(straightened(problem, roles))
-    problem = fitted
-    wide = relax_bounds(base, problem)
-    path = nothing_selected(base, problem) if wide else _selection(base, problem, kept)
-    path, alternatives = compare_alternatives(path, problem)
+    base, search = _base_fit(problem.at_search_rate(), kept)
+    if roles := inputs_that_go_on(base, search):
+        problem = straightened(problem, roles)
+        base, search = fit_base(problem.at_search_rate())
+    wide = relax_bounds(base, search)
+    path = nothing_selected(base, search) if wide else _selection(base, search, kept)
+    path, alternatives = compare_alternatives(path, search)
     surrogate = None
-    if wide is None and not is_beyond_doubt(path, problem):
+    if wide is None and not is_beyond_doubt(path, search):
         report(Stage.LOCALISATION, "locating the mismatch with an unknown input")
-        if sites := locate(path.base, problem):
-            surrogate = find_surrogate(path, sites, problem)
-        if is_sufficient(path, problem) and not is_explained_elsewhere(path, surrogate, problem):
+        if sites := locate(path.base, search):
+            surrogate = find_surrogate(path, sites, search)
+        if is_sufficient(path, search) and not is_explained_elsewhere(path, surrogate, search):
             surrogate = None
     report(Stage.REFINEMENT, "maximum likelihood and intervals")
-    found = Searched(replace(problem, budget=budget), path, alternatives, surrogate, wide is not None)
+    problem = replace(with_open_variance(problem, path.base), budget=budget)
     unseal = partial(straight_inputs, sealed, roles)
+    found = Searched(problem, search, path, alternatives, surrogate, wide is not None)
     tested = _tested(found, wide or answer_of(path, surrogate), unseal)
     kept.clear()
     return (_without_unconfirmed(tested, unseal) if tested.unconfirmed else None) or conclude(tested)
@@ -143,22 +144,24 @@ def _without_unconfirmed(tested: Stages, unseal: Callable[[], Sequence[Recording
     no larger than that of one.
     """
     found = Searched(*(getattr(tested, one.name) for one in fields(Searched)))
-    path = without_effects(tested.path, tested.unconfirmed, tested.problem)
+    path = without_effects(tested.path, tested.unconfirmed, tested.search)
     alone = conclude(_tested(replace(found, path=path), path.best, unseal), doubted=tested)
     return alone if alone.verdict is Verdict.MISSING_PHYSICS else None
 
 
 def _tested(found: Searched, answer: FittedModel, unseal: Callable[[], Sequence[Recording]]) -> Stages:
-    """The answer of a search, refined and tested on the recordings held out."""
+    """The answer of a search, refined on all samples and tested on the recordings held out."""
     path, problem = found.path, found.problem
-    best = refine(with_budget(answer, problem.budget), problem)
-    plain = best if answer is path.base else with_information(path.base)
+    fitted = refit(path.base, problem)
+    best = refine(fitted if answer is path.base else refit(answer, problem), problem)
+    plain = best if answer is path.base else with_information(fitted)
     problem.report(Stage.TEST, "testing on the recordings held out")
-    strongest = path.strongest if best is plain else None
+    rivals = {
+        name: refit(one, problem) if one.effects else one for name, one in without_each(path, answer).items()
+    }
+    strongest = None if path.strongest is None or best is not plain else refit(path.strongest, problem)
     opened = unseal()
-    test = test_on_holdout(
-        plain, best, without_each(path, answer), strongest, opened, problem.noise, problem.criteria
-    )
+    test = test_on_holdout(plain, best, rivals, strongest, opened, problem.noise, problem.criteria)
     names = tuple(one.name for one in opened)
     return Stages(**vars(found), base=plain, best=best, test=test, holdout=names)
 

@@ -86,6 +86,14 @@ class DiagnosisProblem:
         """The original model, whose states alone have process noise."""
         return self.rig.model
 
+    def at_search_rate(self) -> DiagnosisProblem:
+        """The same with recordings decimated to the rate of the search; unchanged if they are not faster."""
+        rig, train = prepare(self.rig, self.train, self.options.rate)
+        if all(one is before for one, before in zip(train, self.train, strict=True)):
+            return self
+        noise = measurement_noise(rig, train)
+        return replace(self, rig=rig, train=train, noise=noise, open_variance=None, _questions={})
+
     def likelihood_problem(self, rig: Rig) -> LikelihoodProblem:
         """The likelihood problem of a rig with these recordings."""
         if rig not in self._questions:

@@ -19,13 +19,14 @@ class Searched:
     """The results of the stages that see the training recordings alone.
 
     Attributes:
-        problem: the training recordings, and what is expected of a correct model there.
+        problem: the training recordings; `search` has them at the rate of the search.
         path: path of the selection; `alternatives` are look-alikes in place of its effects.
         surrogate: description of a mismatch that the named effects do not explain.
         wide: whether the answer is the base with wider bounds.
     """
 
     problem: DiagnosisProblem
+    search: DiagnosisProblem
     path: SelectionPath
     alternatives: Mapping[str, tuple[Alternative, ...]]
     surrogate: Surrogate | None

@@ -186,7 +186,7 @@ def _fallen_short(s: Stages) -> tuple[Suspicion, ...]:
     else:
         explained = 1.0 - s.path.validated.excess / max(s.path.first.excess, 1e-300)
         why = f"it explains {100 * explained:.0f} % of the squared error of windows that were not fitted"
-        if is_explained_elsewhere(s.path, s.surrogate, s.problem) and s.surrogate and s.surrogate.contender:
+        if is_explained_elsewhere(s.path, s.surrogate, s.search) and s.surrogate and s.surrogate.contender:
             (site, *_) = s.surrogate.contender.effect.sites
             left = s.surrogate.contender.validated.error_over_noise
             why += f"; a description at {site} brings them to {left:.2g} times the noise"

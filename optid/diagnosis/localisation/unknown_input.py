@@ -26,6 +26,7 @@ from optid.estimation.fisher_scoring import successive_halving
 from optid.estimation.fixed_gain import fixed_gain_fit
 from optid.estimation.likelihood import Filtered, Noise, deviance, run_filter, run_fixed_gain_filter, start_of
 from optid.estimation.likelihood_point import LikelihoodProblem
+from optid.estimation.problem import Problem
 from optid.rigs.rigfile import with_effects
 
 LOUD = 100.0  # times the smallest visible signal: usual step of the random walk in a second, the middle level
@@ -84,6 +85,19 @@ class UnknownInput:
         """The same for one of its sites."""
         k = [self.sites.index(site)]
         return replace(self, sites=(site,), signals=self.signals[:, k], sd=self.sd[:, k])
+
+    def at_samples_of(self, problem: Problem, own: Problem) -> Self:
+        """The same signals at the samples of another problem with the same recordings; they were estimated in `own`."""
+        if len(problem.time) == len(own.time):
+            return self
+        there, here = (np.repeat(one.recording, one.counts + 1) for one in (problem, own))
+        signals, sd = (np.empty((len(problem.time), len(self.sites))) for _ in range(2))
+        for number in np.unique(there):
+            to, of = there == number, here == number
+            for k in range(len(self.sites)):
+                for into, found in ((signals, self.signals), (sd, self.sd)):
+                    into[to, k] = np.interp(problem.time[to], own.time[of], found[of, k])
+        return replace(self, signals=signals, sd=sd)
 
 
 def locate(model: FittedModel, problem: DiagnosisProblem) -> list[UnknownInput]:
