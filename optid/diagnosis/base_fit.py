@@ -9,7 +9,7 @@ import numpy as np
 from optid.core.model import Array
 from optid.core.threads import parallel_map
 from optid.diagnosis.evaluation import open_variance
-from optid.diagnosis.fitted import FittedModel, fit_model
+from optid.diagnosis.fitted import FittedModel, fit_model, refit
 from optid.diagnosis.problem import DiagnosisProblem, Stage
 from optid.diagnosis.validation import cross_validate
 from optid.errors import SolveError
@@ -61,6 +61,23 @@ def with_open_variance(problem: DiagnosisProblem, model: FittedModel) -> Diagnos
     q = problem.likelihood_problem(problem.rig)
     noise = quiet_noise(q, model.fit.level)
     return replace(problem, open_variance=open_variance(q, model.p, noise, problem.window))
+
+
+def at_full_rate(
+    base: FittedModel, search: DiagnosisProblem, problem: DiagnosisProblem
+) -> tuple[FittedModel, DiagnosisProblem]:
+    """The base and the problem of the search, at the recordings' own rate where that alone brings it to the noise.
+
+    A command that jumps inside a decimated hold acts at another time there: a stiff cylinder then misses its pressures.
+    """
+    most = search.criteria.error_over_noise
+    if search.train is problem.train or cross_validate(base, search).error_over_noise <= most:
+        return base, search
+    full = with_open_variance(problem, base)
+    model = refit(base, full)
+    if cross_validate(model, full).error_over_noise <= most:
+        return model, replace(full, budget=search.budget)
+    return base, search
 
 
 def search_starts(q: LikelihoodProblem, p: Array) -> list[Array]:

@@ -16,7 +16,7 @@ import numpy as np
 from optid.core.budget import UNLIMITED, Budget
 from optid.core.recording import Recording
 from optid.diagnosis.alternatives import compare_alternatives
-from optid.diagnosis.base_fit import fit_base, relax_bounds, with_open_variance
+from optid.diagnosis.base_fit import at_full_rate, fit_base, relax_bounds, with_open_variance
 from optid.diagnosis.between_samples import inputs_that_go_on, straight_inputs, straightened
 from optid.diagnosis.checkpoint import (
     Checkpoint,
@@ -118,6 +118,7 @@ def diagnose(
     if roles := inputs_that_go_on(base, search):
         problem = straightened(problem, roles)
         base, search = fit_base(problem.at_search_rate())
+    base, search = at_full_rate(base, search, problem)
     wide = relax_bounds(base, search)
     path = nothing_selected(base, search) if wide else _selection(base, search, kept)
     path, alternatives = compare_alternatives(path, search)

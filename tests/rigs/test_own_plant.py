@@ -53,7 +53,7 @@ def test_effects_of_a_joint_that_states_no_axis_have_its_units(tmp_path):
     lines = [line for line in text.splitlines() if "s.axis(" not in line]
     assert len(lines) < len(text.splitlines())
     (tmp_path / "servo.py").write_text("\n".join(lines))
-    (tmp_path / "rig.toml").write_text(RIG.replace("N m\"", "N\""))  # its friction law is a slide's
+    (tmp_path / "rig.toml").write_text(RIG.replace('N m"', 'N"'))  # its friction law is a slide's
     model = read_rig(tmp_path / "rig.toml").model
     (bump,) = (one for one in admitted(model) if one.name == "position_dependent_friction")
     units = {q.name: q.unit for q in bump.parameters}
