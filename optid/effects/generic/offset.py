@@ -25,6 +25,7 @@ class Offset(Anywhere):
     law = "signal + offset"
     says = "a constant {offset} is added here"
     needs = "signals of different size"
+    look_alikes = ("constant_force",)  # a drive whose command is a torque cannot tell one from the other
     experiment = "hold everything still and read the signal"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
