@@ -8,6 +8,9 @@ import pytest
 from optid.diagnosis import alternatives
 from optid.diagnosis.alternatives import Alternative
 from optid.diagnosis.criteria import Criteria
+from optid.effects.library import admitted
+from optid.rigs.rigfile import read_rig
+from tests.effects.plants import DATA
 
 NAMED, OTHER, TWIN = (
     SimpleNamespace(name=name, look_alikes=likes)
@@ -60,3 +63,12 @@ def test_without_such_a_round_they_are_fitted_anew(fitted_anew):
     path = path_of(((NAMED,), (contender(TWIN, 0.5),)))
     assert alternatives._others(path, NAMED, PROBLEM) == []
     assert fitted_anew == [NAMED]
+
+
+def test_a_constant_torque_and_an_offset_of_its_command_are_twins():
+    """Where the command is a torque or a current they are one and the same."""
+    rig = read_rig(DATA / "rotary_axis.toml")
+    by_name = {effect.name: effect for effect in admitted(rig.model)}
+    offset, force = by_name["offset@drive.command"], by_name["constant_force"]
+    assert alternatives.are_confusable(offset, force) and alternatives.are_confusable(force, offset)
+    assert not alternatives.are_confusable(offset, by_name["quadratic_drag"])

@@ -7,6 +7,9 @@ from scipy.integrate import solve_ivp
 
 from optid.core.sheet import build
 from optid.rigs.friction import sliding
+from optid.rigs.rotary_axis import rotary_axis
+from optid.rigs.servo_hydraulic import servo_hydraulic
+from optid.rigs.servo_pneumatic import servo_pneumatic
 
 LENGTH = 1e-5
 
@@ -76,3 +79,19 @@ def test_damping_of_the_contact_fades_with_speed():
     assert damping(1e-6) == pytest.approx(3e-4, rel=1e-6)
     assert damping(0.02) == pytest.approx(1.5e-4, rel=1e-6)
     assert damping(-0.04) == pytest.approx(0.6e-4, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("plant", "biased"),
+    [
+        (servo_pneumatic, {"viscous_friction"}),
+        (rotary_axis, {"load_inertia", "payload_mass", "viscous_friction", "coulomb_friction"}),
+        (servo_hydraulic, {"bulk_modulus", "viscous_friction", "coulomb_friction"}),
+    ],
+)
+def test_what_true_stiction_leaves_is_stated_for_an_elastic_contact_alone(plant, biased):
+    model = build(plant)
+    assert set(model.biases) == biased
+    assert biased <= {q.name for q in model.parameters}
+    assert all(0.0 < share < 2e-3 for share in model.biases.values())
+    assert build(plant, friction="smooth").biases == {}
