@@ -31,14 +31,14 @@ def disagreement(
         noise: role -> sd of the measurement, SI.
         criteria: what counts as proof.
     """
-    if why := unconfirmed(evidence, criteria):
+    if why := no_confirmation(evidence, criteria):
         return why
     if not evidence.error_gain > 0.0:
         return "it predicts no output of the hold-out better"
     return _no_size(effect, estimates) or worse_output(before, after, noise, criteria)
 
 
-def unconfirmed(evidence: Evidence, criteria: Criteria) -> str:
+def no_confirmation(evidence: Evidence, criteria: Criteria) -> str:
     """Why the hold-out alone speaks against an effect; empty if it confirms it."""
     if evidence.p_value <= criteria.level:
         return ""

@@ -24,9 +24,9 @@ from optid.diagnosis.localisation.unknown_input import UnknownInput, locate_at
 from optid.diagnosis.problem import Stage
 from optid.diagnosis.refinement import RefinedModel
 from optid.diagnosis.result import Finding, Suspicion
-from optid.diagnosis.stages import Stages
 from optid.diagnosis.surrogate.library import kind_of
 from optid.diagnosis.surrogate.search import Surrogate
+from optid.diagnosis.tested_result import TestedResult
 from optid.diagnosis.testing import Evidence
 from optid.effects.effect import Effect
 from optid.estimation.result import Estimate
@@ -35,7 +35,7 @@ NOTHING = 0.01  # of the smallest size worth a name: smaller values are describe
 
 
 def named_findings(
-    s: Stages, parameters: Sequence[Estimate], suspects: Sequence[Suspicion]
+    s: TestedResult, parameters: Sequence[Estimate], suspects: Sequence[Suspicion]
 ) -> tuple[Finding, ...]:
     """One finding for each proven effect, the strongest first, then one for what is suspected in addition."""
     doubts = {one.effect for one in suspects}
@@ -51,7 +51,7 @@ def own_estimates(effect: Effect, parameters: Sequence[Estimate]) -> tuple[Estim
     )
 
 
-def _named(s: Stages, effect: Effect, parameters: Sequence[Estimate]) -> Finding:
+def _named(s: TestedResult, effect: Effect, parameters: Sequence[Estimate]) -> Finding:
     s.problem.report(Stage.VERDICT, f"where and when {effect.name} acts")
     where, best = _region_of(s, effect), s.best
     ranges = informative_ranges(where.states, tuple(n for n in effect.depends_on if n in where.states))
@@ -77,7 +77,7 @@ def _named(s: Stages, effect: Effect, parameters: Sequence[Estimate]) -> Finding
     )
 
 
-def _region_of(s: Stages, effect: Effect) -> Region:
+def _region_of(s: TestedResult, effect: Effect) -> Region:
     """Where and when one effect of the best model acts."""
     best = s.best
     mismatch = contribution(best.fit, best.at_null(effect))
@@ -86,7 +86,7 @@ def _region_of(s: Stages, effect: Effect) -> Region:
     return region(best.fit, mismatch, effect_activity(best, effect), s.problem.train, within)
 
 
-def _signal(s: Stages, effect: Effect) -> tuple[UnknownInput | None, Array | None]:
+def _signal(s: TestedResult, effect: Effect) -> tuple[UnknownInput | None, Array | None]:
     """The unknown input at the effect's site and its law there, at the first site that the law changes."""
     for site in effect.sites:
         law = effect_signal_at(s.base, s.best, site)
@@ -96,7 +96,7 @@ def _signal(s: Stages, effect: Effect) -> tuple[UnknownInput | None, Array | Non
     return None, None
 
 
-def _at_all_samples(s: Stages, found: UnknownInput) -> UnknownInput:
+def _at_all_samples(s: TestedResult, found: UnknownInput) -> UnknownInput:
     """A signal found at the rate of the search, at every sample."""
     return found.at_samples_of(s.base.fit.likelihood_problem.problem, s.path.base.likelihood_problem.problem)
 
@@ -126,7 +126,7 @@ def sentence(effect: Effect, model: RefinedModel) -> str:
     )
 
 
-def unexplained_findings(s: Stages, suspects: tuple[Suspicion, ...]) -> tuple[Finding, ...]:
+def unexplained_findings(s: TestedResult, suspects: tuple[Suspicion, ...]) -> tuple[Finding, ...]:
     """Findings that are not proven: where they are, what describes them, and what they could be."""
     if s.surrogate is None:
         return suspected_findings(s, suspects)
@@ -160,7 +160,7 @@ def unexplained_findings(s: Stages, suspects: tuple[Suspicion, ...]) -> tuple[Fi
     )
 
 
-def _mismatch_region(s: Stages, first: UnknownInput, described: Effect | None) -> Region:
+def _mismatch_region(s: TestedResult, first: UnknownInput, described: Effect | None) -> Region:
     """When and where an unnamed mismatch acts: from its surrogate, or else from the unknown input."""
     answer, signal = s.base.fit, first.signal / max(float(np.nanstd(first.signal)), 1e-300)
     centred = signal - np.nanmedian(signal)
@@ -182,13 +182,13 @@ def _where_it_lies(surrogate: Surrogate, first: UnknownInput) -> str:
     return words + (f"; {', '.join(near)} would do nearly as well" if near else "")
 
 
-def suspected_findings(s: Stages, suspects: Sequence[Suspicion]) -> tuple[Finding, ...]:
+def suspected_findings(s: TestedResult, suspects: Sequence[Suspicion]) -> tuple[Finding, ...]:
     """One finding for each effect of the best model that is suspected."""
     by_name = {effect.name: effect for effect in s.best.effects}
     return tuple(_suspected(s, by_name[one.effect], one) for one in suspects if one.effect in by_name)
 
 
-def _suspected(s: Stages, effect: Effect, one: Suspicion) -> Finding:
+def _suspected(s: TestedResult, effect: Effect, one: Suspicion) -> Finding:
     """An effect that is not proven, where it would act."""
     where, name = _region_of(s, effect), effect.name.replace("_", " ")
     return Finding(

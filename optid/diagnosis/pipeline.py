@@ -39,8 +39,8 @@ from optid.diagnosis.selection import (
     without_each,
     without_effects,
 )
-from optid.diagnosis.stages import Searched, Stages
 from optid.diagnosis.surrogate.search import answer_of, find_surrogate
+from optid.diagnosis.tested_result import SearchResult, TestedResult
 from optid.diagnosis.testing import gate, test_on_holdout
 from optid.diagnosis.verdict import (
     conclude,
@@ -132,25 +132,27 @@ def diagnose(
     report(Stage.REFINEMENT, "maximum likelihood and intervals")
     problem = replace(with_open_variance(problem, path.base), budget=budget)
     unseal = partial(straight_inputs, sealed, roles)
-    found = Searched(problem, search, path, alternatives, surrogate, wide is not None)
-    tested = _tested(found, wide or answer_of(path, surrogate), unseal)
+    found = SearchResult(problem, search, path, alternatives, surrogate, wide is not None)
+    tested = _refine_and_test(found, wide or answer_of(path, surrogate), unseal)
     kept.clear()
-    return (_without_unconfirmed(tested, unseal) if tested.unconfirmed else None) or conclude(tested)
+    return (_drop_unconfirmed(tested, unseal) if tested.unconfirmed else None) or conclude(tested)
 
 
-def _without_unconfirmed(tested: Stages, unseal: Callable[[], Sequence[Recording]]) -> Diagnosis | None:
+def _drop_unconfirmed(tested: TestedResult, unseal: Callable[[], Sequence[Recording]]) -> Diagnosis | None:
     """The answer without names that the hold-out does not confirm, where the rest stands alone; else ``None``.
 
-    A name told then has passed two tests on the same windows, beside the others and without them: the error rate is
-    no larger than that of one.
+    A name of that answer has passed two tests on the same windows, beside the others and without them: its error rate
+    is no larger than that of one. Without such an answer the larger one stands, with its doubts.
     """
-    found = Searched(*(getattr(tested, one.name) for one in fields(Searched)))
+    found = SearchResult(*(getattr(tested, one.name) for one in fields(SearchResult)))
     path = without_effects(tested.path, tested.unconfirmed, tested.search)
-    alone = conclude(_tested(replace(found, path=path), path.best, unseal), doubted=tested)
+    alone = conclude(_refine_and_test(replace(found, path=path), path.best, unseal), doubted=tested)
     return alone if alone.verdict is Verdict.MISSING_PHYSICS else None
 
 
-def _tested(found: Searched, answer: FittedModel, unseal: Callable[[], Sequence[Recording]]) -> Stages:
+def _refine_and_test(
+    found: SearchResult, answer: FittedModel, unseal: Callable[[], Sequence[Recording]]
+) -> TestedResult:
     """The answer of a search, refined on all samples and tested on the recordings held out."""
     path, problem = found.path, found.problem
     fitted = refit(path.base, problem)
@@ -164,7 +166,7 @@ def _tested(found: Searched, answer: FittedModel, unseal: Callable[[], Sequence[
     opened = unseal()
     test = test_on_holdout(plain, best, rivals, strongest, opened, problem.noise, problem.criteria)
     names = tuple(one.name for one in opened)
-    return Stages(**vars(found), base=plain, best=best, test=test, holdout=names)
+    return TestedResult(**vars(found), base=plain, best=best, test=test, holdout=names)
 
 
 def _numbers(names: Sequence[str], train: Sequence[Recording]) -> tuple[int, ...]:

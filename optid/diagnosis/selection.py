@@ -102,7 +102,7 @@ def select(base: FittedModel, problem: DiagnosisProblem) -> SelectionPath:
         problem.report(Stage.SELECTION, f"round {depth + 1}: ranking the effects")
         one = _round(current, first, validated, problem)
         if not depth:
-            one = _from_stated_values(one, validated, problem)
+            one = _restarted_from_stated_values(one, validated, problem)
         rounds.append(one)
         better = None if one.taken else _restarted(current, validated, one, problem)
         if better is not None:
@@ -147,7 +147,7 @@ def _restarted(
     return (model, validated) if validated.windows.sum() < RESTART * before.windows.sum() else None
 
 
-def _from_stated_values(one: Round, before: Validated, problem: DiagnosisProblem) -> Round:
+def _restarted_from_stated_values(one: Round, before: Validated, problem: DiagnosisProblem) -> Round:
     """The first step, or another one from the rig file's values where it leaves a mismatch and that one leaves less.
 
     What is missing may have pulled the fitted parameters far from the truth, as a dead band does with friction.
@@ -263,11 +263,11 @@ def without_effects(path: SelectionPath, names: Sequence[str], problem: Diagnosi
         if effect.name in names:
             best = without_effect(best, effect, problem)
             validated = cross_validate(best, problem)
-    without = {effect.name: _less(path, best, effect, problem) for effect in best.effects}
+    without = {effect.name: _validated_without(path, best, effect, problem) for effect in best.effects}
     return _with(path, best, validated, without, path.dropped)
 
 
-def _less(
+def _validated_without(
     path: SelectionPath, model: FittedModel, effect: Effect, problem: DiagnosisProblem
 ) -> tuple[FittedModel, Validated]:
     """A model without one of its effects, with its errors; the base where nothing is left and it predicts better."""
@@ -285,7 +285,7 @@ def _backward(path: SelectionPath, problem: DiagnosisProblem) -> SelectionPath:
         without, idle = {}, []
         for effect in best.effects:
             problem.report(Stage.BACKWARD, f"testing whether {effect.name} is needed")
-            less, errors = _less(path, best, effect, problem)
+            less, errors = _validated_without(path, best, effect, problem)
             without[effect.name] = (less, errors)
             size = effect.size(best.own_values(effect))
             alone = not less.effects

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from optid.core.quantity import quantity
-from optid.diagnosis.agreement import disagreement, unconfirmed
+from optid.diagnosis.agreement import disagreement, no_confirmation
 from optid.diagnosis.alternatives import Alternative
 from optid.diagnosis.evaluation import Evaluation
 from optid.diagnosis.findings import (
@@ -22,9 +22,9 @@ from optid.diagnosis.intervals import apart_from_none, intervals
 from optid.diagnosis.problem import DiagnosisProblem
 from optid.diagnosis.result import Diagnosis, Finding, Suspicion, Verdict
 from optid.diagnosis.selection import SelectionPath
-from optid.diagnosis.stages import Stages
 from optid.diagnosis.summary import summarise
 from optid.diagnosis.surrogate.search import Surrogate
+from optid.diagnosis.tested_result import TestedResult
 from optid.effects.library import admitted, untestable
 from optid.estimation.result import Estimate
 
@@ -78,7 +78,7 @@ def largest_rest(problem: DiagnosisProblem) -> float:
     return problem.criteria.largest_rest if stated is None else stated
 
 
-def conclude(s: Stages, doubted: Stages | None = None) -> Diagnosis:
+def conclude(s: TestedResult, doubted: TestedResult | None = None) -> Diagnosis:
     """The answer of all stages; beside it what the hold-out does not confirm of a larger answer is suspected."""
     if s.test.refuted and not s.names and not s.wide:
         # A surrogate is kept only if it predicts better.
@@ -92,7 +92,7 @@ def conclude(s: Stages, doubted: Stages | None = None) -> Diagnosis:
     findings: tuple[Finding, ...] = ()
     if verdict is Verdict.MISSING_PHYSICS:
         findings = named_findings(s, best_parameters, suspects)
-        findings += () if doubted is None else suspected_findings(doubted, _unconfirmed(doubted))
+        findings += () if doubted is None else suspected_findings(doubted, _unconfirmed_effects(doubted))
     elif verdict is Verdict.UNEXPLAINED:
         findings = unexplained_findings(s, suspects or _fallen_short(s))
         if s.test.refuted and s.names:
@@ -120,7 +120,7 @@ def conclude(s: Stages, doubted: Stages | None = None) -> Diagnosis:
     return replace(diagnosis, summary=summarise(diagnosis))
 
 
-def _verdict(s: Stages, suspects: Sequence[Suspicion]) -> Verdict:
+def _verdict(s: TestedResult, suspects: Sequence[Suspicion]) -> Verdict:
     """The verdict; values that are not finite, not tested or not confirmed support no claim: NaN compares as false."""
     c, noise = s.problem.criteria, s.problem.noise
     at_noise = s.test.best.error_over_noise(noise) <= c.error_over_noise
@@ -134,12 +134,12 @@ def _verdict(s: Stages, suspects: Sequence[Suspicion]) -> Verdict:
     return Verdict.CONSISTENT if silent and at_noise else Verdict.UNEXPLAINED
 
 
-def _share(s: Stages) -> float:
+def _share(s: TestedResult) -> float:
     """Share of the squared error on the hold-out that the best model explains."""
     return s.test.best.explained_share(s.test.base, s.problem.noise)
 
 
-def _birge(s: Stages, evaluation: Evaluation) -> float:
+def _birge(s: TestedResult, evaluation: Evaluation) -> float:
     """Ratio of a model's errors to the expected ones; 1 where it is at the noise.
 
     Birge's ratio is of residuals to the variances that an interval was computed with. Those are the filter's, whose
@@ -150,7 +150,7 @@ def _birge(s: Stages, evaluation: Evaluation) -> float:
     return ratio if math.isfinite(ratio) and ratio > s.problem.criteria.error_over_noise else 1.0
 
 
-def _by_tests(s: Stages, estimates: tuple[Estimate, ...]) -> tuple[Estimate, ...]:
+def _by_tests(s: TestedResult, estimates: tuple[Estimate, ...]) -> tuple[Estimate, ...]:
     """Intervals consistent with the tests of the named effects."""
     at_noise = s.test.best.error_over_noise(s.problem.noise) <= s.problem.criteria.error_over_noise
     for effect in s.best.effects if s.names else ():
@@ -160,7 +160,7 @@ def _by_tests(s: Stages, estimates: tuple[Estimate, ...]) -> tuple[Estimate, ...
     return estimates
 
 
-def _suspects(s: Stages, estimates: Sequence[Estimate]) -> tuple[Suspicion, ...]:
+def _suspects(s: TestedResult, estimates: Sequence[Estimate]) -> tuple[Suspicion, ...]:
     """Effects of the best model without consistent evidence, each with the reason."""
     found = []
     for effect in s.best.effects if s.names else ():
@@ -173,13 +173,13 @@ def _suspects(s: Stages, estimates: Sequence[Estimate]) -> tuple[Suspicion, ...]
     return tuple(found)
 
 
-def _unconfirmed(s: Stages) -> tuple[Suspicion, ...]:
+def _unconfirmed_effects(s: TestedResult) -> tuple[Suspicion, ...]:
     """Effects that the hold-out does not confirm where it confirms others."""
     tests = s.test.names
-    return tuple(Suspicion(name, unconfirmed(tests[name], s.problem.criteria)) for name in s.unconfirmed)
+    return tuple(Suspicion(name, no_confirmation(tests[name], s.problem.criteria)) for name in s.unconfirmed)
 
 
-def _fallen_short(s: Stages) -> tuple[Suspicion, ...]:
+def _fallen_short(s: TestedResult) -> tuple[Suspicion, ...]:
     """Effects that were selected and do not explain enough."""
     if s.names:
         why = f"it explains {100 * _share(s):.0f} % of the squared error on the hold-out"

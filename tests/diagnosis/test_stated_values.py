@@ -47,7 +47,7 @@ def test_the_step_that_leaves_less_is_taken(monkeypatch, first, other, asked, ch
     monkeypatch.setattr(selection, "_round", another)
     proposals = SimpleNamespace(ranked=[SimpleNamespace(loss=7.0)])
     one = SimpleNamespace(model=MODEL, taken=first, of="fitted", proposals=proposals)
-    found = selection._from_stated_values(one, errors(9.0, 8.0), PROBLEM)
+    found = selection._restarted_from_stated_values(one, errors(9.0, 8.0), PROBLEM)
     assert found.of == chosen
     assert begun == ([[0.1]] if asked else [])
 
@@ -55,4 +55,4 @@ def test_the_step_that_leaves_less_is_taken(monkeypatch, first, other, asked, ch
 def test_a_model_at_the_noise_is_left_alone(monkeypatch):
     monkeypatch.setattr(selection, "_round", None)
     one = SimpleNamespace(model=MODEL, taken=None)
-    assert selection._from_stated_values(one, errors(1.1, 8.0), PROBLEM) is one
+    assert selection._restarted_from_stated_values(one, errors(1.1, 8.0), PROBLEM) is one

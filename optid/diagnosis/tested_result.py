@@ -15,7 +15,7 @@ from optid.effects.description import Description
 
 
 @dataclass(frozen=True, eq=False)
-class Searched:
+class SearchResult:
     """The results of the stages that see the training recordings alone.
 
     Attributes:
@@ -34,7 +34,7 @@ class Searched:
 
 
 @dataclass(frozen=True, eq=False)
-class Stages(Searched):
+class TestedResult(SearchResult):
     """Everything on which a verdict is based.
 
     Attributes:
