@@ -286,6 +286,7 @@ def fixed_gain(
     one of them has diverged: then each runs alone.
 
     Args:
+        M0: states at the start of segments, (sets, segments, states).
         K: gains of the plain model's filter, (samples, outputs, plain states).
         common: index of each plain state among the model's own.
         tolerance: local error of the integration, (states,).
@@ -293,23 +294,27 @@ def fixed_gain(
         E: receives innovations, (sets, samples, outputs); infinite after a failure.
     Others as for `filtered`.
     """
-    nx, sets = M0.shape[1], np.empty(LANES, dtype=np.int64)
+    nx, sets = M0.shape[2], np.empty(LANES, dtype=np.int64)
     c, cs = np.empty((LANES, code.hoisted)), np.empty((code.hoisted, LANES))
     us = np.empty((U.shape[1] + 1, LANES))
     xs, x, y = np.empty((nx, LANES)), np.empty(nx), np.empty(Y.shape[1] + 1)
     room = (c, cs, us, xs, np.empty((nx, LANES)), x, y)
     for r in range(first, last):
-        begin, count = starts[of_segment[r]], counts[of_segment[r]]
+        begin, count, start = starts[of_segment[r]], counts[of_segment[r]], M0[:, of_segment[r]]
         for lane in range(LANES):
             sets[lane] = min(of_set[r] + lane, len(P) - 1)
-        if not _fixed_gain(code, sets, begin, count, M0, P, K, common, dt, U, Y, tolerance, resets, E, room):
+        if not _fixed_gain(
+            code, sets, begin, count, start, P, K, common, dt, U, Y, tolerance, resets, E, room
+        ):
             for s in range(of_set[r], min(of_set[r] + LANES, len(P))):
                 sets[:] = s
-                _fixed_gain(code, sets, begin, count, M0, P, K, common, dt, U, Y, tolerance, resets, E, room)
+                _fixed_gain(
+                    code, sets, begin, count, start, P, K, common, dt, U, Y, tolerance, resets, E, room
+                )
 
 
 @compiled
-def _fixed_gain(code, sets, begin, count, M0, P, K, common, dt, U, Y, tolerance, resets, E, room):
+def _fixed_gain(code, sets, begin, count, start, P, K, common, dt, U, Y, tolerance, resets, E, room):
     c, cs, us, xs, ahead, x, y = room
     nx, none = len(x), at(x, 0)
     for lane in range(LANES):
@@ -317,7 +322,7 @@ def _fixed_gain(code, sets, begin, count, M0, P, K, common, dt, U, Y, tolerance,
         for i in range(c.shape[1]):
             cs[i, lane] = c[lane, i]
         for i in range(nx):
-            xs[i, lane] = M0[sets[lane], i]
+            xs[i, lane] = start[sets[lane], i]
     h = alone = dt[begin]
     for n in range(begin, begin + count + 1):
         u = at(U, n * U.shape[1])

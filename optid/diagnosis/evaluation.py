@@ -11,7 +11,6 @@ import numpy as np
 from optid.core.ddf2 import REACH2
 from optid.core.model import Array, Model
 from optid.core.recording import Recording
-from optid.core.simulation import simulate
 from optid.estimation.likelihood import (
     QUIET,
     WHOLE,
@@ -20,6 +19,7 @@ from optid.estimation.likelihood import (
     deviance,
     run_filter,
     run_fixed_gain_filter,
+    run_windows,
 )
 from optid.estimation.likelihood_point import LikelihoodProblem
 from optid.estimation.moving_horizon import predict_windows
@@ -215,23 +215,6 @@ def _rms(values: Array) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def _windows(model: Model, p: Array, whole: Problem, cut: Problem, starts: Array) -> Array:
-    """Predictions over the windows of a problem from their start states, (samples, outputs)."""
-    out = np.full_like(whole.measured, np.nan)
-    heads = set(whole.begins.tolist())
-    picked = np.array([w for w, begin in enumerate(cut.begins) if begin not in heads], dtype=int)
-    if not len(picked):
-        return out
-    first, longest = cut.begins[picked], int(cut.counts[picked].max())
-    run = simulate(
-        model, p, starts[picked], cut.dt, cut.inputs, first=first, intervals=longest, tolerance=1e-6
-    )
-    for row, w in enumerate(picked):
-        last = cut.counts[w] + (1 if cut.closed[w] else 0)
-        out[cut.begins[w] : cut.begins[w] + last] = run.outputs[row, :last]
-    return out
-
-
 def _predicted(whole: Problem, cut: Problem) -> Booleans:
     """Samples of windows with past data, (samples,)."""
     heads, known = set(whole.begins.tolist()), np.zeros(len(whole.time), dtype=np.bool_)
@@ -257,10 +240,9 @@ def _start_errors(
     """
     values, vectors = np.linalg.eigh(np.nan_to_num(covariances / np.outer(model.scales, model.scales)))
     roots = vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :] * model.scales[:, None]
-    windows = _windows(model, p, whole, cut, starts)
-    square = np.zeros_like(windows)
-    for k in range(len(model.states)):
-        for side in (1.0, -1.0):
-            moved = _windows(model, p, whole, cut, starts + side * math.sqrt(REACH2) * roots[:, :, k])
-            square += (moved - windows) ** 2 / (2.0 * REACH2)
-    return square
+    aside = math.sqrt(REACH2) * np.moveaxis(roots, 2, 0)
+    heads = np.flatnonzero(~np.isin(cut.begins, whole.begins)).tolist()
+    outputs = run_windows(
+        model, cut, p, np.concatenate([starts[None], starts + aside, starts - aside]), heads
+    )
+    return np.asarray(((outputs[1:] - outputs[0]) ** 2).sum(axis=0) / (2.0 * REACH2))

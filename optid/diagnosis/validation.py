@@ -69,6 +69,7 @@ class Validated:
         return max(self.error_over_noise**2 - 1.0, 0.0)
 
 
+@lru_cache(maxsize=4)  # several stages ask it of the base, one after the other
 def cross_validate(model: FittedModel, problem: DiagnosisProblem) -> Validated:
     """A fitted model's errors over whole windows, each fold predicted with parameters fitted to the others.
 

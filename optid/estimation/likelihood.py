@@ -8,7 +8,7 @@ process noise, so that its errors count as noise when parameters and effects are
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -184,14 +184,17 @@ def run_fixed_gain_filter(
         P: (sets, parameters).
         guide: the filter, with gains kept, sets = 1.
         common: see `model`.
-        start: states at the start of every segment, (sets, states); the model's own if absent.
+        start: states at the start of every segment, (sets, states), or of each, (sets, segments, states); the model's
+            own if absent.
         only: segments to use; all if absent; NaN in the others.
         resets: samples from which predictions start, (samples,): each predicts up to the next one, instead of one step.
     """
     sets = len(P)
     segments = np.array(range(len(problem.begins)) if only is None else only)
     resets = np.ones(len(problem.time), dtype=np.bool_) if resets is None else resets
-    M0 = np.ascontiguousarray(_starts(model, P)[0] if start is None else start)
+    M0 = _starts(model, P)[0] if start is None else start
+    M0 = M0 if M0.ndim == 3 else np.repeat(M0[:, None], len(problem.begins), axis=1)
+    M0 = np.ascontiguousarray(M0)
     E = np.full((sets, len(problem.time), len(model.outputs)), np.nan)
     first_set, of_segment = _runs(-(-sets // LANES), segments)
     machine, places = compiled_lanes(model), np.array(common, dtype=np.int64)
@@ -201,6 +204,25 @@ def run_fixed_gain_filter(
     data = (problem.dt, problem.inputs, problem.measured, tolerance, resets, E)
     parallel_for(len(first_set), lambda a, b: machine.run(kernel.fixed_gain, a, b, *given, *data))
     return E
+
+
+def run_windows(model: Model, problem: Problem, p: Array, starts: Array, only: Sequence[int]) -> Array:
+    """Outputs of free runs over some of a problem's windows, (sets, samples, outputs); NaN elsewhere.
+
+    Args:
+        model: the plant.
+        problem: with the windows.
+        p: all parameters, (parameters,).
+        starts: states where windows begin, (sets, windows, states).
+        only: these windows.
+    """
+    ny, N = len(model.outputs), len(problem.time)
+    blind = replace(problem, measured=np.zeros((N, ny)), counts=problem.counts - ~problem.closed)
+    nothing = np.empty((1, 0, ny))
+    free = Filtered(nothing, nothing, nothing, np.zeros((1, N, ny, 0)), nothing, _tolerance(model)[None, :0])
+    return -run_fixed_gain_filter(
+        model, blind, np.tile(p, (len(starts), 1)), free, (), start=starts, only=only
+    )
 
 
 def _tolerance(model: Model) -> Array:

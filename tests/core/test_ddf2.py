@@ -8,7 +8,15 @@ from optid.core.parameter import Parameter
 from optid.core.recording import Channel, Recording
 from optid.core.sheet import build
 from optid.estimation import likelihood
-from optid.estimation.likelihood import BESIDE, TOLERANCE, WHOLE, deviance, run_filter, run_fixed_gain_filter
+from optid.estimation.likelihood import (
+    BESIDE,
+    TOLERANCE,
+    WHOLE,
+    deviance,
+    run_filter,
+    run_fixed_gain_filter,
+    run_windows,
+)
 from optid.estimation.problem import build_problem
 
 STIFFNESS = Parameter("stiffness", "N/m", 40.0, "spring", "test", 40.0, (0.0, 1e4))
@@ -91,6 +99,21 @@ def test_steered_with_its_own_gains_a_linear_model_repeats_the_filter():
     E = run_fixed_gain_filter(model, problem, p, f, range(2))
     known = np.isfinite(f.innovations)
     assert np.abs(E - f.innovations)[known].max() < 2e-5
+
+
+def test_windows_run_freely_from_the_starts_they_are_given():
+    model, data = build(spring), recording()
+    problem = build_problem(model, [data], 1.0)
+    starts = np.random.default_rng(3).normal(0, [0.1, 1.0], (3, len(problem.begins), 2))
+    Y = run_windows(model, problem, model.vector({}), starts, [0, 2, 3])
+    A, B = discrete(0.01)
+    for s, w in ((0, 0), (2, 2), (1, 3)):
+        x, first = starts[s, w], problem.begins[w]
+        for n in range(first, first + problem.counts[w] + problem.closed[w]):
+            assert np.abs(Y[s, n] - [x[0], x[0] + 0.1 * x[1]]).max() < 2e-5
+            x = A @ x + B * problem.inputs[n, 0]
+    assert problem.closed.tolist() == [False, False, False, True]
+    assert np.isnan(Y[:, problem.begins[1] : problem.begins[2]]).all()
 
 
 def test_points_see_in_a_linear_output_what_its_slopes_say(monkeypatch):
