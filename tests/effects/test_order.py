@@ -1,6 +1,7 @@
 """Effects at a common site make the same model whichever of them was found first."""
 
 import itertools
+from functools import lru_cache
 
 import numpy as np
 import pytest
@@ -21,9 +22,15 @@ PAIRS = [
 ]
 
 
+@lru_cache(maxsize=8)
+def built(effects):
+    """The plant with these effects."""
+    return build(servo_pneumatic, effects)
+
+
 def numbers(effects, seed, values):
     """Rates and outputs by name, at random states and inputs, with these values of the effects' parameters."""
-    model = build(servo_pneumatic, effects)
+    model = built(effects)
     p = model.vector({**PARAMETERS, **values})
 
     def drawn(name, low, high):
