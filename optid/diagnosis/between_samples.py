@@ -38,6 +38,8 @@ def inputs_that_go_on(base: FittedModel, search: DiagnosisProblem) -> tuple[str,
     q = other.likelihood_problem(other.rig)
     with contextlib.suppress(SolveError):
         fit = fit_multistep(q, base.p, other.window, turns=TURNS, steps=STEPS, level=base.fit.level)
+        if not fit.loss < base.fit.loss:
+            return ()
         held = cross_validate(base, search)
         straight = cross_validate(FittedModel((), other.rig, fit), other)
         at_noise = straight.error_over_noise <= search.criteria.error_over_noise

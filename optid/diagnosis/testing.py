@@ -18,11 +18,12 @@ from optid.core.recording import Recording
 from optid.diagnosis.criteria import Criteria
 from optid.diagnosis.evaluation import Evaluation, evaluate
 from optid.diagnosis.fitted import FittedModel
-from optid.diagnosis.refinement import RefinedModel, likely_noise
+from optid.diagnosis.refinement import RefinedModel
 from optid.diagnosis.residual_tests import ResidualTests, residual_tests
 from optid.diagnosis.validation import p_value
 from optid.errors import InputError
 from optid.estimation.likelihood import huber
+from optid.estimation.multistep import quiet_noise
 from optid.estimation.prediction import window_seconds
 
 
@@ -117,14 +118,11 @@ def test_on_holdout(
     after = before if best is base else _evaluated(best, holdout)
     challenger = after
     if best is base and strongest is not None:
-        q = strongest.likelihood_problem
-        challenger = evaluate(q, strongest.p, likely_noise(q, strongest.p), holdout)
+        challenger = _rival(strongest, holdout)
     p = 1.0 if challenger is before else compare(before, challenger, noise, criteria).p_value
     names = {}
     for name, less in without.items():
-        there, q = before, less.likelihood_problem
-        if less.effects:
-            there = evaluate(q, less.p, likely_noise(q, less.p), holdout)
+        there = _rival(less, holdout) if less.effects else before
         names[name] = compare(there, after, noise, criteria)
     base_residuals = residual_tests(before, base.rig.model, holdout)
     residuals = base_residuals if best is base else residual_tests(after, best.rig.model, holdout)
@@ -151,6 +149,12 @@ def worse_output(
 
 def _evaluated(model: RefinedModel, recordings: Sequence[Recording]) -> Evaluation:
     return evaluate(model.fit.likelihood_problem, model.fit.p, model.fit.noise, recordings)
+
+
+def _rival(model: FittedModel, recordings: Sequence[Recording]) -> Evaluation:
+    """A model that is only compared by its windows: the filter of its fit is enough."""
+    q = model.likelihood_problem
+    return evaluate(q, model.p, quiet_noise(q, model.fit.level), recordings)
 
 
 def compare(
