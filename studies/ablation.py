@@ -29,9 +29,10 @@ sys.path.insert(0, str(Path(__file__).parents[1]))  # finds the studies beside i
 
 from optid.core.budget import Budget
 from optid.core.readers import read_recording
-from optid.diagnosis import pipeline, proposals, selection
+from optid.diagnosis import pipeline, proposals
 from optid.diagnosis.criteria import SearchOptions
 from optid.diagnosis.result import Diagnosis
+from optid.diagnosis.selection import forward, stepwise
 from optid.estimation import multistep
 from optid.rigs.rigfile import read_rig
 from studies.trial.record import HELD_OUT, TRAIN
@@ -73,17 +74,17 @@ VARIANTS = {
     "race": Variant("the linear step alone ranks effects", {"race": ()}),
     "one leg": Variant("one leg of the race instead of two", {"race": ((2, 4),)}),
     "all branches": Variant(
-        "10 branches race, wherever the base stands", {}, {(selection, "propose"): _ten_entrants}
+        "10 branches race, wherever the base stands", {}, {(forward, "propose"): _ten_entrants}
     ),
     "contenders": Variant("one effect a round is fitted in full", {"contenders": 1}),
     "short windows": Variant("effects are first fitted by whole windows", {"short": 1.0}),
     "linear start": Variant(
-        "contenders go from the race's end alone", {}, {(selection, "_starts"): lambda one: [one.p]}
+        "contenders go from the race's end alone", {}, {(forward, "_starts"): lambda one: [one.p]}
     ),
     "falling": Variant("a fit ends after its turns, falling or not", {}, {(multistep, "FALLING"): np.inf}),
-    "restart": Variant("a round is not repeated from a better base", {}, {(selection, "_restarted"): _never}),
+    "restart": Variant("a round is not repeated from a better base", {}, {(stepwise, "_restarted"): _never}),
     "first swapped": Variant(
-        "the first effect keeps its place", {}, {(selection, "_first_swapped"): _path_as_it_is}
+        "the first effect keeps its place", {}, {(stepwise, "_first_swapped"): _path_as_it_is}
     ),
     "alternatives": Variant(
         "look-alikes are not tried in place",

@@ -11,7 +11,7 @@ from optid.core.threads import parallel_map
 from optid.diagnosis.fitted import FittedModel, fit_model
 from optid.diagnosis.problem import DiagnosisProblem, Stage
 from optid.diagnosis.proposals import Proposal, propose
-from optid.diagnosis.selection import Round, SelectionPath
+from optid.diagnosis.selection.path import Round, SelectionPath
 from optid.diagnosis.validation import Validated, cross_validate, p_value
 from optid.effects.effect import Effect
 from optid.effects.library import admitted

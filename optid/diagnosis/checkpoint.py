@@ -24,7 +24,7 @@ from optid.core.model import Array, Model
 from optid.diagnosis.fitted import FittedModel
 from optid.diagnosis.problem import DiagnosisProblem, with_effect
 from optid.diagnosis.proposals import Proposal, Proposals
-from optid.diagnosis.selection import Contender, Round, SelectionPath
+from optid.diagnosis.selection.path import Contender, Round, SelectionPath
 from optid.diagnosis.validation import Validated
 from optid.effects.effect import Effect
 from optid.effects.library import admitted

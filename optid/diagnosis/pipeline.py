@@ -32,13 +32,9 @@ from optid.diagnosis.localisation.unknown_input import locate
 from optid.diagnosis.problem import DiagnosisProblem, Stage, measurement_noise, prepare
 from optid.diagnosis.refinement import refine, with_information
 from optid.diagnosis.result import Diagnosis, Verdict
-from optid.diagnosis.selection import (
-    SelectionPath,
-    nothing_selected,
-    select,
-    without_each,
-    without_effects,
-)
+from optid.diagnosis.selection.backward import without_effects
+from optid.diagnosis.selection.path import SelectionPath, nothing_selected, without_each
+from optid.diagnosis.selection.stepwise import select
 from optid.diagnosis.surrogate.search import answer_of, find_surrogate
 from optid.diagnosis.tested_result import SearchResult, TestedResult
 from optid.diagnosis.testing import gate, test_on_holdout

@@ -12,7 +12,7 @@ from optid.diagnosis.localisation.region import Region
 from optid.diagnosis.localisation.unknown_input import UnknownInput
 from optid.diagnosis.problem import DiagnosisProblem
 from optid.diagnosis.refinement import RefinedModel
-from optid.diagnosis.selection import SelectionPath
+from optid.diagnosis.selection.path import SelectionPath
 from optid.diagnosis.testing import Evidence, HoldoutTest
 from optid.effects.effect import Effect
 from optid.estimation.result import Estimate

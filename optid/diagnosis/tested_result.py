@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from optid.diagnosis.alternatives import Alternative
 from optid.diagnosis.problem import DiagnosisProblem
 from optid.diagnosis.refinement import RefinedModel
-from optid.diagnosis.selection import SelectionPath
+from optid.diagnosis.selection.path import SelectionPath
 from optid.diagnosis.surrogate.search import Surrogate
 from optid.diagnosis.testing import HoldoutTest
 from optid.effects.description import Description

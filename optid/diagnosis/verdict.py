@@ -21,7 +21,7 @@ from optid.diagnosis.findings import (
 from optid.diagnosis.intervals import apart_from_none, intervals
 from optid.diagnosis.problem import DiagnosisProblem
 from optid.diagnosis.result import Diagnosis, Finding, Suspicion, Verdict
-from optid.diagnosis.selection import SelectionPath
+from optid.diagnosis.selection.path import SelectionPath
 from optid.diagnosis.summary import summarise
 from optid.diagnosis.surrogate.search import Surrogate
 from optid.diagnosis.tested_result import TestedResult

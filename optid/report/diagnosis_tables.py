@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
     from optid.core.model import Array
     from optid.diagnosis.result import Diagnosis, Finding
-    from optid.diagnosis.selection import Contender, Round
+    from optid.diagnosis.selection.path import Contender, Round
 
 BINS = 60
 

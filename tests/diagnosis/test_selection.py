@@ -5,9 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from optid.diagnosis import selection
 from optid.diagnosis.criteria import Criteria, SearchOptions
-from optid.diagnosis.selection import SelectionPath, fit_proposal, worth_fitting
+from optid.diagnosis.selection import forward, stepwise
+from optid.diagnosis.selection.forward import fit_proposal, worth_fitting
+from optid.diagnosis.selection.path import SelectionPath
 from optid.diagnosis.surrogate import search
 from optid.errors import SolveError
 
@@ -44,10 +45,8 @@ def test_a_contender_is_fitted_from_the_better_start_and_lives_if_one_diverges(m
             raise SolveError("diverged")
         return SimpleNamespace(p=p, loss=losses[float(p[0])], level=level)
 
-    monkeypatch.setattr(selection, "fit_multistep", turn)
-    monkeypatch.setattr(
-        selection, "fit_model", lambda problem, effects, rig, q, p, *, begun: float(begun.p[0])
-    )
+    monkeypatch.setattr(forward, "fit_multistep", turn)
+    monkeypatch.setattr(forward, "fit_model", lambda problem, effects, rig, q, p, *, begun: float(begun.p[0]))
     current = SimpleNamespace(effects=(), fit=SimpleNamespace(level=-2.0))
     problem = SimpleNamespace(options=SearchOptions(), window=0.5)
     assert fit_proposal(current, problem, proposal(1.0)) == 0.0
@@ -68,7 +67,7 @@ def test_a_first_effect_is_held_against_the_catalogue_again_where_it_and_all_lef
     errors = SimpleNamespace(error_over_noise=together)
     path = SimpleNamespace(best=SimpleNamespace(effects=("a", "b")), rounds=rounds, validated=errors)
     problem = SimpleNamespace(budget=SimpleNamespace(is_over=False), criteria=Criteria())
-    assert selection._first_is_open(path, problem) is again
+    assert stepwise._first_is_open(path, problem) is again
 
 
 def test_of_descriptions_only_the_best_is_fitted_fully_and_the_next_where_it_is_rejected(monkeypatch):

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from optid.core.budget import UNLIMITED
-from optid.diagnosis import selection
 from optid.diagnosis.criteria import Criteria
+from optid.diagnosis.selection import stepwise
 
 
 def errors(ratio, loss):
@@ -44,15 +44,15 @@ def test_the_step_that_leaves_less_is_taken(monkeypatch, first, other, asked, ch
         begun.append(begin)
         return SimpleNamespace(model=MODEL, taken=other, of="stated")
 
-    monkeypatch.setattr(selection, "_round", another)
+    monkeypatch.setattr(stepwise, "forward_step", another)
     proposals = SimpleNamespace(ranked=[SimpleNamespace(loss=7.0)])
     one = SimpleNamespace(model=MODEL, taken=first, of="fitted", proposals=proposals)
-    found = selection._restarted_from_stated_values(one, errors(9.0, 8.0), PROBLEM)
+    found = stepwise._restarted_from_stated_values(one, errors(9.0, 8.0), PROBLEM)
     assert found.of == chosen
     assert begun == ([[0.1]] if asked else [])
 
 
 def test_a_model_at_the_noise_is_left_alone(monkeypatch):
-    monkeypatch.setattr(selection, "_round", None)
+    monkeypatch.setattr(stepwise, "forward_step", None)
     one = SimpleNamespace(model=MODEL, taken=None)
-    assert selection._restarted_from_stated_values(one, errors(1.1, 8.0), PROBLEM) is one
+    assert stepwise._restarted_from_stated_values(one, errors(1.1, 8.0), PROBLEM) is one

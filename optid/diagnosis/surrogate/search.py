@@ -14,7 +14,8 @@ from optid.diagnosis.fitted import FittedModel
 from optid.diagnosis.localisation.unknown_input import UnknownInput
 from optid.diagnosis.problem import DiagnosisProblem, Stage, with_effect
 from optid.diagnosis.proposals import Proposal, propose
-from optid.diagnosis.selection import Contender, SelectionPath, begin_proposal, contend
+from optid.diagnosis.selection.forward import begin_proposal, contend
+from optid.diagnosis.selection.path import Contender, SelectionPath
 from optid.diagnosis.surrogate.library import (
     curves,
     fitting,

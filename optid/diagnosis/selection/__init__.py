@@ -1,0 +1,1 @@
+"""Selection of effects, one after another: forward, then backward."""

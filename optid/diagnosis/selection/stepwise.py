@@ -1,0 +1,98 @@
+"""Stepwise selection of effects, forward and backward, judged on windows that were not fitted."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+from optid.diagnosis.fitted import FittedModel
+from optid.diagnosis.problem import DiagnosisProblem, Stage
+from optid.diagnosis.selection.backward import eliminate, without_effect
+from optid.diagnosis.selection.forward import forward_step
+from optid.diagnosis.selection.path import Round, SelectionPath
+from optid.diagnosis.validation import Validated, cross_validate
+
+RESTART = 0.95  # of windows' errors: a model restarts from another point if at most this share remains there
+
+
+def select(base: FittedModel, problem: DiagnosisProblem) -> SelectionPath:
+    """Add effects while windows that were not fitted confirm them, and drop those that become redundant."""
+    first = cross_validate(base, problem)
+    current, validated, rounds = base, first, []
+    for depth in range(problem.criteria.most_effects):
+        if problem.budget.is_over:
+            break
+        problem.report(Stage.SELECTION, f"round {depth + 1}: ranking the effects")
+        one = forward_step(current, first, validated, problem)
+        if not depth:
+            one = _restarted_from_stated_values(one, validated, problem)
+        rounds.append(one)
+        better = None if one.taken else _restarted(current, validated, one, problem)
+        if better is not None:
+            current, validated = better
+            if not depth:
+                base, first = current, validated
+            if validated.error_over_noise <= problem.criteria.error_over_noise:
+                break
+            one = forward_step(current, first, validated, problem)
+            rounds.append(one)
+        if one.taken is None:
+            break
+        current, validated = one.taken.model, one.taken.validated
+    path = SelectionPath(base, current, first, validated, tuple(rounds), ended_early=problem.budget.is_over)
+    path = eliminate(path, problem)
+    return _first_swapped(path, problem) if _first_is_open(path, problem) else path
+
+
+def _first_is_open(path: SelectionPath, problem: DiagnosisProblem) -> bool:
+    """Whether the first of several effects was chosen while others were missing, and some mismatch remains."""
+    if len(path.best.effects) < 2 or problem.budget.is_over:
+        return False
+    first = next(one.taken for one in path.rounds if one.taken is not None)
+    most = problem.criteria.error_over_noise
+    return min(first.validated.error_over_noise, path.validated.error_over_noise) > most
+
+
+def _restarted(
+    current: FittedModel, before: Validated, one: Round, problem: DiagnosisProblem
+) -> tuple[FittedModel, Validated] | None:
+    """The current model restarted from its best contender's parameters, if it predicts better from there.
+
+    An absent effect may lead a fit out of a local optimum; then the model without it gets there as well.
+    """
+    if not one.contenders:
+        return None
+    best = min(one.contenders, key=lambda c: float(c.validated.windows.sum()))
+    if not best.validated.windows.sum() < RESTART * before.windows.sum():
+        return None
+    model = without_effect(best.model, best.effect, problem)
+    validated = cross_validate(model, problem)
+    return (model, validated) if validated.windows.sum() < RESTART * before.windows.sum() else None
+
+
+def _restarted_from_stated_values(one: Round, before: Validated, problem: DiagnosisProblem) -> Round:
+    """The first step, or another one from the rig file's values where it leaves a mismatch and that one leaves less.
+
+    What is missing may have pulled the fitted parameters far from the truth, as a dead band does with friction.
+    """
+    left = before if one.taken is None else one.taken.validated
+    if left.error_over_noise <= problem.criteria.error_over_noise or problem.budget.is_over:
+        return one
+    stated = one.model.likelihood_problem.model.vector(problem.rig.parameters)
+    nearest = min((each.loss for each in one.proposals.ranked), default=math.inf)
+    other = forward_step(one.model, before, before, problem, begin=stated, below=RESTART * nearest)
+    return other if other.taken and other.taken.validated.windows.sum() < left.windows.sum() else one
+
+
+def _first_swapped(path: SelectionPath, problem: DiagnosisProblem) -> SelectionPath:
+    """Compare the first effect with the catalogue again: it was chosen while it was alone."""
+    name = path.best.effects[0].name
+    less, errors = path.without[name]
+    problem.report(Stage.BACKWARD, f"testing alternatives to {name}")
+    one = forward_step(less, path.first, errors, problem, but=name)
+    better = one.taken
+    if better is None or not better.validated.windows.sum() < path.validated.windows.sum():
+        return replace(path, rounds=(*path.rounds, replace(one, taken=None)))
+    rounds = (*path.rounds, one)
+    swapped = replace(path, best=better.model, validated=better.validated, rounds=rounds, without={})
+    return eliminate(swapped, problem)
