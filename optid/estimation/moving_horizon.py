@@ -27,6 +27,7 @@ MEMORY = 4  # past windows in the horizon; earlier ones enter as a Gaussian prio
 LOOSER = (0.3, 0.03, 3e-3)  # shares of each state's size through which the process noise is annealed
 STARTS = 64  # starts of the first estimates, evenly spread: a power of two
 LIKELIEST = 3  # of them that are kept
+EPS = float(np.finfo(float).eps)
 
 
 @dataclass(frozen=True, eq=False)
@@ -240,22 +241,33 @@ class _Uncertainty:
         H = terms.H[k, :nx, :nx] * np.outer(scales, scales)
         slope = terms.slope[k, :, :nx] * scales / scales[:, None]
         values, vectors = np.linalg.eigh(self.assumed)
-        root = vectors * np.sqrt(np.maximum(values, 0.0))
-        left = root @ np.linalg.solve(np.eye(nx) + root.T @ H @ root, root.T)
-        kept = np.eye(nx) - left @ H
-        actual = kept @ self.actual @ kept.T + left @ H @ left.T
-        return _Uncertainty(slope @ left @ slope.T + np.diag((q / scales) ** 2), slope @ actual @ slope.T)
+        told, away = _told(H, vectors * np.sqrt(np.maximum(values, 0.0)))
+        back, left, forward = np.linalg.pinv(away), 1.0 / (1.0 + told), slope @ away
+        actual = np.outer(left, left) * (back @ self.actual @ back.T) + np.diag(left**2 * told)
+        assumed = (forward * left) @ forward.T + np.diag((q / scales) ** 2)
+        return _Uncertainty(assumed, forward @ actual @ forward.T)
+
+
+def _told(H: Array, root: Array) -> tuple[Array, Array]:
+    """What data of information H tell beside a prior with covariance root root': directions independent in both.
+
+    Returns how many times the prior's information the data add in each, (states,), and the directions, of one prior sd,
+    as columns. At a kink of friction slopes may be so large that rounding hides the other directions: of these the data
+    tell nothing.
+    """
+    told, turned = np.linalg.eigh(root.T @ H @ root)
+    return np.where(told > len(told) * EPS * told[-1], told, 0.0), root @ turned
 
 
 def _arrival(past: Objective, found: Point, terms: Terms, q: Array, leaves: int) -> tuple[Array, Array]:
     """The prior of the next node from the pieces that leave the horizon: mean and sd, with process noise."""
-    nx, D = len(q), past.model.scales
+    nx = len(q)
     mean, spread = past.start, past.spread
     for k in range(leaves):
-        information = terms.H[k, :nx, :nx] + np.diag(1 / spread**2)
-        inverse = np.linalg.inv(information * np.outer(D, D)) * np.outer(D, D)
-        slope = terms.slope[k, :, :nx]
-        move = inverse @ (terms.g[k, :nx] - (found.X[k] - mean) / spread**2)
-        mean = terms.end[k] + slope @ move
-        spread = np.sqrt(np.diag(slope @ inverse @ slope.T) + q**2)
+        told, away = _told(terms.H[k, :nx, :nx], np.diag(spread))
+        pulled = np.where(told > 0.0, away.T @ terms.g[k, :nx], 0.0)
+        pulled -= away.T @ ((found.X[k] - mean) / spread**2)
+        forward = terms.slope[k, :, :nx] @ away / np.sqrt(1.0 + told)
+        mean = terms.end[k] + forward @ (pulled / np.sqrt(1.0 + told))
+        spread = np.sqrt((forward**2).sum(axis=1) + q**2)
     return mean, spread
