@@ -65,19 +65,21 @@ def with_open_variance(problem: DiagnosisProblem, model: FittedModel) -> Diagnos
 
 def at_full_rate(
     base: FittedModel, search: DiagnosisProblem, problem: DiagnosisProblem
-) -> tuple[FittedModel, DiagnosisProblem]:
-    """The base and the problem of the search, at the recordings' own rate where that alone brings it to the noise.
+) -> tuple[FittedModel, DiagnosisProblem] | None:
+    """The base and the problem of the search at the recordings' own rate; ``None`` where nothing could change.
 
-    A command that jumps inside a decimated hold acts at another time there: a stiff cylinder then misses its pressures.
+    A command that jumps or turns inside a decimated hold acts at another time there: a stiff cylinder then misses its
+    pressures, and a play follows another command.
     """
-    most = search.criteria.error_over_noise
-    if search.train is problem.train or cross_validate(base, search).error_over_noise <= most:
-        return base, search
+    if search.train is problem.train or is_at_noise(base, search):
+        return None
     full = with_open_variance(problem, base)
-    model = refit(base, full)
-    if cross_validate(model, full).error_over_noise <= most:
-        return model, replace(full, budget=search.budget)
-    return base, search
+    return refit(base, full), replace(full, budget=search.budget)
+
+
+def is_at_noise(model: FittedModel, problem: DiagnosisProblem) -> bool:
+    """Whether a model's cross-validated windows are as good as the noise allows."""
+    return cross_validate(model, problem).error_over_noise <= problem.criteria.error_over_noise
 
 
 def search_starts(q: LikelihoodProblem, p: Array) -> list[Array]:
@@ -98,8 +100,7 @@ def search_starts(q: LikelihoodProblem, p: Array) -> list[Array]:
 def relax_bounds(base: FittedModel, problem: DiagnosisProblem) -> FittedModel | None:
     """The base model with the [fit] table's bounds widened to the plant's own, if that explains everything."""
     rig, own = base.rig, {q.name: q.bounds for q in base.rig.model.parameters}
-    first = cross_validate(base, problem)
-    if first.error_over_noise <= problem.criteria.error_over_noise:
+    if is_at_noise(base, problem):
         return None
     edge = {f.name for f in rig.freed if _at_edge(f, base.values[f.name]) and (f.low, f.high) != own[f.name]}
     if not edge:
@@ -109,11 +110,7 @@ def relax_bounds(base: FittedModel, problem: DiagnosisProblem) -> FittedModel | 
     )
     wide = replace(rig, freed=freed)
     model = fit_model(problem, (), wide, problem.likelihood_problem(wide), base.p, short=True)
-    return (
-        model
-        if cross_validate(model, problem).error_over_noise <= problem.criteria.error_over_noise
-        else None
-    )
+    return model if is_at_noise(model, problem) else None
 
 
 def _at_edge(freed: Freed, value: float) -> bool:

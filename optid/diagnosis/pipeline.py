@@ -16,7 +16,13 @@ import numpy as np
 from optid.core.budget import UNLIMITED, Budget
 from optid.core.recording import Recording
 from optid.diagnosis.alternatives import compare_alternatives
-from optid.diagnosis.base_fit import at_full_rate, fit_base, relax_bounds, with_open_variance
+from optid.diagnosis.base_fit import (
+    at_full_rate,
+    fit_base,
+    is_at_noise,
+    relax_bounds,
+    with_open_variance,
+)
 from optid.diagnosis.between_samples import inputs_that_go_on, straight_inputs, straightened
 from optid.diagnosis.checkpoint import (
     Checkpoint,
@@ -40,6 +46,7 @@ from optid.diagnosis.tested_result import SearchResult, TestedResult
 from optid.diagnosis.testing import gate, test_on_holdout
 from optid.diagnosis.verdict import (
     conclude,
+    found_nothing,
     is_beyond_doubt,
     is_explained_elsewhere,
     is_sufficient,
@@ -114,9 +121,7 @@ def diagnose(
     if roles := inputs_that_go_on(base, search):
         problem = straightened(problem, roles)
         base, search = fit_base(problem.at_search_rate())
-    base, search = at_full_rate(base, search, problem)
-    wide = relax_bounds(base, search)
-    path = nothing_selected(base, search) if wide else _selection(base, search, kept)
+    path, search, wide = _select_at_a_rate(base, search, problem, kept)
     path, alternatives = compare_alternatives(path, search)
     surrogate = None
     if wide is None and not is_beyond_doubt(path, search):
@@ -189,10 +194,33 @@ def _base_fit(problem: DiagnosisProblem, kept: Checkpoint) -> tuple[FittedModel,
     return base, problem
 
 
-def _selection(base: FittedModel, problem: DiagnosisProblem, kept: Checkpoint) -> SelectionPath:
-    if (found := kept.load("selection")) is not None:
+def _select_at_a_rate(
+    base: FittedModel, search: DiagnosisProblem, problem: DiagnosisProblem, kept: Checkpoint
+) -> tuple[SelectionPath, DiagnosisProblem, FittedModel | None]:
+    """The path of the selection, its problem, and the base with wider bounds if these explain everything.
+
+    Decimated recordings are searched at their own rate where that alone brings the base to the noise, and once more
+    where the search finds nothing.
+    """
+    full = at_full_rate(base, search, problem)
+    if full is not None and is_at_noise(*full):
+        base, search = full
+    if (wide := relax_bounds(base, search)) is not None:
+        return nothing_selected(base, search), search, wide
+    path = _selection(base, search, kept)
+    if full is not None and found_nothing(path, search):
+        again = _selection(*full, kept, "selection at the full rate")
+        if again.best.effects:
+            return again, full[1], None
+    return path, search, None
+
+
+def _selection(
+    base: FittedModel, problem: DiagnosisProblem, kept: Checkpoint, stage: str = "selection"
+) -> SelectionPath:
+    if (found := kept.load(stage)) is not None:
         return path_from(found, problem)
     path = select(base, problem)
     if not path.ended_early:
-        kept.save("selection", path_document(path))
+        kept.save(stage, path_document(path))
     return path

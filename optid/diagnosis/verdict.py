@@ -37,6 +37,11 @@ def is_sufficient(path: SelectionPath, problem: DiagnosisProblem) -> bool:
     return _at_noise(path, problem) or (bool(path.best.effects) and share >= 1.0 - largest_rest(problem))
 
 
+def found_nothing(path: SelectionPath, problem: DiagnosisProblem) -> bool:
+    """Whether the base leaves a mismatch and the whole search selected nothing."""
+    return not path.best.effects and not _at_noise(path, problem) and not path.ended_early
+
+
 def is_beyond_doubt(path: SelectionPath, problem: DiagnosisProblem) -> bool:
     """Whether the named effects suffice and leave only the noise, or what the plant states for right laws.
 
