@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 from optid.core.model import Array
 from optid.diagnosis.problem import DiagnosisProblem
@@ -12,6 +13,9 @@ from optid.effects.effect import Effect
 from optid.estimation.likelihood_point import LikelihoodProblem
 from optid.estimation.multistep import QUIET, MultistepFit, fit_multistep
 from optid.rigs.rigfile import Rig
+
+if TYPE_CHECKING:
+    from optid.diagnosis.validation import Validated
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,11 +26,13 @@ class FittedModel:
         effects: beyond the rig file's.
         rig: with them.
         fit: parameters, and the quiet filter there.
+        validated: its cross-validated errors, by the problem that they were asked for.
     """
 
     effects: tuple[Effect, ...]
     rig: Rig
     fit: MultistepFit
+    validated: dict[DiagnosisProblem, Validated] = field(default_factory=dict, init=False)
 
     @property
     def likelihood_problem(self) -> LikelihoodProblem:

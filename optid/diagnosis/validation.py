@@ -69,12 +69,18 @@ class Validated:
         return max(self.error_over_noise**2 - 1.0, 0.0)
 
 
-@lru_cache(maxsize=4)  # several stages ask it of the base, one after the other
 def cross_validate(model: FittedModel, problem: DiagnosisProblem) -> Validated:
     """A fitted model's errors over whole windows, each fold predicted with parameters fitted to the others.
 
-    If validation recordings are named, only these, with parameters fitted to all others.
+    If validation recordings are named, only these, with parameters fitted to all others. The model remembers them:
+    several stages ask.
     """
+    if problem not in model.validated:
+        model.validated[problem] = _cross_validated(model, problem)
+    return model.validated[problem]
+
+
+def _cross_validated(model: FittedModel, problem: DiagnosisProblem) -> Validated:
     q = model.likelihood_problem
     resets = window_starts(q.problem, problem.window)
     known = np.isfinite(model.fit.filtered.innovations[0])

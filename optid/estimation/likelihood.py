@@ -209,6 +209,8 @@ def run_fixed_gain_filter(
 def run_windows(model: Model, problem: Problem, p: Array, starts: Array, only: Sequence[int]) -> Array:
     """Outputs of free runs over some of a problem's windows, (sets, samples, outputs); NaN elsewhere.
 
+    A run that diverges ends in NaN.
+
     Args:
         model: the plant.
         problem: with the windows.
@@ -220,9 +222,9 @@ def run_windows(model: Model, problem: Problem, p: Array, starts: Array, only: S
     blind = replace(problem, measured=np.zeros((N, ny)), counts=problem.counts - ~problem.closed)
     nothing = np.empty((1, 0, ny))
     free = Filtered(nothing, nothing, nothing, np.zeros((1, N, ny, 0)), nothing, _tolerance(model)[None, :0])
-    return -run_fixed_gain_filter(
-        model, blind, np.tile(p, (len(starts), 1)), free, (), start=starts, only=only
-    )
+    P = np.tile(p, (len(starts), 1))
+    E = run_fixed_gain_filter(model, blind, P, free, (), start=starts, only=only)
+    return np.where(np.isfinite(E), -E, np.nan)
 
 
 def _tolerance(model: Model) -> Array:

@@ -105,7 +105,9 @@ def test_windows_run_freely_from_the_starts_they_are_given():
     model, data = build(spring), recording()
     problem = build_problem(model, [data], 1.0)
     starts = np.random.default_rng(3).normal(0, [0.1, 1.0], (3, len(problem.begins), 2))
+    starts[2, 3] = np.nan
     Y = run_windows(model, problem, model.vector({}), starts, [0, 2, 3])
+    assert np.isnan(Y[2, problem.begins[3] :]).all()  # of a start that is not known; the others run on
     A, B = discrete(0.01)
     for s, w in ((0, 0), (2, 2), (1, 3)):
         x, first = starts[s, w], problem.begins[w]
