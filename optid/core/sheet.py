@@ -15,8 +15,9 @@ from typing import NamedTuple, Protocol
 import casadi as ca
 
 from optid.core.axis import JOINT
-from optid.core.declarations import Declarations, Expression
+from optid.core.declarations import Expression
 from optid.core.model import Constraint, Model
+from optid.core.statements import Statements
 from optid.core.threads import one_at_a_time
 from optid.errors import PlantError, nearest
 
@@ -73,7 +74,7 @@ class _Near(dict[str, Expression]):
         )
 
 
-class Sheet(Declarations):
+class Sheet(Statements):
     """Collects a plant's equations in the order in which it writes them.
 
     Parameters
@@ -95,11 +96,6 @@ class Sheet(Declarations):
         self._notes: dict[str, Expression] = {}
         self._late: Expression | None = None  # s: delay of commands
         self._switch: tuple[ca.SX, Expression] | None = None
-        self._form_error: float | None = None
-        self._suspects: list[tuple[str, ...]] = []
-        self._scalable: list[str] = []
-        self._biases: dict[str, float] = {}
-        self._required: list[tuple[str, Expression]] = []
         self._near = _Near("")  # where it writes
 
     def delay_input(self, time: Expression) -> tuple[Expression | None, Expression]:
@@ -210,62 +206,6 @@ class Sheet(Declarations):
             its replacement.
         """
         self._near[name] = signal
-
-    def form_error(self, share: float) -> None:
-        """State which share of the squared error the right effects may leave on this plant.
-
-        In at most one of 20 blind cases do the right effects leave more.
-
-        Parameters
-        ----------
-        share : float
-            of the squared error.
-        """
-        self._form_error = share
-
-    def suspect(self, *sites: str) -> None:
-        """Name sites at which unknown physics may act, together if several: a diagnosis looks for an input there.
-
-        Parameters
-        ----------
-        *sites : str
-            their names.
-        """
-        self._suspects.append(sites)
-
-    def scalable(self, *sites: str) -> None:
-        """Name sites of a magnitude whose sign the plant sets, as of dry friction: no added signal describes sticking.
-
-        Parameters
-        ----------
-        *sites : str
-            their names.
-        """
-        self._scalable.extend(sites)
-
-    def biased(self, **shares: float) -> None:
-        """State the shares by which the smooth approximation of a discontinuous law may bias fitted parameters.
-
-        They were measured against the law itself; intervals count each as a standard uncertainty of type B (GUM, 4.3).
-
-        Parameters
-        ----------
-        **shares : float
-            of a parameter's value, by its name; a later statement replaces an earlier one.
-        """
-        self._biases.update(shares)
-
-    def require(self, words: str, margin: Expression) -> None:
-        """State a condition on parameters: a sentence, and an expression that is positive where it holds.
-
-        Parameters
-        ----------
-        words : str
-            what must hold, as a sentence.
-        margin : Expression
-            positive where it holds.
-        """
-        self._required.append((words, margin))
 
     def freeze(self) -> Model:
         """Check that the equations close and freeze them.

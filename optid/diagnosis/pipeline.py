@@ -121,7 +121,7 @@ def diagnose(
     if roles := inputs_that_go_on(base, search):
         problem = straightened(problem, roles)
         base, search = fit_base(problem.at_search_rate())
-    path, search, wide = _select_at_a_rate(base, search, problem, kept)
+    path, search, wide = _select_at_either_rate(base, search, problem, kept)
     path, alternatives = compare_alternatives(path, search)
     surrogate = None
     if wide is None and not is_beyond_doubt(path, search):
@@ -194,7 +194,7 @@ def _base_fit(problem: DiagnosisProblem, kept: Checkpoint) -> tuple[FittedModel,
     return base, problem
 
 
-def _select_at_a_rate(
+def _select_at_either_rate(
     base: FittedModel, search: DiagnosisProblem, problem: DiagnosisProblem, kept: Checkpoint
 ) -> tuple[SelectionPath, DiagnosisProblem, FittedModel | None]:
     """The path of the selection, its problem, and the base with wider bounds if these explain everything.

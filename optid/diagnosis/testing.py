@@ -118,11 +118,11 @@ def test_on_holdout(
     after = before if best is base else _evaluated(best, holdout)
     challenger = after
     if best is base and strongest is not None:
-        challenger = _rival(strongest, holdout)
+        challenger = _evaluate_rival(strongest, holdout)
     p = 1.0 if challenger is before else compare(before, challenger, noise, criteria).p_value
     names = {}
     for name, less in without.items():
-        there = _rival(less, holdout) if less.effects else before
+        there = _evaluate_rival(less, holdout) if less.effects else before
         names[name] = compare(there, after, noise, criteria)
     base_residuals = residual_tests(before, base.rig.model, holdout)
     residuals = base_residuals if best is base else residual_tests(after, best.rig.model, holdout)
@@ -151,7 +151,7 @@ def _evaluated(model: RefinedModel, recordings: Sequence[Recording]) -> Evaluati
     return evaluate(model.fit.likelihood_problem, model.fit.p, model.fit.noise, recordings)
 
 
-def _rival(model: FittedModel, recordings: Sequence[Recording]) -> Evaluation:
+def _evaluate_rival(model: FittedModel, recordings: Sequence[Recording]) -> Evaluation:
     """A model that is only compared by its windows: the filter of its fit is enough."""
     q = model.likelihood_problem
     return evaluate(q, model.p, quiet_noise(q, model.fit.level), recordings)

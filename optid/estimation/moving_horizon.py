@@ -241,14 +241,14 @@ class _Uncertainty:
         H = terms.H[k, :nx, :nx] * np.outer(scales, scales)
         slope = terms.slope[k, :, :nx] * scales / scales[:, None]
         values, vectors = np.linalg.eigh(self.assumed)
-        told, away = _told(H, vectors * np.sqrt(np.maximum(values, 0.0)))
+        told, away = _informative_directions(H, vectors * np.sqrt(np.maximum(values, 0.0)))
         back, left, forward = np.linalg.pinv(away), 1.0 / (1.0 + told), slope @ away
         actual = np.outer(left, left) * (back @ self.actual @ back.T) + np.diag(left**2 * told)
         assumed = (forward * left) @ forward.T + np.diag((q / scales) ** 2)
         return _Uncertainty(assumed, forward @ actual @ forward.T)
 
 
-def _told(H: Array, root: Array) -> tuple[Array, Array]:
+def _informative_directions(H: Array, root: Array) -> tuple[Array, Array]:
     """What data of information H tell beside a prior with covariance root root': directions independent in both.
 
     Returns how many times the prior's information the data add in each, (states,), and the directions, of one prior sd,
@@ -264,7 +264,7 @@ def _arrival(past: Objective, found: Point, terms: Terms, q: Array, leaves: int)
     nx = len(q)
     mean, spread = past.start, past.spread
     for k in range(leaves):
-        told, away = _told(terms.H[k, :nx, :nx], np.diag(spread))
+        told, away = _informative_directions(terms.H[k, :nx, :nx], np.diag(spread))
         pulled = np.where(told > 0.0, away.T @ terms.g[k, :nx], 0.0)
         pulled -= away.T @ ((found.X[k] - mean) / spread**2)
         forward = terms.slope[k, :, :nx] @ away / np.sqrt(1.0 + told)

@@ -50,7 +50,7 @@ def test_the_rate_of_the_search(monkeypatch, decimated, at_search, at_full, name
     monkeypatch.setattr(pipeline, "relax_bounds", lambda base, of: None)
     monkeypatch.setattr(pipeline, "select", select)
     monkeypatch.setattr(pipeline, "path_document", lambda path: {})
-    _, found, wide = pipeline._select_at_a_rate("fitted", search, own, Checkpoint())
+    _, found, wide = pipeline._select_at_either_rate("fitted", search, own, Checkpoint())
     assert searched == asked
     assert found.train is (WHOLE if kept == "full" else search.train)
     assert wide is None

@@ -1,11 +1,15 @@
 """Tests with a stated error rate: how often they speak where nothing is gained, and that they do where something is."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from optid.diagnosis import validation
 from optid.diagnosis.criteria import Criteria
+from optid.diagnosis.fitted import FittedModel
+from optid.diagnosis.problem import DiagnosisProblem
 from optid.diagnosis.validation import Validated, _folds, flipped_signs, p_value, rejection_reason
 
 DRAWS = 4000
@@ -75,3 +79,16 @@ def test_a_small_effect_is_named_only_if_it_alone_brings_the_model_to_the_noise(
     why = rejection_reason(effect, 0.7, plain, without, validated[after], Criteria(), 30, alone=same)
     assert (why == "") is named
     assert named or why.startswith("the fit leaves it at 70 % of the smallest size")
+
+
+def test_a_model_is_validated_once_for_each_problem(monkeypatch):
+    asked = []
+    monkeypatch.setattr(
+        validation, "_cross_validated", lambda model, problem: asked.append(problem) or len(asked)
+    )
+    model, first = FittedModel((), None, None), DiagnosisProblem(None, (), {}, None)
+    other = replace(first, open_variance=np.ones(1))
+    found = [validation.cross_validate(model, one) for one in (first, other, first)]
+    assert found == [1, 2, 1]
+    assert asked == [first, other]
+    assert validation.cross_validate(FittedModel((), None, None), first) == 3

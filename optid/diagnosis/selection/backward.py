@@ -14,7 +14,7 @@ from optid.effects.library import admitted
 from optid.rigs.rigfile import with_effects
 
 
-def eliminate(path: SelectionPath, problem: DiagnosisProblem) -> SelectionPath:
+def backward_elimination(path: SelectionPath, problem: DiagnosisProblem) -> SelectionPath:
     """Drop effects that would not be confirmed as the last one, the least needed first."""
     best, validated, dropped = path.best, path.validated, list(path.dropped)
     tried = len(admitted(problem.rig.model, problem.own))

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from optid.diagnosis.fitted import FittedModel
 from optid.diagnosis.problem import DiagnosisProblem, Stage
-from optid.diagnosis.selection.backward import eliminate, without_effect
+from optid.diagnosis.selection.backward import backward_elimination, without_effect
 from optid.diagnosis.selection.forward import forward_step
 from optid.diagnosis.selection.path import Round, SelectionPath
 from optid.diagnosis.validation import Validated, cross_validate
@@ -40,7 +40,7 @@ def select(base: FittedModel, problem: DiagnosisProblem) -> SelectionPath:
             break
         current, validated = one.taken.model, one.taken.validated
     path = SelectionPath(base, current, first, validated, tuple(rounds), ended_early=problem.budget.is_over)
-    path = eliminate(path, problem)
+    path = backward_elimination(path, problem)
     return _first_swapped(path, problem) if _first_is_open(path, problem) else path
 
 
@@ -95,4 +95,4 @@ def _first_swapped(path: SelectionPath, problem: DiagnosisProblem) -> SelectionP
         return replace(path, rounds=(*path.rounds, replace(one, taken=None)))
     rounds = (*path.rounds, one)
     swapped = replace(path, best=better.model, validated=better.validated, rounds=rounds, without={})
-    return eliminate(swapped, problem)
+    return backward_elimination(swapped, problem)
