@@ -33,7 +33,7 @@ from optid.diagnosis import pipeline, proposals
 from optid.diagnosis.criteria import SearchOptions
 from optid.diagnosis.result import Diagnosis
 from optid.diagnosis.selection import forward, stepwise
-from optid.estimation import multistep
+from optid.estimation import fixed_gain, multistep
 from optid.rigs.rigfile import read_rig
 from studies.trial.record import HELD_OUT, TRAIN
 from studies.trial.running import cases_of
@@ -65,16 +65,16 @@ def _path_as_it_is(path: Any, *_: Any) -> Any:
     return path
 
 
-def _ten_entrants(*given: Any, **named: Any) -> Any:
-    return proposals.propose(*given, **{**named, "entrants": 10})
+def _all_compete(current: Any, effects: Any, problem: Any, promise: Any = None, *given: Any) -> Any:
+    return proposals.propose(current, effects, problem, None, *given)
 
 
 VARIANTS = {
     AS_IS: Variant("nothing"),
     "race": Variant("the linear step alone ranks effects", {"race": ()}),
     "one leg": Variant("one leg of the race instead of two", {"race": ((2, 4),)}),
-    "all branches": Variant(
-        "10 branches race, wherever the base stands", {}, {(forward, "propose"): _ten_entrants}
+    "promise": Variant(
+        "all branches race, also from a model at the noise", {}, {(forward, "propose"): _all_compete}
     ),
     "contenders": Variant("one effect a round is fitted in full", {"contenders": 1}),
     "short windows": Variant("effects are first fitted by whole windows", {"short": 1.0}),
@@ -95,8 +95,9 @@ VARIANTS = {
     "straight inputs": Variant(
         "inputs are held between samples", {}, {(pipeline, "inputs_that_go_on"): lambda *_: ()}
     ),
-    "validation steps": Variant("folds are not fitted anew", {"validation_steps": 0}),
     "rate": Variant("the search goes over all samples", {"rate": 1e9}),
+    "tolerance": Variant("the search integrates as accurately as the test", {"tolerance": 1e-5}),
+    "updated slopes": Variant("slopes are simulated for every step", {}, {(fixed_gain, "MISSED"): 0.0}),
     "near": Variant("other starts and effects are fitted whatever they leave", {"near": np.inf}),
 }
 

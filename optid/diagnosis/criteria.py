@@ -38,24 +38,23 @@ class SearchOptions:
 
     Attributes:
         rate: largest sampling rate of the search; its result is fitted and tested at full rate.
+        tolerance: local error of its integration, as a share of each state's usual size; its result is fitted and
+            tested more accurately.
         short: share of a window over which effects are fitted first: short enough for parameters that are far off.
         race: rounds of successive halving of proposals, with the best branch of each effect: steps, and number kept;
             on the recording with the largest mismatch, in the last round on all.
-        entrants: branches that compete if the model is at the noise; otherwise all.
         contenders: proposals that are fully fitted in a round.
         turns, steps: of a full fit by multi-step prediction errors.
-        validation_steps: of a fit without one recording.
         near: multiple of the smallest loss beyond which other starts or proposals are not fully fitted.
         search_share: share of the budget for the search; the rest is for testing and reporting.
     """
 
     rate: float = 500.0
+    tolerance: float = 1e-4
     short: float = 0.2
     race: tuple[tuple[int, int], ...] = ((2, 4), (3, 4))
-    entrants: int = 10
     contenders: int = 3
     turns: int = 4
     steps: int = 4
-    validation_steps: int = 2
     near: float = 3.0
     search_share: float = 0.7

@@ -81,9 +81,10 @@ def fit_model(
 
 
 def refit(model: FittedModel, problem: DiagnosisProblem) -> FittedModel:
-    """Refit the result of a search to the recordings at their full rate, if they were decimated."""
+    """Refit the result of a search to the recordings at their full rate and accuracy."""
     rig = replace(model.rig, channels=problem.rig.channels)
     q = problem.likelihood_problem(rig)
-    if len(q.problem.time) == len(model.likelihood_problem.problem.time):
+    before = model.likelihood_problem.problem
+    if len(q.problem.time) == len(before.time) and q.problem.tolerance == before.tolerance:
         return model
     return fit_model(problem, model.effects, rig, q, model.p, level=model.fit.level)

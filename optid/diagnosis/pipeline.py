@@ -117,10 +117,10 @@ def diagnose(
         report=report,
     )
     kept = Checkpoint(checkpoint, key_of(problem))
-    base, search = _base_fit(problem.at_search_rate(), kept)
+    base, search = _base_fit(problem.at_search_accuracy(), kept)
     if roles := inputs_that_go_on(base, search):
         problem = straightened(problem, roles)
-        base, search = fit_base(problem.at_search_rate())
+        base, search = fit_base(problem.at_search_accuracy())
     path, search, wide = _select_at_either_rate(base, search, problem, kept)
     path, alternatives = compare_alternatives(path, search)
     surrogate = None

@@ -19,7 +19,7 @@ from optid.estimation.fisher_scoring import likelihood_problem
 from optid.estimation.likelihood import WHOLE
 from optid.estimation.likelihood_point import LikelihoodProblem
 from optid.estimation.prediction import window_seconds
-from optid.estimation.problem import build_problem
+from optid.estimation.problem import TOLERANCE, build_problem
 from optid.quality.noise import colour, grid, noise_sd, thinned_noise
 from optid.rigs.rigfile import Rig, with_effects
 
@@ -58,6 +58,7 @@ class DiagnosisProblem:
         validation: indices of the recordings whose windows alone judge the selection; blocks of all if empty.
         criteria, options: see there.
         open_variance: variance of a correct model's window errors, apart from the noise, (samples, outputs).
+        tolerance: local error of the integration in filters, as a share of each state's usual size.
         budget: of the search.
         generator: of resampling.
         report: called with the stage and a few words.
@@ -72,6 +73,7 @@ class DiagnosisProblem:
     criteria: Criteria = field(default_factory=Criteria)
     options: SearchOptions = field(default_factory=SearchOptions)
     open_variance: Array | None = None
+    tolerance: float = TOLERANCE
     budget: Budget = UNLIMITED
     report: Report = lambda stage, words: None
     _questions: dict[Rig, LikelihoodProblem] = field(default_factory=dict)
@@ -86,20 +88,19 @@ class DiagnosisProblem:
         """The original model, whose states alone have process noise."""
         return self.rig.model
 
-    def at_search_rate(self) -> DiagnosisProblem:
-        """The same with recordings decimated to the rate of the search; unchanged if they are not faster."""
+    def at_search_accuracy(self) -> DiagnosisProblem:
+        """The same as the search goes through it: decimated to its rate, and integrated less accurately."""
         rig, train = prepare(self.rig, self.train, self.options.rate)
+        loose = replace(self, tolerance=self.options.tolerance, open_variance=None, _questions={})
         if all(one is before for one, before in zip(train, self.train, strict=True)):
-            return self
-        noise = measurement_noise(rig, train)
-        return replace(self, rig=rig, train=train, noise=noise, open_variance=None, _questions={})
+            return loose
+        return replace(loose, rig=rig, train=train, noise=measurement_noise(rig, train))
 
     def likelihood_problem(self, rig: Rig) -> LikelihoodProblem:
         """The likelihood problem of a rig with these recordings."""
         if rig not in self._questions:
-            self._questions[rig] = likelihood_problem(
-                rig, build_problem(rig.model, self.train, WHOLE), self.plain
-            )
+            data = replace(build_problem(rig.model, self.train, WHOLE), tolerance=self.tolerance)
+            self._questions[rig] = likelihood_problem(rig, data, self.plain)
         return replace(self._questions[rig], open_variance=self.open_variance, budget=self.budget)
 
 

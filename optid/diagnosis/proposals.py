@@ -19,7 +19,7 @@ from optid.core.model import Array
 from optid.core.threads import parallel_map
 from optid.diagnosis.fitted import FittedModel
 from optid.diagnosis.problem import DiagnosisProblem
-from optid.diagnosis.score_test import LinearStep, Origin, branches_of, origin_at
+from optid.diagnosis.score_test import LinearStep, Origin, branches_of, loss_of_own_step, origin_at
 from optid.effects.effect import Effect
 from optid.errors import SolveError
 from optid.estimation.fixed_gain import fixed_gain_fit, innovations
@@ -74,7 +74,7 @@ def propose(
     current: FittedModel,
     effects: Sequence[Effect],
     problem: DiagnosisProblem,
-    entrants: int | None = None,
+    promise: float | None = None,
     level: float = QUIET,
     begin: Array | None = None,
 ) -> Proposals:
@@ -84,8 +84,9 @@ def propose(
         current: the model to which they are added.
         effects: to try.
         problem: the recordings.
-        entrants: largest number of branches that compete; all if absent. Far from the optimum linear steps are not
-            reliable, and the right law may rank in the middle.
+        promise: share of the loss that the linear step of a branch must save, beyond what the model's own parameters
+            save, for it to compete; all compete if absent. Far from the optimum linear steps are not reliable, and the
+            right law may rank in the middle.
         level: of process noise of the filters that give their gains.
         begin: parameters of the model from which branches start; its fitted ones if absent.
     """
@@ -104,8 +105,12 @@ def propose(
     }
     steps = [one.best for some in branches for one in some if one.best is not None]
     steps = keep_best(steps, len(steps))
+    if promise is not None:
+        most = (1.0 - promise) * loss_of_own_step(origin)
+        # Without any effect the first competes anyway: the test asks whether it gains anything.
+        steps = [one for k, one in enumerate(steps) if one.loss <= most or (k == 0 and not current.effects)]
     running = parallel_map(partial(_tried, origin, current, first, resets), steps)
-    running = keep_best(running, entrants or len(running))
+    running = keep_best(running, len(running))
     for leg, (turns, most) in enumerate(o.race):
         if problem.budget.is_over:
             break
@@ -113,6 +118,8 @@ def propose(
         advanced = parallel_map(partial(_advance, problem, turns, over, resets, level), running)
         # The first is kept in any case: with its own gains a law may need more steps than a round has.
         running = [*advanced[:1], *keep_best(advanced[1:], most - 1)]
+    if not running:
+        return Proposals((), visible, math.inf)
     _, alone = _moved(problem, q, p, sum(turns for turns, _ in o.race), None, resets, level)
     return Proposals(tuple(keep_best(running, len(running))), visible, alone)
 

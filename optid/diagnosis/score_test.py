@@ -162,6 +162,11 @@ def _missed(current: FittedModel) -> tuple[list[Array], float]:
     return [missed[first : first + count + 1] for first, count in stretches], float(np.median(problem.dt))
 
 
+def loss_of_own_step(origin: Origin) -> float:
+    """The loss that a linear step of the model's own parameters predicts."""
+    return _explained(origin, np.empty((len(origin.errors), 0)), 0.0)[1]
+
+
 def _explained(origin: Origin, changes: Array, least: float) -> tuple[Array, float]:
     """Linear least squares over parameters within bounds and shares of changes (rows, some), and the loss.
 

@@ -9,7 +9,6 @@ as its errors are correlated. Two tests examine the gain of windows. The random 
 
 from __future__ import annotations
 
-import contextlib
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -23,11 +22,10 @@ from optid.diagnosis.criteria import Criteria
 from optid.diagnosis.fitted import FittedModel
 from optid.diagnosis.problem import DiagnosisProblem
 from optid.effects.effect import Effect
-from optid.errors import SolveError
-from optid.estimation.fixed_gain import fixed_gain_fit, innovations
+from optid.estimation.fixed_gain import Residuals, held_out_residuals
 from optid.estimation.likelihood import huber
 from optid.estimation.multistep import window_starts
-from optid.estimation.problem import Booleans, Integers, Problem, window_blocks
+from optid.estimation.problem import Integers, Problem, window_blocks
 
 LARGEST = 700.0  # gain at which a p-value is capped: beyond it the exponential overflows
 FOLDS, BLOCKS = 3, 2  # of the recordings, and blocks of each recording in a fold
@@ -86,18 +84,10 @@ def _cross_validated(model: FittedModel, problem: DiagnosisProblem) -> Validated
     known = np.isfinite(model.fit.filtered.innovations[0])
     recording = np.repeat(q.problem.recording, q.problem.counts + 1)
     fold = _folds(recording, q.problem.time, problem.validation)
+    residuals = Residuals(q, model.p, q.model, model.fit.filtered, resets=resets)
     z = np.full(known.shape, np.nan)
-    for number in np.unique(fold[fold >= 0]):
-        here = fold == number
-        only = _segments(q.problem, ~here)
-        p = model.p
-        with contextlib.suppress(SolveError):
-            steps = problem.options.validation_steps
-            p = fixed_gain_fit(q, p, q.model, model.fit.filtered, steps, only, resets, ~here).p
-        (seen,) = innovations(
-            q, p[None], q.model, model.fit.filtered, _segments(q.problem, here), resets, here
-        )
-        z[known & here[:, None]] = seen
+    z[known] = held_out_residuals(residuals, np.repeat(fold, known.sum(axis=1)))
+    z[fold < 0] = np.nan
     # The first window of a recording has no past data: it is not a prediction.
     first = np.isin(np.arange(len(z)), _first_windows(q.problem, problem.window))
     z[first] = np.nan
@@ -120,12 +110,6 @@ def _folds(recording: Integers, time: Array, validation: Sequence[int]) -> Integ
         share = (time[here] - time[here].min()) / max(float(np.ptp(time[here])), 1e-300)
         fold[here] = np.minimum((FOLDS * BLOCKS * share).astype(np.int64), FOLDS * BLOCKS - 1) % FOLDS
     return fold
-
-
-def _segments(problem: Problem, among: Booleans) -> list[int]:
-    """The segments that contain any of these samples."""
-    owner = np.repeat(np.arange(len(problem.counts)), problem.counts + 1)
-    return [int(one) for one in np.unique(owner[among])]
 
 
 def _first_windows(problem: Problem, seconds: float) -> Integers:

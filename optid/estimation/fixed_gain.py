@@ -8,6 +8,7 @@ instead of its own filter. Estimates from such innovations are consistent for an
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -16,7 +17,7 @@ from optid.core.model import Array, Model
 from optid.errors import SolveError
 from optid.estimation.likelihood import FAR, Filtered, huber, run_fixed_gain_filter
 from optid.estimation.likelihood_point import NUDGES, REACH, LikelihoodProblem
-from optid.estimation.problem import Booleans
+from optid.estimation.problem import Booleans, Integers
 
 TOLERANCE = 1e-3  # of the loss, that a step must gain for the search to go on
 # Damping factors, of the curvature: as many as a vector holds are tried at once. If the smallest or the largest is #
@@ -26,6 +27,9 @@ DAMPINGS, PACE, FARTHER, TRIALS = (1e-4, 1e-2, 0.3, 10.0), (0.1, 1.0, 1.0, 10.0)
 # shows, as the height of a curve where the signal never was, then stays about where it is.
 FLOOR = 1e-3
 LOST = 1e3  # sd: an innovation of a model that has diverged
+# Share of a step's change that its slopes may miss for the next step to update them (Broyden, Math. Comput. 19, 1965) #
+# instead of simulating every parameter's.
+MISSED = 0.3
 
 
 class FixedGainFit(NamedTuple):
@@ -35,6 +39,66 @@ class FixedGainFit(NamedTuple):
     loss: float
 
 
+@dataclass(frozen=True, eq=False)
+class Residuals:
+    """Innovations under fixed gains as functions of the free parameters, in typical sizes, and what priors add.
+
+    Attributes:
+        q: the likelihood problem.
+        p: the whole parameter vector, of which the free ones are replaced.
+        plain: model of the guide; its states are a subset of the likelihood problem's.
+        guide: filter run whose gains and variances are used; its gains must be kept.
+        only: segments to use; all if absent.
+        resets: samples from which the following are predicted, (samples,); all if absent.
+    """
+
+    q: LikelihoodProblem
+    p: Array
+    plain: Model
+    guide: Filtered
+    only: Sequence[int] | None = None
+    resets: Booleans | None = None
+
+    @property
+    def start(self) -> Array:
+        """The free parameters of the vector, within their bounds, (free,)."""
+        return np.clip(self.p[list(self.q.free)] / self.q.typical, *self.bounds)
+
+    @property
+    def bounds(self) -> tuple[Array, Array]:
+        """Of the free parameters."""
+        return self.q.low / self.q.typical, self.q.high / self.q.typical
+
+    def vectors(self, X: Array) -> Array:
+        """Whole parameter vectors of free parameters X (sets, free), (sets, parameters)."""
+        P = np.tile(self.p, (len(X), 1))
+        P[:, list(self.q.free)] = np.clip(X * self.q.typical, self.q.low, self.q.high)
+        return P
+
+    def at(self, X: Array) -> Array:
+        """Innovations in sd, then deviations from the priors, (sets, rows)."""
+        z = innovations(self.q, self.vectors(X), self.plain, self.guide, self.only, self.resets)
+        return np.concatenate([z, (X * self.q.typical - self.q.prior) / self.q.prior_sd], axis=1)
+
+    def slopes(self, x: Array, z: Array, steps: Array) -> Array:
+        """By finite differences at x, where the residuals are z, (rows, free)."""
+        steps = np.where(x + steps > self.bounds[1], -steps, steps)
+        return ((self.at(x + np.diag(steps)) - z) / steps[:, None]).T
+
+    def ladder(
+        self, x: Array, z: Array, J: Array, scale: float = 1.0, counted: Booleans | None = None
+    ) -> Array:
+        """Points after a step with each damping factor, (dampings, free); `counted` rows decide, all if absent."""
+        weight = np.minimum(1.0, FAR / np.maximum(np.abs(z), 1e-12))
+        if counted is not None:
+            weight = np.where(counted, weight, 0.0)
+        gradient, curvature = J.T @ (weight * z), (J.T * weight) @ J
+        low, high = self.bounds
+        floor = FLOOR * np.diag(curvature).max()
+        steps = [damped_step(gradient, curvature, scale * by, x, low, high, floor) for by in DAMPINGS]
+        return np.clip(x + np.array(steps), low, high)
+
+
 def innovations(
     q: LikelihoodProblem,
     P: Array,
@@ -42,26 +106,18 @@ def innovations(
     guide: Filtered,
     only: Sequence[int] | None = None,
     resets: Booleans | None = None,
-    among: Booleans | None = None,
 ) -> Array:
     """Innovations of parameter sets under fixed gains, in sd of the guide's, (sets, measured).
 
     Args:
-        q: the likelihood problem.
+        q, plain, guide, only, resets: as of `Residuals`.
         P: (sets, parameters).
-        plain: model of the guide; its states are a subset of the likelihood problem's.
-        guide: filter run whose gains and variances are used; its gains must be kept.
-        only: segments to use; all if absent.
-        resets: samples from which the following are predicted, (samples,); all if absent.
-        among: samples that count, (samples,); all if absent.
     """
     names = [state.name for state in q.model.states]
     known = np.isfinite(guide.innovations[0])
     if only is not None:
         owner = np.repeat(np.arange(len(q.problem.counts)), q.problem.counts + 1)
         known = known & np.isin(owner, only)[:, None]
-    if among is not None:
-        known = known & among[:, None]
     common = [names.index(state.name) for state in plain.states]
     E = run_fixed_gain_filter(q.model, q.problem, P, guide, common, only=only, resets=resets)
     scaled = E[:, known] / np.sqrt(guide.variances[0][known])
@@ -76,64 +132,101 @@ def fixed_gain_fit(
     steps: int,
     only: Sequence[int] | None = None,
     resets: Booleans | None = None,
-    among: Booleans | None = None,
 ) -> FixedGainFit:
     """Minimise the innovations over the parameters, from a start, by Levenberg-Marquardt steps.
 
     Several dampings are tried at once: together they cost the time of one simulation, and no step is lost by being too
-    long.
+    long. Slopes are simulated at the start, and again where a step shows that they no longer hold.
 
     Args:
-        q: the likelihood problem.
+        q, plain, guide, only, resets: as of `Residuals`.
         p: start, (parameters,).
-        plain: model of the guide; its states are a subset of the likelihood problem's.
-        guide: filter run whose gains and variances are used; its gains must be kept.
         steps: at most.
-        only: segments to use; all if absent.
-        resets, among: as for `innovations`.
 
     Raises:
         SolveError: the model cannot be simulated at the start.
     """
-    free, low, high = list(q.free), q.low / q.typical, q.high / q.typical
-
-    def residuals(X: Array) -> Array:
-        """Innovations in sd, then deviations from the priors, (sets, rows), at free parameters in typical sizes."""
-        P = np.tile(p, (len(X), 1))
-        P[:, free] = np.clip(X * q.typical, q.low, q.high)
-        prior = (X * q.typical - q.prior) / q.prior_sd
-        return np.concatenate([innovations(q, P, plain, guide, only, resets, among), prior], axis=1)
-
-    x = np.clip(p[free] / q.typical, low, high)
-    (z,) = residuals(x[None])
+    residuals = Residuals(q, p, plain, guide, only, resets)
+    x = residuals.start
+    (z,) = residuals.at(x[None])
     if not np.abs(z[: len(z) - len(x)]).min() < LOST:
         raise SolveError(
             "the simulation diverged at the start values (NaN or infinite); check them and their units"
         )
-    loss, far, nudges = 0.5 * float(huber(z).sum()), 1.0, np.full(len(x), NUDGES[1])
+    loss, scale, nudges, J = 0.5 * float(huber(z).sum()), 1.0, np.full(len(x), NUDGES[1]), None
     for _ in range(steps):
-        moved = np.where(x + nudges > high, -nudges, nudges)
-        J = ((residuals(x + np.diag(moved)) - z) / moved[:, None]).T
-        nudges = np.clip(REACH / np.maximum(np.linalg.norm(J, axis=0), 1e-12), NUDGES[0], NUDGES[2])
-        weight = np.minimum(1.0, FAR / np.maximum(np.abs(z), 1e-12))
-        gradient, curvature = J.T @ (weight * z), (J.T * weight) @ J
-        floor, before = FLOOR * np.diag(curvature).max(), loss
-        for _ in range(TRIALS):
-            ladder = [damped_step(gradient, curvature, far * by, x, low, high, floor) for by in DAMPINGS]
-            X = np.clip(x + np.array(ladder), low, high)
-            Z = residuals(X)
-            losses = 0.5 * huber(Z).sum(axis=1)
-            best = int(np.argmin(losses))
-            if losses[best] < loss:
-                x, z, loss = X[best], Z[best], float(losses[best])
-                far *= PACE[best]
-                break
-            far *= FARTHER
+        simulated = J is None
+        if J is None:
+            J = residuals.slopes(x, z, nudges)
+            nudges = np.clip(REACH / np.maximum(np.linalg.norm(J, axis=0), 1e-12), NUDGES[0], NUDGES[2])
+        step = _best_step(residuals, x, z, loss, J, scale)
+        if step is None and simulated:
+            break
+        if step is None:
+            J = None
+            continue
+        before, J = loss, updated_slopes(J, step.x - x, step.z - z)
+        x, z, loss, scale = step
         if before - loss < TOLERANCE * loss:
             break
-    found = p.copy()
-    found[free] = np.clip(x * q.typical, q.low, q.high)
-    return FixedGainFit(found, loss)
+    return FixedGainFit(residuals.vectors(x[None])[0], loss)
+
+
+class _Step(NamedTuple):
+    """Where a step leads: free parameters, residuals, loss, and the scale of the next one's dampings."""
+
+    x: Array
+    z: Array
+    loss: float
+    scale: float
+
+
+def _best_step(residuals: Residuals, x: Array, z: Array, loss: float, J: Array, scale: float) -> _Step | None:
+    """The damped step with the smallest loss; ``None`` if none has a smaller one than x."""
+    for _ in range(TRIALS):
+        X = residuals.ladder(x, z, J, scale)
+        Z = residuals.at(X)
+        losses = 0.5 * huber(Z).sum(axis=1)
+        best = int(np.argmin(losses))
+        if losses[best] < loss:
+            return _Step(X[best], Z[best], float(losses[best]), scale * PACE[best])
+        scale *= FARTHER
+    return None
+
+
+def updated_slopes(J: Array, step: Array, change: Array) -> Array | None:
+    """Broyden's update after a step with this change of residuals; ``None`` where the slopes missed too much of it.
+
+    In a metric in which all parameters have equal weight.
+    """
+    missed, along = change - J @ step, np.sum(J**2, axis=0) * step
+    if not np.linalg.norm(missed) <= MISSED * np.linalg.norm(change):
+        return None
+    return np.asarray(J + np.outer(missed, along / (step @ along)))
+
+
+def held_out_residuals(residuals: Residuals, fold: Integers) -> Array:
+    """Residuals of each fold with parameters fitted to all others by one step from the fit to everything, (measured,).
+
+    The step with the damping that suits those others best, or none; the slopes are the same for all folds, so that
+    these cost one simulation.
+
+    Args:
+        residuals: at parameters that were fitted to all samples.
+        fold: of each measured value, (measured,); negative ones are predicted with the parameters as they are.
+    """
+    x = residuals.start
+    (z,) = residuals.at(x[None])
+    J = residuals.slopes(x, z, np.full(len(x), NUDGES[1]))
+    numbers, rows = np.unique(fold[fold >= 0]), np.append(fold, np.full(len(x), -1))
+    X = np.concatenate([residuals.ladder(x, z, J, counted=rows != number) for number in numbers])
+    Z, found = residuals.at(X).reshape(len(numbers), len(DAMPINGS), -1), z.copy()
+    for number, tried in zip(numbers, Z, strict=True):
+        candidates = np.vstack([z, tried])
+        here = rows == number
+        best = np.argmin(huber(candidates[:, ~here]).sum(axis=1))
+        found[here] = candidates[best, here]
+    return found[: len(fold)]
 
 
 def damped_step(

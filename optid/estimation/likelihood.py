@@ -22,8 +22,7 @@ from optid.core.model import Array, Model
 from optid.core.threads import one_at_a_time, parallel_for
 from optid.estimation.problem import Booleans, Integers, Problem
 
-TOLERANCE = 1e-5  # local error of the integration as a share of each state's usual size,
-BESIDE = 0.01  # or of what process noise adds to the state from sample to sample, if that is more
+BESIDE = 0.01  # of what process noise adds to a state from sample to sample: local error of the integration, if larger
 SHARE = 50.0  # times the tolerance of dimensionless states: those of a contact forget an error within microns of motion
 QUIET = 1e-4  # process noise of states without an estimated level, in usual sizes per sqrt(s)
 WHOLE = 1e9  # s: the windows of a problem to be filtered are whole segments
@@ -150,7 +149,7 @@ def run_filter(
     machine, linear = compiled_lanes(model), linear_outputs(model)
     given = (of_set, of_segment, problem.begins, problem.counts, M0, C0, P, Q, R, problem.dt, problem.inputs)
     noise = np.sqrt(Q * float(np.median(problem.dt))) * model.scales
-    tolerance = np.ascontiguousarray(np.maximum(_tolerance(model), BESIDE * noise))
+    tolerance = np.ascontiguousarray(np.maximum(_tolerance(model, problem), BESIDE * noise))
     found = (problem.measured, linear, tolerance, model.scales, keep, E, V, X, K, S)
     parallel_for(len(of_set), lambda a, b: machine.run(kernel.filtered, a, b, *given, *found))
     return Filtered(E, V, X, K, S, tolerance)
@@ -198,7 +197,7 @@ def run_fixed_gain_filter(
     E = np.full((sets, len(problem.time), len(model.outputs)), np.nan)
     first_set, of_segment = _runs(-(-sets // LANES), segments)
     machine, places = compiled_lanes(model), np.array(common, dtype=np.int64)
-    tolerance = _tolerance(model)
+    tolerance = _tolerance(model, problem)
     tolerance[places] = guide.tolerance[0]
     given = (LANES * first_set, of_segment, problem.begins, problem.counts, M0, P, guide.gains[0], places)
     data = (problem.dt, problem.inputs, problem.measured, tolerance, resets, E)
@@ -221,15 +220,16 @@ def run_windows(model: Model, problem: Problem, p: Array, starts: Array, only: S
     ny, N = len(model.outputs), len(problem.time)
     blind = replace(problem, measured=np.zeros((N, ny)), counts=problem.counts - ~problem.closed)
     nothing = np.empty((1, 0, ny))
-    free = Filtered(nothing, nothing, nothing, np.zeros((1, N, ny, 0)), nothing, _tolerance(model)[None, :0])
+    tolerance = _tolerance(model, problem)[None, :0]
+    free = Filtered(nothing, nothing, nothing, np.zeros((1, N, ny, 0)), nothing, tolerance)
     P = np.tile(p, (len(starts), 1))
     E = run_fixed_gain_filter(model, blind, P, free, (), start=starts, only=only)
     return np.where(np.isfinite(E), -E, np.nan)
 
 
-def _tolerance(model: Model) -> Array:
+def _tolerance(model: Model, problem: Problem) -> Array:
     shares = [SHARE if state.unit == "1" else 1.0 for state in model.states]
-    return np.asarray(TOLERANCE * model.scales * shares)
+    return np.asarray(problem.tolerance * model.scales * shares)
 
 
 def _starts(model: Model, P: Array) -> tuple[Array, Array]:

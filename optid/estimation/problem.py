@@ -16,6 +16,8 @@ from optid.estimation.initial_trajectory import measured_states
 Integers = NDArray[np.int64]
 Booleans = NDArray[np.bool_]
 
+# Local error of the integration in filters, as a share of each state's usual size.
+TOLERANCE = 1e-5
 FEW = 6  # samples of a line that estimates a speed
 EVIDENT = 3.0  # sd of that line's slope
 
@@ -34,6 +36,7 @@ class Problem:
         closed: the window's last sample is its own: nothing follows in its segment.
         linked: the window's end should meet the next window's node.
         recording: index of the recording each window belongs to.
+        tolerance: local error of the integration in filters, as a share of each state's usual size.
     """
 
     time: Array
@@ -45,6 +48,7 @@ class Problem:
     closed: Booleans
     linked: Booleans
     recording: Integers
+    tolerance: float = TOLERANCE
 
 
 def build_problem(model: Model, recordings: Sequence[Recording], window: float) -> Problem:

@@ -10,14 +10,13 @@ from optid.core.sheet import build
 from optid.estimation import likelihood
 from optid.estimation.likelihood import (
     BESIDE,
-    TOLERANCE,
     WHOLE,
     deviance,
     run_filter,
     run_fixed_gain_filter,
     run_windows,
 )
-from optid.estimation.problem import build_problem
+from optid.estimation.problem import TOLERANCE, build_problem
 
 STIFFNESS = Parameter("stiffness", "N/m", 40.0, "spring", "test", 40.0, (0.0, 1e4))
 DAMPING = Parameter("damping", "N s/m", 1.5, "damper", "test", 1.5, (0.0, 1e3))

@@ -36,7 +36,7 @@ def swept(seed, name, straight, seconds=12.0):
 @pytest.mark.parametrize("straight", [False, True])
 def test_windows_say_whether_an_input_is_held_or_goes_on(tmp_path, straight):
     problem = problem_of(tmp_path, [swept(seed, f"{seed}.csv", straight) for seed in (1, 2)])
-    base, search = fit_base(problem.at_search_rate())
+    base, search = fit_base(problem.at_search_accuracy())
     roles = inputs_that_go_on(base, search)
     assert roles == (("command",) if straight else ())
     if straight:  # and the parameters are then right, which they are not if it is held
@@ -50,7 +50,7 @@ def test_an_input_that_rests_between_jumps_is_held(tmp_path):
     jumps = np.repeat(smooth["command"].values[::30], 30)[: len(smooth)]
     channels = {**smooth.channels, "command": Channel("command", "u", "1", jumps)}
     problem = problem_of(tmp_path, [Recording("1.csv", smooth.time, channels)])
-    base, search = fit_base(problem.at_search_rate())
+    base, search = fit_base(problem.at_search_accuracy())
     assert inputs_that_go_on(base, search) == ()
 
 

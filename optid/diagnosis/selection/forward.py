@@ -33,8 +33,9 @@ def forward_step(
     effects = [one for one in admitted(current.rig.model, problem.own) if one.name != but]
     near = before.error_over_noise <= problem.criteria.error_over_noise
     # A linear step and the model's own quiet filter are reliable only for a model at the noise.
-    entrants, level = (problem.options.entrants, current.fit.level) if near else (None, QUIET)
-    proposals = propose(current, effects, problem, entrants, level, begin)
+    # A quarter of the smallest gain, of a loss that is quadratic in the error.
+    promise, level = (problem.criteria.smallest_gain / 2.0, current.fit.level) if near else (None, QUIET)
+    proposals = propose(current, effects, problem, promise, level, begin)
     few = worth_fitting(proposals, near, bool(current.effects), problem)
     few = [each for each in few if each.loss < below]
     problem.report(Stage.SELECTION, f"fitting {', '.join(one.effect.name for one in few)}")
