@@ -51,3 +51,25 @@ def test_what_a_linear_step_led_to_goes_on_though_its_own_gains_set_it_back(tmp_
     ranked = propose(base, effects, asked).ranked
     assert len(legs) == len(asked.options.race)
     assert first in [one.effect for one in ranked]
+
+
+def test_branches_compete_where_their_linear_step_promises_enough(tmp_path, monkeypatch):
+    """A trolley that lacks nothing, and one with a dead band."""
+    entered, advance = [], proposals._advance
+    monkeypatch.setattr(proposals, "_advance", lambda *given: entered.append(given[-1]) or advance(*given))
+    for concealed, lacking in ((lambda u: u, False), (dead_band, True)):
+        asked = problem_of(tmp_path, [recording(seed, f"{seed}.csv", concealed) for seed in (1, 2)])
+        base, asked = fit_base(asked)
+        effects = admitted(base.rig.model)
+        entered.clear()
+        ranked = propose(base, effects, asked, promise=0.1).ranked
+        names = {one.effect.name for one in entered}
+        # Without any effect one competes anyway; beside another effect none would.
+        assert len(names) > 1 if lacking else len(names) == 1
+        assert (ranked[0].effect.name == "dead_zone@drive.command") is lacking
+        entered.clear()
+        beside = replace(base, effects=("another",))
+        found = propose(beside, effects, asked, promise=0.1)
+        assert bool(entered) is lacking
+        assert np.isfinite(found.alone) == lacking
+        assert set(found.visible) == {one.name for one in effects}
