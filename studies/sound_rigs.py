@@ -35,7 +35,10 @@ from studies.trial.record import HELD_OUT, TRAIN, record, write
 from studies.trial.running import CaseRun, run
 
 PLANTS = ("servo-pneumatic", "with pressures", *BOARDS)
-LENGTHS = {"rotary-axis": 180.0 / math.pi, "servo-hydraulic": 1e3}  # of the tables' units in a radian or a metre
+LENGTHS = {
+    "rotary-axis": 180.0 / math.pi,
+    "servo-hydraulic": 1e3,
+}  # of the tables' units in a radian or a metre
 SHORTEST, LONGEST = 4.0, 20.0  # s
 COLOUR = 0.8  # autocorrelation from sample to sample
 STEP = 4.0  # sd: of the converter
@@ -77,8 +80,7 @@ def draw(folder: Path, count: int, seed: int) -> list[tuple[str, str, str]]:
         drawn.append((place.name, plant, noise))
         if not (place / f"{HELD_OUT}.csv").exists():
             rng = np.random.default_rng([seed, k])
-            seconds = float(rng.uniform(LENGTHS = {"rotary-axis": 180.0 / math.pi, "servo-hydraulic": 1e3}  # of the tables' units in a radian or a metre
-SHORTEST, LONGEST))
+            seconds = float(rng.uniform(SHORTEST, LONGEST))
             (recorded_cylinder if plant in PLANTS[:2] else recorded_axis)(place, plant, noise, seconds, rng)
     names = [case for case, _, _ in drawn]
     (folder / "cases.json").write_text(json.dumps({"seed": seed, "cases": names}, indent=1) + "\n")
