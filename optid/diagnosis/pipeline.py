@@ -136,19 +136,22 @@ def diagnose(
     found = SearchResult(problem, search, path, alternatives, surrogate, wide is not None)
     tested = _refine_and_test(found, wide or answer_of(path, surrogate), unseal)
     kept.clear()
-    return (_drop_unconfirmed(tested, unseal) if tested.unconfirmed else None) or conclude(tested)
+    return _conclude_without_doubts(tested, unseal) if tested.unconfirmed else conclude(tested)
 
 
-def _drop_unconfirmed(tested: TestedResult, unseal: Callable[[], Sequence[Recording]]) -> Diagnosis | None:
-    """The answer without names that the hold-out does not confirm, where the rest stands alone; else ``None``.
+def _conclude_without_doubts(tested: TestedResult, unseal: Callable[[], Sequence[Recording]]) -> Diagnosis:
+    """The answer without names that the hold-out does not confirm, where the rest stands alone.
 
     A name of that answer has passed two tests on the same windows, beside the others and without them: its error rate
-    is no larger than that of one. Without such an answer the larger one stands, with its doubts.
+    is no larger than that of one. Where the rest does not stand alone, the larger answer is told with its doubts.
     """
-    found = SearchResult(*(getattr(tested, one.name) for one in fields(SearchResult)))
     path = without_effects(tested.path, tested.unconfirmed, tested.search)
-    alone = conclude(_refine_and_test(replace(found, path=path), path.best, unseal), doubted=tested)
-    return alone if alone.verdict is Verdict.MISSING_PHYSICS else None
+    if is_sufficient(path, tested.search):
+        found = SearchResult(*(getattr(tested, one.name) for one in fields(SearchResult)))
+        alone = conclude(_refine_and_test(replace(found, path=path), path.best, unseal), doubted=tested)
+        if alone.verdict is Verdict.MISSING_PHYSICS:
+            return alone
+    return conclude(replace(tested, confirmed=path))
 
 
 def _refine_and_test(

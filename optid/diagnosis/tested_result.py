@@ -40,12 +40,14 @@ class TestedResult(SearchResult):
     Attributes:
         base, best: the original model, and the one that is the answer.
         test: test on the hold-out; `holdout` are its recordings' names.
+        confirmed: path to the effects that the hold-out confirms, where it does not confirm all.
     """
 
     base: RefinedModel
     best: RefinedModel
     test: HoldoutTest
     holdout: tuple[str, ...]
+    confirmed: SelectionPath | None = None
 
     @property
     def names(self) -> bool:

@@ -173,9 +173,21 @@ def _suspects(s: TestedResult, estimates: Sequence[Estimate]) -> tuple[Suspicion
         why = disagreement(
             effect, own, evidence, s.test.base, s.test.best, s.problem.noise, s.problem.criteria
         )
-        if why:
+        if why := why or _no_ground(s):
             found.append(Suspicion(effect.name, why))
     return tuple(found)
+
+
+def _no_ground(s: TestedResult) -> str:
+    """Why confirmed effects are not proven without those that the hold-out does not confirm; empty if they are."""
+    if s.confirmed is None or is_sufficient(s.confirmed, s.search):
+        return ""
+    others = " and ".join(one.replace("_", " ") for one in s.unconfirmed)
+    explained = 1.0 - s.confirmed.validated.excess / max(s.confirmed.first.excess, 1e-300)
+    return (
+        f"without {others}, which the hold-out does not confirm, it explains {100 * max(explained, 0.0):.0f} % of the "
+        "squared error of windows that were not fitted"
+    )
 
 
 def _unconfirmed_effects(s: TestedResult) -> tuple[Suspicion, ...]:

@@ -1,0 +1,49 @@
+"""A name that was found beside another one stands only as far as it stands without it."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from optid.diagnosis import verdict
+from optid.diagnosis.criteria import Criteria
+from optid.diagnosis.validation import Validated
+
+LARGE, SMALL = SimpleNamespace(name="large_one"), SimpleNamespace(name="small_one")
+
+
+def path_left_at(ratio, first=10.0):
+    """To the small one alone, which leaves a multiple of the noise."""
+    before, after = (Validated(np.full((20, 1), r**2)) for r in (first, ratio))
+    return SimpleNamespace(first=before, validated=after, best=SimpleNamespace(effects=(SMALL,)))
+
+
+@pytest.mark.parametrize(
+    ("confirmed", "suspected"),
+    [
+        (None, []),  # the hold-out confirms everything
+        (path_left_at(9.8), ["small_one"]),  # 4 % of the squared error
+        (path_left_at(5.0), []),  # three quarters: it stands alone
+    ],
+)
+def test_what_explains_little_without_an_unconfirmed_effect_is_suspected_too(
+    monkeypatch, confirmed, suspected
+):
+    monkeypatch.setattr(verdict, "own_estimates", lambda effect, estimates: ())
+    monkeypatch.setattr(
+        verdict, "disagreement", lambda effect, *rest: "not confirmed" if effect is LARGE else ""
+    )
+    problem = SimpleNamespace(criteria=Criteria(), plain=SimpleNamespace(form_error=None), noise={})
+    s = SimpleNamespace(
+        best=SimpleNamespace(effects=(LARGE, SMALL)),
+        names=True,
+        test=SimpleNamespace(names={"large_one": None, "small_one": None}, base=None, best=None),
+        problem=problem,
+        search=problem,
+        confirmed=confirmed,
+        unconfirmed=("large_one",),
+    )
+    found = {one.effect: one.why for one in verdict._suspects(s, ())}
+    assert found.pop("large_one") == "not confirmed"
+    assert list(found) == suspected
+    assert all("without large one" in why and "4 %" in why for why in found.values())
