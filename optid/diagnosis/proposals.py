@@ -10,6 +10,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import chain
 from typing import TypeVar
 
 import numpy as np
@@ -18,7 +19,7 @@ from optid.core.llvm_simd import LANES
 from optid.core.model import Array
 from optid.core.threads import parallel_map
 from optid.diagnosis.fitted import FittedModel
-from optid.diagnosis.problem import DiagnosisProblem
+from optid.diagnosis.problem import DiagnosisProblem, with_effect
 from optid.diagnosis.score_test import LinearStep, Origin, branches_of, loss_of_own_step, origin_at
 from optid.effects.effect import Effect
 from optid.errors import SolveError
@@ -29,6 +30,7 @@ from optid.estimation.multistep import QUIET, quiet_filter, window_starts
 from optid.estimation.problem import Booleans
 
 SHARES = np.linspace(0.0, 1.0, LANES)  # shares of a linear step that are tried at once
+TOGETHER = 5  # effects that are scored in one model where few will compete
 SHORT = 5000  # samples of all recordings up to which all of them are used for proposals
 
 
@@ -98,18 +100,19 @@ def propose(
     origin = origin_at(q, p, first, resets, per_window, level)
     if origin is None:
         return Proposals((), dict.fromkeys((effect.name for effect in effects), 0.0), math.inf)
-    branches = parallel_map(partial(branches_of, current, problem, origin, first, resets), effects)
-    visible = {
-        effect.name: max((one.visible for one in some), default=0.0)
-        for effect, some in zip(effects, branches, strict=True)
-    }
-    steps = [one.best for some in branches for one in some if one.best is not None]
+    # Where few will compete, most need no model of their own.
+    size = TOGETHER if promise is not None else 1
+    together = [effects[k : k + size] for k in range(0, len(effects), size)]
+    found = parallel_map(partial(branches_of, current, problem, origin, first, resets), together)
+    branches = dict(zip((effect.name for effect in effects), chain.from_iterable(found), strict=True))
+    visible = {name: max((one.visible for one in some), default=0.0) for name, some in branches.items()}
+    steps = [one.best for some in branches.values() for one in some if one.best is not None]
     steps = keep_best(steps, len(steps))
     if promise is not None:
         most = (1.0 - promise) * loss_of_own_step(origin)
         # Without any effect the first competes anyway: the test asks whether it gains anything.
         steps = [one for k, one in enumerate(steps) if one.loss <= most or (k == 0 and not current.effects)]
-    running = parallel_map(partial(_tried, origin, current, first, resets), steps)
+    running = parallel_map(partial(_tried, problem, origin, current, first, resets), steps)
     running = keep_best(running, len(running))
     for leg, (turns, most) in enumerate(o.race):
         if problem.budget.is_over:
@@ -157,15 +160,21 @@ def worst_recording(current: FittedModel, problem: DiagnosisProblem) -> list[int
 
 
 def _tried(
-    origin: Origin, current: FittedModel, only: Sequence[int], resets: Booleans, one: LinearStep
+    problem: DiagnosisProblem,
+    origin: Origin,
+    current: FittedModel,
+    only: Sequence[int],
+    resets: Booleans,
+    one: LinearStep,
 ) -> Proposal:
     """A branch with the parameters moved by the share of the linear step that one simulation confirms."""
-    q, steps = one.likelihood_problem, one.step * origin.typical
+    q = problem.likelihood_problem(with_effect(current.rig, one.effect))
+    steps = one.step * origin.typical
     moves = [
         {name: origin.values[name] + share * by for name, by in zip(origin.free, steps, strict=True)}
         for share in SHARES
     ]
-    own = {each.name: float(one.p[i]) for i, each in enumerate(q.model.parameters)}
+    own = {**origin.values, **one.effect.qualified(one.values)}
     P = np.array([q.at({**own, **move}) for move in moves])
     seen = innovations(q, P, current.likelihood_problem.model, origin.held, only, resets)
     losses = 0.5 * huber(seen).sum(axis=1)

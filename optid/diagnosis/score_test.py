@@ -1,7 +1,8 @@
 """A linear step from a model along every branch of every effect: a score test with a line search.
 
 A simulation of an effect at its usual size, with the fixed gains of the model's quiet filter, shows its change of the
-windows' errors, and how much of these the effect in any strength and all other parameters explain linearly.
+windows' errors, and how much of these the effect in any strength and all other parameters explain linearly. Effects may
+be inserted several at a time, all but one at their nulls: that is one model to compile.
 """
 
 from __future__ import annotations
@@ -15,13 +16,14 @@ from scipy.optimize import lsq_linear
 
 from optid.core.model import Array
 from optid.diagnosis.fitted import FittedModel
-from optid.diagnosis.problem import DiagnosisProblem, with_effect
+from optid.diagnosis.problem import DiagnosisProblem
 from optid.effects.effect import Effect
 from optid.estimation.fixed_gain import innovations
 from optid.estimation.likelihood import FAR, Filtered, huber
 from optid.estimation.likelihood_point import NUDGES, LikelihoodProblem
 from optid.estimation.multistep import quiet_filter
 from optid.estimation.problem import Booleans
+from optid.rigs.rig import with_effects
 
 LITTLE = 0.1  # of a direction: step of its finite difference
 FARTHEST = 3.0  # times the usual size: largest strength along a branch
@@ -34,12 +36,11 @@ FEWEST = 0.02  # share of the usual size below which a branch is ignored
 class LinearStep:
     """The result of a linear step: an effect's parameters, the predicted loss, and a step of the other parameters.
 
-    The step is in typical sizes, (free,).
+    Parameters have their own names; the step is in typical sizes, (free,).
     """
 
     effect: Effect
-    likelihood_problem: LikelihoodProblem
-    p: Array
+    values: Mapping[str, float]
     loss: float
     step: Array
 
@@ -100,19 +101,37 @@ def branches_of(
     origin: Origin,
     only: Sequence[int],
     resets: Booleans,
-    effect: Effect,
-) -> list[Branch]:
-    """Every branch of an effect, at the strength that explains most."""
-    q = problem.likelihood_problem(with_effect(current.rig, effect))
+    effects: Sequence[Effect],
+) -> list[list[Branch]]:
+    """Every branch of some effects, at the strength that explains most; one list per effect."""
+    q = problem.likelihood_problem(with_effects(current.rig, effects))
+    points = [_points(current, effect) for effect in effects]
+    each = [effect.qualified(point) for effect, some in zip(effects, points, strict=True) for point in some]
+    P = np.array([q.at({**origin.values, **values}) for values in ({}, *each)])
+    here, *seen = innovations(q, P, current.likelihood_problem.model, origin.held, only, resets)
+    found, rest = [], np.array(seen) - here
+    for effect, some in zip(effects, points, strict=True):
+        changes, rest = rest[: len(some)], rest[len(some) :]
+        found.append((_combined if effect.ways else _apart)(origin, effect, some, changes))
+    return found
+
+
+def _points(current: FittedModel, effect: Effect) -> list[dict[str, float]]:
+    """Parameters at which an effect is simulated: a little along each direction, or at the start of each branch."""
     null = effect.at_null()
     if effect.ways:
-        return [_from_ways(current, origin, only, resets, effect, q)]
-    points = [{**null, **one} for one in effect.tries(*_missed(current))]
-    P = np.array([q.at({**origin.values, **effect.qualified(point)}) for point in points])
-    seen = innovations(q, P, current.likelihood_problem.model, origin.held, only, resets)
-    found = []
-    for point, z in zip(points, seen, strict=True):
-        change = z - origin.errors
+        return [
+            {**null, **{name: null[name] + LITTLE * by for name, by in way.items()}} for way in effect.ways
+        ]
+    return [{**null, **one} for one in effect.tries(*_missed(current))]
+
+
+def _apart(
+    origin: Origin, effect: Effect, points: Sequence[Mapping[str, float]], changes: Array
+) -> list[Branch]:
+    """Each branch by itself; changes of the windows' errors at its point, (points, rows)."""
+    null, found = effect.at_null(), []
+    for point, change in zip(points, changes, strict=True):
         visible = _visible(origin, change) / effect.size(point)
         step, loss = _explained(origin, change[:, None], 0.0)
         strength = step[-1]
@@ -123,36 +142,24 @@ def branches_of(
             name: null[name] + strength * (value - null[name]) if name in effect.strength else value
             for name, value in point.items()
         }
-        p = q.at({**origin.values, **effect.qualified(scaled)})
-        found.append(Branch(LinearStep(effect, q, p, loss, step[:-1]), effect, visible))
+        found.append(Branch(LinearStep(effect, scaled, loss, step[:-1]), effect, visible))
     return found
 
 
-def _from_ways(
-    current: FittedModel,
-    origin: Origin,
-    only: Sequence[int],
-    resets: Booleans,
-    effect: Effect,
-    q: LikelihoodProblem,
-) -> Branch:
+def _combined(
+    origin: Origin, effect: Effect, points: Sequence[Mapping[str, float]], changes: Array
+) -> list[Branch]:
     """An effect that starts at its null, along all of its directions at once."""
-    null = effect.at_null()
-    turns = [{**null, **{name: null[name] + LITTLE * by for name, by in way.items()}} for way in effect.ways]
-    P = np.array([q.at({**origin.values, **effect.qualified(turn)}) for turn in turns])
-    seen = innovations(q, P, current.likelihood_problem.model, origin.held, only, resets)
-    changes = (seen - origin.errors).T / LITTLE
     visible = max(
-        _visible(origin, LITTLE * one) / max(effect.size(turn), 1e-12)
-        for one, turn in zip(changes.T, turns, strict=True)
+        _visible(origin, one) / max(effect.size(point), 1e-12)
+        for one, point in zip(changes, points, strict=True)
     )
-    step, loss = _explained(origin, changes, -FARTHEST)
-    own, count = dict(null), len(origin.free)
+    step, loss = _explained(origin, changes.T / LITTLE, -FARTHEST)
+    own, count = dict(effect.at_null()), len(origin.free)
     for strength, way in zip(step[count:], effect.ways, strict=True):
         for name, by in way.items():
             own[name] += strength * by
-    p = q.at({**origin.values, **effect.qualified(own)})
-    return Branch(LinearStep(effect, q, p, loss, step[:count]), effect, visible)
+    return [Branch(LinearStep(effect, own, loss, step[:count]), effect, visible)]
 
 
 def _missed(current: FittedModel) -> tuple[list[Array], float]:

@@ -1,6 +1,7 @@
 """Proposals: what is looked at, and what a race keeps."""
 
 from dataclasses import replace
+from itertools import chain
 from types import SimpleNamespace
 
 import numpy as np
@@ -73,3 +74,34 @@ def test_branches_compete_where_their_linear_step_promises_enough(tmp_path, monk
         assert bool(entered) is lacking
         assert np.isfinite(found.alone) == lacking
         assert set(found.visible) == {one.name for one in effects}
+
+
+def test_effects_that_are_scored_in_one_model_score_as_in_models_of_their_own(tmp_path, monkeypatch):
+    asked = problem_of(tmp_path, [recording(seed, f"{seed}.csv", dead_band) for seed in (1, 2)])
+    base, asked = fit_base(asked)
+    effects, found, score = admitted(base.rig.model), [], proposals.branches_of
+    sizes = []
+
+    def noted(*given):
+        sizes.append(len(given[-1]))
+        found.append(score(*given))
+        return found[-1]
+
+    monkeypatch.setattr(proposals, "branches_of", noted)
+    told = []
+    for promise in (None, 0.02):
+        found.clear()
+        visible = propose(base, effects, asked, promise=promise).visible
+        told.append((visible, [[one.best for one in some] for group in found for some in group]))
+    assert set(sizes) >= {1, proposals.TOGETHER}
+    (alone, apart), (beside, together) = told
+    assert list(alone) == list(beside)
+    assert np.allclose(list(alone.values()), list(beside.values()), rtol=0.01, atol=0.01)
+    assert [[one is None for one in some] for some in apart] == [
+        [one is None for one in some] for some in together
+    ]
+    for one, other in zip(chain(*apart), chain(*together), strict=True):
+        if one is not None:
+            assert np.isclose(one.loss, other.loss, rtol=0.01)
+            assert one.effect is other.effect
+            assert set(one.values) == set(other.values)
