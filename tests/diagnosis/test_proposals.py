@@ -1,7 +1,6 @@
 """Proposals: what is looked at, and what a race keeps."""
 
 from dataclasses import replace
-from itertools import chain
 from types import SimpleNamespace
 
 import numpy as np
@@ -79,29 +78,26 @@ def test_branches_compete_where_their_linear_step_promises_enough(tmp_path, monk
 def test_effects_that_are_scored_in_one_model_score_as_in_models_of_their_own(tmp_path, monkeypatch):
     asked = problem_of(tmp_path, [recording(seed, f"{seed}.csv", dead_band) for seed in (1, 2)])
     base, asked = fit_base(asked)
-    effects, found, score = admitted(base.rig.model), [], proposals.branches_of
-    sizes = []
+    effects, found, score = admitted(base.rig.model), {}, proposals.branches_of
+    sizes = set()
 
     def noted(*given):
-        sizes.append(len(given[-1]))
-        found.append(score(*given))
-        return found[-1]
+        branches = score(*given)
+        sizes.add(len(given[-1]))
+        found.update({effect.name: some for effect, some in zip(given[-1], branches, strict=True)})
+        return branches
 
     monkeypatch.setattr(proposals, "branches_of", noted)
-    told = []
-    for promise in (None, 0.02):
-        found.clear()
-        visible = propose(base, effects, asked, promise=promise).visible
-        told.append((visible, [[one.best for one in some] for group in found for some in group]))
-    assert set(sizes) >= {1, proposals.TOGETHER}
-    (alone, apart), (beside, together) = told
+    alone = propose(base, effects, asked).visible
+    apart = dict(found)
+    beside = propose(base, effects, asked, promise=0.02).visible
+    assert sizes >= {1, proposals.TOGETHER}
     assert list(alone) == list(beside)
     assert np.allclose(list(alone.values()), list(beside.values()), rtol=0.1, atol=0.01)
-    assert [[one is None for one in some] for some in apart] == [
-        [one is None for one in some] for some in together
-    ]
-    for one, other in zip(chain(*apart), chain(*together), strict=True):
-        if one is not None:
-            assert np.isclose(one.loss, other.loss, rtol=0.03)
+    for name, some in apart.items():
+        for one, other in zip(some, found[name], strict=True):
+            assert (one.best is None) == (other.best is None)
             assert one.effect is other.effect
-            assert set(one.values) == set(other.values)
+            if one.best is not None:
+                assert np.isclose(one.best.loss, other.best.loss, rtol=0.03)
+                assert set(one.best.values) == set(other.best.values)
