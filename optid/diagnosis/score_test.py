@@ -28,6 +28,7 @@ from optid.rigs.rig import with_effects
 LITTLE = 0.1  # of a direction: step of its finite difference
 FARTHEST = 3.0  # times the usual size: largest strength along a branch
 ROUNDS = 2  # iterations of reweighting in a linear fit
+UNSEEN = 0.01  # sd: a smaller change is the integrator's
 LOST = 30.0  # sd: larger changes are clipped to it
 FEWEST = 0.02  # share of the usual size below which a branch is ignored
 
@@ -132,7 +133,11 @@ def _apart(
     """Each branch by itself; changes of the windows' errors at its point, (points, rows)."""
     null, found = effect.at_null(), []
     for point, change in zip(points, changes, strict=True):
-        visible = _visible(origin, change) / effect.size(point)
+        seen = _visible(origin, change)
+        if seen < UNSEEN:
+            found.append(Branch(None, effect, 0.0))
+            continue
+        visible = seen / effect.size(point)
         step, loss = _explained(origin, change[:, None], 0.0)
         strength = step[-1]
         if strength < FEWEST:

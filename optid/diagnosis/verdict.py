@@ -29,7 +29,6 @@ from optid.effects.library import admitted, untestable
 from optid.estimation.result import Estimate
 
 VISIBLE = 5.0  # sd by which windows' errors must change for an effect to be detected with certainty
-UNSEEN = 0.05  # sd: less is no change, but the integrator's
 
 
 def is_sufficient(path: SelectionPath, problem: DiagnosisProblem) -> bool:
@@ -242,7 +241,7 @@ def _not_testable(path: SelectionPath, problem: DiagnosisProblem) -> tuple[tuple
             continue
         name, least = next(iter(effect.strength.items()))
         unit = next(q.unit for q in effect.parameters if q.name == name)
-        if sd < UNSEEN:
+        if sd <= 0.0:
             rows.append(
                 (effect.name, f"nothing in these recordings would change; it needs {effect.needs}", "")
             )
