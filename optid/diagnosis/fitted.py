@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 from optid.core.model import Array
+from optid.core.recording import Recording
 from optid.diagnosis.problem import DiagnosisProblem
 from optid.effects.effect import Effect
 from optid.estimation.likelihood_point import LikelihoodProblem
@@ -27,12 +28,14 @@ class FittedModel:
         rig: with them.
         fit: parameters, and the quiet filter there.
         validated: its cross-validated errors, by the problem that they were asked for.
+        refitted: the model refitted to a search's recordings at their full rate and accuracy, by these recordings.
     """
 
     effects: tuple[Effect, ...]
     rig: Rig
     fit: MultistepFit
     validated: dict[DiagnosisProblem, Validated] = field(default_factory=dict, init=False)
+    refitted: dict[tuple[Recording, ...], FittedModel] = field(default_factory=dict, init=False)
 
     @property
     def likelihood_problem(self) -> LikelihoodProblem:
@@ -81,10 +84,14 @@ def fit_model(
 
 
 def refit(model: FittedModel, problem: DiagnosisProblem) -> FittedModel:
-    """Refit the result of a search to the recordings at their full rate and accuracy."""
+    """Refit the result of a search at the full rate and accuracy of the recordings; the model remembers it."""
     rig = replace(model.rig, channels=problem.rig.channels)
     q = problem.likelihood_problem(rig)
     before = model.likelihood_problem.problem
     if len(q.problem.time) == len(before.time) and q.problem.tolerance == before.tolerance:
         return model
-    return fit_model(problem, model.effects, rig, q, model.p, level=model.fit.level)
+    if problem.train not in model.refitted:
+        model.refitted[problem.train] = fit_model(
+            problem, model.effects, rig, q, model.p, level=model.fit.level
+        )
+    return model.refitted[problem.train]

@@ -24,6 +24,7 @@ def test_the_result_of_a_search_is_fitted_again_as_accurately_as_it_is_tested(tm
     again = refit(base, asked)
     assert np.allclose(tolerances(again), TOLERANCE)
     assert refit(again, asked) is again
+    assert refit(base, asked) is again  # remembered: several stages ask
 
 
 def test_a_faster_recording_is_also_decimated(tmp_path):
