@@ -1,5 +1,7 @@
 """Long recordings are checked at a bounded cost and short ones diagnosed; the answer says on what it rests."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -60,3 +62,20 @@ def test_a_record_of_a_second_has_enough_windows():
     gate([recorded(1000)], ("position",), ("command",), Criteria())
     with pytest.raises(InputError, match=r"windows of 0\.05 s"):  # of fifty samples at least
         gate([recorded(120)], ("position",), ("command",), Criteria())
+
+
+def thinned(one, keep):
+    """The recording with the position measured at some rows only."""
+    position = one["position"]
+    values = np.where(keep, position.values, np.nan)
+    return replace(one, channels={**one.channels, "position": replace(position, values=values)})
+
+
+def test_a_sensor_slower_than_the_log_has_its_windows():
+    """Every fourth row of 4 s is 4 s; as many rows in one piece are one second, and scattered ones count alone."""
+    one, rows = recorded(4000), np.arange(4000)
+    gate([thinned(one, rows % 4 == 0)], ("position",), ("command",), Criteria())
+    scattered = np.isin(rows, np.random.default_rng(0).choice(rows, 1000, replace=False))
+    for keep in (rows < 1000, scattered):
+        with pytest.raises(InputError, match=r"only 2\.0 windows"):
+            gate([thinned(one, keep)], ("position",), ("command",), Criteria())

@@ -23,24 +23,24 @@ def held_between(
     """
     found, notes = dict(values), []
     for role, series in values.items():
-        stride = _stride(series)
-        if stride < 2 and held.get(role) and _joined(role, values):
+        apart = stride(series)
+        if apart < 2 and held.get(role) and _joined(role, values):
             found[role] = _held_on(time, series)
             notes.append(
                 f"{role} has no value in the rows of the other channels: its last sample is held there"
             )
-        if stride < 2:
+        if apart < 2:
             continue
-        rate = 1 / (float(np.median(np.diff(time))) * stride)
+        rate = 1 / (float(np.median(np.diff(time))) * apart)
         if held.get(role):
             rows = np.arange(len(series))
             last = np.maximum.accumulate(np.where(np.isfinite(series), rows, 0))
-            near = (rows - last <= math.ceil(1.5 * stride)) & np.isfinite(series[last])
+            near = (rows - last <= math.ceil(1.5 * apart)) & np.isfinite(series[last])
             found[role] = np.where(near, series[last], np.nan)
-            notes.append(f"{role} has a sample every {stride} rows ({rate:.4g} Hz) and is held between them")
+            notes.append(f"{role} has a sample every {apart} rows ({rate:.4g} Hz) and is held between them")
         else:
             notes.append(
-                f"{role} has its own rate, a sample every {stride} rows ({rate:.4g} Hz): it counts as measured there"
+                f"{role} has its own rate, a sample every {apart} rows ({rate:.4g} Hz): it counts as measured there"
             )
     return found, tuple(notes)
 
@@ -64,7 +64,7 @@ def _held_on(time: Array, series: Array) -> Array:
     return np.where(near, series[last], np.nan)
 
 
-def _stride(series: Array) -> int:
+def stride(series: Array) -> int:
     """Rows from one sample to the next where they come regularly, else 1."""
     if not 8 <= np.count_nonzero(np.isfinite(series)) <= 0.7 * len(series):
         return 1
