@@ -17,6 +17,7 @@ from optid.core.model import Array
 from optid.core.simulation import simulate
 from optid.errors import SolveError
 from optid.estimation.initial_trajectory import COARSE, guess, measured_states
+from optid.estimation.likelihood import run_windows
 from optid.estimation.problem import Integers, Problem
 from optid.estimation.smoother import PASSING, PRECISE, Objective, Point, Terms, descend
 
@@ -139,11 +140,21 @@ def _likeliest(o: Objective, at: Point) -> list[Point]:
     z = ndtri(Sobol(len(hidden), scramble=False).random(STARTS) + 0.5 / STARTS)
     starts = np.tile(at.X[0], (STARTS, 1))
     starts[:, hidden] = o.start[hidden] + o.spread[hidden] * z
-    run = simulate(o.model, at.p, starts, b.dt, b.inputs, tolerance=COARSE)
-    off = (run.outputs - b.measured[: run.outputs.shape[1]]) * o.weight[: run.outputs.shape[1]]
-    lost = ~np.isfinite(run.outputs).all(axis=(1, 2))
+    whole = replace(
+        b,
+        begins=b.begins[:1],
+        counts=np.array([b.begins[-1] + b.counts[-1] - b.begins[0]]),
+        closed=b.closed[-1:],
+        linked=np.array([False]),
+        recording=b.recording[:1],
+    )
+    outputs = run_windows(o.model, whole, at.p, starts[:, None], [0])
+    lost = ~np.isfinite(outputs[:, b.begins[0] : b.begins[0] + whole.counts[0]]).all(axis=(1, 2))
+    off = (outputs - b.measured) * o.weight
     cost = np.where(lost, np.inf, np.nansum(off**2, axis=(1, 2)) + (z**2).sum(axis=1))
-    return [Point(run.states[k, b.begins - b.begins[0]], at.p) for k in np.argsort(cost)[:LIKELIEST]]
+    best = np.argsort(cost)[:LIKELIEST]
+    run = simulate(o.model, at.p, starts[best], b.dt, b.inputs, tolerance=COARSE)
+    return [Point(states[b.begins - b.begins[0]], at.p) for states in run.states]
 
 
 def _annealed(o: Objective, at: Point, q: Array) -> tuple[Point, Terms]:
