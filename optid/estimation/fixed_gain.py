@@ -226,7 +226,7 @@ def held_out_residuals(residuals: Residuals, fold: Integers) -> Array:
         here = rows == number
         best = np.argmin(huber(candidates[:, ~here]).sum(axis=1))
         found[here] = candidates[best, here]
-    return found[: len(fold)]
+    return np.asarray(found[: len(fold)])
 
 
 def damped_step(
