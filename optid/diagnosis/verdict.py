@@ -85,8 +85,8 @@ def largest_rest(problem: DiagnosisProblem) -> float:
 
 def conclude(s: TestedResult, doubted: TestedResult | None = None) -> Diagnosis:
     """The answer of all stages; beside it what the hold-out does not confirm of a larger answer is suspected."""
-    if s.test.refuted and not s.names and not s.wide:
-        # A surrogate is kept only if it predicts better.
+    if s.test.refuted and not s.wide and (not s.names or _is_contradicted(s)):
+        # A surrogate is kept only if it predicts better, and so is a name beside a base at the noise.
         s = replace(s, best=s.base, test=s.test.of_base(s.problem.noise))
     base_parameters = intervals(s.base, _birge(s, s.test.base))
     best_parameters = (
@@ -137,6 +137,13 @@ def _verdict(s: TestedResult, suspects: Sequence[Suspicion]) -> Verdict:
         return Verdict.MISSING_PHYSICS if held and proven else Verdict.UNEXPLAINED
     silent = not s.best.effects and s.surrogate is None
     return Verdict.CONSISTENT if silent and at_noise else Verdict.UNEXPLAINED
+
+
+def _is_contradicted(s: TestedResult) -> bool:
+    """Whether a base at the noise predicts every output held out better than with any of the selected effects."""
+    ratios = s.path.first.error_over_noise, s.test.base.error_over_noise(s.problem.noise)
+    at_noise = all(ratio <= s.problem.criteria.error_over_noise for ratio in ratios)
+    return at_noise and all(evidence.error_gain <= 0.0 for evidence in s.test.names.values())
 
 
 def _share(s: TestedResult) -> float:

@@ -1,4 +1,4 @@
-"""A name that was found beside another one stands only as far as it stands without it."""
+"""A name found beside another one stands as far as it stands without it; one that is contradicted is not suspected."""
 
 from types import SimpleNamespace
 
@@ -47,3 +47,28 @@ def test_what_explains_little_without_an_unconfirmed_effect_is_suspected_too(
     assert found.pop("large_one") == "not confirmed"
     assert list(found) == suspected
     assert all("without large one" in why and "4 %" in why for why in found.values())
+
+
+@pytest.mark.parametrize(
+    ("first", "held_out", "gains", "contradicted"),
+    [
+        (0.6, 1.0, (-4.0,), True),  # at the noise without it, and far from it with it
+        (0.6, 1.0, (-0.1, 0.0), True),
+        (0.6, 1.0, (-0.1, 0.02), False),  # one of them helps a little: suspected
+        (3.0, 1.0, (-4.0,), False),  # what it was fitted to lacks something
+        (0.6, 3.0, (-4.0,), False),  # and what was held out
+        (0.6, np.nan, (-4.0,), False),
+        (np.nan, 1.0, (-4.0,), False),
+        (0.6, 1.0, (np.nan,), False),
+    ],
+)
+def test_a_name_that_a_sound_base_contradicts_leaves_no_suspicion(first, held_out, gains, contradicted):
+    s = SimpleNamespace(
+        path=SimpleNamespace(first=SimpleNamespace(error_over_noise=first)),
+        problem=SimpleNamespace(criteria=Criteria(), noise={}),
+        test=SimpleNamespace(
+            base=SimpleNamespace(error_over_noise=lambda noise: held_out),
+            names={str(k): SimpleNamespace(error_gain=gain) for k, gain in enumerate(gains)},
+        ),
+    )
+    assert verdict._is_contradicted(s) is contradicted
