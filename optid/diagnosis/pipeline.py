@@ -47,6 +47,7 @@ from optid.diagnosis.testing import gate, test_on_holdout
 from optid.diagnosis.verdict import (
     conclude,
     found_nothing,
+    gains_alone,
     is_beyond_doubt,
     is_explained_elsewhere,
     is_sufficient,
@@ -146,7 +147,7 @@ def _conclude_without_doubts(tested: TestedResult, unseal: Callable[[], Sequence
     is no larger than that of one. Where the rest does not stand alone, the larger answer is told with its doubts.
     """
     path = without_effects(tested.path, tested.unconfirmed, tested.search)
-    if is_sufficient(path, tested.search):
+    if gains_alone(path, tested.search):
         found = SearchResult(*(getattr(tested, one.name) for one in fields(SearchResult)))
         alone = conclude(_refine_and_test(replace(found, path=path), path.best, unseal), doubted=tested)
         if alone.verdict is Verdict.MISSING_PHYSICS:

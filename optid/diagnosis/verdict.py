@@ -25,6 +25,7 @@ from optid.diagnosis.selection.path import SelectionPath
 from optid.diagnosis.summary import summarise
 from optid.diagnosis.surrogate.search import Surrogate
 from optid.diagnosis.tested_result import TestedResult
+from optid.diagnosis.validation import error_gain
 from optid.effects.library import admitted, untestable
 from optid.estimation.result import Estimate
 
@@ -40,6 +41,11 @@ def is_sufficient(path: SelectionPath, problem: DiagnosisProblem) -> bool:
 def found_nothing(path: SelectionPath, problem: DiagnosisProblem) -> bool:
     """Whether the base leaves a mismatch and the whole search selected nothing."""
     return not path.best.effects and not _at_noise(path, problem) and not path.ended_early
+
+
+def gains_alone(path: SelectionPath, problem: DiagnosisProblem) -> bool:
+    """Whether the effects of a path predict better than the base by as much as a name must."""
+    return error_gain(path.first, path.validated) >= problem.criteria.smallest_gain
 
 
 def is_beyond_doubt(path: SelectionPath, problem: DiagnosisProblem) -> bool:
@@ -187,7 +193,7 @@ def _suspects(s: TestedResult, estimates: Sequence[Estimate]) -> tuple[Suspicion
 
 def _no_ground(s: TestedResult) -> str:
     """Why confirmed effects are not proven without those that the hold-out does not confirm; empty if they are."""
-    if s.confirmed is None or is_sufficient(s.confirmed, s.search):
+    if s.confirmed is None or gains_alone(s.confirmed, s.search):
         return ""
     others = " and ".join(one.replace("_", " ") for one in s.unconfirmed)
     explained = 1.0 - s.confirmed.validated.excess / max(s.confirmed.first.excess, 1e-300)

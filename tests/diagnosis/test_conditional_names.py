@@ -22,7 +22,7 @@ def path_left_at(ratio, first=10.0):
     ("confirmed", "suspected"),
     [
         (None, []),  # the hold-out confirms everything
-        (path_left_at(9.8), ["small_one"]),  # 4 % of the squared error
+        (path_left_at(9.8), ["small_one"]),  # 2 % of the error, 4 % of the squared one
         (path_left_at(5.0), []),  # three quarters: it stands alone
     ],
 )
