@@ -11,6 +11,8 @@ from optid.diagnosis.proposals import SHORT, propose, worst_recordings
 from optid.effects.library import admitted
 from tests.diagnosis.trolley import problem_of, recording
 
+FEW = 7  # effects, of which the second is the dead band: every one is a model to compile
+
 
 def dead_band(u):
     return np.sign(u) * np.maximum(np.abs(u) - 0.2, 0.0)
@@ -60,7 +62,7 @@ def test_branches_compete_where_their_linear_step_promises_enough(tmp_path, monk
     for concealed, lacking in ((lambda u: u, False), (dead_band, True)):
         asked = problem_of(tmp_path, [recording(seed, f"{seed}.csv", concealed) for seed in (1, 2)])
         base, asked = fit_base(asked)
-        effects = admitted(base.rig.model)
+        effects = admitted(base.rig.model)[:FEW]
         entered.clear()
         ranked = propose(base, effects, asked, promise=0.1).ranked
         names = {one.effect.name for one in entered}
@@ -78,7 +80,7 @@ def test_branches_compete_where_their_linear_step_promises_enough(tmp_path, monk
 def test_effects_that_are_scored_in_one_model_score_as_in_models_of_their_own(tmp_path, monkeypatch):
     asked = problem_of(tmp_path, [recording(seed, f"{seed}.csv", dead_band) for seed in (1, 2)])
     base, asked = fit_base(asked)
-    effects, found, score = admitted(base.rig.model), {}, proposals.branches_of
+    effects, found, score = admitted(base.rig.model)[:FEW], {}, proposals.branches_of
     sizes = set()
 
     def noted(*given):
