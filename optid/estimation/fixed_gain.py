@@ -29,7 +29,7 @@ FLOOR = 1e-3
 LOST = 1e3  # sd: an innovation of a model that has diverged
 # Share of a step's change that its slopes may miss for the next step to update them (Broyden, Math. Comput. 19, 1965) #
 # instead of simulating every parameter's.
-MISSED = 0.3
+MISSED = 0.1
 
 
 class FixedGainFit(NamedTuple):
