@@ -137,10 +137,10 @@ def diagnose(
     found = SearchResult(problem, search, path, alternatives, surrogate, wide is not None)
     tested = _refine_and_test(found, wide or answer_of(path, surrogate), unseal)
     kept.clear()
-    return _conclude_without_doubts(tested, unseal) if tested.unconfirmed else conclude(tested)
+    return _conclude_from_confirmed(tested, unseal) if tested.unconfirmed else conclude(tested)
 
 
-def _conclude_without_doubts(tested: TestedResult, unseal: Callable[[], Sequence[Recording]]) -> Diagnosis:
+def _conclude_from_confirmed(tested: TestedResult, unseal: Callable[[], Sequence[Recording]]) -> Diagnosis:
     """The answer without names that the hold-out does not confirm, where the rest stands alone.
 
     A name of that answer has passed two tests on the same windows, beside the others and without them: its error rate

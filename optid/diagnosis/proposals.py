@@ -20,7 +20,7 @@ from optid.core.model import Array
 from optid.core.threads import parallel_map
 from optid.diagnosis.fitted import FittedModel
 from optid.diagnosis.problem import DiagnosisProblem, with_effect
-from optid.diagnosis.score_test import LinearStep, Origin, branches_of, loss_of_own_step, origin_at
+from optid.diagnosis.score_test import LinearStep, Origin, branches_of, linear_loss_without_effect, origin_at
 from optid.effects.effect import Effect
 from optid.errors import SolveError
 from optid.estimation.fixed_gain import fixed_gain_fit, innovations
@@ -109,7 +109,7 @@ def propose(
     steps = [one.best for some in branches.values() for one in some if one.best is not None]
     steps = keep_best(steps, len(steps))
     if promise is not None:
-        most = (1.0 - promise) * loss_of_own_step(origin)
+        most = (1.0 - promise) * linear_loss_without_effect(origin)
         # Without any effect the first competes anyway: the test asks whether it gains anything.
         steps = [one for k, one in enumerate(steps) if one.loss <= most or (k == 0 and not current.effects)]
     running = parallel_map(partial(_tried, problem, origin, current, first, resets), steps)

@@ -106,18 +106,18 @@ def branches_of(
 ) -> list[list[Branch]]:
     """Every branch of some effects, at the strength that explains most; one list per effect."""
     q = problem.likelihood_problem(with_effects(current.rig, effects))
-    points = [_points(current, effect) for effect in effects]
+    points = [_scored_points(current, effect) for effect in effects]
     each = [effect.qualified(point) for effect, some in zip(effects, points, strict=True) for point in some]
     P = np.array([q.at({**origin.values, **values}) for values in ({}, *each)])
     here, *seen = innovations(q, P, current.likelihood_problem.model, origin.held, only, resets)
     found, rest = [], np.array(seen) - here
     for effect, some in zip(effects, points, strict=True):
         changes, rest = rest[: len(some)], rest[len(some) :]
-        found.append((_combined if effect.ways else _apart)(origin, effect, some, changes))
+        found.append((_combined_branch if effect.ways else _separate_branches)(origin, effect, some, changes))
     return found
 
 
-def _points(current: FittedModel, effect: Effect) -> list[dict[str, float]]:
+def _scored_points(current: FittedModel, effect: Effect) -> list[dict[str, float]]:
     """Parameters at which an effect is simulated: a little along each direction, or at the start of each branch."""
     null = effect.at_null()
     if effect.ways:
@@ -127,7 +127,7 @@ def _points(current: FittedModel, effect: Effect) -> list[dict[str, float]]:
     return [{**null, **one} for one in effect.tries(*_missed(current))]
 
 
-def _apart(
+def _separate_branches(
     origin: Origin, effect: Effect, points: Sequence[Mapping[str, float]], changes: Array
 ) -> list[Branch]:
     """Each branch by itself; changes of the windows' errors at its point, (points, rows)."""
@@ -151,7 +151,7 @@ def _apart(
     return found
 
 
-def _combined(
+def _combined_branch(
     origin: Origin, effect: Effect, points: Sequence[Mapping[str, float]], changes: Array
 ) -> list[Branch]:
     """An effect that starts at its null, along all of its directions at once."""
@@ -174,7 +174,7 @@ def _missed(current: FittedModel) -> tuple[list[Array], float]:
     return [missed[first : first + count + 1] for first, count in stretches], float(np.median(problem.dt))
 
 
-def loss_of_own_step(origin: Origin) -> float:
+def linear_loss_without_effect(origin: Origin) -> float:
     """The loss that a linear step of the model's own parameters predicts."""
     return _explained(origin, np.empty((len(origin.errors), 0)), 0.0)[1]
 

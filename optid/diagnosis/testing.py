@@ -14,7 +14,7 @@ import numpy as np
 
 from optid.core.model import Array
 from optid.core.quantity import quantity
-from optid.core.readers.own_rate import stride
+from optid.core.readers.own_rate import sample_stride
 from optid.core.recording import Recording
 from optid.diagnosis.criteria import Criteria
 from optid.diagnosis.evaluation import Evaluation, evaluate
@@ -87,7 +87,7 @@ def gate(
             known &= np.isfinite(one[role].values)
         measured = [np.where(known, one[role].values, math.nan) for role in outputs if role in one]
         # A sample of a sensor slower than the recording stands for the rows up to its next one.
-        covered = [float(np.isfinite(values).sum()) * stride(values) for values in measured]
+        covered = [float(np.isfinite(values).sum()) * sample_stride(values) for values in measured]
         window = window_seconds(one.interval, one.duration)
         most = max(covered, default=0.0) * one.interval / window
         if most < criteria.fewest_windows:

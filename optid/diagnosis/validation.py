@@ -22,7 +22,7 @@ from optid.diagnosis.criteria import Criteria
 from optid.diagnosis.fitted import FittedModel
 from optid.diagnosis.problem import DiagnosisProblem
 from optid.effects.effect import Effect
-from optid.estimation.fixed_gain import Residuals, held_out_residuals
+from optid.estimation.fixed_gain import Residuals, cross_validated_residuals
 from optid.estimation.likelihood import huber
 from optid.estimation.multistep import window_starts
 from optid.estimation.problem import Integers, Problem, window_blocks
@@ -86,7 +86,7 @@ def _cross_validated(model: FittedModel, problem: DiagnosisProblem) -> Validated
     fold = _folds(recording, q.problem.time, problem.validation)
     residuals = Residuals(q, model.p, q.model, model.fit.filtered, resets=resets)
     z = np.full(known.shape, np.nan)
-    z[known] = held_out_residuals(residuals, np.repeat(fold, known.sum(axis=1)))
+    z[known] = cross_validated_residuals(residuals, np.repeat(fold, known.sum(axis=1)))
     z[fold < 0] = np.nan
     # The first window of a recording has no past data: it is not a prediction.
     first = np.isin(np.arange(len(z)), _first_windows(q.problem, problem.window))

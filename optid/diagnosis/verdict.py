@@ -186,12 +186,12 @@ def _suspects(s: TestedResult, estimates: Sequence[Estimate]) -> tuple[Suspicion
         why = disagreement(
             effect, own, evidence, s.test.base, s.test.best, s.problem.noise, s.problem.criteria
         )
-        if why := why or _no_ground(s):
+        if why := why or _why_not_alone(s):
             found.append(Suspicion(effect.name, why))
     return tuple(found)
 
 
-def _no_ground(s: TestedResult) -> str:
+def _why_not_alone(s: TestedResult) -> str:
     """Why confirmed effects are not proven without those that the hold-out does not confirm; empty if they are."""
     if s.confirmed is None or gains_alone(s.confirmed, s.search):
         return ""

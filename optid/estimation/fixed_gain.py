@@ -69,7 +69,7 @@ class Residuals:
         """Of the free parameters."""
         return self.q.low / self.q.typical, self.q.high / self.q.typical
 
-    def vectors(self, X: Array) -> Array:
+    def parameter_sets(self, X: Array) -> Array:
         """Whole parameter vectors of free parameters X (sets, free), (sets, parameters)."""
         P = np.tile(self.p, (len(X), 1))
         P[:, list(self.q.free)] = np.clip(X * self.q.typical, self.q.low, self.q.high)
@@ -77,15 +77,15 @@ class Residuals:
 
     def at(self, X: Array) -> Array:
         """Innovations in sd, then deviations from the priors, (sets, rows)."""
-        z = innovations(self.q, self.vectors(X), self.plain, self.guide, self.only, self.resets)
+        z = innovations(self.q, self.parameter_sets(X), self.plain, self.guide, self.only, self.resets)
         return np.concatenate([z, (X * self.q.typical - self.q.prior) / self.q.prior_sd], axis=1)
 
-    def slopes(self, x: Array, z: Array, steps: Array) -> Array:
+    def jacobian(self, x: Array, z: Array, steps: Array) -> Array:
         """By finite differences at x, where the residuals are z, (rows, free)."""
         steps = np.where(x + steps > self.bounds[1], -steps, steps)
         return ((self.at(x + np.diag(steps)) - z) / steps[:, None]).T
 
-    def ladder(
+    def damped_points(
         self, x: Array, z: Array, J: Array, scale: float = 1.0, counted: Booleans | None = None
     ) -> Array:
         """Points after a step with each damping factor, (dampings, free); `counted` rows decide, all if absent."""
@@ -157,19 +157,19 @@ def fixed_gain_fit(
     for _ in range(steps):
         simulated = J is None
         if J is None:
-            J = residuals.slopes(x, z, nudges)
+            J = residuals.jacobian(x, z, nudges)
             nudges = np.clip(REACH / np.maximum(np.linalg.norm(J, axis=0), 1e-12), NUDGES[0], NUDGES[2])
-        step = _best_step(residuals, x, z, loss, J, scale)
+        step = _levenberg_marquardt_step(residuals, x, z, loss, J, scale)
         if step is None and simulated:
             break
         if step is None:
             J = None
             continue
-        before, J = loss, updated_slopes(J, step.x - x, step.z - z)
+        before, J = loss, broyden_update(J, step.x - x, step.z - z)
         x, z, loss, scale = step
         if before - loss < TOLERANCE * loss:
             break
-    return FixedGainFit(residuals.vectors(x[None])[0], loss)
+    return FixedGainFit(residuals.parameter_sets(x[None])[0], loss)
 
 
 class _Step(NamedTuple):
@@ -181,10 +181,12 @@ class _Step(NamedTuple):
     scale: float
 
 
-def _best_step(residuals: Residuals, x: Array, z: Array, loss: float, J: Array, scale: float) -> _Step | None:
+def _levenberg_marquardt_step(
+    residuals: Residuals, x: Array, z: Array, loss: float, J: Array, scale: float
+) -> _Step | None:
     """The damped step with the smallest loss; ``None`` if none has a smaller one than x."""
     for _ in range(TRIALS):
-        X = residuals.ladder(x, z, J, scale)
+        X = residuals.damped_points(x, z, J, scale)
         Z = residuals.at(X)
         losses = 0.5 * huber(Z).sum(axis=1)
         best = int(np.argmin(losses))
@@ -194,7 +196,7 @@ def _best_step(residuals: Residuals, x: Array, z: Array, loss: float, J: Array, 
     return None
 
 
-def updated_slopes(J: Array, step: Array, change: Array) -> Array | None:
+def broyden_update(J: Array, step: Array, change: Array) -> Array | None:
     """Broyden's update after a step with this change of residuals; ``None`` where the slopes missed too much of it.
 
     In a metric in which all parameters have equal weight.
@@ -205,7 +207,7 @@ def updated_slopes(J: Array, step: Array, change: Array) -> Array | None:
     return np.asarray(J + np.outer(missed, along / (step @ along)))
 
 
-def held_out_residuals(residuals: Residuals, fold: Integers) -> Array:
+def cross_validated_residuals(residuals: Residuals, fold: Integers) -> Array:
     """Residuals of each fold with parameters fitted to all others by one step from the fit to everything, (measured,).
 
     The step with the damping that suits those others best, or none; the slopes are the same for all folds, so that
@@ -217,9 +219,9 @@ def held_out_residuals(residuals: Residuals, fold: Integers) -> Array:
     """
     x = residuals.start
     (z,) = residuals.at(x[None])
-    J = residuals.slopes(x, z, np.full(len(x), NUDGES[1]))
+    J = residuals.jacobian(x, z, np.full(len(x), NUDGES[1]))
     numbers, rows = np.unique(fold[fold >= 0]), np.append(fold, np.full(len(x), -1))
-    X = np.concatenate([residuals.ladder(x, z, J, counted=rows != number) for number in numbers])
+    X = np.concatenate([residuals.damped_points(x, z, J, counted=rows != number) for number in numbers])
     Z, found = residuals.at(X).reshape(len(numbers), len(DAMPINGS), -1), z.copy()
     for number, tried in zip(numbers, Z, strict=True):
         candidates = np.vstack([z, tried])

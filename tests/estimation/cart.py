@@ -9,6 +9,9 @@ import numpy as np
 
 from optid.core.parameter import Parameter
 from optid.core.recording import Channel, Recording
+from optid.estimation.fisher_scoring import likelihood_problem
+from optid.estimation.likelihood import WHOLE
+from optid.estimation.problem import build_problem
 from optid.rigs.rigfile import read_rig
 
 GAIN = Parameter("gain", "m/s**2", 2.0, "push at full command", "a test", bounds=(0.0, 100.0))
@@ -72,3 +75,10 @@ def record(u, x, name="cart.csv"):
         "position": Channel("position", "x", "m", np.asarray(x, dtype=float), sd=SD),
     }
     return Recording(name, np.arange(len(u)) / RATE, channels)
+
+
+def question(folder):
+    """The likelihood problem of two recordings, and the parameters that the rig file states."""
+    own = rig(folder)
+    problem = build_problem(own.model, [recording(np.random.default_rng(seed)) for seed in (1, 2)], WHOLE)
+    return likelihood_problem(own, problem), own.model.vector(own.parameters)

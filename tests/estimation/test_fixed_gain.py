@@ -5,21 +5,16 @@ import pytest
 from scipy.optimize import least_squares
 
 from optid.estimation import fixed_gain
-from optid.estimation.fisher_scoring import likelihood_problem
-from optid.estimation.fixed_gain import Residuals, fixed_gain_fit, held_out_residuals, updated_slopes
-from optid.estimation.likelihood import WHOLE
+from optid.estimation.fixed_gain import Residuals, broyden_update, cross_validated_residuals, fixed_gain_fit
 from optid.estimation.multistep import fit_multistep, quiet_filter, window_starts
-from optid.estimation.problem import build_problem
-from tests.estimation.cart import TRUTH, recording, rig
+from tests.estimation.cart import TRUTH, question
 
 SECONDS = 0.5
 
 
 @pytest.fixture(scope="module")
 def asked(tmp_path_factory):
-    cart = rig(tmp_path_factory.mktemp("cart"))
-    problem = build_problem(cart.model, [recording(np.random.default_rng(seed)) for seed in (1, 2)], WHOLE)
-    return likelihood_problem(cart, problem), cart.model.vector(cart.parameters)
+    return question(tmp_path_factory.mktemp("cart"))
 
 
 def test_updated_slopes_reach_the_optimum_of_simulated_ones_with_fewer_simulations(asked, monkeypatch):
@@ -45,13 +40,13 @@ def test_updated_slopes_reach_the_optimum_of_simulated_ones_with_fewer_simulatio
 def test_an_update_explains_the_step_and_leaves_other_directions_alone():
     J = np.array([[1.0, 0.0], [0.0, 2.0], [0.0, 0.0]])
     step, change = np.array([0.5, 0.0]), np.array([0.5, 0.05, 0.0])
-    new = updated_slopes(J, step, change)
+    new = broyden_update(J, step, change)
     assert new @ step == pytest.approx(change)
     assert np.array_equal(new[:, 1], J[:, 1])
 
 
 def test_slopes_that_missed_most_of_a_step_are_simulated_again():
-    assert updated_slopes(np.eye(2), np.array([1.0, 0.0]), np.array([0.0, 1.0])) is None
+    assert broyden_update(np.eye(2), np.array([1.0, 0.0]), np.array([0.0, 1.0])) is None
 
 
 def test_a_fold_is_predicted_with_parameters_fitted_to_the_others(asked):
@@ -63,7 +58,7 @@ def test_a_fold_is_predicted_with_parameters_fitted_to_the_others(asked):
     known = len(z) - len(residuals.start)
     fold = np.arange(known) * 6 // known % 3
     fold[: known // 12] = -1  # fitted, never predicted
-    found, rows = held_out_residuals(residuals, fold), np.append(fold, [-1, -1])
+    found, rows = cross_validated_residuals(residuals, fold), np.append(fold, [-1, -1])
     for number in range(3):
         there = least_squares(
             lambda x, n=number: residuals.at(x[None])[0][rows != n], residuals.start, x_scale=1e-3

@@ -7,9 +7,7 @@ import pytest
 
 from optid.errors import SolveError
 from optid.estimation import multistep
-from optid.estimation.fisher_scoring import likelihood_problem
 from optid.estimation.fixed_gain import FixedGainFit
-from optid.estimation.likelihood import WHOLE
 from optid.estimation.multistep import (
     QUIET,
     MultistepFit,
@@ -19,17 +17,14 @@ from optid.estimation.multistep import (
     quiet_filter,
     window_starts,
 )
-from optid.estimation.problem import build_problem
-from tests.estimation.cart import TRUTH, recording, rig
+from tests.estimation.cart import TRUTH, question
 
 SECONDS = 0.5
 
 
 @pytest.fixture(scope="module")
 def asked(tmp_path_factory):
-    cart = rig(tmp_path_factory.mktemp("cart"))
-    problem = build_problem(cart.model, [recording(np.random.default_rng(seed)) for seed in (1, 2)], WHOLE)
-    return likelihood_problem(cart, problem), cart.model.vector(cart.parameters)
+    return question(tmp_path_factory.mktemp("cart"))
 
 
 def values(q, p):

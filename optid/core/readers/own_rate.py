@@ -23,7 +23,7 @@ def held_between(
     """
     found, notes = dict(values), []
     for role, series in values.items():
-        apart = stride(series)
+        apart = sample_stride(series)
         if apart < 2 and held.get(role) and _joined(role, values):
             found[role] = _held_on(time, series)
             notes.append(
@@ -64,7 +64,7 @@ def _held_on(time: Array, series: Array) -> Array:
     return np.where(near, series[last], np.nan)
 
 
-def stride(series: Array) -> int:
+def sample_stride(series: Array) -> int:
     """Rows from one sample to the next where they come regularly, else 1."""
     if not 8 <= np.count_nonzero(np.isfinite(series)) <= 0.7 * len(series):
         return 1
