@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.signal import lfilter
 
 from optid.armax.gradient import Problem, residuals_and_gradient
 from optid.armax.model import Armax
@@ -30,6 +29,8 @@ STABLE_RADIUS = 0.9999
 
 def noise_response(a: Array, c: Array, steps: int) -> Array:
     """The first samples of C/A, shape (steps,)."""
+    from scipy.signal import lfilter
+
     pulse = np.zeros(steps)
     pulse[0] = 1.0
     return np.asarray(lfilter(c, a, pulse))
@@ -109,6 +110,8 @@ def _errors(problem: Problem, theta: Array, steps: int) -> tuple[Array, Array]:
 
 
 def _accumulated(e: Array, Psi: Array, orders: Orders, theta: Array, steps: int) -> tuple[Array, Array]:
+    from scipy.signal import lfilter
+
     a, c = np.r_[1.0, theta[: orders.na]], np.r_[1.0, theta[orders.c_block]]
     f = noise_response(a, c, steps)
     J = -np.asarray(lfilter(f, [1.0], Psi, axis=0))
