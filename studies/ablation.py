@@ -4,9 +4,11 @@
     python studies/ablation.py run DIR [--only race,restart] [--cases 30]
     python studies/ablation.py table DIR
 
-A row a case and variant is written as it ends, to DIR/ablation.jsonl, and `run` goes on where it was stopped. `table`
-sets each variant beside the search as it is: how many cases lose their right answer and how many win one, with the
-95 % interval of the difference (Newcombe, Statist. Med. 17, 1998, method 10), and the ratio of processor seconds.
+DIR holds cases of any plant, each with rig.toml, its recordings and answer.json. A row a case and variant is written as
+it ends, to DIR/ablation.jsonl, and `run` goes on where it was stopped. The search is deterministic: where a part did
+nothing in a case, the case is not run without it, and its row has the time that the part took less. `table` sets each
+variant beside the search as it is: how many cases lose their right answer and how many win one, with the 95 % interval
+of the difference (Newcombe, Statist. Med. 17, 1998, method 10), and the ratio of processor seconds.
 """
 
 from __future__ import annotations
@@ -16,7 +18,7 @@ import json
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, nullcontext
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -29,7 +31,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))  # finds the studies beside i
 
 from optid.core.budget import Budget
 from optid.core.readers import read_recording
-from optid.diagnosis import pipeline, proposals
+from optid.diagnosis import pipeline, proposals, verdict
 from optid.diagnosis.criteria import SearchOptions
 from optid.diagnosis.result import Diagnosis
 from optid.diagnosis.selection import forward, stepwise
@@ -50,19 +52,42 @@ class Variant:
         words: what is left out or set otherwise.
         options: fields of `SearchOptions` that differ.
         patches: (module, name): what stands there instead.
+        idle: of a call of the one patched function, by its result and arguments: whether what stands there instead
+            would have returned the same; ``None`` where only a run tells.
     """
 
     words: str
     options: Mapping[str, Any] = field(default_factory=dict)
     patches: Patches = field(default_factory=dict)
+    idle: Callable[..., bool] | None = None
 
 
 def _never(*_: Any, **__: Any) -> None:
     return None
 
 
-def _path_as_it_is(path: Any, *_: Any) -> Any:
-    return path
+def _no(*_: Any, **__: Any) -> bool:
+    return False
+
+
+def _first_given(one: Any, *_: Any, **__: Any) -> Any:
+    return one
+
+
+def _is_none(found: Any, *_: Any) -> bool:
+    return found is None
+
+
+def _is_false(found: Any, *_: Any) -> bool:
+    return not found
+
+
+def _is_given(found: Any, one: Any, *_: Any) -> bool:
+    return found is one
+
+
+def _nothing_compared(found: Any, path: Any, *_: Any) -> bool:
+    return found[0] is path and not any(found[1].values())
 
 
 def _all_compete(current: Any, effects: Any, problem: Any, promise: Any = None, *given: Any) -> Any:
@@ -82,18 +107,50 @@ VARIANTS = {
         "contenders go from the race's end alone", {}, {(forward, "_starts"): lambda one: [one.p]}
     ),
     "falling": Variant("a fit ends after its turns, falling or not", {}, {(multistep, "FALLING"): np.inf}),
-    "restart": Variant("a round is not repeated from a better base", {}, {(stepwise, "_restarted"): _never}),
+    "restart": Variant(
+        "a round is not repeated from a better base", {}, {(stepwise, "_restarted"): _never}, _is_none
+    ),
+    "stated values": Variant(
+        "the first round does not begin again from the rig file's values",
+        {},
+        {(stepwise, "_restarted_from_stated_values"): _first_given},
+        _is_given,
+    ),
     "first swapped": Variant(
-        "the first effect keeps its place", {}, {(stepwise, "_first_swapped"): _path_as_it_is}
+        "the first effect keeps its place", {}, {(stepwise, "_first_swapped"): _first_given}, _is_given
     ),
     "alternatives": Variant(
         "look-alikes are not tried in place",
         {},
         {(pipeline, "compare_alternatives"): lambda path, _: (path, {})},
+        _nothing_compared,
     ),
-    "bounds": Variant("bounds of the rig file are never lifted", {}, {(pipeline, "relax_bounds"): _never}),
+    "bounds": Variant(
+        "bounds of the rig file are never lifted", {}, {(pipeline, "relax_bounds"): _never}, _is_none
+    ),
     "straight inputs": Variant(
-        "inputs are held between samples", {}, {(pipeline, "inputs_that_go_on"): lambda *_: ()}
+        "inputs are held between samples", {}, {(pipeline, "inputs_that_go_on"): lambda *_: ()}, _is_false
+    ),
+    "full rate": Variant(
+        "nothing is searched at the recordings' own rate", {}, {(pipeline, "at_full_rate"): _never}, _is_none
+    ),
+    "elsewhere": Variant(
+        "a description elsewhere never speaks against a name",
+        {},
+        {(pipeline, "is_explained_elsewhere"): _no},
+        _is_false,
+    ),
+    "contradicted": Variant(
+        "a selected effect that the hold-out contradicts leaves a suspicion",
+        {},
+        {(verdict, "_is_contradicted"): _no},
+        _is_false,
+    ),
+    "alone": Variant(
+        "a name beside an unconfirmed one need not gain alone",
+        {},
+        {(verdict, "_why_not_alone"): lambda _: ""},
+        _is_false,
     ),
     "rate": Variant("the search goes over all samples", {"rate": 1e9}),
     "tolerance": Variant("the search integrates as accurately as the test", {"tolerance": 1e-5}),
@@ -116,6 +173,36 @@ class Row:
     wrong_name: bool
     error: float
     seconds: float
+    idle: Mapping[str, float] = field(
+        default_factory=dict
+    )  # parts that did nothing: processor seconds of each
+
+
+@contextmanager
+def recorded(idle: dict[str, float]) -> Iterator[None]:
+    """The search as it is; what its parts took in `idle`, without those that did something."""
+    acted = set()
+
+    def observed(name: str, original: Callable[..., Any]) -> Callable[..., Any]:
+        def call(*given: Any, **named: Any) -> Any:
+            began = time.process_time()
+            found = original(*given, **named)
+            idle[name] += time.process_time() - began
+            if not VARIANTS[name].idle(found, *given):  # type: ignore[misc]
+                acted.add(name)
+            return found
+
+        return call
+
+    with ExitStack() as stack:
+        for name, variant in VARIANTS.items():
+            if variant.idle is not None:
+                idle[name] = 0.0
+                ((module, of),) = variant.patches
+                stack.enter_context(patch.object(module, of, observed(name, getattr(module, of))))
+        yield
+    for name in acted:
+        del idle[name]
 
 
 @contextmanager
@@ -150,12 +237,13 @@ def diagnosed(case: Path, name: str, limit: float) -> Row:
     train = [read_recording(case / f"{one}.csv", rig) for one in TRAIN]
     held = [read_recording(case / f"{HELD_OUT}.csv", rig)]
     began = time.process_time()
-    with without(VARIANTS[name]) as options:
+    idle: dict[str, float] = {}
+    with without(VARIANTS[name]) as options, recorded(idle) if name == AS_IS else nullcontext():
         generator = np.random.default_rng(0)
         result = pipeline.diagnose(
             rig, train, held, generator=generator, budget=Budget(limit), options=options
         )
-    return judged(case, name, result, round(time.process_time() - began, 1))
+    return replace(judged(case, name, result, round(time.process_time() - began, 1)), idle=idle)
 
 
 def rows_of(folder: Path) -> list[dict[str, Any]]:
@@ -166,14 +254,25 @@ def rows_of(folder: Path) -> list[dict[str, Any]]:
 
 def run(folder: Path, names: list[str], cases: int, limit: float, say: Callable[[str], None]) -> None:
     """Every case by every variant, the search as it is first; what ran is not run again."""
-    done = {(row["case"], row["variant"]) for row in rows_of(folder)}
+    done = {(row["case"], row["variant"]): row for row in rows_of(folder)}
     for case in cases_of(folder)[:cases]:
         for name in [AS_IS, *(name for name in names if name != AS_IS)]:
-            if (case, name) not in done:
-                row = diagnosed(folder / case, name, limit)
-                with (folder / "ablation.jsonl").open("a") as file:
-                    file.write(json.dumps(asdict(row)) + "\n")
-                say(f"{case} {name}: {'right' if row.right else 'not right'}, {row.seconds:.0f} s")
+            if (case, name) in done:
+                continue
+            plain = done.get((case, AS_IS), {"idle": {}})
+            if name in plain["idle"]:
+                row = {
+                    **plain,
+                    "variant": name,
+                    "seconds": plain["seconds"] - plain["idle"][name],
+                    "idle": {},
+                }
+            else:
+                row = asdict(diagnosed(folder / case, name, limit))
+            done[case, name] = row
+            with (folder / "ablation.jsonl").open("a") as file:
+                file.write(json.dumps(row) + "\n")
+            say(f"{case} {name}: {'right' if row['right'] else 'not right'}, {row['seconds']:.0f} s")
 
 
 def difference(both: int, lost: int, won: int, neither: int) -> tuple[float, float, float]:
