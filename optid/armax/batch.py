@@ -27,7 +27,7 @@ from optid.core.model import Array
 from optid.errors import NotIdentifiable
 
 MOST_STEPS = 200
-# Relative decrease of V below which a search has converged, and the largest next step relative to the noise (Bates #
+# Relative decrease of V below which a search has converged, and the largest next step relative to the noise (Bates
 # and Watts 1981): at the end, on a long recording, and while starts are compared.
 AT_LAST, AT_LENGTH, AMONG_STARTS = (1e-10, 1e-3), (1e-9, 1e-2), (1e-7, 1e-2)
 STABLE_RADIUS = 0.9999

@@ -19,7 +19,7 @@ from optid.armax.signals import Signals
 from optid.armax.structure import Orders
 from optid.core.model import Array
 
-# Standard errors beyond which a slope is estimated as well. With 4.5 a third of the poles missed their 95 % #
+# Standard errors beyond which a slope is estimated as well. With 4.5 a third of the poles missed their 95 %
 # intervals due to an overlooked trend; with 2 spurious slopes bias poles as well (studies/armax_coverage.py).
 SURE = 3.0
 LONG = 10  # coefficients of the regression that detects a slope

@@ -135,7 +135,7 @@ def learn(s: Array, shape: Shape, e: float, news: float) -> float:
     if count % RETRACE == 0:
         s[TRACE] = trace_of(U, D, size)
 
-    # Innovation times residual: at forget = 1 its sum is the residual sum of squares. At rest a sensor's last # digit
+    # Innovation times residual: at forget = 1 its sum is the residual sum of squares. At rest a sensor's last digit
     # is constant, which gives no information on the noise: such samples have far less information than usual.
     if s[WEIGHT] < 2.0 * n or news * s[WEIGHT] > QUIET * n:
         s[WEIGHT] = forget * s[WEIGHT] + 1.0

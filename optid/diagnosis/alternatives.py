@@ -11,6 +11,7 @@ from optid.core.threads import parallel_map
 from optid.diagnosis.fitted import FittedModel, fit_model
 from optid.diagnosis.problem import DiagnosisProblem, Stage
 from optid.diagnosis.proposals import Proposal, propose
+from optid.diagnosis.selection.backward import without_effects
 from optid.diagnosis.selection.path import Round, SelectionPath
 from optid.diagnosis.validation import Validated, cross_validate, p_value
 from optid.effects.effect import Effect
@@ -45,16 +46,26 @@ def compare_alternatives(
         if better is not None and better.validated.windows.sum() < path.validated.windows.sum() - _price(
             better.effect, effect
         ):
-            mine = Alternative(
-                effect, path.best, path.validated, _told_apart(better.validated, path.validated, problem)
-            )
-            without = dict(path.without)
-            without[better.effect.name] = without.pop(effect.name)
-            others = [mine, *(one for one in others if one is not better)]
-            path = replace(path, best=better.model, validated=better.validated, without=without)
+            mine = Alternative(effect, path.best, path.validated, told_apart=False)
+            others = [
+                replace(one, told_apart=_told_apart(one.validated, better.validated, problem))
+                for one in (mine, *others)
+                if one is not better
+            ]
+            path = _replaced(path, effect, better, problem)
             effect = better.effect
         found[effect.name] = tuple(others)
     return path, found
+
+
+def _replaced(
+    path: SelectionPath, effect: Effect, by: Alternative, problem: DiagnosisProblem
+) -> SelectionPath:
+    """The path to a look-alike in place of an effect; models that lack another effect have the look-alike, too."""
+    path = replace(
+        path, best=by.model, validated=by.validated, without={by.effect.name: path.without[effect.name]}
+    )
+    return without_effects(path, (), problem) if len(path.best.effects) > 1 else path
 
 
 def _price(one: Effect, other: Effect) -> float:
@@ -63,6 +74,7 @@ def _price(one: Effect, other: Effect) -> float:
 
 
 def _told_apart(worse: Validated, better: Validated, problem: DiagnosisProblem) -> bool:
+    """Whether windows prefer the better of two models."""
     at_noise = better.error_over_noise <= problem.criteria.error_over_noise
     return p_value(worse.windows, better.windows, at_noise) <= problem.criteria.told_apart
 

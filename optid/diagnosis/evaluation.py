@@ -63,28 +63,41 @@ class Evaluation:
     def error_over_noise(self, noise: Mapping[str, float], outputs: Sequence[int] | None = None) -> float:
         """The largest ratio of windows' errors to those of a correct model, root mean square, over the channels.
 
-        Not finite where no window was predicted, or the simulation diverged in one. `outputs` restricts the channels.
+        NaN where no window was predicted, or the simulation diverged in one. `outputs` restricts the channels.
         """
         ratios = []
         for j, role in enumerate(self.scores):
             if outputs is not None and j not in outputs:
                 continue
             floor = np.hypot(noise.get(role, 0.0), self.expected[:, j])
-            measured = np.isfinite(self.measured[:, j]) & np.isfinite(self.expected[:, j])
-            off = (self.measured[:, j] - self.windows[:, j])[measured & (floor > 0.0)]
-            ratios.append(_rms(off / floor[measured & (floor > 0.0)]) if len(off) else math.nan)
-        return float(np.max(ratios)) if ratios else math.nan
+            ratios.append(_rms((self.errors(j) / np.where(floor > 0.0, floor, math.nan))[self._asked(j)]))
+        most = float(np.max(ratios)) if ratios else math.nan
+        return most if math.isfinite(most) else math.nan
 
     def explained_share(self, before: Evaluation, noise: Mapping[str, float]) -> float:
-        """Explained share of the squared error of `before` beyond the noise, in the channel with most of it."""
-        worst, share = 0.0, 1.0
+        """Explained share of the squared error of `before` beyond the noise, in the channel with most of it.
+
+        NaN where that is at the noise in every channel, or one of its predictions diverged.
+        """
+        worst, share = 0.0, math.nan
         for j, role in enumerate(before.scores):
             floor = noise.get(role, 0.0) ** 2 + float(np.nanmean(before.expected[:, j] ** 2))
-            excess = before.scores[role].rmse ** 2 - floor
-            if floor > 0.0 and excess / floor > worst:
-                worst = excess / floor
-                share = 1.0 - max(self.scores[role].rmse ** 2 - floor, 0.0) / excess
+            first, then = (_rms(one.errors(j)[one._asked(j)]) ** 2 for one in (before, self))
+            if not math.isfinite(first):
+                return math.nan
+            if floor > 0.0 and (first - floor) / floor > worst:
+                worst = (first - floor) / floor
+                share = 1.0 - float(np.maximum(then - floor, 0.0)) / (first - floor)
         return share
+
+    def errors(self, output: int) -> Array:
+        """Measured less predicted, (samples,); infinite where a prediction diverged, NaN where there should be none."""
+        off = self.measured[:, output] - self.windows[:, output]
+        return np.where(self._asked(output) & ~np.isfinite(off), math.inf, off)
+
+    def _asked(self, output: int) -> Booleans:
+        """Measured samples of windows that should be predicted, (samples,)."""
+        return np.isfinite(self.measured[:, output]) & np.isfinite(self.expected[:, output])
 
 
 def open_variance(q: LikelihoodProblem, p: Array, noise: Noise, length: float) -> Array:
@@ -212,7 +225,9 @@ def _by_block(values: Array, blocks: Integers) -> Array:
 
 
 def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(values**2)))
+    """Root mean square of those that are not NaN; NaN if none is."""
+    known = values[~np.isnan(values)]
+    return float(np.sqrt(np.mean(known**2))) if len(known) else math.nan
 
 
 def _predicted(whole: Problem, cut: Problem) -> Booleans:

@@ -16,13 +16,15 @@ from scipy.special import ndtri
 from optid.core.model import Array
 from optid.diagnosis.refinement import RefinedModel
 from optid.effects.effect import Effect
-from optid.estimation.likelihood import FAR
+from optid.estimation.likelihood import huber_weight
 from optid.estimation.likelihood_point import LikelihoodFit
 from optid.estimation.prediction import window_seconds
 from optid.estimation.problem import Booleans, window_blocks
 from optid.estimation.result import Estimate
 
+Z95 = float(ndtri(0.5 + 0.95 / 2))  # half-width of a 95 % interval, in sd
 BLOCK = 0.5  # of a window: innovations within it count as one
+SINGULAR = 1e-13  # of the largest eigenvalue: directions with less information are not shown
 KNOWN = 1e3  # typical sizes: a parameter with a larger sd is not identifiable
 
 
@@ -36,7 +38,10 @@ def intervals(model: RefinedModel, ratio: float = 1.0) -> tuple[Estimate, ...]:
     own, others = (np.diag(_covariance(answer, fixed)) for fixed in (np.zeros_like(bound), bound))
     sd = np.sqrt(np.maximum(np.where(bound, own, others), 0.0)) * q.typical
     sd = np.hypot(sd, _left_to_go(answer, bound))
-    half = np.maximum(max(ratio, 1.0) * ndtri(0.5 + 0.95 / 2) * sd, _resolution(model)) + model.shift
+    unseen = [_unseen(answer.information, fixed) for fixed in (np.zeros_like(bound), bound)]
+    sd[np.where(bound, *unseen)] = np.inf
+    wide = np.where(sd > 0.0, max(ratio, 1.0) * Z95 * np.where(sd > 0.0, sd, 1.0), 0.0)
+    half = np.maximum(wide, _resolution(model)) + model.shift
     found = []
     for k, i in enumerate(q.free):
         parameter = q.model.parameters[i]
@@ -70,18 +75,18 @@ def apart_from_none(
     Args:
         estimates: all parameters, SI.
         effect: named.
-        p_value: of the hypothesis that it is absent.
+        p_value: of the hypothesis that it is absent, of a one-sided test.
         at_noise: whether its model reaches the noise. Where it does not, the law's form is wrong, and the test shows
             that it helps, not how large it is: its strength must then exceed its own sd.
     """
-    root, null = float(-ndtri(p_value / 2)), effect.at_null()
+    root, null = float(-ndtri(p_value)), effect.at_null()
     least = {f"{effect.name}.{name}": null[name] for name in effect.strength}
     sizes = [one for one in estimates if one.name in least and one.high > one.low]
-    share = 1.0 - float(ndtri(0.5 + 0.95 / 2)) / root
+    share = 1.0 - Z95 / root
     if not sizes or share <= 0.0 or any(not e.low <= least[e.name] <= e.high for e in sizes):
         return tuple(estimates)
     surest = max(sizes, key=lambda e: abs(e.value - least[e.name]) / (e.high - e.low))
-    sd = max(surest.high - surest.value, surest.value - surest.low) / float(ndtri(0.5 + 0.95 / 2))
+    sd = max(surest.high - surest.value, surest.value - surest.low) / Z95
     if not at_noise and abs(surest.value - least[surest.name]) < sd:
         return tuple(estimates)
     end = least[surest.name] + share * (surest.value - least[surest.name])
@@ -120,7 +125,7 @@ def _covariance(answer: LikelihoodFit, fixed: Booleans) -> Array:
     slopes = answer.slopes.innovations
     known = np.isfinite(e) & np.isfinite(slopes).all(axis=-1)
     z = e[known] / np.sqrt(v[known])
-    weight = np.minimum(1.0, FAR / np.maximum(np.abs(z), 1e-12))
+    weight = huber_weight(z)
     moved = np.append(~fixed, np.ones(len(answer.information) - nf, dtype=np.bool_))
     inverse = np.zeros_like(answer.information)
     inverse[np.ix_(moved, moved)] = _inverse(answer.information[np.ix_(moved, moved)])
@@ -144,5 +149,22 @@ def _covariance(answer: LikelihoodFit, fixed: Booleans) -> Array:
 
 
 def _inverse(information: Array) -> Array:
+    """Without the directions that the data do not show; their coordinates are `_unseen`."""
+    scaled, size = _correlations(information)
+    return np.asarray(np.linalg.pinv(scaled, rcond=SINGULAR, hermitian=True) / np.outer(size, size))
+
+
+def _unseen(information: Array, fixed: Booleans) -> Booleans:
+    """Free parameters without influence, or with one that others, not `fixed`, can replace exactly, (free,)."""
+    moved = np.append(~fixed, np.ones(len(information) - len(fixed), dtype=np.bool_))
+    unseen = np.zeros(len(moved), dtype=np.bool_)
+    values, directions = np.linalg.eigh(_correlations(information[np.ix_(moved, moved)])[0])
+    lost = directions[:, values <= SINGULAR * values.max()]
+    unseen[moved] = (lost**2).sum(axis=1) > np.sqrt(SINGULAR)
+    return unseen[: len(fixed)]
+
+
+def _correlations(information: Array) -> tuple[Array, Array]:
+    """The information in units in which its diagonal is 1, or 0 without any, and these units."""
     size = np.sqrt(np.maximum(np.diag(information), 1e-300))
-    return np.asarray(np.linalg.pinv(information / np.outer(size, size), rcond=1e-13) / np.outer(size, size))
+    return information / np.outer(size, size), size

@@ -101,10 +101,10 @@ def diagnose(
         raise InputError("nothing to fit", where=rig.path, field="[fit]", expected="at least one parameter")
     if not holdout:
         raise InputError("no recording is held out", where="--holdout", expected="at least one recording")
-    rig, every = prepare(rig, [*recordings, *holdout])
-    train, sealed = every[: len(recordings)], every[len(recordings) :]
+    _, sealed = prepare(rig, holdout)
+    rig, train = prepare(rig, recordings)
     outputs, commands = [port.role for port in rig.model.outputs], [port.role for port in rig.model.recorded]
-    gate(every, outputs, commands, criteria)
+    gate([*train, *sealed], outputs, commands, criteria)
     problem = DiagnosisProblem(
         rig,
         train,

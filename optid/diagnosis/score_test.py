@@ -19,7 +19,7 @@ from optid.diagnosis.fitted import FittedModel
 from optid.diagnosis.problem import DiagnosisProblem
 from optid.effects.effect import Effect
 from optid.estimation.fixed_gain import innovations
-from optid.estimation.likelihood import FAR, Filtered, huber
+from optid.estimation.likelihood import Filtered, huber, huber_weight
 from optid.estimation.likelihood_point import NUDGES, LikelihoodProblem
 from optid.estimation.multistep import quiet_filter
 from optid.estimation.problem import Booleans
@@ -189,7 +189,7 @@ def _explained(origin: Origin, changes: Array, least: float) -> tuple[Array, flo
     high = np.append(origin.room[1], np.full(some, FARTHEST))
     taken, best = np.zeros(slopes.shape[1]), math.inf
     for _ in range(ROUNDS):
-        weight = np.minimum(1.0, FAR / np.maximum(np.abs(z), 1e-12))
+        weight = huber_weight(z)
         normal = (slopes.T * weight) @ slopes
         size = np.sqrt(np.maximum(np.diag(normal), 1e-300))
         values, vectors = np.linalg.eigh(normal / np.outer(size, size))

@@ -23,6 +23,7 @@ from optid.diagnosis.refinement import RefinedModel
 from optid.diagnosis.residual_tests import ResidualTests, residual_tests
 from optid.diagnosis.validation import p_value
 from optid.errors import InputError
+from optid.estimation.fixed_gain import LOST
 from optid.estimation.likelihood import huber
 from optid.estimation.multistep import quiet_noise
 from optid.estimation.prediction import window_seconds
@@ -179,12 +180,15 @@ def compare(
 
 
 def _windows(one: Evaluation, reference: Evaluation, noise: Mapping[str, float]) -> Array:
-    """Half the mean square of each window by Huber's loss, in variances that the reference's windows should have."""
+    """Half the mean square of each window by Huber's loss, in variances that the reference's windows should have.
+
+    A prediction that diverged counts as `LOST` sd.
+    """
     total = np.zeros(int(one.blocks.max()) + 1)
     seen = np.zeros(len(total), dtype=np.bool_)
     for j, role in enumerate(one.scores):
         floor = np.hypot(noise.get(role, 0.0), reference.expected[:, j])
-        z = (one.measured[:, j] - one.windows[:, j]) / np.where(floor > 0.0, floor, math.nan)
+        z = np.clip(one.errors(j) / np.where(floor > 0.0, floor, math.nan), -LOST, LOST)
         known = np.isfinite(z)
         count = np.bincount(one.blocks[known], minlength=len(total))
         summed = np.bincount(one.blocks[known], weights=huber(z[known]), minlength=len(total))

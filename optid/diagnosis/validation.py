@@ -2,9 +2,10 @@
 
 The windows of some blocks of each recording are predicted with parameters fitted to all others. A window counts once,
 as its errors are correlated. Two tests examine the gain of windows. The random sign test (Pitman, Suppl. J. Roy.
-        Statist. Soc. 4, 1937) needs no noise model and detects an effect that shows in many windows. The likelihood
-            ratio on data that were not fitted (universal inference: Wasserman, Ramdas and Balakrishnan, PNAS 117,
-                2020) detects one that shows in a window or two, if the noise is known and reached.
+Statist. Soc. 4, 1937) needs no noise model and detects an effect that shows in many windows. The likelihood ratio on
+data that were not fitted detects one that shows in a window or two, if the noise is known and reached. It follows
+universal inference (Wasserman, Ramdas and Balakrishnan, PNAS 117, 2020), but the smaller model is not fitted again to
+the windows that judge: their bound is approximate here.
 """
 
 from __future__ import annotations
@@ -29,9 +30,8 @@ from optid.estimation.problem import Integers, Problem, window_blocks
 
 LARGEST = 700.0  # gain at which a p-value is capped: beyond it the exponential overflows
 FOLDS, BLOCKS = 3, 2  # of the recordings, and blocks of each recording in a fold
-DRAWS = (
-    20_000  # random signs: the smallest p-value is a fifth of the level for one effect of the whole catalogue
-)
+# Random signs: with two or three tests the smallest p-value is half the level of one effect of the whole catalogue.
+DRAWS = 20_000
 CARRIED = 4  # windows are winsorised at the fourth largest, so that a single one cannot decide a verdict
 
 
@@ -40,8 +40,8 @@ class Validated:
     """Errors of windows with parameters fitted without them.
 
     Attributes:
-        squares: mean of each window and measured output, by Huber's loss, in variances, (windows, outputs); NaN in a
-            recording's first.
+        squares: mean of each window and each output measured in them, by Huber's loss, in variances, (windows,
+            outputs); NaN in a recording's first.
     """
 
     squares: Array
@@ -92,8 +92,9 @@ def _cross_validated(model: FittedModel, problem: DiagnosisProblem) -> Validated
     first = np.isin(np.arange(len(z)), _first_windows(q.problem, problem.window))
     z[first] = np.nan
     blocks = window_blocks(recording, q.problem.time, problem.window)
-    squares = _by_window(huber(z[:, known.any(axis=0)]), blocks)
-    return Validated(squares[np.isfinite(squares).any(axis=1)])
+    squares = _by_window(huber(z), blocks)
+    seen = np.isfinite(squares)
+    return Validated(squares[np.ix_(seen.any(axis=1), seen.any(axis=0))])
 
 
 def _folds(recording: Integers, time: Array, validation: Sequence[int]) -> Integers:
@@ -197,7 +198,7 @@ def rejection_reason(
         alone: whether it is the only one.
     """
     at_noise = after.error_over_noise <= criteria.error_over_noise
-    # Beyond the noise something is certainly missing, and only chance must be ruled out; at the noise each of all #
+    # Beyond the noise something is certainly missing, and only chance must be ruled out; at the noise each of all
     # effects tried may have gained something by chance.
     missing = before.error_over_noise > criteria.error_over_noise
     # An effect that alone brings a model from beyond the noise to it is needed, however small it is.
@@ -210,7 +211,7 @@ def rejection_reason(
             f"its gain on windows that were not fitted may be chance (p = {p:.2g}; {asked:.2g} is required)"
         )
     gain = error_gain(before, after)
-    if gain < criteria.smallest_gain:
+    if not gain >= criteria.smallest_gain:
         return f"cross-validated, the error of the windows falls by {100 * max(gain, 0):.1f} %: too little to matter"
     if not alone:
         more = before.excess - after.excess

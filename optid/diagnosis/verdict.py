@@ -158,14 +158,15 @@ def _share(s: TestedResult) -> float:
 
 
 def _birge(s: TestedResult, evaluation: Evaluation) -> float:
-    """Ratio of a model's errors to the expected ones; 1 where it is at the noise.
+    """Ratio of a model's errors to the expected ones; 1 where it is at the noise, infinite where it diverged.
 
     Birge's ratio is of residuals to the variances that an interval was computed with. Those are the filter's, whose
     process noise includes the law's error: windows' errors over the measurement noise would count it twice.
     """
     squares = np.nanmean(np.asarray(evaluation.innovations) ** 2, axis=0)
-    ratio = min(evaluation.error_over_noise(s.problem.noise), math.sqrt(float(np.nanmax(squares))))
-    return ratio if math.isfinite(ratio) and ratio > s.problem.criteria.error_over_noise else 1.0
+    windows = evaluation.error_over_noise(s.problem.noise)
+    ratio = min(windows, math.sqrt(float(np.nanmax(squares)))) if math.isfinite(windows) else math.inf
+    return 1.0 if ratio <= s.problem.criteria.error_over_noise else ratio
 
 
 def _by_tests(s: TestedResult, estimates: tuple[Estimate, ...]) -> tuple[Estimate, ...]:
@@ -212,7 +213,10 @@ def _unconfirmed_effects(s: TestedResult) -> tuple[Suspicion, ...]:
 def _fallen_short(s: TestedResult) -> tuple[Suspicion, ...]:
     """Effects that were selected and do not explain enough."""
     if s.names:
-        why = f"it explains {100 * _share(s):.0f} % of the squared error on the hold-out"
+        share = _share(s)
+        why = f"it explains {100 * share:.0f} % of the squared error on the hold-out"
+        if not math.isfinite(share):
+            why = "a prediction of the hold-out diverged"
     else:
         explained = 1.0 - s.path.validated.excess / max(s.path.first.excess, 1e-300)
         why = f"it explains {100 * explained:.0f} % of the squared error of windows that were not fitted"

@@ -9,7 +9,7 @@ import casadi as ca
 
 from optid.core.sheet import Sheet
 
-# Delays in samples that are looked up: every one for short delays, fewer for long ones. A longer delay counts as # the
+# Delays in samples that are looked up: every one for short delays, fewer for long ones. A longer delay counts as the
 # last: 12 ms at 5 kHz, 64 ms at 1 kHz.
 TAPS = (0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 16, 24, 40, 64)
 

@@ -15,19 +15,19 @@ import numpy as np
 
 from optid.core.model import Array, Model
 from optid.errors import SolveError
-from optid.estimation.likelihood import FAR, Filtered, huber, run_fixed_gain_filter
+from optid.estimation.likelihood import Filtered, broyden, huber, huber_weight, run_fixed_gain_filter
 from optid.estimation.likelihood_point import NUDGES, REACH, LikelihoodProblem
 from optid.estimation.problem import Booleans, Integers
 
 TOLERANCE = 1e-3  # of the loss, that a step must gain for the search to go on
-# Damping factors, of the curvature: as many as a vector holds are tried at once. If the smallest or the largest is #
+# Damping factors, of the curvature: as many as a vector holds are tried at once. If the smallest or the largest is
 # best, the next ones are smaller or larger; if none succeeds, larger ones are tried.
 DAMPINGS, PACE, FARTHER, TRIALS = (1e-4, 1e-2, 0.3, 10.0), (0.1, 1.0, 1.0, 10.0), 1e3, 2
-# Of the largest curvature, added to that of each coordinate in the damping. A coordinate that a recording hardly #
+# Of the largest curvature, added to that of each coordinate in the damping. A coordinate that a recording hardly
 # shows, as the height of a curve where the signal never was, then stays about where it is.
 FLOOR = 1e-3
 LOST = 1e3  # sd: an innovation of a model that has diverged
-# Share of a step's change that its slopes may miss for the next step to update them (Broyden, Math. Comput. 19, 1965) #
+# Share of a step's change that its slopes may miss for the next step to update them (Broyden, Math. Comput. 19, 1965)
 # instead of simulating every parameter's.
 MISSED = 0.1
 
@@ -89,7 +89,7 @@ class Residuals:
         self, x: Array, z: Array, J: Array, scale: float = 1.0, counted: Booleans | None = None
     ) -> Array:
         """Points after a step with each damping factor, (dampings, free); `counted` rows decide, all if absent."""
-        weight = np.minimum(1.0, FAR / np.maximum(np.abs(z), 1e-12))
+        weight = huber_weight(z)
         if counted is not None:
             weight = np.where(counted, weight, 0.0)
         gradient, curvature = J.T @ (weight * z), (J.T * weight) @ J
@@ -197,14 +197,10 @@ def _levenberg_marquardt_step(
 
 
 def broyden_update(J: Array, step: Array, change: Array) -> Array | None:
-    """Broyden's update after a step with this change of residuals; ``None`` where the slopes missed too much of it.
-
-    In a metric in which all parameters have equal weight.
-    """
-    missed, along = change - J @ step, np.sum(J**2, axis=0) * step
-    if not np.linalg.norm(missed) <= MISSED * np.linalg.norm(change):
+    """The Jacobian after a step with this change of residuals; ``None`` where it missed too much of that."""
+    if not np.linalg.norm(change - J @ step) <= MISSED * np.linalg.norm(change):
         return None
-    return np.asarray(J + np.outer(missed, along / (step @ along)))
+    return broyden(J, step, change, np.sum(J**2, axis=0))
 
 
 def cross_validated_residuals(residuals: Residuals, fold: Integers) -> Array:

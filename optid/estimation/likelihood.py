@@ -262,3 +262,17 @@ def huber(z: Array) -> Array:
     """Squares of deviations in sd, linear beyond `FAR` (Huber, Ann. Math. Statist. 35, 1964)."""
     far = np.abs(z)
     return np.asarray(np.where(far > FAR, FAR * (2.0 * far - FAR), far**2))
+
+
+def huber_weight(z: Array) -> Array:
+    """Weights with which least squares minimise `huber`: 1, less beyond `FAR` sd."""
+    return np.minimum(1.0, FAR / np.maximum(np.abs(z), 1e-12))
+
+
+def broyden(J: Array, step: Array, change: Array, weight: Array) -> Array:
+    """Jacobians (..., coordinates) after a step with this change (Broyden, Math. Comput. 19, 1965).
+
+    `weight` is the metric, (coordinates,): in that of the curvature's diagonal all coordinates have equal weight.
+    """
+    along = weight * step
+    return J + (change - J @ step)[..., None] * (along / (step @ along))

@@ -10,11 +10,19 @@ import numpy as np
 
 from optid.core.budget import UNLIMITED, Budget
 from optid.core.model import Array, Model
-from optid.estimation.likelihood import FAR, Filtered, Noise, deviance, run_filter, run_fixed_gain_filter
+from optid.estimation.likelihood import (
+    Filtered,
+    Noise,
+    broyden,
+    deviance,
+    huber_weight,
+    run_filter,
+    run_fixed_gain_filter,
+)
 from optid.estimation.problem import Problem
 from optid.rigs.rigfile import Rig
 
-# Finite differences span REACH conditional standard deviations: dry friction makes the likelihood rough on the scale #
+# Finite differences span REACH conditional standard deviations: dry friction makes the likelihood rough on the scale
 # of a few (one break-away more or less), and a smaller step would show only this roughness.
 REACH, NUDGES = 5.0, (1e-3, 2e-3, 3e-2)  # smallest, first and largest step, of a parameter's typical size
 NUDGE_LEVEL = 0.1  # of the log of process noise
@@ -218,20 +226,15 @@ class LikelihoodPoint:
         """
         assert self.slopes is not None
         s = there.coordinates - self.coordinates
-        along = np.diag(information) * s
-        length = float(s @ along)
-        if not length > 1.0:
+        weight = np.diag(information)
+        if not float(s @ (weight * s)) > 1.0:
             return self.slopes
         old, new = self.filtered, there.filtered
         # Single Jacobian entries may be not finite: gradient_and_fisher leaves them out.
         with np.errstate(invalid="ignore"):
-            missed_e = new.innovations[0] - old.innovations[0] - self.slopes.innovations @ s
-            missed_v = np.log(new.variances[0] / old.variances[0]) - self.slopes.variances @ s
-            update = along / length
-            return Jacobians(
-                self.slopes.innovations + missed_e[..., None] * update,
-                self.slopes.variances + missed_v[..., None] * update,
-            )
+            changes = new.innovations[0] - old.innovations[0], np.log(new.variances[0] / old.variances[0])
+            olds = self.slopes.innovations, self.slopes.variances
+            return Jacobians(*(broyden(J, s, by, weight) for J, by in zip(olds, changes, strict=True)))
 
     def gradient_and_fisher(self) -> tuple[Array, Array]:
         """Gradient of half the score and Fisher's information, in typical sizes and log levels."""
@@ -244,7 +247,7 @@ class LikelihoodPoint:
         sd = np.sqrt(v[known])
         z, D = e[known] / sd, self.slopes.variances[known]
         J = self.slopes.innovations[known] / sd[:, None]
-        weight = np.minimum(1.0, FAR / np.maximum(np.abs(z), 1e-12))
+        weight = huber_weight(z)
         gradient = J.T @ (weight * z) + 0.5 * D.T @ (1.0 - weight * z**2)
         information = J.T @ (J * weight[:, None]) + 0.5 * D.T @ D
         prior = (q.typical / q.prior_sd) ** 2

@@ -23,7 +23,7 @@ from optid.core.threads import parallel_for
 from optid.errors import SolveError
 from optid.estimation.problem import Booleans, Problem
 
-# Relative decrease of the cost that ends a descent: of one that goes on at another level of process noise, and of the #
+# Relative decrease of the cost that ends a descent: of one that goes on at another level of process noise, and of the
 # last one.
 PASSING, PRECISE = 1e-4, 1e-6
 ENOUGH = 50  # iterations: a fit that needs more does not converge

@@ -21,7 +21,7 @@ from optid.estimation.likelihood_point import LikelihoodFit
 from optid.estimation.problem import build_problem
 from optid.rigs.rigfile import Rig, with_effects
 
-# Log level of process noise of a model that is nearly right, in usual sizes per sqrt(s). With a tenth of it models #
+# Log level of process noise of a model that is nearly right, in usual sizes per sqrt(s). With a tenth of it models
 # run nearly freely, and the separation of a whole experiment is no longer the sum of its pieces.
 QUIET = math.log(1e-2)
 

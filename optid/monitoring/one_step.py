@@ -25,7 +25,7 @@ from optid.effects.effect import Effect
 from optid.effects.library import admitted
 from optid.estimation.fisher_scoring import likelihood_problem
 from optid.estimation.fixed_gain import LOST, innovations
-from optid.estimation.likelihood import FAR, WHOLE, Filtered
+from optid.estimation.likelihood import FAR, WHOLE, Filtered, huber_weight
 from optid.estimation.likelihood_point import LikelihoodProblem
 from optid.estimation.multistep import fit_multistep, window_starts
 from optid.estimation.prediction import HORIZON
@@ -196,7 +196,7 @@ def points(effect: Effect) -> list[tuple[str, dict[str, float], float]]:
 
 def share(errors: WindowErrors, slope: Array) -> float:
     """Share of the squared errors explained by one quantity alone; outliers count linearly."""
-    weight = np.minimum(1.0, FAR / np.maximum(np.abs(errors.z), 1e-12))
+    weight = huber_weight(errors.z)
     across = float(slope @ (weight * errors.z))
     return across**2 / max(float(slope @ (weight * slope)) * float(errors.z @ (weight * errors.z)), 1e-300)
 
@@ -210,7 +210,7 @@ def explained(errors: WindowErrors, slopes: Array) -> tuple[Array, Array]:
         return np.zeros(0), np.zeros(0)
     norms = np.linalg.norm(slopes, axis=0)
     scaled = slopes / np.where(norms > 0.0, norms, 1.0)
-    weight = np.minimum(1.0, FAR / np.maximum(np.abs(errors.z), 1e-12))
+    weight = huber_weight(errors.z)
     values, vectors = np.linalg.eigh((scaled.T * weight) @ scaled)
     inverse = vectors @ np.diag(np.where(values > SLIGHT, 1.0 / np.maximum(values, SLIGHT), 0.0)) @ vectors.T
     moved = -inverse @ (scaled.T @ (weight * errors.z))

@@ -54,7 +54,7 @@ def _pace(recording: Recording, role: str) -> Iterator[Remark]:
         return
     noise, spread = noise_sd(values), float(np.nanstd(values))
     # A sample taken early or late has an error of speed times the time error; below the noise, or below 0.01 % of the
-    # # signal, this is not visible.
+    # signal, this is not visible.
     jitter = float(np.std(intervals[whole]))
     speed = float(np.percentile(np.abs(steps[whole]) / intervals[whole], 95))
     if jitter * speed > max(noise, 1e-4 * spread):

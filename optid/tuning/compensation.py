@@ -3,7 +3,7 @@
 A dead band is a parameter of the valve's effect. Dry friction is a force, and the command that overcomes it depends on
 the drive: a motor needs one while it moves, a cylinder, whose valve admits air until the force suffices, needs none.
 So the model is simulated: with the tuned gains it follows ramps of two speeds in both directions, and the command,
-        which is linear in the speed, is extrapolated to zero speed.
+which is linear in the speed, is extrapolated to zero speed.
 """
 
 from __future__ import annotations

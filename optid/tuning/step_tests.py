@@ -2,10 +2,10 @@
 
 One step of one size gives little information on an axis with dry friction: it may or may not stick at the target.
 Smaller steps are always added. The first run has exactly these sizes, and no noise where a linear model judges;
-dry friction acts differently without the dither of noise, so there it has noise as well. In each other run all
-        steps are shortened by random shares, and the noise is new: where an axis with dry friction comes to rest
-            depends on the step's size almost randomly, and gains must be good for all sizes, not for seven. In every
-            third run the plant has a larger gain, so that the gains found tolerate it.
+dry friction acts differently without the dither of noise, so there it has noise as well. In each other run all steps
+are shortened by random shares, and the noise is new: where an axis with dry friction comes to rest depends on the
+step's size almost randomly, and gains must be good for all sizes, not for seven. In every third run the plant has a
+larger gain, so that the gains found tolerate it.
 """
 
 from __future__ import annotations

@@ -32,11 +32,11 @@ from optid.tuning.plant import MARGIN, Plant
 SHARE = 0.5  # share of the damping assumed as dry friction without a fit: all and nothing are both known to be wrong
 OTHERS = (0.25, 0.75)  # shares of the variants
 # Of a fitted axis: viscous and dry friction, nominal and in the variants, over the fitted ones. A regression
-# attributes # some of one to the other: on the five rigs of studies/pid_gains.py the true ones were 0.63 to 0.79 and
+# attributes some of one to the other: on the five rigs of studies/pid_gains.py the true ones were 0.63 to 0.79 and
 # 1.3 to 1.8 of what it found.
 FITTED = ((0.7, 1.5), (0.8, 1.3), (0.63, 1.8))
 # Of the asymmetry of speed, in the same sets. If all of it is in the valve, noise at rest causes a drift that friction
-# # cannot hold; none, if pressures cause it in motion only: a recording of motion cannot decide.
+# cannot hold; none, if pressures cause it in motion only: a recording of motion cannot decide.
 ASYMMETRIES = (0.5, 0.0, 1.0)
 CREEP = (
     0.01  # share of the speed at half the command's range, over which break-away decays to friction in motion

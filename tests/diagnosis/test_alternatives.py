@@ -1,5 +1,6 @@
 """Look-alikes in the place of an effect: what a round has fitted already is not fitted again."""
 
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -72,3 +73,42 @@ def test_a_constant_torque_and_an_offset_of_its_command_are_twins():
     offset, force = by_name["offset@drive.command"], by_name["constant_force"]
     assert alternatives.are_confusable(offset, force) and alternatives.are_confusable(force, offset)
     assert not alternatives.are_confusable(offset, by_name["quadratic_drag"])
+
+
+def test_a_look_alike_that_predicts_better_takes_the_place_and_tells_the_loser_apart(monkeypatch):
+    """The loser is worse beyond doubt; models that lack the other effect are fitted anew, beside the winner."""
+    monkeypatch.setattr(
+        alternatives, "_told_apart", lambda worse, better, problem: worse.windows[0] > better.windows[0]
+    )
+    monkeypatch.setattr(alternatives, "_price", lambda one, other: 0.0)
+    twin, third = (
+        Alternative(effect, f"with {effect.name}", validated(loss), told_apart=False)
+        for effect, loss in ((TWIN, 0.25), (SimpleNamespace(name="third", look_alikes=()), 0.4))
+    )
+    monkeypatch.setattr(
+        alternatives, "_others", lambda path, effect, problem: [twin, third] if effect is NAMED else []
+    )
+    again = []
+
+    def without_effects(path, names, problem):
+        again.append((path.best, names))
+        return replace(path, without={"other": "lacks other, has twin", "twin": "lacks twin"})
+
+    monkeypatch.setattr(alternatives, "without_effects", without_effects)
+
+    @dataclass
+    class Path:
+        best: object
+        validated: object
+        without: dict
+
+    best = SimpleNamespace(effects=(OTHER, NAMED))
+    winner = SimpleNamespace(effects=(OTHER, TWIN))
+    twin = replace(twin, model=winner)
+    problem = SimpleNamespace(criteria=Criteria(), report=lambda stage, words: None)
+    path, found = alternatives.compare_alternatives(
+        Path(best, validated(0.5), {"other": "lacks other, has named", "named": "lacks named"}), problem
+    )
+    assert again == [(winner, ())]
+    assert path.best is winner and path.without["other"] == "lacks other, has twin"
+    assert {one.effect.name: one.told_apart for one in found["twin"]} == {"named": True, "third": True}

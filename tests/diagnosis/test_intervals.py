@@ -67,3 +67,20 @@ def test_a_parameter_at_its_bound_has_nowhere_to_go():
     plain = [(one.low, one.high) for one in intervals(there)]
     there.fit.gradient = np.array([0.0, 100.0])
     assert [(one.low, one.high) for one in intervals(there)] == plain
+
+
+def test_what_the_data_do_not_show_is_not_identifiable():
+    """A parameter without influence has no interval but its bounds; two that act alike have none either."""
+    there = refined([0.5, 0.5], [-5.0, -5.0], [5.0, 5.0])
+    there.fit.slopes.innovations[..., 1] = 0.0
+    there.fit.information = np.diag([200.0, 0.0])
+    shown, idle = intervals(there)
+    assert shown.identifiable and half(shown) < 0.5
+    assert not idle.identifiable and (idle.low, idle.high) == (-5.0, 5.0)
+    there.fit.information = np.full((2, 2), 200.0)
+    for one in intervals(there):
+        assert not one.identifiable and (one.low, one.high) == (-5.0, 5.0)
+    at_bound = refined([0.5, 5.0], [-5.0, -5.0], [5.0, 5.0])
+    at_bound.fit.information = np.full((2, 2), 200.0)
+    known, _ = intervals(at_bound)  # its twin stands at a bound
+    assert known.identifiable and half(known) < 0.5

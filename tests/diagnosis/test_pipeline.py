@@ -245,6 +245,34 @@ def test_a_figure_that_is_not_finite_is_never_a_verdict(sound, tmp_path, monkeyp
     assert found.test.error_over_noise != found.test.error_over_noise  # NaN is handed on, not hidden
 
 
+def test_a_law_whose_predictions_diverge_on_the_hold_out_is_no_name(tmp_path, monkeypatch):
+    """Windows that diverge count against it, and its intervals are as wide as they can be."""
+    from optid.diagnosis import evaluation
+
+    windows = evaluation.predict_windows
+
+    def diverges(objective, p, *given):
+        out = windows(objective, p, *given)
+        if any("." in one.name for one in objective.model.parameters):
+            out.outputs[-50:] = np.nan
+        return out
+
+    monkeypatch.setattr(evaluation, "predict_windows", diverges)
+    found = asked(tmp_path, dead_band)
+    assert found.verdict is Verdict.UNEXPLAINED
+    assert all(finding.effect is None for finding in found.findings)
+
+
+def test_the_noise_of_the_hold_out_is_not_known_before_the_test(tmp_path):
+    """A hold-out with ten times the noise changes nothing of what is fitted."""
+    loud = recording(3, "held.csv")
+    noisy = loud["position"].values + 0.01 * np.random.default_rng(0).standard_normal(len(loud))
+    loud = replace(loud, channels={**loud.channels, "position": replace(loud["position"], values=noisy)})
+    quiet, other = asked(tmp_path), asked(tmp_path, held=[loud])
+    assert quiet.noise == other.noise
+    assert [one.value for one in quiet.base_parameters] == [one.value for one in other.base_parameters]
+
+
 def test_a_diagnosis_that_died_goes_on_at_its_last_stage_with_the_same_answer(tmp_path, dead, monkeypatch):
     from optid.diagnosis import pipeline
 

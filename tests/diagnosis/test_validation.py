@@ -1,5 +1,6 @@
 """Tests with a stated error rate: how often they speak where nothing is gained, and that they do where something is."""
 
+import math
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -92,3 +93,11 @@ def test_a_model_is_validated_once_for_each_problem(monkeypatch):
     assert found == [1, 2, 1]
     assert asked == [first, other]
     assert validation.cross_validate(FittedModel((), None, None), first) == 3
+
+
+def test_a_gain_that_cannot_be_computed_is_refused(monkeypatch):
+    """NaN is neither less nor more than anything: no comparison may take it for a gain."""
+    monkeypatch.setattr(validation, "error_gain", lambda before, after: math.nan)
+    effect = SimpleNamespace(name="any")
+    first, better = Validated(np.full((20, 1), 9.0)), Validated(np.full((20, 1), 0.9))
+    assert rejection_reason(effect, 5.0, first, first, better, Criteria(), 1, True)

@@ -3,7 +3,7 @@
 The signal is a random walk whose step is estimated by likelihood; the site at which it explains the recordings
 best is where physics is missing (the diffusion terms of Kristensen, Madsen and Jorgensen 2004, one at a time). Only
 the signal has process noise: if the states had it as well, they would absorb the mismatch of one equation, and the
-        signal would fit the remainder at another site.
+signal would fit the remainder at another site.
 """
 
 from __future__ import annotations

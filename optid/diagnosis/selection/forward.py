@@ -54,7 +54,7 @@ def worth_fitting(found: Proposals, near: bool, named: bool, problem: DiagnosisP
     few = [one for one in found.ranked[: o.contenders] if one.loss <= o.near * least]
     if not near:
         return few
-    # A loss is quadratic in the error: a candidate with half the smallest gain here does not reach it in a full fit. #
+    # A loss is quadratic in the error: a candidate with half the smallest gain here does not reach it in a full fit.
     # Without any effect the first is fitted anyway, as the test asks whether it gains anything.
     most = (1.0 - problem.criteria.smallest_gain) * found.alone
     return [one for k, one in enumerate(few) if one.loss <= most or (k == 0 and not named)]

@@ -33,7 +33,7 @@ Form = TypeVar("Form", bound=Description)
 
 ALIKE = 4  # curves of a site that are tried
 SAME = 0.99  # correlation of two signals from which one is redundant
-# The fastest waves that are looked for: Hz, and periods within the range of a length. Patterns of sensors are finer #
+# The fastest waves that are looked for: Hz, and periods within the range of a length. Patterns of sensors are finer
 # than those of forces.
 FASTEST, FINEST, TRACK = 30.0, 100.0, 300.0
 LENGTHS = ("m", "rad")

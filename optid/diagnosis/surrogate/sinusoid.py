@@ -20,7 +20,7 @@ from optid.diagnosis.problem import DiagnosisProblem, with_effect
 from optid.diagnosis.proposals import worst_recording
 from optid.effects.wave import TIME, Wave
 from optid.estimation.fixed_gain import innovations
-from optid.estimation.likelihood import FAR
+from optid.estimation.likelihood import huber_weight
 from optid.estimation.likelihood_point import NUDGES
 from optid.estimation.problem import Booleans, Integers
 
@@ -146,7 +146,7 @@ def _explained(at: Linearisation, wave: Wave, some: Array, only: Sequence[int] |
     pieces = [np.flatnonzero(seen.owner == one) for one in np.unique(seen.owner)]
     if wave.along != TIME:
         pieces = [np.arange(len(seen.rows))]
-    root = np.sqrt(np.minimum(1.0, FAR / np.maximum(np.abs(here), 1e-12)))
+    root = np.sqrt(huber_weight(here))
     basis = np.linalg.qr(at.slopes[seen.among] * root[:, None])[0]
     rest, *changes = (
         column - basis @ (basis.T @ column)

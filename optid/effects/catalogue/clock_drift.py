@@ -33,7 +33,7 @@ OTHERS = Parameter(
 )
 # s: keeps the equations from becoming stiff at the null; any speed is nearly constant over this time.
 SHORTEST = 1e-3
-# m: travel of a piston during the clocks' difference, and its sd at the start of a recording. With speeds instead of #
+# m: travel of a piston during the clocks' difference, and its sd at the start of a recording. With speeds instead of
 # distances they would have to be known far better than so short a time shows them.
 USUAL, SPREAD = 1e-2, 5e-5
 

@@ -31,7 +31,7 @@ INDEX = Parameter(
 )
 CLOSED = 1e-4  # of 1 - q^2: the power's slope stays finite at zero flow,
 CHOKED = 1e-12  # of q^2: and at full flow
-# Excess of an ideal nozzle's q over the ellipse's at the same flow, divided by q (1 - q): a parabola in q by least #
+# Excess of an ideal nozzle's q over the ellipse's at the same flow, divided by q (1 - q): a parabola in q by least
 # squares for air, accurate to 5e-6.
 NOZZLE = (0.011920, -0.008484, 0.002724)
 # Distance from the ideal nozzle's shift and power, half of what is worth a name, at which the branch is mostly ellipse.
