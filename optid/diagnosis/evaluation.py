@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -26,7 +26,7 @@ from optid.estimation.moving_horizon import predict_windows
 from optid.estimation.multistep import window_starts
 from optid.estimation.objective import objective_of
 from optid.estimation.prediction import PROCESS_NOISE, window_seconds
-from optid.estimation.problem import Booleans, Integers, Problem, build_problem, window_blocks, window_numbers
+from optid.estimation.problem import Booleans, Integers, Problem, build_problem, cut_into, window_of
 from optid.estimation.result import Score
 
 NUMERICAL = "numerical"  # start of `source` for a parameter that is a numerical setting of the equations
@@ -111,32 +111,7 @@ def open_variance(q: LikelihoodProblem, p: Array, noise: Noise, length: float) -
     # The covariance of a correct model: with process noise, missing physics would count as uncertainty.
     starts = f.states[0, cut.begins], sure.covariances[0, cut.begins]
     square = _setting_errors(q, p, whole, f, length) ** 2 + _start_errors(q.model, p, whole, cut, *starts)
-    owner = np.repeat(whole.recording, whole.counts + 1)
-    return np.nan_to_num(_by_block(square, window_blocks(owner, whole.time, length)))
-
-
-def cut_into(whole: Problem, length: float) -> Problem:
-    """The segments of a problem cut into windows."""
-    begins, counts, closed, recording = [], [], [], []
-    for begin, count, owner in zip(
-        whole.begins.tolist(), whole.counts.tolist(), whole.recording.tolist(), strict=True
-    ):
-        time = whole.time[begin : begin + count + 1]
-        number = window_numbers(time - time[0], length)
-        heads = [0, *(np.flatnonzero(np.diff(number)) + 1).tolist()]
-        heads = [h for h in heads if h < count]
-        begins += [begin + h for h in heads]
-        counts += np.diff([*heads, count]).tolist()
-        closed += [False] * (len(heads) - 1) + [True]
-        recording += [owner] * len(heads)
-    return replace(
-        whole,
-        begins=np.array(begins),
-        counts=np.array(counts),
-        closed=np.array(closed),
-        recording=np.array(recording),
-        linked=np.zeros(len(begins), dtype=np.bool_),
-    )
+    return np.nan_to_num(_by_block(square, window_of(cut)))
 
 
 def evaluate(q: LikelihoodProblem, p: Array, noise: Noise, recordings: Sequence[Recording]) -> Evaluation:
@@ -151,7 +126,7 @@ def evaluate(q: LikelihoodProblem, p: Array, noise: Noise, recordings: Sequence[
     outputs = [(j, port) for j, port in enumerate(model.outputs) if np.isfinite(problem.measured[:, j]).any()]
     scores = {port.role: Score.of(problem.measured[:, j], windows[:, j], port.unit) for j, port in outputs}
     owner = np.repeat(problem.recording, problem.counts + 1)
-    blocks = window_blocks(owner, problem.time, length)
+    blocks = window_of(cut)
     z = f.innovations[0] / np.sqrt(f.variances[0])
     each = deviance(f.innovations[0], f.variances[0])
     square = _setting_errors(q, p, problem, f, length) ** 2 + _start_errors(

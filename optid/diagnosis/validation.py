@@ -26,7 +26,7 @@ from optid.effects.effect import Effect
 from optid.estimation.fixed_gain import Residuals, cross_validated_residuals
 from optid.estimation.likelihood import huber
 from optid.estimation.multistep import window_starts
-from optid.estimation.problem import Integers, Problem, window_blocks
+from optid.estimation.problem import Integers, cut_into, window_of
 
 LARGEST = 700.0  # gain at which a p-value is capped: beyond it the exponential overflows
 FOLDS, BLOCKS = 3, 2  # of the recordings, and blocks of each recording in a fold
@@ -88,10 +88,10 @@ def _cross_validated(model: FittedModel, problem: DiagnosisProblem) -> Validated
     z = np.full(known.shape, np.nan)
     z[known] = cross_validated_residuals(residuals, np.repeat(fold, known.sum(axis=1)))
     z[fold < 0] = np.nan
+    cut = cut_into(q.problem, problem.window)
+    blocks = window_of(cut)
     # The first window of a recording has no past data: it is not a prediction.
-    first = np.isin(np.arange(len(z)), _first_windows(q.problem, problem.window))
-    z[first] = np.nan
-    blocks = window_blocks(recording, q.problem.time, problem.window)
+    z[np.isin(cut.begins, q.problem.begins)[blocks]] = np.nan
     squares = _by_window(huber(z), blocks)
     seen = np.isfinite(squares)
     return Validated(squares[np.ix_(seen.any(axis=1), seen.any(axis=0))])
@@ -111,18 +111,6 @@ def _folds(recording: Integers, time: Array, validation: Sequence[int]) -> Integ
         share = (time[here] - time[here].min()) / max(float(np.ptp(time[here])), 1e-300)
         fold[here] = np.minimum((FOLDS * BLOCKS * share).astype(np.int64), FOLDS * BLOCKS - 1) % FOLDS
     return fold
-
-
-def _first_windows(problem: Problem, seconds: float) -> Integers:
-    """Samples of the first window of every segment."""
-    ends = [
-        begin
-        + np.arange(
-            np.searchsorted(problem.time[begin : begin + count + 1] - problem.time[begin], seconds - 1e-9)
-        )
-        for begin, count in zip(problem.begins.tolist(), problem.counts.tolist(), strict=True)
-    ]
-    return np.concatenate(ends)
 
 
 def _by_window(squares: Array, blocks: Integers) -> Array:

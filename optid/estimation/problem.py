@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -128,11 +128,44 @@ def _slope(time: Array, values: Array) -> tuple[float, float]:
 
 
 def window_numbers(time: Array, seconds: float) -> Integers:
-    """The window of this length in which each time lies; one at its end, but for rounding, lies in the next."""
-    return np.floor(time / seconds + 1e-9).astype(np.int64)
+    """The window of this length in which each time since the first lies; less than half a one joins the last.
+
+    A time at the end of a window, but for rounding, lies in the next.
+    """
+    last = max(round(float(time[-1]) / seconds), 1) - 1
+    return np.minimum(np.floor(time / seconds + 1e-9).astype(np.int64), last)
+
+
+def cut_into(whole: Problem, length: float) -> Problem:
+    """The segments of a problem cut into windows."""
+    begins, counts, closed, recording = [], [], [], []
+    for begin, count, owner in zip(
+        whole.begins.tolist(), whole.counts.tolist(), whole.recording.tolist(), strict=True
+    ):
+        time = whole.time[begin : begin + count + 1]
+        number = window_numbers(time - time[0], length)
+        heads = [0, *(np.flatnonzero(np.diff(number)) + 1).tolist()]
+        heads = [h for h in heads if h < count]
+        begins += [begin + h for h in heads]
+        counts += np.diff([*heads, count]).tolist()
+        closed += [False] * (len(heads) - 1) + [True]
+        recording += [owner] * len(heads)
+    return replace(
+        whole,
+        begins=np.array(begins),
+        counts=np.array(counts),
+        closed=np.array(closed),
+        recording=np.array(recording),
+        linked=np.zeros(len(begins), dtype=np.bool_),
+    )
+
+
+def window_of(cut: Problem) -> Integers:
+    """The window in which each sample lies, (samples,)."""
+    return np.searchsorted(cut.begins, np.arange(len(cut.time)), side="right") - 1
 
 
 def window_blocks(owner: Integers, time: Array, seconds: float) -> Integers:
     """The windows of all recordings, `owner` of each sample, numbered through, (samples,)."""
-    pairs = np.stack([owner, window_numbers(time, seconds)])
+    pairs = np.stack([owner, np.floor(time / seconds + 1e-9).astype(np.int64)])
     return np.unique(pairs, axis=1, return_inverse=True)[1].ravel()

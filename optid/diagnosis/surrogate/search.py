@@ -30,6 +30,7 @@ from optid.diagnosis.surrogate.sinusoid import Linearisation
 from optid.diagnosis.validation import Validated, flipped_signs
 from optid.effects.description import Description
 from optid.effects.effect import Effect
+from optid.estimation.problem import cut_into, window_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,5 +153,5 @@ def _rivalling(sites: Sequence[UnknownInput], problem: DiagnosisProblem) -> list
 
 def _by_window(one: UnknownInput, problem: DiagnosisProblem) -> np.ndarray:
     """-2 log likelihood of each window."""
-    rows = max(round(problem.window / float(np.median(np.diff(problem.train[0].time)))), 1)
-    return np.add.reduceat(one.deviance, np.arange(0, len(one.deviance), rows))
+    cut = cut_into(problem.likelihood_problem(problem.rig).problem, problem.window)
+    return np.bincount(window_of(cut), weights=one.deviance)
