@@ -103,9 +103,6 @@ VARIANTS = {
     ),
     "contenders": Variant("one effect a round is fitted in full", {"contenders": 1}),
     "short windows": Variant("effects are first fitted by whole windows", {"short": 1.0}),
-    "linear start": Variant(
-        "contenders go from the race's end alone", {}, {(forward, "_starts"): lambda one: [one.p]}
-    ),
     "falling": Variant("a fit ends after its turns, falling or not", {}, {(multistep, "FALLING"): np.inf}),
     "restart": Variant(
         "a round is not repeated from a better base", {}, {(stepwise, "_restarted"): _never}, _is_none

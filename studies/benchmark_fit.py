@@ -4,8 +4,8 @@
 
 (a) Fits viscous and Coulomb friction and the discharge coefficient to 10 s of position at 1 kHz: optid, hand-written
 C, CasADi and IPOPT as CasADi's own example has it, and SciPy's LSODA, restarted at every held command, in
-`least_squares`. Without `--full` one simulation is
-timed for SciPy and multiplied by the number that a full run takes; with it, SciPy runs, also without restarts.
+`least_squares`. Without `--full` one simulation is timed for SciPy and multiplied by the number that a full run takes;
+with it, SciPy runs, also without restarts.
 (b) Simulates on one core, with the largest error of the position against Radau at rtol 1e-10.
 
 Times are the fastest of several runs, for all alike; optid uses all cores and, in a row of its own, one.
@@ -36,9 +36,8 @@ from optid.rigs.rigfile import Rig, read_rig
 from studies.peers import axis, fit_c, fit_casadi, fit_scipy
 from studies.peers.record import NOISE, Record, benchmark_record
 
-SCIPY_SIMULATIONS = (
-    20  # that least_squares took in a full run on this record; the quick mode multiplies by it
-)
+# That least_squares took in a full run on this record; the quick mode multiplies by it.
+SCIPY_SIMULATIONS = 20
 UNITS = {
     "supply_pressure": "Pa",
     "exhaust_pressure": "Pa",

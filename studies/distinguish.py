@@ -3,7 +3,7 @@
     python studies/distinguish.py [--quick] [--out studies/distinguishability.json]
 
 For each excitation and set of sensors: the signatures of all effects along one recording, what base parameters and
-window starts can imitate taken out (physics catalogue A.5), and for each pair the part of one signature that the
+window starts can imitate taken out, and for each pair the part of one signature that the
 other does not imitate. Look-alikes are searched in two ways, and the better imitation counts. The linear look takes
 any combination of seven drawn forms of the rival. Signatures bend with size, so it passes by a rival that is the very
 same at one size only: a rival that leaves less than `MOSTLY` is itself compared, too, at the one size that imitates

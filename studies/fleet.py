@@ -12,8 +12,8 @@ The rigs are those of `independent_rig`, with steps of 50 microseconds. Each has
 siblings share; from night to night friction and supply pressure wander by a per cent or so. 14 of 200 wear, in four
 ways, from a night that is drawn, and reach the medium size of the blind trial in 12 nights. A wear counts as visible
 from the night on which it exceeds the least size that `distinguishability.json` says the best possible test tells from
-nothing (rich motion, position only). A night's recording is 24 s at 500 Hz, as
-many samples as that table's motions have, another motion every night.
+nothing (rich motion, position only). A night's recording is 24 s at 500 Hz, as many samples as that table's motions
+have, another motion every night.
 
 `nights` calls the functions that rows call, in this process: 6 200 starts of Python would take 6 hours of a core. The
 model of each rig is fitted to its first night; a fleet fits all reference nights, which takes longer and tells no more.

@@ -4,10 +4,10 @@
 
 The paper's figures 13 to 16 are in paper_gains.py. Of each rig 8 s are recorded. From them `optid identify`,
 `optid fit` (`diagnose` where the fit leaves physics out), `optid tune --rig` and `optid tune` alone are called as a
-user would. All gains are then judged by
-studies/independent_rig/judge.py: steps of 20, 60, -40, 80, -80, 10 and -20 mm about mid-stroke, 2.5 s each, 0.03 mm of
-position noise, +-5 V, five seeds; ITAE of the true position over the step's size, and its peak to peak over the last
-half second. The oracle is a long global search over kp, ki and kd on the rig itself and the same seeds, with a
+user would. All gains are then judged by studies/independent_rig/judge.py: steps of 20, 60, -40, 80, -80, 10 and -20 mm
+about mid-stroke, 2.5 s each, 0.03 mm of position noise, +-5 V, five seeds; ITAE of the true position over the step's
+size, and its peak to peak over the last half second.
+The oracle is a long global search over kp, ki and kd on the rig itself and the same seeds, with a
 derivative filter of 2 ms (--oracle, four minutes of a core a rig; else the gains found by it are taken). It knows the
 very noise that it is judged by, so its figure flatters it: "fresh" are seeds that nobody has seen. A tuning may choose
 its filter, and so can beat it. Where an axis comes to rest depends on the step's size as if by chance, and the oracle

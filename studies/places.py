@@ -2,7 +2,7 @@
 
     unshare -m python -m studies.places [NAME...]
 
-Needs a Linux machine, and to be root in a mount namespace of its own. Prints one line a place: whether the results came
+Needs a Linux machine, and to be root in a mount namespace of its own. Prints one line per place: whether results came
 where they were wanted, or the call was refused before any work, or, where a place refused at the end, they were kept
 whole elsewhere; and how many of the places ended as they should.
 """

@@ -20,10 +20,8 @@ from optid.results.check import CheckResult
 from optid.rigs.rigfile import Rig
 
 _DRAWN = 1 << 17  # rows that are enough for a picture of a recording
-_EXAMINED, _STRETCHES = (
-    1 << 17,
-    8,
-)  # samples that are enough to judge identifiability, in parts of a long recording
+# Samples that are enough to judge identifiability, in parts of a long recording.
+_EXAMINED, _STRETCHES = 1 << 17, 8
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -128,7 +126,7 @@ def what_they_tell(rig: Rig, recordings: list[Recording]) -> dict[str, Any]:
     ties = identifiability(rig, examined)
     freed = {parameter.name for parameter in rig.freed}
     sd, leader = ties.weakest
-    alone = f"each has an effect of its own; the weakest direction is {leader}, known to {sd:.1%}"
+    alone = f"each has an effect of its own; the weakest direction is {leader}, known to {100 * sd:.1f} %"
     return {
         "parameters": len(ties.mute),
         "rank": int(ties.rank),

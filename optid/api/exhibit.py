@@ -77,7 +77,7 @@ def _entry(one: Exhibit) -> dict[str, Any]:
 
 
 def prediction_table(exhibits: Sequence[Exhibit]) -> pd.DataFrame:
-    """All predictions, one row a sample: use, recording, and the columns of `Prediction.frame`."""
+    """All predictions, one row per sample: use, recording, and the columns of `Prediction.frame`."""
     import pandas as pd
 
     parts = []

@@ -6,8 +6,8 @@ squares and the determinant in the criterion, as in the exact likelihood (Box, J
 Series Analysis, 3rd ed. 1994, sec. 7.1.4). If they are set to zero, slow roots of C carry the error far into the
 recording and bias A and B: one of four poles then missed its 95 % interval with sensor noise
 (`studies/armax_coverage.py`). The same is done after long gaps; after short ones the residuals start from
-        zero. A long recording's gradient is never stored completely: `information` reduces it to a triangle while it
-        is computed.
+zero. A long recording's gradient is never stored completely: `information` reduces it to a triangle while it is
+computed.
 """
 
 from __future__ import annotations

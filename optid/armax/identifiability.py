@@ -27,9 +27,8 @@ DIGITS = 15  # decimal places examined
 LOOKED_AT = 2000  # samples whose digits are examined
 FINE = 1e-3  # share of a signal's standard deviation up to which its step counts as rounding
 HARDLY = 0.02  # share of an input from outside a loop that counts as very small
-BY_OUTPUT = (
-    0.3  # of the part not predicted by its own past: an input that follows the output leaves at most this
-)
+# Of the part not predicted by its own past: an input that follows the output leaves at most this.
+BY_OUTPUT = 0.3
 EXCITED = 24  # lags over which the order of excitation is counted
 
 

@@ -16,6 +16,6 @@ def example(folder: str) -> None:
     rig, train, holdout = f"{folder}/bench.toml", f"{folder}/worn.csv", f"{folder}/worn_holdout.csv"
     click.echo("bench.csv was recorded on the axis of bench.toml; worn.csv is the same axis with a fault.")
     click.echo(f"next: optid simulate {rig} {train} --out {folder}/simulation")
-    click.echo("      how well does the model predict? 25 s the first time, while code is compiled, then 5 s")
-    click.echo("      which physics does it leave out? about two minutes the first time, then one:")
+    click.echo("      how well does the model predict? about 20 s the first time, while code is compiled")
+    click.echo("      which physics does it leave out? about half a minute:")
     click.echo(f"then: optid diagnose {rig} {train} --holdout {holdout} --out {folder}/diagnosis")

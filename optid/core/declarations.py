@@ -14,9 +14,8 @@ from optid.core.parameter import Parameter
 from optid.errors import PlantError, nearest
 
 Expression = Any  # casadi.SX or a number: CasADi's operators are not typed
-GROUP = (
-    "group "  # before the label, in the role of the input that says whether a recording belongs to the group
-)
+# Before the label, in the role of the input that says whether a recording belongs to the group.
+GROUP = "group "
 
 
 def member(name: str, label: str) -> str:

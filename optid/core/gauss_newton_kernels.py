@@ -37,8 +37,8 @@ def normal_equations(
     Window w: the residuals (Y - y) * weight at its samples 0..counts-1 (also at its last one if closed[w]).
     Receives end[w] (NX,), cost[w] = (sum of the loss, samples), slope[w] = d end / d(start, free) (NX, width),
     H[w] = sum J'J (directions, width) and g[w] = sum J'r (width,) with J = d y / d(start, free) * weight, all
-    padded. NaN in Y is missing. Residuals beyond `huber` count linearly (Huber's
-    loss; infinity for none). A failed window has cost NaN.
+    padded. NaN in Y is missing. Residuals beyond `huber` count linearly (Huber's loss; infinity for none). A failed
+    window has cost NaN.
     """
     nx, ny = X0.shape[1], Y.shape[1]
     c, k, y = np.empty(code.hoisted), np.empty(nx + 1), np.empty(ny + 1)

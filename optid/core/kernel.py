@@ -103,9 +103,9 @@ def advance(begin, step, half, x, S, u, c, k, T, tolerance, span, h):
 def _advance(begin, step, x, S, u, c, k, T, tolerance, span, h):
     """As `advance`, where nothing switches.
 
-    Steps stay within the method's stability where
-    the slopes say how fast states relax (behind the rates in k): a state saturated to the last bit (friction in
-    full slip) shows no error at any step, while its sensitivity would be multiplied by the unstable method.
+    Steps stay within the method's stability where the slopes say how fast states relax (behind the rates in k): a
+    state saturated to the last bit (friction in full slip) shows no error at any step, while the unstable method would
+    multiply its sensitivity.
     """
     left, tried = span, 0
     call(begin, (x, S, u, c, at(k, 0), T))

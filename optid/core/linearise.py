@@ -21,9 +21,8 @@ STEADY = 1e-9  # 1/s: largest rate of a state, as a share of its usual size, tha
 STRIDE = 0.5  # usual sizes: the longest step of the search, so that it cannot reach negative pressures
 PROBE = 1e-6  # of a usual size: the step to each side that detects a kink
 KINK = 1e-3  # relative difference of the slopes on both sides beyond which it is a kink
-RELAXES = (
-    1e-3  # of its largest slope: with a smaller own slope, a contact's state follows the motion like a spring
-)
+# Of its largest slope: with a smaller own slope, a contact's state follows the motion like a spring.
+RELAXES = 1e-3
 
 
 @dataclass(frozen=True, eq=False)

@@ -101,7 +101,7 @@ class Model:
         mean of what is held before and after.
     form_error : float | None
         share of the squared error that named effects may leave: the right effects, in another functional form, leave
-            more in at most one of 20 blind cases; None where this was not measured.
+        more in at most one of 20 blind cases; None where this was not measured.
     suspects : tuple[tuple[str, ...], ...]
         groups of sites at which unknown physics may act; a diagnosis estimates an unknown input there.
     scalable : tuple[str, ...]

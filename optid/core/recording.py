@@ -88,7 +88,7 @@ class Recording:
 
     @classmethod
     def from_frame(cls, frame: pd.DataFrame, rig: Mapped, name: str = "frame") -> Recording:
-        """A recording from a table in memory, one row a sample.
+        """A recording from a table in memory, one row per sample.
 
         Parameters
         ----------
@@ -263,7 +263,7 @@ class Recording:
         Returns
         -------
         pd.DataFrame
-            time (s) and a column a role, SI, one row a sample.
+            time (s) and a column per role, SI, one row per sample.
         """
         import pandas as pd
 

@@ -1,9 +1,8 @@
 """Python functions rewritten as C and as IEC 61131-3 structured text, so that there is a single source.
 
 Reads the subset of Python used by the control law and the recursive identifier: assignments, ranges, conditions,
-floats, whole
-numbers, parts of one array of doubles, members of structures, and calls of known functions. Anything else is refused.
-Every operation keeps its brackets, so that it is done in the same order and gives the same bits.
+floats, whole numbers, parts of one array of doubles, members of structures, and calls of known functions. Anything else
+is refused. Every operation keeps its brackets, so that it is done in the same order and gives the same bits.
 """
 
 from __future__ import annotations

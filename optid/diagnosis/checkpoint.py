@@ -31,7 +31,7 @@ from optid.effects.library import admitted
 from optid.estimation.multistep import multistep_at
 from optid.rigs.rigfile import with_effects
 
-SCHEMA = "optid.checkpoint/4"
+SCHEMA = "optid.checkpoint/5"
 
 
 @dataclass(frozen=True)
@@ -182,7 +182,7 @@ def _errors_from(rows: list[list[float | None]]) -> Validated:
 def _round(one: Round) -> dict[str, Any]:
     return {
         "model": _model(one.model),
-        "ranked": [[p.effect.name, p.start.tolist(), p.p.tolist(), p.loss] for p in one.proposals.ranked],
+        "ranked": [[p.effect.name, p.p.tolist(), p.loss] for p in one.proposals.ranked],
         "alone": one.proposals.alone,
         "visible": dict(one.proposals.visible),
         "contenders": [
@@ -215,9 +215,9 @@ class _Reader:
     def round(self, document: Mapping[str, Any]) -> Round:
         current = self.model(document["model"])
         ranked = []
-        for name, start, p, loss in document["ranked"]:
+        for name, p, loss in document["ranked"]:
             q = self.problem.likelihood_problem(with_effects(current.rig, (self.effects[name],), {}))
-            ranked.append(Proposal(self.effects[name], q, np.array(start), np.array(p), loss))
+            ranked.append(Proposal(self.effects[name], q, np.array(p), loss))
         contenders = tuple(
             Contender(self.effects[c["effect"]], self.model(c["model"]), _errors_from(c["errors"]), c["why"])
             for c in document["contenders"]

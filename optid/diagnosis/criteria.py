@@ -12,7 +12,7 @@ class Criteria:
     Attributes:
         level: rate of false effects on a rig that lacks nothing, for the whole catalogue together.
         error_over_noise: error of windows over the noise up to which a model counts as at the noise.
-        smallest_gain: share by which an effect must lower the windows' error (physics catalogue B.3, step 5).
+        smallest_gain: share by which an effect must lower the windows' error.
         smallest_share: share of the plain model's squared error that an effect must explain in addition to others:
             true laws follow those of the catalogue within a tenth or two of their size.
         largest_rest: share of the squared error that named effects may leave where the plant states none, and of an

@@ -41,14 +41,12 @@ class Proposal:
     Attributes:
         effect: to be added to the model.
         likelihood_problem: of the model with it.
-        start: all parameters after the linear step; iterations with their own gains may diverge from it.
         p: all parameters at the end of the iterations.
         loss: Huber's, of windows' errors.
     """
 
     effect: Effect
     likelihood_problem: LikelihoodProblem
-    start: Array
     p: Array
     loss: float
 
@@ -179,7 +177,7 @@ def _tried(
     seen = innovations(q, P, current.likelihood_problem.model, origin.held, only, resets)
     losses = 0.5 * huber(seen).sum(axis=1)
     best = int(np.argmin(losses))
-    return Proposal(one.effect, q, P[best], P[best], float(losses[best]))
+    return Proposal(one.effect, q, P[best], float(losses[best]))
 
 
 def _advance(

@@ -11,9 +11,8 @@ import casadi as ca
 from optid.core.sheet import Sheet
 
 SITES = ("force.shaft_angle", "force.shaft_speed", "force.transmission")
-STIFFEST = (
-    2 * math.pi * 120.0
-)  # rad/s: natural frequency of the two masses; faster ones are rigid for any drive
+# rad/s: natural frequency of the two masses; faster ones are rigid for any drive.
+STIFFEST = 2 * math.pi * 120.0
 
 
 def blend(size: Any, least: Any) -> Any:

@@ -83,7 +83,7 @@ def find_ties(o: Objective, at: Point, t: Terms, q: Array, held: Any) -> Colline
         elif sd > WEAK and len(members) > 1:
             sentences.append(
                 f"{_scaling(together, vector[members])} has little effect on these data: the factor is known to "
-                f"{sd:.0%}"
+                f"{100 * sd:.0f} %"
             )
     leader = names[int(np.abs(vectors[:, 0]).argmax())]
     return Collinearity(

@@ -1,4 +1,4 @@
-"""Batch fit of a rig's free parameters to recordings: annealed smoothing, then intervals and a certificate."""
+"""Batch fit of a rig's free parameters to recordings: annealed smoothing, then intervals and a check of every node."""
 
 from __future__ import annotations
 

@@ -28,9 +28,8 @@ PATIENCE = 2  # consecutive levels of lower likelihood that end it; a single one
 RUNG = 3.0  # factor by which the states of one unit are then varied separately, up and down
 HARD = 1e-6  # the share that represents no process noise
 TIGHT = 1e-5  # practically none, where the iteration still converges easily
-SETTLED = (
-    1e-7  # relative decrease of the cost that ends a fit: about 0.001 in -2 log likelihood, as its roughness
-)
+# Relative decrease of the cost that ends a fit: about 0.001 in -2 log likelihood, as its roughness.
+SETTLED = 1e-7
 
 
 @dataclass(frozen=True, eq=False)

@@ -38,8 +38,8 @@ BEYOND = 1.6  # multiple of the limit up to which the profile is computed, for p
 DEEPER = 0.5  # of the limit by which another point of the profile must be better to be the minimum
 APART = 0.5  # of the fit's half-width by which minimum and estimate may differ
 PRECISION = 1e-7  # relative decrease of the cost at which the other parameters count as fitted
-# Of the integration, as a share of each state's usual size. A fit's 1e-5 roughens its cost by about 1, which a
-# profile, looking for a rise of 4, would follow; at 1e-7 the roughness is 0.001 (the embedded bench).
+# Local error of the integration, as a share of each state's usual size. At 1e-5 the cost is rough by about 1, which
+# disturbs a profile that looks for a rise of 4; a fit has 1e-6 (`optid.estimation.objective.SOLVER`).
 SMOOTH = 1e-7
 
 

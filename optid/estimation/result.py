@@ -23,8 +23,8 @@ class Outcome(enum.Enum):
         "The time limit was reached: the best point so far is kept; run the fit again to continue from it."
     )
     NOT_CONVERGED = (
-        "The iteration did not converge: look at the unsound nodes in the certificate, fit fewer "
-        "parameters or start nearer."
+        "The iteration did not converge: look at the unsound nodes in the report (Convergence, node by node), "
+        "fit fewer parameters or start nearer."
     )
     BELOW_MEAN = (
         "The fit failed: it predicts worse than the mean of the measurement. Check signs, units and start "

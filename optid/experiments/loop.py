@@ -22,9 +22,8 @@ from optid.tuning.demand import Episode
 
 POSITION = "position"
 NOISE = 1e-4  # sd of the position as a share of the way between the stroke limits, where none is stated
-NOISE_OTHER = (
-    1e-3  # sd of any other output as a share of the usual size of its unit's state, where none is stated
-)
+# sd of any other output as a share of the usual size of its unit's state, where none is stated.
+NOISE_OTHER = 1e-3
 TOUCH = 1e-6  # of the range between the limits: a smaller excess counts as on the limit
 
 

@@ -10,9 +10,8 @@ import numpy as np
 from optid.core.model import Array
 from optid.live.reference import TOUR
 
-LENGTH = (
-    3.0  # s of a piece, approximately: long enough for a slow motion, short enough for several in a recording
-)
+# s of a piece, approximately: long enough for a slow motion, short enough for several in a recording.
+LENGTH = 3.0
 STILL = 0.05  # share of a piece before it moves
 REST = 0.15  # share of a piece after it has moved: the return to the middle, and rest there
 INNER = 0.97  # share of the range that a reference uses: the axis may overshoot
@@ -73,11 +72,11 @@ def _shapes(time: Array, reach: float, generator: np.random.Generator) -> Iterat
     for share in (0.1, 0.3, 0.6, 1.0):
         for hold in (0.15, 0.4, 0.9):
             levels = share * reach * _levels(time, hold, generator)
-            yield f"random steps, ±{share:.0%} of the reach, {hold:g} s each", levels
+            yield f"random steps, ±{100 * share:.0f} % of the reach, {hold:g} s each", levels
     for share, offset in ((0.05, 0.0), (0.3, 0.0), (1.0, 0.0), (0.3, 0.65), (0.3, -0.65)):
         where = "" if offset == 0.0 else f" about {offset:+.0%}"
-        yield f"slow ramps, ±{share:.0%}{where}", reach * (offset + share * _triangle(time / span))
-        yield f"fast ramps, ±{share:.0%}{where}", reach * (offset + share * _triangle(time / 0.5))
+        yield f"slow ramps, ±{100 * share:.0f} %{where}", reach * (offset + share * _triangle(time / span))
+        yield f"fast ramps, ±{100 * share:.0f} %{where}", reach * (offset + share * _triangle(time / 0.5))
     for low, high, share in (
         (0.3, 3.0, 0.05),
         (0.3, 3.0, 0.3),
@@ -88,7 +87,7 @@ def _shapes(time: Array, reach: float, generator: np.random.Generator) -> Iterat
         (5.0, 30.0, 1.0),
     ):
         waves = share * reach * _multisine(time, low, high, generator)
-        yield f"sines of {low:g} to {high:g} Hz, ±{share:.0%}", waves
+        yield f"sines of {low:g} to {high:g} Hz, ±{100 * share:.0f} %", waves
     for half in (0.06, 0.12):
         yield f"fast square wave, ±100%, {half:g} s to each side", reach * _square(time, half)
     for name, sign in (("up first", 1.0), ("down first", -1.0)):

@@ -13,9 +13,8 @@ from optid.errors import InputError, nearest
 from optid.rigs.rigfile import Rig
 
 SCHEMA = "optid.diagnosis/1"
-MOST = (
-    6  # effects taken from those that a diagnosis could not test: no experiment of some seconds serves more
-)
+# Effects taken from those that a diagnosis could not test: no experiment of some seconds serves more.
+MOST = 6
 
 
 def named(

@@ -6,9 +6,8 @@ import os
 import signal
 import sys
 
-ROOM = (
-    4  # times the resident memory that may be mapped: compilers and thread stacks reserve what they never use
-)
+# Times the resident memory that may be mapped: compilers and thread stacks reserve what they never use.
+ROOM = 4
 _DEATH_SIGNAL = 1  # PR_SET_PDEATHSIG of prctl(2)
 
 

@@ -19,9 +19,8 @@ Option = str | int | float | bool | list[str] | list[int] | list[float]
 COMMANDS = ("check", "simulate", "fit", "diagnose", "identify", "tune", "test")
 MEMORY = 2 * 2**30  # bytes: a diagnosis of four recordings of 8 s at 1 kHz takes a fifth of it
 TIME_LIMIT = 1800.0  # s of the process's own time: twice what a diagnosis allows its search
-PATIENCE = (
-    4.0  # times the time limit by the clock, when no deadline is stated: a loaded machine is slow, not dead
-)
+# Times the time limit by the clock, when no deadline is stated: a loaded machine is slow, not dead.
+PATIENCE = 4.0
 _NAME = re.compile(r"[^A-Za-z0-9._+-]+")
 
 

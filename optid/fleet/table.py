@@ -1,4 +1,4 @@
-"""From the folders of rows to one table: a row a rig and run, and what each measured."""
+"""From the folders of rows to one table: a row per rig and run, and what each measured."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def rows_of(out: Path, names: Iterable[str]) -> tuple[pd.DataFrame, pd.DataFrame
     Returns
     -------
     tuple[pd.DataFrame, pd.DataFrame]
-        One row a run: name, rig, date, job, tags as "tag NAME", outcome, verdict, effects (JSON: name, size and
+        One row per run: name, rig, date, job, tags as "tag NAME", outcome, verdict, effects (JSON: name, size and
         interval of each), seconds, memory and digests. And what they measured, columns `MEASURES` with name, job and
         unit.
     """

@@ -24,9 +24,8 @@ from optid.monitoring.one_step import Quantity
 LEVEL = 0.001  # probability of a false alarm among all quantities, each time they are judged
 CAP = 4.0  # largest normal score of one estimate
 DRAWS = 3  # simulated rigs that the sd of an estimate comes from
-SHARE = (
-    0.02  # of the squared errors: a quantity that explains less, compared with the rig file, is not suspected
-)
+# Of the squared errors: a quantity that explains less, compared with the rig file, is not suspected.
+SHARE = 0.02
 TOLD = 3  # suspicions in one sentence, the most significant first
 RIG_FILE = "the rig file"
 

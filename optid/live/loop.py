@@ -150,8 +150,8 @@ class Loop:
     def change(self, gains: Gains) -> None:
         """Take new gains without a jump of the command, in the rig's loop and in the simulated one.
 
-        Should the loop oscillate with them, or answer worse than before (`optid.live.trial`), it takes the old ones
-        back by itself. Gains that replace others on trial are held against those before.
+        If the loop oscillates with them, or responds worse than before (`optid.live.trial`), it takes the old ones
+        back by itself. Gains that replace others on trial are compared with those before the trial.
         """
         if not self.trial.running:
             self._before = self.controller.gains

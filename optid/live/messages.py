@@ -1,4 +1,4 @@
-"""Messages between guard and loop, one pair a sample: a few dozen bytes, packed by `struct`."""
+"""Messages between guard and loop, one pair per sample: a few dozen bytes, packed by `struct`."""
 
 from __future__ import annotations
 

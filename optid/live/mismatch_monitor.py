@@ -6,9 +6,8 @@ import math
 from dataclasses import dataclass
 
 MEMORY = 20.0  # s over which errors and motion are averaged
-PATIENCE = (
-    10.0  # s for which the model must fit badly before that is reported, and well before it is withdrawn
-)
+# s for which the model must fit badly before that is reported, and well before it is withdrawn.
+PATIENCE = 10.0
 BAD_FIT = 95.0  # percent of the 0.5 s windowed prediction, below which rig and model disagree
 NOISES = 3.0  # an error of fewer sd of the sensor's noise is not a mismatch, for any fit
 

@@ -1,7 +1,7 @@
 """Limits of speed, travel and stroke: the directions in which a command may still drive.
 
-A command above the safe one drives towards larger positions (contract). Where the axis is too fast, too far from where
-it began, or about to reach the end of its stroke, a command in the same direction is replaced by the safe one.
+A command above the safe one drives towards larger positions, by convention. Where the axis is too fast, too far from
+where it began, or about to reach the end of its stroke, a command in the same direction is replaced by the safe one.
 """
 
 from __future__ import annotations

@@ -19,10 +19,8 @@ from optid.live.twin import Twin
 PROCESS_NOISE, WINDOW = 3e-3, 0.5
 FORGET = 0.999  # of the running estimate of the sensors' noise
 OUTLIER = 5.0  # sd of an innovation: larger ones are clipped to it
-HEED, MOST = (
-    0.02,
-    1e8,
-)  # rate at which the process noise follows innovations larger than expected, and its limit
+# Rate at which the process noise follows innovations larger than expected, and its limit.
+HEED, MOST = 0.02, 1e8
 
 Kernel = TypeVar("Kernel", bound=Callable[..., object])
 quick: Callable[[Kernel], Kernel] = kept()

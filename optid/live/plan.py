@@ -14,7 +14,7 @@ from optid.live.reference import Reference
 from optid.live.settings import Settings, live_settings
 from optid.rigs.rigfile import Rig
 
-# Columns of the ring of signals, one row a sample, SI.
+# Columns of the ring of signals, one row per sample, SI.
 SIGNALS = (
     "time",
     "reference",

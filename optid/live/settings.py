@@ -59,7 +59,7 @@ class Limits:
     def allowed(self, wish: float, before: float, position: float, span: float) -> float:
         """The command nearest to the requested one that keeps the limits.
 
-        A positive command drives towards larger positions (contract), so beyond the stroke's limits the
+        By convention a positive command drives towards larger positions, so beyond the stroke's limits the
         outward part of a request is replaced by the safe command. If the request or the position is NaN, the result is
         the safe command, at once: the rate limit never delays it.
 

@@ -1,14 +1,15 @@
-"""Gains on trial: are the rig's own answers with new gains as good as those with the old ones were?
+"""Trial of new gains: is the response of the rig with them as good as with the old ones?
 
-An episode begins when the reference moves and lasts `WINDOW`. Its cost is ITAE over the span of the reference in it.
-Logarithms of the costs are compared move by move, every move alike, once both gains have made the same moves; else all
-new ones with all old ones. How much costs scatter is estimated from what is taken for alike, with old and new gains
-on their own (Welch, Biometrika 34, 1947), so Student's quantiles bound the ratio.
+An episode begins when the reference moves and lasts `WINDOW`. Its cost is ITAE divided by the span of the reference.
+Logarithms of the costs are compared for equal moves, each move with the same weight, once old and new gains have
+made the same moves; until then all new ones with all old ones. The scatter of the costs is estimated from repeated
+moves, for old and new gains separately (Welch, Biometrika 34, 1947), and Student's quantiles bound the ratio.
 
-The comparison is looked at after `LOOKS` episodes. New gains are kept as soon as they are surely no worse than
-`TOLERATED`, but not while they have made only some of the old moves. They go as soon as they are surely worse, and
-after the last look if neither is sure. Each look has its share of `LEVEL` (Bonferroni), so that is the chance at most
-that gains stay which are worse by `TOLERATED` or more, and that gains go for worse which are not.
+The comparison is made after each number of episodes in `LOOKS`. New gains are kept as soon as they are shown to be
+worse by less than `TOLERATED`, unless they have made only some of the old moves. They are taken back as soon as they
+are shown to be worse, and after the last comparison if neither is shown. Each comparison has its share of `LEVEL`
+(Bonferroni). So `LEVEL` bounds the probability of keeping gains that are worse by `TOLERATED` or more, and that of
+taking gains back as worse that are not.
 """
 
 from __future__ import annotations
@@ -23,10 +24,10 @@ from scipy.special import stdtrit
 
 WINDOW = 1.5  # s of an episode
 LOOKS = (4, 8, 16, 32, 64)  # episodes with new gains
-LEVEL = 0.05  # chance of a wrong word in a trial, to either side
+LEVEL = 0.05  # probability of a wrong verdict in a trial, of either kind
 TOLERATED = 1.02  # ratio of the costs up to which gains count as no worse
 KEPT = 28  # old episodes that are remembered
-MISSING = 0.2  # share of an episode's samples without a measurement beyond which it says nothing
+MISSING = 0.2  # share of an episode's samples without a measurement beyond which it is not used
 SMALL, LARGE = 1e-300, 700.0  # a cost, and the logarithm of a ratio, that still are numbers
 SMALLEST = 0.02  # of the stroke limits' span: smaller moves drown in noise and friction
 
@@ -163,7 +164,7 @@ class Trial:
 
 
 def compare(old: Sequence[Cost], new: Sequence[Cost]) -> Verdict:
-    """New episodes beside old ones, at one look's share of the level; kept if they are surely no worse than tolerated.
+    """Compare new episodes with old ones, at one comparison's share of the level.
 
     Args:
         old, new: costs of the episodes; old ones not empty.

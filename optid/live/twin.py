@@ -11,9 +11,8 @@ from optid.core.kernel import advance, at, call
 from optid.core.kernel import compiled as compiled_loop
 from optid.core.model import CLOCK, INTERVAL, Array, Model
 
-TOLERANCE = (
-    1e-6  # local error as a share of each state's size: half a micrometre per second compared with Radau
-)
+# Local error as a share of each state's size: half a micrometre per second compared with Radau.
+TOLERANCE = 1e-6
 
 
 class Twin:

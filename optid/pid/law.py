@@ -39,10 +39,8 @@ RESOLUTION, PER_STEP = 13, 14  # smallest step of the command and its inverse; b
 CLAMPING = 15  # 1: the integral stops while it would push further into a limit
 TRACKING = 16  # share of the excess that the integral gives back each sample
 ACCELERATION = 17  # command per acceleration of the set-point
-FRICTION, PER_SPEED = (
-    18,
-    19,
-)  # command that overcomes dry friction, and 1 / (speed over which it changes sign)
+# Command that overcomes dry friction, and 1 / (speed over which it changes sign).
+FRICTION, PER_SPEED = 18, 19
 NOTCH_B0, NOTCH_B1, NOTCH_B2, NOTCH_A1, NOTCH_A2 = range(20, 25)  # (b0 + b1/z + b2/z2) / (1 + a1/z + a2/z2)
 SETTINGS = 25
 

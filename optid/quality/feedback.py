@@ -41,7 +41,7 @@ def feedback(recording: Recording, inputs: tuple[str, ...], outputs: tuple[str, 
                     "feedback",
                     "warning",
                     cause,
-                    f"{cause} can be computed from {role} ({_EXPLAINED:.1%} of it or more): it comes from a "
+                    f"{cause} can be computed from {role} ({100 * _EXPLAINED:.1f} % of it or more): it comes from a "
                     "controller that nothing else excites, so plant and inverse controller cannot be distinguished; "
                     "record again with a moving reference or a test signal added to the command",
                 )

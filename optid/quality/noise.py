@@ -17,19 +17,16 @@ _STRETCH, _BEND = 48, 5  # samples, degree of the curve
 _QUIET = 0.2  # share of stretches counted as quiet
 _COLOURS = np.linspace(0.0, 0.95, 20)
 _MEMORY = 8  # samples from which the next one is predicted
-_ANNIHILATED = (
-    8  # degree of the filter that takes out motion: four resonances, or cubic motion and two of them
-)
+# Degree of the filter that takes out motion: four resonances, or cubic motion and two of them.
+_ANNIHILATED = 8
 _PER_WEIGHT = 20  # samples for each of its weights, and in each half
 _WHITE = 0.1  # four standard deviations of the estimate from 8 s of white noise at 1 kHz
 _MOTION = 0.93  # a longer memory is motion that the curves did not follow
 _FORETOLD = 0.5  # of the variance: what can be predicted better is motion; a quarter of coloured noise can be predicted
 _HIDDEN = 0.25  # of a step: larger noise changes levels even at rest
 _MANY = 500  # differences in fast motion: if there are fewer, they are mostly impacts
-_ENOUGH, _BLOCKS = (
-    1 << 18,
-    16,
-)  # samples used for the noise of a long signal, and blocks in which they are taken
+# Samples used for the noise of a long signal, and blocks in which they are taken.
+_ENOUGH, _BLOCKS = 1 << 18, 16
 _FEWEST_LEVELS = 6  # with fewer values any set looks like a grid
 
 

@@ -94,7 +94,7 @@ def missing(recording: Recording, inputs: tuple[str, ...], outputs: tuple[str, .
             "missing",
             "warning" if role in inputs or length >= WINDOW else "note",
             role,
-            f"{int(absent.sum())} samples of {role} are missing ({absent.mean():.2%}), "
+            f"{int(absent.sum())} samples of {role} are missing ({100 * absent.mean():.2f} %), "
             f"at most {stop - start} in a row{tail}",
             interval,
         )

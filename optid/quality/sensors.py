@@ -36,7 +36,7 @@ def saturation(recording: Recording, inputs: tuple[str, ...]) -> Iterator[Remark
                 "warning",
                 role,
                 f"{role} reaches {np.nanmax(size) / full:.3g} times its full scale "
-                f"({beyond.mean():.2%} of the time are beyond): the full scale in the rig file is too small, or the "
+                f"({100 * beyond.mean():.2f} % of the time): the full scale in the rig file is too small, or the "
                 "valve does not follow",
                 _longest(beyond, recording),
             )
@@ -46,7 +46,7 @@ def saturation(recording: Recording, inputs: tuple[str, ...]) -> Iterator[Remark
                 "saturated",
                 "note",
                 role,
-                f"{role} is at full scale for {at.mean():.2%} of the time",
+                f"{role} is at full scale for {100 * at.mean():.2f} % of the time",
                 _longest(at, recording),
             )
 
@@ -133,7 +133,7 @@ def _clipped(
             "clipped",
             "warning",
             channel.role,
-            f"{channel.role} is exactly at its {name} {channel.unit} for {rail.mean():.2%} of the time, "
+            f"{channel.role} is exactly at its {name} {channel.unit} for {100 * rail.mean():.2f} % of the time, "
             f"up to {last - first} samples in a row, without its usual noise: the sensor is saturated there",
             _span(recording, first, last),
         )

@@ -104,7 +104,7 @@ def pole_zero_map(candidates: Sequence[Candidate], physical: Sequence[PhysicalPo
 
 
 def steps(models: Sequence[Armax], unit: str, factor: float, input: int = 0) -> Markup:
-    """Response to a step of the input, one line a model.
+    """Response to a step of the input, one line per model.
 
     Args:
         models: one colour each.

@@ -6,9 +6,8 @@ from pathlib import Path
 
 HERE = Path(__file__).parent
 BUNDLE = "plotly-basic.min.js"
-SHARED = (
-    "OPTID_PLOTLY"  # environment: where pages find the bundle that many of them share, instead of one each
-)
+# Environment: where pages find the bundle that many of them share, instead of one each.
+SHARED = "OPTID_PLOTLY"
 
 
 def write_library(folder: Path) -> None:

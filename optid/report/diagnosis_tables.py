@@ -78,7 +78,7 @@ def _why(one: Contender, step: Round, kept: Collection[str]) -> str:
 
 
 def _map(finding: Finding, names: list[str]) -> pd.DataFrame:
-    """Root of the mismatch's energy over time, one row a slot."""
+    """Root of the mismatch's energy over time, one row per slot."""
     import pandas as pd
 
     region, parts = finding.region, []

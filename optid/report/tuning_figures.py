@@ -25,11 +25,8 @@ from optid.tuning.task import REFUSED, Task
 from optid.tuning.tuning import Scored, Tuning
 
 REST = ("#6f8fc9", "#b9a44c", "#8e6bb0")  # baselines
-CELLS, MIDDLE, COARSE = (
-    41,
-    21,
-    11,
-)  # of a landscape, on each side: linear, with friction, on a rig's physical model
+# Of a landscape, on each side: linear, with friction, on a rig's physical model.
+CELLS, MIDDLE, COARSE = 41, 21, 11
 WORTH = 1.0  # decades above the best cost that a landscape shows
 
 

@@ -70,7 +70,7 @@ class CheckResult(Result):
         return [head, *(f"  {_detectable(one)}" for one in told)]
 
     def to_frame(self) -> pd.DataFrame:
-        """One row a remark: recording, severity, channel, kind, message, from and to (s).
+        """One row per remark: recording, severity, channel, kind, message, from and to (s).
 
         Returns
         -------

@@ -54,7 +54,7 @@ class Finding:
 class DiagnosisResult(ResultWithRig):
     """Which physics the model leaves out, where, how certain it is, and its gain on held-out recordings.
 
-    `tables["holdout"]`: one row a sample of the recordings held out: recording, time (s), and for each measured channel
+    `tables["holdout"]`: one row per held-out sample: recording, time (s), and for each measured channel
     NAME, NAME_before and NAME_after: windows of the original model and of the improved one, SI. For finding k there
     may be `tables["map k"]` (mismatch over time), `tables["state k NAME"]` (over a signal) and `tables["signal k"]`
     (the missing signal, sample by sample, with the identified law). `tables["rivals"]`, one row per rival:
@@ -111,7 +111,7 @@ class DiagnosisResult(ResultWithRig):
         return "\n".join(lines)
 
     def to_frame(self) -> pd.DataFrame:
-        """One row a parameter of a finding: effect, site, parameter, value, low, high, unit (SI), p_value.
+        """One row per parameter of a finding: effect, site, parameter, value, low, high, unit (SI), p_value.
 
         Returns
         -------

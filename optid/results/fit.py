@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 class FitResult(ResultWithRig):
     """Fitted parameters, how well they predict, and what the fit leaves open.
 
-    `tables["prediction"]`: one row a sample: use ("training", "held out"), recording, time (s), and for each measured
+    `tables["prediction"]`: one row per sample: use ("training", "held out"), recording, time (s), and for each measured
     channel NAME, NAME_free_run and NAME_window, SI. `tables["nodes"]`: the fit's state at each node and whether it is
     sound. `tables["covariance"]`: of the fitted parameters, SI, in the order of `parameters`.
     `files["rig.toml"]`: the rig file with the fitted values.
@@ -112,7 +112,7 @@ class FitResult(ResultWithRig):
         return "\n".join(lines)
 
     def to_frame(self) -> pd.DataFrame:
-        """One row a fitted parameter: unit, value, low, high, start (SI), at_bound, identifiable.
+        """One row per fitted parameter: unit, value, low, high, start (SI), at_bound, identifiable.
 
         Returns
         -------
@@ -151,7 +151,7 @@ class ProfileResult(Result):
         return str(self.document["words"])
 
     def to_frame(self) -> pd.DataFrame:
-        """The profile, one row a value.
+        """The profile, one row per value.
 
         Returns
         -------

@@ -22,7 +22,7 @@ SHOWN = 20  # failed rows that a summary lists
 class FleetResult(Result):
     """Rows finished, rigs that changed, rigs that differ from their siblings, and what siblings share.
 
-    `tables["rows"]` holds a row a rig and run, `tables["nights"]` p-values by rig and night, `tables["trends"]` every
+    `tables["rows"]` holds a row per rig and run, `tables["nights"]` p-values by rig and night, `tables["trends"]` every
     quantity's slope and change-point, `tables["measures"]` what the rows measured, `tables["t"]` rigs against
     quantities on the last night.
     """
@@ -37,7 +37,7 @@ class FleetResult(Result):
 
     @property
     def told(self) -> list[dict[str, Any]]:
-        """Rigs that have changed: rig, first date, quantity, way, t, p_rig, q."""
+        """Rigs reported as changed: rig, first date, quantity, way ("grows" or "falls"), t, p_rig, q."""
         return list(self.document["told"])
 
     def summary(self) -> str:
@@ -68,7 +68,7 @@ class FleetResult(Result):
         return "\n".join(lines)
 
     def to_frame(self) -> pd.DataFrame:
-        """One row a rig and run, as in `fleet.parquet`.
+        """One row per rig and run, as in `fleet.parquet`.
 
         Returns
         -------

@@ -80,7 +80,7 @@ class IdentificationResult(Result):
         return "\n".join(lines)
 
     def to_frame(self) -> pd.DataFrame:
-        """One row a coefficient: order, name, value and standard error.
+        """One row per coefficient: order, name, value and standard error.
 
         Returns
         -------

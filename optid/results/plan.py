@@ -51,7 +51,7 @@ class PlanResult(Result):
         return "\n".join([head, *lines, said])
 
     def to_frame(self) -> pd.DataFrame:
-        """One row a pair of rivals: there, instead, sd, sd_plain_steps, seconds_needed.
+        """One row per pair of rivals: there, instead, sd, sd_plain_steps, seconds_needed.
 
         Returns
         -------

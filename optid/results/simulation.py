@@ -20,7 +20,7 @@ NOT_CHANNELS = ("schema", "version", "command", "inputs", "about", "files")  # o
 class SimulationResult(Result):
     """How well a rig's model predicts recordings.
 
-    `tables["prediction"]` has one row a sample: recording, time (s), and for each measured channel NAME (as recorded),
+    `tables["prediction"]`: one row per sample: recording, time (s), and for each measured channel NAME (as recorded),
     NAME_free_run and NAME_window, SI; with a fit's uncertainty NAME_free_run_low and so on, the 95 % band that the
     parameters' covariance gives, measurement noise not counted. `tables["inputs"]` holds the inputs.
     """
@@ -55,7 +55,7 @@ class SimulationResult(Result):
         return "\n".join(lines)
 
     def to_frame(self) -> pd.DataFrame:
-        """The prediction, one row a sample.
+        """The prediction, one row per sample.
 
         Returns
         -------

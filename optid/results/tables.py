@@ -17,10 +17,8 @@ if TYPE_CHECKING:
     import pandas as pd
 
 TABLES = "tables.npz"
-RATIO, SMALL = (
-    200,
-    1 << 26,
-)  # largest ratio of unpacked to packed size, and size in bytes that is always accepted
+# Largest ratio of unpacked to packed size, and size in bytes that is always accepted.
+RATIO, SMALL = 200, 1 << 26
 _SEPARATOR = "|"
 
 

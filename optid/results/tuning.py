@@ -82,7 +82,7 @@ class TuningResult(Result):
         return "\n".join([*table(("gain", "value", "unit"), gains), *table(("", f"ITAE ({unit})"), costs)])
 
     def to_frame(self) -> pd.DataFrame:
-        """One row a way to choose gains: name, kp, ki, kd (SI), itae.
+        """One row per way to choose gains: name, kp, ki, kd (SI), itae.
 
         Returns
         -------

@@ -18,7 +18,7 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
 
 
 def score_rows(scores: Mapping[str, Mapping[str, Any]]) -> list[tuple[str, str, str]]:
-    """Role, fit and rmse in words, one row a channel."""
+    """Role, fit and rmse in words, one row per channel."""
     return [
         (role.replace("_", " "), percent(score["fit_percent"]), error(score["rmse"], score["unit"]))
         for role, score in scores.items()

@@ -33,8 +33,7 @@ def sample(task: Task, free: tuple[str, ...], plant: int = 0) -> ca.Function:
 
     (w, g, e) -> w afterwards: w holds the state [plant, controller, parts of the cost] and behind it its derivative
     to each free gain; g the free gains; e = (reference, load, weight, rise, noise) of the
-    sample. Settings are constants;
-    the resolution of the command is left out, as its steps would hide every slope.
+    sample. Settings are constants; the resolution of the command is left out, as its steps would hide every slope.
     """
     A, B, dead = (values[plant] for values in task.course.arrays[:3])
     order, count = A.size, A.size + MEMORY + PARTS

@@ -19,21 +19,15 @@ from optid.tuning.search import GENERATIONS, Box, Evolved, box, evolve, slices
 from optid.tuning.task import REFUSED, Task
 from optid.tuning.ultimate import Ultimate, ultimate
 
-LAG_SAMPLES, LAG_SHARE = (
-    1.0,
-    1 / 80,
-)  # least derivative filter by default: samples, share of the ultimate period
+# Least derivative filter by default: samples, share of the ultimate period.
+LAG_SAMPLES, LAG_SHARE = 1.0, 1 / 80
 POINTS, SLOW_POINTS = 3000, 700  # largest number of grid points; the second with a physical model
 WITH_BENCH = 80  # generations of a search in which a physical model runs
-AROUND, ROUNDS, WORTHWHILE = (
-    0.06,
-    4,
-    5e-4,
-)  # of the cube; populations around the best result, and the gain required of each
+# Of the cube; populations around the best result, and the gain required of each.
+AROUND, ROUNDS, WORTHWHILE = 0.06, 4, 5e-4
 SWIFT = 25  # generations of the search on the linear model that only gives a start
-FINE_INTEGRAL = (
-    12.0  # bend of the scale of ki where friction is simulated: linear below 1e-3 Ku/Tu, which matters there
-)
+# Bend of the scale of ki where friction is simulated: linear below 1e-3 Ku/Tu, which matters there.
+FINE_INTEGRAL = 12.0
 VALLEYS = 3  # minima of the grid that are polished
 
 

@@ -25,10 +25,8 @@ HUNTING_SHARE = 1e-3  # the same as a share of the largest step, where the noise
 SEED = 20  # of the noise
 SHORTER = 0.25  # largest share by which a step is shortened in a run
 STRIDE = 0.37  # between the shares of neighbouring sizes
-STRONGER, EVERY = (
-    1.1,
-    3,
-)  # factor on the command in every so many-th run: a gain margin with friction and limits
+# Factor on the command in every so many-th run: a gain margin with friction and limits.
+STRONGER, EVERY = 1.1, 3
 
 
 @dataclass(frozen=True)

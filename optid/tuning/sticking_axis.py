@@ -38,9 +38,8 @@ FITTED = ((0.7, 1.5), (0.8, 1.3), (0.63, 1.8))
 # Of the asymmetry of speed, in the same sets. If all of it is in the valve, noise at rest causes a drift that friction
 # cannot hold; none, if pressures cause it in motion only: a recording of motion cannot decide.
 ASYMMETRIES = (0.5, 0.0, 1.0)
-CREEP = (
-    0.01  # share of the speed at half the command's range, over which break-away decays to friction in motion
-)
+# Share of the speed at half the command's range, over which break-away decays to friction in motion.
+CREEP = 0.01
 FINE = 0.05  # steps of the integration times the fastest rate
 MOST = 64  # steps in a sample
 

@@ -63,7 +63,7 @@ def usual_structure(simulated: bool, known: bool) -> str:
 
     An axis integrates by itself. Where its friction is only assumed, the simulation does not show how much integral
     action makes it hunt: dry friction without break-away lets it rest where a real axis does not. A constant load
-            then leaves an error.
+    then leaves an error.
 
     Args:
         simulated: whether a simulation with friction judges.

@@ -2,10 +2,8 @@
 
 X, P = 0, 1  # position, and momentum of what moves with it
 SEEN = 2  # what the sensor's filter holds
-A, B = (
-    3,
-    4,
-)  # hydraulic: content of the chambers, m3 at no pressure. rotary: twist of the shaft, momentum of the motor
+# Hydraulic: content of the chambers, m3 at no pressure. rotary: twist of the shaft, momentum of the motor.
+A, B = 3, 4
 C, D = 5, 6  # hydraulic: opening of the spool and its rate. rotary: heat in the winding
 E, F = 7, 8  # hydraulic: pressures that the hoses' walls have followed
 SMOOTH = 9  # so many obey differential equations; the rest remembers, and changes once a step

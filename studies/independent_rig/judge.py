@@ -116,12 +116,8 @@ THREADS = max(1, int(os.environ.get("JUDGE_THREADS", "2")))
 BOUNDS = ((5.0, 1500.0), (1e-3, 600.0), (0.02, 60.0))  # of kp, ki, kd: beyond them every rig is worse by far
 NO_INTEGRAL = 5e-3  # ki below which there is none
 COARSE = 5e-4  # s, integration step of the search: costs differ by 0.3 % from those at 0.25 ms
-SCREENED, EVOLVED, VALLEYS, APART = (
-    1024,
-    40,
-    4,
-    0.25,
-)  # points, generations, ends followed, their distance (logarithm)
+# Points, generations, ends followed, their distance (logarithm).
+SCREENED, EVOLVED, VALLEYS, APART = 1024, 40, 4, 0.25
 
 
 def oracle(

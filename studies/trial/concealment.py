@@ -1,8 +1,7 @@
 """How well an effect hides: what a refit of the base parameters would leave of it, and when it acts.
 
 All from the independent rig itself: the true path, the path without the effect from the same states, and what the
-base parameters, a skew between the channels and the states at each window's start can do about the difference
-(physics catalogue A.5).
+base parameters, a skew between the channels and the states at each window's start can do about the difference.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""Every effect of the contract's list as the independent rig has it, at any of three sizes.
+"""Every named effect as the independent rig has it, at any of three sizes.
 
-Sizes span what the physics catalogue calls usual. Forms differ from the toolbox's where nature leaves a choice:
+Sizes span the usual range. Forms differ from the toolbox's where nature leaves a choice:
 Lorentz's curve or a plain exponential for the Stribeck effect, a raised cosine or a one-sided rise for friction
 over position, a hardening spring, a drag that is not quite quadratic, a disturbance with a third harmonic, gaps
 that leak as laminar flow does, edges that open at four different places, plays in parallel for hysteresis, elements

@@ -16,9 +16,8 @@ from studies.trial.excitation import STYLES
 TRAIN, HELD_OUT = ("steps", "multisine", "ramps"), "mixed"
 SECONDS, DT, STEP = 8.0, 1e-3, 2e-5
 USUAL, OFTEN = 0.11, 1.6  # m beyond which a reference goes far: stretched so much, and cut at its reach
-TOO_HARD = (
-    0.1  # share of samples with the command at its limit beyond which someone would turn the gains down
-)
+# Share of samples with the command at its limit beyond which someone would turn the gains down.
+TOO_HARD = 0.1
 RIG = """name = "{name}"
 model = "servo-pneumatic"
 

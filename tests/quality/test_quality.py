@@ -156,7 +156,7 @@ def test_saturation_is_a_note_and_beyond_scale_a_warning():
     found = {r.kind: r for r in quality(recording(command=clipped), MODEL)}
     assert found.keys() == {"saturated"}
     assert found["saturated"].severity == "note"
-    assert f"{np.mean(np.abs(clipped) == 1):.2%}" in found["saturated"].message
+    assert f"{100 * np.mean(np.abs(clipped) == 1):.2f} %" in found["saturated"].message
     assert only(quality(recording(command=1.6 * s["command"]), MODEL), "beyond_scale", "command")
 
 

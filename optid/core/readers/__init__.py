@@ -1,4 +1,4 @@
-"""From a file to a recording: one file a format; `table` is what they share, `mapping` makes channels."""
+"""From a file to a recording: one file per format; `table` is what they share, `mapping` makes channels."""
 
 from optid.core.readers.formats import read_table
 from optid.core.readers.mapping import Mapped, read_recording

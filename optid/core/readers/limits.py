@@ -10,9 +10,8 @@ from optid.errors import RecordingError
 FLOOR = 64 << 20  # bytes that any file may unpack to
 RATIO = 100  # times its size that a file may unpack to: logs shrink 3 to 20 times, one of a channel at rest 100 times
 ROWS = 1_000_000  # that any file may have
-ROWS_PER_BYTE = (
-    8  # of the file, that it may have beside these: of a bit each, and a row takes 80 bytes of memory
-)
+# Of the file, that it may have beside these: of a bit each, and a row takes 80 bytes of memory.
+ROWS_PER_BYTE = 8
 PIPE = 512 << 20  # bytes taken from a pipe, which has no size
 MEMBERS = 100_000  # gzip streams one after the other in a file: block-wise tools write one for 64 kB
 _PIECE = 4 << 20  # bytes unpacked at a time

@@ -11,9 +11,8 @@ from optid.effects.effect import Effect
 from optid.estimation.likelihood import noisy_states
 from optid.estimation.problem import Integers
 
-AHEAD = (
-    5  # samples that are simulated with and without the effect: friction's microseconds have passed by then
-)
+# Samples that are simulated with and without the effect: friction's microseconds have passed by then.
+AHEAD = 5
 MOST = 0.99  # quantile that counts as the largest: neither rest nor a single jolt determines it
 FAINT = 1e-4  # of the largest in all recordings: what is smaller in a whole recording does not act there
 

@@ -6,8 +6,6 @@ import contextlib
 import math
 from functools import partial
 
-import numpy as np
-
 from optid.core.model import Array
 from optid.core.threads import parallel_map
 from optid.diagnosis.fitted import FittedModel, fit_model
@@ -33,7 +31,7 @@ def forward_step(
     effects = [one for one in admitted(current.rig.model, problem.own) if one.name != but]
     near = before.error_over_noise <= problem.criteria.error_over_noise
     # A linear step and the model's own quiet filter are reliable only for a model at the noise.
-    # A quarter of the smallest gain, of a loss that is quadratic in the error.
+    # A quarter of the smallest gain in the error is half of it in the loss, which is quadratic in the error.
     promise, level = (problem.criteria.smallest_gain / 2.0, current.fit.level) if near else (None, QUIET)
     proposals = propose(current, effects, problem, promise, level, begin)
     few = worth_fitting(proposals, near, bool(current.effects), problem)
@@ -94,14 +92,8 @@ def fit_proposal(
 
 
 def begin_proposal(current: FittedModel, problem: DiagnosisProblem, one: Proposal) -> MultistepFit | None:
-    """The start with the smallest loss, after one iteration; ``None`` where the simulation diverges from all."""
-    q, fits = one.likelihood_problem, []
-    for p in _starts(one):
-        with contextlib.suppress(SolveError):
-            steps, level = problem.options.steps, current.fit.level
-            fits.append(fit_multistep(q, p, problem.window, turns=1, steps=steps, level=level, most=1))
-    return min(fits, key=lambda each: each.loss, default=None)
-
-
-def _starts(one: Proposal) -> list[Array]:
-    return [one.p] if np.array_equal(one.p, one.start) else [one.p, one.start]
+    """The proposal after one iteration; ``None`` where the simulation diverges."""
+    q, steps, level = one.likelihood_problem, problem.options.steps, current.fit.level
+    with contextlib.suppress(SolveError):
+        return fit_multistep(q, one.p, problem.window, turns=1, steps=steps, level=level, most=1)
+    return None

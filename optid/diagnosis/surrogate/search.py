@@ -124,7 +124,7 @@ def _waves(base: FittedModel, likely: Sequence[UnknownInput], problem: Diagnosis
     for wave, values, _ in sorted(heard, key=lambda one: -one[2])[:1]:
         q = problem.likelihood_problem(with_effect(base.rig, wave))
         p = q.at({**base.values, **wave.qualified(values)})
-        found.append(Proposal(wave, q, p, p, math.inf))
+        found.append(Proposal(wave, q, p, math.inf))
     return found
 
 

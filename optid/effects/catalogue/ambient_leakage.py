@@ -10,7 +10,7 @@ from optid.core.sheet import Sheet
 from optid.effects.effect import Effect
 from optid.effects.gap import LAMINAR, laminar_flux
 
-LEAK = "physics catalogue A.3: 0 to 0.3 mm2"
+LEAK = "usual: 0 to 0.3 mm2"
 AREA_A = Parameter("area_a", "m**2", 1e-7, "flow area from chamber A to the room", LEAK, 0.0, (0.0, 5e-6))
 AREA_B = Parameter("area_b", "m**2", 1e-7, "flow area from chamber B to the room", LEAK, 0.0, (0.0, 5e-6))
 

@@ -16,7 +16,7 @@ DRY = Parameter(
     "1",
     0.1,
     "(dry friction forwards - backwards) over their sum",
-    "physics catalogue A.1: 2 to 20 %",
+    "usual: 2 to 20 %",
     0.0,
     (-0.95, 0.95),
 )

@@ -44,7 +44,7 @@ class ClockDrift(Effect):
     Where position and other channels are late together, everything follows the command late: the command is delayed by
     r t, exactly. A lag of the position alone is its travel in the last r t seconds, by Pade's approximation of
     third order: the piston may have broken away in between, which its present speed and acceleration do not show.
-            A lead is extrapolated, x - v r t + a (r t)^2 / 2.
+    A lead is extrapolated, x - v r t + a (r t)^2 / 2.
     """
 
     name = "clock_drift"
@@ -71,7 +71,7 @@ class ClockDrift(Effect):
     experiment = (
         "record command and position with one clock, or a step at the start and at the end of an hour"
     )
-    source = "physics catalogue B.2: lag, gain and clock are the faults of data to rule out"
+    source = "two sampling clocks that are not synchronised"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
         """The sensor's reading, m; the delayed command, a share of full command."""

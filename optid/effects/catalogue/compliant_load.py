@@ -24,7 +24,7 @@ FREQUENCY = Parameter(
     "Hz",
     30.0,
     "natural frequency of the load on its coupling, with the piston held",
-    "physics catalogue A.1: 10 to 100 Hz",
+    "usual: 10 to 100 Hz",
     30.0,
     (2.0, 120.0),
     logarithmic=True,
@@ -60,7 +60,7 @@ class CompliantLoad(Effect):
     excludes = ("transmission_backlash", "transmission_compliance")
     look_alikes = ("sensor_backlash", "valve_lag", "sensor_lag", "input_delay")
     experiment = "an accelerometer on the load, or small steps of the command at 20 to 100 Hz"
-    source = "Newton's second law for two masses; sizes from physics catalogue A.1, row 12"
+    source = "Newton's second law for two masses"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
         """Acceleration of the piston, m/s2."""

@@ -14,7 +14,7 @@ FORCE = Parameter(
     "N",
     5.0,
     "constant force towards positive position",
-    "physics catalogue A.1: 1 to 30 N",
+    "usual: 1 to 30 N",
     0.0,
     (-2e3, 2e3),
 )

@@ -16,7 +16,7 @@ SHIFT = Parameter(
     "1",
     0.1,
     "critical pressure ratio of the valve less that of an ideal nozzle (0.528 for air)",
-    "physics catalogue A.2: valves have 0.15 to 0.5",
+    "usual: valves have 0.15 to 0.5",
     0.0,
     (-0.5, 0.3),
 )
@@ -67,7 +67,7 @@ class CriticalPressureRatio(Effect):
     needs = "flow at small pressure differences: a chamber near supply or near exhaust pressure"
     look_alikes = ("supply_droop", "heat_transfer", "position_dependent_friction", "tube_restriction")
     experiment = "repeat the run at two supply pressures, with the chamber pressures measured"
-    source = "ISO 6358-1:2013; sizes from physics catalogue A.2, row 23"
+    source = "ISO 6358-1:2013"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
         """The pressure ratio at which eq. 7 passes the same flow."""

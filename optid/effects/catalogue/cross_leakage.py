@@ -15,7 +15,7 @@ AREA = Parameter(
     "m**2",
     1e-7,
     "flow area between the chambers",
-    "physics catalogue A.3: 0 to 0.5 mm2, new below 0.005",
+    "usual: 0 to 0.5 mm2, new below 0.005",
     0.0,
     (0.0, 5e-6),
 )

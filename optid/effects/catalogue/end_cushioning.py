@@ -17,7 +17,7 @@ THROTTLING = Parameter(
     "1",
     20.0,
     "flow area of the fully open valve over that of the cushion's needle",
-    "physics catalogue A.3: needles of 0.1 to 2 mm2 behind a port of 25 mm2",
+    "usual: needles of 0.1 to 2 mm2 behind a port of 25 mm2",
     0.0,
     (0.0, 1e3),
 )
@@ -26,7 +26,7 @@ LENGTH = Parameter(
     "m",
     0.02,
     "distance from either end of the stroke at which the cushion begins",
-    "physics catalogue A.3: 10 to 25 mm",
+    "usual: 10 to 25 mm",
     0.02,
     (2e-3, 0.1),
 )
@@ -113,7 +113,7 @@ class EndCushioning(Effect):
     needs = "motion into the last 10 to 25 mm before an end of the stroke"
     look_alikes = ("exhaust_restriction", "position_dependent_friction", "tube_restriction")
     experiment = "strokes to both ends with the cushions' needles turned"
-    source = "physics catalogue A.3, row 32; check valve and needle of a cushioned cylinder"
+    source = "check valve and needle of a cushioned cylinder"
 
     def active_range(
         self, values: Mapping[str, float], plant: Mapping[str, float]

@@ -17,7 +17,7 @@ BACK = Parameter(
     1e5,
     "absolute pressure that drives 10 g/s (500 l/min) of choked flow through the restriction",
     # A clogged silencer passes a few g/s at most: extrapolated to 10 g/s its pressure is many bar.
-    "physics catalogue A.3: 0 to 1 bar above ambient at the flows of the axis",
+    "usual: 0 to 1 bar above ambient at the flows of the axis",
     0.0,
     (0.0, 5e6),
 )
@@ -78,7 +78,7 @@ class ExhaustRestriction(Effect):
     needs = "fast strokes in which a chamber is vented to below twice the exhaust pressure; above, the flow is choked"
     look_alikes = ("tube_restriction", "end_cushioning", "quadratic_drag", "supply_droop")
     experiment = "full strokes at full command with the silencer on and off"
-    source = "ISO 6358-1:2013; physics catalogue A.3, row 25"
+    source = "ISO 6358-1:2013"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
         """Pressure behind the exhaust port, Pa; at the chambers the flow, kg/s, is only stored."""

@@ -16,7 +16,7 @@ RATE = Parameter(
     "1/s",
     0.01,
     "relative change of dry friction per second at the start of a recording",
-    "physics catalogue A.1: 5 to 40 % within a recording",
+    "usual: 5 to 40 % within a recording",
     0.0,
     (-1.0, 1.0),
 )
@@ -74,7 +74,7 @@ class FrictionDrift(Effect):
         "supply_droop",
     )
     experiment = "repeat the same stroke twenty times from cold to warm"
-    source = "physics catalogue A.1, row 14"
+    source = "warming up, drying out and wear of seals and guides"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
         """The level of dry friction, N."""

@@ -17,7 +17,7 @@ COEFFICIENT = Parameter(
     "W/(m**2 K)",
     50.0,
     "heat flow per wall area and temperature difference",
-    "physics catalogue A.3: 20 to 200 W/(m2 K)",
+    "usual: 20 to 200 W/(m2 K)",
     0.0,
     (0.0, 2e3),
 )
@@ -53,7 +53,7 @@ class HeatTransfer(Effect):
     needs = "fast moves followed by holds of about a second"
     look_alikes = ("tube_restriction", "critical_pressure_ratio", "ambient_leakage", "supply_droop")
     experiment = "hold after fast moves with the pressures measured: they creep for 0.1 to 1 s"
-    source = "Carneiro and Almeida, Proc. IMechE I 220, 2006; equations as in physics catalogue A.3, row 31"
+    source = "Carneiro and Almeida, Proc. IMechE I 220, 2006"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
         """The chamber's rate of pressure, Pa/s."""

@@ -16,7 +16,7 @@ DELAY = Parameter(
     "s",
     4e-3,
     "time from the command to its effect",
-    "physics catalogue A.2: 0.5 to 10 ms",
+    "usual: 0.5 to 10 ms",
     0.0,
     (0.0, 0.1),
 )
@@ -39,7 +39,7 @@ class InputDelay(Effect):
     experiment = "record the spool's position signal, or the pressures at 5 kHz around steps of the command"
     # The skew between channels is within a sample; from position alone it cannot be distinguished from a delay.
     resolved = MappingProxyType({"delay": 0.5})
-    source = "physics D.6; sizes from physics catalogue A.2, row 21"
+    source = "transport delay of bus, converter and tube"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
         """The delayed command, a share of full command."""

@@ -14,15 +14,13 @@ from optid.core.parameter import Parameter
 from optid.core.sheet import Sheet
 from optid.effects.effect import Effect
 
-AMPLITUDE = Parameter(
-    "amplitude", "N", 3.0, "amplitude of the force", "physics catalogue A.1: 1 to 30 N", 0.0, (0.0, 1e3)
-)
+AMPLITUDE = Parameter("amplitude", "N", 3.0, "amplitude of the force", "usual: 1 to 30 N", 0.0, (0.0, 1e3))
 FREQUENCY = Parameter(
     "frequency",
     "Hz",
     3.0,
     "frequency of the force",
-    "physics catalogue A.1: 0.2 to 30 Hz",
+    "usual: 0.2 to 30 Hz",
     3.0,
     (0.05, 200.0),
     logarithmic=True,
@@ -97,7 +95,7 @@ class PeriodicDisturbance(Effect):
     experiment = (
         "change the period of the reference: a line in the spectrum that stays does not come from the axis"
     )
-    source = "physics catalogue A.1, row 9"
+    source = "a sinusoid with its third harmonic"
 
     def tries(self, heard: Sequence[Array], interval: float) -> Sequence[Mapping[str, float]]:
         """The strongest lines of the mean spectrum, at four phases each: a fit finds a frequency only from nearby."""

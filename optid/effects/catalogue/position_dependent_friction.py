@@ -17,7 +17,7 @@ RISE = Parameter(
     "1",
     0.3,
     "dry friction added at the place, as a share of the dry friction far from it",
-    "physics catalogue A.1: 5 to 50 %",
+    "usual: 5 to 50 %",
     0.0,
     (-0.95, 10.0),
 )
@@ -35,7 +35,7 @@ WIDTH = Parameter(
     "m",
     0.03,
     "distance over which the change dies away",
-    "physics catalogue A.1: 5 to 40 mm, or the stroke",
+    "usual: 5 to 40 mm, or the stroke",
     0.03,
     (3e-3, 2.0),
     logarithmic=True,
@@ -120,7 +120,7 @@ class PositionDependentFriction(Effect):
         "pass the place in both directions at two speeds: a spring would help in one direction, friction "
         "hinders in both"
     )
-    source = "physics catalogue A.1, row 4"
+    source = "Coulomb friction that changes along the stroke"
 
     def active_range(
         self, values: Mapping[str, float], plant: Mapping[str, float]

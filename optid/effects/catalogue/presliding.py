@@ -18,7 +18,7 @@ DISTANCE = Parameter(
     "m",
     1e-4,
     "mean elastic motion before dry friction slips, where longer than presliding_length",
-    "physics catalogue A.1: 0.1 to 8 mm for rubber seals",
+    "usual: 0.1 to 8 mm for rubber seals",
     0.0,
     (0.0, 8e-3),
 )
@@ -37,7 +37,7 @@ DAMPING = Parameter(
     "N s/m",
     200.0,
     "damping of that elastic motion",
-    "physics catalogue A.1: 50 to 1000 N s/m",
+    "usual: 50 to 1000 N s/m",
     200.0,
     (0.0, 3e3),
 )

@@ -14,7 +14,7 @@ SLOPE = Parameter(
     "N/Pa",
     4e-5,
     "dry friction per gauge pressure of each chamber",
-    "physics catalogue A.1: 0 to 10 N/bar",
+    "usual: 0 to 10 N/bar",
     0.0,
     (0.0, 1e-3),
 )

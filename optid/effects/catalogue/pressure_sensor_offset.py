@@ -10,7 +10,7 @@ from optid.core.sheet import Sheet
 from optid.effects.effect import Effect
 
 ABOUT = "measured minus true pressure, chamber"
-SIZE = "physics catalogue A.1, row 3: look-alike of a constant force; 0.5 % of 10 bar is 0.05 bar"
+SIZE = "0.5 % of a range of 10 bar is 0.05 bar"
 OFFSET_A = Parameter("offset_a", "Pa", 1e4, f"{ABOUT} A", SIZE, 0.0, (-2e5, 2e5))
 OFFSET_B = Parameter("offset_b", "Pa", 1e4, f"{ABOUT} B", SIZE, 0.0, (-2e5, 2e5))
 

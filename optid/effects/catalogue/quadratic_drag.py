@@ -16,7 +16,7 @@ DRAG = Parameter(
     "N s**2/m**2",
     40.0,
     "force per speed squared",
-    "physics catalogue A.1: 10 to 100 N s2/m2",
+    "usual: 10 to 100 N s2/m2",
     0.0,
     (0.0, 2e3),
 )
@@ -47,7 +47,7 @@ class QuadraticDrag(Effect):
     needs = "speeds above 0.5 m/s as well as slow ones"
     look_alikes = ("stribeck_friction", "supply_droop", "tube_restriction", "exhaust_restriction")
     experiment = "strokes at 0.2, 0.5 and 1 m/s with the pressures measured"
-    source = "turbulent flow around a body; sizes from physics catalogue A.1, row 5"
+    source = "turbulent flow around a body"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
         """Friction force, N."""

@@ -17,7 +17,7 @@ PLAY = Parameter(
     "m",
     1e-4,
     "half the clearance: the sensor lags by this in both directions",
-    "physics catalogue A.4: 0.02 to 0.3 mm",
+    "usual: 0.02 to 0.3 mm",
     0.0,
     (0.0, 5e-3),
 )
@@ -41,7 +41,7 @@ class SensorBacklash(Effect):
     ahead_of = ("sensor_lag", "clock_drift")
     look_alikes = ("presliding", "valve_hysteresis", "sensor_lag", "compliant_load")
     experiment = "approach one point from both sides, against a dial gauge"
-    source = "physics D.4: play as a relaxation with its own state"
+    source = "play (backlash) operator, as a relaxation with its own state"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
         """The sensor's reading, m."""

@@ -16,7 +16,7 @@ RATE = Parameter(
     "m/s",
     3e-5,
     "speed at which the zero moves at the start of a recording",
-    "physics catalogue A.4: 0.1 to 1 mm within a recording",
+    "usual: 0.1 to 1 mm within a recording",
     0.0,
     (-1e-2, 1e-2),
 )
@@ -54,7 +54,7 @@ class SensorDrift(Effect):
     needs = "a long recording that returns to the same places, best to a stop"
     look_alikes = ("valve_offset", "sensor_nonlinearity", "friction_drift", "sensor_gain")
     experiment = "return to a stop every minute"
-    source = "physics catalogue A.4, row 35"
+    source = "zero drift of position sensors while they warm up"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
         """The sensor's reading, m."""

@@ -14,7 +14,7 @@ ERROR = Parameter(
     "1",
     0.01,
     "measured distance over true distance, minus 1",
-    "physics catalogue A.4: 0.2 to 3 %",
+    "usual: 0.2 to 3 %",
     0.0,
     (-0.5, 0.5),
 )
@@ -35,7 +35,7 @@ class SensorGain(Effect):
     needs = "strokes from near one end to near the other"
     look_alikes = ("sensor_nonlinearity", "spring_load", "heat_transfer")
     experiment = "gauge blocks, or the known stroke between the end stops"
-    source = "physics catalogue A.4, row 33"
+    source = "scale error of a sensor and its converter"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
         """The sensor's reading, m."""

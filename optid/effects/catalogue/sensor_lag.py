@@ -14,7 +14,7 @@ TIME = Parameter(
     "s",
     3e-3,
     "time constant of the sensor's filter",
-    "physics catalogue A.4: 0.5 to 10 ms",
+    "usual: 0.5 to 10 ms",
     0.0,
     (0.0, 0.1),
 )
@@ -58,7 +58,7 @@ class SensorLag(Effect):
     ahead_of = ("clock_drift",)
     look_alikes = ("valve_lag", "input_delay", "valve_rate_limit", "sensor_backlash")
     experiment = "measure the pressures too, or the position with a second sensor"
-    source = "first-order filter; sizes from physics catalogue A.4, row 37"
+    source = "first-order filter"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
         """The sensor's reading, m."""

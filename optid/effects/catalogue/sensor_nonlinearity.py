@@ -12,7 +12,7 @@ from optid.core.parameter import Parameter
 from optid.core.sheet import Sheet
 from optid.effects.effect import Effect
 
-SIZE = "physics catalogue A.4: 0.1 to 1 % of 260 mm"
+SIZE = "usual: 0.1 to 1 % of 260 mm"
 WITHIN = (-0.05, 0.05)
 BOW = Parameter(
     "bow", "m", 3e-4, "error of the even part at mid-stroke; zero at both ends", SIZE, 0.0, WITHIN
@@ -82,7 +82,7 @@ class SensorNonlinearity(Effect):
     needs = "motion over most of the stroke"
     look_alikes = ("position_dependent_friction", "spring_load", "sensor_gain", "supply_droop")
     experiment = "gauge blocks, from both sides"
-    source = "physics catalogue A.4, row 34"
+    source = "linearity error of position sensors; eccentric pinions"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
         """The sensor's reading, m."""

@@ -16,7 +16,7 @@ STIFFNESS = Parameter(
     "N/m",
     100.0,
     "stiffness of the spring",
-    "physics catalogue A.1: 20 to 1000 N/m; the air's is 1e4",
+    "usual: 20 to 1000 N/m; the air's is 1e4",
     0.0,
     (0.0, 5e4),
 )
@@ -48,9 +48,8 @@ STEEPENING = Parameter(
     (0.0, 0.1),
 )
 FAR = 0.1  # m
-FARTHEST = (
-    4.0  # square of the distance in FAR, beyond which the cube alone counts: it would be stiffer than steel
-)
+# Square of the distance in FAR, beyond which the cube alone counts: it would be stiffer than steel.
+FARTHEST = 4.0
 
 
 class SpringLoad(Effect):
@@ -74,7 +73,7 @@ class SpringLoad(Effect):
     needs = "motion over most of the stroke"
     look_alikes = ("sensor_nonlinearity", "position_dependent_friction", "constant_force", "supply_droop")
     experiment = "hold the axis still at three positions and compare the pressures"
-    source = "Duffing's spring; sizes from physics catalogue A.1, row 10"
+    source = "Duffing's spring"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
         """External force, N."""

@@ -16,7 +16,7 @@ RATIO = Parameter(
     "1",
     0.3,
     "dry friction at rest over dry friction in motion",
-    "physics catalogue A.1: 5 to 60 N on top of 80 N",
+    "usual: 5 to 60 N on top of 80 N",
     1.0,
     (1.0, 5.0),
 )
@@ -25,7 +25,7 @@ SPEED = Parameter(
     "m/s",
     0.02,
     "speed over which the excess decays",
-    "physics catalogue A.1: 5 to 50 mm/s",
+    "usual: 5 to 50 mm/s",
     0.02,
     (1e-3, 0.3),
     logarithmic=True,
@@ -35,7 +35,7 @@ EXPONENT = Parameter(
     "1",
     1.0,
     "exponent of that decay: 1 decays at once, 2 after a shoulder",
-    "physics catalogue A.1: 1 to 2",
+    "usual: 1 to 2",
     1.5,
     (0.5, 3.0),
 )

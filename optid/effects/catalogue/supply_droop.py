@@ -18,7 +18,7 @@ DROOP = Parameter(
     2e4,
     "pressure drop of the supply at a steady flow of 10 g/s (500 l/min), if its line did not choke",
     # A narrow line of a small axis passes a few g/s: extrapolated to 10 g/s its droop is many bar.
-    "physics catalogue A.3: 0.1 to 1.5 bar at a full flow of 28 g/s",
+    "usual: 0.1 to 1.5 bar at a full flow of 28 g/s",
     0.0,
     (0.0, 2e6),
 )
@@ -27,7 +27,7 @@ RECOVERY = Parameter(
     "s",
     0.05,
     "time constant with which the supply sags and recovers, at a flow of 10 g/s",
-    "physics catalogue A.3: 20 to 300 ms",
+    "usual: 20 to 300 ms",
     0.05,
     (5e-4, 2.0),
     logarithmic=True,
@@ -88,7 +88,7 @@ class SupplyDroop(Effect):
         "heat_transfer",
     )
     experiment = "a pressure sensor at the valve's supply port"
-    source = "ISO 6358-1:2013; physics catalogue A.3, row 24"
+    source = "ISO 6358-1:2013"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
         """Supply pressure at the valve, Pa; at the chambers the flow, kg/s, is only stored."""

@@ -16,7 +16,7 @@ LOSS = Parameter(
     "1",
     0.3,
     "share of the fully open valve's flow area that is lost to tubes and fittings in series",
-    "physics catalogue A.2: tubes of 4 to 20 mm2 behind a port of 25 mm2",
+    "usual: tubes of 4 to 20 mm2 behind a port of 25 mm2",
     0.0,
     (0.0, 0.97),
 )
@@ -46,7 +46,7 @@ class TubeRestriction(Effect):
         "valve_underlap",
     )
     experiment = "steps of large amplitude with pressures measured at the valve's port and in the chamber"
-    source = "ISO 6358-3:2014, components in series; sizes from physics catalogue A.2, row 22"
+    source = "ISO 6358-3:2014, components in series"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
         """Open area, m2, of valve and tube together."""

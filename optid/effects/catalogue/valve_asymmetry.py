@@ -16,7 +16,7 @@ DIFFERENCE = Parameter(
     "1",
     0.05,
     "(opening towards A - towards B) over their sum, for equal commands",
-    "physics catalogue A.2: 2 to 15 %",
+    "usual: 2 to 15 %",
     0.0,
     (-0.8, 0.8),
 )
@@ -40,7 +40,7 @@ class ValveAsymmetry(Effect):
     needs = "strokes in both directions at equal commands"
     look_alikes = ("valve_offset", "ambient_leakage", "cross_leakage", "asymmetric_friction")
     experiment = "strokes of equal command both ways at two speeds: an offset matters less at higher speed"
-    source = "physics catalogue A.2, row 20"
+    source = "gain difference of the two directions of proportional valves"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
         """Opening of the ports, m."""

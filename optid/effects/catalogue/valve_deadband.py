@@ -17,7 +17,7 @@ WIDTH = Parameter(
     "1",
     0.01,
     "half the dead zone, as a share of full command",
-    "physics catalogue A.2: 0.2 to 5 %",
+    "usual: 0.2 to 5 %",
     0.0,
     (0.0, 0.5),
 )
@@ -65,7 +65,7 @@ class ValveDeadband(Effect):
     look_alikes = ("valve_underlap", "valve_hysteresis", "stribeck_friction", "tube_restriction")
     excludes = ("valve_underlap",)
     experiment = "small steps of the command about zero at several pressures, with the pressures measured"
-    source = "Tao, Meng and others, Math. Probl. Eng. 2034923, 2016; sizes from physics catalogue A.2, row 15"
+    source = "Tao, Meng and others, Math. Probl. Eng. 2034923, 2016"
 
     def active_range(
         self, values: Mapping[str, float], plant: Mapping[str, float]

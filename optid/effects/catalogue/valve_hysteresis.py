@@ -16,7 +16,7 @@ WIDTH = Parameter(
     "1",
     5e-3,
     "half the hysteresis, as a share of full command",
-    "physics catalogue A.2: 0.1 to 3 %",
+    "usual: 0.1 to 3 %",
     0.0,
     (0.0, 0.3),
 )
@@ -64,7 +64,7 @@ class ValveHysteresis(Effect):
     ahead_of = ("valve_offset", "valve_lag", "valve_rate_limit", "valve_saturation")
     look_alikes = ("valve_lag", "input_delay", "valve_deadband", "sensor_backlash", "sensor_lag")
     experiment = "triangles of the command at two rates: hysteresis does not depend on the rate, a lag does"
-    source = "physics D.4: play as a relaxation with its own state"
+    source = "play (backlash) operator, as a relaxation with its own state"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
         """Position of the spool, a share of full travel."""

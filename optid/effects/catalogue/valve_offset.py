@@ -14,7 +14,7 @@ OFFSET = Parameter(
     "1",
     0.01,
     "position of the spool at zero command, as a share of full command",
-    "physics catalogue A.2: 0.1 to 3 %",
+    "usual: 0.1 to 3 %",
     0.0,
     (-0.5, 0.5),
 )
@@ -36,7 +36,7 @@ class ValveOffset(Effect):
     ahead_of = ("valve_lag", "valve_rate_limit", "valve_saturation")
     look_alikes = ("ambient_leakage", "cross_leakage", "valve_asymmetry", "constant_force")
     experiment = "find the command at which the axis stands still, at two supply pressures"
-    source = "physics catalogue A.2, row 20"
+    source = "zero offset of proportional valves"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
         """Command, a share of full command."""

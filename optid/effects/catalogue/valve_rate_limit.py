@@ -16,7 +16,7 @@ TIME = Parameter(
     "s",
     0.01,
     "time in which the spool at its fastest travels from the middle to full command",
-    "physics catalogue A.2: 0.1 to 2 m/s over 4 mm",
+    "usual: 0.1 to 2 m/s over 4 mm",
     0.0,
     (0.0, 0.2),
 )
@@ -41,7 +41,7 @@ class ValveRateLimit(Effect):
     experiment = (
         "compare steps of 5 % and of 100 %: a lag takes the same time for both, a rate limit does not"
     )
-    source = "physics catalogue A.2, row 18"
+    source = "slew rate of spool drives"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
         """Position of the spool, a share of full travel."""

@@ -24,7 +24,7 @@ LIMIT = Parameter(
     "1",
     0.5,
     "share of full command beyond which the spool saturates",
-    "physics catalogue A.2: 60 to 100 %",
+    "usual: 60 to 100 %",
     0.7,
     (0.02, 1.5),
 )
@@ -57,7 +57,7 @@ class ValveSaturation(Effect):
     needs = "commands beyond the limit, steps up to full command"
     look_alikes = ("tube_restriction", "supply_droop", "valve_rate_limit", "quadratic_drag")
     experiment = "apply one frequency at rising amplitude: a stop clips, a narrow tube rounds"
-    source = "physics catalogue A.2, row 18"
+    source = "limited travel of spool and port"
 
     def apply(self, site: str, nominal: Any, near: Mapping[str, Any], sheet: Sheet) -> Any:
         """Command that the spool follows, a share of full command."""

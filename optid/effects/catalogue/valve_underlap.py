@@ -17,7 +17,7 @@ WIDTH = Parameter(
     "1",
     5e-3,
     "travel of the spool from the middle at which the other edge closes, as a share of full command",
-    "physics catalogue A.2: 0 to 0.1 mm of 4 mm",
+    "usual: 0 to 0.1 mm of 4 mm",
     0.0,
     (0.0, 0.3),
 )
@@ -27,7 +27,7 @@ AREA = Parameter(
     "m**2",
     1e-7,
     "flow area of every edge in addition to its opening, from worn corners",
-    "physics catalogue A.2: 0 to 0.5 mm2",
+    "usual: 0 to 0.5 mm2",
     0.0,
     (0.0, 5e-6),
 )
@@ -71,7 +71,7 @@ class ValveUnderlap(Effect):
     look_alikes = ("valve_deadband", "cross_leakage", "ambient_leakage", "tube_restriction", "valve_offset")
     excludes = ("valve_deadband",)
     experiment = "close the valve under pressure: underlap draws both chambers to the same pressure"
-    source = "physics catalogue A.2, row 16"
+    source = "geometry of a spool that is narrower than its ports"
 
     def active_range(
         self, values: Mapping[str, float], plant: Mapping[str, float]

@@ -32,12 +32,12 @@ class Changes:
     Attributes
     ----------
     nights : pd.DataFrame
-        one row a rig and night after the reference: rig, date, p (of this night alone), `p_rig` (of the rig, valid at
-        any night), q (of the fleet on that night), told, quantity (the most telling), t.
+        one row per rig and night after the reference: rig, date, p (of this night alone), `p_rig` (of the rig, valid at
+        any night), q (of the fleet on that night), told (reported as changed), quantity (the most significant), t.
     told : pd.DataFrame
-        one row a rig told of: rig, date (first told), quantity, t, p_rig, q, shift and sd of the quantity then.
+        one row per rig reported as changed: rig, date of the first report, quantity, t, p_rig, q, shift and sd then.
     t : pd.DataFrame
-        of the last night: rigs against quantities, by the look that tells most.
+        of the last night: rigs against quantities, for the number of nights with the most significant sum.
     """
 
     nights: pd.DataFrame
@@ -176,7 +176,7 @@ def _spread(one: _Nights, nights: Sequence[int]) -> float:
 
 
 def _by_rig(scores: pd.DataFrame, together: pd.DataFrame) -> pd.DataFrame:
-    """One row a rig and night: Bonferroni over quantities, and over these and the test of all together; then over
+    """One row per rig and night: Bonferroni over quantities, and over these and the test of all together; then over
     nights, of which the k-th may use 1 / (k (k + 1)).
 
     The shares sum to one, so the least of the p-values divided by them is one that may be looked at on every night,

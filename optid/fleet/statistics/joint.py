@@ -21,7 +21,7 @@ NORMAL = 1.4826  # median of absolute deviations to sd
 
 
 def joint(nightly: pd.DataFrame, reference: int) -> pd.DataFrame:
-    """One row a rig and night after the reference: rig, date, p.
+    """One row per rig and night after the reference: rig, date, p.
 
     Parameters
     ----------

@@ -92,7 +92,7 @@ def pooled(table: pd.DataFrame) -> pd.DataFrame:
     Returns
     -------
     pd.DataFrame
-        One row a quantity: rigs, common value with its 95 % interval, `among` (sd among rigs), `within` (median sd of
+        One row per quantity: rigs, common value with its 95 % interval, `among` (sd among rigs), `within` (median sd of
         a rig's own estimate), gain (share by which pooling lowers the variance of a rig's estimate, mean).
     """
     found = []

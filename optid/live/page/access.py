@@ -17,10 +17,8 @@ from aiohttp import web
 LOCAL = "127.0.0.1"
 NAMES = ("localhost", LOCAL, "[::1]")
 PROTOCOL = "optid.live"  # of the socket
-WRONG, PAUSE = (
-    10,
-    60.0,
-)  # wrong tokens of an address within this many seconds, after which it must wait as long
+# Wrong tokens of an address within this many seconds, after which it must wait as long.
+WRONG, PAUSE = 10, 60.0
 ADDRESSES = 256  # addresses that are stored
 
 

@@ -22,9 +22,8 @@ from optid.rigs import BUILT_IN, find_plant
 from optid.rigs.rigfile import read_rig
 
 DATA = Path(__file__).resolve().parents[3] / "data"
-OWN = (
-    Path(__file__).resolve().parents[1] / "own"
-)  # the pages' own plant, for what built-in ones have no site for
+# The pages' own plant, for what built-in ones have no site for.
+OWN = Path(__file__).resolve().parents[1] / "own"
 Law = Callable[
     [int, Array], Array
 ]  # first sample of a block, measured so far (runs, samples) -> command (runs,)
