@@ -113,9 +113,6 @@ VARIANTS = {
         {(stepwise, "_restarted_from_stated_values"): _first_given},
         _is_given,
     ),
-    "first swapped": Variant(
-        "the first effect keeps its place", {}, {(stepwise, "_first_swapped"): _first_given}, _is_given
-    ),
     "alternatives": Variant(
         "look-alikes are not tried in place",
         {},
@@ -236,10 +233,7 @@ def diagnosed(case: Path, name: str, limit: float) -> Row:
     began = time.process_time()
     idle: dict[str, float] = {}
     with without(VARIANTS[name]) as options, recorded(idle) if name == AS_IS else nullcontext():
-        generator = np.random.default_rng(0)
-        result = pipeline.diagnose(
-            rig, train, held, generator=generator, budget=Budget(limit), options=options
-        )
+        result = pipeline.diagnose(rig, train, held, budget=Budget(limit), options=options)
     return replace(judged(case, name, result, round(time.process_time() - began, 1)), idle=idle)
 
 

@@ -7,8 +7,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from optid.api.document import stamp
 from optid.api.inputs import Progress, at_their_rate, given, is_nothing, of_each, refuse_unfit, rig_of, silent
 from optid.core.budget import Budget
@@ -37,7 +35,6 @@ def diagnose(
     time_limit: float = TIME_LIMIT,
     deadline: float = math.inf,
     rate: float | None = None,
-    seed: int = 0,
     progress: Progress = silent,
     checkpoint: Path | None = None,
 ) -> DiagnosisResult:
@@ -62,8 +59,6 @@ def diagnose(
         s of wall-clock time, likewise.
     rate : float | None
         Hz to which faster recordings are decimated; by default as fast as the axis's fastest pole needs.
-    seed : int
-        seed of the resampling.
     progress : Progress
         called with the share done and a few words.
     checkpoint : Path | None
@@ -99,7 +94,6 @@ def diagnose(
         [one.recording for one in held],
         own=own,
         validation=[one.recording.name for one in judging],
-        generator=np.random.default_rng(seed),
         progress=progress,
         budget=Budget(time_limit, deadline),
         checkpoint=checkpoint,

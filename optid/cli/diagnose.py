@@ -45,7 +45,6 @@ TIME_LIMIT = 800.0  # s: with much missing, the second of two effects was found 
     metavar="FILE.py",
     help="Python file with effects of your own; may be repeated.",
 )
-@click.option("--seed", default=0, type=click.IntRange(min=0), help="Seed of the resampling; 0 by default.")
 @click.option(
     "--time-limit",
     default=TIME_LIMIT,
@@ -72,7 +71,6 @@ def diagnose(
     holdout: tuple[str, ...],
     validate: tuple[str, ...],
     effects: tuple[str, ...],
-    seed: int,
     time_limit: float,
     deadline: float,
     resume: bool,
@@ -90,7 +88,6 @@ def diagnose(
             holdout,
             validation=validate,
             effects=effects,
-            seed=seed,
             time_limit=time_limit,
             deadline=deadline,
             rate=rate_asked(),

@@ -11,8 +11,6 @@ from dataclasses import fields, replace
 from functools import partial
 from pathlib import Path
 
-import numpy as np
-
 from optid.core.budget import UNLIMITED, Budget
 from optid.core.recording import Recording
 from optid.diagnosis.alternatives import compare_alternatives
@@ -64,7 +62,6 @@ def diagnose(
     *,
     own: Sequence[Effect] = (),
     validation: Sequence[str] = (),
-    generator: np.random.Generator,
     progress: Callable[[float, str], None] | None = None,
     budget: Budget = UNLIMITED,
     criteria: Criteria | None = None,
@@ -80,7 +77,6 @@ def diagnose(
         own: the user's effects, in addition to the catalogue.
         validation: names of training recordings whose windows alone judge the selection, with parameters fitted to the
             others; blocks of every recording if absent.
-        generator: of resampling.
         progress: called with the share done and a few words.
         budget: processor time and deadline of the whole.
         criteria: what counts as proof.
@@ -109,7 +105,6 @@ def diagnose(
         rig,
         train,
         measurement_noise(rig, train),
-        generator,
         tuple(own),
         _numbers(validation, train),
         criteria,

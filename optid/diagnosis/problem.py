@@ -60,14 +60,12 @@ class DiagnosisProblem:
         open_variance: variance of a correct model's window errors, apart from the noise, (samples, outputs).
         tolerance: local error of the integration in filters, as a share of each state's usual size.
         budget: of the search.
-        generator: of resampling.
         report: called with the stage and a few words.
     """
 
     rig: Rig
     train: tuple[Recording, ...]
     noise: dict[str, float]
-    generator: np.random.Generator
     own: tuple[Effect, ...] = ()
     validation: tuple[int, ...] = ()
     criteria: Criteria = field(default_factory=Criteria)

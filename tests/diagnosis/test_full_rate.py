@@ -13,7 +13,7 @@ WHOLE, FEW = ("every sample",), ("every other",)
 
 
 def problem(train):
-    return DiagnosisProblem(None, train, {}, None, criteria=Criteria(), budget="of the search")
+    return DiagnosisProblem(None, train, {}, criteria=Criteria(), budget="of the search")
 
 
 @pytest.mark.parametrize(

@@ -25,7 +25,7 @@ def dead_band(u):
 def asked(folder, concealed=lambda u: u, held=None, **how):
     train = [recording(seed, f"run{seed}.csv", concealed) for seed in (1, 2)]
     held = held or [recording(3, "held.csv", concealed)]
-    return diagnose(rig(folder), train, held, generator=np.random.default_rng(0), **how)
+    return diagnose(rig(folder), train, held, **how)
 
 
 @pytest.fixture(scope="module")
@@ -103,7 +103,7 @@ def test_bounds_that_shut_the_truth_out_are_no_missing_physics(tmp_path):
     shut = {"gain": (0.1, 2.5), "drag": (0.01, 50.0)}
     freed = tuple(replace(f, low=shut[f.name][0], high=shut[f.name][1]) for f in narrow.freed)
     train, held = [recording(1, "run.csv")], [recording(2, "held.csv")]
-    found = diagnose(replace(narrow, freed=freed), train, held, generator=np.random.default_rng(0))
+    found = diagnose(replace(narrow, freed=freed), train, held)
     assert found.verdict is Verdict.PARAMETERS
     assert found.findings == ()
     assert {e.name: e.value for e in found.best_parameters} == pytest.approx(TRUTH, rel=0.01)
@@ -115,7 +115,7 @@ def test_bounds_that_shut_the_truth_out_are_no_missing_physics(tmp_path):
 
 def test_without_a_hold_out_there_is_no_proof(tmp_path):
     with pytest.raises(InputError, match="held out"):
-        diagnose(rig(tmp_path), [recording(1, "run.csv")], [], generator=np.random.default_rng(0))
+        diagnose(rig(tmp_path), [recording(1, "run.csv")], [])
 
 
 def test_a_hold_out_of_a_few_samples_is_refused_before_work(tmp_path):
@@ -169,12 +169,10 @@ def test_selection_may_be_judged_on_a_recording_of_its_own(tmp_path):
     train = [recording(seed, f"run{seed}.csv", dead_band) for seed in (1, 2)]
     other = recording(4, "other.csv")
     held = [recording(3, "held.csv", dead_band)]
-    found = diagnose(
-        rig(tmp_path), [*train, other], held, generator=np.random.default_rng(0), validation=("other.csv",)
-    )
+    found = diagnose(rig(tmp_path), [*train, other], held, validation=("other.csv",))
     assert found.verdict is not Verdict.MISSING_PHYSICS
     with pytest.raises(InputError, match=r"run9\.csv.*run1\.csv"):
-        diagnose(rig(tmp_path), train, held, generator=np.random.default_rng(0), validation=("run9.csv",))
+        diagnose(rig(tmp_path), train, held, validation=("run9.csv",))
 
 
 def test_a_name_that_the_hold_out_contradicts_is_a_suspicion(tmp_path):
@@ -197,7 +195,7 @@ def test_a_right_name_stands_without_one_that_the_hold_out_contradicts(tmp_path)
 
     train = [recording(seed, f"run{seed}.csv", dead_band, beside=leaning) for seed in (1, 2)]
     held = [recording(3, "held.csv", dead_band)]
-    found = diagnose(rig(tmp_path), train, held, generator=np.random.default_rng(0))
+    found = diagnose(rig(tmp_path), train, held)
     assert found.verdict is Verdict.MISSING_PHYSICS
     named, *rest = found.findings
     assert named.effect.name == "dead_zone@drive.command"
@@ -214,7 +212,7 @@ def test_what_predicts_worse_than_the_model_as_it_came_is_not_handed_on(tmp_path
 
     train = [recording(seed, f"run{seed}.csv", beside=pulses(1.0)) for seed in (1, 2)]
     held = [recording(3, "held.csv", beside=pulses(-1.0))]
-    found = diagnose(rig(tmp_path), train, held, generator=np.random.default_rng(0))
+    found = diagnose(rig(tmp_path), train, held)
     assert found.verdict is Verdict.UNEXPLAINED
     assert found.test.refuted
     assert found.best is found.base

@@ -3,7 +3,6 @@
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from optid.core.readers import read_recording
@@ -25,7 +24,7 @@ def test_the_overflow_of_the_real_tanks_is_named(shared):
     other = {"command": "uVal", "level": "yVal"}
     channels = {role: replace(c, column=other.get(role, c.column)) for role, c in rig.channels.items()}
     train, held = read_recording(path, rig), read_recording(path, replace(rig, channels=channels))
-    found = diagnose(rig, [train], [held], generator=np.random.default_rng(0))
+    found = diagnose(rig, [train], [held])
     assert found.verdict is Verdict.MISSING_PHYSICS
     assert found.findings[0].effect.name == "overflow"
     assert found.test.base.horizon == 200.0  # s: fifty samples, half a second would hold none
@@ -44,7 +43,7 @@ def test_the_friction_of_the_real_axis_is_named(shared):
         pytest.skip("the EMPS recordings are not there")
     rig = read_rig(DATA / "emps.toml")
     train, held = (read_recording(folder / f"{n}.mat", rig) for n in ("DATA_EMPS", "DATA_EMPS_PULSES"))
-    found = diagnose(rig, [train], [held], generator=np.random.default_rng(0))
+    found = diagnose(rig, [train], [held])
     assert found.verdict is Verdict.MISSING_PHYSICS
     (finding,) = found.findings
     assert finding.effect.name == "asymmetric_friction"

@@ -3,20 +3,18 @@
 from types import SimpleNamespace
 
 import numpy as np
-import pytest
 
 from optid.diagnosis.criteria import Criteria, SearchOptions
-from optid.diagnosis.selection import forward, stepwise
+from optid.diagnosis.selection import forward
 from optid.diagnosis.selection.forward import fit_proposal, worth_fitting
 from optid.diagnosis.selection.path import SelectionPath
 from optid.diagnosis.surrogate import search
 from optid.errors import SolveError
 
 
-def proposal(loss, start=0.0, p=1.0):
-    q = SimpleNamespace(rig=None)
+def proposal(loss, p=1.0):
     return SimpleNamespace(
-        effect="e", likelihood_problem=q, start=np.array([start]), p=np.array([p]), loss=loss
+        effect="e", likelihood_problem=SimpleNamespace(rig=None), p=np.array([p]), loss=loss
     )
 
 
@@ -36,8 +34,8 @@ def test_who_gains_too_little_is_not_fitted_beside_a_model_at_the_noise():
     assert worth(far, False) == far[:2]
 
 
-def test_a_contender_is_fitted_from_the_better_start_and_lives_if_one_diverges(monkeypatch):
-    losses = {0.0: 5.0, 1.0: 7.0}
+def test_a_contender_goes_on_from_its_race_and_is_none_where_it_diverges(monkeypatch):
+    losses = {1.0: 7.0}
 
     def turn(q, p, seconds, *, turns, steps, level, most):
         assert turns == most == 1
@@ -49,25 +47,9 @@ def test_a_contender_is_fitted_from_the_better_start_and_lives_if_one_diverges(m
     monkeypatch.setattr(forward, "fit_model", lambda problem, effects, rig, q, p, *, begun: float(begun.p[0]))
     current = SimpleNamespace(effects=(), fit=SimpleNamespace(level=-2.0))
     problem = SimpleNamespace(options=SearchOptions(), window=0.5)
-    assert fit_proposal(current, problem, proposal(1.0)) == 0.0
-    losses[0.0] = None
     assert fit_proposal(current, problem, proposal(1.0)) == 1.0
     losses[1.0] = None
     assert fit_proposal(current, problem, proposal(1.0)) is None
-
-
-@pytest.mark.parametrize(
-    ("left", "together", "again"), [(5.0, 2.0, True), (1.1, 2.0, False), (5.0, 1.1, False)]
-)
-def test_a_first_effect_is_held_against_the_catalogue_again_where_it_and_all_left_something(
-    left, together, again
-):
-    taken = SimpleNamespace(validated=SimpleNamespace(error_over_noise=left))
-    rounds = (SimpleNamespace(taken=None), SimpleNamespace(taken=taken))
-    errors = SimpleNamespace(error_over_noise=together)
-    path = SimpleNamespace(best=SimpleNamespace(effects=("a", "b")), rounds=rounds, validated=errors)
-    problem = SimpleNamespace(budget=SimpleNamespace(is_over=False), criteria=Criteria())
-    assert stepwise._first_is_open(path, problem) is again
 
 
 def test_of_descriptions_only_the_best_is_fitted_fully_and_the_next_where_it_is_rejected(monkeypatch):

@@ -87,7 +87,7 @@ def test_a_model_is_validated_once_for_each_problem(monkeypatch):
     monkeypatch.setattr(
         validation, "_cross_validated", lambda model, problem: asked.append(problem) or len(asked)
     )
-    model, first = FittedModel((), None, None), DiagnosisProblem(None, (), {}, None)
+    model, first = FittedModel((), None, None), DiagnosisProblem(None, (), {})
     other = replace(first, open_variance=np.ones(1))
     found = [validation.cross_validate(model, one) for one in (first, other, first)]
     assert found == [1, 2, 1]

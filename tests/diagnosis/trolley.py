@@ -72,4 +72,4 @@ def recording(seed, name, concealed=lambda u: u, seconds=12.0, beside=lambda t, 
 
 def problem_of(folder, train, **how):
     """A diagnosis problem of recordings of the trolley."""
-    return DiagnosisProblem(rig(folder), tuple(train), {"position": SD}, np.random.default_rng(0), **how)
+    return DiagnosisProblem(rig(folder), tuple(train), {"position": SD}, **how)

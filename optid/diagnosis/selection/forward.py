@@ -23,12 +23,11 @@ def forward_step(
     first: Validated,
     before: Validated,
     problem: DiagnosisProblem,
-    but: str = "",
     begin: Array | None = None,
     below: float = math.inf,
 ) -> Round:
     """A step from the current model, or of its proposals from other parameters, those with a loss `below` a bound."""
-    effects = [one for one in admitted(current.rig.model, problem.own) if one.name != but]
+    effects = admitted(current.rig.model, problem.own)
     near = before.error_over_noise <= problem.criteria.error_over_noise
     # A linear step and the model's own quiet filter are reliable only for a model at the noise.
     # A quarter of the smallest gain in the error is half of it in the loss, which is quadratic in the error.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 from optid.diagnosis.fitted import FittedModel
 from optid.diagnosis.problem import DiagnosisProblem, Stage
@@ -40,17 +39,7 @@ def select(base: FittedModel, problem: DiagnosisProblem) -> SelectionPath:
             break
         current, validated = one.taken.model, one.taken.validated
     path = SelectionPath(base, current, first, validated, tuple(rounds), ended_early=problem.budget.is_over)
-    path = backward_elimination(path, problem)
-    return _first_swapped(path, problem) if _first_is_open(path, problem) else path
-
-
-def _first_is_open(path: SelectionPath, problem: DiagnosisProblem) -> bool:
-    """Whether the first of several effects was chosen while others were missing, and some mismatch remains."""
-    if len(path.best.effects) < 2 or problem.budget.is_over:
-        return False
-    first = next(one.taken for one in path.rounds if one.taken is not None)
-    most = problem.criteria.error_over_noise
-    return min(first.validated.error_over_noise, path.validated.error_over_noise) > most
+    return backward_elimination(path, problem)
 
 
 def _restarted(
@@ -82,17 +71,3 @@ def _restarted_from_stated_values(one: Round, before: Validated, problem: Diagno
     nearest = min((each.loss for each in one.proposals.ranked), default=math.inf)
     other = forward_step(one.model, before, before, problem, begin=stated, below=RESTART * nearest)
     return other if other.taken and other.taken.validated.windows.sum() < left.windows.sum() else one
-
-
-def _first_swapped(path: SelectionPath, problem: DiagnosisProblem) -> SelectionPath:
-    """Compare the first effect with the catalogue again: it was chosen while it was alone."""
-    name = path.best.effects[0].name
-    less, errors = path.without[name]
-    problem.report(Stage.BACKWARD, f"testing alternatives to {name}")
-    one = forward_step(less, path.first, errors, problem, but=name)
-    better = one.taken
-    if better is None or not better.validated.windows.sum() < path.validated.windows.sum():
-        return replace(path, rounds=(*path.rounds, replace(one, taken=None)))
-    rounds = (*path.rounds, one)
-    swapped = replace(path, best=better.model, validated=better.validated, rounds=rounds, without={})
-    return backward_elimination(swapped, problem)
