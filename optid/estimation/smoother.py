@@ -260,7 +260,8 @@ def descend(
             if found.cost <= terms.cost * (1 + 1e-12):
                 settled = terms.cost - found.cost <= enough and moved < 1e-2
                 break
-            if damping > 1e8 or moved < 1e-12:
+            reached = float(np.abs((trial.X - at.X) / o.model.scales).max())
+            if damping > 1e8 or max(moved, reached) < 1e-12:
                 stuck = True
                 break
             refused, damping = True, max(damping * 10, 1e-4)
