@@ -22,7 +22,7 @@ from optid.estimation.prediction import window_seconds
 from optid.estimation.problem import Booleans, window_blocks
 from optid.estimation.result import Estimate
 
-Z95 = float(ndtri(0.5 + 0.95 / 2))  # half-width of a 95 % interval, in sd
+Z95 = float(ndtri(0.975))  # half-width of a 95 % interval, in sd
 BLOCK = 0.5  # of a window: innovations within it count as one
 SINGULAR = 1e-13  # of the largest eigenvalue: directions with less information are not shown
 KNOWN = 1e3  # typical sizes: a parameter with a larger sd is not identifiable

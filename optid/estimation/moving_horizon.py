@@ -112,16 +112,16 @@ def past_of(o: Objective, first: int, stop: int, mean: Array, spread: Array) -> 
     )
 
 
-def best_estimate(o: Objective, at: Point, q: Array) -> tuple[Point, Terms]:
-    """The most likely estimate, from the guess and from the most likely of many starts.
+def best_estimate(o: Objective, at: Point, q: Array, first: bool = True) -> tuple[Point, Terms]:
+    """The most likely estimate from the guess, as it is and annealed, and for a `first` one from other starts.
 
     An axis that sticks in the model and moves on the rig gives no gradient, and different unmeasured pressures may fit
     a first window.
     """
-    found = []
-    for near in (at, *_likeliest(o, at)):
+    found, others = [], _likeliest(o, at) if first else []
+    for how, near in ((_tight, at), (_annealed, at), *((_annealed, one) for one in others)):
         with contextlib.suppress(SolveError):
-            found.append(_annealed(o, near, q))
+            found.append(how(o, near, q))
     if not found:
         raise SolveError("the simulation diverged within the first windows (NaN or infinite)")
     return min(found, key=lambda one: one[1].cost)
@@ -190,7 +190,10 @@ def _windows(o: Objective, at: Point, q: Array) -> Iterator[tuple[int, Array, Ar
             past = past_of(fine, first, begin, mean, spread)
             try:
                 near = Point(X[first:begin], at.p)
-                found, terms = best_estimate(past, near, q) if first == young else _tight(past, near, q)
+                if first == young:
+                    found, terms = best_estimate(past, near, q, first=begin <= young + PIECES)
+                else:
+                    found, terms = _tight(past, near, q)
                 X[first:begin], X[begin] = found.X, terms.end[-1]
                 for k in range(nodes[w - 1] - first, begin - first):
                     sure = sure.after(terms, k, q, scales)
