@@ -52,13 +52,13 @@ def compare_alternatives(
                 for one in (mine, *others)
                 if one is not better
             ]
-            path = _replaced(path, effect, better, problem)
+            path = _with_look_alike(path, effect, better, problem)
             effect = better.effect
         found[effect.name] = tuple(others)
     return path, found
 
 
-def _replaced(
+def _with_look_alike(
     path: SelectionPath, effect: Effect, by: Alternative, problem: DiagnosisProblem
 ) -> SelectionPath:
     """The path to a look-alike in place of an effect; models that lack another effect have the look-alike, too."""

@@ -26,7 +26,7 @@ from optid.estimation.moving_horizon import predict_windows
 from optid.estimation.multistep import window_starts
 from optid.estimation.objective import objective_of
 from optid.estimation.prediction import PROCESS_NOISE, window_seconds
-from optid.estimation.problem import Booleans, Integers, Problem, build_problem, cut_into, window_of
+from optid.estimation.problem import Booleans, Integers, Problem, build_problem, cut_into, window_index
 from optid.estimation.result import Score
 
 NUMERICAL = "numerical"  # start of `source` for a parameter that is a numerical setting of the equations
@@ -70,7 +70,13 @@ class Evaluation:
             if outputs is not None and j not in outputs:
                 continue
             floor = np.hypot(noise.get(role, 0.0), self.expected[:, j])
-            ratios.append(_rms((self.errors(j) / np.where(floor > 0.0, floor, math.nan))[self._asked(j)]))
+            ratios.append(
+                _rms(
+                    (self.prediction_errors(j) / np.where(floor > 0.0, floor, math.nan))[
+                        self._should_be_predicted(j)
+                    ]
+                )
+            )
         most = float(np.max(ratios)) if ratios else math.nan
         return most if math.isfinite(most) else math.nan
 
@@ -82,7 +88,9 @@ class Evaluation:
         worst, share = 0.0, math.nan
         for j, role in enumerate(before.scores):
             floor = noise.get(role, 0.0) ** 2 + float(np.nanmean(before.expected[:, j] ** 2))
-            first, then = (_rms(one.errors(j)[one._asked(j)]) ** 2 for one in (before, self))
+            first, then = (
+                _rms(one.prediction_errors(j)[one._should_be_predicted(j)]) ** 2 for one in (before, self)
+            )
             if not math.isfinite(first):
                 return math.nan
             if floor > 0.0 and (first - floor) / floor > worst:
@@ -90,12 +98,12 @@ class Evaluation:
                 share = 1.0 - float(np.maximum(then - floor, 0.0)) / (first - floor)
         return share
 
-    def errors(self, output: int) -> Array:
+    def prediction_errors(self, output: int) -> Array:
         """Measured less predicted, (samples,); infinite where a prediction diverged, NaN where there should be none."""
         off = self.measured[:, output] - self.windows[:, output]
-        return np.where(self._asked(output) & ~np.isfinite(off), math.inf, off)
+        return np.where(self._should_be_predicted(output) & ~np.isfinite(off), math.inf, off)
 
-    def _asked(self, output: int) -> Booleans:
+    def _should_be_predicted(self, output: int) -> Booleans:
         """Measured samples of windows that should be predicted, (samples,)."""
         return np.isfinite(self.measured[:, output]) & np.isfinite(self.expected[:, output])
 
@@ -111,7 +119,7 @@ def open_variance(q: LikelihoodProblem, p: Array, noise: Noise, length: float) -
     # The covariance of a correct model: with process noise, missing physics would count as uncertainty.
     starts = f.states[0, cut.begins], sure.covariances[0, cut.begins]
     square = _setting_errors(q, p, whole, f, length) ** 2 + _start_errors(q.model, p, whole, cut, *starts)
-    return np.nan_to_num(_by_block(square, window_of(cut)))
+    return np.nan_to_num(_by_block(square, window_index(cut)))
 
 
 def evaluate(q: LikelihoodProblem, p: Array, noise: Noise, recordings: Sequence[Recording]) -> Evaluation:
@@ -126,7 +134,7 @@ def evaluate(q: LikelihoodProblem, p: Array, noise: Noise, recordings: Sequence[
     outputs = [(j, port) for j, port in enumerate(model.outputs) if np.isfinite(problem.measured[:, j]).any()]
     scores = {port.role: Score.of(problem.measured[:, j], windows[:, j], port.unit) for j, port in outputs}
     owner = np.repeat(problem.recording, problem.counts + 1)
-    blocks = window_of(cut)
+    blocks = window_index(cut)
     z = f.innovations[0] / np.sqrt(f.variances[0])
     each = deviance(f.innovations[0], f.variances[0])
     square = _setting_errors(q, p, problem, f, length) ** 2 + _start_errors(

@@ -38,7 +38,7 @@ def intervals(model: RefinedModel, ratio: float = 1.0) -> tuple[Estimate, ...]:
     own, others = (np.diag(_covariance(answer, fixed)) for fixed in (np.zeros_like(bound), bound))
     sd = np.sqrt(np.maximum(np.where(bound, own, others), 0.0)) * q.typical
     sd = np.hypot(sd, _left_to_go(answer, bound))
-    unseen = [_unseen(answer.information, fixed) for fixed in (np.zeros_like(bound), bound)]
+    unseen = [_unidentifiable(answer.information, fixed) for fixed in (np.zeros_like(bound), bound)]
     sd[np.where(bound, *unseen)] = np.inf
     wide = np.where(sd > 0.0, max(ratio, 1.0) * Z95 * np.where(sd > 0.0, sd, 1.0), 0.0)
     half = np.maximum(wide, _resolution(model)) + model.shift
@@ -149,22 +149,22 @@ def _covariance(answer: LikelihoodFit, fixed: Booleans) -> Array:
 
 
 def _inverse(information: Array) -> Array:
-    """Without the directions that the data do not show; their coordinates are `_unseen`."""
-    scaled, size = _correlations(information)
+    """Without the directions that the data do not show; their coordinates are `_unidentifiable`."""
+    scaled, size = _scaled_information(information)
     return np.asarray(np.linalg.pinv(scaled, rcond=SINGULAR, hermitian=True) / np.outer(size, size))
 
 
-def _unseen(information: Array, fixed: Booleans) -> Booleans:
+def _unidentifiable(information: Array, fixed: Booleans) -> Booleans:
     """Free parameters without influence, or with one that others, not `fixed`, can replace exactly, (free,)."""
     moved = np.append(~fixed, np.ones(len(information) - len(fixed), dtype=np.bool_))
     unseen = np.zeros(len(moved), dtype=np.bool_)
-    values, directions = np.linalg.eigh(_correlations(information[np.ix_(moved, moved)])[0])
+    values, directions = np.linalg.eigh(_scaled_information(information[np.ix_(moved, moved)])[0])
     lost = directions[:, values <= SINGULAR * values.max()]
     unseen[moved] = (lost**2).sum(axis=1) > np.sqrt(SINGULAR)
     return unseen[: len(fixed)]
 
 
-def _correlations(information: Array) -> tuple[Array, Array]:
+def _scaled_information(information: Array) -> tuple[Array, Array]:
     """The information in units in which its diagonal is 1, or 0 without any, and these units."""
     size = np.sqrt(np.maximum(np.diag(information), 1e-300))
     return information / np.outer(size, size), size

@@ -188,7 +188,7 @@ def _windows(one: Evaluation, reference: Evaluation, noise: Mapping[str, float])
     seen = np.zeros(len(total), dtype=np.bool_)
     for j, role in enumerate(one.scores):
         floor = np.hypot(noise.get(role, 0.0), reference.expected[:, j])
-        z = np.clip(one.errors(j) / np.where(floor > 0.0, floor, math.nan), -LOST, LOST)
+        z = np.clip(one.prediction_errors(j) / np.where(floor > 0.0, floor, math.nan), -LOST, LOST)
         known = np.isfinite(z)
         count = np.bincount(one.blocks[known], minlength=len(total))
         summed = np.bincount(one.blocks[known], weights=huber(z[known]), minlength=len(total))

@@ -26,7 +26,7 @@ from optid.effects.effect import Effect
 from optid.estimation.fixed_gain import Residuals, cross_validated_residuals
 from optid.estimation.likelihood import huber
 from optid.estimation.multistep import window_starts
-from optid.estimation.problem import Integers, cut_into, window_of
+from optid.estimation.problem import Integers, cut_into, window_index
 
 LARGEST = 700.0  # gain at which a p-value is capped: beyond it the exponential overflows
 FOLDS, BLOCKS = 3, 2  # of the recordings, and blocks of each recording in a fold
@@ -89,7 +89,7 @@ def _cross_validated(model: FittedModel, problem: DiagnosisProblem) -> Validated
     z[known] = cross_validated_residuals(residuals, np.repeat(fold, known.sum(axis=1)))
     z[fold < 0] = np.nan
     cut = cut_into(q.problem, problem.window)
-    blocks = window_of(cut)
+    blocks = window_index(cut)
     # The first window of a recording has no past data: it is not a prediction.
     z[np.isin(cut.begins, q.problem.begins)[blocks]] = np.nan
     squares = _by_window(huber(z), blocks)

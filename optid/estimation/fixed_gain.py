@@ -15,7 +15,7 @@ import numpy as np
 
 from optid.core.model import Array, Model
 from optid.errors import SolveError
-from optid.estimation.likelihood import Filtered, broyden, huber, huber_weight, run_fixed_gain_filter
+from optid.estimation.likelihood import Filtered, broyden_formula, huber, huber_weight, run_fixed_gain_filter
 from optid.estimation.likelihood_point import NUDGES, REACH, LikelihoodProblem
 from optid.estimation.problem import Booleans, Integers
 
@@ -165,7 +165,7 @@ def fixed_gain_fit(
         if step is None:
             J = None
             continue
-        before, J = loss, broyden_update(J, step.x - x, step.z - z)
+        before, J = loss, checked_broyden_update(J, step.x - x, step.z - z)
         x, z, loss, scale = step
         if before - loss < TOLERANCE * loss:
             break
@@ -196,11 +196,11 @@ def _levenberg_marquardt_step(
     return None
 
 
-def broyden_update(J: Array, step: Array, change: Array) -> Array | None:
+def checked_broyden_update(J: Array, step: Array, change: Array) -> Array | None:
     """The Jacobian after a step with this change of residuals; ``None`` where it missed too much of that."""
     if not np.linalg.norm(change - J @ step) <= MISSED * np.linalg.norm(change):
         return None
-    return broyden(J, step, change, np.sum(J**2, axis=0))
+    return broyden_formula(J, step, change, np.sum(J**2, axis=0))
 
 
 def cross_validated_residuals(residuals: Residuals, fold: Integers) -> Array:

@@ -269,7 +269,7 @@ def huber_weight(z: Array) -> Array:
     return np.minimum(1.0, FAR / np.maximum(np.abs(z), 1e-12))
 
 
-def broyden(J: Array, step: Array, change: Array, weight: Array) -> Array:
+def broyden_formula(J: Array, step: Array, change: Array, weight: Array) -> Array:
     """Jacobians (..., coordinates) after a step with this change (Broyden, Math. Comput. 19, 1965).
 
     `weight` is the metric, (coordinates,): in that of the curvature's diagonal all coordinates have equal weight.

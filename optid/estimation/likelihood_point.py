@@ -13,7 +13,7 @@ from optid.core.model import Array, Model
 from optid.estimation.likelihood import (
     Filtered,
     Noise,
-    broyden,
+    broyden_formula,
     deviance,
     huber_weight,
     run_filter,
@@ -234,7 +234,9 @@ class LikelihoodPoint:
         with np.errstate(invalid="ignore"):
             changes = new.innovations[0] - old.innovations[0], np.log(new.variances[0] / old.variances[0])
             olds = self.slopes.innovations, self.slopes.variances
-            return Jacobians(*(broyden(J, s, by, weight) for J, by in zip(olds, changes, strict=True)))
+            return Jacobians(
+                *(broyden_formula(J, s, by, weight) for J, by in zip(olds, changes, strict=True))
+            )
 
     def gradient_and_fisher(self) -> tuple[Array, Array]:
         """Gradient of half the score and Fisher's information, in typical sizes and log levels."""

@@ -160,7 +160,7 @@ def cut_into(whole: Problem, length: float) -> Problem:
     )
 
 
-def window_of(cut: Problem) -> Integers:
+def window_index(cut: Problem) -> Integers:
     """The window in which each sample lies, (samples,)."""
     return np.searchsorted(cut.begins, np.arange(len(cut.time)), side="right") - 1
 

@@ -28,7 +28,10 @@ from optid.estimation.problem import Booleans, Problem
 PASSING, PRECISE = 1e-4, 1e-6
 ENOUGH = 50  # iterations: a fit that needs more does not converge
 TRUSTED = 1e-3  # damping up to which a step's predicted gain equals that of the undamped step
-FIRMEST = 1e8, 1.0  # dampings beyond which no step is tried: with free parameters, and of states alone
+LARGEST_DAMPING, OF_STATES = (
+    1e8,
+    1.0,
+)  # beyond which no step is tried: with free parameters, and of states alone
 
 
 @dataclass(frozen=True, eq=False)
@@ -262,7 +265,7 @@ def descend(
                 settled = terms.cost - found.cost <= enough and moved < 1e-2
                 break
             reached = float(np.abs((trial.X - at.X) / o.model.scales).max())
-            if damping > FIRMEST[not o.free] or max(moved, reached) < 1e-12:
+            if damping > (LARGEST_DAMPING if o.free else OF_STATES) or max(moved, reached) < 1e-12:
                 stuck = True
                 break
             refused, damping = True, max(damping * 10, 1e-4)

@@ -261,14 +261,22 @@ def test_a_law_whose_predictions_diverge_on_the_hold_out_is_no_name(tmp_path, mo
     assert all(finding.effect is None for finding in found.findings)
 
 
-def test_the_noise_of_the_hold_out_is_not_known_before_the_test(tmp_path):
-    """A hold-out with ten times the noise changes nothing of what is fitted."""
-    loud = recording(3, "held.csv")
-    noisy = loud["position"].values + 0.01 * np.random.default_rng(0).standard_normal(len(loud))
-    loud = replace(loud, channels={**loud.channels, "position": replace(loud["position"], values=noisy)})
-    quiet, other = asked(tmp_path), asked(tmp_path, held=[loud])
-    assert quiet.noise == other.noise
-    assert [one.value for one in quiet.base_parameters] == [one.value for one in other.base_parameters]
+def test_the_noise_of_the_hold_out_is_not_known_before_the_test(tmp_path, monkeypatch):
+    """What is written into the rig file's channels, as the noise that decimation leaves, is of training recordings."""
+    from optid.diagnosis import pipeline
+
+    prepare, kept = pipeline.prepare, []
+
+    def recorded(stated, recordings):
+        found, thin = prepare(stated, recordings)
+        kept.append((found, [one.name for one in recordings]))
+        return found, thin
+
+    monkeypatch.setattr(pipeline, "prepare", recorded)
+    found = asked(tmp_path)
+    (names,) = [names for made, names in kept if made is found.problem.rig and "held.csv" not in names]
+    assert names == ["run1.csv", "run2.csv"]
+    assert not any("held.csv" in names and len(names) > 1 for _, names in kept)
 
 
 def test_a_diagnosis_that_died_goes_on_at_its_last_stage_with_the_same_answer(tmp_path, dead, monkeypatch):

@@ -30,7 +30,7 @@ from optid.diagnosis.surrogate.sinusoid import Linearisation
 from optid.diagnosis.validation import Validated, flipped_signs
 from optid.effects.description import Description
 from optid.effects.effect import Effect
-from optid.estimation.problem import cut_into, window_of
+from optid.estimation.problem import cut_into, window_index
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,4 +154,4 @@ def _rivalling(sites: Sequence[UnknownInput], problem: DiagnosisProblem) -> list
 def _by_window(one: UnknownInput, problem: DiagnosisProblem) -> np.ndarray:
     """-2 log likelihood of each window."""
     cut = cut_into(problem.likelihood_problem(problem.rig).problem, problem.window)
-    return np.bincount(window_of(cut), weights=one.deviance)
+    return np.bincount(window_index(cut), weights=one.deviance)
