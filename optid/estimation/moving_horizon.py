@@ -1,7 +1,7 @@
 """Prediction of windows from past data: moving horizon estimation with process noise between nodes.
 
 The newest windows are estimated from their data, each divided into pieces; earlier ones enter as a Gaussian prior
-(Rao, Rawlings and Mayne, IEEE Trans. Automatic Control 48, 2003). The first estimates use several starts.
+(Rao, Rawlings and Mayne, IEEE Trans. Automatic Control 48, 2003). The first ones have two starts.
 """
 
 from __future__ import annotations
@@ -11,13 +11,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import ndtri
 
 from optid.core.model import Array
 from optid.core.simulation import simulate
 from optid.errors import SolveError
-from optid.estimation.initial_trajectory import COARSE, guess, measured_states
-from optid.estimation.likelihood import run_windows
+from optid.estimation.initial_trajectory import guess
 from optid.estimation.problem import Integers, Problem
 from optid.estimation.smoother import PASSING, PRECISE, Objective, Point, Terms, descend
 
@@ -26,8 +24,6 @@ from optid.estimation.smoother import PASSING, PRECISE, Objective, Point, Terms,
 PIECES = 5
 MEMORY = 4  # past windows in the horizon; earlier ones enter as a Gaussian prior
 LOOSER = (0.3, 0.03, 3e-3)  # shares of each state's size through which the process noise is annealed
-STARTS = 64  # starts of the first estimates, evenly spread: a power of two
-LIKELIEST = 3  # of them that are kept
 EPS = float(np.finfo(float).eps)
 
 
@@ -112,49 +108,18 @@ def past_of(o: Objective, first: int, stop: int, mean: Array, spread: Array) -> 
     )
 
 
-def best_estimate(o: Objective, at: Point, q: Array, first: bool = True) -> tuple[Point, Terms]:
-    """The most likely estimate from the guess, as it is and annealed, and for a `first` one from other starts.
+def best_estimate(o: Objective, at: Point, q: Array) -> tuple[Point, Terms]:
+    """The more likely of the estimates from the guess as it is and annealed.
 
-    An axis that sticks in the model and moves on the rig gives no gradient, and different unmeasured pressures may fit
-    a first window.
+    An axis that sticks in the model and moves on the rig gives no gradient.
     """
-    found, others = [], _likeliest(o, at) if first else []
-    for how, near in ((_tight, at), (_annealed, at), *((_annealed, one) for one in others)):
+    found = []
+    for how in (_tight, _annealed):
         with contextlib.suppress(SolveError):
-            found.append(how(o, near, q))
+            found.append(how(o, at, q))
     if not found:
         raise SolveError("the simulation diverged within the first windows (NaN or infinite)")
     return min(found, key=lambda one: one[1].cost)
-
-
-def _likeliest(o: Objective, at: Point) -> list[Point]:
-    """The free runs that explain the data best, of starts spread over the states that no recorded output shows."""
-    b = o.problem
-    recorded = set(np.flatnonzero(np.isfinite(b.measured).any(axis=0)).tolist())
-    shown = {i for states in measured_states(o.model) for i, j in states.items() if j in recorded}
-    hidden = [i for i in range(len(o.spread)) if i not in shown]
-    if not hidden:
-        return []
-    from scipy.stats.qmc import Sobol  # slow to import, and seldom needed
-
-    z = ndtri(Sobol(len(hidden), scramble=False).random(STARTS) + 0.5 / STARTS)
-    starts = np.tile(at.X[0], (STARTS, 1))
-    starts[:, hidden] = o.start[hidden] + o.spread[hidden] * z
-    whole = replace(
-        b,
-        begins=b.begins[:1],
-        counts=np.array([b.begins[-1] + b.counts[-1] - b.begins[0]]),
-        closed=b.closed[-1:],
-        linked=np.array([False]),
-        recording=b.recording[:1],
-    )
-    outputs = run_windows(o.model, whole, at.p, starts[:, None], [0])
-    lost = ~np.isfinite(outputs[:, b.begins[0] : b.begins[0] + whole.counts[0]]).all(axis=(1, 2))
-    off = (outputs - b.measured) * o.weight
-    cost = np.where(lost, np.inf, np.nansum(off**2, axis=(1, 2)) + (z**2).sum(axis=1))
-    best = np.argsort(cost)[:LIKELIEST]
-    run = simulate(o.model, at.p, starts[best], b.dt, b.inputs, tolerance=COARSE)
-    return [Point(states[b.begins - b.begins[0]], at.p) for states in run.states]
 
 
 def _annealed(o: Objective, at: Point, q: Array) -> tuple[Point, Terms]:
@@ -191,7 +156,7 @@ def _windows(o: Objective, at: Point, q: Array) -> Iterator[tuple[int, Array, Ar
             try:
                 near = Point(X[first:begin], at.p)
                 if first == young:
-                    found, terms = best_estimate(past, near, q, first=begin <= young + PIECES)
+                    found, terms = best_estimate(past, near, q)
                 else:
                     found, terms = _tight(past, near, q)
                 X[first:begin], X[begin] = found.X, terms.end[-1]
