@@ -2,13 +2,16 @@
 
 Where a sticking axis comes to rest is practically random, so the best of many candidates on few runs is mostly the
 luckiest one. Candidates that fill the region are simulated in one run of each size; those that continue are chosen by
-the mean over their neighbours (kernel regression: Nadaraya 1964, Watson 1964), which averages out chance. From the
-best regions an evolution strategy continues, each generation on another run; its result is a mean of many
-candidates. The few results are simulated in all runs.
+the mean over their neighbours (kernel regression: Nadaraya 1964, Watson 1964), which averages out chance, the last of
+them in all runs. From the best regions an evolution strategy continues, each generation on another run; its result is a
+mean of many candidates. Of the best result all gains are lowered together while the cost is within one standard error
+of the lowest: the simplest of the candidates that the runs cannot tell apart (Breiman et al., Classification and
+Regression Trees, 1984, section 3.4.3), here the one with the least feedback, as no model shows all that feedback meets.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -18,7 +21,7 @@ from optid.core.model import Array
 from optid.pid.law import KD, KP
 from optid.tuning.demand import Episode
 from optid.tuning.evolution_strategy import evolution_strategy
-from optid.tuning.search import Box, Evolved
+from optid.tuning.search import PLACES, SIGNED, Box, Evolved
 from optid.tuning.task import Task
 from optid.tuning.ultimate import Ultimate, ultimate
 
@@ -31,11 +34,12 @@ TOGETHER = 12  # candidates between two checks of the time limit
 DRAWN = 20  # candidates drawn for each one needed, to find those that keep the margins
 
 
-FIRST, SECOND = 400, 80  # candidates on run 1, and the best of them also on run 2
+FIRST, SECOND, THIRD = 400, 80, 20  # candidates on run 1, the best of them also on run 2, and on all
 REGIONS, APART = 2, 0.1  # regions that are continued, and their distance in the cube
 GENERATIONS, LAST = 24, 16  # generations in each region, and around the best result on two runs each
 SPREAD, LAST_SPREAD = 0.06, 0.03  # sd of its first generation
 NEAR = 0.04  # sd of the kernel, in the cube
+LOWER, LOWERED = 0.84, 14  # factor on all gains between two candidates; how many: to a tenth
 HOPELESS = 30.0  # times the best cost: larger costs are clipped to it
 
 Said = Callable[[float, str], None]
@@ -77,15 +81,33 @@ def search_on_bench(
     seen = EvaluatedCandidates(points, cost(points, 0), np.ones(len(points)))
     best = seen.best(points, SECOND)
     seen = seen.and_also(best, cost(best, 1), 1)
+    best = seen.best(best, THIRD)
+    effort.said(0.25, "")
+    tried = _ends(task, within, list(best))
     answers = []
-    for number, start in enumerate(_apart(seen.best(best, SECOND))):
-        effort.said(0.3 + 0.2 * number, "")
-        answers.append(evolution_strategy(lambda p, g: cost(p, 2 + g), start, SPREAD, GENERATIONS, rng))
-    ends = _ends(task, within, [*answers, best[0]])
-    effort.said(0.9, "")
+    for number, start in enumerate(_apart([end.point for end in tried])):
+        effort.said(0.35 + 0.2 * number, "")
+        answers.append(evolution_strategy(lambda p, g: cost(p, 1 + g), start, SPREAD, GENERATIONS, rng))
+    ends = sorted([*_ends(task, within, answers), tried[0]], key=lambda end: end.fitness)
+    effort.said(0.85, "")
     last = evolution_strategy(lambda p, g: cost(p, 2 * g, 2 * g + 1), ends[0].point, LAST_SPREAD, LAST, rng)
     first, *others = sorted([*_ends(task, within, [last]), *ends], key=lambda end: end.fitness)
+    if not effort.over():
+        first = _lowered(task, within, first, runs)
     return [replace(first, evaluations=used), *others]
+
+
+def _lowered(task: Task, within: Box, best: Evolved, runs: Sequence[int]) -> Evolved:
+    """The lowest multiple of all free gains whose cost is within one standard error of the lowest cost."""
+    feedback = [PLACES[name] for name in SIGNED if name in within.free]
+    gains = np.repeat(within.gains(best.point), LOWERED, axis=0)
+    gains[:, feedback] *= LOWER ** np.arange(LOWERED)[:, None]
+    ends = _ends(task, within, list(within.points(gains)))
+    lowest = within.gains(ends[0].point)
+    each = [_part(task, [k]).fitness(lowest)[0] for k in runs]  # their weights are shares of the whole
+    largest = ends[0].fitness + float(np.std(each)) * math.sqrt(len(runs))
+    kept = [end for end in ends if end.fitness <= largest]
+    return min(kept, key=lambda end: float(np.abs(within.gains(end.point)[0, feedback]).sum()))
 
 
 def _ends(task: Task, within: Box, points: list[Array]) -> list[Evolved]:
@@ -95,7 +117,7 @@ def _ends(task: Task, within: Box, points: list[Array]) -> list[Evolved]:
     return sorted(ends, key=lambda end: end.fitness)
 
 
-def _apart(points: Array) -> list[Array]:
+def _apart(points: Sequence[Array]) -> list[Array]:
     """Those, the best first, that are at a distance from all before."""
     found: list[Array] = []
     for point in points:
@@ -148,7 +170,7 @@ def few_episodes(task: Task) -> list[int]:
 
 def _judged(task: Task, within: Box, points: Array, runs: Sequence[int], effort: Effort) -> Array:
     """Costs on some runs; infinite for those not reached before the time limit."""
-    part = replace(task, bench=task.bench.only(runs_of(task, runs)) if task.bench else None)
+    part = _part(task, runs)
     values = np.full(len(points), np.inf)
     for first in range(0, len(points), TOGETHER):
         if first and effort.over():
@@ -156,6 +178,10 @@ def _judged(task: Task, within: Box, points: Array, runs: Sequence[int], effort:
         several = slice(first, first + TOGETHER)
         values[several] = part.fitness(within.gains(points[several]))
     return values
+
+
+def _part(task: Task, runs: Sequence[int]) -> Task:
+    return replace(task, bench=task.bench.only(runs_of(task, runs)) if task.bench else None)
 
 
 def _spread_out(task: Task, within: Box, count: int, rng: np.random.Generator) -> Array:

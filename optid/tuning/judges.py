@@ -23,15 +23,14 @@ from optid.tuning.sticking_axis import Mechanics, StickingAxis, assumed_mechanic
 UNIT = "V"  # of a constant load
 RUNS, BENCH_RUNS, SHOWN_RUNS = 2, 16, 5  # runs of each size; with a rig's model; those in tables
 STICKING_RUNS, FITTED_RUNS = 9, 13  # with assumed friction; with friction identified from a recording
+# Factor on the command in a third of the steps of an axis that a recording shows: its gain is that of large motions,
+# and that of small ones may be larger, by a third on the plain rig of studies/pid_gains.py.
+OF_SMALL_MOTIONS = 1.5
 BENCH_TOLERANCE = 2e-4  # of its integration: costs differ by 0.2 % from those at 1e-7
 # Default bound on the maximum sensitivity: within the recommended range (Astrom and Hagglund, Advanced PID Control,
 # 2006, section 4.6); and on the identified model with an assumed dry friction, which damps small motions as no linear
 # model does. With a rig's model no bound: friction that was measured is simulated, and so is a stronger plant.
 SENSITIVITY, BESIDE_FRICTION = 2.0, 5.0
-SIMULATED_MARGIN = (
-    f"No bound on the maximum sensitivity: the gains are tested with {STRONGER:g} times the command, friction and "
-    "limits included; the identified linear model has no friction (--ms 2 requires gains that are robust on it, too)."
-)
 SMALLEST_LOAD = 2e-3  # of half the command's range: smaller constant loads are ignored
 SURE = 3.0  # standard errors by which a constant load must differ from 0
 LINEAR = "the identified linear model"
@@ -92,7 +91,7 @@ def _judged_by_shown(plan: StepPlan, shown: SlidingAxis, spec: TuningSpec, half:
         runs=FITTED_RUNS,
         variants=len(axis.frictions) - 1,
         load=shown.load,
-        stronger=STRONGER,
+        stronger=OF_SMALL_MOTIONS,
         quiet=False,
     )
     episodes = episodes_of(plan, spec)
@@ -113,7 +112,12 @@ def _said_of_shown(shown: SlidingAxis, axis: Mechanics) -> tuple[str, ...]:
         f"A dead zone of ±{shown.dead_zone:.3g} {UNIT}, identified from the recording, is part of the plant."
     )
     load = f"A constant load of {shown.load:.3g} {UNIT}, identified from the recording."
-    return (said, *((dead,) if shown.dead_zone else ()), *((load,) if shown.load else ()), SIMULATED_MARGIN)
+    return (
+        said,
+        *((dead,) if shown.dead_zone else ()),
+        *((load,) if shown.load else ()),
+        _said_of_margin(OF_SMALL_MOTIONS),
+    )
 
 
 def with_rig(
@@ -133,8 +137,19 @@ def with_rig(
     judge, bench = (
         PhysicalBench(rig, one, output, 0.0, variants, BENCH_TOLERANCE) for one in (episodes, shown)
     )
-    said = (_said_of_rig(len(variants), fitted(rig), plan.noise), *((SIMULATED_MARGIN,) if usual else ()))
+    said = (
+        _said_of_rig(len(variants), fitted(rig), plan.noise),
+        *((_said_of_margin(STRONGER),) if usual else ()),
+    )
     return Judges(judge, shown, PHYSICAL, said, bench, None)
+
+
+def _said_of_margin(factor: float) -> str:
+    return (
+        f"No bound on the maximum sensitivity: the gains are tested with {factor:g} times the command, friction and "
+        "limits included; the identified linear model has no friction (--ms 2 requires gains that are robust on it, "
+        "too)."
+    )
 
 
 def _said_of_rig(variants: int, sure: bool, noise: float) -> str:

@@ -4,8 +4,8 @@ One step of one size gives little information on an axis with dry friction: it m
 Smaller steps are always added. The first run has exactly these sizes, and no noise where a linear model judges;
 dry friction acts differently without the dither of noise, so there it has noise as well. In each other run all steps
 are shortened by random shares, and the noise is new: where an axis with dry friction comes to rest depends on the
-step's size almost randomly, and gains must be good for all sizes, not for seven. In every third run the plant has a
-larger gain, so that the gains found tolerate it.
+step's size almost randomly, and gains must be good for all sizes, not for seven. In a third of these steps the plant
+has a larger gain, so that the gains found tolerate it.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ HUNTING_SHARE = 1e-3  # the same as a share of the largest step, where the noise
 SEED = 20  # of the noise
 SHORTER = 0.25  # largest share by which a step is shortened in a run
 STRIDE = 0.37  # between the shares of neighbouring sizes
-# Factor on the command in every so many-th run: a gain margin with friction and limits.
+# Factor on the command in one of so many steps: a gain margin with friction and limits.
 STRONGER, EVERY = 1.1, 3
 
 
@@ -43,7 +43,7 @@ class StepPlan:
         variants: further parameter sets of the physical model, used by the runs in turn.
         load: constant load added to the command.
         power: of the error in the criterion, for the scaling.
-        stronger: factor on the command in every third run.
+        stronger: factor on the command in a third of the steps.
     """
 
     sizes: tuple[float, ...]
@@ -70,7 +70,7 @@ class StepPlan:
         nominal, gain = size, 1.0
         if run:
             size *= 1.0 - SHORTER * ((run / count + STRIDE * number) % 1.0)
-            gain = self.stronger if run % EVERY == 0 else 1.0
+            gain = self.stronger if (run - number) % EVERY == 0 else 1.0
         weight = abs(self.sizes[0] / size) ** self.power / (count * len(self.sizes))
         bare = step(size, self.samples, self.sample_time, weight)
         noise = np.zeros(self.samples)

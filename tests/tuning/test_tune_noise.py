@@ -7,9 +7,13 @@ import numpy as np
 import pytest
 
 from optid.armax.model import Armax
+from optid.pid.controller import Gains
+from optid.pid.law import KD, KP
 from optid.tuning import bench_search
 from optid.tuning.evolution_strategy import evolution_strategy
 from optid.tuning.plant import plant_of
+from optid.tuning.search import Evolved, box
+from optid.tuning.ultimate import Ultimate
 
 
 def test_what_disturbs_the_plant_is_no_noise_of_its_sensor():
@@ -58,9 +62,32 @@ def test_what_a_search_tried_is_counted(monkeypatch):
     monkeypatch.setattr(bench_search, "_judged", judged)
     monkeypatch.setattr(bench_search, "_episodes", lambda task: [])
     monkeypatch.setattr(bench_search, "_spread_out", lambda task, within, count, rng: rng.random((count, 2)))
+    monkeypatch.setattr(bench_search, "_lowered", lambda task, within, best, runs: best)
     task = SimpleNamespace(fitness=lambda points: points.sum(axis=1))
     within = SimpleNamespace(gains=lambda points: points)
     start = np.full((1, 2), 0.5)
     ends = bench_search.search_on_bench(task, within, start, np.random.default_rng(0), bench_search.Effort())
     assert sum(end.evaluations for end in ends) == sum(asked)
     assert ends[0].fitness < 0.1
+
+
+def test_of_gains_that_the_runs_cannot_tell_apart_those_with_the_least_feedback_are_taken(monkeypatch):
+    runs, within = (1, 2, 3, 4), box(("kp", "kd"), Gains(kp=1.0), Ultimate(10.0, 0.1))
+
+    def cost(gains, chosen):
+        shares = sum(1.0 + 0.1 * (k - 2.5) for k in chosen) / 4.0
+        return np.array([shares + 0.05 * math.log(10.0 / row[KP]) ** 2 for row in gains])
+
+    monkeypatch.setattr(
+        bench_search, "_part", lambda task, chosen: SimpleNamespace(fitness=lambda g: cost(g, chosen))
+    )
+    task = SimpleNamespace(fitness=lambda gains: cost(gains, runs))
+    start = Evolved(within.points(Gains(kp=10.0, kd=0.2).vector)[0], 1.0, 0)
+    found = within.gains(bench_search._lowered(task, within, start, runs).point)[0]
+    # The standard error is 0.1 sqrt(5/4) sqrt(4) / 4 = 0.0559, the most that 0.05 ln^2 may be: ln up to 1.0574.
+    assert found[KP] == pytest.approx(10.0 * 0.84**6, rel=1e-6)
+    assert found[KD] / found[KP] == pytest.approx(0.02, rel=1e-6)
+    # Far above the best, the lowest cost counts, not that of the start.
+    start = Evolved(within.points(Gains(kp=40.0, kd=0.8).vector)[0], 2.0, 0)
+    found = within.gains(bench_search._lowered(task, within, start, runs).point)[0]
+    assert found[KP] == pytest.approx(40.0 * 0.84**13, rel=1e-6)
