@@ -4,9 +4,10 @@ Where a sticking axis comes to rest is practically random, so the best of many c
 luckiest one. Candidates that fill the region are simulated in one run of each size; those that continue are chosen by
 the mean over their neighbours (kernel regression: Nadaraya 1964, Watson 1964), which averages out chance, the last of
 them in all runs. From the best regions an evolution strategy continues, each generation on another run; its result is a
-mean of many candidates. Of the best result all gains are lowered together while the cost is within one standard error
-of the lowest: the simplest of the candidates that the runs cannot tell apart (Breiman et al., Classification and
-Regression Trees, 1984, section 3.4.3), here the one with the least feedback, as no model shows all that feedback meets.
+mean of many candidates. Of the best result all gains are lowered together while they cost more by at most one standard
+error of the difference: the simplest of the candidates that the runs cannot tell apart (Breiman et al., Classification
+and Regression Trees, 1984, section 3.4.3), here the one with the least feedback, as no model shows all that feedback
+meets.
 """
 
 from __future__ import annotations
@@ -98,16 +99,16 @@ def search_on_bench(
 
 
 def _lowered(task: Task, within: Box, best: Evolved, runs: Sequence[int]) -> Evolved:
-    """The lowest multiple of all free gains whose cost is within one standard error of the lowest cost."""
+    """The lowest multiple of all free gains that is dearer than the best by at most one standard error, in pairs."""
     feedback = [PLACES[name] for name in SIGNED if name in within.free]
     gains = np.repeat(within.gains(best.point), LOWERED, axis=0)
     gains[:, feedback] *= LOWER ** np.arange(LOWERED)[:, None]
     ends = _ends(task, within, list(within.points(gains)))
-    lowest = within.gains(ends[0].point)
-    each = [_part(task, [k]).fitness(lowest)[0] for k in runs]  # their weights are shares of the whole
-    largest = ends[0].fitness + float(np.std(each)) * math.sqrt(len(runs))
-    kept = [end for end in ends if end.fitness <= largest]
-    return min(kept, key=lambda end: float(np.abs(within.gains(end.point)[0, feedback]).sum()))
+    gains = np.vstack([within.gains(end.point) for end in ends])
+    each = np.array([_part(task, [k]).fitness(gains) for k in runs])
+    dearer = each - each[:, :1]
+    kept = dearer.mean(axis=0) <= dearer.std(axis=0) / math.sqrt(len(runs))
+    return ends[min(np.flatnonzero(kept), key=lambda i: float(np.abs(gains[i, feedback]).sum()))]
 
 
 def _ends(task: Task, within: Box, points: list[Array]) -> list[Evolved]:

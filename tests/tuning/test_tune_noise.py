@@ -75,8 +75,8 @@ def test_of_gains_that_the_runs_cannot_tell_apart_those_with_the_least_feedback_
     runs, within = (1, 2, 3, 4), box(("kp", "kd"), Gains(kp=1.0), Ultimate(10.0, 0.1))
 
     def cost(gains, chosen):
-        shares = sum(1.0 + 0.1 * (k - 2.5) for k in chosen) / 4.0
-        return np.array([shares + 0.05 * math.log(10.0 / row[KP]) ** 2 for row in gains])
+        L = np.log(10.0 / gains[:, KP])
+        return sum(1.0 + 0.05 * L**2 + 0.1 * (k - 2.5) * L for k in chosen) / 4.0
 
     monkeypatch.setattr(
         bench_search, "_part", lambda task, chosen: SimpleNamespace(fitness=lambda g: cost(g, chosen))
@@ -84,7 +84,7 @@ def test_of_gains_that_the_runs_cannot_tell_apart_those_with_the_least_feedback_
     task = SimpleNamespace(fitness=lambda gains: cost(gains, runs))
     start = Evolved(within.points(Gains(kp=10.0, kd=0.2).vector)[0], 1.0, 0)
     found = within.gains(bench_search._lowered(task, within, start, runs).point)[0]
-    # The standard error is 0.1 sqrt(5/4) sqrt(4) / 4 = 0.0559, the most that 0.05 ln^2 may be: ln up to 1.0574.
+    # The standard error of a difference is 0.1 sqrt(5/4) ln / sqrt(4), the most that 0.05 ln^2 may be: ln up to 1.118.
     assert found[KP] == pytest.approx(10.0 * 0.84**6, rel=1e-6)
     assert found[KD] / found[KP] == pytest.approx(0.02, rel=1e-6)
     # Far above the best, the lowest cost counts, not that of the start.
