@@ -27,9 +27,9 @@ from optid.armax import Armax, Orders
 from optid.armax.batch import fit_batch
 from optid.pid.controller import Gains, Settings
 from optid.tuning.baselines import ziegler_nichols_ultimate
-from optid.tuning.demand import step
 from optid.tuning.optimise import Options, default_gains, optimise
 from optid.tuning.plant import plant_of
+from optid.tuning.scenarios import step
 from optid.tuning.search import box
 from optid.tuning.task import Task
 from optid.tuning.ultimate import ultimate

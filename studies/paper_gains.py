@@ -35,12 +35,12 @@ from optid.pid.controller import Controller, Gains, Settings
 from optid.rigs.rigfile import Rig, read_rig, write_rig
 from optid.tuning.bench import PhysicalBench
 from optid.tuning.criterion import Criterion
-from optid.tuning.demand import Episode, moves, profile, step
-from optid.tuning.loop import Course
+from optid.tuning.loop import ClosedLoop
 from optid.tuning.margins import Required
 from optid.tuning.optimise import Options, optimise
 from optid.tuning.plant import plant_of
-from optid.tuning.score import Response, response
+from optid.tuning.response_metrics import Response, response
+from optid.tuning.scenarios import Episode, moves, profile, step
 from optid.tuning.task import Task
 from optid.tuning.tuning import Scored, Tuning, compared, open_loop, tune
 from studies.benchmark_tune import LIMIT, ROOT, STEP, T, identified
@@ -206,7 +206,7 @@ def profiles() -> Episode:
 
 def _three(axes: np.ndarray, gains: Gains, colour: str, episode: Episode, rig: Rig, model: Armax) -> None:
     """Predicted, simulated and real, over the demand."""
-    course = Course((plant_of(model),), (episode,), Criterion(), SETTINGS.vector, 2 * LIMIT)
+    course = ClosedLoop((plant_of(model),), (episode,), Criterion(), SETTINGS.vector, 2 * LIMIT)
     predicted = response(episode, *course.trace(gains.vector), T)
     [simulated] = PhysicalBench(rig, (episode,))(gains, SETTINGS)
     measured = real(gains, episode)

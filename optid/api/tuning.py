@@ -24,8 +24,8 @@ from optid.tuning.bench_search import Effort
 from optid.tuning.compensation import compensated
 from optid.tuning.criterion import Criterion
 from optid.tuning.files import document
+from optid.tuning.integral_criteria import Measure
 from optid.tuning.margins import Required
-from optid.tuning.measure import Measure
 from optid.tuning.optimise import Options
 from optid.tuning.problem import build_problem
 from optid.tuning.specification import TuningSpec

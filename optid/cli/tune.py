@@ -268,7 +268,7 @@ def _exported(tuning: Tuning) -> dict[str, str]:
 def _say(tuning: Tuning, problem: TuningProblem, structure: Structure) -> None:
     from optid.core.quantity import unit_name
     from optid.tuning.files import units
-    from optid.tuning.score import by_size
+    from optid.tuning.response_metrics import by_size
     from optid.tuning.structures import drive_values
     from optid.tuning.tuning import compared
 

@@ -86,12 +86,12 @@ def specification(choices: dict[str, Any], contents: Any) -> TuningSpec:
     """The options in SI."""
     from optid.pid.controller import AntiWindup
     from optid.tuning.criterion import Criterion
+    from optid.tuning.integral_criteria import Measure
     from optid.tuning.integrator import Integrator
     from optid.tuning.margins import Required
-    from optid.tuning.measure import Measure
     from optid.tuning.problem import units_of
     from optid.tuning.specification import TuningSpec
-    from optid.tuning.task import Over
+    from optid.tuning.task import Aggregation
 
     u, y = units_of(contents)
     low, high = _range(choices["limits"], u, "--limits")
@@ -120,7 +120,7 @@ def specification(choices: dict[str, Any], contents: Any) -> TuningSpec:
             choices["phase_margin"],
             _quantity(choices["delay_margin"], "s", "--delay-margin"),
         ),
-        over=Over.WORST if choices["robust"] == "worst" else Over.MEAN,
+        over=Aggregation.WORST if choices["robust"] == "worst" else Aggregation.MEAN,
         scenarios=choices["scenarios"],
         integrator=Integrator[choices["integrator"].upper()],
         dead_zone=_dead_zone(choices["dead_zone"], u),

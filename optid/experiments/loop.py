@@ -18,7 +18,7 @@ from optid.pid.controller import Settings as PidSettings
 from optid.rigs.channels import REFERENCE
 from optid.rigs.rigfile import Rig
 from optid.tuning.bench import PhysicalBench
-from optid.tuning.demand import Episode
+from optid.tuning.scenarios import Episode
 
 POSITION = "position"
 NOISE = 1e-4  # sd of the position as a share of the way between the stroke limits, where none is stated

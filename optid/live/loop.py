@@ -23,7 +23,7 @@ from optid.live.settings import Settings, Wiring
 from optid.live.trial import SMALLEST, Trial, Verdict
 from optid.pid.controller import Controller, Gains
 from optid.pid.controller import Settings as PidSettings
-from optid.pid.law import INTEGRAL
+from optid.pid.pid_step import INTEGRAL
 from optid.rigs.rigfile import Rig
 
 SAME = 1e-9  # of the command's range: less is no other command than the one that was asked for

@@ -15,12 +15,12 @@ from optid.pid.controller import Gains
 from optid.pid.controller import Settings as PidSettings
 from optid.tuning.bench import PhysicalBench
 from optid.tuning.criterion import Criterion
-from optid.tuning.demand import Episode, step
 from optid.tuning.integrator import Integrator, with_integrator
-from optid.tuning.loop import Course
+from optid.tuning.loop import ClosedLoop
 from optid.tuning.margins import Margins, Required, margins
 from optid.tuning.plant import Plant, plant_of
-from optid.tuning.score import Response, response
+from optid.tuning.response_metrics import Response, response
+from optid.tuning.scenarios import Episode, step
 from optid.tuning.task import Task
 
 STEP_SHARE = 0.25  # of the stroke limits' span: the step for tuning and review
@@ -164,7 +164,7 @@ def review(case: Case, new: Gains, bench: PhysicalBench, sensitivity: float) -> 
         sensitivity: largest maximum sensitivity that was asked for.
     """
     episode, pid = case.episode, case.pid
-    course = Course((case.plant,), (episode,), Criterion(), pid.vector, 1.0)
+    course = ClosedLoop((case.plant,), (episode,), Criterion(), pid.vector, 1.0)
     clean = PhysicalBench(bench.rig, (episode,), case.output)
     costs = bench.costs(np.array([case.gains.vector, new.vector]), pid, Criterion(), 1.0)
 

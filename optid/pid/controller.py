@@ -8,7 +8,8 @@
 
 Reference and measurement in the model's output unit (m), command in its input unit (V). A NaN stands for a missing
 sample: the last one is used again; the caller decides how long this may last. Inside other compiled code call
-`optid.pid.law.law(settings, memory, reference, measured)` with `controller.vector` and a copy of `controller.state`.
+`optid.pid.pid_step.law(settings, memory, reference, measured)` with `controller.vector` and a copy of
+`controller.state`.
 """
 
 from __future__ import annotations
@@ -20,8 +21,8 @@ from enum import Enum
 import numpy as np
 
 from optid.errors import InputError
-from optid.pid import law
-from optid.pid.law import Array
+from optid.pid import pid_step
+from optid.pid.pid_step import Array
 
 NO_NOTCH = (1.0, 0.0, 0.0, 0.0, 0.0)
 
@@ -59,7 +60,7 @@ class Gains:
 
     @property
     def vector(self) -> Array:
-        """In the order of `optid.pid.law`, shape (GAINS,)."""
+        """In the order of `optid.pid.pid_step`, shape (GAINS,)."""
         return np.array(
             [
                 self.kp,
@@ -213,7 +214,7 @@ class Settings:
             raise InputError(
                 f"{self.resolution:g} is larger than the range between the limits", field="resolution"
             )
-        if self.resolution > 0 and self.rate * self.sample_time < self.resolution * (1 - law.SLACK):
+        if self.resolution > 0 and self.rate * self.sample_time < self.resolution * (1 - pid_step.SLACK):
             raise InputError(
                 f"{self.rate:g} per second is less than one step of {self.resolution:g} a sample: "
                 "the command could never move",
@@ -223,7 +224,7 @@ class Settings:
 
     @property
     def vector(self) -> Array:
-        """The settings of `optid.pid.law` after the gains, shape (SETTINGS - GAINS,)."""
+        """The settings of `optid.pid.pid_step` after the gains, shape (SETTINGS - GAINS,)."""
         back = self.anti_windup is AntiWindup.BACK_CALCULATION
         return np.array(
             [
@@ -252,12 +253,12 @@ class Controller:
     def __init__(self, gains: Gains, settings: Settings) -> None:
         self.gains, self.settings = gains, settings
         self.vector = np.concatenate([gains.vector, settings.vector])
-        self._memory = np.zeros(law.MEMORY)
-        self._memory[law.LAST_COMMAND] = min(max(0.0, settings.low), settings.high)
+        self._memory = np.zeros(pid_step.MEMORY)
+        self._memory[pid_step.LAST_COMMAND] = min(max(0.0, settings.low), settings.high)
 
     def step(self, reference: float, measured: float) -> float:
         """The command for this sample; the limits hold for it, and the rate from the last one to it."""
-        return law.step(self.vector, self._memory, reference, measured)
+        return pid_step.step(self.vector, self._memory, reference, measured)
 
     def reset(self, reference: float, measured: float, command: float = 0.0) -> None:
         """Start, or restart, from a present command: the first step returns it again if nothing moves.
@@ -271,7 +272,7 @@ class Controller:
         for name, value in (("reference", reference), ("measured", measured), ("command", command)):
             if not math.isfinite(value):
                 raise InputError(f"{value}", field=name, expected="a finite number")
-        law.begin(self.vector, self._memory, reference, measured, command)
+        pid_step.begin(self.vector, self._memory, reference, measured, command)
 
     def change(self, gains: Gains) -> None:
         """Take new gains, such that the command of the last sample would have been the same.
@@ -279,14 +280,14 @@ class Controller:
         With ki = 0 the integral part is dropped instead, and the command may jump.
         """
         new = self.vector.copy()
-        new[: law.GAINS] = gains.vector
-        law.switch(self.vector, self._memory, new)
+        new[: pid_step.GAINS] = gains.vector
+        pid_step.switch(self.vector, self._memory, new)
         self.gains, self.vector[:] = gains, new
 
     @property
     def command(self) -> float:
         """The last one."""
-        return float(self._memory[law.LAST_COMMAND])
+        return float(self._memory[pid_step.LAST_COMMAND])
 
     @property
     def state(self) -> Array:
@@ -300,6 +301,8 @@ class Controller:
             InputError: of another shape or not finite.
         """
         state = np.asarray(state, dtype=np.float64)
-        if state.shape != (law.MEMORY,) or not np.all(np.isfinite(state)):
-            raise InputError(f"shape {state.shape}", field="state", expected=f"{law.MEMORY} finite numbers")
+        if state.shape != (pid_step.MEMORY,) or not np.all(np.isfinite(state)):
+            raise InputError(
+                f"shape {state.shape}", field="state", expected=f"{pid_step.MEMORY} finite numbers"
+            )
         self._memory[:] = state

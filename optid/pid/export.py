@@ -7,10 +7,10 @@ import textwrap
 
 from optid.core.translate import STRUCTURED_TEXT, C, Translation, literal
 from optid.errors import InputError
-from optid.pid import law
+from optid.pid import pid_step
 from optid.pid.controller import Controller
 
-_FUNCTIONS = {"law": law.law, "start": law.start, "change": law.change}
+_FUNCTIONS = {"law": pid_step.law, "start": pid_step.start, "change": pid_step.change}
 _SETTINGS = (
     "kp",
     "ki",

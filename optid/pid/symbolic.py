@@ -1,4 +1,4 @@
-"""`optid.pid.law` over CasADi expressions: the same text, its helpers replaced by CasADi's own."""
+"""`optid.pid.pid_step` over CasADi expressions: the same text, its helpers replaced by CasADi's own."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 import casadi as ca
 
-from optid.pid import law as definition
+from optid.pid import pid_step as definition
 
 Symbolic = Callable[[list[Any], list[Any], Any, Any], Any]
 

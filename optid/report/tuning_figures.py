@@ -19,7 +19,7 @@ from optid.report.figures import ALARM, FREE, INK, QUIET, STYLE, WINDOW, axis_na
 from optid.report.interactive import interactive
 from optid.tuning.bench_search import few_episodes
 from optid.tuning.margins import Frequencies, loop_response
-from optid.tuning.score import Response, by_size
+from optid.tuning.response_metrics import Response, by_size
 from optid.tuning.search import PLACES, SIGNED
 from optid.tuning.task import REFUSED, Task
 from optid.tuning.tuning import Scored, Tuning

@@ -13,7 +13,7 @@ from optid.report.shell import render
 from optid.tuning.files import units
 from optid.tuning.judges import FITTED
 from optid.tuning.problem import TuningProblem
-from optid.tuning.score import Response, by_size
+from optid.tuning.response_metrics import Response, by_size
 from optid.tuning.structures import STRUCTURES, Structure, drive_values
 from optid.tuning.tuning import Scored, Tuning, compared
 

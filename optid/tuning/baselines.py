@@ -10,8 +10,8 @@ import numpy as np
 from optid.core.model import Array
 from optid.pid.controller import Gains
 from optid.tuning.plant import Plant
-from optid.tuning.reaction import Reaction, reaction
-from optid.tuning.search import Box
+from optid.tuning.reaction_curve import Reaction, reaction
+from optid.tuning.search import GainBounds
 from optid.tuning.ultimate import Ultimate
 
 # The paper's gains, section 6, in unstated units: interpreted for an error in metres, and for one in centimetres.
@@ -88,7 +88,7 @@ def regulator(r: Reaction, size: float, most: float, tau: float) -> Gains:
     return Gains(float(K[1]), float(K[0]), float(K[2]) if r.integrating else 0.0, tau)
 
 
-def nelder_mead(fitness: Callable[[Array], Array], within: Box, start: Gains) -> Gains:
+def nelder_mead(fitness: Callable[[Array], Array], within: GainBounds, start: Gains) -> Gains:
     """The simplex search on the same cost, from a rule's gains: it reaches a local optimum at best."""
     from scipy.optimize import minimize
 

@@ -19,13 +19,13 @@ from optid.core.model import CLOCK, INTERVAL, Array
 from optid.core.threads import parallel_for
 from optid.errors import InputError
 from optid.pid.controller import Gains, Settings
-from optid.pid.law import GAINS, LAST_COMMAND, MEMORY, law
+from optid.pid.pid_step import GAINS, LAST_COMMAND, MEMORY, law
 from optid.rigs.rigfile import Rig
 from optid.tuning.criterion import Criterion
-from optid.tuning.demand import Episode
 from optid.tuning.loop import HUNTING, PARTS
 from optid.tuning.machine import compiled
-from optid.tuning.score import Response, response
+from optid.tuning.response_metrics import Response, response
+from optid.tuning.scenarios import Episode
 from optid.tuning.simulation_lanes import measured
 
 SEED = 1  # of the sensor's noise

@@ -19,10 +19,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from optid.core.model import Array
-from optid.pid.law import KD, KP
-from optid.tuning.demand import Episode
+from optid.pid.pid_step import KD, KP
 from optid.tuning.evolution_strategy import evolution_strategy
-from optid.tuning.search import PLACES, SIGNED, Box, Evolved
+from optid.tuning.scenarios import Episode
+from optid.tuning.search import PLACES, SIGNED, Evolved, GainBounds
 from optid.tuning.task import Task
 from optid.tuning.ultimate import Ultimate, ultimate
 
@@ -60,7 +60,7 @@ class Effort:
 
 
 def search_on_bench(
-    task: Task, within: Box, seeds: Array, rng: np.random.Generator, effort: Effort
+    task: Task, within: GainBounds, seeds: Array, rng: np.random.Generator, effort: Effort
 ) -> list[Evolved]:
     """Results of the search, the best first.
 
@@ -98,7 +98,7 @@ def search_on_bench(
     return [replace(first, evaluations=used), *others]
 
 
-def _lowered(task: Task, within: Box, best: Evolved, runs: Sequence[int]) -> Evolved:
+def _lowered(task: Task, within: GainBounds, best: Evolved, runs: Sequence[int]) -> Evolved:
     """The lowest multiple of all free gains that is dearer than the best by at most one standard error, in pairs."""
     feedback = [PLACES[name] for name in SIGNED if name in within.free]
     gains = np.repeat(within.gains(best.point), LOWERED, axis=0)
@@ -111,7 +111,7 @@ def _lowered(task: Task, within: Box, best: Evolved, runs: Sequence[int]) -> Evo
     return ends[min(np.flatnonzero(kept), key=lambda i: float(np.abs(gains[i, feedback]).sum()))]
 
 
-def _ends(task: Task, within: Box, points: list[Array]) -> list[Evolved]:
+def _ends(task: Task, within: GainBounds, points: list[Array]) -> list[Evolved]:
     """On all runs, the best first."""
     costs = task.fitness(within.gains(np.array(points)))
     ends = [Evolved(point, float(cost), 0) for point, cost in zip(points, costs, strict=True)]
@@ -169,7 +169,7 @@ def few_episodes(task: Task) -> list[int]:
     return sorted(runs_of(task, (1,)), key=lambda e: _episodes(task)[e].size)
 
 
-def _judged(task: Task, within: Box, points: Array, runs: Sequence[int], effort: Effort) -> Array:
+def _judged(task: Task, within: GainBounds, points: Array, runs: Sequence[int], effort: Effort) -> Array:
     """Costs on some runs; infinite for those not reached before the time limit."""
     part = _part(task, runs)
     values = np.full(len(points), np.inf)
@@ -185,7 +185,7 @@ def _part(task: Task, runs: Sequence[int]) -> Task:
     return replace(task, bench=task.bench.only(runs_of(task, runs)) if task.bench else None)
 
 
-def _spread_out(task: Task, within: Box, count: int, rng: np.random.Generator) -> Array:
+def _spread_out(task: Task, within: GainBounds, count: int, rng: np.random.Generator) -> Array:
     """Points spread over the region, some without integral action, that keep the margins if enough can be found."""
     low, high = _region(within, ultimate(task.loops[0]))
     points = low + (high - low) * rng.random((DRAWN * count, low.size))
@@ -200,7 +200,7 @@ def _spread_out(task: Task, within: Box, count: int, rng: np.random.Generator) -
     return kept[:count] if len(kept) else points[:count]
 
 
-def _region(within: Box, scale: Ultimate) -> tuple[Array, Array]:
+def _region(within: GainBounds, scale: Ultimate) -> tuple[Array, Array]:
     """Lowest and highest coordinates of the first stage."""
     Ku, Tu = abs(scale.gain), scale.period
     unit = {"kp": within.sign * Ku, "ki": within.sign * Ku / Tu, "kd": within.sign * Ku * Tu}

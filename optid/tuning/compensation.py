@@ -19,7 +19,7 @@ from optid.errors import InputError
 from optid.pid.controller import Gains, Settings
 from optid.rigs.rigfile import Rig
 from optid.tuning.bench import PhysicalBench
-from optid.tuning.demand import profile
+from optid.tuning.scenarios import profile
 
 if TYPE_CHECKING:
     from optid.tuning.tuning import Tuning

@@ -9,8 +9,8 @@ import numpy as np
 
 from optid.core.model import Array
 from optid.errors import InputError
-from optid.tuning.measure import Measure
-from optid.tuning.score import Response
+from optid.tuning.integral_criteria import Measure
+from optid.tuning.response_metrics import Response
 
 Own = Callable[[Array, Array, Array], float]
 

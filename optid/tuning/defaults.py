@@ -10,7 +10,7 @@ from optid.errors import InputError
 from optid.pid.controller import AntiWindup, Settings
 from optid.rigs.rigfile import Rig
 from optid.tuning.plant import Plant
-from optid.tuning.reaction import reaction
+from optid.tuning.reaction_curve import reaction
 from optid.tuning.specification import TuningSpec
 from optid.tuning.ultimate import ultimate
 

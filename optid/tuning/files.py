@@ -10,7 +10,7 @@ from optid.core.document import finite, read_document
 from optid.errors import InputError
 from optid.pid.controller import AntiWindup, Controller, Gains, Notch, Settings
 from optid.tuning.margins import Margins
-from optid.tuning.score import Response, SizeRow, by_size
+from optid.tuning.response_metrics import Response, SizeRow, by_size
 from optid.tuning.structures import STRUCTURES, Structure, drive_values
 from optid.tuning.tuning import Scored, Tuning, compared
 

@@ -19,11 +19,11 @@ from optid.core.instructions import FORMS, REAL, number
 from optid.core.jit import machine_code
 from optid.core.kernel import at, call
 from optid.core.model import Array
-from optid.pid.law import GAINS, LAST_COMMAND, MEMORY, PER_STEP, RESOLUTION
+from optid.pid.pid_step import GAINS, LAST_COMMAND, MEMORY, PER_STEP, RESOLUTION
 from optid.pid.symbolic import symbolic
 from optid.tuning.machine import compiled
 from optid.tuning.search import PLACES
-from optid.tuning.task import Over, Task
+from optid.tuning.task import Aggregation, Task
 
 PARTS = 3  # parts of a cost with a gradient: measure, travel, overshoot
 
@@ -87,7 +87,7 @@ class Gradient:
         with np.errstate(over="ignore", invalid="ignore"):
             each = [self._plant(gains, k) for k in range(len(self._codes))]
             costs, slopes = np.array([one[0] for one in each]), np.array([one[1] for one in each])
-            if len(each) == 1 or self._task.over is Over.WORST:
+            if len(each) == 1 or self._task.over is Aggregation.WORST:
                 top = int(np.argmax(costs))
                 return float(costs[top]), slopes[top]
             away, spread = costs - costs.mean(), max(float(costs.std()), 1e-300)

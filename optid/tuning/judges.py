@@ -13,9 +13,9 @@ from optid.pid.controller import Settings
 from optid.rigs.rigfile import Rig
 from optid.tuning.bench import Bench, PhysicalBench
 from optid.tuning.defaults import half_range
-from optid.tuning.demand import Episode, load, profile
 from optid.tuning.known import fitted, parameter_sets
 from optid.tuning.plant import Plant
+from optid.tuning.scenarios import Episode, load, profile
 from optid.tuning.specification import TuningSpec
 from optid.tuning.step_tests import STRONGER, StepPlan
 from optid.tuning.sticking_axis import Mechanics, StickingAxis, assumed_mechanics, fitted_mechanics

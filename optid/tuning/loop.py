@@ -14,12 +14,12 @@ import numpy as np
 from optid.core.model import Array
 from optid.core.threads import parallel_for
 from optid.errors import InputError
-from optid.pid import law as memory_layout
-from optid.pid.law import GAINS, MEMORY, law
+from optid.pid import pid_step as memory_layout
+from optid.pid.pid_step import GAINS, MEMORY, law
 from optid.tuning.criterion import Criterion
-from optid.tuning.demand import Episode
 from optid.tuning.machine import compiled
 from optid.tuning.plant import Plant
+from optid.tuning.scenarios import Episode
 
 LANES = 4
 HUNTING = 3  # place of the hunting among the parts of a cost
@@ -31,7 +31,7 @@ _LAST = memory_layout.LAST_COMMAND
 
 
 @dataclass(frozen=True, eq=False)
-class Course:
+class ClosedLoop:
     """Plants, episodes and a criterion as arrays, made once and run for many gains.
 
     Attributes:

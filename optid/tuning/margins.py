@@ -9,7 +9,7 @@ import numpy as np
 
 from optid.core.model import Array
 from optid.errors import InputError
-from optid.pid.law import DERIVATIVE_FILTER, KD, KI, KP
+from optid.pid.pid_step import DERIVATIVE_FILTER, KD, KI, KP
 from optid.tuning import nyquist
 from optid.tuning.nyquist import DELAY, FIELDS, GAIN, MS, PHASE, STABLE
 from optid.tuning.plant import Complex, Plant
@@ -132,7 +132,7 @@ def loop_response(plant: Plant, gains: Array, frequency: Array) -> Complex:
 
 
 def controller_response(gains: Array, frequency: Array, sample_time: float) -> Complex:
-    """From the negative measurement to the command, as in `optid.pid.law`, without limits."""
+    """From the negative measurement to the command, as in `optid.pid.pid_step`, without limits."""
     back = np.exp(-1j * np.asarray(frequency))
     lag = gains[DERIVATIVE_FILTER]
     derivative = gains[KD] * (1.0 - back) / (lag + sample_time - lag * back)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from optid.armax.stability import roots_inside
-from optid.pid.law import DERIVATIVE_FILTER, KD, KI, KP
+from optid.pid.pid_step import DERIVATIVE_FILTER, KD, KI, KP
 from optid.tuning.machine import compiled
 
 FIELDS = 5  # and behind them the gain's lower margin and the crossover

@@ -11,11 +11,11 @@ import numpy as np
 from optid.core.model import Array
 from optid.errors import InputError, SolveError
 from optid.pid.controller import Gains
-from optid.pid.law import GAINS, KI
+from optid.pid.pid_step import GAINS, KI
 from optid.tuning.bench_search import Effort, search_on_bench
 from optid.tuning.gradient import Gradient
-from optid.tuning.polish import polish
-from optid.tuning.search import GENERATIONS, Box, Evolved, box, evolve, slices
+from optid.tuning.local_search import polish
+from optid.tuning.search import GENERATIONS, Evolved, GainBounds, box, evolve, slices
 from optid.tuning.task import REFUSED, Task
 from optid.tuning.ultimate import Ultimate, ultimate
 
@@ -72,7 +72,7 @@ class Search:
 
     gains: Gains
     ends: tuple[Evolved, ...]
-    within: Box
+    within: GainBounds
     grid: Array
 
 
@@ -115,7 +115,7 @@ def optimise(task: Task, options: Options, rng: np.random.Generator, scale: Ulti
     return Search(as_gains(within.gains(best.point)[0]), tuple(ends), within, costs)
 
 
-def _on_bench(task: Task, within: Box, rng: np.random.Generator, effort: Effort) -> Search:
+def _on_bench(task: Task, within: GainBounds, rng: np.random.Generator, effort: Effort) -> Search:
     """The search with the physical model alone, started from gains that keep the margins on the linear one.
 
     Raises:
@@ -130,7 +130,7 @@ def _on_bench(task: Task, within: Box, rng: np.random.Generator, effort: Effort)
     return Search(as_gains(within.gains(ends[0].point)[0]), tuple(ends), within, np.empty(0))
 
 
-def _keeping(task: Task, within: Box, rng: np.random.Generator) -> Array:
+def _keeping(task: Task, within: GainBounds, rng: np.random.Generator) -> Array:
     """Points of low cost on the linear model that keep the margins, with and without integral action, best first."""
     without = replace(within, fixed=np.where(np.arange(GAINS) == KI, 0.0, within.fixed))
     quiet = [e for e in task.episodes if e.run <= 0] or list(task.episodes)
@@ -152,7 +152,7 @@ def _keeping(task: Task, within: Box, rng: np.random.Generator) -> Array:
 
 def _closer(
     task: Task,
-    within: Box,
+    within: GainBounds,
     best: Evolved,
     rng: np.random.Generator,
     gradient: Gradient | None,
@@ -173,7 +173,7 @@ def _closer(
     return found
 
 
-def _screened(task: Task, within: Box, aside: int) -> tuple[Array, list[Evolved]]:
+def _screened(task: Task, within: GainBounds, aside: int) -> tuple[Array, list[Evolved]]:
     """Costs on a grid of `aside` points along each axis, and its lowest local minima."""
     dimensions = len(within.free)
     if aside < 2:
@@ -194,17 +194,17 @@ def _screened(task: Task, within: Box, aside: int) -> tuple[Array, list[Evolved]
     return costs, [Evolved(points[i], float(costs.ravel()[i]), 0) for i in there]
 
 
-def _evolved(task: Task, within: Box, *how: Any) -> Evolved:
+def _evolved(task: Task, within: GainBounds, *how: Any) -> Evolved:
     return evolve(lambda points, bar: task.fitness(within.gains(points), bar), *how)
 
 
-def _polished(task: Task, within: Box, end: Evolved, gradient: Gradient | None) -> Evolved:
+def _polished(task: Task, within: GainBounds, end: Evolved, gradient: Gradient | None) -> Evolved:
     point = polish(task, within, end.point, gradient)
     return replace(end, point=point, fitness=float(task.fitness(within.gains(point))[0]))
 
 
 def as_gains(vector: Array) -> Gains:
-    """Gains from a vector in the order of `optid.pid.law`."""
+    """Gains from a vector in the order of `optid.pid.pid_step`."""
     return Gains(*(float(value) for value in vector))
 
 

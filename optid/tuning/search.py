@@ -11,7 +11,7 @@ import numpy as np
 from optid.core.model import Array
 from optid.errors import InputError, nearest
 from optid.pid.controller import Gains
-from optid.pid.law import DERIVATIVE_FILTER, DERIVATIVE_WEIGHT, KD, KI, KP, SETPOINT_WEIGHT
+from optid.pid.pid_step import DERIVATIVE_FILTER, DERIVATIVE_WEIGHT, KD, KI, KP, SETPOINT_WEIGHT
 from optid.tuning.structures import cascaded
 from optid.tuning.ultimate import Ultimate
 
@@ -34,7 +34,7 @@ FACTOR = (0.45, 0.95)  # of differences, drawn anew for each trial
 
 
 @dataclass(frozen=True, eq=False)
-class Box:
+class GainBounds:
     """The search region of gains; the search uses points of the unit cube.
 
     A gain is `high` sinh(bend x) / sinh(bend): linear near 0, which is allowed, and logarithmic beyond.
@@ -87,7 +87,7 @@ class Box:
         return np.asarray(self.signed * self.bend * np.cosh(self.bend * point) / np.sinh(self.bend))
 
 
-def box(free: tuple[str, ...], fixed: Gains, scale: Ultimate) -> Box:
+def box(free: tuple[str, ...], fixed: Gains, scale: Ultimate) -> GainBounds:
     """Bounds from the plant's ultimate gain and period, far beyond the gains of any rule.
 
     Args:
@@ -113,7 +113,7 @@ def box(free: tuple[str, ...], fixed: Gains, scale: Ultimate) -> Box:
         "derivative_weight": 1.0,
     }
     bend = np.array([LINEAR if name.endswith("weight") else LOGARITHMIC for name in free])
-    return Box(
+    return GainBounds(
         free, np.array([high[name] for name in free]), bend, fixed.vector, math.copysign(1.0, scale.gain)
     )
 
@@ -127,7 +127,7 @@ class Evolved:
     evaluations: int
 
 
-def slices(within: Box, count: int) -> list[tuple[Array, Array]]:
+def slices(within: GainBounds, count: int) -> list[tuple[Array, Array]]:
     """Parts of the unit cube, half overlapping, so that several searches do not all end in one local minimum.
 
     They divide the axis along which several local minima were observed: that of the integral gain, where free.

@@ -12,7 +12,7 @@ import numpy as np
 
 from optid.core.kernel import advance_many, at, call
 from optid.core.llvm_simd import LANES
-from optid.pid.law import GAINS, LAST_COMMAND, MEMORY, law
+from optid.pid.pid_step import GAINS, LAST_COMMAND, MEMORY, law
 from optid.tuning.loop import HUNTING
 from optid.tuning.machine import compiled
 

@@ -9,7 +9,7 @@ from optid.pid.controller import AntiWindup, Notch
 from optid.tuning.criterion import Criterion
 from optid.tuning.integrator import Integrator
 from optid.tuning.margins import Required
-from optid.tuning.task import Over
+from optid.tuning.task import Aggregation
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class TuningSpec:
     sample_time: float | None = None
     criterion: Criterion = field(default_factory=Criterion)
     required: Required = field(default_factory=Required)
-    over: Over = Over.WORST
+    over: Aggregation = Aggregation.WORST
     scenarios: int = 1
     integrator: Integrator = Integrator.AUTO
     dead_zone: tuple[float, float] = (0.0, 0.0)

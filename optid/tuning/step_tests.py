@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from optid.tuning.demand import Episode, step
+from optid.tuning.scenarios import Episode, step
 
 SHARES = (1.0, -1.0, 0.75, -0.5, 0.25, -0.25, 0.125)  # of the largest step
 REST = 0.5  # share of an episode, at its end, during which the output should be at rest: slips come late

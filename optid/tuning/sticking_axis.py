@@ -22,12 +22,12 @@ import numpy as np
 from optid.armax.sliding import SlidingAxis
 from optid.core.model import Array
 from optid.pid.controller import Settings
-from optid.pid.law import GAINS, LAST_COMMAND, MEMORY, law
+from optid.pid.pid_step import GAINS, LAST_COMMAND, MEMORY, law
 from optid.tuning.bench import Bench
-from optid.tuning.demand import Episode
 from optid.tuning.loop import ESCAPED, passed
 from optid.tuning.machine import compiled
 from optid.tuning.plant import MARGIN, Plant
+from optid.tuning.scenarios import Episode
 
 SHARE = 0.5  # share of the damping assumed as dry friction without a fit: all and nothing are both known to be wrong
 OTHERS = (0.25, 0.75)  # shares of the variants

@@ -1,4 +1,4 @@
-"""Control structures of real drives, each a way to write the one controller of `optid.pid.law`.
+"""Control structures of real drives, each a way to write the one controller of `optid.pid.pid_step`.
 
 P position over PI velocity, with the speed taken from the position through the derivative's lag:
 
@@ -19,7 +19,7 @@ import numpy as np
 from optid.core.model import Array
 from optid.errors import InputError, nearest
 from optid.pid.controller import Gains
-from optid.pid.law import KD, KI, KP, SETPOINT_WEIGHT
+from optid.pid.pid_step import KD, KI, KP, SETPOINT_WEIGHT
 
 
 @dataclass(frozen=True)

@@ -14,17 +14,17 @@ from optid.errors import InputError
 from optid.pid.controller import Settings
 from optid.tuning.bench import Bench
 from optid.tuning.criterion import Criterion
-from optid.tuning.demand import Episode
-from optid.tuning.loop import Course
+from optid.tuning.loop import ClosedLoop
 from optid.tuning.margins import COARSE, Frequencies, Required, excess, look
 from optid.tuning.plant import Plant, behind
+from optid.tuning.scenarios import Episode
 
 STRICTER = 1.0002
 EARLY = 0.5  # of the allowed hunting, from which it is penalised on a bench: no model equals the axis
 REFUSED = 1e20  # cost of gains that violate the requirements, increasing with the violation
 
 
-class Over(Enum):
+class Aggregation(Enum):
     """How the costs on several plants are combined."""
 
     WORST = "the largest one"
@@ -54,7 +54,7 @@ class Task:
     settings: Settings
     criterion: Criterion = field(default_factory=Criterion)
     required: Required = field(default_factory=Required)
-    over: Over = Over.WORST
+    over: Aggregation = Aggregation.WORST
     bench: Bench | None = None
     bench_alone: bool = False
     hunting: float = math.inf
@@ -88,9 +88,9 @@ class Task:
         return max(2.0 * abs(ultimate(self.plant).gain) * size, 1e-300) if size else 1.0
 
     @cached_property
-    def course(self) -> Course:
+    def course(self) -> ClosedLoop:
         """The simulated loop."""
-        return Course(self.plants, self.episodes, self.criterion, self.settings.vector, self.command_size)
+        return ClosedLoop(self.plants, self.episodes, self.criterion, self.settings.vector, self.command_size)
 
     @cached_property
     def loops(self) -> tuple[Plant, ...]:
@@ -155,7 +155,7 @@ class Task:
     def _tried(self, gains: Array, each: Array, bar: Array | None) -> Array:
         """Costs on the bench, shape (n,); for gains that are already too bad, the worst of the other costs."""
         found: Array = np.asarray(each.max(axis=1))
-        open_still = found < (np.inf if bar is None or self.over is not Over.WORST else bar)
+        open_still = found < (np.inf if bar is None or self.over is not Aggregation.WORST else bar)
         if np.any(open_still):
             found[open_still] = self._on_bench(gains[open_still], None)
         return found
@@ -164,7 +164,7 @@ class Task:
         """Of costs (n, plants): shape (n,)."""
         if costs.shape[1] == 1:
             return np.asarray(costs[:, 0])
-        if self.over is Over.WORST:
+        if self.over is Aggregation.WORST:
             return np.asarray(costs.max(axis=1))
         with np.errstate(invalid="ignore", over="ignore"):
             value = costs.mean(axis=1) + costs.std(axis=1)

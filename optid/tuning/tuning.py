@@ -14,12 +14,12 @@ from optid.pid.controller import Controller, Gains, Settings
 from optid.tuning.baselines import Baseline, nelder_mead, rules
 from optid.tuning.bench_search import Effort, runs_of
 from optid.tuning.gradient import Gradient
-from optid.tuning.loop import Course
+from optid.tuning.local_search import polish
+from optid.tuning.loop import ClosedLoop
 from optid.tuning.margins import Margins, margins
 from optid.tuning.optimise import Options, Search, as_gains, optimise
-from optid.tuning.polish import polish
-from optid.tuning.score import Response, response
-from optid.tuning.search import Box
+from optid.tuning.response_metrics import Response, response
+from optid.tuning.search import GainBounds
 from optid.tuning.sticking_axis import StickingAxis
 from optid.tuning.systems import closed_loop, controller_system, open_loop
 from optid.tuning.task import Task
@@ -116,7 +116,7 @@ class Tuning:
     aware: Scored
     certificate: Certificate
     scale: Ultimate
-    within: Box
+    within: GainBounds
     remarks: tuple[str, ...]
 
     @property
@@ -195,7 +195,7 @@ def tune(
     )
 
 
-def _others(task: Task, scale: Ultimate, within: Box, gains: Gains, effort: Effort) -> list[Baseline]:
+def _others(task: Task, scale: Ultimate, within: GainBounds, gains: Gains, effort: Effort) -> list[Baseline]:
     """The baselines for this loop, with the same derivative filter.
 
     The simplex search uses the linear model where a slow physical one judges.
@@ -216,7 +216,7 @@ def _others(task: Task, scale: Ultimate, within: Box, gains: Gains, effort: Effo
     return [*found, Baseline("nelder_mead", simplex, "the same cost, from Ziegler and Nichols' gains")]
 
 
-def _outdone(task: Task, within: Box, gains: Gains, rivals: list[Gains]) -> Gains:
+def _outdone(task: Task, within: GainBounds, gains: Gains, rivals: list[Gains]) -> Gains:
     """If a baseline's gains, clipped to the box, have a lower cost than the result, the search continues from there."""
     points = within.points(np.array([gains.vector, *(rival.vector for rival in rivals)]))
     costs = task.fitness(within.gains(points))
@@ -288,7 +288,7 @@ def score(task: Task, one: Baseline, bench: Bench | None = None) -> Scored:
     if one.gains is None:
         return Scored(one.name, None, one.note, math.inf, None)
     vector, T = one.gains.vector, task.settings.sample_time
-    course: Course = task.course
+    course: ClosedLoop = task.course
     if isinstance(task.bench, StickingAxis):
         runs = task.bench(one.gains, task.settings)
     else:

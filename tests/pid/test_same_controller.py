@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from optid.errors import InputError
-from optid.pid import law
+from optid.pid import pid_step
 from optid.pid.controller import AntiWindup, Controller, Gains, Notch, Settings
 from optid.pid.export import c_header, structured_text
 from optid.pid.symbolic import controller as symbolic_controller
@@ -145,12 +145,12 @@ def test_casadi_gradient_is_that_of_the_command():
     import casadi as ca
 
     function = symbolic_controller()
-    s, m = ca.SX.sym("s", law.SETTINGS), ca.SX.sym("m", law.MEMORY)
+    s, m = ca.SX.sym("s", pid_step.SETTINGS), ca.SX.sym("m", pid_step.MEMORY)
     slope = ca.Function("slope", [s, m], [ca.jacobian(function(s, m, 0.06, 0.01)[0], s)])
     vector = Controller(GAINS, Settings(1e-3, -50, 50)).vector
     memory = np.array([0.3, -0.5, 0.2, 0.05, 0.012, 0.1, 0.02, -0.03])
-    exact = np.array(slope(vector, memory)).ravel()[: law.GAINS]
-    for i in range(law.GAINS):
+    exact = np.array(slope(vector, memory)).ravel()[: pid_step.GAINS]
+    for i in range(pid_step.GAINS):
         h = 1e-6 * max(abs(vector[i]), 1e-3)
         up, down = vector.copy(), vector.copy()
         up[i] += h

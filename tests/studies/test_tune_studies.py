@@ -5,8 +5,8 @@ import pytest
 
 from optid.armax.model import Armax
 from optid.pid.controller import Gains, Settings
-from optid.tuning.demand import step
 from optid.tuning.plant import plant_of
+from optid.tuning.scenarios import step
 from optid.tuning.task import Task
 from studies.benchmark_tune import LIMIT, SAMPLES, STEP, T, control_loop, scalar_loop
 

@@ -3,8 +3,8 @@
 import pytest
 
 from optid.pid.controller import Settings
-from optid.tuning.demand import step
 from optid.tuning.plant import plant_of
+from optid.tuning.scenarios import step
 from optid.tuning.task import Task
 from tests.tuning.small_axis import T, axis
 

@@ -18,10 +18,10 @@ from optid.tuning.bench_search import EvaluatedCandidates
 from optid.tuning.criterion import Criterion
 from optid.tuning.integrator import Integrator, with_integrator
 from optid.tuning.judges import FITTED
-from optid.tuning.loop import Course
+from optid.tuning.loop import ClosedLoop
 from optid.tuning.plant import Plant, plant_of
 from optid.tuning.problem import build_problem
-from optid.tuning.score import by_size
+from optid.tuning.response_metrics import by_size
 from optid.tuning.search import box
 from optid.tuning.specification import TuningSpec
 from optid.tuning.step_tests import StepPlan, hunting_limit, sizes_for
@@ -66,7 +66,7 @@ def test_noise_and_dead_zone_in_the_linear_loop():
     """Sample by sample in plain Python."""
     plant = Plant(plant_of(axis()).a, plant_of(axis()).b, T, dead_zone=(-0.3, 0.2))
     episode = PLAN.episodes()[2]
-    course = Course((plant,), (episode,), Criterion(), LIMITS.vector, 10.0)
+    course = ClosedLoop((plant,), (episode,), Criterion(), LIMITS.vector, 10.0)
     gains = Gains(30.0, 10.0, 0.2, 2e-3)
     y, u = course.trace(gains.vector)
     controller, past = Controller(gains, LIMITS), np.zeros((2, 400 + 4))
@@ -96,7 +96,7 @@ def test_without_friction_the_axis_is_the_model():
     bench = StickingAxis(replace(found, frictions=((48.0, 0.0),)), (episode,))
     gains = Gains(12.0, 0.0, 0.05, 2e-3)
     [run] = bench(gains, LIMITS)
-    y, _ = Course((plant,), (episode,), Criterion(), LIMITS.vector, 10.0).trace(gains.vector)
+    y, _ = ClosedLoop((plant,), (episode,), Criterion(), LIMITS.vector, 10.0).trace(gains.vector)
     assert np.abs(run.output - y).max() < 0.02 * 0.06
 
 
@@ -241,7 +241,7 @@ def test_python_control_sees_the_same_loop():
 
     plant, gains = plant_of(axis()), Gains(20.0, 40.0, 0.2, 2e-3, 0.7, 0.3)
     [episode] = StepPlan((0.06,), 300, T).episodes()
-    y, u = Course((plant,), (episode,), Criterion(), Settings(T).vector, 1.0).trace(gains.vector)
+    y, u = ClosedLoop((plant,), (episode,), Criterion(), Settings(T).vector, 1.0).trace(gains.vector)
     time = T * np.arange(300)
     answer = control.forced_response(closed_loop(plant, gains), time, episode.reference)
     np.testing.assert_allclose(np.ravel(answer.outputs), y, atol=1e-9)

@@ -13,8 +13,8 @@ from optid.pid.controller import Controller, Gains, Settings
 from optid.rigs.rigfile import read_rig
 from optid.tuning.bench import Bench, PhysicalBench
 from optid.tuning.criterion import Criterion
-from optid.tuning.demand import load, step
 from optid.tuning.plant import plant_of
+from optid.tuning.scenarios import load, step
 from optid.tuning.task import Task
 
 

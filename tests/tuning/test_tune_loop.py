@@ -8,16 +8,16 @@ import pytest
 
 from optid.errors import InputError
 from optid.pid.controller import Controller, Gains, Settings
-from optid.pid.law import GAINS, MEMORY
+from optid.pid.pid_step import GAINS, MEMORY
 from optid.tuning.criterion import Criterion
-from optid.tuning.demand import load, moves, profile, step
 from optid.tuning.gradient import PARTS, Gradient, sample
+from optid.tuning.integral_criteria import Measure
 from optid.tuning.margins import Frequencies, Required, excess, margins
-from optid.tuning.measure import Measure
 from optid.tuning.plant import plant_of
-from optid.tuning.score import response
+from optid.tuning.response_metrics import response
+from optid.tuning.scenarios import load, moves, profile, step
 from optid.tuning.search import PLACES
-from optid.tuning.task import Over, Task
+from optid.tuning.task import Aggregation, Task
 from tests.tuning.small_axis import T, axis, python_control
 
 FAST = Gains(40.0, 60.0, 0.6, 4e-3, 0.9)
@@ -142,7 +142,7 @@ def test_gradient_over_scenarios(model):
     from optid.tuning.plant import scenarios
 
     plants = scenarios(axis(spread=0.05), 4, np.random.default_rng(1))
-    for over in Over:
+    for over in Aggregation:
         smooth = Criterion(Measure.ISE)
         task = Task(plants, (step(0.06, 300, T),), Settings(T, -5, 5), smooth, over=over)
         value, slope = Gradient(task, ("kp",))(FAST.vector)

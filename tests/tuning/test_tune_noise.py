@@ -8,7 +8,7 @@ import pytest
 
 from optid.armax.model import Armax
 from optid.pid.controller import Gains
-from optid.pid.law import KD, KP
+from optid.pid.pid_step import KD, KP
 from optid.tuning import bench_search
 from optid.tuning.evolution_strategy import evolution_strategy
 from optid.tuning.plant import plant_of

@@ -10,14 +10,14 @@ from optid.armax.model import Armax
 from optid.errors import InputError, SolveError
 from optid.pid.controller import Gains, Settings
 from optid.tuning.criterion import Criterion
-from optid.tuning.demand import load, step
+from optid.tuning.integral_criteria import Measure
 from optid.tuning.margins import Required
-from optid.tuning.measure import Measure
 from optid.tuning.optimise import Options, default_gains, optimise
 from optid.tuning.plant import plant_of, scenarios
-from optid.tuning.reaction import reaction
+from optid.tuning.reaction_curve import reaction
+from optid.tuning.scenarios import load, step
 from optid.tuning.search import box
-from optid.tuning.task import Over, Task
+from optid.tuning.task import Aggregation, Task
 from optid.tuning.tuning import tune
 from optid.tuning.ultimate import ultimate
 from tests.tuning.small_axis import T, axis, python_control
@@ -144,7 +144,7 @@ def test_robust_over_the_covariance():
     plants = scenarios(model, 8, rng)
     assert np.std([plant.b.sum() for plant in plants]) > 0
     nominal = Task(plants[:1], (step(0.06, 500, T),), Settings(T, -5, 5))
-    for over in Over:
+    for over in Aggregation:
         robust = replace(nominal, plants=plants, over=over)
         for_all = optimise(robust, THREE, np.random.default_rng(0)).gains
         for_one = optimise(nominal, THREE, np.random.default_rng(0)).gains

@@ -8,7 +8,7 @@ from typing import Any
 from optid.core.parameter import Parameter
 from optid.core.sheet import Sheet
 from optid.effects.effect import Effect
-from optid.effects.gap import LAMINAR, laminar_flux
+from optid.effects.laminar_gap import LAMINAR, laminar_flux
 
 LEAK = "usual: 0 to 0.3 mm2"
 AREA_A = Parameter("area_a", "m**2", 1e-7, "flow area from chamber A to the room", LEAK, 0.0, (0.0, 5e-6))

@@ -9,8 +9,8 @@ import casadi as ca
 
 from optid.core.parameter import Parameter
 from optid.core.sheet import Sheet
+from optid.effects.delay import input_ago
 from optid.effects.effect import Effect
-from optid.effects.late import input_ago
 
 RATE = Parameter(
     "rate",

@@ -8,7 +8,7 @@ from typing import Any
 from optid.core.parameter import Parameter
 from optid.core.sheet import Sheet
 from optid.effects.effect import Effect
-from optid.effects.gap import LAMINAR, laminar_flux
+from optid.effects.laminar_gap import LAMINAR, laminar_flux
 
 AREA = Parameter(
     "area",

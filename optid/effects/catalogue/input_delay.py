@@ -8,8 +8,8 @@ from typing import Any
 
 from optid.core.parameter import Parameter
 from optid.core.sheet import Sheet
+from optid.effects.delay import input_ago
 from optid.effects.effect import Effect
-from optid.effects.late import input_ago
 
 DELAY = Parameter(
     "delay",

@@ -11,7 +11,7 @@ from optid.core.parameter import Parameter
 from optid.core.sheet import Sheet
 from optid.core.smooth import dead_zone
 from optid.effects.effect import Effect
-from optid.effects.parallel import shares
+from optid.effects.parallel_elements import shares
 
 DISTANCE = Parameter(
     "distance",

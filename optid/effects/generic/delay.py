@@ -13,7 +13,7 @@ from optid.core.model import Array
 from optid.core.parameter import Parameter
 from optid.core.sheet import Sheet
 from optid.effects.anywhere import Anywhere
-from optid.effects.late import input_ago
+from optid.effects.delay import input_ago
 
 SAMPLES = Parameter(
     "samples",

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from optid.core.model import Array
-from optid.tuning.demand import Episode
-from optid.tuning.measure import Measure
+from optid.tuning.integral_criteria import Measure
+from optid.tuning.scenarios import Episode
 
 SETTLED = 0.02  # of a step: the band in which the output must stay
 

@@ -9,7 +9,7 @@ import numpy as np
 from optid.core.model import Array
 from optid.tuning.gradient import Gradient
 from optid.tuning.nyquist import DELAY, GAIN, MS, PHASE
-from optid.tuning.search import Box
+from optid.tuning.search import GainBounds
 from optid.tuning.task import REFUSED, Task
 
 STEPS = 60  # of the quadratic programming
@@ -18,7 +18,7 @@ SIMPLEX = 200  # evaluations of a simplex search
 ROUNDS, GAIN_OF_A_ROUND = 3, 2e-4  # rounds of both, and the relative gain required for a further one
 
 
-def polish(task: Task, within: Box, point: Array, gradient: Gradient | None) -> Array:
+def polish(task: Task, within: GainBounds, point: Array, gradient: Gradient | None) -> Array:
     """The best point found from `point` (free,); never a worse one.
 
     Args:
@@ -46,7 +46,7 @@ def polish(task: Task, within: Box, point: Array, gradient: Gradient | None) -> 
     return best
 
 
-def _quadratic(task: Task, within: Box, point: Array, gradient: Gradient | None) -> Array:
+def _quadratic(task: Task, within: GainBounds, point: Array, gradient: Gradient | None) -> Array:
     from scipy import optimize
 
     assert gradient is not None
@@ -82,7 +82,7 @@ def _quadratic(task: Task, within: Box, point: Array, gradient: Gradient | None)
     return min(seen, key=lambda one: one[0])[1]
 
 
-def _slack(task: Task, within: Box) -> Any:
+def _slack(task: Task, within: GainBounds) -> Any:
     """Relative slack of each required margin, on every plant; None without requirements."""
     bounds = task.bounds
     asked = [field for field in (MS, GAIN, PHASE, DELAY) if 0.0 < bounds[field] < np.inf]
@@ -115,7 +115,7 @@ def _sided(function: Any) -> Any:
     return jacobian
 
 
-def _simplex(task: Task, within: Box, point: Array, _: Gradient | None) -> Array:
+def _simplex(task: Task, within: GainBounds, point: Array, _: Gradient | None) -> Array:
     """Simplex search without derivatives, across the kinks of a cost due to absolute values and limits."""
     from scipy.optimize import minimize
 
