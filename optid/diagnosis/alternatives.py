@@ -14,6 +14,7 @@ from optid.diagnosis.proposals import Proposal, propose
 from optid.diagnosis.selection.backward import without_effects
 from optid.diagnosis.selection.path import Round, SelectionPath
 from optid.diagnosis.validation import Validated, cross_validate, p_value
+from optid.effects.anywhere import Anywhere
 from optid.effects.effect import Effect
 from optid.effects.library import admitted
 from optid.errors import SolveError
@@ -69,14 +70,23 @@ def _with_look_alike(
 
 
 def _price(one: Effect, other: Effect) -> float:
-    """Gain in windows' errors that additional parameters require, half a unit each (Akaike)."""
-    return float(len(one.fitted) - len(other.fitted))
+    """Gain in the windows' log likelihood that additional parameters require, one each (Akaike).
+
+    The site of a generic law counts as a parameter, because it may be put at any.
+    """
+    first, second = (len(each.fitted) + isinstance(each, Anywhere) for each in (one, other))
+    return float(first - second)
 
 
 def _told_apart(worse: Validated, better: Validated, problem: DiagnosisProblem) -> bool:
-    """Whether windows prefer the better of two models."""
+    """Whether windows prefer the better of two models.
+
+    A log likelihood ratio below 1 is no evidence (Kass and Raftery, J. Am. Statist. Assoc. 90, 1995): laws that are the
+    same here differ by as much, because no fit ends exactly at its optimum.
+    """
     at_noise = better.error_over_noise <= problem.criteria.error_over_noise
-    return p_value(worse.windows, better.windows, at_noise) <= problem.criteria.told_apart
+    p = p_value(worse.windows, better.windows, at_noise)
+    return p <= problem.criteria.told_apart and bool(worse.windows.sum() - better.windows.sum() >= 1.0)
 
 
 def _others(path: SelectionPath, effect: Effect, problem: DiagnosisProblem) -> list[Alternative]:

@@ -127,36 +127,64 @@ def sentence(effect: Effect, model: RefinedModel) -> str:
 
 
 def unexplained_findings(s: TestedResult, suspects: tuple[Suspicion, ...]) -> tuple[Finding, ...]:
-    """Findings that are not proven: where they are, what describes them, and what they could be."""
+    """Findings that are not proven: where they are, what describes them, and what they could be.
+
+    Where the recordings do not tell sites of different kinds apart, each has its own finding.
+    """
     if s.surrogate is None:
         return suspected_findings(s, suspects)
     described = s.best.effects[0] if s.best.effects and not s.names else None
     first = _at_all_samples(s, s.surrogate.at(described.sites[0] if described is not None else ""))
-    where = _mismatch_region(s, first, described)
-    words, evidence, law = _where_it_lies(s.surrogate, first), Evidence(1.0, 0.0, 0.0), None
+    found = [_unexplained(s, first, described, _where_it_lies(s.surrogate, first), suspects)]
+    for one in s.surrogate.likely:
+        if kind_of(one.site) not in {each.site for each in found}:
+            words = f"an unknown signal at {one.site} explains the recordings as well"
+            found.append(_unexplained(s, _at_all_samples(s, one), None, words, ()))
+    return tuple(found)
+
+
+def _where_it_lies(surrogate: Surrogate, first: UnknownInput) -> str:
+    best = surrogate.sites[0].site
+    near = dict.fromkeys(
+        one.site
+        for one in surrogate.likely
+        if one.site not in (best, first.site) and kind_of(one.site) == kind_of(first.site)
+    )
+    words = f"an unknown signal at {best} explains the recordings best"
+    return words + (f"; {', '.join(near)} would do nearly as well" if near else "")
+
+
+def _unexplained(
+    s: TestedResult,
+    signal: UnknownInput,
+    described: Effect | None,
+    words: str,
+    suspects: tuple[Suspicion, ...],
+) -> Finding:
+    """A mismatch without a name at one site, where an unknown signal and perhaps a surrogate describe it."""
+    where = _mismatch_region(s, signal, described)
+    evidence, law = Evidence(1.0, 0.0, 0.0), None
     followed: tuple[str, ...] = ()
     if described is not None:
         evidence, followed = s.test.names.get(described.name, evidence), described.depends_on
-        law = effect_signal_at(s.base, s.best, first.site)
+        law = effect_signal_at(s.base, s.best, signal.site)
         words += f"; {sentence(described, s.best)}, without a name"
     ranges = informative_ranges(where.states, tuple(name for name in followed if name in where.states))
-    return (
-        Finding(
-            effect=None,
-            site=kind_of(first.site),
-            place=first.site,
-            parameters=(),
-            region=where,
-            shown=tuple(ranges),
-            evidence=evidence,
-            train_gain=first.gain,
-            delta_bic=0.0,
-            indistinguishable=(),
-            sentence=words,
-            suspected=suspects,
-            signal=first,
-            law=law,
-        ),
+    return Finding(
+        effect=None,
+        site=kind_of(signal.site),
+        place=signal.site,
+        parameters=(),
+        region=where,
+        shown=tuple(ranges),
+        evidence=evidence,
+        train_gain=signal.gain,
+        delta_bic=0.0,
+        indistinguishable=(),
+        sentence=words,
+        suspected=suspects,
+        signal=signal,
+        law=law,
     )
 
 
@@ -173,13 +201,6 @@ def _mismatch_region(s: TestedResult, first: UnknownInput, described: Effect | N
     else:
         activity = effect_activity(s.best, described)
     return region(answer, np.where(measured, spread, np.nan), activity, s.problem.train)
-
-
-def _where_it_lies(surrogate: Surrogate, first: UnknownInput) -> str:
-    best = surrogate.sites[0].site
-    near = dict.fromkeys(one.site for one in surrogate.likely if one.site not in (best, first.site))
-    words = f"an unknown signal at {best} explains the recordings best"
-    return words + (f"; {', '.join(near)} would do nearly as well" if near else "")
 
 
 def suspected_findings(s: TestedResult, suspects: Sequence[Suspicion]) -> tuple[Finding, ...]:

@@ -74,7 +74,8 @@ def _parameters(d: Diagnosis) -> str:
 
 
 def _unexplained(d: Diagnosis) -> str:
-    told = " ".join(_sentence(d, f) for f in d.findings) or "The site could not be determined."
+    first, *others = [_sentence(d, f) for f in d.findings] or ["The site could not be determined."]
+    told = " ".join([first, *(words.replace("Not explained at", "Or at", 1) for words in others)])
     described = ""
     if d.best is not d.base:
         described = (

@@ -112,3 +112,18 @@ def test_a_look_alike_that_predicts_better_takes_the_place_and_tells_the_loser_a
     assert again == [(winner, ())]
     assert path.best is winner and path.without["other"] == "lacks other, has twin"
     assert {one.effect.name: one.told_apart for one in found["twin"]} == {"named": True, "third": True}
+
+
+def test_the_site_of_a_generic_law_costs_as_much_as_a_parameter():
+    by_name = {effect.name: effect for effect in admitted(read_rig(DATA / "rotary_axis.toml").model)}
+    offset, force, lag = (by_name[n] for n in ("offset@drive.command", "constant_force", "sensor_lag"))
+    assert len(offset.fitted) == len(force.fitted) == 1 and len(lag.fitted) == 2
+    assert alternatives._price(force, offset) == -1.0 and alternatives._price(offset, force) == 1.0
+    assert alternatives._price(offset, lag) == 0.0
+
+
+def test_windows_that_differ_by_less_than_a_log_likelihood_of_one_tell_nothing_apart():
+    """Every window is worse by a little, as where two fits of the same law end a little apart."""
+    mine, near, worse = validated(0.5), validated(0.5 + 0.9 / 40), validated(0.5 + 3.5 / 40)
+    assert not alternatives._told_apart(near, mine, PROBLEM)
+    assert alternatives._told_apart(worse, mine, PROBLEM)

@@ -5,8 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from optid.diagnosis import findings
 from optid.diagnosis.localisation.region import Range
-from optid.diagnosis.summary import _nearest, _nothing_more, _what_errs, _when, _where
+from optid.diagnosis.summary import _nearest, _nothing_more, _unexplained, _what_errs, _when, _where
 from optid.diagnosis.validation import Validated
 from optid.report.diagnosis_document import range_entry
 
@@ -108,3 +109,38 @@ def test_what_only_the_recordings_to_fit_contain_is_not_laid_on_those_held_out(h
     said = _what_errs(d)
     assert told in said
     assert ("1.5 times the noise" in said) == (held_out < 1.2)
+
+
+def at(site):
+    return SimpleNamespace(site=site, sites=(site,))
+
+
+def test_sites_that_the_recordings_do_not_tell_apart_are_all_told(monkeypatch):
+    """A drive whose command is a torque: a mismatch in either place looks the same."""
+
+    def finding(s, signal, described, words, suspects):
+        return SimpleNamespace(
+            effect=None,
+            site=findings.kind_of(signal.site),
+            sentence=words,
+            shown=(),
+            indistinguishable=(),
+            region=None,
+            suspected=suspects,
+        )
+
+    monkeypatch.setattr(findings, "_unexplained", finding)
+    monkeypatch.setattr(findings, "_at_all_samples", lambda s, one: one)
+    sites = tuple(map(at, ("force.external", "force.gear", "drive.command", "sensor.position")))
+    surrogate = SimpleNamespace(sites=sites, likely=sites[:3], at=lambda site: sites[0])
+    found = findings.unexplained_findings(
+        SimpleNamespace(surrogate=surrogate, best=SimpleNamespace(effects=()), names=False), ()
+    )
+    assert [one.site for one in found] == ["force", "drive"]
+    monkeypatch.setattr("optid.diagnosis.summary._what_errs", lambda d: "Something errs.")
+    monkeypatch.setattr("optid.diagnosis.summary._nearest", lambda d: "")
+    assert _unexplained(SimpleNamespace(findings=found, best=None, base=None)) == (
+        "Something errs. Not explained at the force: an unknown signal at force.external explains the recordings best; "
+        "force.gear would do nearly as well. Or at the drive: an unknown signal at drive.command explains the "
+        "recordings as well."
+    )
