@@ -8,13 +8,14 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from studies.independent_axes import simulate
+from studies.independent_axes import Run, simulate
 from studies.independent_axes.loop import axis_of, table
 from studies.references import REFERENCES
 from studies.trial.board import Rate
@@ -26,6 +27,7 @@ from studies.trial.seal import seal, unseal
 from studies.trial.sizes import Draw
 
 DATA = Path(__file__).parents[2] / "data"
+SHOWN = 0.1  # times the noise, rms in any recording: physics that changes less cannot be found by anybody
 ASKED = {
     "single effect, first name right": 0.90,
     "nothing missing, nothing named": 1.0,
@@ -82,9 +84,26 @@ def record(board: Board, case: Concealed, folder: Path, seconds: float = SECONDS
     rig = board.rig._replace(**case.fields)
     (folder / "rig.toml").write_text((DATA / board.file).read_text())
     for number, name in enumerate((*TRAIN, HELD_OUT)):
-        rng = np.random.default_rng([case.seed, number])
-        reference = REFERENCES[name](seconds, 1e-3, rng, 0.1) * axis_of(rig).reach / 0.1
-        table(simulate(rig, reference, rng), rig).to_csv(folder / f"{name}.csv", index=False)
+        table(_simulated(rig, case, number, seconds), rig).to_csv(folder / f"{name}.csv", index=False)
+
+
+def _simulated(rig: Any, case: Concealed, number: int, seconds: float) -> Run:
+    rng = np.random.default_rng([case.seed, number])
+    reference = REFERENCES[(*TRAIN, HELD_OUT)[number]](seconds, 1e-3, rng, 0.1) * axis_of(rig).reach / 0.1
+    return simulate(rig, reference, rng)
+
+
+def shows(board: Board, case: Concealed, seconds: float = SECONDS) -> bool:
+    """Whether any recording differs from what it would be without the concealed effect, with the same noise."""
+    base = {field: value for field, value in case.fields.items() if field in board.base}
+    rigs = board.rig._replace(**case.fields), board.rig._replace(**base)
+    for number in range(len(TRAIN) + 1):
+        there, without = (_simulated(rig, case, number, seconds) for rig in rigs)
+        off = there.measured - without.measured, there.other - without.other
+        for change, sd in zip(off, axis_of(rigs[0]).noise, strict=True):
+            if sd > 0.0 and float(np.sqrt(np.mean(change**2))) > SHOWN * sd:
+                return True
+    return False
 
 
 def draw(
@@ -120,12 +139,16 @@ def _recorded(plant: str, folder: Path, case: Concealed) -> None:
 
 @dataclass(frozen=True)
 class Judged:
-    """A case, and what a diagnosis says: its verdict ("failed" where there is none), names and kinds of sites."""
+    """A case, and what a diagnosis says: its verdict ("failed" where there is none), names and kinds of sites.
+
+    Of an effect that is not `shown` by any recording nothing can be said: there "consistent" is right.
+    """
 
     case: Concealed
     verdict: str
     named: tuple[str, ...]
     sites: tuple[str, ...]
+    shown: bool = True
 
     @property
     def right(self) -> bool:
@@ -134,6 +157,8 @@ class Judged:
             return self.named[:1] == (self.case.effect,)
         if self.case.kind == "nothing":
             return not self.named and self.verdict != "failed"
+        if not self.shown:
+            return self.verdict == "consistent"
         return not self.named and self.verdict == "unexplained" and self.case.site in self.sites
 
     @property
@@ -141,6 +166,8 @@ class Judged:
         """In a few words."""
         if self.named:
             return ", ".join(self.named)
+        if not self.shown:
+            return f"{self.verdict}; no recording shows it"
         return f"unexplained at {', '.join(self.sites)}" if self.verdict == "unexplained" else self.verdict
 
 
@@ -149,7 +176,14 @@ def score(folder: Path, key: str, method: str) -> str:
     manifest = json.loads((folder / "cases.json").read_text())
     answers = unseal(folder / "answers.sealed", key, manifest["answers_sha256"])
     found = [judged(Concealed(**case), folder / case["name"] / method) for case in answers["cases"]]
-    ran = [one for one in found if one is not None]
+    board = BOARDS[manifest["plant"]]
+    ran = [
+        replace(one, shown=shows(board, one.case))
+        if one.case.kind == "outside" and one.verdict == "consistent"
+        else one
+        for one in found
+        if one is not None
+    ]
     lines = [f"{'case':9s} {'kind':8s} {'size':7s} {'concealed':28s} said"]
     for one in ran:
         c = one.case

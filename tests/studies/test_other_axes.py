@@ -10,7 +10,7 @@ from optid.effects.library import admitted
 from optid.rigs import find_plant
 from optid.rigs.rigfile import read_rig
 from studies.trial.case import SIZES
-from studies.trial.other_axes import DATA, Concealed, compose, judged, score
+from studies.trial.other_axes import DATA, Concealed, Judged, compose, judged, score, shows
 from studies.trial.other_names import BOARDS
 from studies.trial.seal import seal
 from studies.trial.sizes import Draw
@@ -71,6 +71,17 @@ def test_what_a_diagnosis_says_is_counted(tmp_path):
     ]
     assert judged(cases[3], tmp_path / "case-004/diagnose") is None
     key, digest = seal({"cases": [vars(case) for case in cases]}, tmp_path / "answers.sealed")
-    (tmp_path / "cases.json").write_text(json.dumps({"answers_sha256": digest}))
+    (tmp_path / "cases.json").write_text(json.dumps({"answers_sha256": digest, "plant": "rotary-axis"}))
     text = score(tmp_path, key, "diagnose")
     assert "first name right            1/1" in text and "nothing named             0/1" in text
+
+
+def test_silence_is_right_where_no_recording_shows_the_physics():
+    """Friction that grows at rest does nothing to an axis that hardly rests; a coil's heat does."""
+    board = BOARDS["rotary-axis"]
+    hidden = Concealed("case-001", "outside", "dwell_friction", "force", "small", {"dwell_gain": 1e-4}, 1)
+    seen = Concealed("case-002", "outside", "copper_warming", "drive", "large", {"warming": 0.4}, 1)
+    assert not shows(board, hidden, 2.0) and shows(board, seen, 2.0)
+    assert Judged(hidden, "consistent", (), (), shown=False).right
+    assert not Judged(hidden, "unexplained", (), ("force",), shown=False).right
+    assert not Judged(seen, "consistent", (), ()).right
