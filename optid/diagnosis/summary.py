@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from optid.core.quantity import quantity
 from optid.diagnosis.validation import error_gain
+from optid.effects.description import Description
 from optid.estimation.result import Estimate, Score
 
 if TYPE_CHECKING:
@@ -78,10 +79,9 @@ def _unexplained(d: Diagnosis) -> str:
     told = " ".join([first, *(words.replace("Not explained at", "Or at", 1) for words in others)])
     described = ""
     if d.best is not d.base:
-        described = (
-            " With an empirical description, which names no effect, windows have an error of "
-            f"{_errors(d.test.best.scores)}."
-        )
+        empirical = any(isinstance(effect, Description) for effect in d.best.effects)
+        what = "an empirical description, which names no effect" if empirical else "what is suspected"
+        described = f" With {what}, windows have an error of {_errors(d.test.best.scores)}."
     suspected = [s for f in d.findings for s in f.suspected]
     also = ""
     if suspected:

@@ -144,3 +144,16 @@ def test_sites_that_the_recordings_do_not_tell_apart_are_all_told(monkeypatch):
         "force.gear would do nearly as well. Or at the drive: an unknown signal at drive.command explains the "
         "recordings as well."
     )
+
+
+@pytest.mark.parametrize("law", ["a description", "an effect"])
+def test_a_suspected_effect_is_no_empirical_description(monkeypatch, law):
+    monkeypatch.setattr("optid.diagnosis.summary._what_errs", lambda d: "Something errs.")
+    monkeypatch.setattr("optid.diagnosis.summary._nearest", lambda d: "")
+    monkeypatch.setattr("optid.diagnosis.summary.Description", str)
+    best = SimpleNamespace(effects=("a curve",) if law == "a description" else (1,))
+    score = SimpleNamespace(rmse=0.0277, unit="rad")
+    test = SimpleNamespace(best=SimpleNamespace(scores={"position": score}))
+    told = _unexplained(SimpleNamespace(findings=(), best=best, base=None, test=test))
+    assert ("With an empirical description" in told) == (law == "a description")
+    assert ("With what is suspected, windows have an error of 0.0277 rad." in told) == (law == "an effect")
