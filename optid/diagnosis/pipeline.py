@@ -119,6 +119,7 @@ def diagnose(
         base, search = fit_base(problem.at_search_accuracy())
     path, search, wide = _select_at_either_rate(base, search, problem, kept)
     path, alternatives = compare_alternatives(path, search)
+    path = replace(path, ended_early=path.ended_early or search.budget.is_over)
     surrogate = None
     if wide is None and not is_beyond_doubt(path, search):
         report(Stage.LOCALISATION, "locating the mismatch with an unknown input")

@@ -220,6 +220,16 @@ def test_what_predicts_worse_than_the_model_as_it_came_is_not_handed_on(tmp_path
     assert "With an empirical description" not in found.summary
 
 
+def test_a_budget_that_ends_while_look_alikes_are_tried_is_told(tmp_path, monkeypatch):
+    from optid.diagnosis import pipeline
+
+    compare, over = pipeline.compare_alternatives, []
+    monkeypatch.setattr(pipeline, "compare_alternatives", lambda *given: over.append(1) or compare(*given))
+    monkeypatch.setattr(Budget, "is_over", property(lambda budget: bool(over)))
+    found = asked(tmp_path, dead_band)
+    assert found.path.ended_early and "stopped at its time limit" in found.summary
+
+
 def test_a_budget_that_is_over_ends_with_what_there_is_and_says_so(tmp_path):
     found = asked(tmp_path, dead_band, budget=Budget(time_limit=1e-3))
     assert found.verdict in (Verdict.UNEXPLAINED, Verdict.MISSING_PHYSICS)
