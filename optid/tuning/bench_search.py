@@ -35,7 +35,7 @@ TOGETHER = 12  # candidates between two checks of the time limit
 DRAWN = 20  # candidates drawn for each one needed, to find those that keep the margins
 
 
-FIRST, SECOND, THIRD = 400, 80, 20  # candidates on run 1, the best of them also on run 2, and on all
+FIRST, SECOND, THIRD = 400, 80, 12  # candidates on run 1, the best of them also on run 2, and on all
 REGIONS, APART = 2, 0.1  # regions that are continued, and their distance in the cube
 GENERATIONS, LAST = 24, 16  # generations in each region, and around the best result on two runs each
 SPREAD, LAST_SPREAD = 0.06, 0.03  # sd of its first generation
@@ -103,12 +103,12 @@ def _lowered(task: Task, within: GainBounds, best: Evolved, runs: Sequence[int])
     feedback = [PLACES[name] for name in SIGNED if name in within.free]
     gains = np.repeat(within.gains(best.point), LOWERED, axis=0)
     gains[:, feedback] *= LOWER ** np.arange(LOWERED)[:, None]
-    ends = _ends(task, within, list(within.points(gains)))
-    gains = np.vstack([within.gains(end.point) for end in ends])
+    points = within.points(gains)
+    gains = within.gains(points)
     each = np.array([_part(task, [k]).fitness(gains) for k in runs])
-    dearer = each - each[:, :1]
-    kept = dearer.mean(axis=0) <= dearer.std(axis=0) / math.sqrt(len(runs))
-    return ends[min(np.flatnonzero(kept), key=lambda i: float(np.abs(gains[i, feedback]).sum()))]
+    dearer = each - each[:, [np.argmin(each.sum(axis=0))]]
+    kept = np.flatnonzero(dearer.mean(axis=0) <= dearer.std(axis=0) / math.sqrt(len(runs)))
+    return _ends(task, within, [points[kept[-1]]])[0]
 
 
 def _ends(task: Task, within: GainBounds, points: list[Array]) -> list[Evolved]:
