@@ -32,6 +32,27 @@ def measured_states(model: Model) -> tuple[Mapping[int, int], Mapping[int, int]]
     return direct, {j: o for j, o in rates.items() if j not in direct}
 
 
+@lru_cache(maxsize=64)
+@one_at_a_time
+def _through_sensors(model: Model) -> tuple[tuple[int, int, float, float], ...]:
+    """States that outputs show through a sensor with errors: (state, output, slope, output where the state is 0).
+
+    Of every output that is no state itself, the state by which it may vary most, at the usual parameters.
+    """
+    direct, _ = measured_states(model)
+    x, u = ca.SX.sym("x", len(model.states)), ca.DM.zeros(len(model.inputs))
+    p = ca.DM([q.typical if q.default is None else q.default for q in model.parameters])
+    y = model.sensors(x, u, p)
+    mean, spread = (np.array(each).ravel() for each in model.start(p))
+    at, slopes = (np.array(each) for each in ca.Function("h", [x], [y, ca.jacobian(y, x)])(mean))
+    found = []
+    for o in set(range(y.numel())).difference(direct.values()):
+        i = int(np.argmax(np.abs(np.nan_to_num(slopes[o])) * spread))
+        if i not in direct and slopes[o, i] != 0.0 and np.isfinite(at[o]):
+            found.append((i, o, float(slopes[o, i]), float(at[o, 0] - slopes[o, i] * mean[i])))
+    return tuple(found)
+
+
 def guess(model: Model, problem: Problem, p: Array) -> Array:
     """States at the nodes, shape (windows, states)."""
     direct, rates = measured_states(model)
@@ -42,6 +63,8 @@ def guess(model: Model, problem: Problem, p: Array) -> Array:
         for states, values in ((direct, level), (rates, slope)):
             for i in (i for i, k in states.items() if k == o):
                 known[:, i] = values
+    for i, o, per_state, zero in _through_sensors(model):
+        known[:, i] = (_local(problem, o)[0] - zero) / per_state
     return np.asarray(carry(model, p, mean, problem, known, COARSE).nodes[0])
 
 
