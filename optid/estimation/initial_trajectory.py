@@ -37,7 +37,7 @@ def measured_states(model: Model) -> tuple[Mapping[int, int], Mapping[int, int]]
 def _through_sensors(model: Model) -> tuple[tuple[int, int, float, float], ...]:
     """States that outputs show through a sensor with errors: (state, output, slope, output where the state is 0).
 
-    Of every output that is no state itself, the state by which it may vary most, at the usual parameters.
+    Of every output that is no state itself, the state by which it may vary most, if it is linear in that.
     """
     direct, _ = measured_states(model)
     x, u = ca.SX.sym("x", len(model.states)), ca.DM.zeros(len(model.inputs))
@@ -48,7 +48,8 @@ def _through_sensors(model: Model) -> tuple[tuple[int, int, float, float], ...]:
     found = []
     for o in set(range(y.numel())).difference(direct.values()):
         i = int(np.argmax(np.abs(np.nan_to_num(slopes[o])) * spread))
-        if i not in direct and slopes[o, i] != 0.0 and np.isfinite(at[o]):
+        linear = not ca.depends_on(ca.jacobian(y[o], x[i]), x)
+        if linear and i not in direct and slopes[o, i] != 0.0 and np.isfinite(at[o]):
             found.append((i, o, float(slopes[o, i]), float(at[o, 0] - slopes[o, i] * mean[i])))
     return tuple(found)
 

@@ -1,12 +1,14 @@
 """Where a sensor has errors of its own no output is a state: the first guess reads the state through the sensor."""
 
+import casadi as ca
 import numpy as np
 import pytest
 
 from optid.core.readers import read_recording
+from optid.core.sheet import build
 from optid.diagnosis.problem import prepare
 from optid.effects.library import admitted
-from optid.estimation.initial_trajectory import guess
+from optid.estimation.initial_trajectory import _through_sensors, guess
 from optid.estimation.moving_horizon import predict_windows
 from optid.estimation.objective import objective_of
 from optid.estimation.prediction import PROCESS_NOISE
@@ -64,3 +66,15 @@ def test_the_first_windows_behind_a_play_are_predicted_to_the_noise(axis):
         for begin, count in zip(problem.begins, problem.counts, strict=True)
     ]
     assert max(errors[1:]) < 1.5 * SD
+
+
+@pytest.mark.parametrize(("sensor", "shown"), [(ca.sqrt, ()), (lambda h: 0.5 + 2.0 * h, ((0, 0, 2.0, 0.5),))])
+def test_only_a_sensor_that_is_linear_in_its_state_tells_a_guess(sensor, shown):
+    """A root followed along its tangent would give a level below zero."""
+
+    def tank(s):
+        level = s.state("level", "m", 1.0, spread=1.0)
+        s.rate(level, s.input("command", "1") - level)
+        s.output("depth", "m", sensor(level))
+
+    assert _through_sensors(build(tank)) == shown
