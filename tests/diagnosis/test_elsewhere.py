@@ -49,6 +49,7 @@ def test_names_at_the_noise_or_within_what_the_plant_states_need_no_description(
         (2.0, described(1.05, "force.external", "command"), True),
         (2.0, described(1.6, "sensor.position"), False),
         (1.1, described(1.05, "sensor.position"), False),
+        (1.5, described(1.05, "sensor.position"), False),  # of 99 variances it explains another 1.1
         (2.0, SimpleNamespace(contender=None), False),
         (2.0, None, False),
     ],
