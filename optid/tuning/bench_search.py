@@ -17,6 +17,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from optid.core.model import Array
 from optid.pid.pid_step import KD, KP
@@ -99,16 +100,30 @@ def search_on_bench(
 
 
 def _lowered(task: Task, within: GainBounds, best: Evolved, runs: Sequence[int]) -> Evolved:
-    """The lowest multiple of all free gains that is dearer than the best by at most one standard error, in pairs."""
+    """The lowest multiple of all free gains that is dearer than the best by at most one standard error, in pairs.
+
+    If that holds without integral action too, then without it.
+    """
     feedback = [PLACES[name] for name in SIGNED if name in within.free]
     gains = np.repeat(within.gains(best.point), LOWERED, axis=0)
     gains[:, feedback] *= LOWER ** np.arange(LOWERED)[:, None]
     points = within.points(gains)
-    gains = within.gains(points)
-    each = np.array([_part(task, [k]).fitness(gains) for k in runs])
-    dearer = each - each[:, [np.argmin(each.sum(axis=0))]]
-    kept = np.flatnonzero(dearer.mean(axis=0) <= dearer.std(axis=0) / math.sqrt(len(runs)))
-    return _ends(task, within, [points[kept[-1]]])[0]
+
+    def by_run(points: Array) -> Array:
+        return np.array([_part(task, [k]).fitness(within.gains(points)) for k in runs])
+
+    each = by_run(points)
+    lowest = each[:, [np.argmin(each.sum(axis=0))]]
+    chosen = points[_as_good(each - lowest)[-1]]
+    if "ki" in within.free:
+        still = np.where(np.array(within.free) == "ki", 0.0, chosen)
+        chosen = still if len(_as_good(by_run(still[None]) - lowest)) else chosen
+    return _ends(task, within, [chosen])[0]
+
+
+def _as_good(dearer: Array) -> NDArray[np.int64]:
+    """Columns of (runs, candidates) whose mean is at most one standard error above 0."""
+    return np.flatnonzero(dearer.mean(axis=0) <= dearer.std(axis=0) / math.sqrt(len(dearer)))
 
 
 def _ends(task: Task, within: GainBounds, points: list[Array]) -> list[Evolved]:

@@ -8,7 +8,7 @@ import pytest
 
 from optid.armax.model import Armax
 from optid.pid.controller import Gains
-from optid.pid.pid_step import KD, KP
+from optid.pid.pid_step import KD, KI, KP
 from optid.tuning import bench_search
 from optid.tuning.evolution_strategy import evolution_strategy
 from optid.tuning.plant import plant_of
@@ -72,22 +72,29 @@ def test_what_a_search_tried_is_counted(monkeypatch):
 
 
 def test_of_gains_that_the_runs_cannot_tell_apart_those_with_the_least_feedback_are_taken(monkeypatch):
-    runs, within = (1, 2, 3, 4), box(("kp", "kd"), Gains(kp=1.0), Ultimate(10.0, 0.1))
+    runs, within = (1, 2, 3, 4), box(("kp", "ki", "kd"), Gains(kp=1.0), Ultimate(10.0, 0.1))
+    worth = 0.0  # of integral action
 
     def cost(gains, chosen):
         L = np.log(10.0 / gains[:, KP])
-        return sum(1.0 + 0.05 * L**2 + 0.1 * (k - 2.5) * L for k in chosen) / 4.0
+        return (
+            sum(1.0 + 0.05 * L**2 + 0.1 * (k - 2.5) * L + worth * (gains[:, KI] == 0.0) for k in chosen) / 4.0
+        )
 
     monkeypatch.setattr(
         bench_search, "_part", lambda task, chosen: SimpleNamespace(fitness=lambda g: cost(g, chosen))
     )
     task = SimpleNamespace(fitness=lambda gains: cost(gains, runs))
-    start = Evolved(within.points(Gains(kp=10.0, kd=0.2).vector)[0], 1.0, 0)
+    start = Evolved(within.points(Gains(kp=10.0, ki=1.0, kd=0.2).vector)[0], 1.0, 0)
     found = within.gains(bench_search._lowered(task, within, start, runs).point)[0]
     # The standard error of a difference is 0.1 sqrt(5/4) ln / sqrt(4), the most that 0.05 ln^2 may be: ln up to 1.118.
     assert found[KP] == pytest.approx(10.0 * 0.84**6, rel=1e-6)
     assert found[KD] / found[KP] == pytest.approx(0.02, rel=1e-6)
+    assert found[KI] == 0.0  # it gains nothing
+    worth = 0.05
+    found = within.gains(bench_search._lowered(task, within, start, runs).point)[0]
+    assert found[KI] / found[KP] == pytest.approx(0.1, rel=1e-6)
     # Far above the best, the lowest cost counts, not that of the start.
-    start = Evolved(within.points(Gains(kp=40.0, kd=0.8).vector)[0], 2.0, 0)
+    start = Evolved(within.points(Gains(kp=40.0, ki=4.0, kd=0.8).vector)[0], 2.0, 0)
     found = within.gains(bench_search._lowered(task, within, start, runs).point)[0]
     assert found[KP] == pytest.approx(40.0 * 0.84**13, rel=1e-6)
