@@ -84,10 +84,10 @@ def record(board: Board, case: Concealed, folder: Path, seconds: float = SECONDS
     rig = board.rig._replace(**case.fields)
     (folder / "rig.toml").write_text((DATA / board.file).read_text())
     for number, name in enumerate((*TRAIN, HELD_OUT)):
-        table(_simulated(rig, case, number, seconds), rig).to_csv(folder / f"{name}.csv", index=False)
+        table(simulated(rig, case, number, seconds), rig).to_csv(folder / f"{name}.csv", index=False)
 
 
-def _simulated(rig: Any, case: Concealed, number: int, seconds: float) -> Run:
+def simulated(rig: Any, case: Concealed, number: int, seconds: float) -> Run:
     rng = np.random.default_rng([case.seed, number])
     reference = REFERENCES[(*TRAIN, HELD_OUT)[number]](seconds, 1e-3, rng, 0.1) * axis_of(rig).reach / 0.1
     return simulate(rig, reference, rng)
@@ -98,7 +98,7 @@ def shows(board: Board, case: Concealed, seconds: float = SECONDS) -> bool:
     base = {field: value for field, value in case.fields.items() if field in board.base}
     rigs = board.rig._replace(**case.fields), board.rig._replace(**base)
     for number in range(len(TRAIN) + 1):
-        there, without = (_simulated(rig, case, number, seconds) for rig in rigs)
+        there, without = (simulated(rig, case, number, seconds) for rig in rigs)
         off = there.measured - without.measured, there.other - without.other
         for change, sd in zip(off, axis_of(rigs[0]).noise, strict=True):
             if sd > 0.0 and float(np.sqrt(np.mean(change**2))) > SHOWN * sd:

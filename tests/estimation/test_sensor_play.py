@@ -15,7 +15,7 @@ from optid.estimation.prediction import PROCESS_NOISE
 from optid.estimation.problem import build_problem
 from optid.rigs.rigfile import read_rig, with_effects
 from studies.independent_axes.loop import table
-from studies.trial.other_axes import BOARDS, DATA, Concealed, _simulated
+from studies.trial.other_axes import BOARDS, DATA, Concealed, simulated
 
 SD = 3e-4
 FIELDS = {"backlash": 2.96e-3, "coulomb": 0.0976, "inertia": 4.48e-3, "mass": 0.49, "viscous": 0.0534}
@@ -39,7 +39,7 @@ def axis(tmp_path_factory):
     file = tmp_path_factory.mktemp("play") / "mixed.csv"
     rotary = BOARDS["rotary-axis"].rig._replace(**FIELDS)
     case = Concealed("case", "single", "sensor_backlash", "sensor", "large", FIELDS, 1)
-    table(_simulated(rotary, case, 3, 3.0), rotary).to_csv(file, index=False)
+    table(simulated(rotary, case, 3, 3.0), rotary).to_csv(file, index=False)
     plain = read_rig(DATA / "rotary_axis.toml")
     plain, (recording,) = prepare(plain, [read_recording(file, rig=plain)])
     play = next(effect for effect in admitted(plain.model) if effect.name == "sensor_backlash")
