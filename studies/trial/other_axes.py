@@ -88,6 +88,7 @@ def record(board: Board, case: Concealed, folder: Path, seconds: float = SECONDS
 
 
 def simulated(rig: Any, case: Concealed, number: int, seconds: float) -> Run:
+    """The number-th recording of a case on a rig, `seconds` long; the last one is held out."""
     rng = np.random.default_rng([case.seed, number])
     reference = REFERENCES[(*TRAIN, HELD_OUT)[number]](seconds, 1e-3, rng, 0.1) * axis_of(rig).reach / 0.1
     return simulate(rig, reference, rng)
