@@ -17,5 +17,5 @@ def example(folder: str) -> None:
     click.echo("bench.csv was recorded on the axis of bench.toml; worn.csv is the same axis with a fault.")
     click.echo(f"next: optid simulate {rig} {train} --out {folder}/simulation")
     click.echo("      how well does the model predict? about 20 s the first time, while code is compiled")
-    click.echo("      which physics does it leave out? about half a minute:")
+    click.echo("      which physics does it leave out? about a minute the first time, half of it later:")
     click.echo(f"then: optid diagnose {rig} {train} --holdout {holdout} --out {folder}/diagnosis")
