@@ -168,12 +168,12 @@ def main() -> None:
     start = ziegler_nichols_ultimate(scale, lag).vector[:3]
     print(f"model: {model}")
     plain, slow = scalar_loop(model, lag), control_loop(model, lag)
-    check = np.array([task.course.costs(Gains(*start, lag).vector)[0, 0], plain(start), slow(start)])
+    check = np.array([task.closed_loop.costs(Gains(*start, lag).vector)[0, 0], plain(start), slow(start)])
     print(f"one cost by the three routes: {', '.join(f'{c:.9e}' for c in check)}")
     np.testing.assert_allclose(check, check[0], rtol=1e-6)
 
     vectors = np.tile(Gains(*start, lag).vector, (64, 1))
-    batch = timed(lambda: task.course.costs(vectors), arguments.repeats)[0] / 64
+    batch = timed(lambda: task.closed_loop.costs(vectors), arguments.repeats)[0] / 64
     python_one, control_one = timed(lambda: plain(start), 5)[0], timed(lambda: slow(start), 3)[0]
     print(
         f"one cost: compiled {1e6 * batch:.1f} us, plain Python {1e6 * python_one:.0f} us, "

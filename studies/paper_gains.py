@@ -206,8 +206,8 @@ def profiles() -> Episode:
 
 def _three(axes: np.ndarray, gains: Gains, colour: str, episode: Episode, rig: Rig, model: Armax) -> None:
     """Predicted, simulated and real, over the demand."""
-    course = ClosedLoop((plant_of(model),), (episode,), Criterion(), SETTINGS.vector, 2 * LIMIT)
-    predicted = response(episode, *course.trace(gains.vector), T)
+    closed_loop = ClosedLoop((plant_of(model),), (episode,), Criterion(), SETTINGS.vector, 2 * LIMIT)
+    predicted = response(episode, *closed_loop.trace(gains.vector), T)
     [simulated] = PhysicalBench(rig, (episode,))(gains, SETTINGS)
     measured = real(gains, episode)
     time = T * np.arange(episode.reference.size)

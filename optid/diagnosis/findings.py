@@ -135,15 +135,15 @@ def unexplained_findings(s: TestedResult, suspects: tuple[Suspicion, ...]) -> tu
         return suspected_findings(s, suspects)
     described = s.best.effects[0] if s.best.effects and not s.names else None
     first = _at_all_samples(s, s.surrogate.at(described.sites[0] if described is not None else ""))
-    found = [_unexplained(s, first, described, _where_it_lies(s.surrogate, first), suspects)]
+    found = [_unexplained_finding(s, first, described, _likely_sites(s.surrogate, first), suspects)]
     for one in s.surrogate.likely:
         if kind_of(one.site) not in {each.site for each in found}:
             words = f"an unknown signal at {one.site} explains the recordings as well"
-            found.append(_unexplained(s, _at_all_samples(s, one), None, words, ()))
+            found.append(_unexplained_finding(s, _at_all_samples(s, one), None, words, ()))
     return tuple(found)
 
 
-def _where_it_lies(surrogate: Surrogate, first: UnknownInput) -> str:
+def _likely_sites(surrogate: Surrogate, first: UnknownInput) -> str:
     best = surrogate.sites[0].site
     near = dict.fromkeys(
         one.site
@@ -154,7 +154,7 @@ def _where_it_lies(surrogate: Surrogate, first: UnknownInput) -> str:
     return words + (f"; {', '.join(near)} would do nearly as well" if near else "")
 
 
-def _unexplained(
+def _unexplained_finding(
     s: TestedResult,
     signal: UnknownInput,
     described: Effect | None,

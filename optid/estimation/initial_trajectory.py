@@ -25,7 +25,7 @@ COARSE = 1e-4  # local error of the simulation of unmeasured states
 def measured_states(model: Model) -> tuple[Mapping[int, int], Mapping[int, int]]:
     """States measured directly (state -> output), and those that are the rate of such a state."""
     x, u = ca.SX.sym("x", len(model.states)), ca.SX.sym("u", len(model.inputs))
-    p = ca.DM([q.typical if q.default is None else q.default for q in model.parameters])
+    p = _usual_parameters(model)
     y, f = model.sensors(x, u, p), model.rates(x, u, p)
     direct = {i: o for o in range(y.numel()) for i in range(x.numel()) if ca.is_equal(y[o], x[i])}
     rates = {j: o for i, o in direct.items() for j in range(x.numel()) if ca.is_equal(f[i], x[j])}
@@ -34,14 +34,14 @@ def measured_states(model: Model) -> tuple[Mapping[int, int], Mapping[int, int]]
 
 @lru_cache(maxsize=64)
 @one_at_a_time
-def _through_sensors(model: Model) -> tuple[tuple[int, int, float, float], ...]:
+def _states_behind_sensors(model: Model) -> tuple[tuple[int, int, float, float], ...]:
     """States that outputs show through a sensor with errors: (state, output, slope, output where the state is 0).
 
     Of every output that is no state itself, the state by which it may vary most, if it is linear in that.
     """
     direct, _ = measured_states(model)
     x, u = ca.SX.sym("x", len(model.states)), ca.DM.zeros(len(model.inputs))
-    p = ca.DM([q.typical if q.default is None else q.default for q in model.parameters])
+    p = _usual_parameters(model)
     y = model.sensors(x, u, p)
     mean, spread = (np.array(each).ravel() for each in model.start(p))
     at, slopes = (np.array(each) for each in ca.Function("h", [x], [y, ca.jacobian(y, x)])(mean))
@@ -54,6 +54,10 @@ def _through_sensors(model: Model) -> tuple[tuple[int, int, float, float], ...]:
     return tuple(found)
 
 
+def _usual_parameters(model: Model) -> ca.DM:
+    return ca.DM([q.typical if q.default is None else q.default for q in model.parameters])
+
+
 def guess(model: Model, problem: Problem, p: Array) -> Array:
     """States at the nodes, shape (windows, states)."""
     direct, rates = measured_states(model)
@@ -64,7 +68,7 @@ def guess(model: Model, problem: Problem, p: Array) -> Array:
         for states, values in ((direct, level), (rates, slope)):
             for i in (i for i, k in states.items() if k == o):
                 known[:, i] = values
-    for i, o, per_state, zero in _through_sensors(model):
+    for i, o, per_state, zero in _states_behind_sensors(model):
         known[:, i] = (_local(problem, o)[0] - zero) / per_state
     return np.asarray(carry(model, p, mean, problem, known, COARSE).nodes[0])
 

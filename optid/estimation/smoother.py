@@ -28,10 +28,8 @@ from optid.estimation.problem import Booleans, Problem
 PASSING, PRECISE = 1e-4, 1e-6
 ENOUGH = 50  # iterations: a fit that needs more does not converge
 TRUSTED = 1e-3  # damping up to which a step's predicted gain equals that of the undamped step
-LARGEST_DAMPING, OF_STATES = (
-    1e8,
-    1.0,
-)  # beyond which no step is tried: with free parameters, and of states alone
+# Damping beyond which no step is tried: with free parameters, and of states alone.
+LARGEST_DAMPING, OF_STATES = 1e8, 1.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -164,12 +164,12 @@ def review(case: Case, new: Gains, bench: PhysicalBench, sensitivity: float) -> 
         sensitivity: largest maximum sensitivity that was asked for.
     """
     episode, pid = case.episode, case.pid
-    course = ClosedLoop((case.plant,), (episode,), Criterion(), pid.vector, 1.0)
+    closed_loop = ClosedLoop((case.plant,), (episode,), Criterion(), pid.vector, 1.0)
     clean = PhysicalBench(bench.rig, (episode,), case.output)
     costs = bench.costs(np.array([case.gains.vector, new.vector]), pid, Criterion(), 1.0)
 
     def identified(gains: Gains) -> Response:
-        return response(episode, *course.trace(gains.vector), pid.sample_time)
+        return response(episode, *closed_loop.trace(gains.vector), pid.sample_time)
 
     linear = (identified(case.gains), identified(new))
     responses = {"identified": linear, "physical": (clean(case.gains, pid)[0], clean(new, pid)[0])}

@@ -85,21 +85,21 @@ def search_on_bench(
     seen = seen.and_also(best, cost(best, 1), 1)
     best = seen.best(best, THIRD)
     effort.said(0.25, "")
-    tried = _ends(task, within, list(best))
+    tried = _on_all_runs(task, within, list(best))
     answers = []
-    for number, start in enumerate(_apart([end.point for end in tried])):
+    for number, start in enumerate(_distinct([end.point for end in tried])):
         effort.said(0.35 + 0.2 * number, "")
         answers.append(evolution_strategy(lambda p, g: cost(p, 1 + g), start, SPREAD, GENERATIONS, rng))
-    ends = sorted([*_ends(task, within, answers), tried[0]], key=lambda end: end.fitness)
+    ends = sorted([*_on_all_runs(task, within, answers), tried[0]], key=lambda end: end.fitness)
     effort.said(0.85, "")
     last = evolution_strategy(lambda p, g: cost(p, 2 * g, 2 * g + 1), ends[0].point, LAST_SPREAD, LAST, rng)
-    first, *others = sorted([*_ends(task, within, [last]), *ends], key=lambda end: end.fitness)
+    first, *others = sorted([*_on_all_runs(task, within, [last]), *ends], key=lambda end: end.fitness)
     if not effort.over():
-        first = _lowered(task, within, first, runs)
+        first = _least_feedback(task, within, first, runs)
     return [replace(first, evaluations=used), *others]
 
 
-def _lowered(task: Task, within: GainBounds, best: Evolved, runs: Sequence[int]) -> Evolved:
+def _least_feedback(task: Task, within: GainBounds, best: Evolved, runs: Sequence[int]) -> Evolved:
     """The lowest multiple of all free gains that is dearer than the best by at most one standard error, in pairs.
 
     If that holds without integral action too, then without it.
@@ -110,30 +110,30 @@ def _lowered(task: Task, within: GainBounds, best: Evolved, runs: Sequence[int])
     points = within.points(gains)
 
     def by_run(points: Array) -> Array:
-        return np.array([_part(task, [k]).fitness(within.gains(points)) for k in runs])
+        return np.array([_task_of_runs(task, [k]).fitness(within.gains(points)) for k in runs])
 
     each = by_run(points)
     lowest = each[:, [np.argmin(each.sum(axis=0))]]
-    chosen = points[_as_good(each - lowest)[-1]]
+    chosen = points[_within_one_standard_error(each - lowest)[-1]]
     if "ki" in within.free:
         still = np.where(np.array(within.free) == "ki", 0.0, chosen)
-        chosen = still if len(_as_good(by_run(still[None]) - lowest)) else chosen
-    return _ends(task, within, [chosen])[0]
+        chosen = still if len(_within_one_standard_error(by_run(still[None]) - lowest)) else chosen
+    return _on_all_runs(task, within, [chosen])[0]
 
 
-def _as_good(dearer: Array) -> NDArray[np.int64]:
+def _within_one_standard_error(dearer: Array) -> NDArray[np.int64]:
     """Columns of (runs, candidates) whose mean is at most one standard error above 0."""
     return np.flatnonzero(dearer.mean(axis=0) <= dearer.std(axis=0) / math.sqrt(len(dearer)))
 
 
-def _ends(task: Task, within: GainBounds, points: list[Array]) -> list[Evolved]:
+def _on_all_runs(task: Task, within: GainBounds, points: list[Array]) -> list[Evolved]:
     """On all runs, the best first."""
     costs = task.fitness(within.gains(np.array(points)))
     ends = [Evolved(point, float(cost), 0) for point, cost in zip(points, costs, strict=True)]
     return sorted(ends, key=lambda end: end.fitness)
 
 
-def _apart(points: Sequence[Array]) -> list[Array]:
+def _distinct(points: Sequence[Array]) -> list[Array]:
     """Those, the best first, that are at a distance from all before."""
     found: list[Array] = []
     for point in points:
@@ -186,7 +186,7 @@ def few_episodes(task: Task) -> list[int]:
 
 def _judged(task: Task, within: GainBounds, points: Array, runs: Sequence[int], effort: Effort) -> Array:
     """Costs on some runs; infinite for those not reached before the time limit."""
-    part = _part(task, runs)
+    part = _task_of_runs(task, runs)
     values = np.full(len(points), np.inf)
     for first in range(0, len(points), TOGETHER):
         if first and effort.over():
@@ -196,7 +196,7 @@ def _judged(task: Task, within: GainBounds, points: Array, runs: Sequence[int], 
     return values
 
 
-def _part(task: Task, runs: Sequence[int]) -> Task:
+def _task_of_runs(task: Task, runs: Sequence[int]) -> Task:
     return replace(task, bench=task.bench.only(runs_of(task, runs)) if task.bench else None)
 
 

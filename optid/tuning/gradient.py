@@ -35,7 +35,7 @@ def sample(task: Task, free: tuple[str, ...], plant: int = 0) -> ca.Function:
     to each free gain; g the free gains; e = (reference, load, weight, rise, noise) of the
     sample. Settings are constants; the resolution of the command is left out, as its steps would hide every slope.
     """
-    A, B, dead = (values[plant] for values in task.course.arrays[:3])
+    A, B, dead = (values[plant] for values in task.closed_loop.arrays[:3])
     order, count = A.size, A.size + MEMORY + PARTS
     w, g, e = ca.SX.sym("w", count * (1 + len(free))), ca.SX.sym("g", len(free)), ca.SX.sym("e", 5)
     fixed = [ca.SX.sym(f"fixed{i}") for i in range(GAINS)]
@@ -96,11 +96,11 @@ class Gradient:
 
     def _plant(self, gains: Array, plant: int) -> tuple[float, Array]:
         task, criterion = self._task, self._task.criterion
-        order, n = task.course.arrays[0].shape[1], len(self._free)
+        order, n = task.closed_loop.arrays[0].shape[1], len(self._free)
         count = order + MEMORY + PARTS
         value, slope = 0.0, np.zeros(n)
         free = np.array([gains[PLACES[name]] for name in self._free])
-        _, _, _, R, D, W, rise, noise, _ = task.course.arrays
+        _, _, _, R, D, W, rise, noise, _ = task.closed_loop.arrays
         for e, episode in enumerate(task.episodes):
             w = np.zeros(count * (1 + n))
             w[order + LAST_COMMAND] = min(max(0.0, task.settings.low), task.settings.high)

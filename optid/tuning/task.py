@@ -69,7 +69,7 @@ class Task:
                 field="limits",
                 expected="a range that contains 0, the command at which the model is at rest",
             )
-        self.course  # noqa: B018  # complains now, not in the middle of a search
+        self.closed_loop  # noqa: B018  # complains now, not in the middle of a search
 
     @property
     def plant(self) -> Plant:
@@ -88,7 +88,7 @@ class Task:
         return max(2.0 * abs(ultimate(self.plant).gain) * size, 1e-300) if size else 1.0
 
     @cached_property
-    def course(self) -> ClosedLoop:
+    def closed_loop(self) -> ClosedLoop:
         """The simulated loop."""
         return ClosedLoop(self.plants, self.episodes, self.criterion, self.settings.vector, self.command_size)
 
@@ -142,7 +142,7 @@ class Task:
         """Of gains that keep the margins, shape (n,): the cost, more if they hunt."""
         if self.bench is not None and self.bench_alone:
             return np.asarray(np.minimum(self._on_bench(gains, bar, EARLY * self.hunting), REFUSED))
-        each, swings = self.course.judged(gains)
+        each, swings = self.closed_loop.judged(gains)
         if self.bench is not None:
             each = np.column_stack([each, self._tried(gains, each, bar)])
         cost = self.together(each) * np.maximum(swings.max(axis=1) / self.hunting, 1.0)

@@ -288,13 +288,11 @@ def score(task: Task, one: Baseline, bench: Bench | None = None) -> Scored:
     if one.gains is None:
         return Scored(one.name, None, one.note, math.inf, None)
     vector, T = one.gains.vector, task.settings.sample_time
-    course: ClosedLoop = task.course
+    loop: ClosedLoop = task.closed_loop
     if isinstance(task.bench, StickingAxis):
         runs = task.bench(one.gains, task.settings)
     else:
-        runs = tuple(response(e, *course.trace(vector, 0, n), T) for n, e in enumerate(task.episodes))
-    cost = (
-        float(task.fitness(vector)[0]) if task.bench_alone else float(task.together(course.costs(vector))[0])
-    )
+        runs = tuple(response(e, *loop.trace(vector, 0, n), T) for n, e in enumerate(task.episodes))
+    cost = float(task.fitness(vector)[0]) if task.bench_alone else float(task.together(loop.costs(vector))[0])
     tried = bench(one.gains, task.settings) if bench else ()
     return Scored(one.name, one.gains, one.note, cost, margins(task.loops[0], vector), runs, tried)

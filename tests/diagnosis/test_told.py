@@ -129,7 +129,7 @@ def test_sites_that_the_recordings_do_not_tell_apart_are_all_told(monkeypatch):
             suspected=suspects,
         )
 
-    monkeypatch.setattr(findings, "_unexplained", finding)
+    monkeypatch.setattr(findings, "_unexplained_finding", finding)
     monkeypatch.setattr(findings, "_at_all_samples", lambda s, one: one)
     sites = tuple(map(at, ("force.external", "force.gear", "drive.command", "sensor.position")))
     surrogate = SimpleNamespace(sites=sites, likely=sites[:3], at=lambda site: sites[0])

@@ -8,7 +8,7 @@ from optid.core.readers import read_recording
 from optid.core.sheet import build
 from optid.diagnosis.problem import prepare
 from optid.effects.library import admitted
-from optid.estimation.initial_trajectory import _through_sensors, guess
+from optid.estimation.initial_trajectory import _states_behind_sensors, guess
 from optid.estimation.moving_horizon import predict_windows
 from optid.estimation.objective import objective_of
 from optid.estimation.prediction import PROCESS_NOISE
@@ -77,4 +77,4 @@ def test_only_a_sensor_that_is_linear_in_its_state_tells_a_guess(sensor, shown):
         s.rate(level, s.input("command", "1") - level)
         s.output("depth", "m", sensor(level))
 
-    assert _through_sensors(build(tank)) == shown
+    assert _states_behind_sensors(build(tank)) == shown

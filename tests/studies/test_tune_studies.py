@@ -18,7 +18,7 @@ def test_three_routes_one_cost(gains):
     """Plain Python, python-control and the compiled loop, inside the limits and far beyond."""
     task = Task((plant_of(MODEL),), (step(STEP, SAMPLES, T),), Settings(T, -LIMIT, LIMIT))
     lag = 2e-3
-    compiled = task.course.costs(Gains(*gains, lag).vector)[0, 0]
+    compiled = task.closed_loop.costs(Gains(*gains, lag).vector)[0, 0]
     assert scalar_loop(MODEL, lag)(np.array(gains)) == pytest.approx(compiled, rel=1e-9)
     if gains[0] < 100:  # python-control takes its time
         assert control_loop(MODEL, lag)(np.array(gains)) == pytest.approx(compiled, rel=1e-6)

@@ -66,9 +66,9 @@ def test_noise_and_dead_zone_in_the_linear_loop():
     """Sample by sample in plain Python."""
     plant = Plant(plant_of(axis()).a, plant_of(axis()).b, T, dead_zone=(-0.3, 0.2))
     episode = PLAN.episodes()[2]
-    course = ClosedLoop((plant,), (episode,), Criterion(), LIMITS.vector, 10.0)
+    closed_loop = ClosedLoop((plant,), (episode,), Criterion(), LIMITS.vector, 10.0)
     gains = Gains(30.0, 10.0, 0.2, 2e-3)
-    y, u = course.trace(gains.vector)
+    y, u = closed_loop.trace(gains.vector)
     controller, past = Controller(gains, LIMITS), np.zeros((2, 400 + 4))
     for n in range(400):
         seen = past[0, n + 3] = float(
@@ -78,7 +78,7 @@ def test_noise_and_dead_zone_in_the_linear_loop():
         command = controller.step(float(episode.reference[n]), seen + float(episode.noise[n]))
         assert u[n] == pytest.approx(command, abs=1e-9)
         past[1, n + 3] = command - min(max(command, -0.3), 0.2)
-    cost, hunting = course.judged(gains.vector)
+    cost, hunting = closed_loop.judged(gains.vector)
     assert cost[0, 0] == pytest.approx(
         episode.weight * T * T * np.sum(np.arange(400) * np.abs(episode.reference - y)), rel=1e-9
     )

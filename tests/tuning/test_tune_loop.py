@@ -54,12 +54,12 @@ EPISODES = {
 def test_compiled_loop_is_the_plain_one(name, settings, delay):
     model, episode = axis(delay=delay), EPISODES[name]
     task = Task((plant_of(model),), (episode,), settings)
-    y, u = task.course.trace(FAST.vector)
+    y, u = task.closed_loop.trace(FAST.vector)
     expected_y, expected_u = plainly(model, FAST, settings, episode)
     np.testing.assert_allclose(y, expected_y, atol=1e-11)
     np.testing.assert_allclose(u, expected_u, atol=0.0101 if settings.resolution else 1e-8)
     run = response(episode, y, u, T)
-    parts = task.course.parts(
+    parts = task.closed_loop.parts(
         np.tile(FAST.vector, (6, 1))
     )  # more than one group of lanes, the last one not full
     assert np.all(parts == parts[0])
@@ -84,7 +84,7 @@ def test_command_keeps_its_limits(task):
     rng = np.random.default_rng(0)
     limited = replace(task, settings=LIMITED)
     for gains in rng.uniform(0, 1, (30, GAINS)) * [500, 5000, 10, 0.01, 1.5, 1]:
-        _, u = limited.course.trace(gains)
+        _, u = limited.closed_loop.trace(gains)
         u = u[np.isfinite(u)]
         assert u.min() >= -5 and u.max() <= 5
         assert np.abs(np.diff(u, prepend=0.0)).max() <= 800.0 * T + 1e-9
@@ -100,13 +100,13 @@ def test_gradient_is_exact(model, measure, settings):
     task = Task((plant_of(model),), episodes, settings, Criterion(measure, effort=0.3, overshoot=2.0))
     vector = FAST.vector
     value, slope = Gradient(task, free)(vector)
-    assert value == pytest.approx(task.course.costs(vector)[0, 0], rel=1e-9)
+    assert value == pytest.approx(task.closed_loop.costs(vector)[0, 0], rel=1e-9)
     for j, name in enumerate(free):
         h = 1e-5 * max(abs(vector[PLACES[name]]), 1e-3)
         sides = np.tile(vector, (2, 1))
         sides[0, PLACES[name]] += h
         sides[1, PLACES[name]] -= h
-        up, down = task.course.costs(sides)[:, 0]
+        up, down = task.closed_loop.costs(sides)[:, 0]
         assert slope[j] == pytest.approx((up - down) / (2 * h), rel=2e-3, abs=1e-6 * value)
 
 
@@ -117,7 +117,7 @@ def test_gradient_is_that_of_casadi(task):
     episode = task.episodes[0]
     order = task.plant.a.size
     w = np.zeros((order + MEMORY + PARTS) * 3)
-    W = task.course.arrays[5][0]
+    W = task.closed_loop.arrays[5][0]
     for n in range(episode.reference.size):
         e = [episode.reference[n], episode.load[n], W[n], episode.rise[n], 0.0]
         w = function(w, [FAST.kp, FAST.kd], e, FAST.vector)
@@ -135,7 +135,7 @@ def test_gradient_sees_through_the_resolution(model):
     )
     one, two = (Gradient(task, ("kp", "kd"))(FAST.vector) for task in (fine, stepped))
     np.testing.assert_allclose(one[1], two[1], rtol=1e-12)
-    assert one[0] == pytest.approx(stepped.course.costs(FAST.vector)[0, 0], rel=0.05)
+    assert one[0] == pytest.approx(stepped.closed_loop.costs(FAST.vector)[0, 0], rel=0.05)
 
 
 def test_gradient_over_scenarios(model):
@@ -148,8 +148,8 @@ def test_gradient_over_scenarios(model):
         value, slope = Gradient(task, ("kp",))(FAST.vector)
         h = 1e-4
         sides = np.tile(FAST.vector, (2, 1)) + np.outer([h, -h], np.eye(GAINS)[0])
-        up, down = task.together(task.course.costs(sides))
-        assert value == pytest.approx(task.together(task.course.costs(FAST.vector))[0], rel=1e-9)
+        up, down = task.together(task.closed_loop.costs(sides))
+        assert value == pytest.approx(task.together(task.closed_loop.costs(FAST.vector))[0], rel=1e-9)
         assert slope[0] == pytest.approx((up - down) / (2 * h), rel=1e-3)
 
 

@@ -62,7 +62,7 @@ def test_what_a_search_tried_is_counted(monkeypatch):
     monkeypatch.setattr(bench_search, "_judged", judged)
     monkeypatch.setattr(bench_search, "_episodes", lambda task: [])
     monkeypatch.setattr(bench_search, "_spread_out", lambda task, within, count, rng: rng.random((count, 2)))
-    monkeypatch.setattr(bench_search, "_lowered", lambda task, within, best, runs: best)
+    monkeypatch.setattr(bench_search, "_least_feedback", lambda task, within, best, runs: best)
     task = SimpleNamespace(fitness=lambda points: points.sum(axis=1))
     within = SimpleNamespace(gains=lambda points: points)
     start = np.full((1, 2), 0.5)
@@ -82,19 +82,19 @@ def test_of_gains_that_the_runs_cannot_tell_apart_those_with_the_least_feedback_
         )
 
     monkeypatch.setattr(
-        bench_search, "_part", lambda task, chosen: SimpleNamespace(fitness=lambda g: cost(g, chosen))
+        bench_search, "_task_of_runs", lambda task, chosen: SimpleNamespace(fitness=lambda g: cost(g, chosen))
     )
     task = SimpleNamespace(fitness=lambda gains: cost(gains, runs))
     start = Evolved(within.points(Gains(kp=10.0, ki=1.0, kd=0.2).vector)[0], 1.0, 0)
-    found = within.gains(bench_search._lowered(task, within, start, runs).point)[0]
+    found = within.gains(bench_search._least_feedback(task, within, start, runs).point)[0]
     # The standard error of a difference is 0.1 sqrt(5/4) ln / sqrt(4), the most that 0.05 ln^2 may be: ln up to 1.118.
     assert found[KP] == pytest.approx(10.0 * 0.84**6, rel=1e-6)
     assert found[KD] / found[KP] == pytest.approx(0.02, rel=1e-6)
     assert found[KI] == 0.0  # it gains nothing
     worth = 0.05
-    found = within.gains(bench_search._lowered(task, within, start, runs).point)[0]
+    found = within.gains(bench_search._least_feedback(task, within, start, runs).point)[0]
     assert found[KI] / found[KP] == pytest.approx(0.1, rel=1e-6)
     # Far above the best, the lowest cost counts, not that of the start.
     start = Evolved(within.points(Gains(kp=40.0, ki=4.0, kd=0.8).vector)[0], 2.0, 0)
-    found = within.gains(bench_search._lowered(task, within, start, runs).point)[0]
+    found = within.gains(bench_search._least_feedback(task, within, start, runs).point)[0]
     assert found[KP] == pytest.approx(40.0 * 0.84**13, rel=1e-6)
