@@ -50,6 +50,15 @@ def test_steps_of_every_size_both_ways_and_shares_of_the_largest():
     assert sizes_for((0.06,), lambda size: size > 0) == (0.06, 0.045, 0.015, 0.0075)
 
 
+def test_every_run_has_steps_of_a_stronger_plant_and_every_variant_is_one():
+    sizes = (0.06, -0.06, 0.03, -0.03, 0.015, -0.015)
+    episodes = StepPlan(sizes, 400, T, 3e-5, runs=4, variants=2, stronger=1.5).episodes()
+    for run in range(1, 4):
+        assert sorted(e.gain for e in episodes if e.run == run) == [1.0] * 4 + [1.5] * 2
+    assert {(e.variant, e.gain) for e in episodes if e.run} == {(v, g) for v in range(3) for g in (1.0, 1.5)}
+    assert all(e.gain == 1.0 for e in episodes if e.run == 0)
+
+
 def test_costs_of_steps_count_alike_and_the_first_runs_are_quiet():
     episodes = PLAN.episodes()
     assert len(episodes) == 6
