@@ -96,8 +96,7 @@ def _all_compete(current: Any, effects: Any, problem: Any, promise: Any = None, 
 
 VARIANTS = {
     AS_IS: Variant("nothing"),
-    "race": Variant("the linear step alone ranks effects", {"race": ()}),
-    "one leg": Variant("one leg of the race instead of two", {"race": ((2, 4),)}),
+    "race": Variant("the linear step alone ranks effects", {"race": 0}),
     "promise": Variant(
         "all branches race, also from a model at the noise", {}, {(forward, "propose"): _all_compete}
     ),

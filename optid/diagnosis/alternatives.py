@@ -86,7 +86,7 @@ def _told_apart(worse: Validated, better: Validated, problem: DiagnosisProblem) 
     """
     at_noise = better.error_over_noise <= problem.criteria.error_over_noise
     p = p_value(worse.windows, better.windows, at_noise)
-    return p <= problem.criteria.told_apart and bool(worse.windows.sum() - better.windows.sum() >= 1.0)
+    return p <= problem.criteria.level and bool(worse.windows.sum() - better.windows.sum() >= 1.0)
 
 
 def _others(path: SelectionPath, effect: Effect, problem: DiagnosisProblem) -> list[Alternative]:

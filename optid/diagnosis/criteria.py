@@ -10,7 +10,8 @@ class Criteria:
     """What counts as proof.
 
     Attributes:
-        level: rate of false effects on a rig that lacks nothing, for the whole catalogue together.
+        level: rate of false effects on a rig that lacks nothing, for the whole catalogue together; and of each other
+            test, as of an effect against a look-alike.
         error_over_noise: error of windows over the noise up to which a model counts as at the noise.
         smallest_gain: share by which an effect must lower the windows' error.
         smallest_share: share of the plain model's squared error that an effect must explain in addition to others:
@@ -18,8 +19,6 @@ class Criteria:
         largest_rest: share of the squared error that named effects may leave where the plant states none, and of an
             output's where a description elsewhere leaves less: no more than they explain.
         most_effects: largest number of effects that are named together.
-        fewest_windows: smallest number of windows of a recording.
-        told_apart: level at which windows must prefer an effect to a look-alike for the two to count as distinguished.
     """
 
     level: float = 0.01
@@ -28,8 +27,6 @@ class Criteria:
     smallest_share: float = 0.02
     largest_rest: float = 0.5
     most_effects: int = 3
-    fewest_windows: int = 4
-    told_apart: float = 0.05
 
 
 @dataclass(frozen=True)
@@ -41,8 +38,8 @@ class SearchOptions:
         tolerance: local error of its integration, as a share of each state's usual size; its result is fitted and
             tested more accurately.
         short: share of a window over which effects are fitted first: short enough for parameters that are far off.
-        race: rounds of successive halving of proposals, with the best branch of each effect: steps, and number kept;
-            on the recording with the largest mismatch, in the last round on all.
+        race: steps of each of the two rounds in which proposals are reduced to the contenders, first on the recording
+            with the largest mismatch, then on all.
         contenders: proposals that are fully fitted in a round.
         turns, steps: of a full fit by multi-step prediction errors.
         near: multiple of the smallest loss beyond which other starts or proposals are not fully fitted.
@@ -52,7 +49,7 @@ class SearchOptions:
     rate: float = 500.0
     tolerance: float = 1e-4
     short: float = 0.2
-    race: tuple[tuple[int, int], ...] = ((2, 4), (3, 4))
+    race: int = 3
     contenders: int = 3
     turns: int = 4
     steps: int = 4

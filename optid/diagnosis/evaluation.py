@@ -25,8 +25,16 @@ from optid.estimation.likelihood_point import LikelihoodProblem
 from optid.estimation.moving_horizon import predict_windows
 from optid.estimation.multistep import window_starts
 from optid.estimation.objective import objective_of
-from optid.estimation.prediction import PROCESS_NOISE, window_seconds
-from optid.estimation.problem import Booleans, Integers, Problem, build_problem, cut_into, window_index
+from optid.estimation.prediction import PROCESS_NOISE
+from optid.estimation.problem import (
+    Booleans,
+    Integers,
+    Problem,
+    build_problem,
+    cut_into,
+    window_index,
+    window_seconds,
+)
 from optid.estimation.result import Score
 
 NUMERICAL = "numerical"  # start of `source` for a parameter that is a numerical setting of the equations

@@ -18,17 +18,14 @@ from optid.diagnosis.refinement import RefinedModel
 from optid.effects.effect import Effect
 from optid.estimation.likelihood import huber_weight
 from optid.estimation.likelihood_point import LikelihoodFit
-from optid.estimation.prediction import window_seconds
-from optid.estimation.problem import Booleans, window_blocks
-from optid.estimation.result import Estimate
+from optid.estimation.problem import Booleans, window_blocks, window_seconds
+from optid.estimation.result import Z95, Estimate
 
-Z95 = float(ndtri(0.975))  # half-width of a 95 % interval, in sd
-BLOCK = 0.5  # of a window: innovations within it count as one
 SINGULAR = 1e-13  # of the largest eigenvalue: directions with less information are not shown
 KNOWN = 1e3  # typical sizes: a parameter with a larger sd is not identifiable
 
 
-def intervals(model: RefinedModel, ratio: float = 1.0) -> tuple[Estimate, ...]:
+def intervals(model: RefinedModel, ratio: float) -> tuple[Estimate, ...]:
     """Every free parameter with its interval, SI; `ratio` is the model's error over the expected one (Birge)."""
     answer = model.fit
     q, theta = answer.likelihood_problem, answer.p[list(answer.likelihood_problem.free)]
@@ -133,7 +130,7 @@ def _covariance(answer: LikelihoodFit, fixed: Booleans) -> Array:
     scores += 0.5 * answer.slopes.variances[known] * (1.0 - weight * z**2)[:, None]
     rows = np.nonzero(known)[0]
     owner = np.repeat(q.problem.recording, q.problem.counts + 1)[rows]
-    length = BLOCK * window_seconds(float(np.median(q.problem.dt)), float(np.ptp(q.problem.time)))
+    length = window_seconds(float(np.median(q.problem.dt)), float(np.ptp(q.problem.time)))
     where = window_blocks(owner, q.problem.time[rows], length)
     summed = np.zeros((int(where.max()) + 1, scores.shape[1]))
     np.add.at(summed, where, scores)

@@ -100,7 +100,7 @@ def diagnose(
     _, sealed = prepare(rig, holdout)
     rig, train = prepare(rig, recordings)
     outputs, commands = [port.role for port in rig.model.outputs], [port.role for port in rig.model.recorded]
-    gate([*train, *sealed], outputs, commands, criteria)
+    gate([*train, *sealed], outputs, commands)
     problem = DiagnosisProblem(
         rig,
         train,

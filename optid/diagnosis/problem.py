@@ -18,8 +18,7 @@ from optid.effects.effect import Effect
 from optid.estimation.fisher_scoring import likelihood_problem
 from optid.estimation.likelihood import WHOLE
 from optid.estimation.likelihood_point import LikelihoodProblem
-from optid.estimation.prediction import window_seconds
-from optid.estimation.problem import TOLERANCE, build_problem
+from optid.estimation.problem import TOLERANCE, build_problem, window_seconds
 from optid.quality.noise import colour, grid, noise_sd, thinned_noise
 from optid.rigs.rigfile import Rig, with_effects
 

@@ -112,16 +112,15 @@ def propose(
         steps = [one for k, one in enumerate(steps) if one.loss <= most or (k == 0 and not current.effects)]
     running = parallel_map(partial(_tried, problem, origin, current, first, resets), steps)
     running = keep_best(running, len(running))
-    for leg, (turns, most) in enumerate(o.race):
+    for over in (first, None) if o.race else ():
         if problem.budget.is_over:
             break
-        over = first if leg < len(o.race) - 1 else None
-        advanced = parallel_map(partial(_advance, problem, turns, over, resets, level), running)
+        advanced = parallel_map(partial(_advance, problem, o.race, over, resets, level), running)
         # The first is kept in any case: with its own gains a law may need more steps than a round has.
-        running = [*advanced[:1], *keep_best(advanced[1:], most - 1)]
+        running = [*advanced[:1], *keep_best(advanced[1:], o.contenders - 1)]
     if not running:
         return Proposals((), visible, math.inf)
-    _, alone = _moved(problem, q, p, sum(turns for turns, _ in o.race), None, resets, level)
+    _, alone = _moved(problem, q, p, 2 * o.race, None, resets, level)
     return Proposals(tuple(keep_best(running, len(running))), visible, alone)
 
 

@@ -12,13 +12,11 @@ from optid.diagnosis.fitted import FittedModel
 from optid.diagnosis.problem import DiagnosisProblem
 from optid.effects.effect import Effect
 from optid.errors import SolveError
-from optid.estimation.fisher_scoring import default_process_noise, maximise, successive_halving
+from optid.estimation.fisher_scoring import maximise, noise_levels, successive_halving
 from optid.estimation.likelihood import Noise
 from optid.estimation.likelihood_point import LikelihoodFit, LikelihoodPoint, LikelihoodProblem
 from optid.estimation.multistep import multistep_loss
 from optid.rigs.rigfile import Rig
-
-LEVELS = np.linspace(5.0, -5.0, 9)  # log: factors on the default process noise that are tried
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +53,7 @@ def likely_noise(q: LikelihoodProblem, p: Array) -> Noise:
     Raises:
         SolveError: the model cannot be simulated there.
     """
-    _, levels = successive_halving(q, [(p, default_process_noise(q) + by) for by in LEVELS])
+    _, levels = successive_halving(q, [(p, levels) for levels in noise_levels(q)])
     return Noise(q.measurement, q.groups, levels)
 
 

@@ -13,28 +13,30 @@ from optid.core.recording import Recording
 from optid.diagnosis.evaluation import Evaluation
 
 LAGS = 20
-ERROR_RATE = 0.01  # rate at which a correct model fails a test
 
 
 @dataclass(frozen=True)
 class ResidualTests:
-    """Whiteness and independence of the input, with p-values; a correct model fails each at `ERROR_RATE`."""
+    """Whiteness and independence of the input, with p-values; a correct model fails each at the rate `level`."""
 
     whiteness: float
     independence: float
+    level: float
 
     @property
     def white(self) -> bool:
         """Whether they do not depend on their own past."""
-        return self.whiteness >= ERROR_RATE
+        return self.whiteness >= self.level
 
     @property
     def independent(self) -> bool:
         """Whether they do not depend on past inputs."""
-        return self.independence >= ERROR_RATE
+        return self.independence >= self.level
 
 
-def residual_tests(evaluation: Evaluation, model: Model, recordings: Sequence[Recording]) -> ResidualTests:
+def residual_tests(
+    evaluation: Evaluation, model: Model, recordings: Sequence[Recording], level: float
+) -> ResidualTests:
     """Portmanteau tests on the scaled innovations of every output, pooled (Ljung and Box 1978)."""
     white, free, against, many = 0.0, 0, 0.0, 0
     for number, recording in enumerate(recordings):
@@ -56,6 +58,7 @@ def residual_tests(evaluation: Evaluation, model: Model, recordings: Sequence[Re
     return ResidualTests(
         float(chdtrc(free, white)) if free else 1.0,
         float(chdtrc(many, against)) if many else 1.0,
+        level,
     )
 
 

@@ -18,19 +18,17 @@ from optid.core.model import Array
 from optid.diagnosis.fitted import FittedModel
 from optid.diagnosis.problem import DiagnosisProblem
 from optid.effects.effect import Effect
-from optid.estimation.fixed_gain import innovations
+from optid.estimation.fixed_gain import LOST, innovations
 from optid.estimation.likelihood import Filtered, huber, huber_weight
 from optid.estimation.likelihood_point import NUDGES, LikelihoodProblem
 from optid.estimation.multistep import quiet_filter
 from optid.estimation.problem import Booleans
 from optid.rigs.rig import with_effects
 
-LITTLE = 0.1  # of a direction: step of its finite difference
+LITTLE = 0.1  # of a direction, or of a wave's height: step of its finite difference
 FARTHEST = 3.0  # times the usual size: largest strength along a branch
 ROUNDS = 2  # iterations of reweighting in a linear fit
 UNSEEN = 0.01  # sd: a smaller change is the integrator's
-LOST = 30.0  # sd: larger changes are clipped to it
-FEWEST = 0.02  # share of the usual size below which a branch is ignored
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,7 +138,7 @@ def _separate_branches(
         visible = seen / effect.size(point)
         step, loss = _explained(origin, change[:, None], 0.0)
         strength = step[-1]
-        if strength < FEWEST:
+        if not strength > 0.0:
             found.append(Branch(None, effect, visible))
             continue
         scaled = {

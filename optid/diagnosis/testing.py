@@ -26,7 +26,7 @@ from optid.errors import InputError
 from optid.estimation.fixed_gain import LOST
 from optid.estimation.likelihood import huber
 from optid.estimation.multistep import quiet_noise
-from optid.estimation.prediction import window_seconds
+from optid.estimation.problem import SHORTEST, window_seconds
 
 
 @dataclass(frozen=True)
@@ -74,9 +74,7 @@ class HoldoutTest:
         return replace(self, best=self.base, error_over_noise=ratio, residuals=self.base_residuals)
 
 
-def gate(
-    recordings: Sequence[Recording], outputs: Sequence[str], commands: Sequence[str], criteria: Criteria
-) -> None:
+def gate(recordings: Sequence[Recording], outputs: Sequence[str], commands: Sequence[str]) -> None:
     """Refuse recordings that are too short for a test, judged by their length only.
 
     Raises:
@@ -91,11 +89,11 @@ def gate(
         covered = [float(np.isfinite(values).sum()) * sample_stride(values) for values in measured]
         window = window_seconds(one.interval, one.duration)
         most = max(covered, default=0.0) * one.interval / window
-        if most < criteria.fewest_windows:
+        if most < SHORTEST:
             raise InputError(
                 f"only {most:.1f} windows of {window:g} s have a command and a measured output",
                 where=one.name,
-                expected=f"at least {criteria.fewest_windows}: shorter recordings are too short to fit or to test on",
+                expected=f"at least {SHORTEST}: shorter recordings are too short to fit or to test on",
             )
 
 
@@ -128,8 +126,10 @@ def test_on_holdout(
     for name, less in without.items():
         there = _evaluate_rival(less, holdout) if less.effects else before
         names[name] = compare(there, after, noise, criteria)
-    base_residuals = residual_tests(before, base.rig.model, holdout)
-    residuals = base_residuals if best is base else residual_tests(after, best.rig.model, holdout)
+    base_residuals = residual_tests(before, base.rig.model, holdout, criteria.level)
+    residuals = (
+        base_residuals if best is base else residual_tests(after, best.rig.model, holdout, criteria.level)
+    )
     refuted = best is not base and (p > criteria.level or bool(worse_output(before, after, noise, criteria)))
     ratio = after.error_over_noise(noise)
     return HoldoutTest(before, after, p, ratio, names, residuals, base_residuals, criteria.level, refuted)

@@ -11,6 +11,7 @@ the windows that judge: their bound is approximate here.
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -28,7 +29,6 @@ from optid.estimation.likelihood import huber
 from optid.estimation.multistep import window_starts
 from optid.estimation.problem import Integers, cut_into, window_index
 
-LARGEST = 700.0  # gain at which a p-value is capped: beyond it the exponential overflows
 FOLDS, BLOCKS = 3, 2  # of the recordings, and blocks of each recording in a fold
 # Random signs: with two or three tests the smallest p-value is half the level of one effect of the whole catalogue.
 DRAWS = 20_000
@@ -132,7 +132,7 @@ def p_value(before: Array, after: Array, at_noise: bool) -> float:
     gains, ratio = before - after, np.log(np.maximum(before, 1e-12) / np.maximum(after, 1e-12))
     tests = [flipped_signs(gains), flipped_signs(ratio)]
     if at_noise:
-        tests.append(math.exp(-min(max(float(gains.sum()), 0.0), LARGEST)))
+        tests.append(max(math.exp(-max(float(gains.sum()), 0.0)), sys.float_info.min))
     return min(1.0, len(tests) * min(tests))
 
 

@@ -24,10 +24,10 @@ from optid.core.kernel import trace
 from optid.core.model import Array
 from optid.core.threads import parallel_for
 from optid.estimation.problem import Problem
+from optid.estimation.result import CONFIDENCE, Z95
 from optid.estimation.smoother import Objective, Point, System, Terms, settled_system, solve_schur
 
 SCATTER = 0.05  # probability of using the blocks' variance although the stationary one is right
-HIGHEST_ORDER = 20  # order of the autoregression; the noise of a sensor chain has a short memory
 
 
 def covariance(o: Objective, at: Point, t: Terms, q: Array, held: np.ndarray) -> Array:
@@ -53,7 +53,7 @@ def covariance(o: Objective, at: Point, t: Terms, q: Array, held: np.ndarray) ->
     prior = solve_schur(s, np.diag((o.typical * ~held / o.prior_sd) ** 2))
     prior = solve_schur(s, prior.T)  # contribution of the prior: S^-1 (1/sd^2) S^-1
     more = np.diag(blocks) > special.chdtri(freedom, SCATTER) / freedom * np.diag(stationary)
-    wider = (special.stdtrit(freedom, 0.5 + 0.95 / 2) / special.ndtri(0.5 + 0.95 / 2)) ** 2
+    wider = (special.stdtrit(freedom, 0.5 + CONFIDENCE / 2) / Z95) ** 2
     sd = np.sqrt(np.where(more, wider * np.diag(blocks), np.diag(stationary)))
     correlation = stationary / np.maximum(np.sqrt(np.outer(np.diag(stationary), np.diag(stationary))), 1e-300)
     total = correlation * np.outer(sd, sd) + prior
@@ -112,7 +112,8 @@ def _stationary(a: Array, r: Array, known: np.ndarray, b: Problem) -> Array:
 
 def autoregression(pieces: list[Array], known: int) -> tuple[Array, float]:
     """Coefficients and innovation variance of an autoregression, its order chosen by AIC (Levinson's recursion)."""
-    order = min(HIGHEST_ORDER, max(1, min(len(p) for p in pieces) // 4))
+    # The largest order as usual for a series of this length (Schwert, J. Bus. Econ. Statist. 7, 1989).
+    order = min(int(10.0 * np.log10(max(known, 10))), max(1, min(len(p) for p in pieces) // 4))
     lags = np.array([sum(float(p[k:] @ p[: len(p) - k]) for p in pieces) for k in range(order + 1)])
     lags /= max(known, 1)
     coefficients, variance = np.zeros(0), float(lags[0])

@@ -23,8 +23,7 @@ from optid.estimation.problem import Problem
 from optid.rigs.rigfile import Rig
 
 MIDDLING = 3e-3  # of their usual sizes: start value of the process noise per sample
-ENOUGH = 1.0  # decrease of the score that ends the search
-NEARBY = 2e-3  # of the whole decrease, likewise
+ENOUGH, MOST = 1.0, 30  # decrease of the score that ends the search, and largest number of iterations
 TRIALS = (2, 5)  # trials of a step with updated and with new derivatives, with increasing damping
 KEPT = 0.25  # of the predicted gain of a step: for less, updated derivatives are computed again
 
@@ -65,34 +64,28 @@ def point_at(q: LikelihoodProblem, p: Array, levels: Array) -> LikelihoodPoint:
     return here
 
 
-def maximise(here: LikelihoodPoint, *, iterations: int = 30, rough: float = NEARBY) -> LikelihoodFit:
+def maximise(here: LikelihoodPoint) -> LikelihoodFit:
     """Maximise the likelihood over parameters and levels of process noise, by Levenberg-Marquardt steps.
 
     Derivatives are computed at the end, so that the information belongs to the result.
-
-    Args:
-        here: start.
-        iterations: at most.
-        rough: the search ends at a step that gains less than this share of the whole decrease of the score.
     """
-    here, settled = _descend(here, iterations, rough)
+    here, settled = _descend(here)
     if not here.fresh or here.glanced:
         here.differentiate()
     return here.as_fit(settled)
 
 
-def _descend(here: LikelihoodPoint, iterations: int, rough: float) -> tuple[LikelihoodPoint, bool]:
+def _descend(here: LikelihoodPoint) -> tuple[LikelihoodPoint, bool]:
     """The end of the iteration, and whether the last step gained too little to continue."""
     first, damping = here.score, 1e-3
     if here.slopes is None:
         here.fixed_gain_jacobian()
-    for _ in range(iterations):
+    for _ in range(MOST):
         if here.q.over:
             return here, False
-        enough = max(ENOUGH, rough * (first - here.score))
         there, promised = _better(here, damping)
         if there is None:
-            if (here.fresh and not here.glanced) or (here.score < first and 0.0 <= promised < enough):
+            if (here.fresh and not here.glanced) or (here.score < first and 0.0 <= promised < ENOUGH):
                 return here, True
             if here.fresh:  # if fixed gains give no descent, derivatives of whole filters do
                 here.differentiate()
@@ -100,7 +93,7 @@ def _descend(here: LikelihoodPoint, iterations: int, rough: float) -> tuple[Like
                 here.fixed_gain_jacobian()
             continue
         gain, here = here.score - there.score, there
-        if gain < enough:
+        if gain < ENOUGH:
             return here, True
         if gain < KEPT * promised:
             here.fixed_gain_jacobian()
@@ -113,6 +106,11 @@ def default_process_noise(q: LikelihoodProblem) -> Array:
     """Start values of the log levels of process noise, per sample, so that slow and fast plants start alike."""
     level = math.log(MIDDLING / math.sqrt(float(np.median(q.problem.dt))))
     return np.full(len(q.groups), min(max(level, LEVELS[0]), LEVELS[1]))
+
+
+def noise_levels(q: LikelihoodProblem) -> list[Array]:
+    """Log levels of process noise, the same for all groups, over their whole range in unit steps, each (groups,)."""
+    return [np.full(len(q.groups), level) for level in np.arange(*LEVELS)]
 
 
 def successive_halving(q: LikelihoodProblem, starts: Sequence[tuple[Array, Array]]) -> tuple[Array, Array]:

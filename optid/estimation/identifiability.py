@@ -11,14 +11,14 @@ import numpy as np
 from optid.core.model import Array
 from optid.core.recording import Recording
 from optid.estimation.initial_trajectory import guess
-from optid.estimation.objective import objective_of, window_length, with_nuisance_parameters
-from optid.estimation.problem import build_problem
+from optid.estimation.noise_continuation import LEVELS
+from optid.estimation.objective import objective_of, with_nuisance_parameters
+from optid.estimation.problem import build_problem, node_distance
 from optid.estimation.smoother import Objective, Point, Terms, descend, evaluate, settled_system
 from optid.rigs.rigfile import Rig
 
-LOOSE = 0.03  # process noise of this analysis, as a share of each state's usual size
+LOOSE = LEVELS[2]  # process noise of this analysis, as a share of each state's usual size
 WEAK = 0.3  # relative standard deviation beyond which parameters are reported as tied
-MUTE = 1.0  # relative standard deviation beyond which the data do not determine a value at all
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +57,7 @@ def information(o: Objective, at: Point, t: Terms, q: Array) -> Array:
 def find_ties(o: Objective, at: Point, t: Terms, q: Array, held: Any) -> Collinearity:
     """Find parameters that cannot be separated.
 
-    A direction of log-parameters whose standard deviation exceeds `MUTE` (100 %) is undetermined; those that
+    A direction of log-parameters whose standard deviation exceeds 100 % is undetermined; those that
     carry it are named together, with the exponents under which only their product counts. One that exceeds
     `WEAK` is named too: with a choked exhaust and position only, scaling supply, mass and forces together
     changes nothing, and their size follows from the assumed start pressures only.
@@ -66,19 +66,19 @@ def find_ties(o: Objective, at: Point, t: Terms, q: Array, held: Any) -> Colline
     unasked = {one.name for one in o.model.parameters if one.nuisance is not None}
     matrix = information(o, at, t, q)
     own = np.sqrt(np.maximum(np.diag(matrix), 0.0))
-    idle = tuple(n for n, a, h in zip(names, own, held, strict=True) if a * MUTE < 1.0 and not h)
+    idle = tuple(n for n, a, h in zip(names, own, held, strict=True) if a < 1.0 and not h)
     values, vectors = np.linalg.eigh(matrix)
     sizes = np.maximum(values, 1e-12 * max(float(values[-1]), 1e-300)) ** -0.5  # ascending values: falling sd
-    mute = own * MUTE < 1.0
+    mute = own < 1.0
     sentences = []
     for sd, vector in zip(sizes, vectors.T, strict=True):
         members = np.flatnonzero(np.abs(vector) > 0.1 * np.abs(vector).max())
         together = [names[i] for i in members]
-        if sd > MUTE:
+        if sd > 1.0:
             mute[members] = True
         if unasked >= set(together):
             continue  # nuisance parameters of friction at rest, treated apart
-        if sd > MUTE:
+        if sd > 1.0:
             sentences.append(_in_words(together, vector[members]))
         elif sd > WEAK and len(members) > 1:
             sentences.append(
@@ -90,7 +90,7 @@ def find_ties(o: Objective, at: Point, t: Terms, q: Array, held: Any) -> Colline
         idle,
         mute & ~np.asarray(held),
         tuple(sentences),
-        int((sizes <= MUTE).sum()),
+        int((sizes <= 1.0).sum()),
         float(sizes[0] / sizes[-1]),
         (float(sizes[0]), leader),
     )
@@ -116,7 +116,7 @@ def identifiability(rig: Rig, recordings: Sequence[Recording]) -> Collinearity:
     Raises:
         SolveError: the model cannot be simulated at the rig's values.
     """
-    problem = build_problem(rig.model, recordings, window_length(rig.model, recordings))
+    problem = build_problem(rig.model, recordings, node_distance(recordings))
     objective, p = objective_of(rig, with_nuisance_parameters(rig), problem)
     return examine(objective, Point(guess(rig.model, problem, p), p))[0]
 

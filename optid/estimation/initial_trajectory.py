@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from optid.estimation.problem import Problem
 
 HALF_WIDTH = 12  # samples on either side of a node that a local parabola smooths
-COARSE = 1e-4  # local error of the simulation of unmeasured states
 
 
 @lru_cache(maxsize=64)
@@ -70,7 +69,7 @@ def guess(model: Model, problem: Problem, p: Array) -> Array:
                 known[:, i] = values
     for i, o, per_state, zero in _states_behind_sensors(model):
         known[:, i] = (_local(problem, o)[0] - zero) / per_state
-    return np.asarray(carry(model, p, mean, problem, known, COARSE).nodes[0])
+    return np.asarray(carry(model, p, mean, problem, known, problem.tolerance).nodes[0])
 
 
 def _local(problem: Problem, output: int) -> tuple[Array, Array]:

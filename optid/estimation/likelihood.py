@@ -7,6 +7,7 @@ process noise, so that its errors count as noise when parameters and effects are
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -25,7 +26,7 @@ from optid.estimation.problem import Booleans, Integers, Problem
 BESIDE = 0.01  # of what process noise adds to a state from sample to sample: local error of the integration, if larger
 SHARE = 50.0  # times the tolerance of dimensionless states: those of a contact forget an error within microns of motion
 QUIET = 1e-4  # process noise of states without an estimated level, in usual sizes per sqrt(s)
-WHOLE = 1e9  # s: the windows of a problem to be filtered are whole segments
+WHOLE = math.inf  # s: the windows of a problem to be filtered are whole segments
 FAR = 6.0  # innovations beyond so many sd count linearly
 
 

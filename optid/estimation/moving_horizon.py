@@ -16,6 +16,7 @@ from optid.core.model import Array
 from optid.core.simulation import simulate
 from optid.errors import SolveError
 from optid.estimation.initial_trajectory import guess
+from optid.estimation.noise_continuation import LEVELS
 from optid.estimation.problem import Integers, Problem
 from optid.estimation.smoother import PASSING, PRECISE, Objective, Point, Terms, descend
 
@@ -23,7 +24,7 @@ from optid.estimation.smoother import PASSING, PRECISE, Objective, Point, Terms,
 # error of 0.83 mm on the EMPS axis, compared with 1.81 for whole windows.
 PIECES = 5
 MEMORY = 4  # past windows in the horizon; earlier ones enter as a Gaussian prior
-LOOSER = (0.3, 0.03, 3e-3)  # shares of each state's size through which the process noise is annealed
+LOOSER = LEVELS[:5:2]  # shares of each state's size through which the process noise is annealed
 EPS = float(np.finfo(float).eps)
 
 

@@ -21,10 +21,10 @@ from optid.estimation.covariance import covariance
 from optid.estimation.identifiability import Collinearity, examine, find_ties
 from optid.estimation.initial_trajectory import guess
 from optid.estimation.noise_continuation import HARD, TIGHT, Pace, Solution, anneal, go_on, tightened
-from optid.estimation.objective import objective_of, window_length, with_nuisance_parameters
+from optid.estimation.objective import objective_of, with_nuisance_parameters
 from optid.estimation.output_error import fit_by_simulation
-from optid.estimation.problem import Booleans, build_problem
-from optid.estimation.result import Certificate, Estimate, Fit, Outcome
+from optid.estimation.problem import Booleans, build_problem, node_distance
+from optid.estimation.result import Z95, Certificate, Estimate, Fit, Outcome
 from optid.estimation.smoother import Objective, Point, Terms, Watch
 from optid.rigs.rigfile import Rig
 
@@ -114,7 +114,7 @@ def fit(
     if not rig.freed:
         raise InputError("nothing to fit", where=rig.path, field="[fit]", expected="at least one parameter")
     recordings = list(recordings)
-    problem = build_problem(rig.model, recordings, options.window or window_length(rig.model, recordings))
+    problem = build_problem(rig.model, recordings, options.window or node_distance(recordings))
     objective, p = objective_of(rig, freed, problem, options.huber)
     first = Point(guess(rig.model, problem, p), p)
     ties, linear = examine(objective, first)
@@ -241,7 +241,7 @@ def _result(
     if compare and best.outcome is Outcome.CONVERGED:
         cov = cov + np.diag(_imperfection(o, best, cov, fixed))
     cov = cov + np.diag(_stand_ins(o, theta, fixed))
-    half = special.ndtri(0.5 + 0.95 / 2) * np.sqrt(np.maximum(np.diag(cov), 0.0))
+    half = Z95 * np.sqrt(np.maximum(np.diag(cov), 0.0))
     half = np.where(ties.mute, np.inf, half)
     reach = _one_sided(o, best, bound, np.asarray(ties.mute))
     estimates = []

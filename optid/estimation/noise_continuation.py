@@ -22,14 +22,17 @@ from optid.estimation.smoother import (
     settled_system,
 )
 
-# Process noise per node as a share of each state's usual size: the annealing schedule that all states follow together.
-LEVELS = (0.3, 0.03, 1e-2, 3e-3, 1e-3, 3e-4, 1e-4)
 PATIENCE = 2  # consecutive levels of lower likelihood that end it; a single one may not have converged
-RUNG = 3.0  # factor by which the states of one unit are then varied separately, up and down
+LOOSEST = 0.3  # process noise per node, as a share of each state's usual size, with which a fit begins
+RUNG = (
+    3.0  # factor from one level to the next, and by which the states of one unit are then varied separately
+)
 HARD = 1e-6  # the share that represents no process noise
 TIGHT = 1e-5  # practically none, where the iteration still converges easily
 # Relative decrease of the cost that ends a fit: about 0.001 in -2 log likelihood, as its roughness.
 SETTLED = 1e-7
+# The annealing schedule that all states follow together.
+LEVELS = tuple(LOOSEST / RUNG**k for k in range(8))
 
 
 @dataclass(frozen=True, eq=False)

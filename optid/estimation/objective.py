@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 
 import numpy as np
 
-from optid.core.model import Array, Model
+from optid.core.model import Array
 from optid.core.parameter import Parameter
-from optid.core.recording import Recording
 from optid.estimation.problem import Problem
 from optid.estimation.smoother import Objective
 from optid.quality.noise import colour, noise_sd
 from optid.rigs.rigfile import Freed, Rig
 
-WINDOW = 0.25  # s between nodes; long compared with friction's microseconds, short compared with the pressures' drift
 # Local error of the integration as a share of each state's usual size: 0.01 micrometre of position, and a cost
 # that is smooth to 0.001; at 1e-5 its roughness of about 1 keeps the last iterations busy and saves no time.
 SOLVER = 1e-6
@@ -35,12 +32,6 @@ def with_nuisance_parameters(rig: Rig, *, by_filter: bool = False) -> tuple[Free
             if (n := one.nuisance) is not None and one.name not in stated and (by_filter or not n.by_filter)
         ),
     )
-
-
-def window_length(model: Model, recordings: Iterable[Recording]) -> float:
-    """Seconds between nodes: `WINDOW`, or 25 samples where sampling is slow."""
-    slowest = max(recording.interval for recording in recordings)
-    return max(WINDOW, 25 * slowest)
 
 
 def objective_of(

@@ -24,10 +24,8 @@ from optid.estimation.result import Outcome
 from optid.estimation.smoother import PASSING, Objective, Point, Terms, Watch, descend, evaluate, priced
 
 ROUNDS = 3  # of the start's weight, which follows from the misfit
-ROUGH = 1e-3  # relative decrease of the cost that ends every round but the last
-LOOSE = LEVELS[:3]  # process noise of the windows from which a second start comes
+LOOSE = LEVELS[:4]  # process noise of the windows from which a second start comes
 EXPLAINED = 2.0  # error over noise up to which none is needed
-STEADY = 0.1  # relative change of the misfit below which another round would change nothing
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,16 +94,14 @@ def output_error(o: Objective, at: Point, q: Array, precision: float, watch: Wat
     heads = np.flatnonzero(o.heads)
     whole, here = replace(o, problem=_in_one(o.problem, heads)), Point(at.X[heads], at.p)
     terms = evaluate(whole, here, q)
-    ratio, last, settled = _error_over_noise(terms), False, False
+    ratio, settled = _error_over_noise(terms), False
     for left in reversed(range(ROUNDS)):
         whole = _measured_start(whole, ratio)
-        last = last or left == 0
-        enough = precision if last else ROUGH
+        enough = precision if left == 0 else PASSING
         here, terms, settled = descend(whole, here, q, precision=enough, terms=terms, watch=watch)
-        before, ratio = ratio, _error_over_noise(terms)
-        if last or not settled:
+        ratio = _error_over_noise(terms)
+        if not settled:
             break
-        last = abs(ratio / before - 1.0) < STEADY
     known = np.full_like(at.X, np.nan)
     known[heads] = here.X
     nodes = carry(o.model, here.p, here.X[0], o.problem, known, o.tolerance).nodes[0]

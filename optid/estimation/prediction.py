@@ -1,8 +1,7 @@
-"""Predictions: a free run, and 0.5 s windows whose start state is estimated from past data only."""
+"""Predictions: a free run, and windows whose start state is estimated from past data only."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -16,7 +15,7 @@ from optid.errors import RecordingError, SolveError
 from optid.estimation.initial_trajectory import measured_states
 from optid.estimation.moving_horizon import MEMORY, best_estimate, past_of, predict_windows, stretches
 from optid.estimation.objective import objective_of
-from optid.estimation.problem import Problem, build_problem
+from optid.estimation.problem import Problem, build_problem, window_seconds
 from optid.estimation.result import Score
 from optid.estimation.smoother import Objective, Point
 from optid.rigs.rigfile import Rig
@@ -24,9 +23,6 @@ from optid.rigs.rigfile import Rig
 if TYPE_CHECKING:
     import pandas as pd
 
-HORIZON = 0.5  # s, of a window
-FEWEST = 50  # samples of a window where sampling is too slow for that many in HORIZON
-SHORTEST, MANY = 4, 8  # smallest number of windows of a recording; number for a shorter one
 PINNED = 0.1  # of a sensor's noise: how far the first windows may correct the start of a free run
 PROCESS_NOISE = 3e-3  # process noise per window, as a share of each state's size, without a fit's value
 
@@ -46,18 +42,6 @@ class Prediction:
     horizon: float
     begins: tuple[tuple[float, Mapping[str, float]], ...] = ()
     notes: tuple[str, ...] = ()
-
-
-def window_seconds(interval: float, duration: float = math.inf) -> float:
-    """Length of a window, s, of a recording with a sample every `interval` seconds.
-
-    Args:
-        interval: s.
-        duration: s, if windows are to be compared with each other: a recording of fewer than `SHORTEST` windows is
-            divided into `MANY` shorter ones, as far as its samples allow.
-    """
-    horizon = HORIZON if duration >= SHORTEST * HORIZON else duration / MANY
-    return max(horizon, FEWEST * interval)
 
 
 def predict(

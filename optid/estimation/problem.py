@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,6 +19,9 @@ Booleans = NDArray[np.bool_]
 
 # Local error of the integration in filters, as a share of each state's usual size.
 TOLERANCE = 1e-5
+HORIZON = 0.5  # s, of a window
+FEWEST = 50  # samples of a window where sampling is too slow for that many in HORIZON
+SHORTEST, MANY = 4, 8  # smallest number of windows of a recording; number for a shorter one
 FEW = 6  # samples of a line that estimates a speed
 EVIDENT = 3.0  # sd of that line's slope
 
@@ -49,6 +53,26 @@ class Problem:
     linked: Booleans
     recording: Integers
     tolerance: float = TOLERANCE
+
+
+def window_seconds(interval: float, duration: float = math.inf) -> float:
+    """Length of a window, s, of a recording with a sample every `interval` seconds.
+
+    Args:
+        interval: s.
+        duration: s, if windows are to be compared with each other: a recording of fewer than `SHORTEST` windows is
+            divided into `MANY` shorter ones, as far as its samples allow.
+    """
+    horizon = HORIZON if duration >= SHORTEST * HORIZON else duration / MANY
+    return max(horizon, FEWEST * interval)
+
+
+def node_distance(recordings: Iterable[Recording]) -> float:
+    """Seconds between the nodes of a fit: half a window of the recording that is sampled most slowly.
+
+    Long compared with friction's microseconds, short compared with the pressures' drift.
+    """
+    return window_seconds(max(recording.interval for recording in recordings)) / 2
 
 
 def build_problem(model: Model, recordings: Sequence[Recording], window: float) -> Problem:

@@ -23,8 +23,9 @@ from optid.core.model import Array
 from optid.core.recording import Recording
 from optid.errors import InputError, NotIdentifiable, SolveError, nearest
 from optid.estimation.multiple_shooting import FitOptions
-from optid.estimation.objective import objective_of, window_length, with_nuisance_parameters
-from optid.estimation.problem import build_problem
+from optid.estimation.noise_continuation import SETTLED
+from optid.estimation.objective import objective_of, with_nuisance_parameters
+from optid.estimation.problem import build_problem, node_distance
 from optid.estimation.result import Fit
 from optid.estimation.smoother import Objective, Point, Terms, descend, settled_system, solve_schur
 from optid.rigs.rigfile import Rig
@@ -32,15 +33,11 @@ from optid.rigs.rigfile import Rig
 if TYPE_CHECKING:
     import pandas as pd
 
-STRIDE = 0.5  # of the fit's half-width: the step along the profile
+# Of the fit's half-width: the step along the profile, and by how much its minimum and the estimate may differ.
+STRIDE = 0.5
 FARTHEST = 24  # steps to each side; an interval still open after them counts as open
 BEYOND = 1.6  # multiple of the limit up to which the profile is computed, for plots
 DEEPER = 0.5  # of the limit by which another point of the profile must be better to be the minimum
-APART = 0.5  # of the fit's half-width by which minimum and estimate may differ
-PRECISION = 1e-7  # relative decrease of the cost at which the other parameters count as fitted
-# Local error of the integration, as a share of each state's usual size. At 1e-5 the cost is rough by about 1, which
-# disturbs a profile that looks for a rise of 4; a fit has 1e-6 (`optid.estimation.objective.SOLVER`).
-SMOOTH = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +82,7 @@ class Profile:
                 f"; its minimum lies at {lowest:.5g}{unit}, away from the estimate of {self.estimate:.5g}{unit}: "
                 "the fit stopped in a local minimum; fit again from there, or with more --starts"
             )
-        if half > 0 and abs(self.value - self.estimate) > APART * half:
+        if half > 0 and abs(self.value - self.estimate) > STRIDE * half:
             return (
                 f"; its minimum lies at {self.value:.5g}{unit}, the estimate at {self.estimate:.5g}{unit}: the "
                 "fit also weighs predictions over a longer time, or it stopped early"
@@ -131,13 +128,13 @@ def profile(
         NotIdentifiable: the parameter lies at its bound, or the data do not determine it.
     """
     k, recordings, options = _place(rig, fit, name), list(recordings), options or FitOptions()
-    problem = build_problem(rig.model, recordings, options.window or window_length(rig.model, recordings))
+    problem = build_problem(rig.model, recordings, options.window or node_distance(recordings))
     o, _ = objective_of(rig, with_nuisance_parameters(rig), problem, options.huber)
     p, q = rig.model.vector(fit.values), fit.process_noise
     # A fit may end below the bounds of its search.
     widest = np.array([rig.model.parameters[i].bounds[0] for i in o.free])
-    o = replace(o, tolerance=SMOOTH, low=np.where(p[list(o.free)] < o.low, widest, o.low))
-    best, terms, _ = descend(o, Point(fit.states, p), q, precision=PRECISION / 100)
+    o = replace(o, low=np.where(p[list(o.free)] < o.low, widest, o.low))
+    best, terms, _ = descend(o, Point(fit.states, p), q, precision=SETTLED / 100)
     curved, sd = _curved(o, best, terms, fit, k), math.sqrt(fit.covariance[k, k])
     limit = float(special.chdtri(1, 0.05))
     walk = _ProfilePath(
@@ -243,7 +240,7 @@ def _fixed(walk: _ProfilePath, start: Point, value: float) -> tuple[Point, float
     """Fit of the others with the parameter fixed at a value."""
     low, high = walk.o.low.copy(), walk.o.high.copy()
     low[walk.k] = high[walk.k] = value
-    at, terms, _ = descend(replace(walk.o, low=low, high=high), start, walk.q, precision=PRECISION)
+    at, terms, _ = descend(replace(walk.o, low=low, high=high), start, walk.q, precision=SETTLED)
     return at, terms.cost
 
 

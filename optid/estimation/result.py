@@ -8,11 +8,16 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.special import ndtri
 
 from optid.core.model import Array
 
 if TYPE_CHECKING:
     import pandas as pd
+
+
+CONFIDENCE = 0.95  # of every interval
+Z95 = float(ndtri(0.5 + CONFIDENCE / 2.0))  # its half-width, in sd
 
 
 class Outcome(enum.Enum):

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from optid.estimation.prediction import HORIZON
+from optid.estimation.problem import HORIZON
 from optid.live.mismatch_monitor import MismatchMonitor
 from optid.live.observer import Observer
 from optid.live.settings import Settings, Wiring

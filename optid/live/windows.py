@@ -19,7 +19,7 @@ import numpy as np
 from optid.core.model import Array, Model
 from optid.core.recording import Recording
 from optid.effects.effect import Effect
-from optid.estimation.prediction import HORIZON
+from optid.estimation.problem import HORIZON
 from optid.live.commissioning import DRAWS
 from optid.live.observer import Observer
 from optid.live.settings import Wiring

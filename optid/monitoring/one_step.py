@@ -28,8 +28,7 @@ from optid.estimation.fixed_gain import LOST, innovations
 from optid.estimation.likelihood import FAR, WHOLE, Filtered, huber_weight
 from optid.estimation.likelihood_point import LikelihoodProblem
 from optid.estimation.multistep import fit_multistep, window_starts
-from optid.estimation.prediction import HORIZON
-from optid.estimation.problem import build_problem
+from optid.estimation.problem import HORIZON, build_problem
 from optid.rigs.rig import Freed, Rig
 
 RATE = 500.0  # Hz at most, the rate of a diagnosis

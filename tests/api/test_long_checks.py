@@ -10,7 +10,7 @@ from optid.core.recording import Channel, Recording
 from optid.diagnosis.criteria import Criteria
 from optid.diagnosis.testing import gate
 from optid.errors import InputError
-from optid.estimation.prediction import window_seconds
+from optid.estimation.problem import window_seconds
 
 
 def recorded(samples):

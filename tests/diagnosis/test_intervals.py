@@ -44,8 +44,8 @@ def half(estimate):
 
 
 def test_a_bound_that_holds_a_parameter_takes_its_freedom_from_the_other():
-    free, _ = intervals(refined([0.0, 0.5], [-1e6, -1e6], [1e6, 1e6]))
-    held, at = intervals(refined([0.0, 0.5], [-1e6, 0.5], [1e6, 1e6]))
+    free, _ = intervals(refined([0.0, 0.5], [-1e6, -1e6], [1e6, 1e6]), 1.0)
+    held, at = intervals(refined([0.0, 0.5], [-1e6, 0.5], [1e6, 1e6]), 1.0)
     assert half(free) > 10.0 * half(held)
     assert half(held) == pytest.approx(1.96 / np.sqrt(200), rel=0.6)  # as if the other were known
     assert at.low == 0.5 and at.high > 0.6  # the one at its bound is as unsure as ever
@@ -53,10 +53,10 @@ def test_a_bound_that_holds_a_parameter_takes_its_freedom_from_the_other():
 
 def test_what_a_search_had_left_to_go_counts_as_another_sd():
     there = refined([0.5, 0.5], [-5.0, -5.0], [5.0, 5.0])
-    plain = intervals(there)
+    plain = intervals(there, 1.0)
     step = np.array([0.3, -0.2])
     there.fit.gradient = there.fit.information @ step
-    wider = intervals(there)
+    wider = intervals(there, 1.0)
     for one, before, left in zip(wider, plain, step, strict=True):
         sd = (before.high - before.low) / 2 / 1.959964
         assert (one.high - one.low) / 2 == pytest.approx(1.959964 * np.hypot(sd, left), rel=1e-6)
@@ -64,9 +64,9 @@ def test_what_a_search_had_left_to_go_counts_as_another_sd():
 
 def test_a_parameter_at_its_bound_has_nowhere_to_go():
     there = refined([0.5, -5.0], [-5.0, -5.0], [5.0, 5.0])
-    plain = [(one.low, one.high) for one in intervals(there)]
+    plain = [(one.low, one.high) for one in intervals(there, 1.0)]
     there.fit.gradient = np.array([0.0, 100.0])
-    assert [(one.low, one.high) for one in intervals(there)] == plain
+    assert [(one.low, one.high) for one in intervals(there, 1.0)] == plain
 
 
 def test_what_the_data_do_not_show_is_not_identifiable():
@@ -74,13 +74,13 @@ def test_what_the_data_do_not_show_is_not_identifiable():
     there = refined([0.5, 0.5], [-5.0, -5.0], [5.0, 5.0])
     there.fit.slopes.innovations[..., 1] = 0.0
     there.fit.information = np.diag([200.0, 0.0])
-    shown, idle = intervals(there)
+    shown, idle = intervals(there, 1.0)
     assert shown.identifiable and half(shown) < 0.5
     assert not idle.identifiable and (idle.low, idle.high) == (-5.0, 5.0)
     there.fit.information = np.full((2, 2), 200.0)
-    for one in intervals(there):
+    for one in intervals(there, 1.0):
         assert not one.identifiable and (one.low, one.high) == (-5.0, 5.0)
     at_bound = refined([0.5, 5.0], [-5.0, -5.0], [5.0, 5.0])
     at_bound.fit.information = np.full((2, 2), 200.0)
-    known, _ = intervals(at_bound)  # its twin stands at a bound
+    known, _ = intervals(at_bound, 1.0)  # its twin stands at a bound
     assert known.identifiable and half(known) < 0.5

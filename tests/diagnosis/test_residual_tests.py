@@ -7,9 +7,9 @@ import pytest
 
 from optid.core.channel import Channel
 from optid.core.recording import Recording
-from optid.diagnosis.residual_tests import ERROR_RATE, residual_tests
+from optid.diagnosis.residual_tests import residual_tests
 
-N, DRAWS = 2000, 300
+N, DRAWS, LEVEL = 2000, 300, 0.01
 MODEL = SimpleNamespace(recorded=[SimpleNamespace(role="command")])
 
 
@@ -20,7 +20,7 @@ def checked(z, u, kept=slice(None)):
     seen = SimpleNamespace(
         recording=np.zeros(len(z[kept]), dtype=int), innovations=z[kept][:, None], time=time[kept]
     )
-    return residual_tests(seen, MODEL, [recording])
+    return residual_tests(seen, MODEL, [recording], LEVEL)
 
 
 @pytest.mark.parametrize("every", [1, 4, 10])
@@ -32,7 +32,7 @@ def test_a_correct_model_fails_as_often_as_stated(every):
         z[np.arange(N) % every > 0] = np.nan
         found = checked(z, u)
         failed += [not found.white, not found.independent]
-    assert (failed <= DRAWS * ERROR_RATE + 3.0 * np.sqrt(DRAWS * ERROR_RATE)).all()
+    assert (failed <= DRAWS * LEVEL + 3.0 * np.sqrt(DRAWS * LEVEL)).all()
 
 
 def test_a_response_that_is_left_is_found_where_the_first_samples_were_dropped():

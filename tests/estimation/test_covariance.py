@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_toeplitz
 
-from optid.estimation.covariance import HIGHEST_ORDER, autoregression, covariance
+from optid.estimation.covariance import autoregression, covariance
 from optid.estimation.initial_trajectory import guess
 from optid.estimation.objective import objective_of, with_nuisance_parameters
 from optid.estimation.problem import build_problem
@@ -26,7 +26,7 @@ def test_an_autoregression_is_found_again():
     coefficients, variance = autoregression([r], len(r))
     assert coefficients[:2] == pytest.approx([1.2, -0.5], abs=0.03)
     assert variance == pytest.approx(1.0, rel=0.03)
-    lags = np.array([r[k:] @ r[: len(r) - k] for k in range(HIGHEST_ORDER + 1)]) / len(r)
+    lags = np.array([r[k:] @ r[: len(r) - k] for k in range(len(coefficients) + 1)]) / len(r)
     m = len(coefficients)
     assert coefficients == pytest.approx(solve_toeplitz(lags[:m], lags[1 : m + 1]), abs=1e-9)
 

@@ -35,7 +35,7 @@ def asked(tmp_path_factory):
 @pytest.fixture(scope="module")
 def found(asked):
     q, p = asked
-    return maximise(point_at(q, p, default_process_noise(q)), rough=0.0)
+    return maximise(point_at(q, p, default_process_noise(q)))
 
 
 def test_it_finds_the_truth_within_its_own_uncertainty(asked, found):

@@ -59,7 +59,7 @@ def test_every_unit_climbs_to_its_own_level(best, reached, monkeypatch, tmp_path
     assert (found.q / o.model.scales).min() >= TIGHT and (found.q / o.model.scales).max() <= LEVELS[0]
 
 
-@pytest.mark.parametrize(("fails_at", "asked"), [(3e-3, None), (0.3, None), (3e-3, 1e-4)])
+@pytest.mark.parametrize(("fails_at", "asked"), [(LEVELS[4], None), (LEVELS[0], None), (LEVELS[4], 1e-4)])
 def test_a_level_that_cannot_be_solved_ends_the_way_down(fails_at, asked, monkeypatch, tmp_path):
     """The last looser level stands; without one, or where that very level was asked for, there is no answer."""
     o, at = posed(rig(tmp_path), [record(np.ones(200), moved(np.ones(200), 1 / 200))])
@@ -73,11 +73,11 @@ def test_a_level_that_cannot_be_solved_ends_the_way_down(fails_at, asked, monkey
     monkeypatch.setattr(annealing, "_descended", descended)
     monkeypatch.setattr(annealing, "_by_unit", lambda o, best, share, pace: best)
     monkeypatch.setattr(annealing, "_settled", lambda o, best, pace: best)
-    if fails_at == 0.3 or asked is not None:
+    if fails_at == LEVELS[0] or asked is not None:
         with pytest.raises(SolveError):
             anneal(o, at, None, asked, PACE)
     else:
-        assert anneal(o, at, None, asked, PACE).q / o.model.scales == pytest.approx(1e-2)
+        assert anneal(o, at, None, asked, PACE).q / o.model.scales == pytest.approx(LEVELS[3])
 
 
 def test_a_level_too_loose_to_be_solved_leaves_the_start_to_the_next(monkeypatch, tmp_path):

@@ -12,12 +12,10 @@ from optid.core.model import Array
 from optid.core.recording import Recording
 from optid.estimation.likelihood import run_fixed_gain_filter
 from optid.estimation.likelihood_point import LikelihoodFit
-from optid.estimation.prediction import window_seconds
-from optid.estimation.problem import Booleans, Integers, Problem
+from optid.estimation.problem import Booleans, Integers, Problem, window_seconds
 
-SLOT = 0.2  # of a window: resolution of the map over time; 0.1 s where sampling is fast
+SLOT = 0.2  # of a window: resolution of the map over time, 0.1 s where sampling is fast; shorter pauses are bridged
 WORKS = 0.1  # of its largest in a recording: activity beyond which an effect counts as active
-GAP = 0.1  # of a window: shorter pauses are bridged
 COVER = 0.8  # share of the mismatch that a range of a signal should contain
 PIECES = 40  # parts of a signal's range, with equal numbers of samples
 NOWHERE: Mapping[str, tuple[float, float]] = MappingProxyType({})
@@ -115,7 +113,7 @@ def region(
         for name, (values, unit) in signals.items()
     }
     window = window_seconds(float(np.median(problem.dt)), float(np.ptp(problem.time)))
-    intervals = _intervals(done > WORKS, owner, problem.time, recordings, GAP * window)
+    intervals = _intervals(done > WORKS, owner, problem.time, recordings, SLOT * window)
     return Region(channels, intervals, states, energy, signals, owner, problem.time, SLOT * window)
 
 

@@ -22,7 +22,7 @@ from optid.diagnosis.fitted import FittedModel
 from optid.diagnosis.localisation.instrument import Instrument
 from optid.diagnosis.problem import DiagnosisProblem
 from optid.errors import SolveError
-from optid.estimation.fisher_scoring import successive_halving
+from optid.estimation.fisher_scoring import noise_levels, successive_halving
 from optid.estimation.fixed_gain import fixed_gain_fit
 from optid.estimation.likelihood import Filtered, Noise, deviance, run_filter, run_fixed_gain_filter, start_of
 from optid.estimation.likelihood_point import LikelihoodProblem
@@ -30,7 +30,6 @@ from optid.estimation.problem import Problem
 from optid.rigs.rigfile import with_effects
 
 LOUD = 100.0  # times the smallest visible signal: usual step of the random walk in a second, the middle level
-STEPS = np.arange(-9.0, 3.0)  # log levels at which it is tried
 TURNS, GAUSS_NEWTON = 2, 3  # iterations with new gains, and steps of each
 
 
@@ -131,7 +130,7 @@ def locate_at(model: FittedModel, problem: DiagnosisProblem, *sites: str) -> Unk
     p = q.model.vector_from(model.likelihood_problem.model, model.p, rig.parameters)
     try:
         for _ in range(TURNS):
-            p, levels = successive_halving(q, [(p, np.full(len(q.groups), level)) for level in STEPS])
+            p, levels = successive_halving(q, [(p, levels) for levels in noise_levels(q)])
             f = _filtered(q, p, levels)
             p = fixed_gain_fit(q, p, q.model, f, GAUSS_NEWTON).p
         f = _filtered(q, p, levels, covariances=True)

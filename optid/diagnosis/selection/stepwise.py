@@ -11,8 +11,6 @@ from optid.diagnosis.selection.forward import forward_step
 from optid.diagnosis.selection.path import Round, SelectionPath
 from optid.diagnosis.validation import Validated, cross_validate
 
-RESTART = 0.95  # of windows' errors: a model restarts from another point if at most this share remains there
-
 
 def select(base: FittedModel, problem: DiagnosisProblem) -> SelectionPath:
     """Add effects while windows that were not fitted confirm them, and drop those that become redundant."""
@@ -42,6 +40,11 @@ def select(base: FittedModel, problem: DiagnosisProblem) -> SelectionPath:
     return backward_elimination(path, problem)
 
 
+def _enough(problem: DiagnosisProblem) -> float:
+    """Share of the windows' errors that may remain from another start for it to be worth going on from."""
+    return 1.0 - problem.criteria.smallest_gain
+
+
 def _restarted(
     current: FittedModel, before: Validated, one: Round, problem: DiagnosisProblem
 ) -> tuple[FittedModel, Validated] | None:
@@ -52,11 +55,11 @@ def _restarted(
     if not one.contenders:
         return None
     best = min(one.contenders, key=lambda c: float(c.validated.windows.sum()))
-    if not best.validated.windows.sum() < RESTART * before.windows.sum():
+    if not best.validated.windows.sum() < _enough(problem) * before.windows.sum():
         return None
     model = without_effect(best.model, best.effect, problem)
     validated = cross_validate(model, problem)
-    return (model, validated) if validated.windows.sum() < RESTART * before.windows.sum() else None
+    return (model, validated) if validated.windows.sum() < _enough(problem) * before.windows.sum() else None
 
 
 def _restarted_from_stated_values(one: Round, before: Validated, problem: DiagnosisProblem) -> Round:
@@ -69,5 +72,5 @@ def _restarted_from_stated_values(one: Round, before: Validated, problem: Diagno
         return one
     stated = one.model.likelihood_problem.model.vector(problem.rig.parameters)
     nearest = min((each.loss for each in one.proposals.ranked), default=math.inf)
-    other = forward_step(one.model, before, before, problem, begin=stated, below=RESTART * nearest)
+    other = forward_step(one.model, before, before, problem, begin=stated, below=_enough(problem) * nearest)
     return other if other.taken and other.taken.validated.windows.sum() < left.windows.sum() else one

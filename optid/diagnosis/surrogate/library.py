@@ -37,7 +37,6 @@ SAME = 0.99  # correlation of two signals from which one is redundant
 # than those of forces.
 FASTEST, FINEST, TRACK = 30.0, 100.0, 300.0
 LENGTHS = ("m", "rad")
-ONE = 1.0  # smallest number of periods within the recorded range while a wave is fitted
 SCALED = 0.2  # share added by a height of 1
 TURN = 0.05  # of the speed's root mean square: where a curve has changed its sign
 AT_REST = 0.01  # the same: below which ageing takes place
@@ -147,7 +146,8 @@ def waves(at: Linearisation, site: str) -> list[tuple[Wave, dict[str, float], fl
             followed[state.name] = (values, most / max(high - low, 1e-12))
     found = []
     for name, (along, fastest) in followed.items():
-        fewest = ONE / max(float(np.ptp(along)), 1e-12)
+        # While a wave is fitted, at least one of its periods lies within the recorded range.
+        fewest = 1.0 / max(float(np.ptp(along)), 1e-12)
         for plain in fitting(base.rig, [Wave(site, name, repeats=fewest, size=size, fewest=fewest)]):
             line = strongest_sinusoid(at, plain, along, fastest)
             if line is None or not line.height > 0.0:

@@ -18,6 +18,7 @@ from optid.core.model import Array
 from optid.diagnosis.fitted import FittedModel
 from optid.diagnosis.problem import DiagnosisProblem, with_effect
 from optid.diagnosis.proposals import worst_recording
+from optid.diagnosis.score_test import LITTLE
 from optid.effects.wave import TIME, Wave
 from optid.estimation.fixed_gain import innovations
 from optid.estimation.likelihood import huber_weight
@@ -26,7 +27,6 @@ from optid.estimation.problem import Booleans, Integers
 
 FINE = 2  # steps of the grid to a line's width
 SLOWEST = 2.0  # periods within the range, at least
-NUDGE = 0.1  # height of the simulated waves
 BATCH = 32  # frequencies simulated together
 
 
@@ -137,7 +137,7 @@ def _explained(at: Linearisation, wave: Wave, some: Array, only: Sequence[int] |
         {**wave.of_height(height), "repeats": float(repeats), "phase": phase}
         for height, repeats, phase in [
             (0.0, some[0], 0.0),
-            *((NUDGE, one, turned) for one in some for turned in (0.0, math.pi / 2)),
+            *((LITTLE, one, turned) for one in some for turned in (0.0, math.pi / 2)),
         ]
     ]
     P = np.array([q.at({**model.values, **wave.qualified(point)}) for point in points])
@@ -159,7 +159,7 @@ def _explained(at: Linearisation, wave: Wave, some: Array, only: Sequence[int] |
             step = np.linalg.lstsq(columns[piece], -rest[piece], rcond=1e-9)[0]
             gain += float(np.sum(rest[piece] ** 2) - np.sum((rest[piece] + columns[piece] @ step) ** 2))
             steps.append(step)
-        height = NUDGE * float(np.sqrt(np.mean(np.sum(np.square(steps), axis=1))))
+        height = LITTLE * float(np.sqrt(np.mean(np.sum(np.square(steps), axis=1))))
         phase = math.atan2(*np.sum(steps, axis=0)[::-1])
         found.append(Line(gain, repeats, height, phase))
     return found
