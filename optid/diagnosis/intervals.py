@@ -22,7 +22,6 @@ from optid.estimation.problem import Booleans, window_blocks, window_seconds
 from optid.estimation.result import Z95, Estimate
 
 SINGULAR = 1e-13  # of the largest eigenvalue: directions with less information are not shown
-KNOWN = 1e3  # typical sizes: a parameter with a larger sd is not identifiable
 
 
 def intervals(model: RefinedModel, ratio: float) -> tuple[Estimate, ...]:
@@ -43,7 +42,7 @@ def intervals(model: RefinedModel, ratio: float) -> tuple[Estimate, ...]:
     for k, i in enumerate(q.free):
         parameter = q.model.parameters[i]
         low, high = max(theta[k] - half[k], q.low[k]), min(theta[k] + half[k], q.high[k])
-        identifiable = bool(np.isfinite(sd[k]) and sd[k] < KNOWN * q.typical[k])
+        identifiable = bool(np.isfinite(sd[k]))
         found.append(
             Estimate(
                 parameter.name,

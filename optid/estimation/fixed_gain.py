@@ -19,7 +19,7 @@ from optid.estimation.likelihood import Filtered, broyden_formula, huber, huber_
 from optid.estimation.likelihood_point import NUDGES, REACH, LikelihoodProblem
 from optid.estimation.problem import Booleans, Integers
 
-TOLERANCE = 1e-3  # of the loss, that a step must gain for the search to go on
+SETTLED = 5e-3  # of the loss, that a step must gain for the search to go on
 # Damping factors, of the curvature: as many as a vector holds are tried at once. If the smallest or the largest is
 # best, the next ones are smaller or larger; if none succeeds, larger ones are tried.
 DAMPINGS, PACE, FARTHER, TRIALS = (1e-4, 1e-2, 0.3, 10.0), (0.1, 1.0, 1.0, 10.0), 1e3, 2
@@ -86,7 +86,7 @@ class Residuals:
         return ((self.at(x + np.diag(steps)) - z) / steps[:, None]).T
 
     def damped_points(
-        self, x: Array, z: Array, J: Array, scale: float = 1.0, counted: Booleans | None = None
+        self, x: Array, z: Array, J: Array, scale: float, counted: Booleans | None = None
     ) -> Array:
         """Points after a step with each damping factor, (dampings, free); `counted` rows decide, all if absent."""
         weight = huber_weight(z)
@@ -167,7 +167,7 @@ def fixed_gain_fit(
             continue
         before, J = loss, checked_broyden_update(J, step.x - x, step.z - z)
         x, z, loss, scale = step
-        if before - loss < TOLERANCE * loss:
+        if before - loss < SETTLED * loss:
             break
     return FixedGainFit(residuals.parameter_sets(x[None])[0], loss)
 
@@ -217,7 +217,7 @@ def cross_validated_residuals(residuals: Residuals, fold: Integers) -> Array:
     (z,) = residuals.at(x[None])
     J = residuals.jacobian(x, z, np.full(len(x), NUDGES[1]))
     numbers, rows = np.unique(fold[fold >= 0]), np.append(fold, np.full(len(x), -1))
-    X = np.concatenate([residuals.damped_points(x, z, J, counted=rows != number) for number in numbers])
+    X = np.concatenate([residuals.damped_points(x, z, J, 1.0, rows != number) for number in numbers])
     Z, found = residuals.at(X).reshape(len(numbers), len(DAMPINGS), -1), z.copy()
     for number, tried in zip(numbers, Z, strict=True):
         candidates = np.vstack([z, tried])

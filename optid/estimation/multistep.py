@@ -17,7 +17,7 @@ import numpy as np
 from optid.core.model import Array
 from optid.errors import SolveError
 from optid.estimation.fisher_scoring import default_process_noise
-from optid.estimation.fixed_gain import fixed_gain_fit, innovations
+from optid.estimation.fixed_gain import SETTLED, fixed_gain_fit, innovations
 from optid.estimation.likelihood import Filtered, Noise, deviance, huber, run_filter
 from optid.estimation.likelihood_point import LEVELS, LikelihoodProblem
 from optid.estimation.problem import Booleans, Problem, window_numbers
@@ -25,7 +25,6 @@ from optid.estimation.problem import Booleans, Problem, window_numbers
 # Log of the quiet filter's share of the default process noise: so little that missing physics is not absorbed by it,
 # and enough to keep the states of a wrong model near the data. A nearly correct model predicts better with less.
 QUIET, STEP = -2.0, -1.0
-SETTLED = 5e-3  # of the loss: an iteration that gains less is the last
 # Of the loss: beyond the requested iterations a fit continues while each gains this much, at most MOST. With
 # stick-slip a fit may cross a plateau for some iterations before it reaches its optimum.
 FALLING, MOST = 0.1, 12

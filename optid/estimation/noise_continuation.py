@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -32,7 +33,7 @@ TIGHT = 1e-5  # practically none, where the iteration still converges easily
 # Relative decrease of the cost that ends a fit: about 0.001 in -2 log likelihood, as its roughness.
 SETTLED = 1e-7
 # The annealing schedule that all states follow together.
-LEVELS = tuple(LOOSEST / RUNG**k for k in range(8))
+LEVELS = tuple(LOOSEST / RUNG**k for k in range(round(math.log(LOOSEST / TIGHT, RUNG))))
 
 
 @dataclass(frozen=True, eq=False)

@@ -36,8 +36,6 @@ if TYPE_CHECKING:
 # Of the fit's half-width: the step along the profile, and by how much its minimum and the estimate may differ.
 STRIDE = 0.5
 FARTHEST = 24  # steps to each side; an interval still open after them counts as open
-BEYOND = 1.6  # multiple of the limit up to which the profile is computed, for plots
-DEEPER = 0.5  # of the limit by which another point of the profile must be better to be the minimum
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +75,7 @@ class Profile:
         unit = "" if self.unit == "1" else f" {self.unit}"
         lowest = float(self.values[int(np.argmin(self.deviance))])
         half = (self.linear[1] - self.linear[0]) / 2
-        if float(self.deviance.min()) < -DEEPER * self.limit:
+        if float(self.deviance.min()) < -self.limit:
             return (
                 f"; its minimum lies at {lowest:.5g}{unit}, away from the estimate of {self.estimate:.5g}{unit}: "
                 "the fit stopped in a local minimum; fit again from there, or with more --starts"
@@ -137,9 +135,7 @@ def profile(
     best, terms, _ = descend(o, Point(fit.states, p), q, precision=SETTLED / 100)
     curved, sd = _curved(o, best, terms, fit, k), math.sqrt(fit.covariance[k, k])
     limit = float(special.chdtri(1, 0.05))
-    walk = _ProfilePath(
-        o, q, k, STRIDE * math.sqrt(limit) * sd, BEYOND * limit * (sd / curved) ** 2, progress
-    )
+    walk = _ProfilePath(o, q, k, STRIDE * math.sqrt(limit) * sd, limit * (sd / curved) ** 2, progress)
     middle = (float(best.p[o.free[k]]), terms.cost, best.p)
     down, up = (_follow(walk, best, terms.cost, way) for way in (-1, 1))
     rows = [*reversed(down), middle, *up]

@@ -17,10 +17,8 @@ from optid.estimation.problem import Booleans, Integers, Problem, window_seconds
 SLOT = 0.2  # of a window: resolution of the map over time, 0.1 s where sampling is fast; shorter pauses are bridged
 WORKS = 0.1  # of its largest in a recording: activity beyond which an effect counts as active
 COVER = 0.8  # share of the mismatch that a range of a signal should contain
-PIECES = 40  # parts of a signal's range, with equal numbers of samples
 NOWHERE: Mapping[str, tuple[float, float]] = MappingProxyType({})
 ALWAYS = 0.95  # share of the recordings' time in which something that always acts is active
-INFORMATIVE = 1.25  # ratio of the shares of mismatch and samples from which a range is reported
 
 
 @dataclass(frozen=True)
@@ -37,7 +35,7 @@ class Range:
     @property
     def informative(self) -> bool:
         """Whether clearly more of the mismatch than of the samples lies there."""
-        return self.share > INFORMATIVE * self.occupancy
+        return COVER * self.share > self.occupancy
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,19 +165,17 @@ def _range(values: Array, energy: Array, unit: str) -> Range:
     total = float(e.sum())
     if not len(v) or total <= 0.0:
         return Range(float("nan"), float("nan"), unit, 0.0, 1.0)
-    edges = np.unique(np.quantile(v, np.linspace(0, 1, PIECES + 1)))
-    if len(edges) < 3:
-        return Range(float(edges[0]), float(edges[-1]), unit, 1.0, 1.0)
-    piece = np.clip(np.searchsorted(edges, v, side="right") - 1, 0, len(edges) - 2)
-    held = np.r_[0.0, np.cumsum(np.bincount(piece, weights=e, minlength=len(edges) - 1))] / total
-    count = np.r_[0.0, np.cumsum(np.bincount(piece, minlength=len(edges) - 1))] / len(v)
-    best = (2.0, 0, len(edges) - 1)
-    for a in range(len(edges) - 1):
-        b = int(np.searchsorted(held, held[a] + COVER - 1e-12))
-        if b < len(edges) and count[b] - count[a] < best[0]:
-            best = (float(count[b] - count[a]), a, b)
-    _, a, b = best
-    return Range(float(edges[a]), float(edges[b]), unit, float(held[b] - held[a]), float(count[b] - count[a]))
+    values, which = np.unique(v, return_inverse=True)
+    held = np.r_[0.0, np.cumsum(np.bincount(which, weights=e))] / total
+    count = np.r_[0.0, np.cumsum(np.bincount(which))] / len(v)
+    # From each value up to the first one with which the range holds enough.
+    last = np.searchsorted(held, held + COVER - 1e-12)
+    enough = np.flatnonzero(last < len(held))
+    a = int(enough[np.argmin(count[last[enough]] - count[enough])])
+    b = int(last[a])
+    return Range(
+        float(values[a]), float(values[b - 1]), unit, float(held[b] - held[a]), float(count[b] - count[a])
+    )
 
 
 def _intervals(

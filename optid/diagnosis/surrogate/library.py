@@ -31,7 +31,6 @@ from optid.rigs.rigfile import Rig, with_effects
 
 Form = TypeVar("Form", bound=Description)
 
-ALIKE = 4  # curves of a site that are tried
 SAME = 0.99  # correlation of two signals from which one is redundant
 # The fastest waves that are looked for: Hz, and periods within the range of a length. Patterns of sensors are finer
 # than those of forces.
@@ -49,7 +48,7 @@ def kind_of(site: str) -> str:
 
 
 def curves(base: FittedModel, located: UnknownInput) -> Sequence[Curve]:
-    """Curves over the physical states and inputs with which an unknown input is most correlated."""
+    """Curves over the physical states and inputs, those with which an unknown input is most correlated first."""
     size = float(np.nanstd(located.signal))
     if not size > 0.0:
         return []
@@ -81,7 +80,7 @@ def curves(base: FittedModel, located: UnknownInput) -> Sequence[Curve]:
             high=high,
             width=turns[speed] or 1.0,
         )
-        for name, speed in sorted(pairs, key=left)[:ALIKE]
+        for name, speed in sorted(pairs, key=left)
         for low, high in [_ends(followed[name])]
     ]
 

@@ -75,7 +75,7 @@ def find_surrogate(
     base, first = path.base, path.first
     likely = (sites[0], *_rivalling(sites, problem))
     problem.report(Stage.SURROGATE, "describing the mismatch")
-    forms = _forms(base, likely)
+    forms = _forms(base, likely, problem.options.contenders)
     led = propose(base, forms, problem).ranked
     tried = len(forms)
     best = _best(base, first, led, problem, tried)
@@ -98,11 +98,12 @@ def _loss(one: Contender) -> float:
     return float(one.validated.windows.sum())
 
 
-def _forms(base: FittedModel, likely: Sequence[UnknownInput]) -> list[Description]:
+def _forms(base: FittedModel, likely: Sequence[UnknownInput], most: int) -> list[Description]:
+    """Forms at these sites, of each at `most` so many curves."""
     found: dict[str, Description] = {}
     for one in likely:
         for site in one.sites:
-            found |= {form.name: form for form in curves(base, one.only(site))}
+            found |= {form.name: form for form in curves(base, one.only(site))[:most]}
         found |= {form.name: form for form in sticking(base, one)}
     found |= {form.name: form for form in shared(base, likely[0])}
     found |= {form.name: form for form in levels(base)}
