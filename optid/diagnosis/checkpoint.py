@@ -1,25 +1,22 @@
-"""Checkpoints of a diagnosis, stage by stage, from which an interrupted one continues.
+"""The stages of a diagnosis as documents of a checkpoint.
 
-One JSON file with a digest of its stages: a damaged one counts as empty. Numbers are stored bit-exactly; models are
-restored by running their filter at the stored parameters, so that the answer is the same as without an
+Models are restored by running their filter at the stored parameters, so that the answer is the same as without an
 interruption.
 """
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import json
-import os
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from optid.core.cache import sources
-from optid.core.document import optional_document
+from optid.core.checkpoint import equations
 from optid.core.model import Array, Model
 from optid.diagnosis.fitted import FittedModel
 from optid.diagnosis.problem import DiagnosisProblem, with_effect
@@ -30,55 +27,6 @@ from optid.effects.effect import Effect
 from optid.effects.library import admitted
 from optid.estimation.multistep import multistep_at
 from optid.rigs.rigfile import with_effects
-
-SCHEMA = "optid.checkpoint/5"
-
-
-@dataclass(frozen=True)
-class Checkpoint:
-    """A file of finished stages.
-
-    Attributes:
-        path: of the file; ``None`` keeps nothing.
-        key: digest of the diagnosis's inputs; a file with another one counts as empty.
-    """
-
-    path: Path | None = None
-    key: str = ""
-
-    def load(self, stage: str) -> Any:
-        """The stored result of a stage, or ``None``."""
-        return self._stages().get(stage)
-
-    def save(self, stage: str, content: Mapping[str, Any]) -> None:
-        """Store the result of a stage; the file is replaced completely."""
-        if self.path is None:
-            return
-        stages = {**self._stages(), stage: content}
-        document = {"schema": SCHEMA, "key": self.key, "digest": _digest(stages), "stages": stages}
-        part = self.path.with_name(f"{self.path.name}.{os.getpid()}.part")
-        try:
-            part.write_text(json.dumps(document), encoding="utf-8")
-            part.replace(self.path)
-        except OSError:  # a full disk prevents resuming, not the job
-            with contextlib.suppress(OSError):
-                part.unlink(missing_ok=True)
-
-    def clear(self) -> None:
-        """Delete it: the diagnosis is done."""
-        if self.path is not None:
-            self.path.unlink(missing_ok=True)
-
-    def _stages(self) -> dict[str, Any]:
-        document = None if self.path is None else optional_document(self.path)
-        if document is None or (document.get("schema"), document.get("key")) != (SCHEMA, self.key):
-            return {}
-        stages = document.get("stages")
-        return stages if isinstance(stages, dict) and document.get("digest") == _digest(stages) else {}
-
-
-def _digest(stages: Mapping[str, Any]) -> str:
-    return hashlib.sha256(json.dumps(stages).encode()).hexdigest()
 
 
 def key_of(problem: DiagnosisProblem) -> str:
@@ -102,7 +50,7 @@ def key_of(problem: DiagnosisProblem) -> str:
     )
     digest = hashlib.sha256(repr(facts).encode())
     for model in (problem.plain, *_with_each(problem)):
-        digest.update(_equations(model))
+        digest.update(equations(model))
     for one in problem.train:
         digest.update(one.name.encode() + one.time.tobytes())
         for role, channel in sorted(one.channels.items()):
@@ -116,14 +64,6 @@ def _with_each(problem: DiagnosisProblem) -> Iterator[Model]:
     for effect in admitted(problem.plain, problem.own):
         if effect.name in names:
             yield with_effect(problem.rig, effect).model
-
-
-def _equations(model: Model) -> bytes:
-    """A model's functions and numbers as text, in which an edited program or option shows."""
-    functions = [
-        f.serialize() for f in (model.rates, model.sensors, model.start, model.halves) if f is not None
-    ]
-    return repr((functions, model.parameters, model.suspects, model.form_error, model.biases)).encode()
 
 
 def base_document(base: FittedModel, problem: DiagnosisProblem) -> dict[str, Any]:

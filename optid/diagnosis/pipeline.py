@@ -12,6 +12,7 @@ from functools import partial
 from pathlib import Path
 
 from optid.core.budget import UNLIMITED, Budget
+from optid.core.checkpoint import Checkpoint
 from optid.core.recording import Recording
 from optid.diagnosis.alternatives import compare_alternatives
 from optid.diagnosis.base_fit import (
@@ -23,7 +24,6 @@ from optid.diagnosis.base_fit import (
 )
 from optid.diagnosis.between_samples import inputs_that_go_on, straight_inputs, straightened
 from optid.diagnosis.checkpoint import (
-    Checkpoint,
     base_document,
     base_from,
     key_of,

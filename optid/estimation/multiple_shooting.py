@@ -13,10 +13,11 @@ import numpy as np
 from scipy import special
 
 from optid.core.budget import Budget
+from optid.core.checkpoint import Checkpoint
 from optid.core.model import Array
 from optid.core.recording import Recording
 from optid.errors import InputError, NotIdentifiable, SolveError
-from optid.estimation.checkpoint import Checkpoint, Kept
+from optid.estimation.checkpoint import Kept, key_of, load, save
 from optid.estimation.covariance import covariance
 from optid.estimation.identifiability import Collinearity, examine, find_ties
 from optid.estimation.initial_trajectory import guess
@@ -128,12 +129,12 @@ def _best_of_starts(o: Objective, first: Point, linear: Terms, run: _Run) -> Sol
 
     `linear` is the linearisation at the first start.
     """
-    checkpoint, best = Checkpoint.of(run.options.checkpoint, o, first.p), None
-    for number, start in _starts(o, first, run.options, checkpoint.load()):
+    checkpoint, best = Checkpoint(run.options.checkpoint, key_of(o, first.p)), None
+    for number, start in _starts(o, first, run.options, load(checkpoint)):
         so_far = best.at if best else None
 
         def keep(at: Point, number: int = number, so_far: Point | None = so_far) -> None:
-            checkpoint.save(Kept(number, at, so_far))
+            save(checkpoint, Kept(number, at, so_far))
 
         try:
             stage = f"start {number + 1} of {run.options.starts}"

@@ -6,8 +6,9 @@ from types import MappingProxyType
 
 import pytest
 
+from optid.core.checkpoint import Checkpoint
 from optid.core.parameter import Parameter
-from optid.diagnosis.checkpoint import Checkpoint, key_of
+from optid.diagnosis.checkpoint import key_of
 from optid.effects.effect import Effect
 from optid.rigs.rigfile import read_rig
 from tests.diagnosis.trolley import problem_of, recording, rig

@@ -4,8 +4,8 @@ from types import SimpleNamespace
 
 import pytest
 
+from optid.core.checkpoint import Checkpoint
 from optid.diagnosis import base_fit, pipeline
-from optid.diagnosis.checkpoint import Checkpoint
 from optid.diagnosis.criteria import Criteria
 from optid.diagnosis.problem import DiagnosisProblem
 

@@ -163,7 +163,7 @@ def test_a_checkpoint_of_another_fit_is_not_read(tmp_path):
     assert kept.is_file()
     heavier = rig(tmp_path, free, drag=4.0)
     assert fit(heavier, data, FitOptions(checkpoint=kept)).values["drag"] == 4.0
-    kept.write_text('{"fit": "half a fi')
+    kept.write_text('{"schema": "half a fi')
     assert fit(heavier, data, FitOptions(checkpoint=kept)).outcome is Outcome.CONVERGED
 
 

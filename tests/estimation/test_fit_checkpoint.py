@@ -6,8 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from optid.core.checkpoint import Checkpoint
 from optid.core.sheet import build
-from optid.estimation.checkpoint import Checkpoint, Kept
+from optid.estimation.checkpoint import Kept, key_of, load, save
 from optid.estimation.objective import objective_of
 from optid.estimation.problem import build_problem
 from optid.estimation.smoother import Point
@@ -28,9 +29,9 @@ def kept(o):
 
 def test_it_comes_back_to_the_last_bit(objective, tmp_path):
     p, stand = kept(objective)
-    checkpoint = Checkpoint.of(tmp_path / "fit.part.json", objective, p)
-    checkpoint.save(stand)
-    found = Checkpoint.of(tmp_path / "fit.part.json", objective, p).load()
+    path = tmp_path / "fit.part.json"
+    save(Checkpoint(path, key_of(objective, p)), stand)
+    found = load(Checkpoint(path, key_of(objective, p)))
     assert found.number == 1
     assert np.array_equal(found.at.X, stand.at.X)
     assert np.array_equal(found.best.p, stand.best.p)
@@ -39,14 +40,14 @@ def test_it_comes_back_to_the_last_bit(objective, tmp_path):
 def test_a_changed_number_is_no_stand(objective, tmp_path):
     p, stand = kept(objective)
     path = tmp_path / "fit.part.json"
-    checkpoint = Checkpoint.of(path, objective, p)
-    checkpoint.save(stand)
+    checkpoint = Checkpoint(path, key_of(objective, p))
+    save(checkpoint, stand)
     document = json.loads(path.read_text())
-    document["stand"]["at"]["p"][0] = 7.0
+    document["stages"]["fit"]["at"]["p"][0] = 7.0
     path.write_text(json.dumps(document))
-    assert checkpoint.load() is None
+    assert load(checkpoint) is None
     path.write_text(path.read_text()[:-20])
-    assert checkpoint.load() is None
+    assert load(checkpoint) is None
 
 
 def other_cart(s):
@@ -59,6 +60,7 @@ def other_cart(s):
 
 def test_a_plant_that_was_edited_begins_anew(objective, tmp_path):
     p, stand = kept(objective)
-    Checkpoint.of(tmp_path / "fit.part.json", objective, p).save(stand)
+    path = tmp_path / "fit.part.json"
+    save(Checkpoint(path, key_of(objective, p)), stand)
     edited = replace(objective, model=replace(build(other_cart), name=objective.model.name))
-    assert Checkpoint.of(tmp_path / "fit.part.json", edited, p).load() is None
+    assert load(Checkpoint(path, key_of(edited, p))) is None
