@@ -38,8 +38,7 @@ class SearchOptions:
         tolerance: local error of its integration, as a share of each state's usual size; its result is fitted and
             tested more accurately.
         short: share of a window over which effects are fitted first: short enough for parameters that are far off.
-        race: steps of each of the two rounds in which proposals are reduced to the contenders, first on the recording
-            with the largest mismatch, then on all.
+        race: steps of every proposal over short windows, of which the contenders are the best.
         contenders: proposals that are fully fitted in a round.
         turns, steps: of a full fit by multi-step prediction errors.
         near: multiple of the smallest loss beyond which other starts or proposals are not fully fitted.

@@ -1,7 +1,7 @@
-"""Proposals: every branch of every effect by one simulation, then successive halving by multi-step errors.
+"""Proposals: every branch of every effect by one simulation, then the best of each by multi-step errors.
 
 A linear step chooses a branch of each effect (`optid.diagnosis.score_test`), and a simulation checks its predicted
-gain. The best ones continue by Gauss-Newton steps, with their own gains.
+gain. These continue by Gauss-Newton steps, with their own gains.
 """
 
 from __future__ import annotations
@@ -31,7 +31,6 @@ from optid.estimation.problem import Booleans
 
 SHARES = np.linspace(0.0, 1.0, LANES)  # shares of a linear step that are tried at once
 TOGETHER = 5  # effects that are scored in one model where few will compete
-SHORT = 5000  # samples of all recordings up to which all of them are used for proposals
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,16 +91,15 @@ def propose(
     """
     o, q = problem.options, current.likelihood_problem
     p = current.p if begin is None else begin
-    first = worst_recordings(current, problem)
     resets = window_starts(q.problem, o.short * problem.window)
     per_window = max(o.short * problem.window / float(np.median(q.problem.dt)), 1.0)
-    origin = origin_at(q, p, first, resets, per_window, level)
+    origin = origin_at(q, p, resets, per_window, level)
     if origin is None:
         return Proposals((), dict.fromkeys((effect.name for effect in effects), 0.0), math.inf)
     # Where few will compete, most need no model of their own.
     size = TOGETHER if promise is not None else 1
     together = [effects[k : k + size] for k in range(0, len(effects), size)]
-    found = parallel_map(partial(branches_of, current, problem, origin, first, resets), together)
+    found = parallel_map(partial(branches_of, current, problem, origin, resets), together)
     branches = dict(zip((effect.name for effect in effects), chain.from_iterable(found), strict=True))
     visible = {name: max((one.visible for one in some), default=0.0) for name, some in branches.items()}
     steps = [one.best for some in branches.values() for one in some if one.best is not None]
@@ -110,18 +108,12 @@ def propose(
         most = (1.0 - promise) * linear_loss_without_effect(origin)
         # Without any effect the first competes anyway: the test asks whether it gains anything.
         steps = [one for k, one in enumerate(steps) if one.loss <= most or (k == 0 and not current.effects)]
-    running = parallel_map(partial(_tried, problem, origin, current, first, resets), steps)
-    running = keep_best(running, len(running))
-    for over in (first, None) if o.race else ():
-        if problem.budget.is_over:
-            break
-        advanced = parallel_map(partial(_advance, problem, o.race, over, resets, level), running)
-        # The first is kept in any case: with its own gains a law may need more steps than a round has.
-        running = [*advanced[:1], *keep_best(advanced[1:], o.contenders - 1)]
-    if not running:
+    tried = parallel_map(partial(_tried, problem, origin, current, resets), steps)
+    advanced = parallel_map(partial(_advance, problem, resets, level), tried)
+    if not advanced:
         return Proposals((), visible, math.inf)
-    _, alone = _moved(problem, q, p, 2 * o.race, None, resets, level)
-    return Proposals(tuple(keep_best(running, len(running))), visible, alone)
+    _, alone = _moved(problem, q, p, resets, level)
+    return Proposals(tuple(keep_best(advanced, o.contenders)), visible, alone)
 
 
 def keep_best(running: Sequence[Tried], most: int) -> list[Tried]:
@@ -131,18 +123,6 @@ def keep_best(running: Sequence[Tried], most: int) -> list[Tried]:
         if len(kept) < most and math.isfinite(one.loss) and all(k.effect is not one.effect for k in kept):
             kept.append(one)
     return kept
-
-
-def worst_recordings(current: FittedModel, problem: DiagnosisProblem) -> list[int]:
-    """The segments of the recording with the largest mismatch, and of all others if they are short.
-
-    A difference between recordings, as friction at another pressure, is not visible in a single one: the rig's own
-    parameters compensate it there.
-    """
-    q = current.likelihood_problem
-    if len(q.problem.time) <= SHORT:
-        return list(range(len(q.problem.counts)))
-    return worst_recording(current, problem)
 
 
 def worst_recording(current: FittedModel, problem: DiagnosisProblem) -> list[int]:
@@ -160,7 +140,6 @@ def _tried(
     problem: DiagnosisProblem,
     origin: Origin,
     current: FittedModel,
-    only: Sequence[int],
     resets: Booleans,
     one: LinearStep,
 ) -> Proposal:
@@ -173,7 +152,7 @@ def _tried(
     ]
     own = {**origin.values, **one.effect.qualified(one.values)}
     P = np.array([q.at({**own, **move}) for move in moves])
-    seen = innovations(q, P, current.likelihood_problem.model, origin.held, only, resets)
+    seen = innovations(q, P, current.likelihood_problem.model, origin.held, resets=resets)
     losses = 0.5 * huber(seen).sum(axis=1)
     best = int(np.argmin(losses))
     return Proposal(one.effect, q, P[best], float(losses[best]))
@@ -181,14 +160,12 @@ def _tried(
 
 def _advance(
     problem: DiagnosisProblem,
-    steps: int,
-    only: Sequence[int] | None,
     resets: Booleans,
     level: float,
     one: Proposal,
 ) -> Proposal:
     """The same after some more steps; dropped where the simulation diverges."""
-    p, loss = _moved(problem, one.likelihood_problem, one.p, steps, only, resets, level)
+    p, loss = _moved(problem, one.likelihood_problem, one.p, resets, level)
     return replace(one, p=p, loss=loss)
 
 
@@ -196,17 +173,15 @@ def _moved(
     problem: DiagnosisProblem,
     q: LikelihoodProblem,
     p: Array,
-    steps: int,
-    only: Sequence[int] | None,
     resets: Booleans,
     level: float,
 ) -> tuple[Array, float]:
     """Parameters after some Gauss-Newton steps with their own gains, and the loss there."""
-    held = None if problem.budget.is_over else quiet_filter(q, p, only, level)
+    held = None if problem.budget.is_over else quiet_filter(q, p, level=level)
     if held is None:
         return p, math.inf
     try:
-        fit = fixed_gain_fit(q, p, q.model, held, steps, only, resets)
+        fit = fixed_gain_fit(q, p, q.model, held, problem.options.race, resets=resets)
     except SolveError:
         return p, math.inf
     return fit.p, fit.loss

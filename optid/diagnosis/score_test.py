@@ -73,20 +73,19 @@ class Origin:
 def origin_at(
     q: LikelihoodProblem,
     p: Array,
-    only: Sequence[int],
     resets: Booleans,
     per_window: float,
     level: float,
 ) -> Origin | None:
-    """The model's errors and their slopes over some segments; ``None`` where the simulation diverges."""
-    held = quiet_filter(q, p, only, level)
+    """The model's errors and their slopes; ``None`` where the simulation diverges."""
+    held = quiet_filter(q, p, level=level)
     if held is None:
         return None
     free = list(q.free)
     P = np.tile(p, (len(free) + 1, 1))
     steps = np.where(p[free] + NUDGES[1] * q.typical > q.high, -NUDGES[1], NUDGES[1])
     P[range(1, len(P)), free] += steps * q.typical
-    here, *others = innovations(q, P, q.model, held, only, resets)
+    here, *others = innovations(q, P, q.model, held, resets=resets)
     values = dict(zip((one.name for one in q.model.parameters), p.tolist(), strict=True))
     room = ((q.low - p[free]) / q.typical, (q.high - p[free]) / q.typical)
     names = tuple(q.model.parameters[i].name for i in free)
@@ -98,7 +97,6 @@ def branches_of(
     current: FittedModel,
     problem: DiagnosisProblem,
     origin: Origin,
-    only: Sequence[int],
     resets: Booleans,
     effects: Sequence[Effect],
 ) -> list[list[Branch]]:
@@ -107,7 +105,7 @@ def branches_of(
     points = [_scored_points(current, effect) for effect in effects]
     each = [effect.qualified(point) for effect, some in zip(effects, points, strict=True) for point in some]
     P = np.array([q.at({**origin.values, **values}) for values in ({}, *each)])
-    here, *seen = innovations(q, P, current.likelihood_problem.model, origin.held, only, resets)
+    here, *seen = innovations(q, P, current.likelihood_problem.model, origin.held, resets=resets)
     found, rest = [], np.array(seen) - here
     for effect, some in zip(effects, points, strict=True):
         changes, rest = rest[: len(some)], rest[len(some) :]

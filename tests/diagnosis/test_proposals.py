@@ -1,13 +1,12 @@
 """Proposals: what is looked at, and what a race keeps."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 
 from optid.diagnosis import proposals
 from optid.diagnosis.base_fit import fit_base
-from optid.diagnosis.proposals import SHORT, propose, worst_recordings
+from optid.diagnosis.proposals import propose
 from optid.effects.library import admitted
 from tests.diagnosis.trolley import problem_of, recording
 
@@ -18,41 +17,14 @@ def dead_band(u):
     return np.sign(u) * np.maximum(np.abs(u) - 0.2, 0.0)
 
 
-def test_short_recordings_are_all_looked_at():
-    """Friction that differs from recording to recording shows in no single one."""
-    problem = SimpleNamespace(time=np.zeros(SHORT), counts=np.array([10, 20, 30]))
-    current = SimpleNamespace(likelihood_problem=SimpleNamespace(problem=problem))
-    assert worst_recordings(current, None) == [0, 1, 2]
-
-
-def test_what_a_linear_step_led_to_goes_on_though_its_own_gains_set_it_back(tmp_path, monkeypatch):
-    """The first of a race is ranked at the end of all legs, not at that of the first."""
+def test_as_many_as_contend_are_kept_and_the_best_come_first(tmp_path):
     asked = problem_of(tmp_path, [recording(seed, f"{seed}.csv", dead_band) for seed in (1, 2)])
     base, asked = fit_base(asked)
-    asked = replace(asked, options=replace(asked.options, race=1, contenders=2))
-    effects = admitted(base.rig.model)
-    entered, advance = [], proposals._advance
-
-    def noted(*given):
-        entered.append(given[-1])
-        return advance(*given)
-
-    monkeypatch.setattr(proposals, "_advance", noted)
-    propose(base, effects, asked)
-    first = min(entered[: len(entered) - 2], key=lambda one: one.loss).effect
-    legs = []
-
-    def set_back(*given):
-        found = advance(*given)
-        if given[-1].effect is first:
-            legs.append(found.loss)
-            return replace(found, loss=1e9 * found.loss) if len(legs) == 1 else found
-        return found
-
-    monkeypatch.setattr(proposals, "_advance", set_back)
-    ranked = propose(base, effects, asked).ranked
-    assert len(legs) == 2
-    assert first in [one.effect for one in ranked]
+    asked = replace(asked, options=replace(asked.options, contenders=2))
+    ranked = propose(base, admitted(base.rig.model)[:FEW], asked).ranked
+    assert len(ranked) == 2
+    assert ranked[0].effect.name == "dead_zone@drive.command"
+    assert ranked[0].loss < ranked[1].loss
 
 
 def test_branches_compete_where_their_linear_step_promises_enough(tmp_path, monkeypatch):
