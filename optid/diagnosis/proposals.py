@@ -8,14 +8,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from itertools import chain
 from typing import TypeVar
 
 import numpy as np
 
-from optid.core.llvm_simd import LANES
 from optid.core.model import Array
 from optid.core.threads import parallel_map
 from optid.diagnosis.fitted import FittedModel
@@ -29,7 +28,6 @@ from optid.estimation.likelihood_point import LikelihoodProblem
 from optid.estimation.multistep import QUIET, quiet_filter, window_starts
 from optid.estimation.problem import Booleans
 
-SHARES = np.linspace(0.0, 1.0, LANES)  # shares of a linear step that are tried at once
 TOGETHER = 5  # effects that are scored in one model where few will compete
 
 
@@ -108,8 +106,7 @@ def propose(
         most = (1.0 - promise) * linear_loss_without_effect(origin)
         # Without any effect the first competes anyway: the test asks whether it gains anything.
         steps = [one for k, one in enumerate(steps) if one.loss <= most or (k == 0 and not current.effects)]
-    tried = parallel_map(partial(_tried, problem, origin, current, resets), steps)
-    advanced = parallel_map(partial(_advance, problem, resets, level), tried)
+    advanced = parallel_map(partial(_advance, current, problem, origin, resets, level), steps)
     if not advanced:
         return Proposals((), visible, math.inf)
     _, alone = _moved(problem, q, p, resets, level)
@@ -136,37 +133,18 @@ def worst_recording(current: FittedModel, problem: DiagnosisProblem) -> list[int
     return np.flatnonzero(q.problem.recording == int(np.argmax(loss))).tolist()
 
 
-def _tried(
+def _advance(
+    current: FittedModel,
     problem: DiagnosisProblem,
     origin: Origin,
-    current: FittedModel,
-    resets: Booleans,
-    one: LinearStep,
-) -> Proposal:
-    """A branch with the parameters moved by the share of the linear step that one simulation confirms."""
-    q = problem.likelihood_problem(with_effect(current.rig, one.effect))
-    steps = one.step * origin.typical
-    moves = [
-        {name: origin.values[name] + share * by for name, by in zip(origin.free, steps, strict=True)}
-        for share in SHARES
-    ]
-    own = {**origin.values, **one.effect.qualified(one.values)}
-    P = np.array([q.at({**own, **move}) for move in moves])
-    seen = innovations(q, P, current.likelihood_problem.model, origin.held, resets=resets)
-    losses = 0.5 * huber(seen).sum(axis=1)
-    best = int(np.argmin(losses))
-    return Proposal(one.effect, q, P[best], float(losses[best]))
-
-
-def _advance(
-    problem: DiagnosisProblem,
     resets: Booleans,
     level: float,
-    one: Proposal,
+    one: LinearStep,
 ) -> Proposal:
-    """The same after some more steps; dropped where the simulation diverges."""
-    p, loss = _moved(problem, one.likelihood_problem, one.p, resets, level)
-    return replace(one, p=p, loss=loss)
+    """A branch after some Gauss-Newton steps from the model's own parameters; lost where the simulation diverges."""
+    q = problem.likelihood_problem(with_effect(current.rig, one.effect))
+    start = q.at({**origin.values, **one.effect.qualified(one.values)})
+    return Proposal(one.effect, q, *_moved(problem, q, start, resets, level))
 
 
 def _moved(

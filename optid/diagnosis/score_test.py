@@ -18,9 +18,9 @@ from optid.core.model import Array
 from optid.diagnosis.fitted import FittedModel
 from optid.diagnosis.problem import DiagnosisProblem
 from optid.effects.effect import Effect
-from optid.estimation.fixed_gain import LOST, innovations
+from optid.estimation.fixed_gain import LOST, Residuals, innovations
 from optid.estimation.likelihood import Filtered, huber, huber_weight
-from optid.estimation.likelihood_point import NUDGES, LikelihoodProblem
+from optid.estimation.likelihood_point import LikelihoodProblem
 from optid.estimation.multistep import quiet_filter
 from optid.estimation.problem import Booleans
 from optid.rigs.rig import with_effects
@@ -33,15 +33,11 @@ UNSEEN = 0.01  # sd: a smaller change is the integrator's
 
 @dataclass(frozen=True, eq=False)
 class LinearStep:
-    """The result of a linear step: an effect's parameters, the predicted loss, and a step of the other parameters.
-
-    Parameters have their own names; the step is in typical sizes, (free,).
-    """
+    """The result of a linear step: an effect's parameters by own name, and the predicted loss."""
 
     effect: Effect
     values: Mapping[str, float]
     loss: float
-    step: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,14 +51,9 @@ class Branch:
 
 @dataclass(frozen=True, eq=False)
 class Origin:
-    """The point of linearisation: parameters by name, the filter there, the windows' errors and their slopes.
-
-    `free` are the names of the fitted parameters, `typical` their sizes.
-    """
+    """The point of linearisation: parameters by name, the filter there, the windows' errors and their slopes."""
 
     values: Mapping[str, float]
-    free: tuple[str, ...]
-    typical: Array
     held: Filtered
     errors: Array
     slopes: Array  # (rows, free)
@@ -82,15 +73,10 @@ def origin_at(
     if held is None:
         return None
     free = list(q.free)
-    P = np.tile(p, (len(free) + 1, 1))
-    steps = np.where(p[free] + NUDGES[1] * q.typical > q.high, -NUDGES[1], NUDGES[1])
-    P[range(1, len(P)), free] += steps * q.typical
-    here, *others = innovations(q, P, q.model, held, resets=resets)
+    errors, slopes = Residuals(q, p, q.model, held, resets=resets).linearised()
     values = dict(zip((one.name for one in q.model.parameters), p.tolist(), strict=True))
     room = ((q.low - p[free]) / q.typical, (q.high - p[free]) / q.typical)
-    names = tuple(q.model.parameters[i].name for i in free)
-    slopes = ((np.array(others) - here) / steps[:, None]).T
-    return Origin(values, names, q.typical, held, here, slopes, per_window, room)
+    return Origin(values, held, errors, slopes, per_window, room)
 
 
 def branches_of(
@@ -143,7 +129,7 @@ def _separate_branches(
             name: null[name] + strength * (value - null[name]) if name in effect.strength else value
             for name, value in point.items()
         }
-        found.append(Branch(LinearStep(effect, scaled, loss, step[:-1]), effect, visible))
+        found.append(Branch(LinearStep(effect, scaled, loss), effect, visible))
     return found
 
 
@@ -156,11 +142,11 @@ def _combined_branch(
         for one, point in zip(changes, points, strict=True)
     )
     step, loss = _explained(origin, changes.T / LITTLE, -FARTHEST)
-    own, count = dict(effect.at_null()), len(origin.free)
-    for strength, way in zip(step[count:], effect.ways, strict=True):
+    own = dict(effect.at_null())
+    for strength, way in zip(step[-len(effect.ways) :], effect.ways, strict=True):
         for name, by in way.items():
             own[name] += strength * by
-    return [Branch(LinearStep(effect, own, loss, step[:count]), effect, visible)]
+    return [Branch(LinearStep(effect, own, loss), effect, visible)]
 
 
 def _missed(current: FittedModel) -> tuple[list[Array], float]:

@@ -85,6 +85,13 @@ class Residuals:
         steps = np.where(x + steps > self.bounds[1], -steps, steps)
         return ((self.at(x + np.diag(steps)) - z) / steps[:, None]).T
 
+    def linearised(self) -> tuple[Array, Array]:
+        """Innovations in sd at the start, (measured,), and their slopes, (measured, free): without the priors."""
+        x = self.start
+        (z,) = self.at(x[None])
+        measured = len(z) - len(x)
+        return z[:measured], self.jacobian(x, z, np.full(len(x), NUDGES[1]))[:measured]
+
     def damped_points(
         self, x: Array, z: Array, J: Array, scale: float, counted: Booleans | None = None
     ) -> Array:

@@ -20,9 +20,8 @@ from optid.diagnosis.problem import DiagnosisProblem, with_effect
 from optid.diagnosis.proposals import worst_recording
 from optid.diagnosis.score_test import LITTLE
 from optid.effects.wave import TIME, Wave
-from optid.estimation.fixed_gain import innovations
+from optid.estimation.fixed_gain import Residuals, innovations
 from optid.estimation.likelihood import huber_weight
-from optid.estimation.likelihood_point import NUDGES
 from optid.estimation.problem import Booleans, Integers
 
 FINE = 2  # steps of the grid to a line's width
@@ -62,12 +61,8 @@ class Linearisation:
     @classmethod
     def of(cls, model: FittedModel, problem: DiagnosisProblem) -> Self:
         """At the model's parameters."""
-        q, free = model.likelihood_problem, list(model.likelihood_problem.free)
-        P = np.tile(model.p, (len(free) + 1, 1))
-        steps = np.where(model.p[free] + NUDGES[1] * q.typical > q.high, -NUDGES[1], NUDGES[1])
-        P[range(1, len(P)), free] += steps * q.typical
-        here, *others = innovations(q, P, q.model, model.fit.filtered)
-        return cls(model, problem, ((np.array(others) - here) / steps[:, None]).T)
+        q = model.likelihood_problem
+        return cls(model, problem, Residuals(q, model.p, q.model, model.fit.filtered).linearised()[1])
 
 
 def strongest_sinusoid(
