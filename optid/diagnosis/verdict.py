@@ -62,8 +62,9 @@ def is_explained_elsewhere(
 ) -> bool:
     """Whether a surrogate at another place, or over other signals, speaks against the named effects.
 
-    It explains most of an output's error of which they explain less than half: a law at fault elsewhere may put one
-    output right, as the gain of a valve does for the position, and leave the pressures as they were.
+    It is at the noise where they are not and leave more than a right law may by its form, or explains most of an
+    output's error of which they explain less than half: a law at fault elsewhere may put one output right, as the gain
+    of a valve does for the position, and leave the pressures as they were.
     """
     described = None if surrogate is None else surrogate.contender
     if described is None or _at_noise(path, problem):
@@ -75,7 +76,10 @@ def is_explained_elsewhere(
     before, named, free = (one.by_output for one in (path.first, path.validated, described.validated))
     half = problem.criteria.largest_rest * (before - 1.0)
     left_out = (before > most**2) & (named - 1.0 > half) & (free - 1.0 < half)
-    return apart and bool(left_out.any())
+    more = path.validated.excess - described.validated.excess
+    at_noise = described.validated.error_over_noise <= most
+    better = at_noise and more >= problem.criteria.smallest_share * path.first.excess
+    return apart and (better or bool(left_out.any()))
 
 
 def _at_noise(path: SelectionPath, problem: DiagnosisProblem) -> bool:

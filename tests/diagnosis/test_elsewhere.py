@@ -41,9 +41,21 @@ def test_names_at_the_noise_or_within_what_the_plant_states_need_no_description(
     assert is_beyond_doubt(path_left_at(left), problem(form_error)) is sure
 
 
-@pytest.mark.parametrize("surrogate", [SimpleNamespace(contender=None), None])
-def test_where_nothing_is_described_nothing_speaks_against_a_name(surrogate):
-    assert not is_explained_elsewhere(path_left_at(2.0), surrogate, problem())
+@pytest.mark.parametrize(
+    ("left", "surrogate", "elsewhere"),
+    [
+        (2.0, described(1.05, "sensor.position"), True),
+        (2.0, described(1.05, "force.external"), False),  # the law's own form, drawn freely
+        (2.0, described(1.05, "force.external", "command"), True),
+        (2.0, described(1.6, "sensor.position"), False),
+        (1.1, described(1.05, "sensor.position"), False),
+        (1.5, described(1.05, "sensor.position"), False),  # of 99 variances it explains another 1.1
+        (2.0, SimpleNamespace(contender=None), False),
+        (2.0, None, False),
+    ],
+)
+def test_only_what_reaches_the_noise_apart_from_a_law_speaks_against_its_name(left, surrogate, elsewhere):
+    assert is_explained_elsewhere(path_left_at(left), surrogate, problem()) is elsewhere
 
 
 @pytest.mark.parametrize(
