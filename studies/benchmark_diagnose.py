@@ -103,7 +103,9 @@ def _refit(
         answer = _likeliest(likelihood_problem(grown, build_problem(model, train, WHOLE), rig.model), p)
     except SolveError:  # from this size the simulation diverges
         return math.inf
-    return float(evaluate(answer.likelihood_problem, answer.p, answer.noise, held).deviance.sum())
+    q = answer.likelihood_problem
+    noise = {port.role: float(v) ** 0.5 for port, v in zip(model.outputs, q.measurement, strict=True)}
+    return evaluate(q, answer.p, answer.noise, held).error_over_noise(noise)
 
 
 def _likeliest(question: LikelihoodProblem, p: np.ndarray) -> LikelihoodFit:

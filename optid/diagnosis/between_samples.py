@@ -21,7 +21,6 @@ from optid.errors import SolveError
 from optid.estimation.multistep import fit_multistep
 
 STEADY = 0.5  # share of unchanged steps from which an input counts as held
-TURNS, STEPS = 2, 3  # iterations of the compared fit
 
 
 def inputs_that_go_on(base: FittedModel, search: DiagnosisProblem) -> tuple[str, ...]:
@@ -34,10 +33,10 @@ def inputs_that_go_on(base: FittedModel, search: DiagnosisProblem) -> tuple[str,
     roles = tuple(role for role in _open(search) if _moves_on(role, search.train))
     if not roles:
         return ()
-    other = straightened(search, roles)
+    other, o = straightened(search, roles), search.options
     q = other.likelihood_problem(other.rig)
     with contextlib.suppress(SolveError):
-        fit = fit_multistep(q, base.p, other.window, turns=TURNS, steps=STEPS, level=base.fit.level)
+        fit = fit_multistep(q, base.p, other.window, turns=o.turns, steps=o.steps, level=base.fit.level)
         if not fit.loss < base.fit.loss:
             return ()
         held = cross_validate(base, search)

@@ -16,7 +16,6 @@ from optid.estimation.likelihood import (
     WHOLE,
     Filtered,
     Noise,
-    deviance,
     run_filter,
     run_fixed_gain_filter,
     run_windows,
@@ -33,6 +32,7 @@ from optid.estimation.problem import (
     build_problem,
     cut_into,
     window_index,
+    window_means,
     window_seconds,
 )
 from optid.estimation.result import Score
@@ -46,7 +46,6 @@ class Evaluation:
 
     Attributes:
         horizon: length of a window, s.
-        deviance: -2 log likelihood of each sample, (samples,).
         blocks: window that each sample belongs to, (samples,).
         windows: predictions over that length, (samples, outputs); NaN in a recording's first.
         innovations: scaled to unit variance, (samples, outputs).
@@ -58,7 +57,6 @@ class Evaluation:
     """
 
     horizon: float
-    deviance: Array
     blocks: Integers
     windows: Array
     innovations: Array
@@ -127,7 +125,8 @@ def open_variance(q: LikelihoodProblem, p: Array, noise: Noise, length: float) -
     # The covariance of a correct model: with process noise, missing physics would count as uncertainty.
     starts = f.states[0, cut.begins], sure.covariances[0, cut.begins]
     square = _setting_errors(q, p, whole, f, length) ** 2 + _start_errors(q.model, p, whole, cut, *starts)
-    return np.nan_to_num(_by_block(square, window_index(cut)))
+    index = window_index(cut)
+    return np.nan_to_num(window_means(square, index)[index])
 
 
 def evaluate(q: LikelihoodProblem, p: Array, noise: Noise, recordings: Sequence[Recording]) -> Evaluation:
@@ -144,18 +143,18 @@ def evaluate(q: LikelihoodProblem, p: Array, noise: Noise, recordings: Sequence[
     owner = np.repeat(problem.recording, problem.counts + 1)
     blocks = window_index(cut)
     z = f.innovations[0] / np.sqrt(f.variances[0])
-    each = deviance(f.innovations[0], f.variances[0])
     square = _setting_errors(q, p, problem, f, length) ** 2 + _start_errors(
         model, p, problem, cut, predicted.starts, predicted.covariances
     )
     # A diverging prediction has no finite error, and no claim can be based on it.
     expected = np.where(
-        _predicted(problem, cut)[:, None], np.nan_to_num(np.sqrt(_by_block(square, blocks))), np.nan
+        _predicted(problem, cut)[:, None],
+        np.nan_to_num(np.sqrt(window_means(square, blocks)[blocks])),
+        np.nan,
     )
     used = [j for j, _ in outputs]
     return Evaluation(
         length,
-        each,
         blocks,
         windows[:, used],
         z[:, used],
@@ -202,17 +201,6 @@ def _within_leeway(q: LikelihoodProblem, p: Array) -> Array:
                 sets.append(p.copy())
                 sets[-1][i] = np.clip(p[i] + step, *parameter.bounds)
     return np.array(sets).reshape(len(sets), len(p))
-
-
-def _by_block(values: Array, blocks: Integers) -> Array:
-    """The mean of each sample's block, by output; NaN stays where it is."""
-    out = np.full_like(values, np.nan)
-    for j in range(values.shape[1]):
-        known = np.isfinite(values[:, j])
-        count = np.bincount(blocks[known], minlength=int(blocks.max()) + 1)
-        total = np.bincount(blocks[known], weights=values[known, j], minlength=len(count))
-        out[:, j] = np.where(known, (total / np.maximum(count, 1))[blocks], np.nan)
-    return out
 
 
 def _rms(values: Array) -> float:

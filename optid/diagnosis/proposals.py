@@ -155,7 +155,7 @@ def _moved(
     level: float,
 ) -> tuple[Array, float]:
     """Parameters after some Gauss-Newton steps with their own gains, and the loss there."""
-    held = None if problem.budget.is_over else quiet_filter(q, p, level=level)
+    held = None if problem.budget.is_over else quiet_filter(q, p, level)
     if held is None:
         return p, math.inf
     try:

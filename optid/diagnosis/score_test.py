@@ -69,7 +69,7 @@ def origin_at(
     level: float,
 ) -> Origin | None:
     """The model's errors and their slopes; ``None`` where the simulation diverges."""
-    held = quiet_filter(q, p, level=level)
+    held = quiet_filter(q, p, level)
     if held is None:
         return None
     free = list(q.free)

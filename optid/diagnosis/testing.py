@@ -26,7 +26,7 @@ from optid.errors import InputError
 from optid.estimation.fixed_gain import LOST
 from optid.estimation.likelihood import huber
 from optid.estimation.multistep import quiet_noise
-from optid.estimation.problem import SHORTEST, window_seconds
+from optid.estimation.problem import SHORTEST, window_means, window_seconds
 
 
 @dataclass(frozen=True)
@@ -184,14 +184,10 @@ def _windows(one: Evaluation, reference: Evaluation, noise: Mapping[str, float])
 
     A prediction that diverged counts as `LOST` sd.
     """
-    total = np.zeros(int(one.blocks.max()) + 1)
-    seen = np.zeros(len(total), dtype=np.bool_)
+    squares = np.full(one.measured.shape, math.nan)
     for j, role in enumerate(one.scores):
         floor = np.hypot(noise.get(role, 0.0), reference.expected[:, j])
         z = np.clip(one.prediction_errors(j) / np.where(floor > 0.0, floor, math.nan), -LOST, LOST)
-        known = np.isfinite(z)
-        count = np.bincount(one.blocks[known], minlength=len(total))
-        summed = np.bincount(one.blocks[known], weights=huber(z[known]), minlength=len(total))
-        total[count > 0] += 0.5 * summed[count > 0] / count[count > 0]
-        seen |= count > 0
-    return np.where(seen, total, math.nan)
+        squares[:, j] = huber(z)
+    means = window_means(squares, one.blocks)
+    return np.where(np.isfinite(means).any(axis=1), 0.5 * np.nansum(means, axis=1), math.nan)

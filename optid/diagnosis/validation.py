@@ -23,11 +23,10 @@ from optid.core.model import Array
 from optid.diagnosis.criteria import Criteria
 from optid.diagnosis.fitted import FittedModel
 from optid.diagnosis.problem import DiagnosisProblem
-from optid.effects.effect import Effect
 from optid.estimation.fixed_gain import Residuals, cross_validated_residuals
 from optid.estimation.likelihood import huber
 from optid.estimation.multistep import window_starts
-from optid.estimation.problem import Integers, cut_into, window_index
+from optid.estimation.problem import Integers, cut_into, window_index, window_means
 
 FOLDS, BLOCKS = 3, 2  # of the recordings, and blocks of each recording in a fold
 # Random signs: with two or three tests the smallest p-value is half the level of one effect of the whole catalogue.
@@ -92,7 +91,7 @@ def _cross_validated(model: FittedModel, problem: DiagnosisProblem) -> Validated
     blocks = window_index(cut)
     # The first window of a recording has no past data: it is not a prediction.
     z[np.isin(cut.begins, q.problem.begins)[blocks]] = np.nan
-    squares = _by_window(huber(z), blocks)
+    squares = window_means(huber(z), blocks)
     seen = np.isfinite(squares)
     return Validated(squares[np.ix_(seen.any(axis=1), seen.any(axis=0))])
 
@@ -111,16 +110,6 @@ def _folds(recording: Integers, time: Array, validation: Sequence[int]) -> Integ
         share = (time[here] - time[here].min()) / max(float(np.ptp(time[here])), 1e-300)
         fold[here] = np.minimum((FOLDS * BLOCKS * share).astype(np.int64), FOLDS * BLOCKS - 1) % FOLDS
     return fold
-
-
-def _by_window(squares: Array, blocks: Integers) -> Array:
-    out = np.full((int(blocks.max()) + 1, squares.shape[1]), np.nan)
-    for j in range(squares.shape[1]):
-        known = np.isfinite(squares[:, j])
-        count = np.bincount(blocks[known], minlength=len(out))
-        total = np.bincount(blocks[known], weights=squares[known, j], minlength=len(out))
-        out[count > 0, j] = total[count > 0] / count[count > 0]
-    return out
 
 
 def p_value(before: Array, after: Array, at_noise: bool) -> float:
@@ -166,7 +155,6 @@ def error_gain(before: Validated, after: Validated) -> float:
 
 
 def rejection_reason(
-    effect: Effect,
     size: float,
     first: Validated,
     before: Validated,
@@ -178,8 +166,7 @@ def rejection_reason(
     """Why an effect is rejected in addition to those before it; empty if it is accepted.
 
     Args:
-        effect: the new one.
-        size: in smallest sizes worth a name.
+        size: of the new effect, in smallest sizes worth a name.
         first, before, after: the original model, and those without and with the new effect.
         criteria: what counts as proof.
         tried: number of effects among which it was found.

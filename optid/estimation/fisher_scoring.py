@@ -81,7 +81,7 @@ def _descend(here: LikelihoodPoint) -> tuple[LikelihoodPoint, bool]:
     if here.slopes is None:
         here.fixed_gain_jacobian()
     for _ in range(MOST):
-        if here.q.over:
+        if here.q.budget.is_over:
             return here, False
         there, promised = _better(here, damping)
         if there is None:

@@ -48,7 +48,6 @@ class Residuals:
         p: the whole parameter vector, of which the free ones are replaced.
         plain: model of the guide; its states are a subset of the likelihood problem's.
         guide: filter run whose gains and variances are used; its gains must be kept.
-        only: segments to use; all if absent.
         resets: samples from which the following are predicted, (samples,); all if absent.
     """
 
@@ -56,7 +55,6 @@ class Residuals:
     p: Array
     plain: Model
     guide: Filtered
-    only: Sequence[int] | None = None
     resets: Booleans | None = None
 
     @property
@@ -77,7 +75,7 @@ class Residuals:
 
     def at(self, X: Array) -> Array:
         """Innovations in sd, then deviations from the priors, (sets, rows)."""
-        z = innovations(self.q, self.parameter_sets(X), self.plain, self.guide, self.only, self.resets)
+        z = innovations(self.q, self.parameter_sets(X), self.plain, self.guide, resets=self.resets)
         return np.concatenate([z, (X * self.q.typical - self.q.prior) / self.q.prior_sd], axis=1)
 
     def jacobian(self, x: Array, z: Array, steps: Array) -> Array:
@@ -117,8 +115,9 @@ def innovations(
     """Innovations of parameter sets under fixed gains, in sd of the guide's, (sets, measured).
 
     Args:
-        q, plain, guide, only, resets: as of `Residuals`.
+        q, plain, guide, resets: as of `Residuals`.
         P: (sets, parameters).
+        only: segments to use; all if absent.
     """
     names = [state.name for state in q.model.states]
     known = np.isfinite(guide.innovations[0])
@@ -137,7 +136,6 @@ def fixed_gain_fit(
     plain: Model,
     guide: Filtered,
     steps: int,
-    only: Sequence[int] | None = None,
     resets: Booleans | None = None,
 ) -> FixedGainFit:
     """Minimise the innovations over the parameters, from a start, by Levenberg-Marquardt steps.
@@ -146,14 +144,14 @@ def fixed_gain_fit(
     long. Slopes are simulated at the start, and again where a step shows that they no longer hold.
 
     Args:
-        q, plain, guide, only, resets: as of `Residuals`.
+        q, plain, guide, resets: as of `Residuals`.
         p: start, (parameters,).
         steps: at most.
 
     Raises:
         SolveError: the model cannot be simulated at the start.
     """
-    residuals = Residuals(q, p, plain, guide, only, resets)
+    residuals = Residuals(q, p, plain, guide, resets)
     x = residuals.start
     (z,) = residuals.at(x[None])
     if not np.abs(z[: len(z) - len(x)]).min() < LOST:

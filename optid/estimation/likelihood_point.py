@@ -62,11 +62,6 @@ class LikelihoodProblem:
         """The rig's model."""
         return self.rig.model
 
-    @property
-    def over(self) -> bool:
-        """Whether the budget of searches is used up."""
-        return self.budget.is_over
-
     def at(self, values: Mapping[str, float]) -> Array:
         """All parameters: the rig's, with these values by name, within the model's bounds, (parameters,)."""
         model = self.model

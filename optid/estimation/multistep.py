@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -54,13 +54,11 @@ def quiet_noise(q: LikelihoodProblem, level: float = QUIET) -> Noise:
     return Noise(q.measurement, q.groups, np.maximum(default_process_noise(q) + level, LEVELS[0]))
 
 
-def quiet_filter(
-    q: LikelihoodProblem, p: Array, only: Sequence[int] | None = None, level: float = QUIET
-) -> Filtered | None:
-    """A filter with quiet noise over all segments or `only` some; ``None`` where the simulation diverges."""
+def quiet_filter(q: LikelihoodProblem, p: Array, level: float = QUIET) -> Filtered | None:
+    """A filter with quiet noise; ``None`` where the simulation diverges."""
     noise = quiet_noise(q, level)
     Q = noise.spectrum(len(q.model.states))[None]
-    f = run_filter(q.model, q.problem, p[None], Q, noise.measurement[None], keep=True, only=only)
+    f = run_filter(q.model, q.problem, p[None], Q, noise.measurement[None], keep=True)
     if not math.isfinite(float(deviance(f.innovations, f.variances).sum())):
         return None
     variance = noise.measurement + (0.0 if q.open_variance is None else q.open_variance)
@@ -84,7 +82,6 @@ def fit_multistep(
     *,
     turns: int,
     steps: int,
-    only: Sequence[int] | None = None,
     level: float = QUIET,
     most: int = MOST,
     begun: MultistepFit | None = None,
@@ -97,7 +94,6 @@ def fit_multistep(
         seconds: length of a window.
         turns: iterations, each with new gains; more while the loss falls fast.
         steps: largest number of Gauss-Newton steps per iteration.
-        only: these segments count, all if absent.
         level: of the filter's process noise at the start, or the usual one if that predicts better; it is lowered as
             long as that predicts better.
         most: largest number of iterations.
@@ -107,7 +103,7 @@ def fit_multistep(
         SolveError: the model cannot be simulated at the start.
     """
     starts = window_starts(q.problem, seconds)
-    best = begun or _best_of(_stands(q, p, only, starts, by) for by in {level, QUIET})
+    best = begun or _best_of(_stands(q, p, starts, by) for by in {level, QUIET})
     if best is None:
         raise SolveError("the simulation diverged at the start values; check them and their units")
     lowered = True
@@ -116,9 +112,9 @@ def fit_multistep(
             break
         there = None
         with contextlib.suppress(SolveError):
-            moved = fixed_gain_fit(q, best.p, q.model, best.filtered, steps, only, starts).p
+            moved = fixed_gain_fit(q, best.p, q.model, best.filtered, steps, starts).p
             levels = (best.level, best.level + STEP) if lowered else (best.level,)
-            there = _best_of(_stands(q, moved, only, starts, level) for level in levels)
+            there = _best_of(_stands(q, moved, starts, level) for level in levels)
         if there is None or not there.loss < best.loss:
             break
         gain, lowered = 1.0 - there.loss / best.loss, there.level < best.level
@@ -132,14 +128,12 @@ def _best_of(fits: Iterable[MultistepFit | None]) -> MultistepFit | None:
     return min((one for one in fits if one is not None), key=lambda one: one.loss, default=None)
 
 
-def _stands(
-    q: LikelihoodProblem, p: Array, only: Sequence[int] | None, starts: Booleans, level: float = QUIET
-) -> MultistepFit | None:
+def _stands(q: LikelihoodProblem, p: Array, starts: Booleans, level: float = QUIET) -> MultistepFit | None:
     """The windows' errors at some parameters, with the gains of their own filter."""
-    f = quiet_filter(q, p, only, level)
+    f = quiet_filter(q, p, level)
     if f is None:
         return None
-    (z,) = innovations(q, p[None], q.model, f, only, starts)
+    (z,) = innovations(q, p[None], q.model, f, resets=starts)
     return MultistepFit(q, p, f, 0.5 * float(huber(z).sum()), level)
 
 
@@ -149,7 +143,7 @@ def multistep_at(q: LikelihoodProblem, p: Array, seconds: float, level: float = 
     Raises:
         SolveError: the model cannot be simulated.
     """
-    there = _stands(q, p, None, window_starts(q.problem, seconds), level)
+    there = _stands(q, p, window_starts(q.problem, seconds), level)
     if there is None:
         raise SolveError("the simulation diverged")
     return there
@@ -157,5 +151,5 @@ def multistep_at(q: LikelihoodProblem, p: Array, seconds: float, level: float = 
 
 def multistep_loss(q: LikelihoodProblem, p: Array, seconds: float, level: float = QUIET) -> float:
     """Huber's loss of windows' errors, in sd; infinite where the simulation diverges."""
-    there = _stands(q, p, None, window_starts(q.problem, seconds), level)
+    there = _stands(q, p, window_starts(q.problem, seconds), level)
     return math.inf if there is None else there.loss

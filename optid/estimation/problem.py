@@ -189,6 +189,17 @@ def window_index(cut: Problem) -> Integers:
     return np.searchsorted(cut.begins, np.arange(len(cut.time)), side="right") - 1
 
 
+def window_means(values: Array, index: Integers) -> Array:
+    """Mean of the known values (samples, outputs) of each window, (windows, outputs); NaN where it has none."""
+    means = np.full((int(index.max()) + 1, values.shape[1]), np.nan)
+    for j in range(values.shape[1]):
+        known = np.isfinite(values[:, j])
+        count = np.bincount(index[known], minlength=len(means))
+        total = np.bincount(index[known], weights=values[known, j], minlength=len(means))
+        means[count > 0, j] = total[count > 0] / count[count > 0]
+    return means
+
+
 def window_blocks(owner: Integers, time: Array, seconds: float) -> Integers:
     """The windows of all recordings, `owner` of each sample, numbered through, (samples,)."""
     pairs = np.stack([owner, np.floor(time / seconds + 1e-9).astype(np.int64)])

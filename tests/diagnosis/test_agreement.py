@@ -29,7 +29,7 @@ def evaluation(**times_noise):
     scores = {role: Score.of(measured[:, j], errors[:, j], "m") for j, role in enumerate(NOISE)}
     blocks, zero = np.arange(rows) // 20, np.zeros((rows, 2))
     time = np.arange(rows) / 1e3
-    return Evaluation(0.5, zero[:, 0], blocks, errors, zero, measured, time, blocks * 0, scores, zero)
+    return Evaluation(0.5, blocks, errors, zero, measured, time, blocks * 0, scores, zero)
 
 
 def told(low=NULL + 0.02, high=NULL + 0.03, evidence=None, before=None, after=None):

@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -76,8 +75,7 @@ def test_a_small_effect_is_named_only_if_it_alone_brings_the_model_to_the_noise(
     }
     plain = validated[first]
     without = plain if same else validated[before]
-    effect = SimpleNamespace(name="small")
-    why = rejection_reason(effect, 0.7, plain, without, validated[after], Criteria(), 30, alone=same)
+    why = rejection_reason(0.7, plain, without, validated[after], Criteria(), 30, alone=same)
     assert (why == "") is named
     assert named or why.startswith("the fit leaves it at 70 % of the smallest size")
 
@@ -98,6 +96,5 @@ def test_a_model_is_validated_once_for_each_problem(monkeypatch):
 def test_a_gain_that_cannot_be_computed_is_refused(monkeypatch):
     """NaN is neither less nor more than anything: no comparison may take it for a gain."""
     monkeypatch.setattr(validation, "error_gain", lambda before, after: math.nan)
-    effect = SimpleNamespace(name="any")
     first, better = Validated(np.full((20, 1), 9.0)), Validated(np.full((20, 1), 0.9))
-    assert rejection_reason(effect, 5.0, first, first, better, Criteria(), 1, True)
+    assert rejection_reason(5.0, first, first, better, Criteria(), 1, True)

@@ -33,7 +33,7 @@ def test_updated_slopes_reach_the_optimum_of_simulated_ones_with_fewer_simulatio
     for share in (0.0, fixed_gain.MISSED):
         sets.clear()
         monkeypatch.setattr(fixed_gain, "MISSED", share)
-        found.append(fixed_gain_fit(q, p, q.model, held, 8, None, resets))
+        found.append(fixed_gain_fit(q, p, q.model, held, 8, resets))
         spent.append(sum(sets))
     assert found[1].loss == pytest.approx(found[0].loss, rel=2e-3)
     assert found[1].p == pytest.approx(found[0].p, rel=5e-3)

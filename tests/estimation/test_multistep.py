@@ -99,7 +99,7 @@ def test_a_level_that_predicts_no_better_is_tried_once(asked, monkeypatch):
     q, p = asked
     tried = []
 
-    def stands(q, p, only, starts, level=QUIET):
+    def stands(q, p, starts, level=QUIET):
         tried.append(level)
         loss = 1.0 / len(tried) if level >= QUIET else 1e9
         return MultistepFit(q, p, None, loss, level)

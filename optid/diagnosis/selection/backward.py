@@ -26,9 +26,7 @@ def backward_elimination(path: SelectionPath, problem: DiagnosisProblem) -> Sele
             without[effect.name] = (less, errors)
             size = effect.size(best.own_values(effect))
             alone = not less.effects
-            why = rejection_reason(
-                effect, size, path.first, errors, validated, problem.criteria, tried, alone
-            )
+            why = rejection_reason(size, path.first, errors, validated, problem.criteria, tried, alone)
             if why:
                 idle.append((float(errors.windows.sum()), effect, why))
         if not idle:

@@ -74,7 +74,7 @@ def contend(
         validated = cross_validate(model, problem)
         size = one.effect.size(model.own_values(one.effect))
         alone = not current.effects
-        why = rejection_reason(one.effect, size, first, before, validated, problem.criteria, tried, alone)
+        why = rejection_reason(size, first, before, validated, problem.criteria, tried, alone)
         return Contender(one.effect, model, validated, why)
     return None
 
