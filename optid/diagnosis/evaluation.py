@@ -86,24 +86,6 @@ class Evaluation:
         most = float(np.max(ratios)) if ratios else math.nan
         return most if math.isfinite(most) else math.nan
 
-    def explained_share(self, before: Evaluation, noise: Mapping[str, float]) -> float:
-        """Explained share of the squared error of `before` beyond the noise, in the channel with most of it.
-
-        NaN where that is at the noise in every channel, or one of its predictions diverged.
-        """
-        worst, share = 0.0, math.nan
-        for j, role in enumerate(before.scores):
-            floor = noise.get(role, 0.0) ** 2 + float(np.nanmean(before.expected[:, j] ** 2))
-            first, then = (
-                _rms(one.prediction_errors(j)[one._should_be_predicted(j)]) ** 2 for one in (before, self)
-            )
-            if not math.isfinite(first):
-                return math.nan
-            if floor > 0.0 and (first - floor) / floor > worst:
-                worst = (first - floor) / floor
-                share = 1.0 - float(np.maximum(then - floor, 0.0)) / (first - floor)
-        return share
-
     def prediction_errors(self, output: int) -> Array:
         """Measured less predicted, (samples,); infinite where a prediction diverged, NaN where there should be none."""
         off = self.measured[:, output] - self.windows[:, output]

@@ -137,13 +137,14 @@ def conclude(s: TestedResult, doubted: TestedResult | None = None) -> Diagnosis:
 def _verdict(s: TestedResult, suspects: Sequence[Suspicion]) -> Verdict:
     """The verdict; values that are not finite, not tested or not confirmed support no claim: NaN compares as false."""
     c, noise = s.problem.criteria, s.problem.noise
-    at_noise = s.test.best.error_over_noise(noise) <= c.error_over_noise
+    ratio = s.test.best.error_over_noise(noise)
+    at_noise = ratio <= c.error_over_noise
     if s.wide:
         return Verdict.PARAMETERS if at_noise and s.test.p_value <= c.level else Verdict.UNEXPLAINED
     if s.names:
-        held = at_noise or _share(s) >= 1.0 - largest_rest(s.problem)
+        enough = at_noise or (math.isfinite(ratio) and is_sufficient(s.path, s.search))
         proven = len(suspects) < len(s.best.effects)
-        return Verdict.MISSING_PHYSICS if held and proven else Verdict.UNEXPLAINED
+        return Verdict.MISSING_PHYSICS if enough and proven else Verdict.UNEXPLAINED
     silent = not s.best.effects and s.surrogate is None
     return Verdict.CONSISTENT if silent and at_noise else Verdict.UNEXPLAINED
 
@@ -153,11 +154,6 @@ def _is_contradicted(s: TestedResult) -> bool:
     ratios = s.path.first.error_over_noise, s.test.base.error_over_noise(s.problem.noise)
     at_noise = all(ratio <= s.problem.criteria.error_over_noise for ratio in ratios)
     return at_noise and all(evidence.error_gain <= 0.0 for evidence in s.test.names.values())
-
-
-def _share(s: TestedResult) -> float:
-    """Share of the squared error on the hold-out that the best model explains."""
-    return s.test.best.explained_share(s.test.base, s.problem.noise)
 
 
 def _birge(s: TestedResult, evaluation: Evaluation) -> float:
@@ -215,18 +211,14 @@ def _unconfirmed_effects(s: TestedResult) -> tuple[Suspicion, ...]:
 
 def _fallen_short(s: TestedResult) -> tuple[Suspicion, ...]:
     """Effects that were selected and do not explain enough."""
-    if s.names:
-        share = _share(s)
-        why = f"it explains {100 * share:.0f} % of the squared error on the hold-out"
-        if not math.isfinite(share):
-            why = "a prediction of the hold-out diverged"
-    else:
-        explained = 1.0 - s.path.validated.excess / max(s.path.first.excess, 1e-300)
-        why = f"it explains {100 * explained:.0f} % of the squared error of windows that were not fitted"
-        if is_explained_elsewhere(s.path, s.surrogate, s.search) and s.surrogate and s.surrogate.contender:
-            (site, *_) = s.surrogate.contender.effect.sites
-            left = s.surrogate.contender.validated.error_over_noise
-            why += f"; a description at {site} brings them to {left:.2g} times the noise"
+    explained = 1.0 - s.path.validated.excess / max(s.path.first.excess, 1e-300)
+    why = f"it explains {100 * explained:.0f} % of the squared error of windows that were not fitted"
+    if s.names and not math.isfinite(s.test.best.error_over_noise(s.problem.noise)):
+        why = "a prediction of the hold-out diverged"
+    if not s.names and is_explained_elsewhere(s.path, s.surrogate, s.search) and s.surrogate.contender:
+        (site, *_) = s.surrogate.contender.effect.sites
+        left = s.surrogate.contender.validated.error_over_noise
+        why += f"; a description at {site} brings them to {left:.2g} times the noise"
     return tuple(Suspicion(effect.name, why) for effect in s.path.best.effects)
 
 

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from optid.diagnosis.criteria import Criteria
+from optid.diagnosis.result import Verdict
 from optid.diagnosis.validation import Validated
-from optid.diagnosis.verdict import is_beyond_doubt, is_explained_elsewhere, is_sufficient
+from optid.diagnosis.verdict import _verdict, is_beyond_doubt, is_explained_elsewhere, is_sufficient
 
 NAME = SimpleNamespace(name="named", sites=("force.external",), depends_on=("velocity",))
 
@@ -80,3 +81,27 @@ def test_an_output_that_a_law_leaves_out_and_a_description_elsewhere_explains_sp
     path.first = Validated(np.tile([150.0**2, 1.3], (20, 1)))  # the pressure was at the noise
     path.validated = Validated(np.tile([17.0**2, 1.3], (20, 1)))
     assert not is_explained_elsewhere(path, SimpleNamespace(contender=contender), problem())
+
+
+@pytest.mark.parametrize(
+    ("left", "held_out", "found"),
+    [
+        (
+            6.0,
+            9.0,
+            Verdict.MISSING_PHYSICS,
+        ),  # the test is passed: what is left there does not refuse the name
+        (9.0, 9.0, Verdict.UNEXPLAINED),
+        (9.0, 1.1, Verdict.MISSING_PHYSICS),
+        (6.0, float("nan"), Verdict.UNEXPLAINED),
+    ],
+)
+def test_how_much_a_name_explains_is_asked_of_windows_that_selected_it_and_not_of_the_hold_out(
+    left, held_out, found
+):
+    path, asked = path_left_at(left), problem()
+    asked.noise = {}
+    best = SimpleNamespace(effects=(NAME,))
+    test = SimpleNamespace(best=SimpleNamespace(error_over_noise=lambda noise: held_out))
+    s = SimpleNamespace(problem=asked, search=asked, path=path, wide=False, names=True, best=best, test=test)
+    assert _verdict(s, ()) is found

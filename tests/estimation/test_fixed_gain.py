@@ -27,7 +27,9 @@ def test_updated_slopes_reach_the_optimum_of_simulated_ones_with_fewer_simulatio
     held, resets = quiet_filter(q, p), window_starts(q.problem, SECONDS)
     sets, simulate = [], fixed_gain.innovations
     monkeypatch.setattr(
-        fixed_gain, "innovations", lambda q, P, *rest: sets.append(len(P)) or simulate(q, P, *rest)
+        fixed_gain,
+        "innovations",
+        lambda q, P, *rest, **named: sets.append(len(P)) or simulate(q, P, *rest, **named),
     )
     found, spent = [], []
     for share in (0.0, fixed_gain.MISSED):
