@@ -28,6 +28,7 @@ def driven(tmp_path_factory):
 def test_a_pull_is_found_where_it_drives_and_as_it_was(driven):
     found = locate(*driven)
     assert {found[0].site, found[1].site} == {"drive.command", "drag.force"}  # one force on this plant
+    assert found[0].gain - found[1].gain < 3.0
     assert found[-1].site == "sensor.position"
     assert found[-1].gain < found[0].gain - 100.0
     there = next(one for one in found if one.site == "drive.command")

@@ -57,6 +57,7 @@ class UnknownInput:
         signals: filtered estimates at each sample, in the sites' units, (samples, sites).
         sd: standard deviations of the filter, (samples, sites).
         deviance: -2 log likelihood of each sample, (samples,).
+        p: parameters of the model without it, fitted with it, (parameters,).
     """
 
     sites: tuple[str, ...]
@@ -64,6 +65,7 @@ class UnknownInput:
     signals: Array
     sd: Array
     deviance: Array
+    p: Array
 
     @property
     def site(self) -> str:
@@ -100,9 +102,21 @@ class UnknownInput:
 
 
 def locate(model: FittedModel, problem: DiagnosisProblem) -> list[UnknownInput]:
-    """Unknown inputs at all places where the plant says that something may be missing, the best first."""
-    found = parallel_map(lambda sites: locate_at(model, problem, *sites), places(model))
-    return sorted((one for one in found if one is not None), key=lambda one: -one.gain)
+    """Unknown inputs at all places where the plant says that something may be missing, the best first.
+
+    Sites that the recordings do not tell apart have the same likelihood only with the same parameters: every other one
+    is also tried with the parameters of the best.
+    """
+    tried = parallel_map(lambda sites: locate_at(model, problem, *sites), places(model))
+    found = sorted((one for one in tried if one is not None), key=lambda one: -one.gain)
+    again = parallel_map(
+        lambda one: locate_at(model, problem, *one.sites, begin=found[0].p, turns=0), found[1:]
+    )
+    better = [
+        one if other is None or other.gain < one.gain else other
+        for one, other in zip(found[1:], again, strict=True)
+    ]
+    return sorted([*found[:1], *better], key=lambda one: -one.gain)
 
 
 def places(model: FittedModel) -> tuple[tuple[str, ...], ...]:
@@ -118,8 +132,13 @@ def places(model: FittedModel) -> tuple[tuple[str, ...], ...]:
     return tuple(chosen)
 
 
-def locate_at(model: FittedModel, problem: DiagnosisProblem, *sites: str) -> UnknownInput | None:
-    """An unknown input at one site, or at each of several similar ones; ``None`` where none would be visible."""
+def locate_at(
+    model: FittedModel, problem: DiagnosisProblem, *sites: str, begin: Array | None = None, turns: int = TURNS
+) -> UnknownInput | None:
+    """An unknown input at one site, or at each of several similar ones; ``None`` where none would be visible.
+
+    The model's parameters are fitted with it in so many `turns`, from its own or those to `begin` with, (parameters,).
+    """
     scale = push(model, problem, sites[0])
     if scale is None:
         return None
@@ -127,13 +146,14 @@ def locate_at(model: FittedModel, problem: DiagnosisProblem, *sites: str) -> Unk
     own = [state.name for state in rig.model.states]
     walks = tuple(own.index(f"unknown.signal_{k}") for k in range(len(sites)))
     q = replace(problem.likelihood_problem(rig), groups=(walks,))
-    p = q.model.vector_from(model.likelihood_problem.model, model.p, rig.parameters)
+    plain = model.likelihood_problem.model
+    p = q.model.vector_from(plain, model.p if begin is None else begin, rig.parameters)
     try:
-        for _ in range(TURNS):
+        for left in reversed(range(turns + 1)):
             p, levels = successive_halving(q, [(p, levels) for levels in noise_levels(q)])
-            f = _filtered(q, p, levels)
-            p = fixed_gain_fit(q, p, q.model, f, GAUSS_NEWTON).p
-        f = _filtered(q, p, levels, covariances=True)
+            if left:
+                p = fixed_gain_fit(q, p, q.model, _filtered(q, p, levels), GAUSS_NEWTON).p
+        f = _filtered(q, p, _finer(q, p, levels), covariances=True)
     except SolveError:
         return None  # with an unknown input there the simulation diverges
     each = deviance(f.innovations[0], f.variances[0])
@@ -141,7 +161,22 @@ def locate_at(model: FittedModel, problem: DiagnosisProblem, *sites: str) -> Unk
         return None
     gain, drift = _noiseless(model) - float(each.sum()), list(walks)
     sd = np.sqrt(f.covariances[0][:, drift, drift])
-    return UnknownInput(sites, gain, f.states[0][:, drift], sd, each)
+    own_p = p[[q.model.index(one.name) for one in plain.parameters]]
+    return UnknownInput(sites, gain, f.states[0][:, drift], sd, each, own_p)
+
+
+def _finer(q: LikelihoodProblem, p: Array, levels: Array) -> Array:
+    """The most likely levels between those of the grid.
+
+    One signal has other units at another site, and the same step lies elsewhere on the grid there.
+    """
+    for step in (0.5, 0.25, 0.125):
+        near = [levels + by * step for by in (-1.0, 0.0, 1.0)]
+        scores = [
+            deviance(f.innovations[0], f.variances[0]).sum() for f in (_filtered(q, p, one) for one in near)
+        ]
+        levels = near[int(np.nanargmin(scores))]
+    return levels
 
 
 def _filtered(q: LikelihoodProblem, p: Array, levels: Array, covariances: bool = False) -> Filtered:
