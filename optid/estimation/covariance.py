@@ -16,7 +16,7 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
-from scipy import special, stats
+from scipy import special
 from scipy.fft import next_fast_len, rfft
 
 from optid.core.jit import compiled
@@ -53,7 +53,7 @@ def covariance(o: Objective, at: Point, t: Terms, q: Array, held: np.ndarray) ->
     prior = solve_schur(s, np.diag((o.typical * ~held / o.prior_sd) ** 2))
     prior = solve_schur(s, prior.T)  # contribution of the prior: S^-1 (1/sd^2) S^-1
     more = np.diag(blocks) > special.chdtri(freedom, SCATTER) / freedom * np.diag(stationary)
-    wider = (stats.t.interval(CONFIDENCE, freedom)[1] / Z95) ** 2
+    wider = (special.stdtrit(freedom, (1.0 + CONFIDENCE) / 2.0) / Z95) ** 2
     sd = np.sqrt(np.where(more, wider * np.diag(blocks), np.diag(stationary)))
     correlation = stationary / np.maximum(np.sqrt(np.outer(np.diag(stationary), np.diag(stationary))), 1e-300)
     total = correlation * np.outer(sd, sd) + prior

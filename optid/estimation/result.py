@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from optid.core.model import Array
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 CONFIDENCE = 0.95  # of every interval
-Z95 = float(norm.interval(CONFIDENCE)[1])  # its half-width, in sd
+Z95 = float(ndtri((1.0 + CONFIDENCE) / 2.0))  # its half-width, in sd
 
 
 class Outcome(enum.Enum):

@@ -7,7 +7,6 @@ import pytest
 
 from optid.api import checking
 from optid.core.recording import Channel, Recording
-from optid.diagnosis.criteria import Criteria
 from optid.diagnosis.testing import gate
 from optid.errors import InputError
 from optid.estimation.problem import window_seconds
@@ -59,9 +58,9 @@ def test_short_recordings_are_examined_whole():
 def test_a_record_of_a_second_has_enough_windows():
     assert window_seconds(1e-3, 0.999) == pytest.approx(0.999 / 8)
     assert window_seconds(1e-3, 2.0) == window_seconds(1e-3) == 0.5
-    gate([recorded(1000)], ("position",), ("command",), Criteria())
+    gate([recorded(1000)], ("position",), ("command",))
     with pytest.raises(InputError, match=r"windows of 0\.05 s"):  # of fifty samples at least
-        gate([recorded(120)], ("position",), ("command",), Criteria())
+        gate([recorded(120)], ("position",), ("command",))
 
 
 def thinned(one, keep):
@@ -74,8 +73,8 @@ def thinned(one, keep):
 def test_a_sensor_slower_than_the_log_has_its_windows():
     """Every fourth row of 4 s is 4 s; as many rows in one piece are one second, and scattered ones count alone."""
     one, rows = recorded(4000), np.arange(4000)
-    gate([thinned(one, rows % 4 == 0)], ("position",), ("command",), Criteria())
+    gate([thinned(one, rows % 4 == 0)], ("position",), ("command",))
     scattered = np.isin(rows, np.random.default_rng(0).choice(rows, 1000, replace=False))
     for keep in (rows < 1000, scattered):
         with pytest.raises(InputError, match=r"only 2\.0 windows"):
-            gate([thinned(one, keep)], ("position",), ("command",), Criteria())
+            gate([thinned(one, keep)], ("position",), ("command",))

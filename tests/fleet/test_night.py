@@ -57,8 +57,8 @@ def test_wear_is_measured_as_it_grows():
 def test_a_livelier_filter_measures_a_night_that_the_quiet_one_loses(monkeypatch):
     """It diverges on about one night of 3 000, where the model sticks and its rig creeps."""
 
-    def lost(q, p, only=None, level=multistep.QUIET):
-        return None if level == multistep.QUIET else quiet_filter(q, p, only, level)
+    def lost(q, p, level=multistep.QUIET):
+        return None if level == multistep.QUIET else quiet_filter(q, p, level)
 
     quiet_filter = multistep.quiet_filter
     monkeypatch.setattr(multistep, "quiet_filter", lost)
