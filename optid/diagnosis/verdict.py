@@ -215,9 +215,10 @@ def _fallen_short(s: TestedResult) -> tuple[Suspicion, ...]:
     why = f"it explains {100 * explained:.0f} % of the squared error of windows that were not fitted"
     if s.names and not math.isfinite(s.test.best.error_over_noise(s.problem.noise)):
         why = "a prediction of the hold-out diverged"
-    if not s.names and is_explained_elsewhere(s.path, s.surrogate, s.search) and s.surrogate.contender:
-        (site, *_) = s.surrogate.contender.effect.sites
-        left = s.surrogate.contender.validated.error_over_noise
+    described = None if s.names or s.surrogate is None else s.surrogate.contender
+    if described is not None and is_explained_elsewhere(s.path, s.surrogate, s.search):
+        (site, *_) = described.effect.sites
+        left = described.validated.error_over_noise
         why += f"; a description at {site} brings them to {left:.2g} times the noise"
     return tuple(Suspicion(effect.name, why) for effect in s.path.best.effects)
 
