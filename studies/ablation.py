@@ -1,7 +1,7 @@
 """What each part of the diagnosis' search gains: every case with it and without it, in pairs.
 
     python studies/concealed.py draw --count 30 --seed S --open --out DIR
-    python studies/ablation.py run DIR [--only race,restart] [--cases 30]
+    python studies/ablation.py run DIR [--only steps,restart] [--cases 30]
     python studies/ablation.py table DIR
 
 DIR holds cases of any plant, each with rig.toml, its recordings and answer.json. A row a case and variant is written as
@@ -96,9 +96,9 @@ def _all_compete(current: Any, effects: Any, problem: Any, promise: Any = None, 
 
 VARIANTS = {
     AS_IS: Variant("nothing"),
-    "race": Variant("the linear step alone ranks effects", {"race": 0}),
+    "steps": Variant("the linear step alone ranks effects", {"proposal_steps": 0}),
     "promise": Variant(
-        "all branches race, also from a model at the noise", {}, {(forward, "propose"): _all_compete}
+        "all branches compete, also from a model at the noise", {}, {(forward, "propose"): _all_compete}
     ),
     "contenders": Variant("one effect a round is fitted in full", {"contenders": 1}),
     "short windows": Variant("effects are first fitted by whole windows", {"short": 1.0}),

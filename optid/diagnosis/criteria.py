@@ -38,7 +38,7 @@ class SearchOptions:
         tolerance: local error of its integration, as a share of each state's usual size; its result is fitted and
             tested more accurately.
         short: share of a window over which effects are fitted first: short enough for parameters that are far off.
-        race: steps of every proposal over short windows, of which the contenders are the best.
+        proposal_steps: Gauss-Newton steps of every proposal over short windows, of which the contenders are the best.
         contenders: proposals that are fully fitted in a round.
         turns, steps: of a full fit by multi-step prediction errors.
         near: multiple of the smallest loss beyond which other starts or proposals are not fully fitted.
@@ -48,7 +48,7 @@ class SearchOptions:
     rate: float = 500.0
     tolerance: float = 1e-4
     short: float = 0.2
-    race: int = 3
+    proposal_steps: int = 3
     contenders: int = 3
     turns: int = 4
     steps: int = 4

@@ -1,7 +1,7 @@
 """Proposals: every branch of every effect by one simulation, then the best of each by multi-step errors.
 
-A linear step chooses a branch of each effect (`optid.diagnosis.score_test`), and a simulation checks its predicted
-gain. These continue by Gauss-Newton steps, with their own gains.
+A linear step chooses a branch of each effect (`optid.diagnosis.score_test`). These go on by Gauss-Newton steps over
+short windows, with the gains of their own filters, and the best contend for a place in the model.
 """
 
 from __future__ import annotations
@@ -22,8 +22,7 @@ from optid.diagnosis.problem import DiagnosisProblem, with_effect
 from optid.diagnosis.score_test import LinearStep, Origin, branches_of, linear_loss_without_effect, origin_at
 from optid.effects.effect import Effect
 from optid.errors import SolveError
-from optid.estimation.fixed_gain import fixed_gain_fit, innovations
-from optid.estimation.likelihood import huber
+from optid.estimation.fixed_gain import fixed_gain_fit
 from optid.estimation.likelihood_point import LikelihoodProblem
 from optid.estimation.multistep import QUIET, quiet_filter, window_starts
 from optid.estimation.problem import Booleans
@@ -122,17 +121,6 @@ def keep_best(running: Sequence[Tried], most: int) -> list[Tried]:
     return kept
 
 
-def worst_recording(current: FittedModel, problem: DiagnosisProblem) -> list[int]:
-    """The segments of the recording with the largest mismatch."""
-    q = current.likelihood_problem
-    resets = window_starts(q.problem, problem.window)
-    (z,) = innovations(q, current.p[None], q.model, current.fit.filtered, resets=resets)
-    rows = np.nonzero(np.isfinite(current.fit.filtered.innovations[0]))[0]
-    owner = np.repeat(q.problem.recording, q.problem.counts + 1)[rows]
-    loss = np.bincount(owner, weights=huber(z))
-    return np.flatnonzero(q.problem.recording == int(np.argmax(loss))).tolist()
-
-
 def _advance(
     current: FittedModel,
     problem: DiagnosisProblem,
@@ -159,7 +147,7 @@ def _moved(
     if held is None:
         return p, math.inf
     try:
-        fit = fixed_gain_fit(q, p, q.model, held, problem.options.race, resets=resets)
+        fit = fixed_gain_fit(q, p, q.model, held, problem.options.proposal_steps, resets=resets)
     except SolveError:
         return p, math.inf
     return fit.p, fit.loss

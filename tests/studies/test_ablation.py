@@ -32,9 +32,9 @@ def test_a_part_that_did_nothing_is_not_left_out_by_another_run(tmp_path, monkey
         )
 
     monkeypatch.setattr(ablation, "diagnosed", diagnosed)
-    names = ["bounds", "restart", "alternatives", "race"]
+    names = ["bounds", "restart", "alternatives", "steps"]
     ablation.run(tmp_path, names, 2, 1.0, lambda words: None)
-    every = [(case, name) for case in ("one", "two") for name in (ablation.AS_IS, "alternatives", "race")]
+    every = [(case, name) for case in ("one", "two") for name in (ablation.AS_IS, "alternatives", "steps")]
     assert ran == every
     rows = {(row["case"], row["variant"]): row for row in ablation.rows_of(tmp_path)}
     assert rows["one", "bounds"]["seconds"] == 7.0 and rows["one", "bounds"]["right"]
@@ -43,7 +43,7 @@ def test_a_part_that_did_nothing_is_not_left_out_by_another_run(tmp_path, monkey
     ablation.run(tmp_path, names, 2, 1.0, lambda words: None)
     assert ran == []
     lines = {line.split(" | ")[0]: line for line in ablation.table(tmp_path).splitlines()}
-    assert "| 2 | 1 | 1 | 0 | +50 %" in lines[f"| {ablation.VARIANTS['race'].words}"]
+    assert "| 2 | 1 | 1 | 0 | +50 %" in lines[f"| {ablation.VARIANTS['steps'].words}"]
     assert "| 2 | 2 | 0 | 0 | +0 %" in lines[f"| {ablation.VARIANTS['bounds'].words}"]
 
 

@@ -17,11 +17,11 @@ import numpy as np
 from optid.core.model import Array
 from optid.diagnosis.fitted import FittedModel
 from optid.diagnosis.problem import DiagnosisProblem, with_effect
-from optid.diagnosis.proposals import worst_recording
 from optid.diagnosis.score_test import LITTLE
 from optid.effects.wave import TIME, Wave
 from optid.estimation.fixed_gain import Residuals, innovations
-from optid.estimation.likelihood import huber_weight
+from optid.estimation.likelihood import huber, huber_weight
+from optid.estimation.multistep import window_starts
 from optid.estimation.problem import Booleans, Integers
 
 FINE = 2  # steps of the grid to a line's width
@@ -87,12 +87,23 @@ def strongest_sinusoid(
     if repeats is not None:
         return max(_explained(at, wave, np.array([repeats])), default=None)
     grid = np.arange(SLOWEST / span, fastest, 1.0 / (FINE * span))
-    over = worst_recording(at.model, at.problem)
+    over = _worst_recording(at.model, at.problem)
     if len(over) < len(problem.counts) and len(grid) > BATCH:
         # The recording with the largest mismatch shows which of them are worth a test on all recordings.
         rough = sorted(_batches(at, wave, grid, over), reverse=True)[:BATCH]
         grid = np.array(sorted(line.repeats for line in rough))
     return max(_batches(at, wave, grid), default=None)
+
+
+def _worst_recording(current: FittedModel, problem: DiagnosisProblem) -> list[int]:
+    """The segments of the recording with the largest mismatch."""
+    q = current.likelihood_problem
+    resets = window_starts(q.problem, problem.window)
+    (z,) = innovations(q, current.p[None], q.model, current.fit.filtered, resets=resets)
+    rows = np.nonzero(np.isfinite(current.fit.filtered.innovations[0]))[0]
+    owner = np.repeat(q.problem.recording, q.problem.counts + 1)[rows]
+    loss = np.bincount(owner, weights=huber(z))
+    return np.flatnonzero(q.problem.recording == int(np.argmax(loss))).tolist()
 
 
 class _Seen(NamedTuple):
