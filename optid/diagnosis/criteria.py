@@ -16,8 +16,8 @@ class Criteria:
         smallest_gain: share by which an effect must lower the windows' error.
         smallest_share: share of the plain model's squared error that an effect must explain in addition to others:
             true laws follow those of the catalogue within a tenth or two of their size.
-        largest_rest: share of the squared error that named effects may leave where the plant states none, and of an
-            output's where a description elsewhere leaves less: no more than they explain.
+        largest_rest: share of the squared error that named effects may leave where the plant states none: what remains
+            may be other physics, and is told. Right laws were seen to leave 57 %, a wrong one 97 %.
         most_effects: largest number of effects that are named together.
     """
 
@@ -25,7 +25,7 @@ class Criteria:
     error_over_noise: float = 1.2
     smallest_gain: float = 0.04
     smallest_share: float = 0.02
-    largest_rest: float = 0.5
+    largest_rest: float = 0.67
     most_effects: int = 3
 
 

@@ -74,7 +74,7 @@ def is_explained_elsewhere(
     apart = sites.isdisjoint(described.effect.sites) or signals.isdisjoint(described.effect.depends_on)
     most = problem.criteria.error_over_noise
     before, named, free = (one.by_output for one in (path.first, path.validated, described.validated))
-    half = problem.criteria.largest_rest * (before - 1.0)
+    half = 0.5 * (before - 1.0)
     left_out = (before > most**2) & (named - 1.0 > half) & (free - 1.0 < half)
     more = path.validated.excess - described.validated.excess
     at_noise = described.validated.error_over_noise <= most

@@ -91,6 +91,7 @@ def test_an_output_that_a_law_leaves_out_and_a_description_elsewhere_explains_sp
             9.0,
             Verdict.MISSING_PHYSICS,
         ),  # the test is passed: what is left there does not refuse the name
+        (7.5, 9.0, Verdict.MISSING_PHYSICS),  # 44 % of the squared error
         (9.0, 9.0, Verdict.UNEXPLAINED),
         (9.0, 1.1, Verdict.MISSING_PHYSICS),
         (6.0, float("nan"), Verdict.UNEXPLAINED),
