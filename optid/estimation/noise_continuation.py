@@ -25,9 +25,8 @@ from optid.estimation.smoother import (
 
 PATIENCE = 2  # consecutive levels of lower likelihood that end it; a single one may not have converged
 LOOSEST = 0.3  # process noise per node, as a share of each state's usual size, with which a fit begins
-RUNG = (
-    3.0  # factor from one level to the next, and by which the states of one unit are then varied separately
-)
+# Factor from one level to the next, and by which the states of one unit are then varied separately, up and down.
+RUNG = 3.0
 HARD = 1e-6  # the share that represents no process noise
 TIGHT = 1e-5  # practically none, where the iteration still converges easily
 # Relative decrease of the cost that ends a fit: about 0.001 in -2 log likelihood, as its roughness.

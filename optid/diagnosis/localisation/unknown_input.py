@@ -175,7 +175,7 @@ def _finer(q: LikelihoodProblem, p: Array, levels: Array) -> Array:
         scores = [
             deviance(f.innovations[0], f.variances[0]).sum() for f in (_filtered(q, p, one) for one in near)
         ]
-        levels = near[int(np.nanargmin(scores))]
+        levels = near[int(np.argmin(np.nan_to_num(scores, nan=np.inf)))]  # NaN where it diverges
     return levels
 
 
