@@ -105,10 +105,10 @@ def propose(
         most = (1.0 - promise) * linear_loss_without_effect(origin)
         # Without any effect the first competes anyway: the test asks whether it gains anything.
         steps = [one for k, one in enumerate(steps) if one.loss <= most or (k == 0 and not current.effects)]
-    advanced = parallel_map(partial(_advance, current, problem, origin, resets, level), steps)
+    advanced = parallel_map(partial(_proposal_after_steps, current, problem, origin, resets, level), steps)
     if not advanced:
         return Proposals((), visible, math.inf)
-    _, alone = _moved(problem, q, p, resets, level)
+    _, alone = _after_steps(problem, q, p, resets, level)
     return Proposals(tuple(keep_best(advanced, o.contenders)), visible, alone)
 
 
@@ -121,7 +121,7 @@ def keep_best(running: Sequence[Tried], most: int) -> list[Tried]:
     return kept
 
 
-def _advance(
+def _proposal_after_steps(
     current: FittedModel,
     problem: DiagnosisProblem,
     origin: Origin,
@@ -132,10 +132,10 @@ def _advance(
     """A branch after some Gauss-Newton steps from the model's own parameters; lost where the simulation diverges."""
     q = problem.likelihood_problem(with_effect(current.rig, one.effect))
     start = q.at({**origin.values, **one.effect.qualified(one.values)})
-    return Proposal(one.effect, q, *_moved(problem, q, start, resets, level))
+    return Proposal(one.effect, q, *_after_steps(problem, q, start, resets, level))
 
 
-def _moved(
+def _after_steps(
     problem: DiagnosisProblem,
     q: LikelihoodProblem,
     p: Array,

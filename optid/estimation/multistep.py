@@ -103,7 +103,7 @@ def fit_multistep(
         SolveError: the model cannot be simulated at the start.
     """
     starts = window_starts(q.problem, seconds)
-    best = begun or _best_of(_stands(q, p, starts, by) for by in {level, QUIET})
+    best = begun or _best_of(_fit_at(q, p, starts, by) for by in {level, QUIET})
     if best is None:
         raise SolveError("the simulation diverged at the start values; check them and their units")
     lowered = True
@@ -114,7 +114,7 @@ def fit_multistep(
         with contextlib.suppress(SolveError):
             moved = fixed_gain_fit(q, best.p, q.model, best.filtered, steps, starts).p
             levels = (best.level, best.level + STEP) if lowered else (best.level,)
-            there = _best_of(_stands(q, moved, starts, level) for level in levels)
+            there = _best_of(_fit_at(q, moved, starts, level) for level in levels)
         if there is None or not there.loss < best.loss:
             break
         gain, lowered = 1.0 - there.loss / best.loss, there.level < best.level
@@ -128,7 +128,7 @@ def _best_of(fits: Iterable[MultistepFit | None]) -> MultistepFit | None:
     return min((one for one in fits if one is not None), key=lambda one: one.loss, default=None)
 
 
-def _stands(q: LikelihoodProblem, p: Array, starts: Booleans, level: float = QUIET) -> MultistepFit | None:
+def _fit_at(q: LikelihoodProblem, p: Array, starts: Booleans, level: float = QUIET) -> MultistepFit | None:
     """The windows' errors at some parameters, with the gains of their own filter."""
     f = quiet_filter(q, p, level)
     if f is None:
@@ -143,7 +143,7 @@ def multistep_at(q: LikelihoodProblem, p: Array, seconds: float, level: float = 
     Raises:
         SolveError: the model cannot be simulated.
     """
-    there = _stands(q, p, window_starts(q.problem, seconds), level)
+    there = _fit_at(q, p, window_starts(q.problem, seconds), level)
     if there is None:
         raise SolveError("the simulation diverged")
     return there
@@ -151,5 +151,5 @@ def multistep_at(q: LikelihoodProblem, p: Array, seconds: float, level: float = 
 
 def multistep_loss(q: LikelihoodProblem, p: Array, seconds: float, level: float = QUIET) -> float:
     """Huber's loss of windows' errors, in sd; infinite where the simulation diverges."""
-    there = _stands(q, p, window_starts(q.problem, seconds), level)
+    there = _fit_at(q, p, window_starts(q.problem, seconds), level)
     return math.inf if there is None else there.loss

@@ -29,8 +29,10 @@ def test_as_many_as_contend_are_kept_and_the_best_come_first(tmp_path):
 
 def test_branches_compete_where_their_linear_step_promises_enough(tmp_path, monkeypatch):
     """A trolley that lacks nothing, and one with a dead band."""
-    entered, advance = [], proposals._advance
-    monkeypatch.setattr(proposals, "_advance", lambda *given: entered.append(given[-1]) or advance(*given))
+    entered, advance = [], proposals._proposal_after_steps
+    monkeypatch.setattr(
+        proposals, "_proposal_after_steps", lambda *given: entered.append(given[-1]) or advance(*given)
+    )
     for concealed, lacking in ((lambda u: u, False), (dead_band, True)):
         asked = problem_of(tmp_path, [recording(seed, f"{seed}.csv", concealed) for seed in (1, 2)])
         base, asked = fit_base(asked)

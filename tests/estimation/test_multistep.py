@@ -104,7 +104,7 @@ def test_a_level_that_predicts_no_better_is_tried_once(asked, monkeypatch):
         loss = 1.0 / len(tried) if level >= QUIET else 1e9
         return MultistepFit(q, p, None, loss, level)
 
-    monkeypatch.setattr(multistep, "_stands", stands)
+    monkeypatch.setattr(multistep, "_fit_at", stands)
     monkeypatch.setattr(multistep, "fixed_gain_fit", lambda q, p, *rest: FixedGainFit(p, 0.0))
     fit_multistep(q, p, SECONDS, turns=3, steps=1, most=3)
     assert tried == [QUIET, QUIET, QUIET + multistep.STEP, QUIET, QUIET]

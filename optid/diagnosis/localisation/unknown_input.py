@@ -153,7 +153,7 @@ def locate_at(
             p, levels = successive_halving(q, [(p, levels) for levels in noise_levels(q)])
             if left:
                 p = fixed_gain_fit(q, p, q.model, _filtered(q, p, levels), GAUSS_NEWTON).p
-        f = _filtered(q, p, _finer(q, p, levels), covariances=True)
+        f = _filtered(q, p, _refined_levels(q, p, levels), covariances=True)
     except SolveError:
         return None  # with an unknown input there the simulation diverges
     each = deviance(f.innovations[0], f.variances[0])
@@ -165,7 +165,7 @@ def locate_at(
     return UnknownInput(sites, gain, f.states[0][:, drift], sd, each, own_p)
 
 
-def _finer(q: LikelihoodProblem, p: Array, levels: Array) -> Array:
+def _refined_levels(q: LikelihoodProblem, p: Array, levels: Array) -> Array:
     """The most likely levels between those of the grid.
 
     One signal has other units at another site, and the same step lies elsewhere on the grid there.

@@ -40,7 +40,7 @@ def select(base: FittedModel, problem: DiagnosisProblem) -> SelectionPath:
     return backward_elimination(path, problem)
 
 
-def _enough(problem: DiagnosisProblem) -> float:
+def _largest_share_left(problem: DiagnosisProblem) -> float:
     """Share of the windows' errors that may remain from another start for it to be worth going on from."""
     return 1.0 - problem.criteria.smallest_gain
 
@@ -55,11 +55,15 @@ def _restarted(
     if not one.contenders:
         return None
     best = min(one.contenders, key=lambda c: float(c.validated.windows.sum()))
-    if not best.validated.windows.sum() < _enough(problem) * before.windows.sum():
+    if not best.validated.windows.sum() < _largest_share_left(problem) * before.windows.sum():
         return None
     model = without_effect(best.model, best.effect, problem)
     validated = cross_validate(model, problem)
-    return (model, validated) if validated.windows.sum() < _enough(problem) * before.windows.sum() else None
+    return (
+        (model, validated)
+        if validated.windows.sum() < _largest_share_left(problem) * before.windows.sum()
+        else None
+    )
 
 
 def _restarted_from_stated_values(one: Round, before: Validated, problem: DiagnosisProblem) -> Round:
@@ -72,5 +76,7 @@ def _restarted_from_stated_values(one: Round, before: Validated, problem: Diagno
         return one
     stated = one.model.likelihood_problem.model.vector(problem.rig.parameters)
     nearest = min((each.loss for each in one.proposals.ranked), default=math.inf)
-    other = forward_step(one.model, before, before, problem, begin=stated, below=_enough(problem) * nearest)
+    other = forward_step(
+        one.model, before, before, problem, begin=stated, below=_largest_share_left(problem) * nearest
+    )
     return other if other.taken and other.taken.validated.windows.sum() < left.windows.sum() else one
