@@ -8,6 +8,7 @@ from typing import Any
 from matplotlib.axes import Axes
 
 from optid.core.quantity import plain, quantity
+from optid.diagnosis.summary import p_told
 from optid.report import diagnosis_figures as figures
 from optid.report.interactive import interactive
 from optid.report.prediction_figures import residuals
@@ -167,7 +168,7 @@ def _evidence(evidence: Mapping[str, Any]) -> str:
     if evidence.get("holdout_fit_gain") is not None:
         said.append(f"the windows' fit rises by {plain(evidence['holdout_fit_gain'])} points")
     if evidence.get("p_value") is not None:
-        said.append(f"p = {evidence['p_value']:.2g}")
+        said.append(p_told(evidence["p_value"]))
     return f"On the recordings held out {', '.join(said)}" if said else ""
 
 
